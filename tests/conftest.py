@@ -16,7 +16,7 @@ from hypothesis import HealthCheck, is_hypothesis_test, settings
 
 from rig.config import BenchConfig
 from rig.config.write import write_bench
-from rig.live import phases
+from rig.live import screen
 from rig.tactile.slip.compiling import compile_all
 from support.benches import lighter
 from support.fuzz import PROFILE
@@ -32,7 +32,7 @@ pytest_plugins = (
 )
 
 # Whether a phase is silent for a moment depends on the host's load: no test finds its name on stderr.
-phases.SILENT_S = 600.0
+screen.SILENT_S = 600.0
 
 FUZZ_CASES, LONG_FUZZ_CASES = 200, 1000
 """Damaged inputs drawn for each format, without and with --long."""

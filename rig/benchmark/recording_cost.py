@@ -17,8 +17,8 @@ from pathlib import Path
 import numpy as np
 
 from drivers.types import Frame
-from rig.sessions.background_file import BackgroundFile
 from rig.sessions.recorder import LiftRecorder, Sink
+from rig.sessions.unfinished import BackgroundFile
 
 SECONDS = 15.0
 SOURCES = (("T1", 60.0, 25_000), ("T2", 60.0, 25_000), ("CAM", 30.0, 60_000))

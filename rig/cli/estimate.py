@@ -141,7 +141,7 @@ def estimate(source: SourceOptions, how: EstimationOptions, to: ResultOptions) -
 
     """
     from rig.frames.estimation import Estimation
-    from rig.sessions.layout import is_recording
+    from rig.sessions.files import is_recording
     from rig.sessions.manifest import is_session
     from rig.tactile.estimators import choose_estimator
 
@@ -168,7 +168,7 @@ def _series(source: SourceOptions, run: "Estimation", to: ResultOptions) -> None
     from rig.frames.estimates import rows
     from rig.frames.estimation import EstimatedSeries
     from rig.frames.series import read_frames
-    from rig.live.phases import begin_phase
+    from rig.live.screen import begin_phase
 
     path = source.frames
     begin_phase(f"reading {path}")

@@ -48,7 +48,7 @@ def export(
     import time
 
     from rig.export.formats import export_session
-    from rig.live.phases import begin_phase
+    from rig.live.screen import begin_phase
 
     began = time.perf_counter()
     folder = out or session / "export" / to

@@ -16,7 +16,7 @@ from rich.table import Table
 from rich.text import Text
 
 from rig.live.console import PlainConsole
-from rig.live.plain_text import plain
+from rig.live.screen import plain
 
 UNBOUNDED = 100_000
 """Width of what is no terminal."""

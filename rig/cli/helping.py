@@ -16,7 +16,7 @@ from typer.models import OptionInfo, ParameterInfo
 from drivers.errors import nearest
 from rig.cli.completing import COMPLETED
 from rig.cli.declared import with_options
-from rig.live.phases import begin_phase
+from rig.live.screen import begin_phase
 
 if TYPE_CHECKING:
     from rich.console import Console

@@ -11,8 +11,8 @@ from rig.cli.common import JsonOption, TopicOption, emit_json, say
 if TYPE_CHECKING:
     from drivers.types import Image
     from rig.frames.series import FrameSeries
-    from rig.labels.angle_clicks import DrawnLines
     from rig.labels.angle_clip import FrameChoice
+    from rig.labels.angle_lines import DrawnLines
 
 
 def label_angle(
@@ -55,8 +55,8 @@ def label_angle(
     """
     from rig.frames.clips import LABELS, clip_frames
     from rig.frames.series import read_frames
-    from rig.labels.angle_clicks import LINES, LineLog, read_drawn
     from rig.labels.angle_clip import load_clip
+    from rig.labels.angle_lines import LINES, LineLog, read_drawn
     from rig.labels.angle_server import AngleServer, way_to
 
     series = read_frames(clip_frames(clip), topic=topic)
@@ -104,8 +104,8 @@ def _choice(
 ) -> "FrameChoice":
     """Return the frames of lines that were begun, else new ones."""
     from drivers.errors import InputError
-    from rig.labels.angle_clicks import LINES
     from rig.labels.angle_clip import choose_frames
+    from rig.labels.angle_lines import LINES
 
     if drawn is None:
         choice, note = choose_frames(series, background, count or 10, reference)

@@ -39,8 +39,7 @@ from rig.cli.train import train
 from rig.cli.train_angle import train_angle
 from rig.cli.train_turning import train_turning
 from rig.cli.trial import trial
-from rig.live.phases import begin_phase
-from rig.live.plain_text import plain
+from rig.live.screen import begin_phase, plain
 
 app = Commands(
     name="rig",

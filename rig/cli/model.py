@@ -23,7 +23,7 @@ def list_models(json: JsonOption = False) -> None:
       rig model list --json
 
     """
-    from rig.frames.model_cards import shipped_cards
+    from rig.frames.masks import shipped_cards
 
     cards = shipped_cards()
     if json:
@@ -64,7 +64,7 @@ def import_model(
     from rig.cli.train import require_training
 
     require_training()
-    from rig.training.imported import import_checkpoint
+    from rig.training.checkpoint import import_checkpoint
     from rig.training.networks import find_architecture
 
     card = import_checkpoint(checkpoint, find_architecture(arch), encoder, _size(size), threshold, out)

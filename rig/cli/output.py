@@ -7,8 +7,7 @@ from contextlib import contextmanager
 from typing import Any, TextIO
 
 from drivers.errors import RecordingError
-from rig.live.phases import end_phase
-from rig.live.plain_text import PlainStream
+from rig.live.screen import PlainStream, end_phase
 
 TAIL = 4000
 """Characters of what was said that are kept."""

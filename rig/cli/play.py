@@ -99,7 +99,7 @@ def play(of: SourceOptions, film: FilmOptions, json: JsonOption = False) -> None
       rig play lift.avi --background first:10 --out turn.webm
 
     """
-    from rig.live.phases import begin_phase
+    from rig.live.screen import begin_phase
     from rig.report.film import FilmedLift, write_film
     from rig.report.film_file import film_place
     from rig.sessions.recording_file import gaps_text

@@ -13,12 +13,10 @@ from rich.text import Text
 from drivers.errors import counted
 from rig.cli.fitting import table_console
 from rig.live.console import PlainConsole
-from rig.live.phases import begin_phase
-from rig.live.screen import shown
+from rig.live.screen import begin_phase, shown
 from rig.live.time_left import TimeLeft, left_text
 from rig.results.metrics import HEADING, mare_text
-from rig.results.refusals import ADVICE, main_refusal
-from rig.results.summary import ObjectSummary, ReactingSummary, TrialSummary
+from rig.results.summary import ADVICE, ObjectSummary, ReactingSummary, TrialSummary, main_refusal
 from rig.results.table import TableLift
 from rig.sessions.records import FailedLift, FinishedLift, LiftRow
 

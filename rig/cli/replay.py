@@ -158,9 +158,9 @@ def _replay_many(
 def _partial(folder: Path, json: bool) -> None:
     """Print the table of the lifts that are replayed when the command ends early."""
     from rig.cli.results import print_results
-    from rig.sessions.layout import RESULTS
-    from rig.sessions.lift_columns import REPLAYS
+    from rig.sessions.files import RESULTS
     from rig.sessions.rows import read_rows
+    from rig.sessions.table_files import REPLAYS
 
     print_results(read_rows(folder / RESULTS["replay"], REPLAYS), by="session", to_stderr=json)
 

@@ -7,7 +7,7 @@ import typer
 
 from rig.cli.common import JsonOption, emit_json, say
 from rig.cli.places import file_place
-from rig.live.phases import begin_phase
+from rig.live.screen import begin_phase
 
 
 def report_after(folder: Path, unwanted: bool) -> str | None:

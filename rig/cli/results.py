@@ -12,7 +12,7 @@ from rig.cli.common import JsonOption, emit_json
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from rig.sessions.lift_columns import ReplayRow
+    from rig.sessions.table_files import ReplayRow
 
 
 class By(StrEnum):

@@ -96,6 +96,6 @@ def may_be_continued(
 
 
 def _holds_results(folder: Path) -> bool:
-    from rig.sessions.layout import RESULTS
+    from rig.sessions.files import RESULTS
 
     return any((folder / name).is_file() for name in RESULTS.values())

@@ -103,7 +103,7 @@ def sessions(
 
 def _listed(folder: Path, check: bool | None) -> "list[SessionEntry]":
     from rig.experiments.process_pool import run_tasks
-    from rig.live.phases import end_phase
+    from rig.live.screen import end_phase
     from rig.results.listing import find_sessions, list_sessions
 
     found = find_sessions(folder)

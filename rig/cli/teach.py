@@ -105,7 +105,7 @@ def _written(file: Path, found: "list[TaughtPosition]", agreed: bool) -> "list[T
     """Write what nothing speaks against, once agreed. Raises `OperatorStopError` unless they agree."""
     from drivers.errors import OperatorStopError
     from drivers.formats import write_whole
-    from rig.config.object_text import with_position
+    from rig.config.objects import with_position
 
     good = [each for each in found if not each.problems]
     if not good:

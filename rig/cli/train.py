@@ -8,7 +8,7 @@ import typer
 
 from rig.cli.common import JsonOption, ResumeOption, SeedOption, emit_json, say
 from rig.cli.places import folder_place
-from rig.live.phases import begin_phase
+from rig.live.screen import begin_phase
 
 EPOCHS, PAPER_EPOCHS = 10, 30
 ArchOption = Annotated[
@@ -93,7 +93,7 @@ def train(
 
     """
     require_training()
-    from rig.labels.folds import FOLDS, find_fold
+    from rig.labels.datasets import FOLDS, find_fold
     from rig.training.networks import ARCHITECTURES, find_architecture
     from rig.training.run import train_all
     from rig.training.settings import TrainSettings, checked_units

@@ -255,7 +255,7 @@ def _settings(
     from protocols.reaction import ReactionKind
     from rig.experiments.lift_plan import TrialSettings
     from rig.lift.slip_watch import SlipSettings
-    from rig.live.phases import begin_phase
+    from rig.live.screen import begin_phase
     from rig.tactile.estimators import choose_estimator
 
     choice = choose_estimator(estimator.estimator, estimator.window, not estimator.no_skip)

@@ -1,4 +1,4 @@
-"""The calibrations beside a bench file: found, checked against its serials, put into use."""
+"""The calibrations beside a bench file: find them and check them against its serials."""
 
 from collections.abc import Callable, Mapping
 from datetime import UTC, datetime
@@ -20,7 +20,7 @@ from rig.config.in_use import CalibrationsInUse, CameraInUse, FileInUse, PlaceIn
 
 FOLDER = "calibrations"
 Take = Callable[[CalibrationFile, str], CalibrationsInUse | None]
-"""Takes from a file, found at a place, what is used of it; None where that is nothing."""
+"""Returns the values that are used of a calibration file at a place; None if there are none."""
 
 
 def load_calibrated_bench(name_or_path: str, say: Callable[[str], None]) -> BenchConfig:
@@ -39,16 +39,16 @@ def load_calibrated_bench(name_or_path: str, say: Callable[[str], None]) -> Benc
 
 
 def calibrations_folder(name_or_path: str) -> Path:
-    """Where a bench's calibrations are: `calibrations/` beside its file; built-in benches: here."""
+    """Return the folder of a bench's calibrations: beside its file; for built-in benches, here."""
     path = Path(name_or_path)
     return (path.parent if path.is_file() else Path()) / FOLDER
 
 
 def find_calibrations(config: BenchConfig, folder: Path) -> CalibrationsInUse:
-    """Read what a folder holds for the devices of a bench; nothing where there is no such folder.
+    """Read a folder's calibrations for the devices of a bench; none without such a folder.
 
-    Where all files of a kind belong to other devices, that is an error: a swapped device would otherwise
-    go unnoticed. A calibration that was refused when it was made is left out. Raises `CalibrationError`.
+    If all files of a kind belong to other devices, that is an error: a swapped device would otherwise go
+    unnoticed. Calibrations with verdict "refused" are ignored. Raises `CalibrationError`.
     """
     camera, take_camera = config.camera.serial, partial(_camera, config.camera.size_px)
     wanted: list[tuple[str, dict[str, str], Take]] = [
@@ -70,7 +70,7 @@ def find_calibrations(config: BenchConfig, folder: Path) -> CalibrationsInUse:
 def _used(
     config: BenchConfig, folder: Path, kind: str, serials: Mapping[str, str], take: Take
 ) -> CalibrationsInUse:
-    """Find a kind's file for these serials and return what is used of it; nothing where there is none."""
+    """Find a kind's file for these serials and return the values in use; none without a file."""
     path = _find(folder, kind, serials)
     if path is None:
         return CalibrationsInUse()
@@ -103,10 +103,10 @@ def _used(
 
 
 def _find(folder: Path, kind: str, serials: Mapping[str, str]) -> Path | None:
-    """The kind's file for these serials; None where the folder has none of that kind.
+    """Return the kind's file for these serials; None without a file of that kind.
 
-    Raises `CalibrationError` where all files of the kind belong to other devices. Not so for streams and
-    fingertips: a bench has several, so a file of another one says nothing about this one.
+    Raises `CalibrationError` if all files of the kind belong to other devices, except for streams and
+    fingertips: a bench has several of them, each with its own file.
     """
     wanted = folder / f"{'-'.join([kind, *serials.values()])}.yaml"
     if wanted.is_file():
@@ -128,7 +128,7 @@ def _camera(size_px: tuple[int, int], file: CalibrationFile, where: str) -> Cali
 
 
 def _hand_eye(file: CalibrationFile, where: str) -> CalibrationsInUse | None:
-    """Only a fixed camera has a place in the base frame."""
+    """Return `base_T_camera`, which only a fixed camera has."""
     if file.value.get("setup") != "eye-to-hand":
         return None
     x, y, z = (float(v) for v in _numbers(file, where, "translation_m", 3))
@@ -140,7 +140,7 @@ def _hand_eye(file: CalibrationFile, where: str) -> CalibrationsInUse | None:
 
 
 def _turn_sigma_rad(file: CalibrationFile) -> float:
-    """One sigma of the camera's orientation about the axis known worst; 0 where the file does not say."""
+    """One sigma of the camera's orientation about its least certain axis; 0 if not in the file."""
     if "covariance" not in file.quality:
         return 0.0
     turns = np.reshape(np.asarray(file.quality["covariance"], np.float64), (6, 6))[:3, :3]

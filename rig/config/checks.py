@@ -1,9 +1,11 @@
-"""What a bench cannot be although each key, taken alone, is possible: keys that contradict one another."""
+"""Checks of a whole bench file: contradictory keys, missing keys of real benches, keys without effect."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 import numpy as np
+from pydantic import BaseModel
 
+from drivers.named_classes import is_class_name
 from rig.config.lines import KeyFault, KeyPath
 from rig.config.models import (
     ArmConfig,
@@ -16,11 +18,30 @@ from rig.config.models import (
 DIGIT_MODES = {(240, 320): (60.0, 30.0), (480, 640): (30.0, 15.0)}
 """Upright size in pixels, and the rates at which a DIGIT streams it (digit-interface's tables)."""
 SLOWEST_CAMERA_HZ = 24.0
-"""The true angle is taken between pictures at most 50 ms apart (contract); their times vary by a fifth."""
+"""The true angle is interpolated between images at most 50 ms apart (contract); periods vary by a fifth."""
+ON_THE_FLANGE = {
+    "tcp_m": "the tool centre point as measured, as [0.0, 0.0, 0.28]",
+    "payload_kg": "the hand's mass as weighed, as 2.5",
+    "payload_cog_m": "the hand's centre of mass from the flange, as [0.0, 0.0, 0.08]",
+}
+"""Keys of [arm] that are set on the controller, and what to write."""
+LIMITS = {
+    "workspace_min_m": "the lowest x, y, z of the tool, as [0.15, -0.35, 0.01]",
+    "workspace_max_m": "the highest x, y, z of the tool, as [0.75, 0.35, 0.60]",
+    "max_speed_m_s": "the highest speed of the tool, as 0.5",
+    "max_acceleration_m_s2": "the highest acceleration of the tool, as 1.5",
+    "max_payload_kg": "the heaviest payload, as 5.0",
+    "max_contact_force_n": "by how much the force may change on the way down, as 20.0",
+}
+"""Keys of [arm.limits], and what to write. Joint limits default to the arm's own range."""
+FAKE_DIGIT_PX = (240, 320)
+"""(width, height) of the images of a DIGIT simulated in this process."""
+
+Sensor = TactileConfig | CameraConfig
 
 
 def inconsistencies(config: BenchConfig) -> Iterator[KeyFault]:
-    """Yield each key that cannot be so beside the others, and why."""
+    """Yield each key that contradicts others, and why."""
     yield from _arm(config.arm)
     yield from _gripper(config.gripper)
     for number, tactile in enumerate(config.tactile):
@@ -98,7 +119,7 @@ def _camera(camera: CameraConfig) -> Iterator[KeyFault]:
 
 
 def _addresses(config: BenchConfig) -> Iterator[KeyFault]:
-    """Real devices are somewhere; fakes that are started for the session fill in where."""
+    """Yield missing addresses of real devices; fakes started for the session provide their own."""
     arm, gripper, camera = config.arm, config.gripper, config.camera
     if arm.driver == "ur5e" and not arm.host:
         yield ("arm",), "driver 'ur5e' needs host, the controller's address"
@@ -140,3 +161,139 @@ def _together(config: BenchConfig) -> Iterator[KeyFault]:
 
 def _inside(point: tuple[float, ...], low: tuple[float, ...], high: tuple[float, ...]) -> bool:
     return all(lo <= value <= hi for lo, value, hi in zip(low, point, high, strict=True))
+
+
+def required_limits(arm: ArmConfig) -> dict[str, str]:
+    """Return the required keys of [arm.limits] of a real arm, and what to write."""
+    if arm.force_sensor:
+        return LIMITS
+    return {key: write for key, write in LIMITS.items() if key != "max_contact_force_n"}
+
+
+def missing_keys(config: BenchConfig) -> Iterator[KeyFault]:
+    """Yield each key that is missing in the file of a real bench, and what to write there.
+
+    Defaults would be those of the simulated cell. Only for files: a session's stored copy has every key.
+    """
+    if config.simulated:
+        return
+    arm = config.arm
+    for key, write in ON_THE_FLANGE.items():
+        if key not in arm.model_fields_set:
+            yield ("arm", key), f"is required of a real arm, on whose controller it is set: write {write}"
+    if config.table.top_m is None:
+        yield ("table", "top_m"), "is required of a real bench: write the height of the table's top, as 0.02"
+    if "limits" not in arm.model_fields_set:
+        yield (
+            ("arm", "limits"),
+            f"is required of a real arm: write [arm.limits] with {', '.join(required_limits(arm))}",
+        )
+        return
+    for key, write in required_limits(arm).items():
+        if key not in arm.limits.model_fields_set:
+            yield ("arm", "limits", key), f"is required of a real arm: write {write}"
+
+
+def unused_keys(config: BenchConfig) -> Iterator[KeyFault]:
+    """Yield each key in a bench file that would be ignored, and why.
+
+    Only for files: a session's stored copy has every key.
+    """
+    if "calibrations" in config.model_fields_set:
+        yield ("calibrations",), "are not written in a bench file; they are found beside it"
+    if "objects" in config.model_fields_set:
+        yield (
+            ("objects",),
+            "are not written in a bench file, but in files of their own (rig objects new FILE)",
+        )
+    if not config.simulated:
+        why = "is for simulated lifts; real ones are as they are: remove it"
+        yield from _written(config, (), ["difficulty"], why)
+    yield from _unused_arm(config.arm)
+    yield from _unused_gripper(config.gripper)
+    for number, tactile in enumerate(config.tactile):
+        yield from _unused_tactile(tactile, ("tactile", number), config)
+    if config.camera.driver == "fake":
+        yield from _written(config.camera, ("camera",), ["address"], _no_effect("fake"))
+    yield from _unused_fakes(config)
+    yield from _unused_options(config)
+
+
+def _unused_arm(arm: ArmConfig) -> Iterator[KeyFault]:
+    if not arm.force_sensor:
+        why = "has no effect with force_sensor = false: nothing measures that force; remove it"
+        yield from _written(arm.limits, ("arm", "limits"), ["max_contact_force_n"], why)
+    if arm.driver != "fake":
+        return
+    why = _no_effect("fake")
+    yield from _written(arm, ("arm",), ["host", "frequency_hz", "payload_kg", "payload_cog_m"], why)
+    yield from _written(arm.limits, ("arm", "limits"), ["max_payload_kg"], why)
+    for key in ("tcp_m", "tcp_rotation_vector_rad"):
+        has = type(arm).model_fields[key].default
+        if getattr(arm, key) != has:
+            yield ("arm", key), f"the hand of driver 'fake' has {list(has)}, and no other; remove the key"
+
+
+def _unused_gripper(gripper: GripperConfig) -> Iterator[KeyFault]:
+    limits, where = gripper.limits, ("gripper", "limits")
+    if not is_class_name(gripper.driver):
+        why = f"is not for driver '{gripper.driver}', whose counts give stroke and resolution; remove it"
+        yield from _written(limits, where, ["stroke_m", "resolution_m"], why)
+    elif limits.stroke_m is not None:
+        why = "has no effect beside stroke_m and resolution_m; remove it"
+        yield from _written(limits, where, ["min_counts", "max_counts", "opening_per_count_m"], why)
+    if gripper.driver == "fake":
+        keys = ["transport", "host", "port", "device", "preset"]
+        yield from _written(gripper, ("gripper",), keys, _no_effect("fake"))
+    elif not is_class_name(gripper.driver):
+        keys = ["device"] if gripper.transport == "tcp" else ["host", "port"]
+        why = f"has no effect with transport '{gripper.transport}'; remove it"
+        yield from _written(gripper, ("gripper",), keys, why)
+
+
+def _unused_tactile(tactile: TactileConfig, where: KeyPath, config: BenchConfig) -> Iterator[KeyFault]:
+    if tactile.driver == "fake":
+        yield from _written(tactile, where, ["address"], _no_effect("fake"))
+        if tactile.size_px != FAKE_DIGIT_PX:
+            why = f"driver 'fake' draws {list(FAKE_DIGIT_PX)}, and no other; remove the key"
+            yield (*where, "size_px"), why
+    elif config.fakes is None:
+        why = "is for simulated gels; a real one has dots or has none, whatever is written; remove it"
+        yield from _written(tactile, where, ["markers"], why)
+
+
+def _unused_fakes(config: BenchConfig) -> Iterator[KeyFault]:
+    """Yield keys without effect if fakes are simulated in this process or started for each session."""
+    if config.fakes is None:
+        return
+    if config.in_process:
+        yield ("fakes",), "is for the real drivers; these are 'fake': remove it, or name real drivers"
+    elif config.fakes.control is None:
+        why = "does not count: [fakes] starts devices with addresses of their own; remove it, or give control"
+        for where, device in _devices(config):
+            yield from _written(device, where, ["host", "port", "device", "address"], why)
+
+
+def _unused_options(config: BenchConfig) -> Iterator[KeyFault]:
+    why = "is for a class of your own, as driver = 'package.module:Class'; remove it"
+    for where, device in _devices(config):
+        if not is_class_name(device.driver):
+            yield from _written(device, where, ["options"], why)
+
+
+def _devices(config: BenchConfig) -> Iterator[tuple[KeyPath, ArmConfig | GripperConfig | Sensor]]:
+    yield ("arm",), config.arm
+    yield ("gripper",), config.gripper
+    for number, tactile in enumerate(config.tactile):
+        yield ("tactile", number), tactile
+    yield ("camera",), config.camera
+
+
+def _written(table: BaseModel, where: KeyPath, keys: Iterable[str], why: str) -> Iterator[KeyFault]:
+    for key in keys:
+        if key in table.model_fields_set:
+            yield (*where, key), why
+
+
+def _no_effect(driver: str) -> str:
+    return f"has no effect with driver '{driver}'; remove it"

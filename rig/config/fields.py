@@ -15,6 +15,7 @@ from pydantic import (
 
 from drivers.formats import without_passwords
 from drivers.named_classes import is_class_name
+from drivers.types import ArmLimits, GripperSpec, Vector6
 
 Coordinate = Annotated[float, Field(ge=-5, le=5)]
 """m in the base frame. No bench is larger, so a value given in mm is caught."""
@@ -49,7 +50,7 @@ HostPort = Annotated[str, _written_as(r"[^:\s]+:\d+", "host:port")]
 
 
 def _inside(text: str) -> str:
-    """Hold a path to files below the folder that it is of."""
+    """Reject paths that leave their folder."""
     if any(not _FILE_NAME.fullmatch(part) or part in (".", "..") for part in text.split("/")):
         raise ValueError("is no name of a file inside its folder")
     return text
@@ -59,7 +60,7 @@ _FILE_NAME = re.compile(r"[^/\\\x00-\x1f\x7f]{1,150}")
 InnerPath = Annotated[str, Field(min_length=1), AfterValidator(_inside)]
 """A file in a session, its parts apart by `/`."""
 FileName = Annotated[InnerPath, _written_as(r"[^/]*", "a name that a file can have")]
-"""What becomes part of a file's name: serials, objects, benches."""
+"""Part of a file's name: serials, objects, benches."""
 
 
 def driver_names(*ours: str) -> AfterValidator:
@@ -79,7 +80,7 @@ Options = dict[str, Any]
 
 
 def without_secrets(options: Options) -> Options:
-    """Return options without what addresses in them say of passwords."""
+    """Return options without the passwords in addresses."""
     return {
         key: without_passwords(value) if isinstance(value, str) else value for key, value in options.items()
     }
@@ -101,3 +102,71 @@ class BenchSection(Strict):
     def _stored(self, serialize: SerializerFunctionWrapHandler) -> dict[str, Any]:
         at_default = {key for key in self.later if getattr(self, key) == type(self).model_fields[key].default}
         return {key: value for key, value in serialize(self).items() if key not in at_default}
+
+
+class ArmLimitsConfig(BenchSection):
+    """Limits of the arm, checked before a command is sent. The defaults are the simulated cell's."""
+
+    later = frozenset({"max_contact_force_n"})
+    workspace_min_m: Point = (0.15, -0.35, 0.01)
+    workspace_max_m: Point = (0.75, 0.35, 0.60)
+    max_speed_m_s: float = Field(default=0.5, gt=0, le=1.0)
+    max_acceleration_m_s2: float = Field(default=1.5, gt=0, le=2.5)
+    max_payload_kg: float = Field(default=5.0, gt=0, le=5.0)
+    max_contact_force_n: float = Field(default=20.0, ge=5, le=100)
+    joint_min_deg: JointAngles = (-360.0, -360.0, -360.0, -360.0, -360.0, -360.0)
+    joint_max_deg: JointAngles = (360.0, 360.0, 360.0, 360.0, 360.0, 360.0)
+
+    def arm_limits(self) -> ArmLimits:
+        """Return the limits as the arm takes them."""
+        return ArmLimits(
+            self.workspace_min_m,
+            self.workspace_max_m,
+            self.max_speed_m_s,
+            self.max_acceleration_m_s2,
+            self.max_payload_kg,
+            self.max_contact_force_n,
+        )
+
+    def joint_limits_rad(self) -> tuple[Vector6, Vector6]:
+        """Return lowest and highest joint angles, rad."""
+        return _radians(self.joint_min_deg), _radians(self.joint_max_deg)
+
+
+Range = tuple[Annotated[float, Field(gt=0)], Annotated[float, Field(gt=0)]]
+
+
+class GripperLimitsConfig(BenchSection):
+    """Range of the fingers, and of the speed and force that they may be commanded.
+
+    A Robotiq's stroke and resolution follow from its counts: min_counts open, max_counts closed,
+    opening_per_count_m. Any other gripper gives stroke_m and resolution_m instead.
+    """
+
+    later = frozenset({"stroke_m", "resolution_m", "speed_m_s", "force_n"})
+    min_counts: int = Field(default=6, ge=0, le=255)
+    max_counts: int = Field(default=255, ge=0, le=255)
+    max_opening_m: float = Field(default=0.120, gt=0, le=0.155)
+    opening_per_count_m: float = Field(default=0.155 / 249.0, gt=0, le=0.005)
+
+    stroke_m: float | None = Field(default=None, gt=0, le=0.3)
+    resolution_m: float | None = Field(default=None, ge=0.00005, le=0.005)
+    speed_m_s: Range = (0.022, 0.110)
+    force_n: Range = (15.0, 60.0)
+
+    def spec(self, opening: tuple[tuple[float, float], ...] = ()) -> GripperSpec:
+        """Return what the gripper can do. opening: measured pairs of counts and m."""
+        step_m = self.resolution_m or self.opening_per_count_m
+        return GripperSpec(
+            self.max_opening_m,
+            self.stroke_m or (self.max_counts - self.min_counts) * step_m,
+            step_m,
+            self.speed_m_s,
+            self.force_n,
+            tuple((counts - self.min_counts, opening_m) for counts, opening_m in opening),
+        )
+
+
+def _radians(angles_deg: JointAngles) -> Vector6:
+    a, b, c, d, e, f = (math.radians(angle) for angle in angles_deg)
+    return a, b, c, d, e, f

@@ -21,7 +21,7 @@ OpeningPairs = tuple[tuple[float, float], ...]
 
 
 def _closing(pairs: OpeningPairs) -> OpeningPairs:
-    """Hold a table to what fingers do while they close: each further count opens no wider."""
+    """Check that the opening never grows with the counts."""
     for (counts, opening_m), (more, next_m) in pairwise(pairs):
         if not (counts < more and opening_m >= next_m):
             way = f"from {counts:g} to {more:g} counts"
@@ -30,7 +30,7 @@ def _closing(pairs: OpeningPairs) -> OpeningPairs:
 
 
 class FileInUse(Strict):
-    """A calibration file: where it was, its hash, when it was made, and its verdict then."""
+    """A calibration file: path, hash, creation date and verdict."""
 
     file: str
     sha256: str
@@ -79,7 +79,7 @@ class CameraInUse(Strict):
 class PlaceInUse(Strict):
     """`base_T_camera`: position in m, quaternion xyzw.
 
-    turn_sigma_rad: one sigma of its orientation about the axis known worst; 0 where nobody says.
+    turn_sigma_rad: one sigma of its orientation about the least certain axis; 0 if unknown.
     """
 
     position_m: tuple[float, float, float]
@@ -102,7 +102,7 @@ class PlaceInUse(Strict):
 
 
 class CalibrationsInUse(Strict):
-    """What was found beside the bench file and replaces its nominal numbers.
+    """Calibrated values that replace the nominal ones of the bench file.
 
     files: by kind and serial. pixel_aspect, time_shift_s (added to a sensor's times): by serial.
     opening: pairs of counts and m while the fingers close, counts rising.
@@ -116,7 +116,7 @@ class CalibrationsInUse(Strict):
     opening: Annotated[tuple[tuple[Counts, Opening], ...], AfterValidator(_closing)] = ()
 
     def joined(self, other: "CalibrationsInUse") -> "CalibrationsInUse":
-        """Return what either has; of what both have, the other's."""
+        """Return the union; values of `other` take precedence."""
         return CalibrationsInUse(
             files=self.files | other.files,
             camera=other.camera or self.camera,

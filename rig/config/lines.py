@@ -1,4 +1,4 @@
-"""The line of a TOML file that a key is on, for messages that say where something is wrong."""
+"""The line of a key in a TOML file, for error messages."""
 
 from collections.abc import Sequence
 from contextlib import suppress
@@ -9,22 +9,22 @@ from drivers.errors import FormatError
 from drivers.formats import parse_toml
 
 MOST_LINES = 500
-"""Of a bench file that are looked at for a key: time grows with their square."""
+"""Lines of a bench file that are searched for a key: time grows with their square."""
 
 KeyPath = Sequence[str | int]
 """Keys and list indices from the top of a bench file, as ("tactile", 1, "rate_hz")."""
 KeyFault = tuple[KeyPath, str]
-"""A key, and what is wrong with it."""
+"""A key and its problem."""
 
 
 def line_of(text: str, path: KeyPath) -> int:
     """Return the 1-based line on which a key, table or element of valid TOML begins.
 
-    What is not in the text (a missing key) counts as being where its nearest table begins; an empty
-    path is line 1, and so is what lies beyond `MOST_LINES`.
+    A missing key counts as being on the line where its nearest table begins. An empty path is line 1, and so
+    are keys beyond `MOST_LINES`.
 
-    The file is read again from its beginning, a line more each time, until the key is there: no
-    second idea of TOML's grammar is needed, and bench files are short.
+    The file is parsed repeatedly with one more line until the key exists: this needs no second TOML grammar,
+    and bench files are short.
     """
     wanted = _present_part(parse_toml(text, ""), path)
     for begin, document in _grown(text) if wanted else ():
@@ -35,7 +35,7 @@ def line_of(text: str, path: KeyPath) -> int:
 
 @lru_cache(maxsize=1)
 def _grown(text: str) -> list[tuple[int, Any]]:
-    """Return what a file says up to each line, with the number of lines before what that line ends."""
+    """Return the document up to each line, with the number of lines before the statement that it ends."""
     lines, readable = text.split("\n"), 0
     grown: list[tuple[int, Any]] = []
     for count in range(1, min(len(lines), MOST_LINES) + 1):
@@ -48,7 +48,7 @@ def _grown(text: str) -> list[tuple[int, Any]]:
 
 
 def _present_part(document: Any, path: KeyPath) -> list[str | int]:
-    """Return as much of a path as leads to something."""
+    """Return the longest existing prefix of a path."""
     found: list[str | int] = []
     for step in path:
         if isinstance(document, dict) and step in document:

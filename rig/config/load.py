@@ -1,4 +1,4 @@
-"""Reading a bench file, and saying where it is wrong."""
+"""Read a bench file; report errors with their lines."""
 
 import json
 from collections.abc import Collection, Sequence
@@ -10,11 +10,9 @@ from pydantic import ValidationError
 from drivers.errors import InputError, nearest, unknown_name
 from drivers.formats import parse_toml, read_text, shown
 from drivers.formats.structured import MOST_TOML_BYTES
-from rig.config.checks import inconsistencies
+from rig.config.checks import inconsistencies, missing_keys, unused_keys
 from rig.config.lines import KeyFault, line_of
 from rig.config.models import BenchConfig, known_keys
-from rig.config.required import missing_keys
-from rig.config.unused import unused_keys
 
 BENCHES = Path(__file__).parent.parent / "benches"
 MOST_FAULTS = 4
@@ -36,9 +34,9 @@ def load_bench(name_or_path: str) -> BenchConfig:
 
 
 def parse_bench(text: str, name: str) -> BenchConfig:
-    """Read a bench file's text; `name` is what messages call it. Raises `InputError`."""
+    """Read the text of a bench file; `name` is its name in messages. Raises `InputError`."""
     try:
-        # As JSON, where lists are tuples too: otherwise strict, so that true is no 1 and "5" no 5.
+        # via JSON, so that lists become tuples while types are otherwise strict: no true for 1, no "5" for 5
         document = json.dumps(parse_toml(text, name), default=str)
         config = BenchConfig.model_validate_json(document, strict=True)
     except ValidationError as error:
@@ -52,9 +50,9 @@ def parse_bench(text: str, name: str) -> BenchConfig:
 def validation_text(
     error: ValidationError, source: str | None = None, known: Collection[str] | None = None
 ) -> str:
-    """Say in one line which keys are wrong and why, with their lines in `source` where given.
+    """Return one line that names the wrong keys with reasons, and with their lines if `source` is given.
 
-    known: every key there is, a bench file's by default.
+    known: all valid keys, by default those of bench files.
     """
     every = error.errors()
     keys = known_keys() if known is None else set(known)
@@ -63,7 +61,7 @@ def validation_text(
 
 
 def _text(faults: Sequence[KeyFault], source: str | None, count: int | None = None) -> str:
-    """Say the first faults with their lines. count: of all there are, where `faults` are the first."""
+    """Return the first faults with their lines. count: number of all faults, by default of `faults`."""
     parts = []
     for loc, why in faults[:MOST_FAULTS]:
         line = f"line {line_of(source, loc)}: " if source is not None else ""
@@ -82,11 +80,15 @@ def _reason(details: Any, known: set[str]) -> str:
 
 def new_bench_file(path: Path) -> None:
     """Write a bench file that explains each key. Raises `InputError`; never overwrites."""
-    text = Path(__file__).with_name("new_bench.toml").read_text()
+    write_new(path, Path(__file__).with_name("new_bench.toml").read_text(encoding="utf-8"))
+
+
+def write_new(path: Path, text: str) -> None:
+    """Write a new text file. Raises `InputError` if it exists or cannot be written."""
     try:
-        with path.open("x") as stream:
+        with path.open("x", encoding="utf-8") as stream:
             stream.write(text)
     except FileExistsError as error:
         raise InputError(f"{path} exists already: give another name, or move it aside") from error
     except OSError as error:
-        raise InputError(f"{path}: cannot be written ({error.strerror})") from error
+        raise InputError(f"{path}: cannot be written ({error.strerror}); give another place") from error

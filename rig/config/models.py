@@ -1,4 +1,4 @@
-"""What a bench file holds, key by key."""
+"""The keys of a bench file."""
 
 from dataclasses import replace
 from typing import Annotated, Literal
@@ -12,10 +12,12 @@ from drivers.named_classes import is_class_name
 from drivers.types import ArmLimits, Box, GripperSpec, Pose
 from protocols.grasps import GraspFile
 from rig.config.fields import (
+    ArmLimitsConfig,
     BenchSection,
     Coordinate,
     FileName,
     Finger,
+    GripperLimitsConfig,
     Host,
     HostPort,
     MarkerId,
@@ -29,14 +31,13 @@ from rig.config.fields import (
     without_secrets,
 )
 from rig.config.in_use import CalibrationsInUse
-from rig.config.limits import ArmLimitsConfig, GripperLimitsConfig
 
 FAR_M = 10.0
-"""Farther than any bench reaches."""
+"""Larger than any bench."""
 
 
 class ArmConfig(BenchSection):
-    """The arm: its driver, its address, what it carries, where it waits."""
+    """The arm: driver, address, payload, home position."""
 
     later = frozenset({"force_sensor", "options"})
     driver: Annotated[str, driver_names("fake", "ur5e")]
@@ -91,7 +92,7 @@ class TactileConfig(BenchSection):
     rate_hz: Rate
     size_px: tuple[Pixels, Pixels] = (240, 320)
     pixel_aspect: float | None = Field(default=None, gt=0.5, lt=2.0)
-    """Width over height of a pixel on the gel; unknown where it was not measured."""
+    """Width over height of a pixel on the gel; None if not measured."""
     markers: bool = False
     """Whether dots are printed on the gel (the estimator `kolamuri` follows them)."""
 
@@ -142,10 +143,10 @@ class KeepOutConfig(BenchSection):
 
 
 class FakesConfig(BenchSection):
-    """Says that the real drivers of this bench talk to simulated devices.
+    """The real drivers of this bench talk to simulated devices.
 
-    control: "host:port" of the running fakes' side channel; without it they are started for the
-    session, and the file's own addresses do not count.
+    control: "host:port" of the running fakes' side channel; without it they are started for the session, and
+    the addresses in the file are ignored.
     """
 
     control: HostPort | None = None
@@ -168,7 +169,7 @@ class BenchConfig(BenchSection):
     later = frozenset({"difficulty", "keep_out", "objects", "reactions_allowed"})
     name: FileName
     reactions_allowed: bool | None = None
-    """Whether arm and fingers may react to slip by themselves; where nothing is said, in simulation only."""
+    """Whether arm and fingers may react to slip automatically; by default only in simulation."""
     difficulty: Literal["easy", "hard"] = "easy"
     """Of simulated lifts: hard ones have what makes real recordings hard (`fakes/studio/conditions.py`)."""
     arm: ArmConfig
@@ -192,21 +193,21 @@ class BenchConfig(BenchSection):
         return calibrated.camera_model(size)
 
     def base_T_camera(self) -> Pose:  # noqa: N802 - frame names keep their case
-        """`base_T_camera` as calibrated, else as this file says."""
+        """`base_T_camera` as calibrated, else as in this file."""
         found = self.calibrations.base_T_camera
         return self.camera.base_T_camera() if found is None else found.pose()
 
     def camera_turn_sigma_rad(self) -> float:
-        """One sigma of `base_T_camera`'s orientation, as calibrated; 0 where nobody says."""
+        """One sigma of `base_T_camera`'s orientation, as calibrated; 0 if unknown."""
         found = self.calibrations.base_T_camera
         return 0.0 if found is None else found.turn_sigma_rad
 
     def object_distance_m(self) -> float:
-        """From where the camera stands (`base_T_camera`) to an object in its place, m."""
+        """Distance from the camera (`base_T_camera`) to an object at its place, m."""
         return float(np.linalg.norm(np.subtract(self.base_T_camera().position_m, self.table.position_m)))
 
     def without_passwords(self) -> "BenchConfig":
-        """The same without what its addresses say of passwords, as a session keeps it."""
+        """A copy without the passwords in its addresses, as it is stored in sessions."""
         camera, *tactile = (
             source.model_copy(update={"address": source.address and without_passwords(source.address)})
             for source in (self.camera, *self.tactile)
@@ -219,15 +220,15 @@ class BenchConfig(BenchSection):
         return self.model_copy(update=devices)
 
     def pixel_aspects(self) -> dict[str, float | None]:
-        """Width over height of each fingertip's pixels by serial, measured or of this file."""
+        """Width over height of each fingertip's pixels by serial, measured or from this file."""
         measured = self.calibrations.pixel_aspect
         return {t.serial: measured.get(t.serial, t.pixel_aspect) for t in self.tactile}
 
     def arm_limits(self) -> ArmLimits:
-        """The arm's limits, with what the hand is kept out of: the table, and the file's boxes.
+        """The arm's limits with the keep-out boxes of the hand: the table and the boxes in the file.
 
-        Each box is grown by the hand around the tool centre point: fingertips below, as much to every
-        side as the hand is wide, and the hand above as far as the flange.
+        Each box is enlarged by the hand's extent around the tool centre point: fingertips below, half the
+        hand's width to every side, and the hand up to the flange above.
         """
         boxes = [Box(k.name, k.min_m, k.max_m) for k in self.keep_out]
         if self.table.top_m is not None:
@@ -256,7 +257,7 @@ class BenchConfig(BenchSection):
 
     @property
     def own_drivers(self) -> frozenset[str]:
-        """The drivers that are classes of somebody's own: such a bench is a real one."""
+        """The drivers that are classes of other packages: such a bench is a real one."""
         return frozenset(filter(is_class_name, self.drivers))
 
     @property
@@ -266,7 +267,7 @@ class BenchConfig(BenchSection):
 
     @property
     def reacts(self) -> bool:
-        """Whether arm and fingers may react to slip by themselves."""
+        """Whether arm and fingers may react to slip automatically."""
         return self.simulated if self.reactions_allowed is None else self.reactions_allowed
 
     @property

@@ -1,7 +1,8 @@
 """A lab's own objects: the files of a folder, read beside the package's, for a bench."""
 
 import json
-from collections.abc import Collection, Iterable
+import re
+from collections.abc import Collection, Iterable, Mapping
 from contextlib import suppress
 from pathlib import Path
 
@@ -12,11 +13,14 @@ from drivers.formats import parse_toml, read_text
 from drivers.formats.structured import MOST_TOML_BYTES
 from protocols.grasps import OBJECTS_FOLDER, GraspFile, PlainBody, Position, load_grasp_files
 from rig.config.lines import line_of
-from rig.config.load import validation_text
+from rig.config.load import validation_text, write_new
 from rig.config.models import BenchConfig
 
 FOLDER = "objects"
 MOST_FILES = 1000
+_POSITION = re.compile(r"\s*\[\[\s*position\s*\]\]")
+_TABLE = re.compile(r"\s*\[")
+_VALUE = re.compile(r"(?P<key>\s*[\w-]+\s*=\s*)(?P<value>\"[^\"]*\"|'[^']*'|[^#\s]+)(?P<rest>\s*(?:#.*)?)$")
 
 
 def objects_folder(bench: str, given: Path | None = None) -> Path | None:
@@ -122,16 +126,82 @@ def new_object_file(path: Path) -> None:
 
     Raises `InputError`; never overwrites.
     """
-    text = new_object_text(path.stem)
-    with suppress(OSError):  # why there is no folder is the reason that opening the file gives
+    with suppress(OSError):  # opening the file then reports why there is no folder
         path.parent.mkdir(parents=True, exist_ok=True)
-    try:
-        with path.open("x", encoding="utf-8") as stream:
-            stream.write(text)
-    except FileExistsError as error:
-        raise InputError(f"{path} exists already: give another name, or move it aside") from error
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written ({error.strerror}); give another place") from error
+    write_new(path, new_object_text(path.stem))
 
 
 _KEYS = {key for model in (GraspFile, Position, PlainBody) for key in model.model_fields}
+
+
+def with_position(text: str, name: str, values: Mapping[str, float], where: str) -> tuple[str, GraspFile]:
+    """Return an object file's text with changed values of a position, and the object read from it.
+
+    values: by key, as {"offset_m": -0.05}. A missing position is added; comments are kept. where: the file's
+    name in messages. Raises `InputError` if the file's notation is not supported.
+    """
+    lines = text.splitlines()
+    block = next((b for b in _blocks(lines) if _name_in(lines, b) == name), None)
+    if block is None:
+        lines = _added(lines, name, values)
+    else:
+        lines[block.start : block.stop] = _changed(lines[block.start : block.stop], values)
+    changed = "\n".join(lines) + "\n"
+    read = parse_object(changed, where)
+    place = next((position for position in read.position if position.name == name), None)
+    if place is None or any(getattr(place, key) != value for key, value in values.items()):
+        said = ", ".join(f"{key} = {value:g}" for key, value in values.items())
+        raise InputError(f"{where}: is written in a way that is not changed here; put in at '{name}': {said}")
+    return changed, read
+
+
+def _blocks(lines: list[str]) -> list[range]:
+    """Return the lines of each [[position]], its heading among them."""
+    found = []
+    for start in (i for i, line in enumerate(lines) if _POSITION.match(line)):
+        ends = (i for i in range(start + 1, len(lines)) if _TABLE.match(lines[i]))
+        found.append(range(start, next(ends, len(lines))))
+    return found
+
+
+def _name_in(lines: list[str], block: range) -> str | None:
+    for i in block:
+        line = _VALUE.match(lines[i])
+        if line and line["key"].split("=")[0].strip() == "name":
+            return line["value"][1:-1]
+    return None
+
+
+def _changed(block: list[str], values: Mapping[str, float]) -> list[str]:
+    """Change the lines that are there, and put the others behind the last of them."""
+    left, lines, last = dict(values), [], 0
+    for line in block:
+        found = _VALUE.match(line)
+        key = found["key"].split("=")[0].strip() if found else None
+        if found and key in left:
+            line = _with_value(found, left.pop(key))
+        if found:
+            last = len(lines)
+        lines.append(line)
+    return [*lines[: last + 1], *(f"{key} = {value:g}" for key, value in left.items()), *lines[last + 1 :]]
+
+
+def _with_value(line: re.Match[str], value: float) -> str:
+    """Return a line with another value, its comment at the same column if possible."""
+    written = line["key"] + f"{value:g}"
+    comment = line["rest"].strip()
+    return (
+        f"{written:<{line.start('rest') + len(line['rest']) - len(comment) - 1}} {comment}"
+        if comment
+        else written
+    )
+
+
+def _added(lines: list[str], name: str, values: Mapping[str, float]) -> list[str]:
+    """Add a position behind the others."""
+    new = ["[[position]]", f'name = "{name}"', *(f"{key} = {value:g}" for key, value in values.items()), ""]
+    blocks = _blocks(lines)
+    end = blocks[-1].stop if blocks else len(lines)
+    while end and not lines[end - 1].strip():
+        end -= 1
+    return [*lines[:end], "", *new, *lines[end:]]

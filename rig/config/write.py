@@ -5,8 +5,8 @@ from pathlib import Path
 from typing import Any
 
 from drivers.errors import InputError
+from rig.config.checks import ON_THE_FLANGE, required_limits
 from rig.config.models import BenchConfig
-from rig.config.required import ON_THE_FLANGE, required_limits
 
 
 def bench_text(config: BenchConfig) -> str:

@@ -1,4 +1,4 @@
-"""The doctor's look at the arm and the gripper: reached, read, timed; nothing moves."""
+"""The doctor's checks of the arm and the gripper: connection, state, timing. Nothing moves."""
 
 import math
 
@@ -10,13 +10,13 @@ from drivers.errors import RigError
 from drivers.interfaces import Arm, Diagnosable, Gripper
 from drivers.types import ArmMode
 from rig.config import ArmConfig
-from rig.doctor.finding import Finding, Severity, percentiles_ms, percentiles_text
+from rig.doctor.finding import Finding, Severity, judged, percentiles_ms, percentiles_text
 
 POLL_S = 0.0005
 RATE_SHARE = 0.98
-"""Share of the requested state rate that has to arrive: 490 of 500 samples a second."""
+"""Lowest accepted share of the requested state rate: 490 of 500 samples per second."""
 SLOW_REQUEST_MS = 20.0
-"""A gripper's request takes some milliseconds; a lift makes dozens of steps with several each."""
+"""A gripper's request takes a few milliseconds; a lift has dozens of steps with several requests each."""
 DRIFT_PPM = 200.0
 
 
@@ -59,13 +59,13 @@ def look_at_gripper(bench: Bench, duration_s: float) -> list[Finding]:
 
 
 def unreachable(device: str, error: RigError) -> Finding:
-    """A device that does not answer; the driver's message says what to do."""
+    """Return the finding of a device that does not answer; the driver's message contains the advice."""
     seen, _, todo = str(error).partition("; ")
     return Finding(device, "reached", Severity.FAILURE, seen, todo or "check power, cable and address")
 
 
 def reached(device: str, driver: Diagnosable, took_s: float) -> Finding:
-    """A device that answers, and what it says that it is."""
+    """Return the finding of a device that answers, with its identity."""
     identity = driver.identity()
     text = ", ".join(f"{key} {value}" for key, value in identity.items() if value)
     seen = f"after {took_s:.2f} s" + (f": {text}" if text else "")
@@ -79,7 +79,7 @@ def _mode(mode: ArmMode) -> Finding:
         ArmMode.EMERGENCY_STOP: "clear the cause, unlock the emergency stop, restart the arm on the pendant",
         ArmMode.UNKNOWN: "power the arm on and release its brakes on the pendant",
     }[mode]
-    return Finding("arm", "mode", Severity.FAILURE if todo else Severity.GOOD, mode.value, todo)
+    return judged("arm", "mode", not todo, mode.value, todo, otherwise=Severity.FAILURE)
 
 
 def _stream(arm: Arm, clock: Clock, wanted_hz: float, duration_s: float) -> list[Finding]:
@@ -94,17 +94,10 @@ def _stream(arm: Arm, clock: Clock, wanted_hz: float, duration_s: float) -> list
         ]
     interval = percentiles_ms(gaps)
     good = rate_hz >= RATE_SHARE * wanted_hz
-    findings = [
-        Finding(
-            "arm",
-            "state stream",
-            Severity.GOOD if good else Severity.WARNING,
-            f"{rate_hz:.1f} of {wanted_hz:g} a second; {percentiles_text(interval)} apart",
-            "" if good else "use a wired network without a switch in between; end other loads here",
-            {**figures, **interval},
-        )
-    ]
-    return findings + _clock(before_s, arm.clock_offset_s(), duration_s)
+    seen = f"{rate_hz:.1f} of {wanted_hz:g} a second; {percentiles_text(interval)} apart"
+    todo = "use a wired network without a switch in between; end other loads here"
+    stream = judged("arm", "state stream", good, seen, todo, {**figures, **interval})
+    return [stream, *_clock(before_s, arm.clock_offset_s(), duration_s)]
 
 
 def _distinct_times(arm: Arm, clock: Clock, duration_s: float) -> list[int]:
@@ -124,13 +117,12 @@ def _clock(before_s: float | None, after_s: float | None, duration_s: float) -> 
     drift = (after_s - before_s) / duration_s * 1e6
     seen = f"controller's time is {after_s:+.4f} s from ours, drifts by {drift:+.0f} us/s"
     good = abs(drift) <= DRIFT_PPM
-    todo = "" if good else "nothing when the stream is slow too; otherwise measure for longer with --seconds"
-    figures = {"offset_s": after_s, "drift_ppm": drift}
-    return [Finding("arm", "clock", Severity.GOOD if good else Severity.WARNING, seen, todo, figures)]
+    todo = "nothing when the stream is slow too; otherwise measure for longer with --seconds"
+    return [judged("arm", "clock", good, seen, todo, {"offset_s": after_s, "drift_ppm": drift})]
 
 
 def _requests(gripper: Gripper, clock: Clock, duration_s: float) -> list[Finding]:
-    """Time what the driver says its requests took; reading the state makes some, where it does."""
+    """Evaluate the request times that the driver reports while the state is read."""
     if not gripper.round_trips_s():
         return []
     end = clock.now_ns() + to_ns(duration_s)
@@ -140,14 +132,6 @@ def _requests(gripper: Gripper, clock: Clock, duration_s: float) -> list[Finding
     taken = gripper.round_trips_s()
     figures = percentiles_ms(taken)
     good = figures["p99_ms"] <= SLOW_REQUEST_MS
-    todo = "" if good else "check cable and termination, take other masters off the bus"
-    return [
-        Finding(
-            "gripper",
-            "Modbus requests",
-            Severity.GOOD if good else Severity.WARNING,
-            f"{len(taken)} requests, {percentiles_text(figures)}",
-            todo,
-            {"requests": len(taken), **figures},
-        )
-    ]
+    seen = f"{len(taken)} requests, {percentiles_text(figures)}"
+    todo = "check cable and termination, take other masters off the bus"
+    return [judged("gripper", "Modbus requests", good, seen, todo, {"requests": len(taken), **figures})]

@@ -1,28 +1,149 @@
-"""The whole examination: every device of a bench, and the computer it hangs on."""
+"""The examination of `rig doctor`: every device of a bench, and the computer."""
 
-from collections.abc import Iterator
+import importlib
+import os
+import shutil
+import sys
+import time
+from collections.abc import Iterator, Mapping
 from contextlib import ExitStack
+from datetime import UTC, datetime
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-from drivers.bench import Bench
+from drivers.errors import CalibrationError, InputError
 from rig.bench.source import unconnected_bench
 from rig.config import BenchConfig
 from rig.doctor.actuators import look_at_arm, look_at_gripper
-from rig.doctor.computer import (
-    look_at_calibrations,
-    look_at_disk,
-    look_at_packages,
-    look_at_usb,
-)
-from rig.doctor.finding import Finding
+from rig.doctor.finding import Finding, Severity, judged
 from rig.doctor.streams import look_at_streams
-from rig.live.phases import begin_phase
+from rig.live.screen import begin_phase
+
+PACKAGES = ("rig", "drivers", "fakes", "calibration", "protocols")
+CAMPAIGN_BYTES = 3_000_000_000
+"""A campaign of 45 lifts takes at most 3 GB (contract)."""
+PROBE_BYTES = 32 * 2**20
+LEAST_MB_S = 20.0
+"""Four times the data rate of two DIGITs at 60 and a camera at 30 frames per second, about 5 MB/s."""
+OLD_DAYS = 30.0
+
+
+def look_at_disk(folder: Path) -> list[Finding]:
+    """Measure the sustained write rate of a folder's disk, and its free space.
+
+    Raises `InputError` if the folder is not writable.
+    """
+    probe = folder / f".rig-doctor-{os.getpid()}"
+    block = os.urandom(2**20)
+    began = time.perf_counter()
+    try:
+        with probe.open("wb") as stream:
+            for _ in range(PROBE_BYTES // len(block)):
+                stream.write(block)
+            stream.flush()
+            os.fsync(stream.fileno())
+        free = shutil.disk_usage(folder).free
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be written ({error.strerror}); give another --disk") from error
+    finally:
+        probe.unlink(missing_ok=True)
+    rate = PROBE_BYTES / 1e6 / (time.perf_counter() - began)
+    seen = f"{rate:.0f} MB/s for good in {folder.resolve()}"
+    slow = f"lifts need up to 5 MB/s, with ease {LEAST_MB_S:g}: keep sessions on a local disk"
+    full = f"45 lifts take up to {CAMPAIGN_BYTES / 1e9:g} GB: make room"
+    free_text, figures = f"{free / 1e9:.1f} GB free", {"free_gb": free / 1e9}
+    return [
+        judged("disk", "speed", rate >= LEAST_MB_S, seen, slow, {"written_mb_s": rate}),
+        judged("disk", "free space", free >= CAMPAIGN_BYTES, free_text, full, figures),
+    ]
+
+
+def look_at_packages(config: BenchConfig) -> list[Finding]:
+    """Check that the rig's packages come from one installation and that the needed libraries exist."""
+    parents = {Path(importlib.import_module(name).__file__ or "").parents[1] for name in PACKAGES}
+    findings = []
+    if len(parents) > 1:
+        listed = ", ".join(sorted(map(str, parents)))
+        todo = "another distribution overwrote a package of ours: install into an environment of its own"
+        findings.append(Finding("computer", "packages", Severity.FAILURE, f"from {listed}", todo))
+    needed = {"ur5e": "ur-rtde", "robotiq_3f": "pymodbus", "digit": "opencv-contrib-python-headless"}
+    versions = {library: _version(library) for driver, library in needed.items() if driver in config.drivers}
+    missing = [library for library, found in versions.items() if found is None]
+    text = ", ".join(f"{library} {found or 'missing'}" for library, found in versions.items())
+    python = f"Python {sys.version.split()[0]}, {os.cpu_count()} cores"
+    seen = f"{python}{', ' + text if text else ''}"
+    todo = f"pip install {' '.join(missing)} (ur-rtde: Linux x86-64, Python 3.11 or 3.12)"
+    software = judged("computer", "software", not missing, seen, todo, otherwise=Severity.FAILURE)
+    return [*findings, software]
+
+
+def _version(library: str) -> str | None:
+    try:
+        return version(library)
+    except PackageNotFoundError:
+        return None
+
+
+def look_at_usb(places: Mapping[str, str]) -> list[Finding]:
+    """Report the sensors on each USB bus: on a shared one the camera that is opened last fails first.
+
+    places: "BUS port PORT" by serial, as drivers identify their devices; empty if not on USB.
+    """
+    on_bus: dict[str, list[str]] = {}
+    for serial, place in places.items():
+        bus, _, port = place.partition(" port ")
+        if bus:
+            on_bus.setdefault(bus, []).append(f"{serial} at {port}")
+    advice = (
+        "one bus for several cameras: where frames are missing or the last one does not open, plug one "
+        "into another host controller (a hub does not help)"
+    )
+    return [
+        Finding(
+            f"USB {bus}", "topology", Severity.NOTE, ", ".join(sharing), advice if len(sharing) > 1 else ""
+        )
+        for bus, sharing in sorted(on_bus.items())
+    ]
+
+
+def look_at_calibrations(folder: Path, serials: set[str]) -> list[Finding]:
+    """Report the calibrations beside the bench file: age and device."""
+    files = sorted(folder.glob("*.yaml")) if folder.is_dir() else []
+    if not files:
+        seen = f"none in {folder}: the numbers of the bench file are used as they are"
+        return [
+            Finding(
+                "calibration", "files", Severity.NOTE, seen, "measure the camera's place and focal length"
+            )
+        ]
+    return [_calibration(path, serials) for path in files]
+
+
+def _calibration(path: Path, serials: set[str]) -> Finding:
+    from calibration.store import load, read_yaml
+
+    try:
+        about = read_yaml(path).get("calibration")
+        kind = about.get("kind", "") if isinstance(about, dict) else ""
+        file = load(path, kind, allow_refused=True)
+    except CalibrationError as error:
+        seen, _, todo = str(error).partition("; ")
+        return Finding("calibration", path.name, Severity.WARNING, seen, todo)
+    now = datetime.now(UTC)
+    days = file.age_days(now)
+    strangers = sorted(set(file.serials.values()) - serials)
+    verdict, todo = Severity.GOOD, ""
+    if days > OLD_DAYS:
+        verdict, todo = Severity.WARNING, f"older than {OLD_DAYS:g} days: check it with rig calibrate"
+    if strangers:
+        verdict, todo = Severity.WARNING, f"of {', '.join(strangers)}, which this bench does not have"
+    return Finding("calibration", file.kind, verdict, file.age_text(now), todo, {"age_days": days})
 
 
 def examine(
     config: BenchConfig, bench_folder: Path, disk: Path, duration_s: float = 3.0, snapshot: Path | None = None
 ) -> Iterator[Finding]:
-    """Look at everything and yield findings as they come; nothing moves, nothing is activated.
+    """Check everything and yield findings as they come; nothing moves, nothing is activated.
 
     bench_folder: where the bench file lies, with its `calibrations` beside it. disk: a folder
     where sessions go. duration_s: of each measurement of a rate. snapshot: see `rig doctor`.
@@ -41,14 +162,6 @@ def examine(
         begin_phase("reading the gripper")
         yield from look_at_gripper(bench, duration_s)
         begin_phase("reading the fingertips and the camera")
-        yield from look_at_streams(bench.frame_sources, bench.clock, _sizes(config), duration_s, snapshot)
-        yield from look_at_usb(_usb_places(bench))
-
-
-def _sizes(config: BenchConfig) -> dict[str, tuple[int, int]]:
-    return {sensor.serial: sensor.size_px for sensor in (*config.tactile, config.camera)}
-
-
-def _usb_places(bench: Bench) -> dict[str, str]:
-    """Where on USB the sensors were found, by serial, where their drivers say."""
-    return {source.serial: source.identity().get("usb", "") for source in bench.frame_sources}
+        sizes_px = {sensor.serial: sensor.size_px for sensor in (*config.tactile, config.camera)}
+        yield from look_at_streams(bench.frame_sources, bench.clock, sizes_px, duration_s, snapshot)
+        yield from look_at_usb({s.serial: s.identity().get("usb", "") for s in bench.frame_sources})

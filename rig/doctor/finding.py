@@ -1,4 +1,4 @@
-"""What the doctor found: one line each, with what to do about it."""
+"""Findings of the doctor: one line each, with advice."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 
 class Severity(StrEnum):
-    """How a finding is to be taken."""
+    """Severity of a finding."""
 
     GOOD = "good"
     WARNING = "warning"
@@ -19,9 +19,9 @@ class Severity(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One thing looked at: on which device, what was seen, what to do (empty when nothing).
+    """Result of one check: device, check, observation and advice (empty if none is needed).
 
-    figures: the numbers behind `seen`, for scripts; units are in the names.
+    figures: the numbers in `seen`, for scripts; units are in the names.
     """
 
     device: str
@@ -32,6 +32,20 @@ class Finding:
     figures: Mapping[str, float | int | str | None] = field(default_factory=dict)
 
 
+def judged(
+    device: str,
+    check: str,
+    good: bool,
+    seen: str,
+    todo: str,
+    figures: Mapping[str, float | int | str | None] | None = None,
+    otherwise: Severity = Severity.WARNING,
+) -> Finding:
+    """Return a good finding, or one of severity `otherwise` with advice `todo`."""
+    verdict = Severity.GOOD if good else otherwise
+    return Finding(device, check, verdict, seen, "" if good else todo, figures or {})
+
+
 def percentiles_ms(durations_s: ArrayLike) -> dict[str, float]:
     """Return median, 95th and 99th percentile and the longest of some durations, in ms."""
     values = np.asarray(durations_s, float) * 1e3
@@ -40,5 +54,5 @@ def percentiles_ms(durations_s: ArrayLike) -> dict[str, float]:
 
 
 def percentiles_text(figures: Mapping[str, float]) -> str:
-    """Return percentiles as a person reads them."""
+    """Return percentiles as text."""
     return "p50/p95/p99/max {p50_ms:.1f}/{p95_ms:.1f}/{p99_ms:.1f}/{max_ms:.1f} ms".format(**figures)

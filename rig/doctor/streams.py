@@ -1,4 +1,4 @@
-"""The doctor's look at all fingertips and cameras at once: only together do they fill a USB bus."""
+"""The doctor's check of all fingertips and cameras at once: only together do they fill a USB bus."""
 
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -14,20 +14,20 @@ from drivers.interfaces import FrameSource
 from drivers.tally import FrameTally
 from drivers.types import Frame
 from rig.doctor.actuators import reached, unreachable
-from rig.doctor.finding import Finding, Severity, percentiles_ms, percentiles_text
+from rig.doctor.finding import Finding, Severity, judged, percentiles_ms, percentiles_text
 
 RATE_SHARE = 0.97
 FIRST_FRAME_S = 5.0
-"""The first frames after opening are dropped by the driver; some sensors take seconds to start."""
+"""Timeout of the first frame: drivers drop frames after opening; some sensors take seconds to start."""
 FRAME_S = 0.5
 OLD_MS = 50.0
 
 
 @dataclass(frozen=True, slots=True)
 class SourceRecord:
-    """What came of one source: all frames' times (ns), ages when read (s), and the last frame.
+    """Measurement of one source: times of all frames (ns), their ages when read (s), and the last frame.
 
-    missed: frames that never came. counted: what the driver counted meanwhile (frozen, green, reopened ...).
+    missed: number of lost frames. counted: the driver's counters (frozen, green, reopened ...).
     """
 
     times_ns: list[int]
@@ -44,7 +44,7 @@ def look_at_streams(
     duration_s: float,
     snapshot: Path | None,
 ) -> list[Finding]:
-    """Open all sources, one after the other, then read all at once for a while.
+    """Open all sources one after the other, then read them simultaneously for `duration_s`.
 
     sizes_px: width and height of the bench file, by serial. snapshot: where each source's last
     frame is saved, as SERIAL.png.
@@ -68,7 +68,8 @@ def look_at_streams(
                 Finding(source.serial, "frames", Severity.FAILURE, str(stream), "see the message")
             )
             continue
-        findings += _judged(source, stream, sizes_px[source.serial])
+        findings += [_rate(source, stream), _age(source, stream), _size(source, stream, sizes_px)]
+        findings += _counted(source, stream.counted)
         if snapshot is not None:
             findings.append(_saved(snapshot, stream.last))
     return findings
@@ -93,15 +94,6 @@ def _watched(source: FrameSource, clock: Clock, duration_s: float) -> SourceReco
     return SourceRecord(times, ages, last, tally.dropped, counted)
 
 
-def _judged(source: FrameSource, stream: SourceRecord, size_px: tuple[int, int]) -> list[Finding]:
-    return [
-        _rate(source, stream),
-        _age(source, stream),
-        _size(source, stream, size_px),
-        *_counted(source, stream.counted),
-    ]
-
-
 def _rate(source: FrameSource, stream: SourceRecord) -> Finding:
     gaps = np.diff(stream.times_ns) / NS_PER_S
     rate_hz = len(gaps) / float(gaps.sum())
@@ -112,25 +104,19 @@ def _rate(source: FrameSource, stream: SourceRecord) -> Finding:
         f"{percentiles_text(interval)} apart"
     )
     todo = "give each camera a USB controller of its own (a hub does not help), or ask for a lower rate"
-    return Finding(
-        source.serial,
-        "frames",
-        Severity.GOOD if good else Severity.WARNING,
-        seen,
-        "" if good else todo,
-        {"rate_hz": rate_hz, "wanted_hz": source.rate_hz, "missed": stream.missed, **interval},
-    )
+    figures = {"rate_hz": rate_hz, "wanted_hz": source.rate_hz, "missed": stream.missed, **interval}
+    return judged(source.serial, "frames", good, seen, todo, figures)
 
 
 def _age(source: FrameSource, stream: SourceRecord) -> Finding:
     figures = percentiles_ms(stream.ages_s)
-    good = figures["p95_ms"] <= OLD_MS
-    todo = "" if good else "end other loads on this computer; frames older than this blur the comparison"
+    todo = "end other loads on this computer; frames older than this blur the comparison"
     seen = f"read {percentiles_text(figures)} after capture"
-    return Finding(source.serial, "latency", Severity.GOOD if good else Severity.WARNING, seen, todo, figures)
+    return judged(source.serial, "latency", figures["p95_ms"] <= OLD_MS, seen, todo, figures)
 
 
-def _size(source: FrameSource, stream: SourceRecord, size_px: tuple[int, int]) -> Finding:
+def _size(source: FrameSource, stream: SourceRecord, sizes_px: Mapping[str, tuple[int, int]]) -> Finding:
+    size_px = sizes_px[source.serial]
     height, width = stream.last.image.shape[:2]
     brightness = float(stream.last.image.mean())
     seen = f"{width} x {height} px, mean brightness {brightness:.0f} of 255"
@@ -138,9 +124,8 @@ def _size(source: FrameSource, stream: SourceRecord, size_px: tuple[int, int]) -
     if (width, height) != size_px:
         todo = f"the bench file says {size_px[0]} x {size_px[1]}: correct it, or choose another rate"
         return Finding(source.serial, "picture", Severity.FAILURE, seen, todo, figures)
-    dark = brightness < 8.0
-    todo = "take the cap off, or check the LEDs" if dark else ""
-    return Finding(source.serial, "picture", Severity.WARNING if dark else Severity.GOOD, seen, todo, figures)
+    todo = "take the cap off, or check the LEDs"
+    return judged(source.serial, "picture", brightness >= 8.0, seen, todo, figures)
 
 
 def _counted(source: FrameSource, counted: dict[str, int]) -> list[Finding]:
@@ -148,9 +133,8 @@ def _counted(source: FrameSource, counted: dict[str, int]) -> list[Finding]:
         return []
     amiss = {name: count for name, count in counted.items() if count and name not in ("frames", "warm_up")}
     seen = ", ".join(f"{count} {name}" for name, count in amiss.items()) or "nothing amiss"
-    todo = "check the cable and the plug; replug the sensor" if amiss else ""
-    verdict = Severity.WARNING if amiss else Severity.GOOD
-    return [Finding(source.serial, "counters", verdict, seen, todo, counted)]
+    todo = "check the cable and the plug; replug the sensor"
+    return [judged(source.serial, "counters", not amiss, seen, todo, counted)]
 
 
 def _saved(folder: Path, frame: Frame) -> Finding:

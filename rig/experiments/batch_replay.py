@@ -14,12 +14,11 @@ from rig.experiments.replay import replay_around_gaps
 from rig.experiments.stored_trial import StoredTrial, trial_of
 from rig.results.listing import find_sessions
 from rig.results.table import COLUMNS, TableHead, broken_row, table_lines, table_row, unread_row
-from rig.sessions.lift_columns import REPLAYS, ReplayRow
 from rig.sessions.manifest import ReplayManifest, TrialManifest, begun, read_manifest
 from rig.sessions.records import FinishedLift
 from rig.sessions.rows import read_usable_lifts
 from rig.sessions.session import Session, open_session
-from rig.sessions.table_files import csv_bytes, has_parquet, parquet_bytes
+from rig.sessions.table_files import REPLAYS, ReplayRow, csv_bytes, has_parquet, parquet_bytes
 from rig.sessions.timing import ReplayTiming
 from rig.tactile.estimators import choose_estimator
 

@@ -9,7 +9,7 @@ from rig.experiments.lift_plan import TrialSettings, new_measurement
 from rig.lift.marker_truth import NO_ANGLES
 from rig.lift.measurement import LiftMeasurement
 from rig.lift.recording import lift_angles
-from rig.sessions.layout import RECORDINGS
+from rig.sessions.files import RECORDINGS
 from rig.sessions.reading import show_again
 from rig.sessions.recorder import IMAGE_PREFIX, RecordedAngle
 from rig.sessions.recording_file import Gaps, recorded_messages, recording_values

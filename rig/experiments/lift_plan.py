@@ -17,7 +17,7 @@ from rig.lift.marker_distance import ExpectedDistance
 from rig.lift.marker_truth import MarkerTruth
 from rig.lift.measurement import LiftMeasurement
 from rig.lift.slip_watch import SlipSettings, SlipWatch
-from rig.sessions.layout import recording_file
+from rig.sessions.files import recording_file
 from rig.sessions.records import LiftHead
 from rig.tactile.estimators import EstimatorChoice
 

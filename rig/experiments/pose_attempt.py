@@ -21,8 +21,8 @@ from rig.experiments.grasp_plans import grasp_pose, refuse_impossible
 from rig.experiments.pose_capture import PoseCapture
 from rig.experiments.seeds import derived_seed
 from rig.live.feed import NOBODY, LiveFeed
-from rig.live.pictures import PictureSender
-from rig.sessions.layout import true_mask_file
+from rig.live.observer import PictureSender
+from rig.sessions.files import true_mask_file
 from rig.sessions.records import PoseImage, PoseRow
 from rig.sessions.timing import PoseTiming
 from rig.tactile.contact.finder import ContactFinder

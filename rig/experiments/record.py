@@ -28,8 +28,8 @@ from rig.experiments.pose_attempt import PoseTask, RecordSettings, attempt_pose,
 from rig.experiments.pose_capture import ReferenceCapture
 from rig.experiments.seeds import derived_seed
 from rig.live.feed import NOBODY, LiveFeed
-from rig.live.phases import begin_phase
-from rig.sessions.layout import reference_file
+from rig.live.screen import begin_phase
+from rig.sessions.files import reference_file
 from rig.sessions.manifest import RecordManifest, begun_on
 from rig.sessions.records import POSES, PoseRow
 from rig.sessions.remarks import NO_REMARKS, Remarks

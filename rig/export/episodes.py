@@ -1,4 +1,4 @@
-"""A lift as a row of equal time steps: what each source showed last at each step."""
+"""A lift in equal time steps: the latest value of each source at each step."""
 
 from bisect import bisect_right
 from dataclasses import dataclass, field

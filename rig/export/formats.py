@@ -1,4 +1,4 @@
-"""The formats by their names, and how an export comes to be whole or not at all."""
+"""Export formats by name; an export is written completely or not at all."""
 
 from dataclasses import replace
 from pathlib import Path

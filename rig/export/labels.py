@@ -2,16 +2,101 @@
 
 import json
 from collections import Counter
-from pathlib import PurePosixPath
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
 
-from drivers.errors import counted
-from rig.export.images import ContactImage, contact_images
+import numpy as np
+
+from drivers.errors import SessionError, counted
+from drivers.images import image_flaw, load_image
+from drivers.types import Image
+from protocols.observer import Phase
 from rig.export.result import Exported, ExportRequest, simulated_mark
-from rig.labels.coco import LabelledImage, coco_document
-from rig.labels.labelme import labelme_document
+from rig.labels.label_files import LabelledImage, coco_document, labelme_document
 from rig.labels.polygons import mask_polygons
+from rig.sessions.files import reference_file, true_mask_file
+from rig.sessions.reading import phase_times, recorded_frames
+from rig.tactile.contact.background import mean_background
+from rig.tactile.contact.finder import ContactFinder
 
+TRUE_NOTE = "mask: the simulator's true contact"
+FOUND_NOTE = (
+    "mask: proposed by plain image processing (rig/tactile/contact/finder.py); look before you train on it"
+)
 LABEL = "contact"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ContactImage:
+    """An image as stored, (H, W) its mask of 0 and 255, and where the mask comes from."""
+
+    name: str
+    encoded: bytes
+    mask: Image
+    note: str
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height, px."""
+        return self.mask.shape[1], self.mask.shape[0]
+
+
+def contact_images(request: ExportRequest) -> Iterator[ContactImage]:
+    """Yield a recording's images, or every Nth frame with contact of a trial's fingertips.
+
+    Raises `SessionError` if an image or a recording is missing or damaged.
+    """
+    return _of_recording(request) if request.poses else _of_trial(request)
+
+
+def _of_recording(request: ExportRequest) -> Iterator[ContactImage]:
+    serials = {image.serial for pose in request.accepted_poses for image in pose.images}
+    finders = {s: ContactFinder(_read(request.session / reference_file(s))) for s in serials}
+    for pose in request.accepted_poses:
+        for image in pose.images:
+            path = request.session / image.file
+            picture = _read(path)
+            truth = request.session / true_mask_file(path.stem)
+            if truth.exists():
+                mask, note = _mask(truth, picture), TRUE_NOTE
+            else:
+                mask, note = _found(finders[image.serial], picture), FOUND_NOTE
+            yield ContactImage(image.file, path.read_bytes(), mask, note)
+
+
+def _of_trial(request: ExportRequest) -> Iterator[ContactImage]:
+    for row in request.finished_lifts:
+        recording = request.session / row.recording
+        grasp_ns = phase_times(recording)[Phase.GRASP]
+        for serial in request.manifest.signs:
+            frames = list(recorded_frames(recording, serial))
+            finder = ContactFinder(mean_background([f.image for f in frames if f.time_ns < grasp_ns]))
+            folder = f"{row.object}_{row.name.replace(' ', '_')}"
+            for frame in [f for f in frames if f.time_ns >= grasp_ns][:: request.every]:
+                mask = _found(finder, frame.image)
+                if mask.any() and frame.jpeg is not None:
+                    name = f"{folder}/{recording.stem}_{serial}_{frame.sequence:06d}.jpg"
+                    yield ContactImage(name, frame.jpeg, mask, FOUND_NOTE)
+
+
+def _found(finder: ContactFinder, image: Image) -> Image:
+    mask = finder.find(image).mask
+    return np.zeros(image.shape[:2], np.uint8) if mask is None else mask
+
+
+def _read(path: Path) -> Image:
+    image = load_image(path)
+    if image is None:
+        raise SessionError(f"{path}: {image_flaw(path) or 'cannot be decoded'}; the session is damaged")
+    return image
+
+
+def _mask(path: Path, picture: Image) -> Image:
+    mask = load_image(path, grey=True)
+    if mask is None or mask.shape != picture.shape[:2]:
+        raise SessionError(f"{path}: the true mask cannot be read or is not of its image's size")
+    return mask
 
 
 def export_coco(request: ExportRequest) -> Exported:

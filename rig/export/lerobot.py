@@ -14,9 +14,15 @@ from numpy.typing import NDArray
 
 from drivers.images import decode_stored
 from rig.export.episodes import Episode, read_episode
-from rig.export.lerobot_meta import DATA_PATH, FILES_PER_CHUNK, FORMAT_VERSION, Feature, write_meta
+from rig.export.lerobot_meta import (
+    DATA_PATH,
+    FILES_PER_CHUNK,
+    FORMAT_VERSION,
+    Feature,
+    FeatureStatistics,
+    write_meta,
+)
 from rig.export.result import Exported, ExportRequest, simulated_mark, source_name
-from rig.export.statistics import FeatureStatistics
 from rig.sessions.manifest import TrialManifest, require_kind
 from rig.sessions.records import FinishedLift
 from rig.sessions.table_files import Line, pyarrow_modules
@@ -33,7 +39,7 @@ COUNTERS = {
     **dict.fromkeys(("frame_index", "episode_index", "index", "task_index"), "int64"),
 }
 EVERY_IMAGE = 30
-"""Of the images, each so-many-th goes into the statistics."""
+"""Every Nth image is included in the statistics."""
 
 
 class StoredJpeg(TypedDict):

@@ -1,14 +1,18 @@
-"""What a LeRobotDataset says of itself: `meta/`, and the card that a person reads."""
+"""The metadata of a LeRobotDataset: `meta/` with statistics, and a card for people."""
 
 import json
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.types import Image
 from rig.export.result import ExportRequest, simulated_mark
-from rig.export.statistics import FeatureStatistics
 from rig.sessions.table_files import Line, pyarrow_modules
 
+Floats = NDArray[np.float64]
 FORMAT_VERSION = "v3.0"
 FILES_PER_CHUNK = 1000
 DATA_PATH = "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
@@ -26,6 +30,57 @@ CARD = """# {session}
 - Images are the stored JPEGs, each the latest at its step ({fps} steps a second), by what took them:
   {sources}.
 """
+
+
+@dataclass(slots=True)
+class _Sums:
+    low: Floats
+    high: Floats
+    total: Floats
+    squares: Floats
+    rows: int
+    count: int
+    shape: tuple[int, ...]
+
+
+@dataclass(slots=True)
+class FeatureStatistics:
+    """Minimum, maximum, mean and standard deviation by feature, accumulated episode by episode.
+
+    Vectors by component; images by channel, 1 at full scale. Accumulated because the images of a session do
+    not fit into memory together; LeRobot's own code for this needs torch.
+    """
+
+    _sums: dict[str, _Sums] = field(default_factory=dict)
+
+    def add(self, name: str, values: Floats) -> None:
+        """Add (N, K) values."""
+        self._add(name, values, len(values), (values.shape[1],))
+
+    def add_image(self, name: str, image: Image) -> None:
+        """Add an (H, W, 3) uint8 image."""
+        self._add(name, image.reshape(-1, 3) / 255.0, 1, (3, 1, 1))
+
+    def as_json(self) -> dict[str, dict[str, Sequence[object]]]:
+        """Return `min`, `max`, `mean`, `std` and `count` of each feature, as LeRobot lists them."""
+        return {name: _as_json(sums) for name, sums in self._sums.items()}
+
+    def _add(self, name: str, values: Floats, count: int, shape: tuple[int, ...]) -> None:
+        low, high, total, squares = values.min(0), values.max(0), values.sum(0), (values**2).sum(0)
+        known = self._sums.get(name)
+        if known is None:
+            self._sums[name] = _Sums(low, high, total, squares, len(values), count, shape)
+            return
+        known.low, known.high = np.minimum(known.low, low), np.maximum(known.high, high)
+        known.total, known.squares = known.total + total, known.squares + squares
+        known.rows, known.count = known.rows + len(values), known.count + count
+
+
+def _as_json(sums: _Sums) -> dict[str, Sequence[object]]:
+    mean = sums.total / sums.rows
+    spread = np.sqrt(np.maximum(sums.squares / sums.rows - mean**2, 0.0))
+    figures = {"min": sums.low, "max": sums.high, "mean": mean, "std": spread}
+    return {**{key: v.reshape(sums.shape).tolist() for key, v in figures.items()}, "count": [sums.count]}
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,7 +135,7 @@ def write_meta(
 
 
 def _sources(request: ExportRequest) -> str:
-    """Which sensor stands behind which key."""
+    """Return the sensor behind each key."""
     bench = getattr(request.manifest, "config", None)
     if bench is None:
         return "see the session"

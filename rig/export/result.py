@@ -1,4 +1,4 @@
-"""What an export is told, and what it says it did."""
+"""Request and result of an export."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -15,10 +15,10 @@ CAMERA = "camera"
 
 @dataclass(frozen=True, slots=True)
 class ExportRequest:
-    """A session and where its export goes: a folder that exists and is empty.
+    """A session and the folder of its export, which exists and is empty.
 
-    lifts, poses: all attempts of a trial, of a recording; the other one has none. every: of a trial's
-    frames, each so-many-th becomes a labelled image. left_out: what of the session cannot be read, and why.
+    lifts: all attempts of a trial. poses: all attempts of a recording. every: every Nth frame of a trial
+    becomes a labelled image. left_out: unreadable parts of the session, with reasons.
     """
 
     session: Path
@@ -42,7 +42,7 @@ class ExportRequest:
 
 @dataclass(frozen=True, slots=True)
 class Exported:
-    """What was written: how many of what, what a user of it should know, what could not be read."""
+    """Result of an export: numbers of written items by name, notes, and unreadable parts."""
 
     counts: dict[str, int]
     notes: tuple[str, ...] = ()
@@ -53,7 +53,7 @@ Exporter = Callable[[ExportRequest], Exported]
 
 
 def export_request(session: Path, out: Path, every: int) -> ExportRequest:
-    """Read what an export starts from. Raises `SessionError` for what is no trial or recording."""
+    """Read the session of an export. Raises `SessionError` if it is no trial or recording."""
     kinds = (TrialManifest, RecordManifest)
     manifest = read_manifest_of(session, kinds, "trials and recordings can be exported")
     if isinstance(manifest, TrialManifest):

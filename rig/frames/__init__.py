@@ -1,4 +1,4 @@
-"""Anyone's tactile frames: read, timed, and what estimators and networks say of them.
+"""Tactile frames of any source: reading, times, estimates and masks.
 
 Imports estimators, sessions and the slip alarm of `rig.lift`.
 """

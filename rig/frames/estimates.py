@@ -1,7 +1,5 @@
 """Estimates for a series of recorded frames: the samples, their common zero, table and figures."""
 
-import csv
-import io
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,14 +7,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from drivers.errors import InputError
-from rig.frames.series import FrameSeries, TimedFrame
+from rig.frames.series import FrameSeries
 from rig.frames.slip_alarm import STABLE_FRAMES, slips
 from rig.frames.times import FrameTime
+from rig.sessions.table_files import csv_bytes
 from rig.tactile.contact.steadiness import SETTLED_SHARE
 from rig.tactile.sample import SlipSample, State, TactileEstimator
 
-# The zero is the first frame of stable full contact: the contact's area stays, over it and the next frames,
-# as while an estimator lets it settle, and has reached this share of what it is from there on.
+# The zero is the first frame of stable full contact: the contact's area is constant over the next frames, at
+# the tolerance of an estimator that waits for settling, and has reached this share of its later median.
 FULL_AREA = 0.8
 
 
@@ -30,7 +29,7 @@ class Answer:
 
 @dataclass(frozen=True, slots=True)
 class Estimate:
-    """The answers for one series, None where refused or not told.
+    """The estimates of one series, None if refused or not available.
 
     angles_deg, sigmas_deg, shifts_px (x right, y down): from the zero, see `zeroed`. slips: whether the slip
     alarm had been raised, see `rig.frames.slip_alarm`.
@@ -49,9 +48,9 @@ class Estimate:
 
 @dataclass(frozen=True, slots=True)
 class EstimateFigures:
-    """What an estimate amounts to. refused: frames by state. median_ms, p99_ms: wall time per frame.
+    """Summary of an estimate. refused: frames by state. median_ms, p99_ms: wall time per frame.
 
-    slip_s: when the slip alarm was raised first; None where it was not.
+    slip_s: time of the first slip alarm, None without one.
     """
 
     frames: int
@@ -68,17 +67,18 @@ class EstimateFigures:
 
 def estimate_series(series: FrameSeries, estimator: TactileEstimator) -> tuple[Answer, ...]:
     """Estimate every frame in order; a frame that cannot be read is `lost`. Raises `InputError`."""
-    return tuple(_answer(frame, estimator) for frame in series)
-
-
-def _answer(frame: TimedFrame, estimator: TactileEstimator) -> Answer:
-    if frame.image is None:
-        return Answer(frame.time, SlipSample(frame.time.time_ns, State.LOST))
-    return Answer(frame.time, estimator.update(frame.image, frame.time.time_ns))
+    answers = []
+    for frame in series:
+        if frame.image is None:
+            sample = SlipSample(frame.time.time_ns, State.LOST)
+        else:
+            sample = estimator.update(frame.image, frame.time.time_ns)
+        answers.append(Answer(frame.time, sample))
+    return tuple(answers)
 
 
 def lift_time(answers: Sequence[Answer], lift: FrameTime | None) -> int | None:
-    """Return a lift's time in ns, None where it is not known. Raises `InputError` outside the series."""
+    """Return a lift's time in ns, None if unknown. Raises `InputError` outside the series."""
     if lift is not None:
         _check_within(answers, "--lift-from", lift)
     return None if lift is None else lift.time_ns
@@ -93,10 +93,9 @@ def zeroed(
 ) -> Estimate:
     """Take the angles from the zero, the answer at the reference time or of the first stable contact.
 
-    keep_zero leaves the estimator's own zero, as the published script has one. sign: +1, or -1 for
-    a fingertip that sees the object from behind. lift_ns: when the lift began, where known. Where there is
-    no angle at the reference time, the first answer from there on is the zero. Raises `InputError` for a
-    reference time outside the series.
+    keep_zero: use the estimator's own zero, like the published script. sign: +1, or -1 for a fingertip that
+    sees the object from behind. lift_ns: start of the lift, if known. If there is no angle at the reference
+    time, the first later answer is the zero. Raises `InputError` for a reference time outside the series.
     """
     unreadable = sum(
         answer.sample.state is State.LOST
@@ -129,16 +128,12 @@ def rows(estimate: Estimate) -> list[dict[str, object]]:
 
 
 def table(rows: Sequence[dict[str, object]]) -> str:
-    """Return rows as CSV text, fields empty where refused or not told. rows: at least one."""
-    text = io.StringIO()
-    writer = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
-    return text.getvalue()
+    """Return rows as CSV text; refused or unavailable values are empty. rows: at least one."""
+    return csv_bytes(dict.fromkeys(rows[0], str), rows).decode()
 
 
 def figures(estimate: Estimate) -> EstimateFigures:
-    """Return what an estimate amounts to."""
+    """Return the summary of an estimate."""
     refused = Counter(
         answer.sample.state.value
         for answer, angle in zip(estimate.answers, estimate.angles_deg, strict=True)
@@ -176,7 +171,7 @@ def _row(estimate: Estimate, place: int) -> dict[str, object]:
 
 
 def _shifted(sample: SlipSample, zero: SlipSample | None) -> tuple[float, float] | None:
-    """Return the shift since the zero; since the estimator's own reference where that has none."""
+    """Return the shift since the zero, or since the estimator's reference if the zero has none."""
     if sample.shift_px is None:
         return None
     x, y = (zero and zero.shift_px) or (0.0, 0.0)
@@ -201,7 +196,7 @@ def _zero_place(answers: Sequence[Answer], reference: FrameTime | None) -> tuple
 
 
 def _is_stable(areas: np.ndarray) -> bool:
-    """Whether the contact at the first of these areas is as large as it stays."""
+    """Whether the contact has reached its stable full area at the first of these areas."""
     near = areas[:STABLE_FRAMES]
     later = areas[areas > 0]
     within = np.abs(near - areas[0]) <= SETTLED_SHARE * areas[0]
@@ -209,7 +204,7 @@ def _is_stable(areas: np.ndarray) -> bool:
 
 
 def _place_at(answers: Sequence[Answer], reference: FrameTime) -> tuple[int | None, str]:
-    """Return the frame nearest to the reference time, the first answer from there on where it has none."""
+    """Return the frame nearest to the reference time, or the first later frame with an angle."""
     _check_within(answers, "--reference-time", reference)
     place = min(range(len(answers)), key=lambda i: abs(answers[i].time.time_ns - reference.time_ns))
     answered = [i for i, answer in enumerate(answers) if answer.sample.angle_deg is not None]

@@ -1,24 +1,89 @@
-"""One choice of estimator, background and times, applied to series after series."""
+"""Estimation of any number of series with one estimator; warnings about doubtful input."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import islice
+
+import numpy as np
 
 from drivers.errors import InputError, counted
 from drivers.types import Image
-from rig.frames.doubts import background_doubts, frame_doubts
 from rig.frames.estimates import Estimate, EstimateFigures, estimate_series, figures, lift_time, zeroed
 from rig.frames.of_session import SessionSeries
-from rig.frames.series import FrameSeries, make_background
+from rig.frames.series import ENOUGH_FRAMES, FrameSeries, evenly_spread, make_background
 from rig.frames.times import FrameTime, parse_time
+from rig.tactile.contact.background import auto_background, structure
+from rig.tactile.contact.untouched import Comparison
 from rig.tactile.estimators import ESTIMATORS, PUBLISHED, TOSKOV, EstimatorChoice
 from rig.tactile.foreign import faults_of
+
+# The first frame is compared with this many later ones; it is dark below this share of their brightness.
+AFTER_FIRST = 5
+DARK_SHARE = 0.7
+# Number of evenly spread frames from which the gel without contact is estimated.
+COMPARED = 30
+# A background shows a contact if the estimated one has less texture by this factor; for a background without
+# contact the factor is 0.96 to 0.98, because the median of frames has less noise.
+PLAINER = 0.95
+
+
+def frame_doubts(series: FrameSeries) -> list[str]:
+    """Return warnings if the first frame is stale or too dark, as some cameras deliver it."""
+    images = list(islice(series.images(), 1 + AFTER_FIRST))
+    if len(images) <= AFTER_FIRST:
+        return []
+    first, *after = images
+    light = float(np.median([image.mean() for image in after]))
+    if first.mean() < DARK_SHARE * light:
+        return [f"the first frame is dark (mean {first.mean():.0f}, the next ones {light:.0f}): leave it out"]
+    if _differs(after[0], first) and not any(_differs(after[0], image) for image in after[1:]):
+        return [
+            "the first frame shows something else than those after it: leave it out if the camera kept it "
+            "from before"
+        ]
+    return []
+
+
+def background_doubts(spec: str | None, background: Image, series: FrameSeries) -> list[str]:
+    """Return warnings if a requested background may show a contact. spec: as for `make_background`."""
+    if spec is None or spec == "auto":
+        return []
+    if spec.startswith("first:"):
+        images = list(islice(series.images(), int(spec.removeprefix("first:"))))
+        if odd := _odd_ones(background, images):
+            return [
+                f"the frames of --background {spec} are not alike (frame {odd[0]} differs): a contact begins "
+                "among them, or one is from before; give fewer or an IMAGE"
+            ]
+    frames = evenly_spread(series.images(), COMPARED)
+    if len(frames) >= ENOUGH_FRAMES and _shows_contact(background, auto_background(frames)):
+        return [
+            "the background seems to show a contact, which other frames do not: give an IMAGE without one, "
+            "or --background auto"
+        ]
+    return []
+
+
+def _shows_contact(background: Image, made: Image) -> bool:
+    """Whether a background differs from the one estimated from the frames, and has more texture."""
+    return _differs(made, background) and structure(made) < PLAINER * structure(background)
+
+
+def _odd_ones(background: Image, images: Sequence[Image]) -> list[int]:
+    comparison = Comparison(background)
+    return [number for number, image in enumerate(images) if comparison.region(image) is not None]
+
+
+def _differs(background: Image, image: Image) -> bool:
+    return Comparison(background).region(image) is not None
 
 
 @dataclass(frozen=True, slots=True)
 class SeriesEstimate:
     """One series' estimate.
 
-    untouched: the background, (H, W, 3) uint8 RGB; background: where it is from. doubts: what is amiss with
-    frames or background. angles_from: what of the frames the angles come from.
+    untouched: the background, (H, W, 3) uint8 RGB; background: its origin. doubts: warnings about frames or
+    background. angles_from: the image content that the angles are based on.
     """
 
     estimate: Estimate
@@ -29,12 +94,12 @@ class SeriesEstimate:
 
     @property
     def figures(self) -> EstimateFigures:
-        """What the estimate amounts to."""
+        """The summary of the estimate."""
         return figures(self.estimate)
 
     @property
     def warnings(self) -> list[str]:
-        """The doubts, and what came out amiss."""
+        """The doubts, and warnings about the results."""
         found, more = self.figures, list(self.doubts)
         if faults := faults_of(answer.sample for answer in self.estimate.answers):
             more.append(str(faults))
@@ -60,10 +125,10 @@ class EstimatedSeries:
 
 
 class Estimation:
-    """What is asked of every series.
+    """Settings that apply to every series.
 
-    background: as `make_background` takes it. reference_time, lift_from: times in s, as text. aspect: width
-    over height of a pixel on the gel. Raises `InputError` for what cannot be.
+    background: as for `make_background`. reference_time, lift_from: times in s, as text. aspect: width
+    over height of a pixel on the gel. Raises `InputError` for invalid settings.
     """
 
     def __init__(
@@ -89,7 +154,7 @@ class Estimation:
             )
 
     def of_series(self, series: FrameSeries) -> SeriesEstimate:
-        """Estimate anyone's frames. Raises `InputError`."""
+        """Estimate the frames of any source. Raises `InputError`."""
         background, note = make_background(self._background, series)
         doubts = [*background_doubts(self._background, background, series), *frame_doubts(series)]
         estimate = self._estimate(series, background, self._aspect, 1, None)

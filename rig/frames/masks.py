@@ -1,28 +1,25 @@
-"""Contact masks of anyone's images: files or folders in, a mask of each at its own size out."""
+"""Contact masks of images: files or folders in, a mask for each image at its own size out."""
 
+import json
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from hashlib import sha256
 from pathlib import Path
 from time import perf_counter
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
 from drivers.errors import InputError, counted
-from drivers.images import SUFFIXES
+from drivers.images import SUFFIXES, load_image, read_image
 from drivers.types import Image
-from rig.frames.series import (
-    ENOUGH_FRAMES,
-    FrameSeries,
-    TimedFrame,
-    make_background,
-    read_image,
-)
+from rig.frames.series import ENOUGH_FRAMES, FrameSeries, TimedFrame, make_background
 from rig.frames.times import FrameTime
 from rig.sessions.manifest import RecordManifest, is_session, read_manifest_of
 from rig.sessions.rows import read_poses
 from rig.tactile.contact.finder import NO_CONTACT, ContactFinder
-from rig.tactile.contact.network import load_network
+from rig.tactile.contact.model_files import MODELS
+from rig.tactile.contact.network import SHIPPED, load_network
 from rig.tactile.contact.network_input import NetworkInput
 from rig.tactile.contact.segmenter import (
     FrameState,
@@ -40,7 +37,7 @@ UNREADABLE = "unreadable"
 
 
 class FrameSegmenter(Protocol):
-    """Finds the contact in frames and says what each frame was."""
+    """Finds the contact in frames and classifies each frame."""
 
     def segment(self, image: Image) -> Segmentation:
         """Return the contact in an (H, W, 3) uint8 RGB frame. Raises `InputError`."""
@@ -61,7 +58,7 @@ class SegmentChoice:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ImageGroup:
-    """Images of one sensor. background: its frame without contact, None where none is needed."""
+    """Images of one sensor. background: its frame without contact, None if not needed."""
 
     files: tuple[Path, ...]
     background: Image | None
@@ -70,7 +67,7 @@ class ImageGroup:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SegmentedImage:
-    """What became of one file. image, segmentation: None where it could not be read."""
+    """Result for one file. image, segmentation: None if it could not be read."""
 
     file: Path
     image: Image | None
@@ -79,26 +76,28 @@ class SegmentedImage:
 
     @property
     def state(self) -> str:
-        """The frame's state as tables say it."""
+        """The frame's state as in tables."""
         return UNREADABLE if self.segmentation is None else self.segmentation.state.value
 
     @property
     def mask(self) -> Image:
-        """(H, W) uint8, 0 or 255; empty without contact, (0, 0) where nothing could be read."""
+        """(H, W) uint8, 0 or 255; all 0 without contact, of shape (0, 0) if the file is unreadable."""
         if self.segmentation is not None and self.segmentation.contact.mask is not None:
             return self.segmentation.contact.mask
         return np.zeros((0, 0) if self.image is None else self.image.shape[:2], np.uint8)
 
 
 class ClassicalSegmenter:
-    """The mask by plain image processing, behind the same call as a network's."""
+    """Contact masks by classical image processing, with the interface of a network's segmenter."""
 
-    def __init__(self, background: Image, margin: float) -> None:
+    def __init__(self, background: Image | None, margin: float) -> None:
+        if background is None:
+            raise InputError("the classical mask compares with a frame without contact: give --background")
         self._background, self._margin = background, check_margin(margin)
 
     def segment(self, image: Image) -> Segmentation:
-        """Return the contact and the frame's state; every image stands for itself."""
-        # A finder lets contacts end later than begin; a new one forgets the image before.
+        """Return the contact and the frame's state, independent of other images."""
+        # a finder has hysteresis; a new one has no memory of the image before
         contact = ContactFinder(self._background).find(image)
         state = frame_exposure(image)
         if state is not None:
@@ -109,19 +108,19 @@ class ClassicalSegmenter:
 
 
 MakeSegmenter = Callable[[Image | None], FrameSegmenter]
-"""Makes what finds the contact in the frames of the sensor with a background. Raises `InputError`."""
+"""Makes the segmenter of the sensor with a background. Raises `InputError`."""
 
 
 def segmenter_maker(choice: SegmentChoice) -> MakeSegmenter:
-    """Return what makes the segmenter of each sensor; a network is loaded once. Raises `InputError`."""
+    """Return a factory of segmenters; a network is loaded only once. Raises `InputError`."""
     if choice.model == CLASSICAL:
-        return lambda background: _classical(background, choice.margin)
+        return lambda background: ClassicalSegmenter(background, choice.margin)
     network = load_network(choice.model, choice.threads)
     return lambda background: Segmenter(network, background, choice.margin)
 
 
 def make_segmenter(choice: SegmentChoice, background: Image | None) -> FrameSegmenter:
-    """Make what finds the contact in one sensor's frames. Raises `InputError`."""
+    """Make the segmenter of one sensor. Raises `InputError`."""
     return segmenter_maker(choice)(background)
 
 
@@ -155,7 +154,7 @@ def segment_groups(groups: Sequence[ImageGroup], choice: SegmentChoice) -> Itera
     for group in groups:
         segmenter = make(group.background)
         for file in group.files:
-            image = _readable(file)
+            image = load_image(file)
             began = perf_counter()
             try:
                 found = None if image is None else segmenter.segment(image)
@@ -182,17 +181,11 @@ def output_names(groups: Sequence[ImageGroup], out: Path, ending: str) -> dict[P
 
 
 def make_folder(out: Path) -> None:
-    """Make the folder for results. Raises `InputError` where that cannot be."""
+    """Make the folder for results. Raises `InputError` if that fails."""
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(f"{out}: cannot be written ({error.strerror}): choose another --out") from error
-
-
-def _classical(background: Image | None, margin: float) -> FrameSegmenter:
-    if background is None:
-        raise InputError("the classical mask compares with a frame without contact: give --background")
-    return ClassicalSegmenter(background, margin)
 
 
 def _session_groups(session: Path, background: str | None, compare: bool) -> list[ImageGroup]:
@@ -218,14 +211,14 @@ def _group(files: list[Path], background: str | None, compare: bool) -> ImageGro
         return ImageGroup(tuple(files), None, "background: none needed")
 
     def read() -> Iterator[TimedFrame]:
-        return (TimedFrame(file.name, FrameTime("0", 0), _readable(file)) for file in files)
+        return (TimedFrame(file.name, FrameTime("0", 0), load_image(file)) for file in files)
 
     series = FrameSeries(str(files[0].parent), read)
     if background is None and len(files) < ENOUGH_FRAMES:
         raise InputError(
             f"{series.name}: {counted(len(files), 'image')} cannot make a background: give --background IMAGE"
         )
-    # images of a data set are no recording: their order says nothing
+    # the order of images in a data set has no meaning, unlike in a recording
     return ImageGroup(tuple(files), *make_background(background or "auto", series))
 
 
@@ -241,8 +234,23 @@ def _files(path: Path) -> list[Path]:
     return files
 
 
-def _readable(file: Path) -> Image | None:
-    try:
-        return read_image(file)
-    except InputError:
-        return None
+def shipped_cards() -> list[dict[str, Any]]:
+    """Return the cards of the shipped networks, each with `shipped`: its file's facts and precision.
+
+    A card is that of `rig train`, and describes a file by its hash. Raises `InputError` where a file is
+    not one that its card describes.
+    """
+    return [_card(name) for name in SHIPPED]
+
+
+def _card(name: str) -> dict[str, Any]:
+    card = json.loads((MODELS / f"{name}.json").read_text(encoding="utf-8"))
+    digest = sha256((MODELS / f"{name}.onnx").read_bytes()).hexdigest()
+    for precision, facts in card["files"].items():
+        if facts["sha256"] == digest:
+            return {
+                **card,
+                "name": name,
+                "shipped": {**facts, "file": f"{name}.onnx", "precision": precision},
+            }
+    raise InputError(f"the shipped network '{name}' is not the one its card describes: install anew")

@@ -1,4 +1,4 @@
-"""The tactile frames of a session or of one recording, sensor by sensor, as anyone's frames."""
+"""The tactile frames of a session or a recording as one frame series per sensor."""
 
 import re
 from collections.abc import Iterator, Sequence
@@ -35,9 +35,9 @@ class SessionSeries:
 
 
 def session_frames(folder: Path) -> tuple[list[SessionSeries], tuple[str, ...]]:
-    """Return the fingertips of a trial's accepted lifts, and what is wrong with those that cannot be read.
+    """Return the fingertips of a trial's accepted lifts, and the problems of unreadable ones.
 
-    Raises `SessionError` where none can be.
+    Raises `SessionError` if none is readable.
     """
     manifest = read_manifest_of(
         folder,
@@ -54,7 +54,7 @@ def session_frames(folder: Path) -> tuple[list[SessionSeries], tuple[str, ...]]:
 
 
 def recording_frames(recording: Path) -> list[SessionSeries]:
-    """Return the fingertips of one recording, which need not lie in its session any more.
+    """Return the fingertips of one recording, which may be outside its session.
 
     Pixel aspects are known from the session alone. Raises `SessionError`, or `InputError` for a file that is
     not a recording of a lift.

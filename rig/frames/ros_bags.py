@@ -20,7 +20,7 @@ from drivers.errors import InputError, RigError, counted, unknown_name
 from drivers.formats import MOST_PIXELS, reason, shown
 from drivers.images import decode_image
 from drivers.types import Image
-from rig.sessions.layout import ROS_BEGINNINGS, first_bytes
+from rig.sessions.files import ROS_BEGINNINGS, first_bytes
 
 if TYPE_CHECKING:
     from rosbags.rosbag1 import Reader as Reader1

@@ -16,8 +16,14 @@ import numpy as np
 from drivers.errors import InputError, counted
 from drivers.images import SUFFIXES, check_video_size, image_flaw, load_image, read_image
 from drivers.types import Image
-from rig.frames.array_files import ARRAY_SUFFIXES, array_frames, array_shape
-from rig.frames.clips import VIDEO_ENDINGS, is_ros_bag, require_clip
+from rig.frames.clips import (
+    ARRAY_SUFFIXES,
+    VIDEO_ENDINGS,
+    array_frames,
+    array_shape,
+    is_ros_bag,
+    require_clip,
+)
 from rig.frames.public_sets import TRIAL_VIDEO, bag_of, is_trial, read_bag, trial_background
 from rig.frames.ros_bags import bag_images, find_topic
 from rig.frames.times import FrameTime, times_at_rate, times_from_table
@@ -77,7 +83,7 @@ def read_frames(
 ) -> FrameSeries:
     """Open a clip of one sensor: a folder of images (sorted by name, numbers by value), an image, a video.
 
-    Also an array (`rig.frames.array_files`), a ROS bag (`rig.frames.ros_bags`), a trial of TactileTracking,
+    Also an array (`rig.frames.clips`), a ROS bag (`rig.frames.ros_bags`), a trial of TactileTracking,
     and a finger of a sequence of digit-pose-estimation (`bag_00.pkl:ring`; the index finger by default), see
     `rig.frames.public_sets`. timestamps: CSV with `frame,t_s`, see `times_from_table`. fps: frame rate in Hz;
     by default a video's own and 60 for images. topic: of a ROS bag; by default its only topic of images.

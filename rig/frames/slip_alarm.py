@@ -16,7 +16,7 @@ from rig.tactile.contact.steadiness import Steadiness
 from rig.tactile.sample import SlipSample
 
 STABLE_FRAMES = 6
-"""A contact whose area stays over so many frames has stopped growing."""
+"""A contact whose area is constant over this many frames has stopped growing."""
 NEW_GRASP_NS = NS_PER_S // 2
 
 

@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.clock import NS_PER_S
-from drivers.errors import InputError, unknown_name
+from drivers.errors import InputError
 from drivers.types import Image
 from rig.frames.estimates import Estimate
 from rig.frames.estimation import Estimation
-from rig.frames.of_session import session_frames
+from rig.frames.of_session import of_sensor, session_frames
 from rig.frames.series import FrameSeries, make_background, read_frames
 from rig.sessions.manifest import TrialManifest, read_manifest_of
 from rig.tactile.contact.gate import ContactGate
@@ -74,7 +74,7 @@ def largest_turn(series: FrameSeries, estimate: Estimate, sign: int = 1) -> Turn
 def explained_frames(
     path: Path, background: str | None, aspect: float | None, topic: str | None = None
 ) -> tuple[Image, Turn]:
-    """Draw the largest turn in anyone's frames. topic: see `read_frames`. Raises `InputError`."""
+    """Draw the largest rotation in a clip. topic: see `read_frames`. Raises `InputError`."""
     series = read_frames(path, topic=topic)
     empty, _ = make_background(background, series)
     estimate = Estimation(choose_estimator(None, None), background, aspect=aspect).of_series(series)
@@ -87,9 +87,7 @@ def explained_lift(folder: Path, lift: int, serial: str | None) -> tuple[Image, 
     tips = [tip for tip in session_frames(folder)[0] if tip.lift.split("-")[0] == f"{lift:03d}"]
     if not tips:
         raise InputError(f"{folder}: no finished lift {lift}; see rig report {folder}")
-    tip = next((tip for tip in tips if serial in (None, tip.serial)), None)
-    if tip is None:
-        raise unknown_name("sensor", str(serial), [tip.serial for tip in tips])
+    tip = of_sensor(tips, serial)[0]
     estimate = Estimation(choose_estimator(None, None)).of_sensor(tip)
     turn = largest_turn(tip.frames, estimate.estimate, tip.sign)
     manifest = read_manifest_of(folder, TrialManifest, "it has no lifts")
@@ -98,7 +96,7 @@ def explained_lift(folder: Path, lift: int, serial: str | None) -> tuple[Image, 
 
 
 def stages_picture(turn: Turn, background: Image, aspect: float | None, title: str) -> Image:
-    """Draw a turn, (H, W, 3) uint8 RGB: frames, slopes, the zero's slopes turned, and what is left.
+    """Draw a rotation, (H, W, 3) uint8 RGB: frames, slopes, the zero's slopes rotated, and the residual.
 
     Raises `InputError` where the zero's frame shows no dent to learn the slopes from.
     """
@@ -134,7 +132,7 @@ def _difference(image: Image, background: Image, size: tuple[int, int]) -> NDArr
 
 
 def _turned(slopes: Gradient, mask: Image, turn: Turn, shape: tuple[int, ...]) -> Gradient:
-    """Turn places and vectors about the contact's middle, and move them, as the estimator says."""
+    """Rotate positions and vectors about the contact's centre and shift them by the estimate."""
     down, across = np.nonzero(mask)
     middle = complex(across.mean(), down.mean())
     height, width = slopes.shape

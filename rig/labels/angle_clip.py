@@ -81,7 +81,7 @@ def load_clip(name: str, series: FrameSeries, background: Image, choice: FrameCh
 
 
 def difference(image: Image, background: Image) -> Image:
-    """Return the relative difference from the frame without contact, (H, W, 3) uint8, grey where it is 0."""
+    """Return the relative difference from the frame without contact, (H, W, 3) uint8; 0 is grey."""
     light = RelativeDifference(background, (background.shape[1], background.shape[0]))
     change = cv2.GaussianBlur(light.of(image), (0, 0), 1.0)
     return np.clip(127.5 * (1.0 + np.asarray(change) / DIFFERENCE_RANGE), 0, 255).astype(np.uint8)

@@ -14,12 +14,10 @@ from drivers.errors import InputError, RigError
 from drivers.formats import parse_json
 from drivers.images import encode_png
 from rig.frames.clips import LABELS
-from rig.labels.angle_clicks import Click, LineLog, ends_in
 from rig.labels.angle_clip import ClipToLabel, difference
-from rig.labels.angle_lines import PASSES, angle_labels, labels_csv
+from rig.labels.angle_lines import PASSES, Click, LineLog, angle_labels, ends_in, labels_csv
 from rig.pages.page import render
-from rig.pages.process import PageProcess
-from rig.pages.serving import FORBIDDEN, LOOPBACK, NOT_FOUND, Answer, Request
+from rig.pages.serving import FORBIDDEN, LOOPBACK, NOT_FOUND, Answer, PageProcess, Request
 from rig.sessions.files import write_file
 
 MOST_BYTES = 1000
@@ -73,7 +71,7 @@ class AnglePage:
         self._html = render("rig.labels", "angle_page.html").encode()
 
     def answer(self, request: Request) -> Answer:
-        """Answer a request: the page, what is known of the clip, a picture, or a click."""
+        """Answer a request: for the page, facts on the clip, an image, or a click."""
         path = request.path.removeprefix("/")
         if request.method == "GET" and path == "":
             return Answer(self._html, "text/html; charset=utf-8")
@@ -97,7 +95,7 @@ class AnglePage:
         return _json({**known, "width": width, "height": height, "state": self._state()})
 
     def _state(self) -> dict[str, Any]:
-        """Return what is drawn: the ends of the lines of each pass by frame, and where the last click was."""
+        """Return the ends of all lines by pass and frame, and pass and frame of the last click."""
         clicks = self._log.clicks
         last = [clicks[-1].drawn_in, clicks[-1].frame] if clicks else None
         return {"ends": [ends_in(clicks, drawn_in) for drawn_in in range(PASSES)], "last": last}

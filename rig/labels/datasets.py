@@ -6,29 +6,72 @@ images under `truth/masks`, and its sensors' frames without contact under `refer
 """
 
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
 import numpy as np
 
-from drivers.errors import InputError
+from drivers.errors import InputError, unknown_name
 from drivers.formats import read_bounded, shown
 from drivers.formats.structured import MOST_JSON_BYTES
 from drivers.images import SUFFIXES, read_image
 from drivers.types import Image
 from protocols.grasps import find_grasp_file
-from rig.labels.outline import contact_label
+from rig.labels.label_files import labelme_mask
+from rig.labels.polygons import contact_label
 from rig.labels.proposals import read_label
-from rig.labels.shapes import labelme_mask
-from rig.sessions.layout import MANIFEST, REFERENCES, TRUE_MASKS, reference_file, true_mask_file
+from rig.sessions.files import MANIFEST, REFERENCES, TRUE_MASKS, reference_file, true_mask_file
 from rig.sessions.manifest import RecordManifest, read_manifest
 from rig.sessions.rows import read_poses
 
 _VOC = "voc_format"
 _LONGEST_NAME = 200
 _NUMBER = re.compile(r"(?<![0-9])0*([0-9]{1,3})(?![0-9])")
+
+
+@dataclass(frozen=True, slots=True)
+class Fold:
+    """Objects to train on, to choose the best epoch by, and to score, by id."""
+
+    name: str
+    train: tuple[str, ...]
+    validation: tuple[str, ...]
+    test: tuple[str, ...]
+
+
+FOLDS = {
+    "D_s1": Fold(
+        "D_s1", ("1", "2", "4", "5", "6", "8", "10", "12", "13", "14", "15"), ("7", "9", "11"), ("3", "16")
+    ),
+    "D_s2": Fold(
+        "D_s2", ("1", "2", "3", "4", "6", "7", "10", "11", "12", "13", "16"), ("5", "9", "14"), ("8", "15")
+    ),
+    "D_s3": Fold(
+        "D_s3", ("1", "3", "5", "6", "7", "8", "9", "10", "11", "13", "14"), ("4", "15", "16"), ("2", "12")
+    ),
+}
+"""Castano-Amoros and Gil 2023, Table I."""
+
+
+def find_fold(name: str) -> Fold:
+    """Return a fold by its name, upper and lower case alike. Raises `InputError`."""
+    for known, fold in FOLDS.items():
+        if known.lower() == name.lower():
+            return fold
+    raise unknown_name("fold", name, FOLDS)
+
+
+def check_objects(fold: Fold, present: Sequence[str], where: str) -> None:
+    """Raise `InputError` unless training, validation and test objects are among those present."""
+    for part, wanted in (("train", fold.train), ("validate", fold.validation), ("test", fold.test)):
+        if not set(wanted) & set(present):
+            raise InputError(
+                f"{where}: no object to {part} with in fold {fold.name} (needs one of {', '.join(wanted)}; "
+                f"found {', '.join(sorted(set(present))) or 'none'}): name object folders by their number, "
+                "as 07_spam, or choose another --fold"
+            )
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +116,7 @@ def read_dataset(folder: Path) -> list[LabelledFile]:
 
 
 def object_of(folder: Path) -> str:
-    """Return the object's id that a folder's name says: its number, a known object's name, or the name."""
+    """Return the object's id from a folder's name: its number, a known object's name, or the name itself."""
     number = _NUMBER.search(folder.name)
     if number:
         return number.group(1)
@@ -184,5 +227,5 @@ def _png_label(path: Path, shape: tuple[int, int]) -> Image:
 
 
 def _is_label(path: Path) -> bool:
-    """Whether a JSON file looks like LabelMe's; others (manifests, COCO) lie about as well."""
+    """Whether a JSON file is LabelMe's and not another one (manifest, COCO)."""
     return b'"shapes"' in read_bounded(path, MOST_JSON_BYTES)

@@ -1,4 +1,4 @@
-"""Label files for a person to correct, and what is exported from them once that is done."""
+"""Label files for manual correction, and exports of the corrected ones."""
 
 import os
 from collections.abc import Iterator, Sequence
@@ -10,10 +10,8 @@ from drivers.errors import FormatError, InputError
 from drivers.formats import read_json
 from drivers.images import encode_png
 from drivers.types import Image
-from rig.labels.coco import LabelledImage, coco_document
-from rig.labels.labelme import labelme_document
+from rig.labels.label_files import LabelledImage, coco_document, labelme_document, labelme_mask
 from rig.labels.polygons import mask_polygons
-from rig.labels.shapes import labelme_mask
 from rig.sessions.files import write_file, write_json
 
 LABEL = "contact"
@@ -61,7 +59,7 @@ def export_coco(files: Sequence[LabelFile], masks: Sequence[Image], path: Path, 
 
 
 def read_label(path: Path) -> dict[str, Any]:
-    """Read a LabelMe file. Raises `InputError` saying what is wrong with it."""
+    """Read a LabelMe file. Raises `InputError` with its problem."""
     try:
         document = read_json(path)
     except FormatError as error:

@@ -8,7 +8,7 @@ from rich.console import Console, ConsoleOptions, RenderableType
 from rich.segment import Segment
 from rich.text import Text
 
-from rig.live.plain_text import drawn_stream, plain
+from rig.live.screen import drawn_stream, plain
 
 
 class PlainConsole(Console):

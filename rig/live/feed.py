@@ -1,8 +1,8 @@
-"""From the lift to whoever looks on: messages that are sent or lost, but never waited for.
+"""Messages from a lift to viewers: sent without blocking, or lost.
 
-A message is one datagram on a local socket (unix(7), SOCK_DGRAM), sent without blocking: where a
-viewer is slow, stopped or gone, the message is lost and the lift goes on. It is the same from the
-main process and from a worker's. The receiver keeps the newest messages and drops the oldest.
+A message is one datagram on a local socket (unix(7), SOCK_DGRAM). If a viewer is slow, stopped or gone, the
+message is lost and the lift goes on. Worker processes send in the same way as the main process. The receiver
+keeps the newest messages and drops the oldest.
 """
 
 import json
@@ -16,14 +16,14 @@ from dataclasses import dataclass
 from typing import Any
 
 KEPT_MESSAGES = 512
-"""What a receiver keeps unread: some seconds of one lift."""
+"""Unread messages that a receiver keeps: some seconds of one lift."""
 LARGEST_BYTES = 200_000
 """A datagram has to fit into a socket's send buffer, 208 KiB by default (socket(7), wmem_default)."""
 
 
 @dataclass(frozen=True, slots=True)
 class Message:
-    """What happened, under a kind's name, with values that fit into JSON, and perhaps a JPEG."""
+    """An event: its kind, values that can be written as JSON, and optionally a JPEG."""
 
     kind: str
     values: dict[str, Any]
@@ -35,7 +35,7 @@ class Message:
 
     @classmethod
     def unpacked(cls, data: bytes) -> "Message":
-        """Return the message of a datagram. Raises `ValueError` for anything else."""
+        """Return the message in a datagram. Raises `ValueError` for an invalid one."""
         line, _, picture = data.partition(b"\n")
         values = json.loads(line)
         if not isinstance(values, dict) or "kind" not in values:
@@ -45,7 +45,7 @@ class Message:
 
 @dataclass(frozen=True, slots=True)
 class Listener:
-    """The address of somebody who looks on, and whether they look at pictures."""
+    """The address of a viewer, and whether it shows images."""
 
     address: str
     pictures: bool
@@ -53,13 +53,13 @@ class Listener:
 
 @dataclass(frozen=True, slots=True)
 class LiveFeed:
-    """Who looks on: handed to lifts, in this process or in workers."""
+    """The listeners of lifts, in this process or in workers."""
 
     listeners: tuple[Listener, ...] = ()
 
     @property
     def pictures(self) -> bool:
-        """Whether anybody looks at pictures."""
+        """Whether any listener shows images."""
         return any(listener.pictures for listener in self.listeners)
 
 
@@ -67,10 +67,10 @@ NOBODY = LiveFeed()
 
 
 class Sender:
-    """Sends to everybody who looks on. `lost` counts the messages that somebody did not get.
+    """Sends messages to all listeners. `lost` counts undelivered messages.
 
-    Each listener has a socket, because unread messages fill the send buffer of the socket they came from: one
-    that is stopped would otherwise keep messages from all others.
+    Each listener has its own socket, because unread messages fill the send buffer of the socket they came
+    from: a stopped listener would otherwise block all others.
     """
 
     def __init__(self, feed: LiveFeed) -> None:
@@ -79,31 +79,28 @@ class Sender:
         self._sockets = [(listener, socket.socket(*kind)) for listener in feed.listeners]
 
     def send(self, kind: str, values: Mapping[str, object], picture: bytes = b"") -> None:
-        """Send a message to those who want it; never waits, never raises."""
+        """Send a message, with an image only to listeners that show images; never blocks, never raises."""
         data = Message(kind, dict(values), picture).packed()
         if len(data) > LARGEST_BYTES:
             self.lost += 1
             return
         for listener, sender in self._sockets:
             if listener.pictures or not picture:
-                self._send_to(listener.address, sender, data)
+                try:
+                    sender.sendto(data, socket.MSG_DONTWAIT, listener.address)
+                except OSError:  # the buffer is full, or the listener has ended
+                    self.lost += 1
 
     def close(self) -> None:
-        """Let go of the sockets."""
+        """Close the sockets."""
         for _, sender in self._sockets:
             sender.close()
 
-    def _send_to(self, address: str, sender: socket.socket, data: bytes) -> None:
-        try:
-            sender.sendto(data, socket.MSG_DONTWAIT, address)
-        except OSError:  # full, or nobody is there any more
-            self.lost += 1
-
 
 class Inbox:
-    """Receives messages at an address; a thread empties the socket, so that senders find room.
+    """Receives messages at an address; a thread empties the socket, so that its buffer does not fill.
 
-    address: a path where no file is yet, at most 107 bytes long (unix(7)).
+    address: a path that does not exist yet, at most 107 bytes long (unix(7)).
     """
 
     def __init__(self, address: str) -> None:
@@ -115,7 +112,7 @@ class Inbox:
         self._thread.start()
 
     def take(self) -> list[Message]:
-        """Return what came since the last call, oldest first."""
+        """Return the messages since the last call, oldest first."""
         messages = []
         with suppress(IndexError):
             while True:
@@ -123,7 +120,7 @@ class Inbox:
         return messages
 
     def close(self) -> None:
-        """Stop receiving, once what has arrived is read, and remove the address."""
+        """Read the messages that have arrived, stop receiving, and remove the address."""
         # Closing alone would leave the thread in its system call.
         self._socket.shutdown(socket.SHUT_RD)
         self._thread.join()
@@ -135,5 +132,5 @@ class Inbox:
         while data := self._socket.recv(LARGEST_BYTES):
             try:
                 self._messages.append(Message.unpacked(data))
-            except ValueError:  # not one of ours
+            except ValueError:  # from another program
                 continue

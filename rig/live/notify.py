@@ -1,4 +1,4 @@
-"""A command of the person's own, run on faults, questions and the end; the bench does not wait for it."""
+"""The user's own command, run on faults, questions and the end without blocking the bench."""
 
 import os
 import queue
@@ -16,16 +16,16 @@ from rig.live.onlookers import Event
 
 EVENTS = ("fault", "question", "end")
 LONGEST_S = 10.0
-"""A command that takes longer is ended; the rig's end waits so long for the last one."""
+"""Timeout of the command; at its end the rig waits at most this long for the last one."""
 MOST_WAITING = 32
 MOST_CHARACTERS = 4000
 
 
 class Notifier:
-    """Runs COMMAND EVENT TEXT for each event, one after another, on a thread of its own.
+    """Runs COMMAND EVENT TEXT for each event, one after another, on a separate thread.
 
-    command: words as a shell would split them; no shell sees it, nor the text. warn: takes the one line
-    that says that it failed. Raises `InputError` for a command that cannot be run.
+    command: split into words like in a shell, but no shell runs it. warn: takes one warning if the command
+    fails. Raises `InputError` for a command that cannot be run.
     """
 
     def __init__(self, command: str, warn: Callable[[str], None], longest_s: float = LONGEST_S) -> None:
@@ -42,7 +42,7 @@ class Notifier:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Wait for what is under way, a bounded time."""
+        """Wait for running commands, at most `longest_s`."""
         with suppress(queue.Full):
             self._waiting.put_nowait(None)
         self._thread.join(self._longest_s)
@@ -51,7 +51,7 @@ class Notifier:
             _kill(self._running)
 
     def tell(self, event: Event) -> None:
-        """Have the command run, if it is an event for it."""
+        """Queue the command for an event of one of `EVENTS`."""
         if event.kind in EVENTS:
             try:
                 self._waiting.put_nowait(event)
@@ -65,7 +65,7 @@ class Notifier:
     def _run(self, event: Event) -> None:
         text = event.text.replace("\0", " ")[:MOST_CHARACTERS]
         try:
-            self._running = process = subprocess.Popen(  # noqa: S603 - the person's own command
+            self._running = process = subprocess.Popen(  # noqa: S603 - the user's own command
                 [*self._words, event.kind, text], stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL,
                 stderr=subprocess.DEVNULL, start_new_session=True,
             )  # fmt: skip
@@ -87,7 +87,7 @@ class Notifier:
 
 
 def _kill(process: "subprocess.Popen[bytes]") -> None:
-    """End a command with all that it started."""
+    """Kill a command with all its child processes."""
     with suppress(ProcessLookupError):
         os.killpg(process.pid, signal.SIGKILL)
 

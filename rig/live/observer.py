@@ -1,38 +1,86 @@
-"""Shows a lift to viewers while it is measured. It only reads, so it changes no result."""
+"""Shows a lift, or the frames of a recording, to viewers. It only reads, so it changes no result."""
 
 import os
 from collections import deque
 from collections.abc import Mapping
 
-from drivers.clock import NS_PER_S, Clock
-from drivers.types import ArmState, Frame
+import cv2
+import numpy as np
+
+from drivers.clock import NS_PER_S, Clock, SystemClock
+from drivers.images import encode_jpeg
+from drivers.types import ArmState, Frame, Image
 from protocols.observer import LiftEvents, Phase
 from rig.lift.measurement import LiftMeasurement
 from rig.live.feed import LiveFeed, Sender
-from rig.live.pictures import Sparing, small_jpeg
 from rig.sessions.records import LiftHead
 
+MOST_PER_S = 10.0
+"""Images of one source, and sets of figures, per second of real time."""
+PICTURE_LONG_SIDE_PX = 320
+PICTURE_QUALITY = 80
 LIFT_KEYS = ("number", "attempt", "object", "name", "lift", "simulated")
-"""What tells lookers-on which lift a message is about."""
+"""Fields that identify the lift of a message."""
 RATE_FRAMES = 31
-"""Frames of a source whose times give its rate: a second of the camera's."""
+"""Frames of a source from whose times its rate is computed: one second of the camera."""
+
+
+class Sparing:
+    """Rate limiter: at most `MOST_PER_S` times per second for each name, by default of real time."""
+
+    def __init__(self, clock: Clock | None = None) -> None:
+        self._clock = clock or SystemClock()
+        self._passed_ns: dict[str, int] = {}
+
+    def due(self, what: str) -> bool:
+        """Return whether `what` may be sent now; if so, its interval starts again."""
+        now = self._clock.now_ns()
+        if now - self._passed_ns.get(what, -NS_PER_S) < NS_PER_S / MOST_PER_S:
+            return False
+        self._passed_ns[what] = now
+        return True
+
+
+class PictureSender:
+    """Sends small images of frames to viewers if no lift is measured."""
+
+    def __init__(self, feed: LiveFeed) -> None:
+        self._sender, self._pictures = Sender(feed), feed.pictures
+        self._sparing = Sparing()
+
+    def __call__(self, frame: Frame) -> None:
+        """Send a frame, subject to the rate limit of its source, if a listener shows images."""
+        if self._pictures and self._sparing.due(frame.serial):
+            values = {"serial": frame.serial, "time_ns": frame.time_ns, "sender": os.getpid()}
+            self._sender.send("frame", values, small_jpeg(frame.image)[0])
+
+    def close(self) -> None:
+        """Close the socket."""
+        self._sender.close()
+
+
+def small_jpeg(image: Image) -> tuple[bytes, float]:
+    """Return a JPEG of at most `PICTURE_LONG_SIDE_PX`, and its scale."""
+    scale = min(1.0, PICTURE_LONG_SIDE_PX / max(image.shape[:2]))
+    if scale < 1.0:
+        small = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+        image = np.asarray(small, np.uint8)
+    return encode_jpeg(image, PICTURE_QUALITY), scale
 
 
 class LiveObserver(LiftEvents):
-    """Sends pictures and figures of a lift to viewers. It comes after the lift's measurement.
+    """Sends images and figures of a lift to viewers. Events must reach the lift's measurement first.
 
-    head: of the lift; its `LIFT_KEYS` go with each message. clock: of real time, which limits the rate of
-    messages, even if a simulated bench runs faster.
+    head: of the lift; its `LIFT_KEYS` go with each message. Message rates are limited in real time, even if a
+    simulated bench runs faster.
     """
 
-    def __init__(
-        self, measurement: LiftMeasurement, feed: LiveFeed, head: LiftHead, clock: Clock | None = None
-    ) -> None:
+    def __init__(self, measurement: LiftMeasurement, feed: LiveFeed, head: LiftHead) -> None:
         self._measurement = measurement
         self._sender = Sender(feed)
         self._pictures = feed.pictures
         self._lift = {**{key: getattr(head, key) for key in LIFT_KEYS}, "sender": os.getpid()}
-        self._due = Sparing(clock).due
+        self._due = Sparing().due
         self._times: dict[str, deque[int]] = {}
         self._phase = ""
         self._fused_sent = 0
@@ -45,7 +93,7 @@ class LiveObserver(LiftEvents):
         self._send("phase", {"phase": phase.value, "time_ns": time_ns})
 
     def frame(self, frame: Frame) -> None:
-        """Show a frame, unless one of its source was shown just before, and the newest figures."""
+        """Send a frame and the newest figures, subject to their rate limits."""
         self._times.setdefault(frame.serial, deque(maxlen=RATE_FRAMES)).append(frame.time_ns)
         if frame.serial not in self._measurement.angle.tips:
             self._truth.append((frame.time_ns, self._measurement.truth.latest_angle_deg()))
@@ -55,14 +103,14 @@ class LiveObserver(LiftEvents):
             self._figures(frame.time_ns)
 
     def arm(self, state: ArmState) -> None:
-        """Show the arm's pose."""
+        """Send the arm's pose."""
         if self._pictures and self._due("arm"):
             pose = state.base_T_tcp
             values = {"position_m": pose.position_m, "quaternion_xyzw": pose.quaternion_xyzw}
             self._send("arm", {"time_ns": state.time_ns, **values})
 
     def close(self) -> None:
-        """Send what is left."""
+        """Send the last figures and close the socket."""
         self._figures(max((times[-1] for times in self._times.values()), default=0))
         self._sender.close()
 
@@ -72,7 +120,7 @@ class LiveObserver(LiftEvents):
         if frame.serial not in self._measurement.angle.tips:
             values["source"] = "camera"
             corners = self._measurement.truth.latest_corners_px()
-            # OpenCV has whole numbers at a pixel's middle, viewers have halves
+            # the middle of a pixel is at whole numbers in OpenCV, at halves in viewers
             values["markers_px"] = None if corners is None else ((corners + 0.5) * scale).round(2).tolist()
         self._send("frame", values, jpeg)
 
@@ -91,7 +139,7 @@ class LiveObserver(LiftEvents):
         self._send("figures", values)
 
     def _rates_hz(self) -> dict[str, float | None]:
-        """Frames a second of each source: fingertips in the order of the bench file, then the camera."""
+        """Return frames per second by source: fingertips in the order of the bench file, then the camera."""
         tips = self._measurement.angle.tips
         camera = next((times for serial, times in self._times.items() if serial not in tips), None)
         return {**{tip: _rate(self._times.get(tip)) for tip in tips}, "camera": _rate(camera)}

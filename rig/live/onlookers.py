@@ -1,6 +1,6 @@
-"""Who is told what a command does: how far it is, what it asks, what failed, that it ended.
+"""Observers of a command's events: progress, questions, faults, its end.
 
-One list for the process, which has one terminal and runs one command. It is empty unless somebody looks on.
+One list per process, which has one terminal and runs one command. By default it is empty.
 """
 
 from collections.abc import Callable, Iterator
@@ -13,7 +13,7 @@ from rig.live.screen import set_aside
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """What happened. done, total: pieces of work, with "progress" alone."""
+    """An event of a command. done, total: pieces of work, only for "progress"."""
 
     kind: Literal["progress", "question", "answered", "fault", "end"]
     text: str = ""
@@ -22,19 +22,19 @@ class Event:
 
 
 Tell = Callable[[Event], None]
-"""Takes an event at once; never waits, never raises."""
+"""Takes an event; never blocks, never raises."""
 _onlookers: list[Tell] = []
 
 
 def tell(event: Event) -> None:
-    """Tell everybody who looks on."""
+    """Pass an event to all observers."""
     for onlooker in _onlookers:
         onlooker(event)
 
 
 @contextmanager
 def looking_on(onlooker: Tell) -> Iterator[None]:
-    """Have somebody told of all events, the last of them how the work ended."""
+    """Pass all events to an observer, at last how the work ended."""
     _onlookers.append(onlooker)
     try:
         yield
@@ -48,7 +48,7 @@ def looking_on(onlooker: Tell) -> Iterator[None]:
 
 @contextmanager
 def asked(question: str) -> Iterator[None]:
-    """Give the terminal to a question, and let it be known while it waits. question: "" is known already."""
+    """Free the terminal for a question, and announce it unless it is "", which was announced before."""
     with set_aside():
         if question:
             tell(Event("question", question))

@@ -1,4 +1,4 @@
-"""Starting and ending the live view of a session: addresses for its messages, the viewer's process."""
+"""Start and end the live view of a session: sockets for its messages, and the viewer's process."""
 
 import logging
 import os
@@ -21,9 +21,9 @@ _log = logging.getLogger("rig.live")
 
 
 def check_viewer(window: bool, file: Path | None) -> None:
-    """Say beforehand what would keep a viewer from starting.
+    """Raise `InputError` if a viewer cannot be started.
 
-    window: whether one is to be opened. file: the .rrd file to write. Raises `InputError`.
+    window: whether to open a viewer. file: the .rrd file to write.
     """
     if not window and file is None:
         return
@@ -41,10 +41,10 @@ def check_viewer(window: bool, file: Path | None) -> None:
 def live_session(
     window: bool, file: Path | None, others: tuple[Listener, ...] = ()
 ) -> Iterator[tuple[LiveFeed, Inbox]]:
-    """Give the feed that lifts send to, and the inbox of the terminal's view.
+    """Yield the feed that lifts send to, and the inbox of the terminal's view.
 
-    window, file: as `check_viewer`, which this asks first. others: who looks on besides. The
-    viewer's process ends with the session, and a viewer that ends earlier changes nothing.
+    window, file: as in `check_viewer`, which is called first. others: further listeners. The viewer's process
+    ends with the session; if it ends earlier, the session continues.
     """
     check_viewer(window, file)
     with tempfile.TemporaryDirectory(prefix="rig-live-") as folder, ExitStack() as stack:
@@ -60,9 +60,9 @@ def live_session(
 
 @contextmanager
 def viewer_feed(file: Path | None) -> Iterator[LiveFeed]:
-    """Give a feed into a .rrd file alone, without a terminal's view; without a file nobody looks on.
+    """Yield a feed into a .rrd file only, without a terminal's view; without a file it has no listeners.
 
-    Raises `InputError` as `check_viewer`.
+    Raises `InputError` as `check_viewer` does.
     """
     check_viewer(False, file)
     if file is None:
@@ -77,7 +77,7 @@ def viewer_feed(file: Path | None) -> Iterator[LiveFeed]:
 @contextmanager
 def _viewer(address: str, file: Path | None) -> Iterator[subprocess.Popen[str]]:
     command = python_command("-m", "rig.live.viewer", address, *([file] if file else []))
-    # What the viewer says goes into a file: a pipe that nobody empties would stop it.
+    # The viewer's output goes into a file: a pipe that is not read would block it.
     log = Path(f"{address}.log")
     with log.open("w") as said:
         process = subprocess.Popen(  # noqa: S603 - this program and the user's own path
@@ -97,7 +97,7 @@ def _viewer(address: str, file: Path | None) -> Iterator[subprocess.Popen[str]]:
 
 
 def viewer_environment() -> dict[str, str]:
-    """The environment in which rerun finds its own viewer: beside this Python, activated or not."""
+    """Return an environment in which rerun finds its viewer beside this Python, activated or not."""
     beside = str(Path(sys.executable).parent)
     return {**os.environ, "PATH": os.pathsep.join(filter(None, (beside, os.environ.get("PATH"))))}
 
@@ -116,7 +116,7 @@ def _wait_until_ready(process: subprocess.Popen[str], log: Path) -> None:
 
 
 def _end(process: subprocess.Popen[str]) -> None:
-    """Wait until the viewer has written what it has; one that hangs is ended."""
+    """Wait until the viewer has written everything; kill it after `END_TIMEOUT_S`."""
     if process.stdin is not None:
         with suppress(BrokenPipeError):
             process.stdin.close()

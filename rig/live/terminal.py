@@ -18,8 +18,7 @@ from rich.text import Text
 from drivers.clock import NS_PER_S
 from rig.live.console import PlainConsole
 from rig.live.feed import Inbox, Message
-from rig.live.phases import begin_phase
-from rig.live.screen import shown
+from rig.live.screen import begin_phase, shown
 from rig.live.time_left import TimeLeft, left_text
 from rig.sessions.records import LiftRow
 
@@ -31,7 +30,7 @@ USUAL_LIFT_S = 8.0
 
 @dataclass(slots=True)
 class LiftInView:
-    """What is known of a lift in progress; angles in degrees, None where there is no answer."""
+    """State of a lift in progress; angles in degrees, None without an answer."""
 
     number: int
     title: str
@@ -44,7 +43,7 @@ class LiftInView:
     newest_ns: int = 0
 
     def take(self, message: Message) -> None:
-        """Bring the lift up to date."""
+        """Update the lift from a message."""
         values = message.values
         self.phase = values.get("phase", self.phase)
         if "time_ns" in values:
@@ -59,18 +58,18 @@ class LiftInView:
 
     @property
     def seen_s(self) -> float:
-        """How much of the lift has been seen, s by the bench's clock."""
+        """Time since the first message of the lift, s by the bench's clock."""
         return 0.0 if self.began_ns is None else (self.newest_ns - self.began_ns) / NS_PER_S
 
     def angles(self) -> str:
-        """Say which lift it is, its phase and its angles."""
+        """Return the lift's title, phase and angles as text."""
         return (
             f"{self.title}, phase {self.phase or '-'}: estimate {_degrees(self.estimate_deg)}, "
             f"markers {_degrees(self.truth_deg)}"
         )
 
     def frames(self) -> str:
-        """Say how many frames a second come from each source, and how many were dropped."""
+        """Return frames per second by source, and the number of dropped frames, as text."""
         rates = ", ".join(
             f"{source} {'-' if rate is None else f'{rate:.0f}'}" for source, rate in self.rates_hz.items()
         )
@@ -155,7 +154,7 @@ class TrialView:
         return self._time_left.seconds(tuple(lift.seen_s / whole_s for lift in lifts))
 
     def _read(self) -> None:
-        """Take what came; called by the trial and by the thread that draws."""
+        """Process new messages; called by the trial and by the thread that draws."""
         with self._lock:
             for message in self._inbox.take():
                 self._begin_once()
@@ -167,14 +166,14 @@ class TrialView:
                 lift.take(message)
 
     def _begin_once(self) -> None:
-        """The time before the first lift, as of questions, says nothing of how long lifts take."""
+        """Start estimating the time left at the first lift; earlier time, as for questions, is ignored."""
         if not self._begun:
             self._begun = True
             self._time_left.begin()
 
 
 class _Refreshed:
-    """A part of the terminal that is drawn anew, by a thread of rich."""
+    """A part of the terminal that a thread of rich refreshes."""
 
     def __init__(self, console: PlainConsole, render: Callable[[], Group]) -> None:
         self._live = Live(
@@ -193,7 +192,7 @@ class _Refreshed:
 
 
 class _Plain:
-    """Lines on standard error: what has finished at once, what is in progress now and then."""
+    """Lines on standard error: finished lifts at once, lifts in progress every `PLAIN_EVERY_S`."""
 
     def __init__(self, lines: Callable[[], list[str]]) -> None:
         self._lines = lines

@@ -1,13 +1,13 @@
-"""How long work will still take: what is in progress counts by how far it is, so it never stands still."""
+"""Estimated time left. Work in progress counts by its finished share, so the estimate keeps changing."""
 
 from drivers.clock import NS_PER_S, Clock, SystemClock
 
 LEAST_WORK = 0.05
-"""Share of one piece of work from which the time for the others can be told."""
+"""Least finished share of one piece of work from which the time left is estimated."""
 MOST_IN_PROGRESS = 0.97
 """Work in progress never counts as done."""
 LEAST_S = 1.0
-"""What is told of several pieces at once, at the first look, says nothing of how long they took."""
+"""Least elapsed time for an estimate: the first report may contain several pieces at once."""
 USUAL_PIECES = 10
 """Weight of the pace of an earlier run, in pieces: the first pieces of a run include its start."""
 
@@ -29,11 +29,11 @@ class TimeLeft:
         self.total, self.done = total, done
 
     def begin(self) -> None:
-        """Measure from now on: the work begins."""
+        """Start the measurement of time."""
         self._began_ns = self._clock.now_ns()
 
     def seconds(self, shares: tuple[float, ...] = ()) -> float | None:
-        """Return the time left, s; None until enough is done to tell. shares: of each piece in progress."""
+        """Return the time left, s; None until enough is done. shares: finished, of pieces in progress."""
         in_progress = sum(min(max(share, 0.0), MOST_IN_PROGRESS) for share in shares)
         worked = self.done - self._before + in_progress
         elapsed_s = (self._clock.now_ns() - self._began_ns) / NS_PER_S if worked else 0.0
@@ -43,14 +43,14 @@ class TimeLeft:
         return pace_s * max(self.total - self.done - in_progress, 0.0)
 
     def piece_done(self, done: int, total: int) -> None:
-        """Take a finished piece: `done` now are. Measure from the first one on: it includes the start."""
+        """Count a finished piece, `done` in total; time counts from the end of the first, slower one."""
         now_ns = self._clock.now_ns()
         if self._newest_ns is None:
             self._before, self._began_ns = done, now_ns
         self.done, self.total, self._newest_ns = done, total, now_ns
 
     def counting_down(self) -> float | None:
-        """Return `seconds` where nothing tells how far the next piece is: further with each second."""
+        """Return `seconds` if the share of the next piece is unknown: assume the usual pace."""
         done = self.done - self._before
         if self._newest_ns is None or done <= 0 or self._newest_ns <= self._began_ns:
             return None

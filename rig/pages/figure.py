@@ -141,7 +141,7 @@ _SUPERFLUOUS = (
     (re.compile(r'(<svg [^>]*?)width="[^"]*" height="[^"]*"'), r"\1"),
     (re.compile(r"[ \n]+(?=[ >])"), ""),
 )
-"""What the page says once for all figures."""
+"""Parts that are the same in all figures, or that the page defines."""
 _TAG, _DIGITS = re.compile(r"<[^>]+>"), re.compile(r"\.(\d\d)\d+")
 
 

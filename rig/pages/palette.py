@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Colour:
-    """A colour by what it stands for: hex on white paper, and on a dark screen."""
+    """A colour named by its meaning: hex values on white paper and on a dark screen."""
 
     name: str
     light: str

@@ -5,12 +5,18 @@ An idle or slow client occupies a socket for at most `WAIT_S`, and no thread.
 
 import asyncio
 import ipaddress
+import os
+import select
 import socket
 from collections.abc import Callable
 from dataclasses import dataclass
 from http import HTTPStatus
 from typing import Protocol
 from urllib.parse import urlsplit
+
+from drivers.children import leave_signals_to_parent, spawn_context
+from drivers.errors import RigError
+from drivers.realtime import ordinary
 
 LOOPBACK = "127.0.0.1"
 WAIT_S = 5.0
@@ -26,6 +32,10 @@ MOST_HEAD_BYTES = MOST_BODY_BYTES = 16_384
 MOST_MESSAGE_BYTES = 200_000
 """A message of the program has to fit into a socket's send buffer, 208 KiB by default (socket(7))."""
 RETRY_S = 0.1
+GIVE_WAY = 10
+"""Niceness of the process (nice(2)): the program gets about 10 times its share of a core."""
+STOP_S = 2.0
+BACKLOG = 64
 
 
 @dataclass(frozen=True, slots=True)
@@ -207,3 +217,63 @@ async def _read(reader: asyncio.StreamReader) -> Request | None:
     if not 0 <= length <= MOST_BODY_BYTES:
         return None
     return Request(method, path, headers, await reader.readexactly(length))
+
+
+class PageProcess:
+    """Serves a page at `host` and `port` until it is closed.
+
+    make: makes the `Page`, in that process; has to be picklable. at: host and port, 0 for a free one. Raises
+    `OSError` or `UnicodeError` for an address where nothing can be served.
+    """
+
+    def __init__(self, make: Callable[[], Page], at: tuple[str, int]) -> None:
+        with socket.create_server(at, backlog=BACKLOG) as listening:
+            self.host, self.port = listening.getsockname()
+            self._program, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+            self._program.setblocking(False)
+            with theirs:
+                self._process = spawn_context().Process(
+                    target=_run, args=(make, listening, theirs), name="page"
+                )
+                self._process.start()
+
+    def send(self, message: bytes) -> bool:
+        """Send a message without waiting; return whether the page will get it."""
+        try:
+            return self._program.send(message) == len(message)
+        except OSError:  # the page is stopped or too slow, or its process has ended
+            return False
+
+    def receive(self, timeout_s: float) -> bytes | None:
+        """Return the next report of the page, None if there is none in time.
+
+        Raises `RigError` if the page's process has ended.
+        """
+        if not select.select([self._program], [], [], timeout_s)[0]:
+            return None
+        try:
+            report = self._program.recv(MOST_MESSAGE_BYTES)
+        except OSError:
+            report = b""
+        if not report:
+            raise RigError("the process that serves the page has ended; start the command again")
+        return report
+
+    def close(self) -> None:
+        """Stop serving; open connections are not waited for."""
+        self._program.close()
+        self._process.join(STOP_S)
+        if self._process.is_alive():
+            self._process.kill()
+            self._process.join()
+
+
+def _run(make: Callable[[], Page], listening: socket.socket, program: socket.socket) -> None:
+    leave_signals_to_parent()
+    os.nice(GIVE_WAY)
+    with ordinary():  # a program at real-time priority hands its priority on
+        page = make()
+        try:
+            asyncio.run(serve(page, listening, program))
+        finally:
+            page.close()

@@ -1,4 +1,4 @@
-"""An estimator over anyone's frames, and how far its angles are from the truth."""
+"""Run an estimator on frames, and score its angles against ground truth."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from rig.frames.masks import FrameSegmenter
 
 CAMERA = "camera"
-"""Stands for the external camera where a serial is asked for."""
+"""Name of the external camera in place of a serial."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -14,7 +14,7 @@ from rig.report.curves import truth_at
 from rig.report.parts import Notice, joined
 from rig.report.session import Lift, Trial, curves_of, lift_name
 from rig.results.metrics import FEWEST_LIFTS
-from rig.results.refusals import ADVICE, main_refusal
+from rig.results.summary import ADVICE, main_refusal
 from rig.sessions.records import FailedLift, FinishedLift, LiftOutcome
 
 LEAST_ANSWERED = 0.95

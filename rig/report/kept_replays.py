@@ -22,8 +22,7 @@ from rig.experiments.process_pool import run_tasks
 from rig.experiments.replay import replay_or_problem
 from rig.results.metrics import Floats
 from rig.sessions.codec import json_line
-from rig.sessions.files import append_line, drop_torn_line, state_folder
-from rig.sessions.layout import MANIFEST
+from rig.sessions.files import MANIFEST, append_line, drop_torn_line, state_folder
 from rig.sessions.records import LIFTS, FinishedLift, LiftFigures
 from rig.sessions.rows import read_usable_lifts, readable_rows
 

@@ -12,7 +12,7 @@ from drivers.images import load_image
 from drivers.types import Image
 from rig.report.parts import Notice, joined
 from rig.report.session import read_usable
-from rig.sessions.layout import RESULTS, reference_file
+from rig.sessions.files import RESULTS, reference_file
 from rig.sessions.manifest import RecordManifest
 from rig.sessions.records import POSES, PoseImage, PoseRow
 from rig.tactile.contact.finder import Contact, ContactFinder

@@ -15,7 +15,7 @@ from protocols.observer import Phase
 from rig.report.curves import Curve, LiftCurves
 from rig.report.parts import Notice, joined
 from rig.sessions.codec import Codec
-from rig.sessions.layout import RESULTS, TIMING
+from rig.sessions.files import RESULTS, TIMING
 from rig.sessions.manifest import TrialManifest
 from rig.sessions.reading import recorded_angles
 from rig.sessions.recorder import FUSED_TOPIC, TRUTH_TOPIC, RecordedAngle, slip_topic

@@ -13,7 +13,7 @@ from rig.report.curves import Curve, LiftCurves
 from rig.report.kept_replays import replayed
 from rig.report.session import UNREADABLE, read_curves, read_timing, read_usable
 from rig.results.metrics import Floats
-from rig.sessions.layout import RESULTS
+from rig.sessions.files import RESULTS
 from rig.sessions.manifest import TrialManifest, is_session, read_manifest_of
 from rig.sessions.records import LIFTS, FinishedLift, finished
 from rig.tactile.estimators import ESTIMATORS

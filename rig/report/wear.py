@@ -13,7 +13,7 @@ from drivers.images import load_image
 from protocols.observer import Phase
 from rig.report.session import UNREADABLE
 from rig.results.metrics import Mare, mare_of
-from rig.sessions.layout import reference_file
+from rig.sessions.files import reference_file
 from rig.sessions.manifest import BenchManifest, RecordManifest, TrialManifest, read_manifest_of
 from rig.sessions.reading import phase_times, recorded_frames
 from rig.sessions.records import FinishedLift

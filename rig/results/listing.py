@@ -1,4 +1,4 @@
-"""Which sessions a folder holds, what came of them, and which are broken."""
+"""List the sessions in a folder with their results and problems."""
 
 import os
 from collections.abc import Callable, Mapping, Sequence
@@ -11,8 +11,7 @@ from drivers.errors import InputError, SessionError
 from drivers.images import image_flaw
 from protocols.grasps import find_grasp_file
 from rig.results.metrics import Mare, mare_of
-from rig.sessions.layout import MANIFEST, RECORDINGS, RESULTS
-from rig.sessions.lift_columns import REPLAYS
+from rig.sessions.files import MANIFEST, RECORDINGS, RESULTS
 from rig.sessions.manifest import (
     AnyManifest,
     BenchManifest,
@@ -25,6 +24,7 @@ from rig.sessions.records import LIFTS, finished
 from rig.sessions.remarks import NO_REMARKS, Remarks
 from rig.sessions.rows import read_poses, read_rows, readable_rows
 from rig.sessions.session import in_use
+from rig.sessions.table_files import REPLAYS
 
 
 class SessionState(StrEnum):
@@ -38,7 +38,7 @@ class SessionState(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class SessionEntry:
-    """One session: what its manifest says, None where it cannot be read, and what is on disk.
+    """One session: its manifest, None if it cannot be read, and its state on disk.
 
     done: accepted lifts of a trial or poses of a recording. mare: over phases B and C, as the session's
     own estimator measured. problem: why it is broken.
@@ -54,7 +54,7 @@ class SessionEntry:
 
     @property
     def bench_manifest(self) -> TrialManifest | RecordManifest | None:
-        """The manifest of a trial or recording; None for replays and where it cannot be read."""
+        """The manifest of a trial or recording; None for replays and unreadable ones."""
         return self.manifest if isinstance(self.manifest, BenchManifest) else None
 
     @property
@@ -64,17 +64,17 @@ class SessionEntry:
 
     @property
     def remarks(self) -> Remarks:
-        """What people said of it."""
+        """The users' remarks."""
         return self.bench_manifest.remarks if self.bench_manifest else NO_REMARKS
 
     @property
     def started(self) -> str:
-        """When it was begun, UTC; empty where nobody knows."""
+        """Start, UTC; empty if unknown."""
         return self.manifest.started if self.manifest else ""
 
     @property
     def object_names(self) -> set[str]:
-        """What those objects are found by: ids and names, in lower case."""
+        """Ids and names of those objects, in lower case."""
         own = self.bench_manifest.config.objects if self.bench_manifest else ()
         names = {object_id.lower() for object_id in self.objects}
         for object_id in self.objects:
@@ -84,7 +84,7 @@ class SessionEntry:
 
     @property
     def wanted(self) -> int | None:
-        """Lifts or poses asked for; None where that is not known beforehand."""
+        """Number of requested lifts or poses; None if not known in advance."""
         return self.bench_manifest.wanted if self.bench_manifest else None
 
 
@@ -110,9 +110,9 @@ def holds_sessions(folder: Path) -> bool:
 
 
 def list_session(folder: Path, quick: bool = False) -> SessionEntry:
-    """Look at one session, every byte of its recordings; whatever is wrong with it is in the entry.
+    """Check one session, every byte of its recordings; problems are reported in the entry.
 
-    quick: see whether its recordings and images are there, no more.
+    quick: check only that its recordings and images exist.
     """
     sizes = _sizes(os.fspath(folder))
     size = sum(sizes.values())
@@ -125,7 +125,7 @@ def list_session(folder: Path, quick: bool = False) -> SessionEntry:
 
 
 def list_sessions(folders: Sequence[Path], quick: bool) -> list[SessionEntry]:
-    """Look at some sessions, one after the other, as `list_session` does."""
+    """Check several sessions one after the other, see `list_session`."""
     return [list_session(folder, quick) for folder in folders]
 
 
@@ -177,7 +177,7 @@ def _first(problems: list[str]) -> str | None:
 def _damage(
     folder: Path, file: str, sizes: Mapping[str, int], quick: bool, flaw: Callable[[Path], str | None]
 ) -> str | None:
-    """Say what is wrong with a file of a session; quick: no more than that it is not there."""
+    """Return the problem of a session's file; quick: check only that it exists."""
     if file not in sizes:
         return f"{folder / file}: the {'image' if flaw is _image_flaw else 'recording'} is missing"
     return None if quick else flaw(folder / file)

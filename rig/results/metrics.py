@@ -39,17 +39,17 @@ class Mare:
 
     @property
     def ends_deg(self) -> list[float] | None:
-        """The ends of the interval, None where there is none."""
+        """The ends of the interval, None without one."""
         return None if self.low_deg is None or self.high_deg is None else [self.low_deg, self.high_deg]
 
     @property
     def interval(self) -> str:
-        """The interval as text, "" where there is none."""
+        """The interval as text, "" without one."""
         return "" if self.low_deg is None else f"[{self.low_deg:.2f}, {self.high_deg:.2f}]"
 
     @property
     def beside(self) -> str:
-        """Interval and refused lifts as text, "" where there are none of either."""
+        """Interval and number of refused lifts as text, "" without both."""
         return f"{self.interval} {over_lifts(self.lifts, self.refused) if self.refused else ''}".strip()
 
     @property
@@ -59,12 +59,12 @@ class Mare:
 
 
 def mare_text(value: Mare | None) -> str:
-    """Return a MARE as text, also where no lift has an answer."""
+    """Return a MARE as text, also if no lift has an answer."""
     return "no answer" if value is None else value.text
 
 
 def over_lifts(lifts: int, refused: int) -> str:
-    """Say over how many lifts a mean is taken, and how many were refused."""
+    """Return over how many lifts a mean is taken, and how many were refused."""
     every = lifts + refused
     return (
         f"over {lifts} of {every} lifts, {refused} refused" if refused else f"over {counted(lifts, 'lift')}"

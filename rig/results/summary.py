@@ -1,63 +1,55 @@
-"""What a trial amounts to: the paper's table per object and MARE, with intervals."""
+"""Summaries of trials: the paper's table per object and MARE with intervals; advice on refused frames."""
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 from rig.results.metrics import Mare, mare_of
 from rig.sessions.records import ErrorSummary, FinishedLift, LiftOutcome, LiftRow, finished
 
+ADVICE = {
+    "unobservable": "Such a contact looks the same however it turns: grasp it elsewhere or at an edge.",
+    "lost": "The picture changed more than a turn can: look at the frames for stray light, a new contact or "
+    "a finger that moved.",
+    "no_contact": "The fingertip felt nothing: grip firmer, or see whether the object slid out.",
+}
+"""Advice by state without an angle."""
 
-class MeasuredLift(Protocol):
-    """What a summary needs of a lift, from a session or from a table of many; see `LiftFigures`."""
 
-    @property
-    def object(self) -> str:
-        """Its object's id."""
-        ...
+def main_refusal(states: Iterable[Mapping[str, int]]) -> str:
+    """Return the state without an angle that most frames have; "lost" if there is none.
 
-    @property
-    def name(self) -> str:
-        """Its object's name."""
-        ...
+    states: frames by state, for each lift.
+    """
+    counts: Counter[str] = Counter()
+    for lift in states:
+        counts.update({state: n for state, n in lift.items() if state in ADVICE and n})
+    return counts.most_common(1)[0][0] if counts else "lost"
 
-    @property
-    def outcome(self) -> str:
-        """How it ended."""
-        ...
 
-    @property
-    def re_b(self) -> ErrorSummary | None:
-        """Error over phase B."""
-        ...
+@dataclass(frozen=True, slots=True)
+class TableLift:
+    """A lift as read from a table, with the fields that a summary needs; see `LiftFigures`."""
 
-    @property
-    def re(self) -> ErrorSummary | None:
-        """Error over phases B and C."""
-        ...
+    object: str
+    name: str
+    lift: int
+    outcome: str
+    re_b: ErrorSummary | None
+    re: ErrorSummary | None
+    re_held: ErrorSummary | None
+    answered: float
+    final_truth_deg: float | None
 
-    @property
-    def re_held(self) -> ErrorSummary | None:
-        """Error with refused frames held."""
-        ...
 
-    @property
-    def answered(self) -> float:
-        """Share of frames answered."""
-        ...
-
-    @property
-    def final_truth_deg(self) -> float | None:
-        """True turn."""
-        ...
+MeasuredLift = FinishedLift | TableLift
 
 
 @dataclass(frozen=True, slots=True)
 class ObjectSummary:
     """One object's row of the table: lifts, outcomes, and MARE over B, and over B and C.
 
-    turn_deg: smallest and largest true turn; None where no lift has one.
+    turn_deg: smallest and largest true rotation; None if no lift has one.
     """
 
     object_id: str
@@ -71,16 +63,16 @@ class ObjectSummary:
 
     @property
     def turn_text(self) -> str:
-        """The range of the true turns in whole degrees, one number where both ends are the same."""
+        """The range of the true rotations in whole degrees, one number if both ends are equal."""
         ends = dict.fromkeys(f"{round(end) + 0:+d}" for end in self.turn_deg or ())
         return " to ".join(ends) or "-"
 
 
 @dataclass(frozen=True, slots=True)
 class ReactingSummary:
-    """What reactions to slip were worth. early: reactions to less than half a degree of turn.
+    """Effect of reactions to slip. early: number of reactions before half a degree of rotation.
 
-    added_counts: to the grip, of lifts that reacted. turns_deg: true ones at the end, without their sign.
+    added_counts: added to the grip by each lift that reacted. turns_deg: absolute true rotations at the end.
     """
 
     kind: str
@@ -94,7 +86,7 @@ class ReactingSummary:
 
 @dataclass(frozen=True, slots=True)
 class TrialSummary:
-    """The whole trial. reacting: where lifts react to slip; their errors stand apart from others'."""
+    """The whole trial. reacting: set only if lifts react to slip; their errors are listed separately."""
 
     objects: tuple[ObjectSummary, ...]
     lifts_accepted: int
@@ -108,7 +100,7 @@ class TrialSummary:
 
 
 def summarize_trial(rows: Sequence[LiftRow]) -> TrialSummary:
-    """Summarize the accepted lifts of a session's rows; faults count in none of the figures."""
+    """Summarize the accepted lifts of a session's rows; attempts ended by faults are ignored."""
     lifts = finished(rows)
     summary = summarize_lifts(lifts, sum(row.bench_s for row in rows))
     return replace(
@@ -117,7 +109,7 @@ def summarize_trial(rows: Sequence[LiftRow]) -> TrialSummary:
 
 
 def summarize_lifts(lifts: Sequence[MeasuredLift], bench_s: float) -> TrialSummary:
-    """Summarize lifts. bench_s: how long they and failed attempts took by the bench's clock."""
+    """Summarize lifts. bench_s: total duration, failed attempts included, by the bench's clock."""
     ids = list(dict.fromkeys(lift.object for lift in lifts))
     return TrialSummary(
         objects=tuple(_object_summary([lift for lift in lifts if lift.object == i]) for i in ids),

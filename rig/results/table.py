@@ -1,6 +1,6 @@
 """Tables of lifts, a flat line per lift: of one session (`lifts.csv`) and of many (`results.csv`).
 
-A line repeats a lift's row in `lifts.jsonl`. `rig.sessions.lift_columns.ReplayRow` declares its columns.
+A line repeats a lift's row in `lifts.jsonl`. `rig.sessions.table_files.ReplayRow` declares its columns.
 """
 
 from collections.abc import Sequence
@@ -11,10 +11,19 @@ from typing import Any, get_args, get_type_hints
 from drivers.errors import FormatError, InputError
 from drivers.formats import reason
 from protocols.reaction import ReactionKind
-from rig.results.summary import TrialSummary, summarize_lifts
-from rig.sessions.lift_columns import IF_REACTING, IN_CSV, REPLAYS, ReplayRow
+from rig.results.summary import TableLift, TrialSummary, summarize_lifts
 from rig.sessions.records import ErrorSummary, FinishedLift, LiftRow, ReactionRecord
-from rig.sessions.table_files import Line, csv_bytes, has_parquet, read_csv, read_parquet
+from rig.sessions.table_files import (
+    IF_REACTING,
+    IN_CSV,
+    REPLAYS,
+    Line,
+    ReplayRow,
+    csv_bytes,
+    has_parquet,
+    read_csv,
+    read_parquet,
+)
 
 
 def _plain(hint: Any) -> type:
@@ -32,28 +41,13 @@ _REACTION_TIMES = ("onset_s", "event_s", "command_s", "standstill_s")
 
 @dataclass(frozen=True, slots=True)
 class TableHead:
-    """What stands in front of a lift's row: its session, and what looked at it."""
+    """First columns of a lift's row: its session and the estimator that measured it."""
 
     session: str
     started: str
     bench: str
     estimator: str
     window: int
-
-
-@dataclass(frozen=True, slots=True)
-class TableLift:
-    """A lift of a table as far as a summary needs it, see `rig.results.summary.MeasuredLift`."""
-
-    object: str
-    name: str
-    lift: int
-    outcome: str
-    re_b: ErrorSummary | None
-    re: ErrorSummary | None
-    re_held: ErrorSummary | None
-    answered: float
-    final_truth_deg: float | None
 
 
 def table_row(
@@ -99,7 +93,7 @@ def _reaction_cells(reactions: tuple[ReactionRecord, ...] | None) -> dict[str, o
 
 
 def unread_row(head: TableHead, row: LiftRow, problem: str) -> ReplayRow:
-    """Return the line of a lift whose recording cannot be read: which one it is, and why."""
+    """Return the line of a lift whose recording cannot be read, with the reason."""
     named = {
         name: getattr(row, name) for name in ("number", "attempt", "object", "name", "lift", "simulated")
     }
@@ -117,18 +111,15 @@ def table_lines(rows: Sequence[ReplayRow]) -> list[Line]:
 
 
 def table_lift(row: ReplayRow) -> TableLift:
-    """Return what a summary needs of a line. Raises `InputError` naming the column that is empty."""
-    needed = {key: getattr(row, key) for key in ("object", "name", "lift", "outcome", "answered")}
+    """Return the fields of a line that a summary needs. Raises `InputError` naming an empty column."""
+    needed: dict[str, Any] = {
+        key: getattr(row, key) for key in ("object", "name", "lift", "outcome", "answered")
+    }
     empty = [key for key, value in needed.items() if value is None]
     if empty:
         raise InputError(f"session {row.session}, lift {row.number}: no {', '.join(empty)} in the table")
-    return TableLift(
-        **needed,
-        re_b=_error(row, "re_b"),
-        re=_error(row, "re"),
-        re_held=_error(row, "re_held"),
-        final_truth_deg=row.final_truth_deg,
-    )
+    needed |= {part: _error(row, part) for part in ERRORS}
+    return TableLift(**needed, final_truth_deg=row.final_truth_deg)
 
 
 def summarize_table(rows: Sequence[ReplayRow]) -> TrialSummary:

@@ -1,4 +1,4 @@
-"""Session folders: what is kept of every lift and pose, and how it is read back.
+"""Session folders: writing and reading the data of every lift and pose.
 
 Imports `rig.config` alone.
 """

@@ -1,4 +1,4 @@
-"""What a recording says of itself, so that it can be understood without its session."""
+"""Metadata of a recording, so that it can be understood without its session."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -25,11 +25,11 @@ _OUTLINE_RGBA = (0.0, 0.62, 0.45, 1.0)
 
 @dataclass(frozen=True, slots=True)
 class RecordingAbout:
-    """What a recording says of itself.
+    """Metadata of a recording.
 
     values: by name, for people and programs, as "object" and "seed". clock_offset_ns: from the bench's
     monotonic clock to the time of day, once for the whole file. camera_serial, camera: the external
-    camera. frames: poses in the base by the name of what is there.
+    camera. frames: poses in the base by the name of the frame.
     """
 
     values: Mapping[str, str] = field(default_factory=dict)
@@ -59,7 +59,7 @@ class RecordingAbout:
         return message
 
     def transforms(self, time_ns: int) -> FrameTransforms:
-        """Where camera and table are in the arm's base."""
+        """Poses of camera and table in the arm's base."""
         message = FrameTransforms()
         for name, pose in self.frames.items():
             transform = message.transforms.add(parent_frame_id="base", child_frame_id=name)

@@ -15,8 +15,6 @@ from drivers.errors import FormatError
 from drivers.formats import check_numbers, shown
 
 Record = TypeVar("Record")
-STRICT = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
-"""For `__pydantic_config__` of a record: no unknown key, no NaN, and true is no 1."""
 MEMBERS = ("finished", "failed", "trial", "record", "replay")
 """Names of the members of unions: parts of an error's place that are no keys."""
 _REASONS = {
@@ -24,6 +22,12 @@ _REASONS = {
     "unexpected_keyword_argument": "is a key that this version does not know",
     "extra_forbidden": "is a key that this version does not know",
 }
+
+
+def strict(kind: type[Record]) -> type[Record]:
+    """Class decorator of records: when one is read, reject unknown keys, NaN, and true in place of 1."""
+    kind.__pydantic_config__ = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)  # type: ignore[attr-defined]
+    return kind
 
 
 class Codec(Generic[Record]):
@@ -58,7 +62,7 @@ def json_line(record: Any) -> bytes:
 
 
 def json_value(record: Any) -> dict[str, Any]:
-    """Return a record as JSON values. A field that has a default is there only where it differs from it."""
+    """Return a record as JSON values, without fields that equal their default."""
     values = _adapter_of(type(record)).dump_python(record, mode="json")
     same = {field.name for field in fields(record) if getattr(record, field.name) == field.default}
     return {key: value for key, value in values.items() if key not in same}
@@ -70,7 +74,7 @@ def _adapter_of(kind: type) -> TypeAdapter[Any]:
 
 
 def _problem(error: ValidationError) -> str:
-    """Say in one line which key is wrong and why; of several the first one."""
+    """Return one line that names the first wrong key and why it is wrong."""
     first, *more = error.errors(include_url=False)
     place = ".".join(str(part) for part in first["loc"] if part not in MEMBERS)
     why = _REASONS.get(first["type"])

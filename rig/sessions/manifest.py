@@ -1,4 +1,4 @@
-"""A session's manifest: what was asked for, on which bench, and how far it is."""
+"""A session's manifest: what was requested, on which bench, and its state."""
 
 from collections.abc import Iterable
 from dataclasses import InitVar, dataclass, fields, replace
@@ -16,9 +16,8 @@ from rig.config import BenchConfig
 from rig.config.fields import FileName
 from rig.config.in_use import FileInUse
 from rig.config.objects import with_objects_of
-from rig.sessions.codec import STRICT, Codec, json_value
-from rig.sessions.files import read_whole
-from rig.sessions.layout import MANIFEST, RESULTS
+from rig.sessions.codec import Codec, json_value, strict
+from rig.sessions.files import MANIFEST, RESULTS, read_whole
 from rig.sessions.remarks import NO_REMARKS, Remarks
 
 SCHEMA_VERSION = 1
@@ -26,11 +25,10 @@ SCHEMA_VERSION = 1
 DISTRIBUTION = "visuotactile-slip-rig"
 
 
+@strict
 @dataclass(frozen=True, kw_only=True)
 class Manifest:
-    """What every session says of itself. started, completed: UTC, to the second."""
-
-    __pydantic_config__: ClassVar[ConfigDict] = STRICT
+    """Fields of every session. started, completed: UTC, to the second."""
 
     schema_version: int
     tool_version: str
@@ -42,10 +40,10 @@ class Manifest:
 
 @dataclass(frozen=True, kw_only=True)
 class BenchManifest(Manifest):
-    """What trials and recordings have in common: the bench, and what is drawn on it.
+    """Common fields of trials and recordings: the bench and the random draws on it.
 
     signs: of the fingertips by serial. calibration: the files in use, by kind and serial. config: the
-    bench with all that is in use, a lab's own objects too. objects: ids. remarks: of people.
+    bench with all values in use, a lab's own objects included. objects: ids. remarks: by people.
     """
 
     bench: str
@@ -118,7 +116,7 @@ Wanted = TypeVar("Wanted", bound=Manifest)
 
 
 def begun(kind: str) -> Manifest:
-    """Return what a new manifest says before anything is asked for."""
+    """Return the common fields of a new manifest."""
     return Manifest(
         schema_version=SCHEMA_VERSION,
         tool_version=version(DISTRIBUTION),
@@ -131,7 +129,7 @@ def begun(kind: str) -> Manifest:
 def begun_on(
     bench: BenchConfig, kind: str, seed: int, objects: Iterable[str], remarks: Remarks = NO_REMARKS
 ) -> BenchManifest:
-    """Return what a new manifest says of the bench and of what is drawn on it. objects: ids."""
+    """Return the fields of a new manifest for a session on a bench. objects: ids."""
     ids = tuple(objects)
     return BenchManifest(
         **vars(begun(kind)),
@@ -148,7 +146,7 @@ def begun_on(
 
 
 def remarked(manifest: Wanted, wanted: Manifest) -> Wanted:
-    """Return a session's manifest with what people said of it as it goes on."""
+    """Return a session's manifest with the remarks of its continuation added."""
     if not isinstance(manifest, BenchManifest) or not isinstance(wanted, BenchManifest):
         return manifest
     return replace(manifest, remarks=manifest.remarks.joined(wanted.remarks))
@@ -205,9 +203,9 @@ def require_kind(
 
 
 def first_difference(manifest: Manifest, wanted: Manifest) -> str | None:
-    """Say where a session first differs from what is asked for, as "seed 0, not 1"; None where nowhere.
+    """Return the first difference of a session from the wanted one, as "seed 0, not 1"; None without any.
 
-    Of the bench and its calibrations the one value is named that differs, as "config.camera.focal_px".
+    For the bench and its calibrations it names the single differing value, as "config.camera.focal_px".
     """
     if type(manifest) is not type(wanted):
         return f"kind {manifest.kind}, not {wanted.kind}"
@@ -221,7 +219,7 @@ def first_difference(manifest: Manifest, wanted: Manifest) -> str | None:
 
 
 def _difference(key: str, there: Any, asked: Any) -> str:
-    """Go down to the first value that differs, and say both."""
+    """Return the key of the first differing value, and both values."""
     if isinstance(there, dict) and isinstance(asked, dict):
         inner = next(k for k in (*there, *asked) if there.get(k) != asked.get(k))
         return _difference(f"{key}.{inner}", there.get(inner), asked.get(inner))
@@ -241,7 +239,7 @@ def _value(value: Any) -> str:
 
 
 _OWN = {"schema_version", "tool_version", "status", "started", "completed", "truth", "remarks"}
-"""What a session says of its own course, and people of it, not of what was asked for."""
+"""Fields that describe the session's course and people's remarks, not what was requested."""
 
 
 @dataclass(frozen=True)

@@ -5,19 +5,18 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
-from typing import Annotated, ClassVar, TypeVar
+from typing import Annotated, TypeVar
 
 from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
 from google.protobuf.message import DecodeError
-from pydantic import ConfigDict, Field
+from pydantic import Field
 
 from drivers.errors import RecordingError, SessionError
 from drivers.images import decode_stored
 from drivers.types import ArmMode, ArmState, Frame, GripperState, Pose, Vector6
 from protocols.observer import REQUIRED, LiftEvents, Phase, ReactionStep
-from rig.sessions.codec import STRICT, Codec
-from rig.sessions.phase_times import PhaseTimes
+from rig.sessions.codec import Codec, strict
 from rig.sessions.recorder import (
     ARM_TOPIC,
     GRIPPER_TOPIC,
@@ -27,7 +26,7 @@ from rig.sessions.recorder import (
     RecordedAngle,
     image_topic,
 )
-from rig.sessions.recording_file import Gaps, recorded_messages
+from rig.sessions.recording_file import Gaps, PhaseTimes, recorded_messages
 from rig.sessions.records import PhaseName
 
 Value = TypeVar("Value")
@@ -36,13 +35,13 @@ _NOT_A_TURN = 0.01
 """How far from 1 the length of a quaternion may be."""
 
 
+@strict
 @dataclass(frozen=True)
 class _Phase:
-    __pydantic_config__: ClassVar[ConfigDict] = STRICT
-
     phase: PhaseName
 
 
+@strict
 @dataclass(frozen=True)
 class RecordedReaction:
     """A step of a reaction to slip.
@@ -50,8 +49,6 @@ class RecordedReaction:
     position_steps: commanded, in the gripper's steps from open. counts: the same in the Robotiq's counts, in
     recordings of versions up to 1.0.
     """
-
-    __pydantic_config__: ClassVar[ConfigDict] = STRICT
 
     step: ReactionStep
     position_steps: int | None = None
@@ -67,6 +64,7 @@ class RecordedReaction:
         return next(value for value in (self.position_steps, self.counts) if value is not None)
 
 
+@strict
 @dataclass(frozen=True)
 class RecordedJoints:
     """What a recording holds of the arm beside its pose: rad; N and N m in the base's axes.
@@ -74,13 +72,12 @@ class RecordedJoints:
     wrench: None if the arm has no force sensor.
     """
 
-    __pydantic_config__: ClassVar[ConfigDict] = STRICT
-
     joints_rad: Vector6
     mode: ArmMode
     wrench: Vector6 | None = None
 
 
+@strict
 @dataclass(frozen=True)
 class RecordedGripper:
     """What a recording holds of the gripper.
@@ -88,8 +85,6 @@ class RecordedGripper:
     opening_m: None in recordings of versions that kept counts alone. current_a, position_counts,
     current_counts: None for a gripper without them.
     """
-
-    __pydantic_config__: ClassVar[ConfigDict] = STRICT
 
     moving: bool
     opening_m: float | None = None
@@ -102,10 +97,9 @@ class RecordedGripper:
             raise ValueError("has neither opening_m nor position_counts")
 
 
+@strict
 @dataclass(frozen=True)
 class _Angle:
-    __pydantic_config__: ClassVar[ConfigDict] = STRICT
-
     angle_deg: float | None
     sigma_deg: float | None
     state: str

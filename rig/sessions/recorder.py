@@ -9,7 +9,7 @@ the lift is over, again in the order of log times; readers that want all in one 
 """
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import IO, Protocol, cast
 
@@ -122,16 +122,15 @@ class Sink(Protocol):
 class LiftRecorder(LiftEvents):
     """Writes the messages of one lift to a binary stream as they come; `close` completes the file.
 
-    about: what the file says of itself. Nothing is written before the first message. Every method raises
+    about: the metadata of the file. Nothing is written before the first message. Every method raises
     `RecordingError` if the stream does.
     """
 
     def __init__(self, stream: Sink, about: RecordingAbout | None = None) -> None:
         self._about = about or RecordingAbout()
         self._described = about is None
-        # Images are compressed already. A chunk is read and compared with its checksum as a whole, and it is
-        # what is lost when a byte of it is damaged or when the program is killed. The checksum of all data
-        # covers what lies between chunks.
+        # No compression, because images are JPEGs. A chunk is verified as a whole: a damaged byte or a killed
+        # program loses a whole chunk. The checksum of all data covers the bytes between chunks.
         self._writer = Writer(
             cast("IO[bytes]", stream),
             chunk_size=CHUNK_BYTES,
@@ -158,7 +157,7 @@ class LiftRecorder(LiftEvents):
         self._protobuf(image_topic(frame.serial), message, frame.time_ns, frame.sequence)
 
     def arm(self, state: ArmState) -> None:
-        """Keep the arm's state."""
+        """Record the arm's state."""
         message = PoseInFrame(frame_id="base")
         message.timestamp.FromNanoseconds(self._date(state.time_ns))
         position, quaternion = message.pose.position, message.pose.orientation
@@ -170,32 +169,32 @@ class LiftRecorder(LiftEvents):
         self._json(JOINTS_TOPIC, "rig.Joints", state.time_ns, joints)
 
     def gripper(self, state: GripperState) -> None:
-        """Keep the gripper's state: opening, current if known, and of its own readings the counts."""
+        """Record the gripper's state: opening, current if known, and the counts of a Robotiq."""
         counts = {name: state.raw[name] for name in RAW_COUNTS if name in state.raw}
         current = {} if state.current_a is None else {"current_a": state.current_a}
         value = {"opening_m": state.opening_m, "moving": state.moving, **current, **counts}
         self._json(GRIPPER_TOPIC, "rig.Gripper", state.time_ns, value)
 
     def phase(self, phase: str, time_ns: int) -> None:
-        """Keep where a phase begins; before the first one, where camera and table are."""
+        """Record the start of a phase; before the first one, the poses of camera and table."""
         self._describe_once(time_ns)
         self._json(PHASE_TOPIC, "rig.Phase", time_ns, {"phase": phase})
 
     def reaction(self, step: str, time_ns: int, position: int) -> None:
-        """Keep a step of a reaction to slip. position: commanded, in steps of the gripper from open."""
+        """Record a step of a reaction to slip. position: commanded, in steps of the gripper from open."""
         self._json(REACTION_TOPIC, "rig.Reaction", time_ns, {"step": step, "position_steps": position})
 
     def angle(self, topic: str, angle: RecordedAngle) -> None:
-        """Keep an angle, of a fingertip, fused, or of the markers."""
+        """Record an angle of a fingertip, the fused one, or the markers' one."""
         value = {"angle_deg": angle.angle_deg, "sigma_deg": angle.sigma_deg, "state": angle.state}
         area = {} if angle.contact_area_px is None else {"contact_area_px": angle.contact_area_px}
         date = self._date(angle.time_ns)
         data = _json_bytes({**value, **area})
-        # known when the lift is over, fingertip by fingertip
+        # angles come after the lift, one fingertip after the other
         self._results.append(_Message(self._json_channel(topic, "rig.Angle"), date, date, 0, data))
 
     def contact(self, serial: str, outline_px: Sequence[NDArray[np.floating]], time_ns: int) -> None:
-        """Keep the outline of a fingertip's contact, (N, 2) px each; none where nothing is touched."""
+        """Record the outline of a fingertip's contact, (N, 2) px each; empty without contact."""
         message = contact_outline(outline_px, self._date(time_ns))
         self._protobuf(f"{CONTACT_PREFIX}{serial}", message, time_ns, 0)
 
@@ -211,15 +210,10 @@ class LiftRecorder(LiftEvents):
     def _date(self, time_ns: int) -> int:
         return time_ns + self._about.clock_offset_ns
 
-    def _channel_metadata(self) -> dict[str, str]:
-        """With each channel, because a file's summary repeats channels, and is held to a checksum."""
-        offset = self._about.clock_offset_ns
-        return {CLOCK_OFFSET: str(offset)} if offset else {}
-
     def close(self) -> None:
         """Write the angles in the order of their log times, and complete the file (index and summary)."""
         self._begin()
-        for message in sorted(self._results, key=_log_time):
+        for message in sorted(self._results, key=lambda message: message.log_time):
             self._write(message)
         self._writer.finish()
 
@@ -237,7 +231,7 @@ class LiftRecorder(LiftEvents):
         )
 
     def _json(self, topic: str, schema: str, time_ns: int, value: Mapping[str, object]) -> None:
-        """Keep a small JSON value under one of this module's schemas."""
+        """Write a small JSON value with one of this module's schemas."""
         self._keep(self._json_channel(topic, schema), time_ns, _json_bytes(value), 0)
 
     def _keep(self, channel: int, time_ns: int, data: bytes, sequence: int) -> None:
@@ -247,40 +241,38 @@ class LiftRecorder(LiftEvents):
         self._latest_ns = max(latest, min(date, latest + _LARGEST_STEP_NS))
         self._write(_Message(channel, self._latest_ns, date, sequence, data))
 
-    def _json_channel(self, topic: str, schema: str) -> int:
-        if topic not in self._channels:
-            self._channels[topic] = self._writer.register_channel(
-                topic=topic,
-                message_encoding=MessageEncoding.JSON,
-                schema_id=self._json_schema(schema),
-                metadata=self._channel_metadata(),
-            )
-        return self._channels[topic]
-
-    def _json_schema(self, name: str) -> int:
-        if name not in self._schemas:
+    def _json_channel(self, topic: str, name: str) -> int:
+        def register() -> int:
             schema = {"type": "object", "title": name, "properties": _SCHEMAS[name]}
-            self._schemas[name] = self._writer.register_schema(
-                name, SchemaEncoding.JSONSchema, json.dumps(schema).encode()
+            return self._writer.register_schema(
+                name=name, encoding=SchemaEncoding.JSONSchema, data=json.dumps(schema).encode()
             )
-        return self._schemas[name]
+
+        return self._channel(topic, name, MessageEncoding.JSON, register)
 
     def _protobuf(self, topic: str, message: Message, time_ns: int, sequence: int) -> None:
+        def register() -> int:
+            return register_schema(self._writer, type(message))
+
+        channel = self._channel(topic, type(message).__name__, MessageEncoding.Protobuf, register)
+        self._keep(channel, time_ns, message.SerializeToString(deterministic=True), sequence)
+
+    def _channel(self, topic: str, schema: str, encoding: str, register: Callable[[], int]) -> int:
+        """Return a topic's channel; register it, and its schema with `register`, when first used.
+
+        Each channel has the clock offset, because a file's summary repeats channels and has a checksum.
+        """
         if topic not in self._channels:
-            name = type(message).__name__
-            if name not in self._schemas:
-                self._schemas[name] = register_schema(self._writer, type(message))
+            if schema not in self._schemas:
+                self._schemas[schema] = register()
+            offset = self._about.clock_offset_ns
             self._channels[topic] = self._writer.register_channel(
                 topic=topic,
-                message_encoding=MessageEncoding.Protobuf,
-                schema_id=self._schemas[name],
-                metadata=self._channel_metadata(),
+                message_encoding=encoding,
+                schema_id=self._schemas[schema],
+                metadata={CLOCK_OFFSET: str(offset)} if offset else {},
             )
-        self._keep(self._channels[topic], time_ns, message.SerializeToString(deterministic=True), sequence)
-
-
-def _log_time(message: _Message) -> int:
-    return message.log_time
+        return self._channels[topic]
 
 
 def _json_bytes(value: Mapping[str, object]) -> bytes:

@@ -21,7 +21,7 @@ from mcap.stream_reader import StreamReader
 
 from drivers.clock import NS_PER_S
 from rig.sessions.about import CLOCK_OFFSET
-from rig.sessions.layout import MAGIC
+from rig.sessions.files import MAGIC
 
 MOST_CHUNK = 64_000_000
 """Bytes of an unpacked chunk; the recorder's hold an eighth of a megabyte, and a picture."""
@@ -75,7 +75,7 @@ class Layout:
 
 
 def summary_layout(stream: IO[bytes]) -> Layout:
-    """Read the summary, which says where everything is. Raises one of `DAMAGE`."""
+    """Read the summary, the index of all chunks. Raises one of `DAMAGE`."""
     _require_magic(stream)
     tail = FOOTER.size + len(MAGIC)
     size = stream.seek(0, io.SEEK_END)
@@ -154,7 +154,7 @@ def chunk_messages(stream: IO[bytes], layout: Layout, number: int) -> Iterator[t
         if opcode == Opcode.CHANNEL:
             layout.add_channel(Channel.read(ReadDataStream(io.BytesIO(data[begin:at]))))
         if opcode == Opcode.MESSAGE:
-            # its own time is that of publishing; the log's says where it stands in the file
+            # the publish time is the message's own; the log time is its place in the file
             channel, sequence, _, time_ns = _MESSAGE.unpack_from(data[begin:at])
             if time_ns > LAST_NS:
                 raise ValueError(f"{layout.where(number)}: a message's time is beyond 64 bits")

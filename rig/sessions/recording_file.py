@@ -15,9 +15,11 @@ from mcap.opcode import Opcode
 from mcap.records import Metadata
 from mcap.stream_reader import StreamReader
 
+from drivers.clock import to_ns
 from drivers.errors import RigError, SessionError
 from drivers.formats import reason
-from rig.sessions.layout import is_unfinished
+from protocols.observer import REQUIRED
+from rig.sessions.files import is_unfinished
 from rig.sessions.recording_chunks import (
     DAMAGE,
     DATA_END,
@@ -30,6 +32,8 @@ from rig.sessions.recording_chunks import (
     summary_layout,
 )
 
+_LONGEST_S = 3600.0
+"""No lift takes longer."""
 MOST_NAMED = 3
 """Gaps that an error names."""
 _PORTION = 1 << 20
@@ -38,6 +42,42 @@ RecordedMessage = tuple[str, int, int, bytes]
 """Topic, time in ns, sequence, data."""
 Gaps = list[str]
 """What of a recording cannot be read: which chunk, its time since the recording's start, and why."""
+
+
+class PhaseTimes:
+    """Collects the phases of a recording.
+
+    The phases that every whole lift has come in their order; phases of other versions may stand between them.
+    gaps: of the recording, if they are passed over; a phase that one hides may then be missing.
+    """
+
+    def __init__(self, path: Path, gaps: Gaps | None = None) -> None:
+        self._path = path
+        self._gaps = gaps
+        self._times_ns: dict[str, int] = {}
+
+    def add(self, name: str, time_ns: int) -> None:
+        """Add a phase. Raises `SessionError` if it does not follow those so far."""
+        begun = list(self._times_ns.values()) or [time_ns]
+        in_time = begun[-1] <= time_ns <= begun[0] + to_ns(_LONGEST_S)
+        if name in self._times_ns or not in_time or not self._follows(name):
+            raise SessionError(f"{self._path}: the recording is damaged (phase {name} out of its order)")
+        self._times_ns[name] = time_ns
+
+    def complete(self) -> dict[str, int]:
+        """Return all phases, ns. Raises `SessionError` if one is missing from a finished recording."""
+        missing = [phase.value for phase in REQUIRED if phase not in self._times_ns]
+        if missing and not is_unfinished(self._path):
+            raise SessionError(f"{self._path}: is no whole lift: phase {', '.join(missing)} is missing")
+        return self._times_ns
+
+    def _follows(self, name: str) -> bool:
+        if name not in REQUIRED:
+            return True
+        left = REQUIRED[sum(other in REQUIRED for other in self._times_ns) :]
+        if self._gaps:
+            return name in left
+        return [name] == list(left[:1])
 
 
 def recorded_messages(
@@ -94,7 +134,7 @@ def gaps_text(path: Path, gaps: Gaps, error: RigError | None = None) -> str:
 
 
 def recording_values(path: Path) -> dict[str, str]:
-    """Return what a recording says of itself by name, see `RecordingAbout`. Raises `SessionError`."""
+    """Return a recording's metadata by name, see `RecordingAbout`. Raises `SessionError`."""
     try:
         with path.open("rb") as stream:
             records = StreamReader(stream, emit_chunks=True, record_size_limit=MOST_CHUNK).records
@@ -152,7 +192,7 @@ def _bench_time(time_ns: int, offset_ns: int) -> int:
 
 
 def _data_flaw(stream: IO[bytes], layout: Layout) -> str | None:
-    """Return None if the checksum of all data fits, else what is wrong, empty if there is no checksum."""
+    """Return None if the checksum of all data matches, else the flaw, "" without a checksum."""
     if layout.summary_begin is None:
         return ""
     stream.seek(layout.summary_begin - DATA_END.size)

@@ -9,19 +9,19 @@ and ignored (`InitVar`); any other change is a new version.
 from collections.abc import Iterable
 from dataclasses import InitVar, dataclass
 from enum import StrEnum
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, Literal
 
-from pydantic import AfterValidator, ConfigDict, Discriminator, Field, Tag
+from pydantic import AfterValidator, Discriminator, Field, Tag
 
 from protocols.observer import REQUIRED
 from protocols.reaction import ReactionKind
 from rig.config.fields import FileName, InnerPath
-from rig.sessions.codec import STRICT, Codec
+from rig.sessions.codec import Codec, strict
 from rig.tactile.foreign import EstimatorFaults
 
 
 class LiftOutcome(StrEnum):
-    """How a lift ended. A fault says nothing of the object, all others are results.
+    """How a lift ended. A fault is no result for the object; all others are results.
 
     caught: a reaction to slip kept the turn within the limit, and it came to full height; also where the turn
     never became half a degree.
@@ -73,7 +73,7 @@ class MarkerDistance:
 
 @dataclass(frozen=True, slots=True)
 class SlipThreshold:
-    """From which angle since rest and at which rate on a fingertip tells of a slip."""
+    """Angle since rest, and rate, above which a fingertip reports a slip."""
 
     angle_deg: float
     rate_deg_s: float
@@ -109,16 +109,15 @@ class ReactionRecord:
         """Ignore the key that is no longer written."""
 
 
+@strict
 @dataclass(frozen=True, kw_only=True)
 class LiftHead:
-    """Which lift it was, and how it was told to go.
+    """Identity of a lift, and its parameters.
 
     number: in the session, from 1. lift: of its object, from 1. attempt: from 0. position: as the object's
     file names it. grip_counts: beyond first contact. recording: file in the session. react: what was to be
     done about slip. force_n: a key of sessions of version 1.0, which is read and ignored.
     """
-
-    __pydantic_config__: ClassVar[ConfigDict] = STRICT
 
     number: int
     attempt: int
@@ -214,14 +213,13 @@ class PoseImage:
     contact_area_px: float
 
 
+@strict
 @dataclass(frozen=True, kw_only=True)
 class PoseRow:
     """A line of `poses.jsonl`: an attempt at a grasp pose. fault: why it does not count, else None.
 
     force_n: a key of sessions of version 1.0, which is read and ignored.
     """
-
-    __pydantic_config__: ClassVar[ConfigDict] = STRICT
 
     pose: int
     attempt: int
@@ -240,7 +238,7 @@ class PoseRow:
 
 
 def _member(values: object) -> str:
-    """Tell what a line is to be read as; one that does not say it is read as a finished lift."""
+    """Return the union member of a line; a line without `accepted` counts as a finished lift."""
     accepted = values.get("accepted", True) if isinstance(values, dict) else True
     return "finished" if accepted is True else "failed"
 

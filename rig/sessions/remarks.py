@@ -1,23 +1,19 @@
-"""What a person says of a session: a name, a note, tags, who was there. Nothing is measured by it."""
+"""A person's remarks on a session: name, note, tags, operator. They do not affect measurements."""
 
 import re
 from dataclasses import dataclass, replace
-from typing import ClassVar
-
-from pydantic import ConfigDict
 
 from drivers.errors import InputError
-from rig.sessions.codec import STRICT
+from rig.sessions.codec import strict
 
 LONGEST_NAME, LONGEST_NOTE, LONGEST_TAG, MOST_TAGS = 80, 2000, 40, 20
 _TAG = re.compile(r"\w[\w.+-]*")
 
 
+@strict
 @dataclass(frozen=True)
 class Remarks:
-    """Each is empty where nobody said it."""
-
-    __pydantic_config__: ClassVar[ConfigDict] = STRICT
+    """Name, note, tags and operator; empty if not given."""
 
     name: str = ""
     note: str = ""
@@ -25,12 +21,12 @@ class Remarks:
     operator: str = ""
 
     def joined(self, later: "Remarks") -> "Remarks":
-        """Return these with what was said later: its tags added, its other words instead."""
+        """Return these with later remarks: their tags added, their other texts in place of the old ones."""
         words = {key: getattr(later, key) or getattr(self, key) for key in ("name", "note", "operator")}
         return replace(self, **words, tags=tuple(dict.fromkeys((*self.tags, *later.tags))))
 
     def lines(self) -> list[str]:
-        """Say them, a line each, those that are there."""
+        """Return a line for each remark that was given."""
         said = {"tags": ", ".join(self.tags), "operator": self.operator, "note": self.note}
         return [f"{what}: {text}" for what, text in said.items() if text]
 
@@ -39,7 +35,7 @@ NO_REMARKS = Remarks()
 
 
 def remarks_of(name: str | None, note: str | None, tags: list[str] | None, operator: str | None) -> Remarks:
-    """Return what was typed. Raises `InputError` for what could not be shown on a line."""
+    """Return the remarks typed by the user. Raises `InputError` for text that does not fit on one line."""
     for what, text, longest in (
         ("name", name, LONGEST_NAME), ("note", note, LONGEST_NOTE), ("operator", operator, LONGEST_NAME)
     ):  # fmt: skip

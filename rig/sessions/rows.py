@@ -7,8 +7,7 @@ from typing import TypeVar
 from drivers.errors import SessionError
 from drivers.images import image_flaw
 from rig.sessions.codec import Codec
-from rig.sessions.files import complete_lines
-from rig.sessions.layout import RESULTS
+from rig.sessions.files import RESULTS, complete_lines
 from rig.sessions.recording_file import check_recording
 from rig.sessions.records import LIFTS, POSES, FinishedLift, LiftRow, PoseRow, finished
 
@@ -23,14 +22,14 @@ class DamagedLine:
     problem: str
 
     def text(self, path: Path) -> str:
-        """Say what is wrong, and what to do about it. path: of the file."""
+        """Return the problem and its remedy. path: of the file."""
         where = f"{path}: line {self.number}"
         return f"{where} is damaged: {self.problem}; move the session aside or remove that line"
 
 
 @dataclass(frozen=True, slots=True)
 class UsableLifts:
-    """What of a trial's attempts at lifts can be read, and what is wrong with the others."""
+    """The readable attempts at a trial's lifts, and the problems of the others."""
 
     rows: tuple[LiftRow, ...]
     problems: tuple[str, ...]
@@ -53,7 +52,7 @@ def read_rows(path: Path, codec: Codec[Record]) -> list[Record]:
 
 
 def readable_rows(path: Path, codec: Codec[Record]) -> tuple[list[Record], list[DamagedLine]]:
-    """Read what can be read of a file of lines, and say what cannot. Raises `SessionError` as a whole."""
+    """Return the readable records of a file of lines, and its damaged lines. Raises `SessionError`."""
     rows: list[Record] = []
     damaged: list[DamagedLine] = []
     for number, text in enumerate(complete_lines(path), start=1):
@@ -70,7 +69,7 @@ def read_lifts(folder: Path) -> list[LiftRow]:
 
 
 def read_finished_lifts(folder: Path) -> list[FinishedLift]:
-    """Read a trial's lifts that count. Raises `SessionError`, also where there is none."""
+    """Read the accepted lifts of a trial. Raises `SessionError`, also if there is none."""
     usable = read_usable_lifts(folder)
     if usable.problems:
         raise SessionError(usable.problems[0])
@@ -78,10 +77,10 @@ def read_finished_lifts(folder: Path) -> list[FinishedLift]:
 
 
 def read_usable_lifts(folder: Path, checked: bool = False) -> UsableLifts:
-    """Read what can be read of a trial's lifts, whatever is wrong with the others.
+    """Return the readable lifts of a trial, and the problems of the others.
 
-    checked: hold each recording to its checksums, and leave out the lifts of damaged ones. Raises
-    `SessionError` where no lift is left that counts.
+    checked: verify the checksums of each recording, and leave out the lifts of damaged ones. Raises
+    `SessionError` if no accepted lift is left.
     """
     path = folder / RESULTS["trial"]
     rows, damaged = readable_rows(path, LIFTS)
@@ -99,9 +98,9 @@ def read_usable_lifts(folder: Path, checked: bool = False) -> UsableLifts:
 
 
 def read_usable_poses(folder: Path) -> tuple[list[PoseRow], list[str]]:
-    """Read what can be read of a recording's poses and images, and say what is wrong with the others.
+    """Return the readable poses and images of a recording, and the problems of the others.
 
-    Raises `SessionError` where no image is left.
+    Raises `SessionError` if no image is left.
     """
     path = folder / RESULTS["record"]
     rows, damaged = readable_rows(path, POSES)

@@ -13,8 +13,18 @@ from typing import Any, Generic, TypeVar
 
 from drivers.errors import InputError, RecordingError
 from rig.sessions.codec import Codec, json_line, json_value
-from rig.sessions.files import append_line, drop_torn_line, not_written, write_file, write_json
-from rig.sessions.layout import LOCK, LOG, MANIFEST, RESULTS, TIMING
+from rig.sessions.files import (
+    LOCK,
+    LOG,
+    MANIFEST,
+    RESULTS,
+    TIMING,
+    append_line,
+    drop_torn_line,
+    not_written,
+    write_file,
+    write_json,
+)
 from rig.sessions.manifest import Manifest, first_difference, now_text, read_manifest, remarked
 from rig.sessions.rows import read_rows
 from rig.sessions.timing import TimingLine
@@ -22,16 +32,16 @@ from rig.sessions.unfinished import set_aside
 
 Row = TypeVar("Row")
 SESSIONS = Path("sessions")
-"""Where sessions go unless somebody says otherwise."""
+"""Default folder of new sessions."""
 
 
 class SessionLog(logging.FileHandler):
-    """A log that ends nothing: where it cannot be written, as on a full disk, that is said once."""
+    """A log whose failure, as on a full disk, is reported once and interrupts nothing."""
 
     _lost = False
 
     def handleError(self, record: logging.LogRecord) -> None:  # noqa: N802 - the library's name
-        """Say that the log goes no further."""
+        """Report once that the log cannot be written."""
         if not self._lost:
             self._lost = True
             text = f"{self.baseFilename}: cannot be written ({sys.exc_info()[1]}); the log ends here"
@@ -39,7 +49,7 @@ class SessionLog(logging.FileHandler):
                 print(text, file=sys.stderr, flush=True)
 
     def close(self) -> None:
-        """Let go of the file, whatever is left to be written to it."""
+        """Close the file even if the rest cannot be written."""
         with suppress(OSError):
             super().close()
 
@@ -52,7 +62,7 @@ class Session(Generic[Row]):
     """
 
     def __init__(self, folder: Path, manifest: Manifest, codec: Codec[Row], begun_here: bool = False) -> None:
-        """begun_here: whether this process began it, and may remove it where it comes to nothing."""
+        """begun_here: whether this process created the folder and may remove it if it stays empty."""
         self.folder = folder
         self._begun_here = begun_here
         self.manifest = manifest
@@ -73,7 +83,7 @@ class Session(Generic[Row]):
         return self.manifest.status == "complete"
 
     def keep(self) -> None:
-        """Keep the folder though the session may end before its first result: its work begins now."""
+        """Keep the folder even if the session ends before its first result, because its work begins now."""
         self._begun_here = False
 
     def add(self, row: Row, timing: TimingLine) -> None:
@@ -102,14 +112,14 @@ class Session(Generic[Row]):
             raise not_written(final, error) from error
 
     def finish(self, order: Callable[[Row], Any]) -> None:
-        """Put the results in order (they may have come side by side) and mark the target reached."""
+        """Sort the results (parallel lifts finish in any order) and mark the session complete."""
         self.rows.sort(key=order)
         write_file(self._results, b"".join(map(json_line, self.rows)))
         self.manifest = replace(self.manifest, status="complete", completed=now_text())
         write_json(self.folder / MANIFEST, json_value(self.manifest))
 
     def close(self) -> None:
-        """Let another process use the folder. Safe to call twice."""
+        """Release the folder for other processes. Safe to call twice."""
         logging.getLogger("rig").removeHandler(self._log)
         self._log.close()
         if self._lock >= 0:
@@ -157,7 +167,7 @@ def open_session(folder: Path, wanted: Manifest, codec: Codec[Row], resume: bool
 
 
 def _continued(folder: Path, manifest: Manifest, wanted: Manifest, codec: Codec[Row]) -> Session[Row]:
-    """Open a session again; what people say of it now is kept beside what they said."""
+    """Open a session again and add the new remarks to the stored ones."""
     now = remarked(manifest, wanted)
     session = Session(folder, now, codec)
     if now != manifest:
@@ -166,15 +176,15 @@ def _continued(folder: Path, manifest: Manifest, wanted: Manifest, codec: Codec[
 
 
 def newest_unfinished(kind: str, bench: str | None, folder: Path | None = None) -> Path:
-    """Return the unfinished session of a kind that was started last, of those that nobody is writing.
+    """Return the unfinished session of a kind that was started last and is not in use.
 
-    bench: its name, None for kinds without. folder: where sessions lie, by default where new ones go.
-    Raises `InputError` where there is none.
+    bench: its name, None for kinds without. folder: of the sessions, by default that of new ones.
+    Raises `InputError` if there is none.
     """
     folder = folder or SESSIONS
     found: list[tuple[str, Path]] = []
     for path in sorted(folder.iterdir()) if folder.is_dir() else []:
-        with suppress(InputError):  # what is broken is no session to go on with
+        with suppress(InputError):  # a broken session cannot be continued
             manifest = read_manifest(path)
             of_bench = bench is None or getattr(manifest, "bench", None) == bench
             if manifest.kind == kind and manifest.status == "running" and of_bench and not in_use(path):
@@ -186,7 +196,7 @@ def newest_unfinished(kind: str, bench: str | None, folder: Path | None = None) 
 
 
 def in_use(folder: Path) -> bool:
-    """Whether a process holds the session's lock; a lock left behind holds nothing."""
+    """Whether a process holds the session's lock; a lock file alone means nothing."""
     try:
         handle = os.open(folder / LOCK, os.O_RDONLY)
     except OSError:
@@ -201,11 +211,11 @@ def in_use(folder: Path) -> bool:
 
 
 def _remove_if_empty(folder: Path) -> None:
-    """Remove a session that holds nothing but what every session begins with."""
+    """Remove a session that contains only the initial files of every session."""
     if {path.name for path in folder.iterdir()} <= {MANIFEST, LOCK, LOG}:
         for path in folder.iterdir():
             path.unlink()
-        with suppress(OSError):  # a folder that somebody is in stays, empty
+        with suppress(OSError):  # the current folder of another process cannot be removed
             folder.rmdir()
 
 
@@ -219,7 +229,7 @@ def _require_same(folder: Path, manifest: Manifest, wanted: Manifest) -> None:
 
 
 def _left_by_a_crash(folder: Path) -> bool:
-    """Whether only the traces of a start that was killed before its manifest are there."""
+    """Whether a folder contains only files of a session that was killed before its manifest was complete."""
     return all(path.name in (LOCK, MANIFEST + ".part") for path in folder.iterdir())
 
 
@@ -233,7 +243,7 @@ def _make_folder(folder: Path) -> None:
 
 
 def _locked(folder: Path) -> int:
-    """Take the folder's lock; the system lets go of it when this process ends, however it ends."""
+    """Lock the folder; the system releases the lock when this process ends in any way."""
     try:
         handle = os.open(folder / LOCK, os.O_RDWR | os.O_CREAT, 0o644)
     except OSError as error:

@@ -1,11 +1,8 @@
 """What took how long, line by line: apart from the results, which are the same for the same seed."""
 
 from dataclasses import dataclass
-from typing import ClassVar
 
-from pydantic import ConfigDict
-
-from rig.sessions.codec import STRICT, Codec
+from rig.sessions.codec import Codec, strict
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,11 +24,10 @@ class LatencyTimes:
     max_ms: float
 
 
+@strict
 @dataclass(frozen=True, kw_only=True)
 class LiftTiming:
     """A trial's line of `timing.jsonl`. capture_to_angle: by serial, on benches in real time alone."""
-
-    __pydantic_config__: ClassVar[ConfigDict] = STRICT
 
     number: int
     attempt: int
@@ -40,22 +36,20 @@ class LiftTiming:
     capture_to_angle: dict[str, LatencyTimes] | None = None
 
 
+@strict
 @dataclass(frozen=True, kw_only=True)
 class PoseTiming:
     """A recording's line of `timing.jsonl`."""
-
-    __pydantic_config__: ClassVar[ConfigDict] = STRICT
 
     pose: int
     attempt: int
     wall_s: float
 
 
+@strict
 @dataclass(frozen=True, kw_only=True)
 class ReplayTiming:
     """A replay's line of `timing.jsonl`: the order in which the lifts came."""
-
-    __pydantic_config__: ClassVar[ConfigDict] = STRICT
 
     session: str
     number: int | None

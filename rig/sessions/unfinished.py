@@ -1,19 +1,116 @@
-"""Recordings of lifts under way, and those that an interrupted lift leaves behind.
+"""Recordings of lifts under way, which a background thread writes, and those of interrupted lifts.
 
 A lift is recorded under an unfinished name, in whichever process carries it out. The process that writes the
-results gives the recording its final name before the lift's line is appended. So a recording under an
-unfinished name never counts as a lift, and it keeps its name when the program is killed.
+results gives the recording its final name before it appends the lift's line. So a recording under an
+unfinished name never counts as a lift, and it keeps its name if the program is killed.
 """
 
-from collections.abc import Iterator
+import os
+from collections.abc import Iterable, Iterator
 from contextlib import closing, contextmanager, suppress
 from itertools import count
 from pathlib import Path
+from queue import SimpleQueue
+from threading import Lock, Thread
 
 from drivers.errors import RecordingError
-from rig.sessions.background_file import BackgroundFile
-from rig.sessions.layout import RECORDINGS, is_unfinished, unfinished_name
+from rig.sessions.files import RECORDINGS, is_unfinished, not_written, unfinished_name
 from rig.sessions.recorder import LiftRecorder
+
+MOST_WAITING = 64_000_000
+"""Bytes that may wait for the disk: about 20 s of a lift at 3 MB/s. A disk that stalls longer is a fault."""
+
+
+class BackgroundFile:
+    """A new file for binary data. `write` copies nothing and waits for nothing; `close` waits for the disk.
+
+    names: paths in order of preference. The first that does not exist is created at the first write, so an
+    existing file is never overwritten, and a file to which nothing is written is never created.
+    """
+
+    def __init__(self, names: Iterable[Path]) -> None:
+        self._names = iter(names)
+        self._path = next(self._names)
+        self._queue: SimpleQueue[bytes | None] = SimpleQueue()
+        self._lock = Lock()
+        self._waiting = 0
+        self._size = 0
+        self._failure: OSError | None = None
+        self._thread: Thread | None = None
+
+    @property
+    def path(self) -> Path:
+        """Where the file is; before the first write the preferred path."""
+        return self._path
+
+    def write(self, data: bytes) -> int:
+        """Queue data and return their size.
+
+        Raises `RecordingError` if the file cannot be created, if an earlier write failed, as on a full disk,
+        or if the disk is slower than the data for longer than the queue lasts.
+        """
+        if self._thread is None:
+            self._thread = self._started()
+        self._raise_failure()
+        with self._lock:
+            self._waiting += len(data)
+        if self._waiting > MOST_WAITING:
+            raise RecordingError(
+                f"{self._path}: the disk is too slow: {self._waiting / 1e6:.0f} MB wait to be written; "
+                "use a faster disk, or end other programs that write, then continue with --resume"
+            )
+        self._queue.put(data)
+        self._size += len(data)
+        return len(data)
+
+    def tell(self) -> int:
+        """Return how many bytes were given to `write`."""
+        return self._size
+
+    def close(self) -> None:
+        """Wait until all data are on the disk. Safe to call twice. Raises `RecordingError` if that fails."""
+        if self._thread is not None:
+            self._queue.put(None)
+            self._thread.join()
+        self._raise_failure()
+
+    def _started(self) -> Thread:
+        try:
+            self._path.parent.mkdir(parents=True, exist_ok=True)
+            handle = self._created()
+        except OSError as error:
+            raise not_written(self._path, error) from error
+        thread = Thread(
+            target=self._write_all, args=(handle,), name=f"writer of {self._path.name}", daemon=True
+        )
+        thread.start()
+        return thread
+
+    def _created(self) -> int:
+        while True:
+            try:
+                return os.open(self._path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o644)
+            except FileExistsError:
+                self._path = next(self._names)
+
+    def _write_all(self, handle: int) -> None:
+        """Write what is queued until `close`; after a failure write no more."""
+        try:
+            while (data := self._queue.get()) is not None:
+                left = memoryview(data)
+                while left:
+                    left = left[os.write(handle, left) :]
+                with self._lock:
+                    self._waiting -= len(data)
+            os.fsync(handle)
+        except OSError as error:
+            self._failure = error
+        finally:
+            os.close(handle)
+
+    def _raise_failure(self) -> None:
+        if self._failure is not None:
+            raise not_written(self._path, self._failure) from self._failure
 
 
 def unfinished_names(recording: Path) -> Iterator[Path]:
@@ -24,7 +121,7 @@ def unfinished_names(recording: Path) -> Iterator[Path]:
 def new_recording(folder: Path, recording: str) -> BackgroundFile:
     """Return the file in which a lift is recorded, under an unfinished name that is still free.
 
-    folder: of the session. recording: final name in it, as `rig.sessions.layout.recording_file` gives it.
+    folder: of the session. recording: final name in it, as `rig.sessions.files.recording_file` gives it.
     """
     return BackgroundFile(unfinished_names(folder / recording))
 

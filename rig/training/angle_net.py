@@ -1,4 +1,4 @@
-"""AngleNet: a small ConvNeXt that tells the angle of the object from one tactile image.
+"""AngleNet: a small ConvNeXt that estimates the angle of the object from one tactile image.
 
 The smallest ConvNeXt of timm (zepto, 1.9 M parameters) on reduced frames stands for the network that the
 paper compares with (section IV-D).
@@ -6,26 +6,34 @@ paper compares with (section IV-D).
 
 import math
 from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
 
 import cv2
 import numpy as np
+import onnx
 import torch
 from torch import nn
 from torch.nn import functional
 
 from drivers.types import Image
 from rig.tactile.contact.network_input import frame_planes
+from rig.tactile.peers.networks import load_image_network
+from rig.training.export import check_agreement, export_half, onnx_model
 from rig.training.lifts import GelViews
-from rig.training.regression import Plan, Tell, fit
-from rig.training.torchvision_operators import declare_missing_operators
+from rig.training.networks import declare_missing_operators
+from rig.training.regression import EpochReport, fit
+from rig.training.wrist import MOST_DIFFERENCE_DEG
 
 BACKBONE = "convnext_zepto_rms"
 SIZE = (72, 96)
-"""(width, height) in px at which it looks."""
+"""(width, height) of its input in px."""
 BATCH, RATE = 32, 2e-3
 _ANGLE_DEG = 20.0
 _GREY, _CONTRAST = 0.4, 0.2
 """Roughly mean and spread of a DIGIT's frame on a scale of 0 to 1."""
+MOST_DIFFERENCE_HALF_DEG = 0.2
+"""As `MOST_DIFFERENCE_DEG`, with weights stored in half precision."""
 _TURN_DEG, _SHIFT, _LIGHT, _NOISE = 15.0, 0.06, 0.1, 2.0
 
 
@@ -37,7 +45,7 @@ class AngleNet(nn.Module):
         declare_missing_operators()
         import timm
 
-        # without the scale that blocks begin with near zero: short trainings would end before they count
+        # without layer scale, which starts near zero: short trainings would end before the blocks contribute
         self.backbone = timm.create_model(BACKBONE, pretrained=False, num_classes=1, ls_init_value=None)
 
     def forward(self, planes: torch.Tensor) -> torch.Tensor:
@@ -46,15 +54,15 @@ class AngleNet(nn.Module):
 
 
 def train_angle_net(
-    train: GelViews, validation: GelViews, epochs: int, seed: int, augment: bool, tell: Tell
+    train: GelViews, validation: GelViews, epochs: int, seed: int, augment: bool, report: EpochReport
 ) -> tuple[AngleNet, list[float]]:
     """Train; return the network of the epoch best on the validation frames, and each epoch's error there.
 
-    augment: whether frames are turned, shifted and relit each time they are seen.
+    augment: whether frames are rotated, shifted and relit each time they are used.
     """
     torch.manual_seed(seed)
     rng = np.random.default_rng(seed)
-    # brain floats gain nothing here: most of the time goes into convolutions of one plane each
+    # bfloat16 gains nothing here: most of the time goes into convolutions of one plane each
     network = AngleNet().to(memory_format=torch.channels_last)
 
     def loss(at: torch.Tensor) -> torch.Tensor:
@@ -62,18 +70,32 @@ def train_angle_net(
         found = network(_planes([image for image, _ in seen]))
         return functional.l1_loss(found, torch.tensor([angle for _, angle in seen]))
 
-    plan = Plan(epochs, BATCH, RATE)
-    errors = fit(network, plan, len(train), loss, lambda: error_deg(network, validation), tell)
+    validate = partial(error_deg, network, validation)
+    errors = fit(network, epochs, BATCH, RATE, len(train), loss, validate, report)
     return network, errors
 
 
 def error_deg(network: AngleNet, views: GelViews) -> float:
-    """Return the mean absolute error of frames by themselves, without any zero."""
+    """Return the mean absolute error of single frames, without subtracting a zero."""
     found = []
     with torch.inference_mode():
         for start in range(0, len(views), BATCH):
             found.append(network(_planes(views.images[start : start + BATCH])).numpy())
     return float(np.abs(np.concatenate(found) - views.angle_deg).mean())
+
+
+def export_angle_net(network: AngleNet, full: Path, half: Path) -> None:
+    """Write a network in full precision and with half-precision weights. Raises `RigError` if they differ."""
+    width, height = SIZE
+    frame = torch.rand(1, 3, height, width, generator=torch.Generator().manual_seed(0))
+    onnx.save(onnx_model(network, {"frame": frame}, ["angle_deg"]), full)
+    export_half(full, half)
+    image = (frame[0].numpy().transpose(1, 2, 0) * 255.0).astype(np.uint8)
+    seen = torch.from_numpy(image.transpose(2, 0, 1)[None].astype(np.float32) / 255.0)
+    with torch.inference_mode():
+        own = network(seen).numpy()
+    for path, most in ((full, MOST_DIFFERENCE_DEG), (half, MOST_DIFFERENCE_HALF_DEG)):
+        check_agreement(path, load_image_network(path).angle_deg(image) - own, most, " deg")
 
 
 def _planes(images: Sequence[Image] | Image) -> torch.Tensor:

@@ -1,4 +1,4 @@
-"""Checkpoints of segmentation-models-pytorch, read without running what is in them."""
+"""Checkpoints of segmentation-models-pytorch, read without running code in them; `rig model import`."""
 
 import zipfile
 from pathlib import Path
@@ -9,11 +9,17 @@ from torch import nn
 
 from drivers.errors import InputError, RigError
 from drivers.formats import reason
+from rig.sessions.files import write_json
+from rig.tactile.contact.network import Recipe
+from rig.training.export import export_onnx, file_facts
+from rig.training.networks import Architecture, build_network
 
 _WRAPPERS = ("module.", "model.", "net.")
-"""What DataParallel and Lightning put before the names of weights."""
+"""Prefixes that DataParallel and Lightning add to the names of weights."""
 _MOST_RATIO = 20
-"""How much larger an archive may be unpacked."""
+"""Largest accepted ratio of an archive's unpacked to its packed size."""
+STRIDE = 32
+"""Image sides must be multiples of this: the encoders halve them five times."""
 
 
 def read_checkpoint(path: Path) -> dict[str, Any]:
@@ -40,7 +46,7 @@ def read_checkpoint(path: Path) -> dict[str, Any]:
 
 
 def _refuse_packed(path: Path) -> None:
-    """Raise `ValueError` for an archive that stands for more than it holds; weights are not packed."""
+    """Raise `ValueError` for a decompression bomb; real weights are not compressed."""
     if not zipfile.is_zipfile(path):
         return
     with zipfile.ZipFile(path) as archive:
@@ -65,12 +71,12 @@ def read_state(path: Path) -> dict[str, torch.Tensor]:
 
 
 def fill_encoder(encoder: nn.Module, path: Path) -> None:
-    """Put weights into an encoder; others in the file are left out.
+    """Load weights into an encoder; ignore others in the file.
 
-    Raises `InputError` for a file that lacks some of the encoder's, or has them of another shape.
+    Raises `InputError` if some of the encoder's weights are missing or have another shape.
     """
     state = read_state(path)
-    # the library's encoders do not say themselves what is missing
+    # strict=False, which the library's encoders need, does not report missing weights
     counters = "num_batches_tracked"  # older files have none, and nothing needs them
     lacking = [n for n in encoder.state_dict() if n not in state and not n.endswith(counters)]
     try:
@@ -86,12 +92,12 @@ def fill_encoder(encoder: nn.Module, path: Path) -> None:
 
 
 def load_weights(network: nn.Module, path: Path) -> None:
-    """Put a checkpoint's weights into a network of the same make.
+    """Load a checkpoint's weights into a network of the same architecture.
 
-    Raises `InputError` naming what is missing, unknown or of another shape.
+    Raises `InputError` naming weights that are missing, unknown or of another shape.
     """
     weights, own = read_state(path), network.state_dict()
-    # statistics of normalisation kept beside the network, as Lightning scripts do
+    # normalisation statistics that Lightning scripts store beside the network
     weights = {key: value for key, value in weights.items() if key not in ("mean", "std")}
     missing = [key for key in own if key not in weights]
     unknown = [key for key in weights if key not in own]
@@ -103,3 +109,50 @@ def load_weights(network: nn.Module, path: Path) -> None:
                 "choose the --arch and --encoder it was made with"
             )
     network.load_state_dict(weights)
+
+
+def import_checkpoint(
+    checkpoint: Path,
+    architecture: Architecture,
+    encoder: str,
+    size: tuple[int, int],
+    threshold: float,
+    out: Path,
+) -> dict[str, Any]:
+    """Write a checkpoint's network as ONNX with a card beside it; return the card.
+
+    checkpoint: a state dict of segmentation-models-pytorch, bare or under `state_dict`. size: (height,
+    width) in px of the images it was trained on. Raises `InputError`.
+    """
+    if any(side % STRIDE or not STRIDE <= side <= 2048 for side in size):
+        raise InputError(f"--size {size[1]}x{size[0]}: give multiples of {STRIDE} px up to 2048")
+    network = build_network(architecture, encoder)
+    load_weights(network, checkpoint)
+    _make_parent(out)
+    recipe = Recipe(architecture.inputs, threshold)
+    difference = export_onnx(network, architecture.inputs.channels, size, recipe, out)
+    card = {
+        "name": out.stem,
+        "title": architecture.title,
+        "encoder": encoder if architecture.family else None,
+        "parameters": sum(parameter.numel() for parameter in network.parameters()),
+        "inputs": recipe.inputs.value,
+        "size_px": [size[1], size[0]],
+        "threshold": threshold,
+        "label": "unknown: as in the checkpoint's training data",
+        "data": f"unknown: imported from {checkpoint.name}",
+        "largest_difference_from_library": difference,
+        "files": {"fp32": file_facts(out)},
+        "torch": str(torch.__version__),
+    }
+    write_json(out.with_suffix(".json"), card)
+    return card
+
+
+def _make_parent(out: Path) -> None:
+    if out.suffix != ".onnx":
+        raise InputError(f"--out {out}: name it with the ending .onnx")
+    try:
+        out.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{out.parent}: cannot be made ({error.strerror}): choose another --out") from error

@@ -1,25 +1,34 @@
-"""Labelled frames in memory."""
+"""Labelled frames in memory: from folders of labelled images, or rendered."""
 
 import zipfile
 import zlib
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, fields
 from pathlib import Path
 
 import cv2
 import numpy as np
 
-from drivers.errors import InputError
+from drivers.errors import InputError, counted
 from drivers.formats import reason
+from drivers.images import read_image
 from drivers.types import Image
+from fakes.studio.training_frames import TrainingFrame, training_frames
+from rig.labels.datasets import LabelledFile, read_dataset
+from rig.labels.polygons import contact_label
+from rig.sessions.files import REFERENCES
+from rig.tactile.contact.background import MAX_FRAMES, MIN_FRAMES, auto_background
+
+ARRAYS = ("frames", "backgrounds", "labels")
+"""Fields of `Examples` with an entry per frame."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Examples:
-    """Frames of one size with what belongs to them.
+    """Frames of one size with their backgrounds and labels.
 
-    frames, backgrounds: (N, h, w, 3) uint8 RGB. labels: (N, h, w) uint8, share of each pixel inside
-    the contact times 255. objects: the object's id of each frame. simulated: whether any was rendered.
+    frames, backgrounds: (N, h, w, 3) uint8 RGB. labels: (N, h, w) uint8, 255 times the share of each pixel
+    that lies inside the contact. objects: the object's id of each frame. simulated: whether any was rendered.
     """
 
     frames: Image
@@ -38,13 +47,9 @@ class Examples:
     def at(self, places: Sequence[int] | np.ndarray) -> "Examples":
         """Return the frames at some places."""
         chosen = np.asarray(places, np.int64)
-        return Examples(
-            self.frames[chosen],
-            self.backgrounds[chosen],
-            self.labels[chosen],
-            tuple(self.objects[i] for i in chosen),
-            self.simulated,
-        )
+        arrays = (getattr(self, name)[chosen] for name in ARRAYS)
+        objects = tuple(self.objects[i] for i in chosen)
+        return Examples(*arrays, objects=objects, simulated=self.simulated)
 
 
 def sized(image: Image, size: tuple[int, int]) -> Image:
@@ -53,46 +58,112 @@ def sized(image: Image, size: tuple[int, int]) -> Image:
 
 
 def joined(parts: Sequence[Examples]) -> Examples:
-    """Return several sets as one. Raises `InputError` where there is none."""
+    """Return several sets as one. Raises `InputError` if all are empty."""
     parts = [part for part in parts if len(part)]
     if not parts:
         raise InputError("no labelled frame: check the data folder")
-    return Examples(
-        np.concatenate([part.frames for part in parts]),
-        np.concatenate([part.backgrounds for part in parts]),
-        np.concatenate([part.labels for part in parts]),
-        tuple(name for part in parts for name in part.objects),
-        any(part.simulated for part in parts),
-    )
+    arrays = (np.concatenate([getattr(part, name) for part in parts]) for name in ARRAYS)
+    objects = tuple(name for part in parts for name in part.objects)
+    return Examples(*arrays, objects=objects, simulated=any(part.simulated for part in parts))
 
 
 def save_examples(path: Path, examples: Examples) -> None:
-    """Keep a set on disk, so that a continued training does not make it again."""
+    """Store a set on disk, so that a resumed training need not create it again."""
     aside = path.with_name(path.name + ".part")
     with aside.open("wb") as stream:
-        np.savez(
-            stream,
-            frames=examples.frames,
-            backgrounds=examples.backgrounds,
-            labels=examples.labels,
-            objects=np.array(examples.objects),
-            simulated=examples.simulated,
-        )
+        np.savez(stream, **{field.name: getattr(examples, field.name) for field in fields(examples)})
     aside.replace(path)
 
 
 def load_examples(path: Path) -> Examples:
-    """Read a kept set. Raises `InputError` for a damaged file."""
+    """Read a stored set. Raises `InputError` for a damaged file."""
     try:
         with np.load(path) as kept:
-            return Examples(
-                kept["frames"],
-                kept["backgrounds"],
-                kept["labels"],
-                tuple(map(str, kept["objects"])),
-                bool(kept["simulated"]),
-            )
+            arrays = (kept[name] for name in ARRAYS)
+            objects = tuple(map(str, kept["objects"]))
+            return Examples(*arrays, objects=objects, simulated=bool(kept["simulated"]))
     except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error) as error:
         raise InputError(
             f"{path}: kept training frames are damaged ({reason(error)}): remove the file"
         ) from error
+
+
+def folder_examples(
+    folder: Path, size: tuple[int, int], progress: Callable[[int, int], None] = lambda done, total: None
+) -> Examples:
+    """Read all labelled images under a folder at (width, height) `size`. Raises `InputError`.
+
+    If the data has no frame without contact, one is estimated from the frames of each group.
+    """
+    files = read_dataset(folder)
+    made: dict[str, Image] = {}
+    frames, backgrounds, labels = [], [], []
+    for number, file in enumerate(files):
+        image = read_image(file.image)
+        frames.append(sized(image, size))
+        labels.append(sized(file.label(image.shape[:2]), size))
+        if file.group not in made:
+            made[file.group] = _background(file, files, size)
+        backgrounds.append(made[file.group])
+        progress(number + 1, len(files))
+    return Examples(
+        np.stack(frames),
+        np.stack(backgrounds),
+        np.stack(labels),
+        tuple(file.object_id for file in files),
+        any(file.simulated for file in files),
+    )
+
+
+def _background(file: LabelledFile, files: list[LabelledFile], size: tuple[int, int]) -> Image:
+    if file.background is not None:
+        return sized(read_image(file.background), size)
+    group = [other.image for other in files if other.group == file.group]
+    if len(group) < MIN_FRAMES:
+        raise InputError(
+            f"{file.group}: {counted(len(group), 'image')} cannot make a frame without contact: put one in "
+            f"{Path(file.group) / REFERENCES}"
+        )
+    spread = np.unique(np.linspace(0, len(group) - 1, MAX_FRAMES).round().astype(int))
+    return auto_background([sized(read_image(group[i]), size) for i in spread])
+
+
+def simulated_examples(
+    objects: Sequence[str],
+    count: int,
+    seed: int,
+    size: tuple[int, int],
+    random_share: float = 0.0,
+    family: bool = False,
+    progress: Callable[[int], None] = lambda done: None,
+) -> Examples:
+    """Render labelled frames (see `fakes.studio.training_frames`).
+
+    size: (width, height) of the returned frames in px. The same seed gives the same frames.
+    """
+    return examples_of(training_frames(objects, seed, random_share, family), count, size, progress)
+
+
+def examples_of(
+    units: Iterable[Sequence[TrainingFrame]],
+    count: int,
+    size: tuple[int, int],
+    progress: Callable[[int], None] = lambda done: None,
+) -> Examples:
+    """Return the first `count` frames of some sensor units at (width, height) `size`."""
+    frames, backgrounds, labels, ids = [], [], [], []
+    for unit in units:
+        for shown in unit:
+            frames.append(sized(shown.image, size))
+            backgrounds.append(sized(shown.background, size))
+            no_contact = np.zeros(shown.image.shape[:2], np.uint8)
+            label = no_contact if shown.touching is None else contact_label(shown.touching)
+            labels.append(sized(label, size))
+            ids.append(shown.object_id)
+        progress(min(len(frames), count))
+        if len(frames) >= count:
+            break
+    kept = slice(count)
+    return Examples(
+        np.stack(frames[kept]), np.stack(backgrounds[kept]), np.stack(labels[kept]), tuple(ids[kept]), True
+    )

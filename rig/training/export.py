@@ -1,7 +1,7 @@
-"""From a trained network to ONNX in full, half and eight-bit precision, with a model card."""
+"""The output of a training: a model card, and the network as ONNX in full, half and 8-bit precision."""
 
 import warnings
-from dataclasses import dataclass
+from collections.abc import Callable
 from hashlib import sha256
 from pathlib import Path
 
@@ -13,29 +13,53 @@ from onnxruntime.quantization import CalibrationDataReader, QuantFormat, QuantTy
 from onnxruntime.quantization.shape_inference import quant_pre_process
 from torch import nn
 
-from drivers.errors import RigError
+from drivers.errors import InputError, RigError
 from rig.tactile.contact.network import METADATA_KEY, Recipe, load_network
 from rig.training.batches import plain_batches
 from rig.training.examples import Examples
 
+CARD, MODEL, HALF = "card.json", "model.onnx", "model.half.onnx"
 OPSET = 18
 INPUT, OUTPUT = "planes", "logits"
 CALIBRATION_FRAMES = 96
 MOST_DIFFERENCE = 1e-4
-"""Largest difference between the library's logits and those of its ONNX file."""
+"""Largest accepted difference between the library's logits and those of its ONNX file."""
+
+Report = Callable[[str, float], None]
+"""Takes the progress of a training: a description, and the finished share of what it describes."""
 
 
-@dataclass(frozen=True, slots=True)
-class ExportedFile:
-    """One ONNX file: its precision, size and hash."""
+def claim(out: Path, threads: int | None) -> None:
+    """Make an empty output folder and set torch's number of threads, None for its default.
 
-    precision: str
-    path: Path
+    Raises `InputError` if the folder is not empty or cannot be made.
+    """
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        taken = any(out.iterdir())
+    except OSError as error:
+        raise InputError(f"{out}: cannot be written ({error.strerror}): give another --out") from error
+    if taken:
+        raise InputError(f"{out} is not empty: give another --out")
+    if threads is not None:
+        torch.set_num_threads(threads)
 
-    def facts(self) -> dict[str, str | int]:
-        """Return what a model card says about the file."""
-        data = self.path.read_bytes()
-        return {"file": self.path.name, "bytes": len(data), "sha256": sha256(data).hexdigest()}
+
+def file_facts(path: Path) -> dict[str, str | int]:
+    """Return name, size and hash of a file, as model cards list them."""
+    data = path.read_bytes()
+    return {"file": path.name, "bytes": len(data), "sha256": sha256(data).hexdigest()}
+
+
+def check_agreement(path: Path, differences: NDArray[np.floating], most: float, unit: str = "") -> float:
+    """Return the largest absolute difference between an exported file and its network.
+
+    Raises `RigError` if it exceeds `most`.
+    """
+    worst = float(np.abs(differences).max())
+    if not worst <= most:
+        raise RigError(f"{path}: differs from its network by {worst:.2g}{unit}, more than {most:g}")
+    return worst
 
 
 def export_onnx(
@@ -43,8 +67,8 @@ def export_onnx(
 ) -> float:
     """Write a network as ONNX; return the largest difference of its logits from the library's own.
 
-    size: (height, width). The recipe goes into the file's metadata, so that the file is enough to run
-    it. Raises `RigError` where the two disagree by more than `MOST_DIFFERENCE`.
+    size: (height, width). The recipe is stored in the file's metadata, so that nothing else is needed to run
+    it. Raises `RigError` if the logits differ by more than `MOST_DIFFERENCE`.
     """
     planes = torch.rand(1, channels, *size, generator=torch.Generator().manual_seed(0))
     model = onnx_model(network, {INPUT: planes}, [OUTPUT])
@@ -52,12 +76,7 @@ def export_onnx(
     onnx.save(model, path)
     with torch.inference_mode():
         own = network(planes)[0, 0].numpy()
-    worst = float(np.abs(load_network(path).logits(planes[0].numpy()) - own).max())
-    if not worst <= MOST_DIFFERENCE:
-        raise RigError(
-            f"{path}: its logits differ from the library's by {worst:.2g}, more than {MOST_DIFFERENCE:g}"
-        )
-    return worst
+    return check_agreement(path, load_network(path).logits(planes[0].numpy()) - own, MOST_DIFFERENCE)
 
 
 def onnx_model(
@@ -66,13 +85,13 @@ def onnx_model(
     outputs: list[str],
     free: tuple[dict[int, object], ...] | None = None,
 ) -> onnx.ModelProto:
-    """Return a network as ONNX, for inputs of just these shapes. Raises `RigError`.
+    """Return a network as ONNX, for inputs of exactly these shapes. Raises `RigError`.
 
-    free: of each input, the axes that may have another length (`torch.export.Dim`).
+    free: for each input, the axes of variable length (`torch.export.Dim`).
     """
     network.eval()
     with warnings.catch_warnings():
-        # the exporter warns of its own insides
+        # the exporter warns about its own internals
         warnings.simplefilter("ignore")
         program = torch.onnx.export(
             network,
@@ -88,12 +107,12 @@ def onnx_model(
         raise RigError("the network could not be exported")
     model = program.model_proto
     for node in model.graph.node:
-        del node.metadata_props[:]  # where each operation stood in the files of whoever trains
+        del node.metadata_props[:]  # source locations on the training computer
     return model
 
 
 def export_half(full: Path, path: Path) -> None:
-    """Write a network with weights kept in half precision; it computes in full precision.
+    """Write a network with weights stored in half precision; it computes in full precision.
 
     Processors without half-precision arithmetic run it as fast as the full one, at half the size.
     """
@@ -117,7 +136,7 @@ def export_half(full: Path, path: Path) -> None:
 def export_eight_bit(
     full: Path, examples: Examples, recipe: Recipe, size: tuple[int, int], path: Path
 ) -> None:
-    """Write a network in eight bits, scaled by what it answers on some frames."""
+    """Write a network quantised to 8 bits, scaled by its activations on `CALIBRATION_FRAMES` frames."""
     prepared = path.with_name(path.name + ".prepared")
     quant_pre_process(str(full), str(prepared), skip_symbolic_shape=True)
     places = np.linspace(0, len(examples) - 1, min(CALIBRATION_FRAMES, len(examples))).astype(int)
@@ -137,7 +156,7 @@ def export_eight_bit(
 
 
 class _Frames(CalibrationDataReader):
-    """Feeds frames to the quantiser one by one."""
+    """Passes frames to the quantiser one by one."""
 
     def __init__(self, examples: Examples, recipe: Recipe, size: tuple[int, int]) -> None:
         self._batches = plain_batches(examples, recipe.inputs, size, 1)

@@ -1,4 +1,4 @@
-"""Lifts to learn from: what the wrist felt, what a gel showed, and how the object truly turned."""
+"""Lifts as training data: wrench at the wrist, tactile frames, and the true rotation of the object."""
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -22,17 +22,17 @@ from rig.sessions.rows import read_lifts
 from rig.training.examples import sized
 
 SIGHT_HZ = 10.0
-"""Rate at which frames are learnt from: neighbouring ones teach the same."""
+"""Rate of the training frames: consecutive frames are nearly identical."""
 Turn = Callable[[int], float | None]
-"""The object's true turn in the hand at a time in ns since the lift began: deg, counter-clockwise as the
-camera sees it, None where unknown."""
+"""The object's true rotation in the hand since the start of the lift, at a time in ns: deg, counter-clockwise
+as the camera sees it, None if unknown."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WristSeries:
-    """What the arm reported during one lift, from the grasp to the end of phase C.
+    """The arm's states during one lift, from the grasp to the end of phase C.
 
-    states: N samples. turn_deg: (N,) the true turn at each, 0 before the lift, NaN where unknown.
+    states: N samples. turn_deg: (N,) true rotation at each, 0 before the lift, NaN if unknown.
     rising: (N,) bool, phases B and C.
     """
 
@@ -44,10 +44,10 @@ class WristSeries:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GelViews:
-    """Tactile frames of many lifts, and where the object points in them.
+    """Tactile frames of many lifts with the image angle of the object.
 
     images: (N, h, w, 3) uint8 RGB. angle_deg: (N,) image angle of the object, counter-clockwise as seen,
-    0 where the hand is not turned against it. objects: the object's id of each.
+    0 if hand and object are aligned. objects: the object's id of each.
     """
 
     images: Image
@@ -66,7 +66,7 @@ class GelViews:
 def wrist_series(
     object_id: str, states: Sequence[ArmState], phases: dict[str, int], turn: Turn
 ) -> WristSeries:
-    """Put one lift's samples together with the truth."""
+    """Combine the samples of one lift with the ground truth."""
     lift_ns = phases[Phase.LIFT]
     kept = tuple(s for s in states if phases[Phase.GRASP] <= s.time_ns < phases[Phase.LOWER])
     rising = np.array([s.time_ns >= lift_ns for s in kept], bool)
@@ -79,7 +79,7 @@ def labelled_views(
 ) -> Iterator[tuple[Frame, float]]:
     """Yield one fingertip's frames from just before the lift to the end of phase C, with their angle.
 
-    hand_turn_deg: of the hand when it grasped, see `hand_turn_deg`.
+    hand_turn_deg: rotation of the hand at the grasp, see `hand_turn_deg`.
     """
     for frame in frames:
         if not phases[Phase.LIFT] - to_ns(ZERO_S) <= frame.time_ns < phases[Phase.LOWER]:
@@ -90,7 +90,7 @@ def labelled_views(
 
 
 def stacked_views(views: Sequence[tuple[str, Image, float]], where: str) -> GelViews:
-    """Put views (object, image, angle) of one size together. Raises `InputError` for none."""
+    """Stack views (object, image, angle) of one size. Raises `InputError` if there are none."""
     if not views:
         raise InputError(
             f"{where}: no tactile frame with a true angle: were the markers in the camera's view?"
@@ -103,14 +103,14 @@ def stacked_views(views: Sequence[tuple[str, Image, float]], where: str) -> GelV
 
 
 def hand_turn_deg(base_T_tcp: Pose) -> float:  # noqa: N803
-    """Turn of a downward hand about the closing axis (base's -y), counter-clockwise as the camera sees it."""
+    """Return a downward hand's angle about the closing axis (base -y), deg, counter-clockwise as seen."""
     x_axis = base_T_tcp.rotation.apply([1.0, 0.0, 0.0])
     return math.degrees(math.atan2(float(x_axis[2]), float(x_axis[0])))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StoredLift:
-    """One accepted lift of a trial session, opened for learning. signs: of the fingertips by serial."""
+    """One accepted lift of a trial session. signs: of the fingertips by serial."""
 
     object_id: str
     recording: Path
@@ -119,7 +119,7 @@ class StoredLift:
     turn: Turn
 
     def wrist(self) -> WristSeries:
-        """Return what the wrist felt. Raises `SessionError` for a damaged recording."""
+        """Return the arm's states. Raises `SessionError` for a damaged recording."""
         return wrist_series(self.object_id, list(recorded_arm_states(self.recording)), self.phases, self.turn)
 
     def views(self, size: tuple[int, int]) -> Iterator[tuple[str, Image, float]]:

@@ -1,4 +1,4 @@
-"""The training loop: focal loss and Adam as the paper has them, resumable after every epoch."""
+"""The training loop: focal loss and Adam as in the paper, resumable after every epoch."""
 
 from collections.abc import Callable
 from copy import deepcopy
@@ -16,14 +16,30 @@ from rig.training.batches import plain_batches, training_batches
 from rig.training.checkpoint import fill_encoder, read_checkpoint
 from rig.training.examples import Examples
 from rig.training.networks import Architecture, build_network
-from rig.training.precision import arithmetic_of
 
+_BRAIN_FLOAT_UNITS = ("amx_bf16", "avx512_bf16", "bf16")
+"""Torch's names of bfloat16 units: of x86 (tiles, vectors) and of ARM."""
 FOCUS = 2.0
 """Exponent of the focal loss (Lin et al. 2017), the library's default, as the paper's script uses it."""
 AVERAGING = 0.995
-"""Share that the averaged weights keep at each step (Polyak averaging)."""
+"""Decay of the averaged weights per step (Polyak averaging)."""
 WARM_UP = 0.1
 DICE_SMOOTHING_PX = 50.0
+
+
+def arithmetic_of(device: torch.device) -> torch.dtype:
+    """Return bfloat16 for a device that multiplies it, else float32.
+
+    Layers then compute in bfloat16 (mixed precision, Micikevicius et al. 2018); weights, loss, optimizer and
+    exported files stay float32. This at least halves the time; emulated bfloat16 would be slower.
+    """
+    if device.type == "cuda":
+        able = torch.cuda.is_bf16_supported(including_emulation=False)
+    else:
+        # older versions of torch have no get_capabilities
+        capabilities = getattr(torch.cpu, "get_capabilities", dict)()
+        able = any(capabilities.get(unit, False) for unit in _BRAIN_FLOAT_UNITS)
+    return torch.bfloat16 if able else torch.float32
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,9 +54,9 @@ class Schedule:
 
 @dataclass(frozen=True, slots=True)
 class Epoch:
-    """What one epoch reached: mean loss, mean Dice on the validation objects; and what it cost.
+    """Results of one epoch: mean loss, mean Dice on the validation objects, time including validation.
 
-    wall_s, cpu_s: time of the clock, and of all threads together, validation included.
+    wall_s, cpu_s: wall time, and processor time of all threads.
     """
 
     number: int
@@ -51,14 +67,14 @@ class Epoch:
 
 
 Progress = Callable[[Epoch | None, float], None]
-"""Is told the share done of an epoch, and at its end what it reached."""
+"""Takes the finished share of an epoch, and at its end its results."""
 
 
 class Training:
     """One network in training.
 
-    seed: of weights, order and augmentation; an epoch's draws depend on the seed and its number alone,
-    so a continued training goes the same way.
+    seed: of weights, order and augmentation. The random numbers of an epoch depend only on the seed and the
+    epoch's number, so a resumed training gives the same result.
     """
 
     def __init__(
@@ -76,10 +92,10 @@ class Training:
         self._step = 0
 
     def load_encoder(self, path: Path) -> None:
-        """Begin with the encoder weights of a file (a state dict, as the library's encoders save it).
+        """Start from the encoder weights in a file (a state dict, as the library's encoders save it).
 
-        What the encoder has no place for (a classifier's last layer) is left out. Raises `InputError`
-        for a file that does not fill the encoder.
+        Other weights in the file (a classifier's last layer) are ignored. Raises `InputError` if some of the
+        encoder's weights are missing.
         """
         encoder = getattr(self.network, "encoder", None)
         if encoder is None:
@@ -94,7 +110,7 @@ class Training:
         checkpoint: Path,
         progress: Progress = lambda epoch, share: None,
     ) -> None:
-        """Train the epochs that are still to do; after each, the state is on disk at `checkpoint`."""
+        """Train the remaining epochs; after each, store the state in `checkpoint`."""
         steps = max(1, len(train) // self.schedule.batch)
         while len(self.history) < self.schedule.epochs:
             number, wall_s, cpu_s = len(self.history) + 1, perf_counter(), process_time()
@@ -107,7 +123,7 @@ class Training:
             progress(epoch, 1.0)
 
     def best_network(self) -> nn.Module:
-        """Return the network of the epoch that was best on the validation objects, ready to answer."""
+        """Return the network of the best epoch on the validation objects, in evaluation mode."""
         network = deepcopy(self._averaged)
         network.load_state_dict(self.best)
         return network.cpu().eval()
@@ -125,7 +141,7 @@ class Training:
         return float(torch.cat(scores).mean())
 
     def save(self, path: Path) -> None:
-        """Write everything that continuing needs."""
+        """Write the state from which the training can be resumed."""
         aside = path.with_name(path.name + ".part")
         state = {
             "state_dict": self.best,
@@ -139,7 +155,7 @@ class Training:
         aside.replace(path)
 
     def load(self, path: Path) -> None:
-        """Continue from a state. Raises `InputError` for a damaged file."""
+        """Restore a state. Raises `InputError` for a damaged file."""
         state = read_checkpoint(path)
         try:
             self.network.load_state_dict(state["network"])
@@ -208,7 +224,7 @@ def focal_loss(logits: torch.Tensor, labels: torch.Tensor) -> torch.Tensor:
 
 
 def dice_loss(logits: torch.Tensor, labels: torch.Tensor) -> torch.Tensor:
-    """One minus the mean Dice of shares (Milletari et al. 2016); keeps small contacts from being lost."""
+    """One minus the mean Dice of shares (Milletari et al. 2016); prevents missed small contacts."""
     share, over = torch.sigmoid(logits), (1, 2, 3)
     both, sum_ = (share * labels).sum(over), share.sum(over) + labels.sum(over)
     return 1.0 - ((2.0 * both + DICE_SMOOTHING_PX) / (sum_ + DICE_SMOOTHING_PX)).mean()

@@ -1,5 +1,6 @@
 """The networks: the paper's three from segmentation-models-pytorch, and our own small one."""
 
+import importlib.util
 from dataclasses import dataclass
 
 import torch
@@ -9,10 +10,33 @@ from torch.nn import functional
 from drivers.errors import unknown_name
 from rig.tactile.contact.network_input import NetworkInput
 
+# schemas that torchvision's import needs: torchvision/csrc/ops/nms.cpp, quantized/cpu/qnms_kernel.cpp
+_SCHEMAS = [f"{name}(Tensor dets, Tensor scores, float iou_threshold) -> Tensor" for name in ("nms", "qnms")]
+_declared: list[torch.library.Library] = []
 DEFAULT_ENCODER = "resnet18"
 ENCODERS = ("resnet18", "efficientnet-b3")
 OURS = "ours"
 PATCH_PX = 4
+
+
+def declare_missing_operators() -> None:
+    """Make torchvision importable beside a torch it was not built for, by declaring operators it lacks.
+
+    segmentation-models-pytorch needs timm, which imports torchvision. A torchvision built for CUDA cannot be
+    imported beside a CPU build of torch ("operator torchvision::nms does not exist"). Only its compiled
+    detection operators are missing, which segmentation never calls. If the builds match, nothing is declared.
+    """
+    if _declared or importlib.util.find_spec("torchvision") is None:
+        return
+    try:
+        import torchvision  # noqa: F401
+    except RuntimeError as error:
+        if "torchvision::" not in str(error):
+            raise
+        library = torch.library.Library("torchvision", "FRAGMENT")
+        for schema in _SCHEMAS:
+            library.define(schema)
+        _declared.append(library)  # the declarations end with the object
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,24 +81,27 @@ def build_network(architecture: Architecture, encoder: str = DEFAULT_ENCODER) ->
         return SmallNetwork()
     if encoder not in ENCODERS:
         raise unknown_name("encoder", encoder, ENCODERS)
-    family = getattr(_library(), architecture.family)
+    declare_missing_operators()
+    import segmentation_models_pytorch
+
+    family = getattr(segmentation_models_pytorch, architecture.family)
     return family(encoder_name=encoder, encoder_weights=None, in_channels=3, classes=1)
 
 
 class SmallNetwork(nn.Module):
-    """Our network: an encoder and decoder with skip sums, 0.24 M parameters.
+    """Our network: an encoder and decoder with additive skip connections, 0.24 M parameters.
 
-    Input (N, 6, H, W), H and W multiples of 16; logits (N, 1, H, W). The first layer looks at patches
-    and the last paints patches, of a quarter of the resolution each way, so that nothing between
-    them works at full size; this is most of its speed.
+    Input (N, 6, H, W), H and W multiples of 16; logits (N, 1, H, W). The first layer reduces and the last one
+    restores the resolution by 4 in each direction, so no layer between them works at full size. This gives
+    most of its speed.
     """
 
-    def __init__(self, widths: tuple[int, int, int] = (32, 48, 64)) -> None:
+    def __init__(self) -> None:
         super().__init__()
-        quarter, eighth, sixteenth = widths
+        quarter, eighth, sixteenth = 32, 48, 64
         self.level1 = nn.Sequential(_layer(6, quarter, 8, stride=PATCH_PX), _layer(quarter, quarter))
         self.level2 = nn.Sequential(_layer(quarter, eighth, stride=2), _layer(eighth, eighth))
-        # the dilated layer sees the whole frame: a contact's far side tells where its near side ends
+        # the dilated layer extends the receptive field to the whole frame
         self.level3 = nn.Sequential(
             _layer(eighth, sixteenth, stride=2),
             _layer(sixteenth, sixteenth),
@@ -107,13 +134,3 @@ def _layer(inputs: int, outputs: int, side: int = 3, stride: int = 1, dilation: 
 
 def _grown(planes: torch.Tensor, like: torch.Tensor) -> torch.Tensor:
     return functional.interpolate(planes, size=like.shape[2:], mode="bilinear", align_corners=False)
-
-
-def _library():
-    """Import segmentation-models-pytorch where torch and torchvision do not match, too."""
-    from rig.training.torchvision_operators import declare_missing_operators
-
-    declare_missing_operators()
-    import segmentation_models_pytorch
-
-    return segmentation_models_pytorch

@@ -1,8 +1,7 @@
-"""Fitting a network: Adam, a one-cycle rate, the best epoch kept."""
+"""Fit a network with AdamW and a one-cycle rate; keep the best epoch."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from copy import deepcopy
-from dataclasses import dataclass
 
 import numpy as np
 import torch
@@ -11,50 +10,39 @@ from torch import nn
 LARGEST_GRADIENT = 1.0
 
 
-@dataclass(frozen=True, slots=True)
-class Plan:
-    """epochs, batch, and peak rate of a one-cycle schedule (Smith 2018)."""
-
-    epochs: int
-    batch: int
-    rate: float
-
-
-Tell = Callable[[int, float, float], None]
-"""Is told epoch, mean loss, and mean absolute error on validation, in the unit of its answer."""
+EpochReport = Callable[[int, float, float], None]
+"""Takes the epoch, its mean loss, and the mean absolute validation error in the unit of the output."""
 
 
 def fit(
     network: nn.Module,
-    plan: Plan,
+    epochs: int,
+    batch: int,
+    rate: float,
     examples: int,
     loss: Callable[[torch.Tensor], torch.Tensor],
     error: Callable[[], float],
-    tell: Tell,
+    report: EpochReport,
 ) -> list[float]:
-    """Fit in place and leave the network with the weights of its best epoch; return the epochs' errors.
+    """Fit in place, restore the weights of the best epoch, and return the error of each epoch.
 
-    examples: how many there are. loss: of those at some places. error: on the validation lifts,
-    with the network as it then is.
+    rate: peak of the one-cycle schedule (Smith 2018). examples: their number. loss: of the examples at some
+    indices. error: on the validation lifts, with the current weights.
     """
-    steps = -(-examples // plan.batch)
-    optimizer = torch.optim.AdamW(network.parameters(), lr=plan.rate, weight_decay=0.01)
-    cycle = torch.optim.lr_scheduler.OneCycleLR(optimizer, plan.rate, total_steps=plan.epochs * steps)
+    steps = -(-examples // batch)
+    optimizer = torch.optim.AdamW(network.parameters(), lr=rate, weight_decay=0.01)
+    cycle = torch.optim.lr_scheduler.OneCycleLR(optimizer, rate, total_steps=epochs * steps)
     best, errors = deepcopy(network.state_dict()), []
-    for epoch in range(1, plan.epochs + 1):
+    for epoch in range(1, epochs + 1):
         network.train()
-        losses = [_step(network, optimizer, cycle, loss(at)) for at in _batches(examples, plan.batch)]
+        losses = [_step(network, optimizer, cycle, loss(at)) for at in torch.randperm(examples).split(batch)]
         network.eval()
         errors.append(error())
         if errors[-1] <= min(errors):
             best = deepcopy(network.state_dict())
-        tell(epoch, float(np.mean(losses)), errors[-1])
+        report(epoch, float(np.mean(losses)), errors[-1])
     network.load_state_dict(best)
     return errors
-
-
-def _batches(examples: int, batch: int) -> Iterable[torch.Tensor]:
-    return torch.randperm(examples).split(batch)
 
 
 def _step(

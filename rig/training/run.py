@@ -1,6 +1,5 @@
-"""What `rig train` does: data, folds, the loop, scores, export and cards, one network after another."""
+"""`rig train`: data, folds, training, scores, export and cards, one network after another."""
 
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -9,31 +8,35 @@ import torch
 
 from drivers.errors import InputError
 from fakes.studio.training_frames import RANDOM_SHAPE
-from rig.labels.folds import Fold, check_objects
+from rig.labels.datasets import Fold, check_objects
 from rig.sessions.files import read_json, write_json
 from rig.tactile.contact.network import Recipe
 from rig.training.cards import model_card, table_row
-from rig.training.examples import Examples, joined, load_examples, save_examples
-from rig.training.export import ExportedFile, export_eight_bit, export_half, export_onnx
-from rig.training.folders import folder_examples
+from rig.training.examples import (
+    Examples,
+    folder_examples,
+    joined,
+    load_examples,
+    save_examples,
+    simulated_examples,
+)
+from rig.training.export import CARD, HALF, MODEL, Report, export_eight_bit, export_half, export_onnx
 from rig.training.loop import Epoch, Training
 from rig.training.networks import Architecture
-from rig.training.output import CARD, Tell
 from rig.training.settings import FAMILY, SIMULATED, TrainSettings
-from rig.training.simulated import simulated_examples
 
 CHECKPOINT = "checkpoint.pt"
 TABLE = "table2.json"
-"""Results of all networks, in the form that `rig/models/table2.json` keeps them."""
+"""Results of all networks, in the form of `rig/models/table2.json`."""
 VALIDATION_SHARE = 0.2
 RANDOM_SHARE = 0.5
 
 
-def train_all(folder: Path, settings: TrainSettings, resume: bool, tell: Tell) -> list[dict[str, Any]]:
+def train_all(folder: Path, settings: TrainSettings, resume: bool, report: Report) -> list[dict[str, Any]]:
     """Train each network on each fold; return the cards.
 
-    What is finished is on disk in `folder/<network>_<fold>`; with `resume` it is not done again, and an
-    unfinished training goes on after its last epoch. Raises `InputError`.
+    Each finished network is on disk in `folder/<network>_<fold>`. With `resume` it is not trained again, and
+    an unfinished training continues after its last epoch. Raises `InputError`.
     """
     _claim(folder, settings, resume)
     if settings.threads is not None:
@@ -44,8 +47,8 @@ def train_all(folder: Path, settings: TrainSettings, resume: bool, tell: Tell) -
         for architecture in settings.architectures:
             place = folder / f"{architecture.name}_{fold.name}"
             if not (place / CARD).exists():
-                data = data or fold_examples(folder, settings, fold, tell)
-                train_one(place, settings, architecture, fold, data, tell)
+                data = data or fold_examples(folder, settings, fold, report)
+                train_one(place, settings, architecture, fold, data, report)
             cards.append(read_json(place / CARD))
     everything = [read_json(path) for path in sorted(folder.glob(f"*/{CARD}"))]
     write_json(folder / TABLE, {"models": [table_row(card) for card in everything]})
@@ -58,9 +61,9 @@ def train_one(
     architecture: Architecture,
     fold: Fold,
     data: tuple[Examples, Examples, Examples],
-    tell: Tell,
-) -> dict[str, object]:
-    """Train, score and export one network; return its card."""
+    report: Report,
+) -> None:
+    """Train, score and export one network, and write its card."""
     folder.mkdir(parents=True, exist_ok=True)
     train, validation, _ = data
     title = f"{architecture.name} {fold.name}"
@@ -81,38 +84,36 @@ def train_one(
         text = (
             "" if epoch is None else f", loss {epoch.loss:.4f}, validation Dice {epoch.validation_dice:.4f}"
         )
-        tell(f"{title}: epoch {max(1, len(training.history))} of {settings.epochs}{text}", done)
+        report(f"{title}: epoch {max(1, len(training.history))} of {settings.epochs}{text}", done)
 
     training.run(train, validation, folder / CHECKPOINT, show)
-    tell(f"{title}: exporting", 1.0)
+    report(f"{title}: exporting", 1.0)
     recipe = Recipe(architecture.inputs, architecture.threshold, convex=True)
-    files = list(_exported(folder, training, recipe, train))
-    card = model_card(settings, fold, data, training, files)
-    write_json(folder / CARD, card)
-    return card
+    files = _exported(folder, training, recipe, train)
+    write_json(folder / CARD, model_card(settings, fold, data, training, files))
 
 
 def fold_examples(
-    folder: Path, settings: TrainSettings, fold: Fold, tell: Tell
+    folder: Path, settings: TrainSettings, fold: Fold, report: Report
 ) -> tuple[Examples, Examples, Examples]:
     """Return the frames to train on, to validate and to test with, of one fold."""
     kept = folder / f"frames_{fold.name}.npz"
     if kept.exists():
         everything = load_examples(kept)
     else:
-        everything = _made(settings, fold, tell)
+        everything = _made(settings, fold, report)
         save_examples(kept, everything)
     check_objects(fold, everything.objects, settings.data)
     train = everything.of((*fold.train, RANDOM_SHAPE))
     return train, everything.of(fold.validation), everything.of(fold.test)
 
 
-def _made(settings: TrainSettings, fold: Fold, tell: Tell) -> Examples:
+def _made(settings: TrainSettings, fold: Fold, report: Report) -> Examples:
     if settings.data != SIMULATED:
         return folder_examples(
             Path(settings.data),
             settings.frame_size,
-            lambda done, total: tell("reading images", done / total),
+            lambda done, total: report("reading images", done / total),
         )
     few = max(24, round(VALIDATION_SHARE * settings.images))
     parts = []
@@ -128,21 +129,19 @@ def _made(settings: TrainSettings, fold: Fold, tell: Tell) -> Examples:
                 settings.frame_size,
                 share,
                 family=settings.units == FAMILY,
-                progress=lambda done, count=count: tell(f"rendering frames of {fold.name}", done / count),
+                progress=lambda done, count=count: report(f"rendering frames of {fold.name}", done / count),
             )
         )
     return joined(parts)
 
 
-def _exported(folder: Path, training: Training, recipe: Recipe, train: Examples) -> Iterator[ExportedFile]:
-    """Write the network in three precisions."""
-    full, half, eight = (folder / name for name in ("model.onnx", "model.half.onnx", "model.int8.onnx"))
+def _exported(folder: Path, training: Training, recipe: Recipe, train: Examples) -> dict[str, Path]:
+    """Write the network in three precisions; return the files by precision."""
+    full, half, eight = (folder / name for name in (MODEL, HALF, "model.int8.onnx"))
     export_onnx(training.best_network(), recipe.inputs.channels, training.size, recipe, full)
-    yield ExportedFile("fp32", full)
     export_half(full, half)
-    yield ExportedFile("fp16", half)
     export_eight_bit(full, train, recipe, training.size, eight)
-    yield ExportedFile("int8", eight)
+    return {"fp32": full, "fp16": half, "int8": eight}
 
 
 def _claim(folder: Path, settings: TrainSettings, resume: bool) -> None:

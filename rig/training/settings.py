@@ -1,28 +1,28 @@
-"""What a training is asked for: data, networks, folds, and the reduced or the paper's settings."""
+"""Settings of a training: data, networks, folds, and the reduced or the paper's parameters."""
 
 from dataclasses import dataclass
 from pathlib import Path
 
 from drivers.errors import unknown_name
-from rig.labels.folds import Fold
+from rig.labels.datasets import Fold
 from rig.training.loop import Schedule
 from rig.training.networks import OURS, Architecture
 
 SIMULATED = "simulated"
-"""Stands for frames rendered for this training."""
+"""In place of a data folder: frames rendered for this training."""
 VARIED, FAMILY = "varied", "family"
 UNITS = (VARIED, FAMILY)
-"""Simulated sensors: unlike one another, which carries over to unseen makes, or as a bench has them, which
-is what the paper's data set is: sensors of one make."""
+"""Simulated sensors: of varied makes, which generalises to unseen makes, or of one make, as on a bench and in
+the paper's data set."""
 
 
 @dataclass(frozen=True, slots=True)
 class TrainSettings:
-    """What a training is asked for.
+    """Settings of a training.
 
-    data: a folder, or `SIMULATED`. images: simulated frames to train on, a fold. paper: the paper's
-    settings (256 x 320 px, 30 epochs, batch 32) instead of the reduced ones. encoder_weights: a file.
-    threads: of torch, None for its own choice. units: the simulated sensors, see `UNITS`.
+    data: a folder, or `SIMULATED`. images: simulated training frames per fold. paper: the paper's
+    parameters (256 x 320 px, 30 epochs, batch 32) instead of the reduced ones. encoder_weights: a file.
+    threads: of torch, None for its default. units: the simulated sensors, see `UNITS`.
     """
 
     data: str
@@ -38,12 +38,12 @@ class TrainSettings:
     units: str = VARIED
 
     def size(self, architecture: Architecture) -> tuple[int, int]:
-        """(height, width) in px at which a network looks."""
+        """(height, width) of a network's input in px."""
         return architecture.paper_size if self.paper else architecture.size
 
     @property
     def frame_size(self) -> tuple[int, int]:
-        """(width, height) in px at which frames are kept."""
+        """(width, height) of the stored frames in px."""
         return (256, 320) if self.paper else (128, 160)
 
     def schedule(self, architecture: Architecture) -> Schedule:

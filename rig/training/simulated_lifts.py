@@ -1,7 +1,7 @@
-"""SIMULATED lifts for learning: the trial's own protocol on fakes, without what learning does not look at.
+"""SIMULATED lifts as training data: the protocol of a trial on fakes, without the sensors that are not used.
 
-The camera is blind (the truth is asked of the simulated world), and so are the fingertips where the
-wrist alone is learnt from. Everything else, plan, steps and waiting times, is that of `rig trial`.
+The camera is not rendered (the truth comes from the simulated world), nor are the fingertips if only wrenches
+are used. Everything else, plan, steps and waiting times, is that of `rig trial`.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -21,15 +21,15 @@ from rig.training.examples import sized
 from rig.training.lifts import SIGHT_HZ, WristSeries, hand_turn_deg, labelled_views, wrist_series
 
 TOUCH_N = 0.06
-"""Force at which a fingertip shows contact, about."""
+"""Approximate force at which a fingertip shows contact."""
 
 
 def simulated_wrists(
     objects: Sequence[str], lifts: int, seed: int, tell: Callable[[int, int], None]
 ) -> list[WristSeries]:
-    """Carry out so many lifts of each object with blind fingertips; return what the wrist felt.
+    """Carry out `lifts` lifts of each object without tactile images; return the arm's states.
 
-    tell: is told lifts done and wanted. Another seed gives other lifts, the same one the same.
+    tell: takes the numbers of finished and of all lifts. Equal seeds give equal lifts.
     """
     return [
         wrist_series(plan.object_id, seen.states, seen.phases, seen.turn_deg)
@@ -81,7 +81,7 @@ def _carry_out(made: LearningBench, plan: LiftPlan, seen: "_Seen") -> None:
 
 @dataclass(slots=True)
 class _Seen(LiftObserver):
-    """Keeps what happens in one lift, and how the object lay in the hand at each sample and frame."""
+    """Stores the events of one lift, and the object's rotation in the hand at each sample and frame."""
 
     made: LearningBench
     phases: dict[str, int] = field(default_factory=dict)
@@ -90,7 +90,7 @@ class _Seen(LiftObserver):
     _turns_deg: dict[int, float] = field(default_factory=dict)
 
     def phase(self, phase: Phase, time_ns: int) -> None:
-        """Note when it began."""
+        """Store its start."""
         self.phases[phase] = time_ns
         self._note(time_ns)
 
@@ -109,7 +109,7 @@ class _Seen(LiftObserver):
         return self.made.force_n(self.made.bench.clock.now_ns()) >= TOUCH_N
 
     def turn_deg(self, time_ns: int) -> float:
-        """The object's turn in the hand since the lift began, at a time that was seen."""
+        """The object's rotation in the hand since the start of the lift, at the time of an event."""
         return self._turns_deg[time_ns] - self._turns_deg[self.phases[Phase.LIFT]]
 
     def _note(self, time_ns: int) -> None:

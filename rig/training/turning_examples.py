@@ -1,7 +1,7 @@
-"""SIMULATED examples for the network that tells what of a contact's texture turns with the object.
+"""SIMULATED examples for the network that estimates which texture of a contact turns with the object.
 
-The truth is measured, not declared: a contact is drawn before and after a small turn, without noise, and
-where its texture after, turned back, is more like the texture before than where it stands, it turns.
+The ground truth is measured: a contact is rendered before and after a small rotation, without noise. Texture
+counts as turning if it resembles the earlier texture more after it was rotated back than before.
 """
 
 import math
@@ -20,17 +20,17 @@ from rig.tactile.slip.texture import FINENESS, structure
 from rig.tactile.slip.turning import SHARE_PX
 
 SIZE = (120, 160)
-"""(width, height) in px of the pictures that are learnt from."""
+"""(width, height) of the training images in px."""
 _NEIGHBOURS_PX = 1.5
-"""Over so much around a pixel its likeness is measured."""
+"""Standard deviation of the window over which similarity is measured."""
 _FAINTEST = 0.05
-"""Texture fainter than this share of a picture's strong texture is none: nothing turns there."""
+"""Texture weaker than this share of an image's strong texture does not count as turning."""
 _LEAST_WEIGHT = 0.03
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TurningExamples:
-    """N pictures, what turns in them, and what counts.
+    """N images, the share of their texture that turns, and weights.
 
     differences: (N, 3, h, w) float16, relative. shares, weights: (N, h / 2, w / 2) float32, the share of the
     texture that turns with the object, and how strong the texture is, 0 to 1.
@@ -45,7 +45,7 @@ class TurningExamples:
 
 
 def turning_examples(faces: int, seed: int, progress: Callable[[int], None]) -> TurningExamples:
-    """Draw so many faces, `FRAMES_PER_FACE` pictures of each. progress: is told how many are done."""
+    """Render `faces` faces, `FRAMES_PER_FACE` images each. progress: takes the number of finished faces."""
     width, height = SIZE
     count = faces * FRAMES_PER_FACE
     differences = np.empty((count, 3, height, width), np.float16)
@@ -80,7 +80,7 @@ def example_of(shown: TurningFrame) -> tuple[Field, Field, Field]:
 
 
 def _share(before: Field, turned_back: Field, after: Field) -> Field:
-    """Return the share of a texture that turns, by what is left when it is turned back, or let rest."""
+    """Return the share of a texture that turns, from the residuals with and without turning it back."""
     if_turning, if_resting = (_near(np.square(other - before).sum(axis=2)) for other in (turned_back, after))
     return np.asarray(if_resting / (if_turning + if_resting + np.float32(1e-12)), np.float32)
 
@@ -106,7 +106,7 @@ def _near(squares: Field) -> Field:
 
 
 def _halved(share: Field, weight: Field) -> tuple[Field, Field]:
-    """Return share and weight as the network answers: `SHARE_PX` pixels in one."""
+    """Return share and weight at the resolution of the network's output, `SHARE_PX` pixels in one."""
     size = (SIZE[0] // SHARE_PX, SIZE[1] // SHARE_PX)
     counted = np.maximum(weight, np.float32(_LEAST_WEIGHT))
     summed, total = (

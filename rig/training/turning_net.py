@@ -1,6 +1,7 @@
-"""The network that tells what of a contact's texture turns with the object, and how it is trained."""
+"""The network that estimates which texture of a contact turns with the object, and its training."""
 
 import math
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -10,20 +11,18 @@ import torch
 from torch import nn
 from torch.nn import functional
 
-from drivers.errors import RigError
 from fakes.studio.turning_frames import FRAMES_PER_FACE
 from rig.sessions.files import write_json
 from rig.tactile.slip.turning import MULTIPLE_PX, SHARE_PX, load_turning
-from rig.training.export import ExportedFile, onnx_model
-from rig.training.output import CARD, MODEL, Tell, claim
-from rig.training.regression import Plan, fit
+from rig.training.export import CARD, MODEL, Report, check_agreement, claim, file_facts, onnx_model
+from rig.training.regression import fit
 from rig.training.turning_examples import TurningExamples, turning_examples
 
 BATCH, RATE = 32, 3e-3
 _VALIDATED = 0.05
-"""Share of the faces that choose the epoch."""
+"""Share of the faces on which the best epoch is chosen."""
 _CLIPPED, _UNIT = 6.0, 0.125
-"""A relative difference is taken in eighths, and clipped."""
+"""Relative differences are divided by `_UNIT` and clipped."""
 _PLANES = (8, 16, 32, 48)
 _TURNED, _SCALED, _MIXED, _NEGATIVE = 0.6, 0.25, 0.25, 0.2
 _FAINTEST, _STRONGEST, _NOISE = math.log(0.2), math.log(1.6), 0.006
@@ -33,7 +32,7 @@ _MOST_DIFFERENCE = 1e-3
 class TurningNet(nn.Module):
     """Relative differences (N, 3, h, w), sides multiples of `MULTIPLE_PX`, to logits (N, 1, h / 2, w / 2).
 
-    Four scales, added up again: a line at the rim of a bulge is told from the rim by what is around it.
+    Features of four scales are added: only its surroundings distinguish a line at the rim of a bulge.
     """
 
     def __init__(self) -> None:
@@ -56,35 +55,32 @@ class TurningNet(nn.Module):
 
 
 def train_turning(
-    out: Path, faces: int, epochs: int, seed: int, threads: int | None, tell: Tell
+    out: Path, faces: int, epochs: int, seed: int, threads: int | None, report: Report
 ) -> dict[str, Any]:
     """Train the network; write model and card into an empty folder, and return the card.
 
-    faces: drawn, at least 2; one in twenty chooses the epoch. threads: of torch, None for its own choice.
-    Raises `InputError` for a folder that holds something or cannot be made.
+    faces: number of rendered faces, at least 2; every twentieth validates. threads: of torch, None for its
+    default. Raises `InputError` if the folder is not empty or cannot be made.
     """
-    claim(out)
-    if threads is not None:
-        torch.set_num_threads(threads)
+    claim(out, threads)
     torch.manual_seed(seed)
-    examples = turning_examples(faces, seed, lambda done: tell("SIMULATED contacts", done / faces))
+    examples = turning_examples(faces, seed, lambda done: report("SIMULATED contacts", done / faces))
     kept = FRAMES_PER_FACE * (faces - max(1, round(faces * _VALIDATED)))
     network = TurningNet().to(memory_format=torch.channels_last)
     generator = torch.Generator().manual_seed(seed)
 
     def loss(at: torch.Tensor) -> torch.Tensor:
         planes, shares, weights = _augmented(*_batch(examples, at.numpy()), generator)
-        told = functional.binary_cross_entropy_with_logits(network(planes), shares, reduction="none")
-        return (told * weights).sum() / weights.sum()
+        losses = functional.binary_cross_entropy_with_logits(network(planes), shares, reduction="none")
+        return (losses * weights).sum() / weights.sum()
 
     def show(epoch: int, mean: float, error: float) -> None:
         done = f"turning: epoch {epoch} of {epochs}, loss {mean:.3f}, validation {error:.3f}"
-        tell(done, epoch / epochs)
+        report(done, epoch / epochs)
 
     held_back = np.arange(kept, len(examples))
-    errors = fit(
-        network, Plan(epochs, BATCH, RATE), kept, loss, lambda: error_of(network, examples, held_back), show
-    )
+    validate = partial(error_of, network, examples, held_back)
+    errors = fit(network, epochs, BATCH, RATE, kept, loss, validate, show)
     export_turning(network, out / MODEL)
     card: dict[str, Any] = {
         "name": "turning",
@@ -97,7 +93,7 @@ def train_turning(
         "epochs": epochs,
         "parameters": sum(p.numel() for p in network.parameters()),
         "validation_error": errors,
-        "files": {"fp32": ExportedFile("fp32", out / MODEL).facts()},
+        "files": {"fp32": file_facts(out / MODEL)},
         "torch": str(torch.__version__),
     }
     write_json(out / CARD, card)
@@ -105,19 +101,19 @@ def train_turning(
 
 
 def error_of(network: nn.Module, examples: TurningExamples, at: np.ndarray) -> float:
-    """Return the mean absolute error of a network's share, weighed by how strong the texture is."""
+    """Return the mean absolute error of a network's share, weighted by the strength of the texture."""
     error, total = 0.0, 0.0
     with torch.inference_mode():
         for start in range(0, len(at), BATCH):
             planes, shares, weights = _batch(examples, at[start : start + BATCH])
-            told = torch.sigmoid(network(_padded(planes))[..., : shares.shape[2], : shares.shape[3]])
-            error += float((weights * (told - shares).abs()).sum())
+            found = torch.sigmoid(network(_padded(planes))[..., : shares.shape[2], : shares.shape[3]])
+            error += float((weights * (found - shares).abs()).sum())
             total += float(weights.sum())
     return error / total
 
 
 def export_turning(network: nn.Module, path: Path) -> None:
-    """Write a network for pictures of any size. Raises `RigError` where the file answers otherwise."""
+    """Write a network for images of any size. Raises `RigError` if the file disagrees with the network."""
     side = 6 * MULTIPLE_PX
     planes = torch.randn(1, 3, side, side, generator=torch.Generator().manual_seed(0))
     network = network.eval().to(memory_format=torch.contiguous_format)
@@ -127,10 +123,8 @@ def export_turning(network: nn.Module, path: Path) -> None:
     onnx.save(model, path)
     with torch.inference_mode():
         own = torch.sigmoid(network(planes))[0, 0].numpy()
-    told = load_turning(path).share(planes[0].numpy().transpose(1, 2, 0))
-    worst = float(np.abs(told - own).max())
-    if not worst <= _MOST_DIFFERENCE:
-        raise RigError(f"{path}: differs from its network by {worst:.2g}, more than {_MOST_DIFFERENCE:g}")
+    share = load_turning(path).share(planes[0].numpy().transpose(1, 2, 0))
+    check_agreement(path, share - own, _MOST_DIFFERENCE)
 
 
 def _layer(entering: int, leaving: int, stride: int = 1) -> nn.Sequential:
@@ -152,7 +146,7 @@ def _batch(examples: TurningExamples, at: np.ndarray) -> tuple[torch.Tensor, tor
 def _augmented(
     planes: torch.Tensor, shares: torch.Tensor, weights: torch.Tensor, generator: torch.Generator
 ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-    """Turn, mirror and scale a batch; mix, reverse and fade each picture's colours, and add noise."""
+    """Rotate, mirror and scale a batch; mix, invert and fade the colours of each image, and add noise."""
 
     def drawn(*shape: int) -> torch.Tensor:
         return torch.rand(*shape, generator=generator)

@@ -13,7 +13,7 @@ import pytest
 from numpy.typing import NDArray
 
 from rig.benchmark.clips.labelled import read_clips
-from rig.labels.angle_clicks import LINES
+from rig.labels.angle_lines import LINES
 from support.angle_clips import TURN_DEG, ask, draw_all, write_clip
 from support.command_line import rig
 

@@ -36,7 +36,7 @@ def test_results_that_cannot_be_written_are_one_line(arguments: Sequence[object]
 
 
 def test_a_silent_command_prints_that_it_is_loading_on_stderr(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("rig.live.phases.SILENT_S", 0.1)
+    monkeypatch.setattr("rig.live.screen.SILENT_S", 0.1)
     monkeypatch.setattr("rig.results.listing.find_sessions", lambda _: time.sleep(1.0) or [])
     done = rig("sessions", "--json")
     assert (done.returncode, done.stderr.splitlines()[0]) == (0, "loading ...")

@@ -171,4 +171,4 @@ def test_page_modules_are_not_imported_without_watch() -> None:
     )
     loaded = set(done.stdout.split())
     assert "rig.live.observer" in loaded
-    assert not loaded & {"rig.live.watch", "rig.live.watch_state", "rig.live.notify", "rig.pages.serving"}
+    assert not loaded & {"rig.live.watch", "rig.live.notify", "rig.pages.serving"}

@@ -12,7 +12,7 @@ from rig import templates
 from rig.bench.assembly import build_bench
 from rig.bench.own_devices import own_gripper
 from rig.config import load_bench
-from rig.config.limits import GripperLimitsConfig
+from rig.config.fields import GripperLimitsConfig
 from rig.contract_checks.test_gripper import *  # noqa: F403
 
 LIMITS = GripperLimitsConfig(

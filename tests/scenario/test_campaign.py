@@ -16,10 +16,10 @@ from rig.experiments.lift_plan import TrialSettings
 from rig.experiments.trial import run_trial, trial_manifest
 from rig.results.listing import SessionState, list_session
 from rig.results.table import read_results
-from rig.sessions.lift_columns import REPLAYS, ReplayRow
 from rig.sessions.records import LIFTS
 from rig.sessions.rows import read_finished_lifts, read_rows
 from rig.sessions.session import open_session
+from rig.sessions.table_files import REPLAYS, ReplayRow
 from rig.tactile.estimators import choose_estimator
 from support.command_line import rig
 from support.own_estimators import MODULE, own_estimators

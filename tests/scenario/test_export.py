@@ -27,7 +27,7 @@ from rig.export.formats import export_session
 from rig.frames import ros_bags
 from rig.frames.series import read_frames
 from rig.sessions.about import SIMULATED_EPOCH_NS
-from rig.sessions.layout import TRUE_MASKS
+from rig.sessions.files import TRUE_MASKS
 from rig.sessions.manifest import TrialManifest, read_manifest_of
 from rig.sessions.reading import recorded_angles, recorded_arm_states, recorded_frames
 from rig.sessions.recorder import FUSED_TOPIC, TRUTH_TOPIC

@@ -18,7 +18,7 @@ from rig.report.write import write_report
 from rig.results.listing import SessionState, find_sessions, list_session
 from rig.results.table import lifts_csv
 from rig.sessions.codec import json_line, json_value
-from rig.sessions.layout import LOG, RESULTS, TIMING
+from rig.sessions.files import LOG, RESULTS, TIMING
 from rig.sessions.manifest import TrialManifest, read_manifest, read_manifest_of
 from rig.sessions.records import LIFTS, POSES
 from rig.sessions.rows import read_finished_lifts, read_lifts, read_rows

@@ -19,12 +19,11 @@ from rig.benchmark.measured import Measured, at_least, at_most, data_folder, not
 from rig.benchmark.segmentation.panels import panels_picture, read_panels
 from rig.benchmark.segmentation.paper_table import NETWORKS, OURS, MeanStd, table_two
 from rig.frames.masks import CLASSICAL, FrameSegmenter, SegmentChoice, make_segmenter, segmenter_maker
-from rig.labels.scores import agreement
+from rig.labels.polygons import agreement
 from rig.tactile.contact.network import SHIPPED, load_network
 from rig.tactile.contact.network_input import NetworkInput, compared_planes, frame_planes
 from rig.tactile.contact.relative import RelativeDifference
-from rig.training.examples import Examples
-from rig.training.simulated import examples_of, simulated_examples
+from rig.training.examples import Examples, examples_of, simulated_examples
 
 HELD_OUT = ("2", "12", "t1", "t2", "t3", "t4", "t5", "t6", "t7")
 """The test objects of fold D_s3, and the trial objects: no shipped network was trained on them."""

@@ -24,7 +24,7 @@ from rig.benchmark.wire.moments import Stage, random_moment, tried
 from rig.config import BenchConfig
 from rig.report.film import HEIGHT_PX
 from rig.report.film_file import save_film
-from rig.sessions.layout import recording_file
+from rig.sessions.files import recording_file
 from rig.sessions.reading import recorded_frames
 
 PART = 10

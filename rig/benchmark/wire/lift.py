@@ -28,9 +28,9 @@ from rig.experiments.lift_attempt import attempt_lift
 from rig.experiments.lift_plan import LiftTask, TrialSettings
 from rig.experiments.trial import run_trial
 from rig.live.feed import NOBODY, LiveFeed
-from rig.live.phases import begin_phase
+from rig.live.screen import begin_phase
 from rig.live.session import viewer_feed
-from rig.sessions.layout import TIMING
+from rig.sessions.files import TIMING
 from rig.sessions.reading import recorded_frames
 from rig.sessions.records import FinishedLift, finished
 from rig.sessions.rows import read_finished_lifts, read_rows

@@ -13,8 +13,8 @@ from drivers.tally import FrameTally
 from drivers.types import ArmState, Frame, GripperState, Image
 from protocols.observer import LiftObserver, Phase
 from rig.config import BenchConfig
-from rig.sessions.background_file import BackgroundFile
 from rig.sessions.recorder import LiftRecorder
+from rig.sessions.unfinished import BackgroundFile
 from rig.tactile.contact.background import mean_background
 from rig.tactile.contact.touch import TouchDebounce
 from rig.tactile.estimators import choose_estimator

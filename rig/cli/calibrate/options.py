@@ -14,7 +14,7 @@ from rig.cli.dry_run import dry_run
 from rig.cli.options import DryRunOption, NotifyOption, WatchAtOption, WatchOption, WatchOptions
 from rig.cli.places import folder_place
 from rig.cli.watching import Work, watched
-from rig.live.phases import begin_phase
+from rig.live.screen import begin_phase
 
 if TYPE_CHECKING:
     from drivers.types import Frame
@@ -105,7 +105,7 @@ def _show(stack: ExitStack, listeners: "tuple[Listener, ...]") -> "Callable[[Fra
     if not listeners:
         return None
     from rig.live.feed import LiveFeed
-    from rig.live.pictures import PictureSender
+    from rig.live.observer import PictureSender
 
     return stack.enter_context(closing(PictureSender(LiveFeed(listeners))))
 

@@ -33,7 +33,7 @@ class Recipe:
     """How a network is used.
 
     threshold: share above which a pixel is contact. convex: whether it learnt labels whose parts are
-    convex (`rig.labels.outline`), so that parts of a mask may be replaced by their hulls.
+    convex (`rig.labels.polygons`), so that parts of a mask may be replaced by their hulls.
     """
 
     inputs: NetworkInput

@@ -6,8 +6,8 @@ from dataclasses import fields
 import rig.sessions.about
 import rig.sessions.recorder
 from rig.results.table import ERRORS
-from rig.sessions.lift_columns import IF_REACTING, IN_CSV, ReplayRow
 from rig.sessions.records import FailedLift, FinishedLift, LiftOutcome
+from rig.sessions.table_files import IF_REACTING, IN_CSV, ReplayRow
 from support.documentation import ROOT
 
 PAGE = (ROOT / "docs" / "formats.md").read_text(encoding="utf-8")

@@ -9,7 +9,7 @@ from drivers.errors import DeviceError, InputError
 from rig.bench.assembly import build_bench
 from rig.config import BenchConfig, load_bench
 from rig.doctor.actuators import look_at_arm, look_at_gripper
-from rig.doctor.computer import look_at_calibrations, look_at_disk, look_at_usb
+from rig.doctor.examination import look_at_calibrations, look_at_disk, look_at_usb
 from rig.doctor.finding import Finding, Severity, percentiles_ms
 from rig.doctor.streams import look_at_streams
 

@@ -17,13 +17,12 @@ from protocols.observer import LiftEvents
 from rig.config import load_bench
 from rig.config.calibrations import find_calibrations
 from rig.config.load import parse_bench
-from rig.config.object_text import with_position
-from rig.config.objects import new_object_text, parse_object
+from rig.config.objects import new_object_text, parse_object, with_position
 from rig.config.write import bench_text
-from rig.frames.array_files import array_frames
+from rig.frames.clips import array_frames
 from rig.frames.times import times_from_table
+from rig.labels.label_files import labelme_mask
 from rig.labels.proposals import read_label
-from rig.labels.shapes import labelme_mask
 from rig.report.csv_lifts import read_table
 from rig.results.listing import list_session
 from rig.results.table import read_results

@@ -116,7 +116,7 @@ def test_the_viewer_is_found_though_the_environment_is_not_activated(monkeypatch
 
 def test_the_viewer_s_parts_say_that_they_are_simulated() -> None:
     pytest.importorskip("rerun", reason="the live view's library is not installed: extra 'live'")
-    from rig.live.scene import layout
+    from rig.live.viewer import layout
 
     def names(part: Any) -> list[str]:
         own = [part.name] if getattr(part, "name", None) else []

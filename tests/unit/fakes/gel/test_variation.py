@@ -7,7 +7,7 @@ from fakes.gel.sensor import GelSensor, Imprint
 from fakes.gel.variation import Variation, draw_variation
 from fakes.objects.surfaces import build_surface
 from fakes.studio.training_frames import RANDOM_SHAPE, random_contact
-from rig.training.simulated import simulated_examples
+from rig.training.examples import simulated_examples
 
 
 def rng(seed: int = 0) -> np.random.Generator:

@@ -6,7 +6,7 @@ import numpy as np
 
 from fakes.studio.training_frames import hard_frames
 from rig.benchmark.segmentation.study import FRAME_SIZE, HARD, HELD_OUT, LEAST_UNLIKE_DICE, score_examples
-from rig.training.simulated import examples_of
+from rig.training.examples import examples_of
 
 
 def test_the_shipped_network_finds_the_contacts_of_hard_lifts() -> None:

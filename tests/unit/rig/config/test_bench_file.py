@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 
 from drivers.errors import InputError
 from rig.config import BENCHES, load_bench
+from rig.config.checks import LIMITS, ON_THE_FLANGE
 from rig.config.lines import line_of
 from rig.config.load import new_bench_file, parse_bench
-from rig.config.required import LIMITS, ON_THE_FLANGE
 
 REAL = (BENCHES.parent / "config" / "new_bench.toml").read_text()
 

@@ -15,8 +15,8 @@ from calibration.verdict import Assessment
 from drivers.errors import CalibrationError, SessionError
 from rig.config import BenchConfig, load_bench
 from rig.config.calibrations import find_calibrations, load_calibrated_bench
+from rig.config.fields import GripperLimitsConfig
 from rig.config.in_use import CalibrationsInUse, CameraInUse, FileInUse
-from rig.config.limits import GripperLimitsConfig
 from rig.experiments.lift_plan import TrialSettings
 from rig.experiments.replay import run_replay
 from rig.experiments.stored_trial import stored_trial

@@ -3,8 +3,7 @@
 import pytest
 
 from drivers.errors import InputError
-from rig.config.object_text import with_position
-from rig.config.objects import new_object_text, parse_object
+from rig.config.objects import new_object_text, parse_object, with_position
 
 VALUES = {"offset_m": -0.0512, "height_m": 0.003, "turn_deg": 2.5, "width_m": 0.0287, "lift_height_m": 0.044}
 

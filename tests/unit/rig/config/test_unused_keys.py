@@ -4,8 +4,8 @@ import pytest
 
 from drivers.errors import InputError
 from rig.config import BENCHES, BenchConfig
+from rig.config.checks import unused_keys
 from rig.config.load import parse_bench
-from rig.config.unused import unused_keys
 
 FAKE, WIRE = ((BENCHES / f"{name}.toml").read_text() for name in ("fake", "wire"))
 REAL = (BENCHES.parent / "config" / "new_bench.toml").read_text()

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from rig.frames.doubts import background_doubts, frame_doubts
+from rig.frames.estimation import background_doubts, frame_doubts
 from rig.frames.series import FrameSeries, TimedFrame, make_background
 from rig.frames.times import FrameTime
 

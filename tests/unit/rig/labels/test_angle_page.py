@@ -16,8 +16,8 @@ from drivers.images import read_image
 from rig.benchmark.clips.labelled import read_clips
 from rig.frames.estimation import Estimation
 from rig.frames.series import read_frames
-from rig.labels.angle_clicks import LINES, Click, LineLog, ends_in, read_drawn
 from rig.labels.angle_clip import ClipToLabel, FrameChoice, choose_frames, difference, load_clip
+from rig.labels.angle_lines import LINES, Click, LineLog, ends_in, read_drawn
 from rig.labels.angle_server import TOKEN, AnglePage, AngleServer
 from rig.pages.serving import Request
 from rig.tactile.estimators import choose_estimator

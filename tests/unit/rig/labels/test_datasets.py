@@ -11,14 +11,11 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from drivers.errors import InputError
-from rig.labels.datasets import object_of, read_dataset
-from rig.labels.folds import FOLDS, check_objects, find_fold
-from rig.labels.outline import contact_label
-from rig.labels.scores import agreement
-from rig.labels.shapes import labelme_mask
+from rig.labels.datasets import FOLDS, check_objects, find_fold, object_of, read_dataset
+from rig.labels.label_files import labelme_mask
+from rig.labels.polygons import agreement, contact_label
 from rig.sessions.codec import json_value
-from rig.sessions.files import write_json
-from rig.sessions.layout import MANIFEST
+from rig.sessions.files import MANIFEST, write_json
 from rig.sessions.manifest import ReplayManifest, begun
 
 Image = NDArray[np.uint8]

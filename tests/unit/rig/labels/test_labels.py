@@ -10,8 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from rig.labels.coco import LabelledImage, coco_document
-from rig.labels.labelme import labelme_document
+from rig.labels.label_files import LabelledImage, coco_document, labelme_document
 from rig.labels.polygons import mask_polygons, polygon_area, polygons_mask
 
 Image = NDArray[np.uint8]

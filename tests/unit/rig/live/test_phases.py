@@ -5,12 +5,12 @@ import time
 import pytest
 
 from rig.cli.output import guarded_output
-from rig.live.phases import begin_phase, end_phase
+from rig.live.screen import begin_phase, end_phase
 
 
 @pytest.fixture(autouse=True)
 def _short(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("rig.live.phases.SILENT_S", 0.2)
+    monkeypatch.setattr("rig.live.screen.SILENT_S", 0.2)
 
 
 def test_a_silent_phase_prints_its_name_on_stderr(capsys: pytest.CaptureFixture[str]) -> None:

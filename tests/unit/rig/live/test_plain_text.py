@@ -10,8 +10,7 @@ from rich.table import Table
 from rich.text import Text
 
 from rig.live.console import PlainConsole
-from rig.live.plain_text import PlainStream, plain
-from rig.live.screen import set_aside, shown
+from rig.live.screen import PlainStream, plain, set_aside, shown
 
 
 @pytest.mark.parametrize(

@@ -17,9 +17,8 @@ from rig.results.table import (
     table_lines,
     table_row,
 )
-from rig.sessions.lift_columns import ReplayRow
 from rig.sessions.records import ErrorSummary, FinishedLift
-from rig.sessions.table_files import csv_bytes, parquet_bytes
+from rig.sessions.table_files import ReplayRow, csv_bytes, parquet_bytes
 
 HEAD = TableHead("/s/one", "2026-11-21", "fake", "slip", 1)
 MakeRow = Callable[..., FinishedLift]

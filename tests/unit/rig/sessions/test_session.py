@@ -11,8 +11,7 @@ import pytest
 from drivers.errors import InputError, OperatorStopError, RecordingError, SessionError
 from rig.config import load_bench
 from rig.sessions.codec import json_line
-from rig.sessions.files import append_line, write_file
-from rig.sessions.layout import MANIFEST
+from rig.sessions.files import MANIFEST, append_line, write_file
 from rig.sessions.manifest import TrialManifest, begun_on, is_session, read_manifest
 from rig.sessions.records import LIFTS, FinishedLift, LiftRow
 from rig.sessions.rows import read_lifts

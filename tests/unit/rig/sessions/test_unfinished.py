@@ -14,13 +14,12 @@ import pytest
 from drivers.errors import OperatorStopError, RecordingError
 from drivers.types import Frame
 from rig.config import load_bench
-from rig.sessions import background_file
-from rig.sessions.background_file import BackgroundFile
+from rig.sessions import unfinished
 from rig.sessions.manifest import TrialManifest, begun_on
 from rig.sessions.recorder import LiftRecorder
 from rig.sessions.records import LIFTS, FinishedLift
 from rig.sessions.session import open_session
-from rig.sessions.unfinished import completed, new_recording, unfinished_recordings
+from rig.sessions.unfinished import BackgroundFile, completed, new_recording, unfinished_recordings
 
 RECORDING = "lifts/007.mcap"
 MB = 1_000_000
@@ -84,7 +83,7 @@ def test_slow_disk_does_not_delay_the_caller(tmp_path: Path, monkeypatch: pytest
         time.sleep(0.2)
         return write(handle, data)
 
-    monkeypatch.setattr(background_file.os, "write", slow)
+    monkeypatch.setattr(unfinished.os, "write", slow)
     file = BackgroundFile(iter([tmp_path / "a"]))
     began = time.perf_counter()
     for _ in range(5):
@@ -102,7 +101,7 @@ def test_disk_that_stalls_for_too_long_is_an_error(tmp_path: Path, monkeypatch: 
         released.wait(10.0)
         return write(handle, data)
 
-    monkeypatch.setattr(background_file.os, "write", stalled)
+    monkeypatch.setattr(unfinished.os, "write", stalled)
     file = BackgroundFile(iter([tmp_path / "a"]))
     with pytest.raises(RecordingError, match=r"a: the disk is too slow: 6[45] MB wait to be written"):
         deque(map(file.write, [bytes(MB)] * 70), maxlen=0)

@@ -22,8 +22,7 @@ def test_the_trials_objects_are_held_back() -> None:
 
 def test_a_wrist_network_is_trained_and_answers_alike_from_its_file(tmp_path: Path) -> None:
     from rig.tactile.peers.networks import load_wrench_network
-    from rig.training.peer_export import export_wrist
-    from rig.training.wrist import blind_error_deg, error_deg, sequences, train_wrist
+    from rig.training.wrist import blind_error_deg, error_deg, export_wrist, sequences, train_wrist
 
     lifts = sequences(simulated_wrists(["7", "2"], 2, 5, lambda *_: None))
     network, errors = train_wrist(lifts, lifts, 30, 0, lambda *_: None)
@@ -34,8 +33,7 @@ def test_a_wrist_network_is_trained_and_answers_alike_from_its_file(tmp_path: Pa
 
 
 def test_an_angle_network_answers_alike_from_its_files(tmp_path: Path) -> None:
-    from rig.training.angle_net import AngleNet
-    from rig.training.peer_export import export_angle_net
+    from rig.training.angle_net import AngleNet, export_angle_net
 
     torch.manual_seed(0)
     export_angle_net(AngleNet().eval(), tmp_path / "full.onnx", tmp_path / "half.onnx")

@@ -14,18 +14,16 @@ if any(find_spec(name) is None for name in ("torch", "segmentation_models_pytorc
 import torch
 
 from drivers.errors import InputError
-from rig.labels.folds import FOLDS
+from rig.labels.datasets import FOLDS
 from rig.tactile.contact.network import Recipe, load_network
-from rig.training.augmentation import LabelledFrame, augmented
-from rig.training.checkpoint import fill_encoder, load_weights, read_state
+from rig.training.batches import LabelledFrame, augmented
+from rig.training.checkpoint import fill_encoder, import_checkpoint, load_weights, read_state
+from rig.training.examples import simulated_examples
 from rig.training.export import export_eight_bit, export_half, export_onnx
-from rig.training.imported import import_checkpoint
-from rig.training.loop import Schedule, Training, focal_loss
+from rig.training.loop import Schedule, Training, arithmetic_of, focal_loss
 from rig.training.networks import ARCHITECTURES, build_network, find_architecture
-from rig.training.precision import arithmetic_of
 from rig.training.run import train_all
 from rig.training.settings import TrainSettings
-from rig.training.simulated import simulated_examples
 
 OURS, PSPNET = ARCHITECTURES["ours"], ARCHITECTURES["pspnet"]
 # torch and its exporter warn about their own insides

@@ -14,10 +14,8 @@ from fakes.gel.variation import draw_variation
 from fakes.objects.catalogue import load_catalogue
 from fakes.objects.surfaces import build_surface, depth_for_force
 from rig.benchmark.segmentation.panels import Panels, read_panels
-from rig.frames.masks import SegmentChoice, make_segmenter
-from rig.frames.model_cards import shipped_cards
-from rig.labels.outline import contact_label
-from rig.labels.scores import agreement
+from rig.frames.masks import SegmentChoice, make_segmenter, shipped_cards
+from rig.labels.polygons import agreement, contact_label
 from rig.tactile.contact.finder import Contact, ContactFinder
 from rig.tactile.contact.model_files import MODELS
 from rig.tactile.contact.network import SHIPPED, load_network

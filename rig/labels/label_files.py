@@ -1,0 +1,152 @@
+"""Label files: LabelMe (one JSON file beside each image) and COCO (one JSON file for all images).
+
+LabelMe: fields as labelme 5 writes and reads them (`labelme/_label_file.py`); points are x, y in pixels,
+`imageData` is empty if the image lies beside the file. COCO: instance annotations with the fields of
+https://cocodataset.org/#format-data; ids count from 1.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from drivers.errors import InputError
+from drivers.formats import shown
+from drivers.types import Image
+from rig.labels.polygons import Polygon, polygon_area, polygons_mask
+
+FORMAT_VERSION = "5.5.0"
+"""The oldest version of LabelMe whose fields are written here."""
+_BACKGROUND_LABELS = ("_background_", "background", "__ignore__")
+_CIRCLE_CORNERS = 72
+_FAR, _MOST_PX = 1.0, 1e6
+"""Largest distance of a corner from its image, in image widths or heights; largest coordinate in px."""
+
+
+def labelme_document(
+    image_name: str, size: tuple[int, int], polygons: Sequence[Polygon], label: str, note: str
+) -> dict[str, object]:
+    """Return the JSON value of one image's annotation.
+
+    image_name: path of the image, relative to the file. size: width and height, px. note: where
+    the outline comes from; kept as each shape's description.
+    """
+    return {
+        "version": FORMAT_VERSION,
+        "flags": {},
+        "shapes": [_shape(polygon, label, note) for polygon in polygons],
+        "imagePath": image_name,
+        "imageData": None,
+        "imageHeight": size[1],
+        "imageWidth": size[0],
+    }
+
+
+def _shape(polygon: Polygon, label: str, note: str) -> dict[str, object]:
+    return {
+        "label": label,
+        "points": [[round(float(x), 2), round(float(y), 2)] for x, y in polygon],
+        "group_id": None,
+        "description": note,
+        "shape_type": "polygon",
+        "flags": {},
+        "mask": None,
+    }
+
+
+def labelme_mask(document: dict[str, Any], shape: tuple[int, int], where: str) -> Image:
+    """Return the union of a document's shapes as (H, W) uint8, 0 or 255.
+
+    shape: (H, W) of the image. Points are scaled where the document was drawn on another size.
+    Raises `InputError` naming `where` for shapes that enclose nothing.
+    """
+    drawn_on = document.get("imageWidth") or shape[1], document.get("imageHeight") or shape[0]
+    if not all(isinstance(side, int | float) and side > 0 for side in drawn_on):
+        raise InputError(f"{where}: its image's size is {shown(drawn_on)}: save it anew in LabelMe")
+    polygons = [
+        _scaled(_corners(entry, f"{where}, shape {number}"), drawn_on, shape, f"{where}, shape {number}")
+        for number, entry in enumerate(document["shapes"], start=1)
+        if not (isinstance(entry, dict) and entry.get("label", "") in _BACKGROUND_LABELS)
+    ]
+    return polygons_mask(polygons, (shape[1], shape[0]))
+
+
+def _scaled(corners: Polygon, drawn_on: tuple[float, float], shape: tuple[int, int], where: str) -> Polygon:
+    """Return corners in pixels of the image. Raises `InputError` if one is far outside of it."""
+    share = corners / np.array(drawn_on)
+    if np.abs(share - 0.5).max() > 0.5 + _FAR:
+        raise InputError(f"{where}: a point lies far outside its image: draw it again in LabelMe")
+    return share * np.array([shape[1], shape[0]])
+
+
+def _corners(entry: Any, where: str) -> Polygon:
+    """Return a shape's outline, x and y in px, 0 at the image's corner."""
+    try:
+        kind = entry.get("shape_type") or "polygon"
+        points = np.asarray(entry["points"], np.float64).reshape(-1, 2)
+    except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
+        raise InputError(f"{where}: its points cannot be read: draw it again in LabelMe") from error
+    if not np.abs(points).max(initial=0.0) <= _MOST_PX:
+        raise InputError(f"{where}: a point is not in its image: draw it again in LabelMe")
+    if kind == "rectangle" and len(points) == 2:
+        (x0, y0), (x1, y1) = points
+        return np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]])
+    if kind == "circle" and len(points) == 2:
+        radius = math.dist(points[0], points[1])
+        turn = np.linspace(0.0, 2.0 * np.pi, _CIRCLE_CORNERS, endpoint=False)
+        return points[0] + radius * np.column_stack([np.cos(turn), np.sin(turn)])
+    if kind == "polygon" and len(points) >= 3:
+        return points
+    raise InputError(
+        f"{where}: a {shown(kind)} of {len(points)} points encloses nothing: draw a polygon in LabelMe"
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LabelledImage:
+    """An image, width and height in px, and the outlines of one object's contact in it."""
+
+    file_name: str
+    size: tuple[int, int]
+    category: str
+    polygons: Sequence[Polygon]
+
+
+def coco_document(images: Sequence[LabelledImage], description: str) -> dict[str, object]:
+    """Return the JSON value for a set of images; categories are numbered in the order of their names.
+
+    description: what the images are and where their outlines come from.
+    """
+    numbers = {name: i for i, name in enumerate(sorted({image.category for image in images}), start=1)}
+    contacts = [(i, image) for i, image in enumerate(images, start=1) if image.polygons]
+    return {
+        "info": {"description": description, "version": "1.0"},
+        "licenses": [],
+        "images": [
+            {"id": i, "file_name": image.file_name, "width": image.size[0], "height": image.size[1]}
+            for i, image in enumerate(images, start=1)
+        ],
+        "annotations": [
+            _annotation(number, image_id, numbers[image.category], image.polygons)
+            for number, (image_id, image) in enumerate(contacts, start=1)
+        ],
+        "categories": [
+            {"id": number, "name": name, "supercategory": "contact"} for name, number in numbers.items()
+        ],
+    }
+
+
+def _annotation(number: int, image_id: int, category: int, polygons: Sequence[Polygon]) -> dict[str, object]:
+    corners = np.concatenate(polygons)
+    (left, top), (right, bottom) = corners.min(axis=0), corners.max(axis=0)
+    return {
+        "id": number,
+        "image_id": image_id,
+        "category_id": category,
+        "segmentation": [[round(float(v), 2) for v in polygon.reshape(-1)] for polygon in polygons],
+        "area": round(sum(polygon_area(polygon) for polygon in polygons), 2),
+        "bbox": [round(float(v), 2) for v in (left, top, right - left, bottom - top)],
+        "iscrowd": 0,
+    }

@@ -2,7 +2,7 @@
 
 import sys
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from functools import partial
 from multiprocessing.connection import Connection
@@ -28,6 +28,11 @@ LOOK_S = 0.5
 """How often the process of the fakes looks whether all their parts are alive."""
 STOP_S = 10.0
 LED_LATER_S = 0.1
+_SHOWN = (
+    "robot_mode", "safety_mode", "remote_control", "program_running", "requests", "replies", "served",
+    "missed", "withheld", "clients", "faults",
+)  # fmt: skip
+"""Values of each fake in the lines for people."""
 
 
 @contextmanager
@@ -118,6 +123,28 @@ def simulated_operator(config: BenchConfig, seed: int) -> SimulatedOperator:
 
     prove = partial(prove_simulated, config)
     return SimulatedOperator(place, lambda: tuple(control.call("gap")["gap_m"]), seed, prove, lead)
+
+
+def state_lines(state: Mapping[str, Any]) -> list[str]:
+    """Return the state of the simulated world in lines for people, and what each device has served."""
+    x, y, z = state["tool_m"]
+    held = f"held with {state['force_n']:.2f} N" if state["held"] else "not held"
+    turned = f"turned {state['turn_deg']:+.1f} deg"
+    lines = [
+        f"tool at ({x:.3f}, {y:.3f}, {z:.3f}) m, {'moving' if state['tool_moving'] else 'at rest'}",
+        f"fingers at {state['finger_counts']:.0f} counts",
+        "no object" if state["object"] is None else f"object {state['object']}, {held}, {turned}",
+    ]
+    for name, counted in state["devices"].items():
+        shown = (f"{key.replace('_', ' ')} {_word(counted[key])}" for key in _SHOWN if key in counted)
+        lines.append(f"{name}: {', '.join(shown)}")
+    return lines
+
+
+def _word(value: Any) -> str:
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    return ", ".join(map(str, value)) or "none" if isinstance(value, list) else str(value)
 
 
 def _ready(pipe: Connection) -> BenchConfig:

@@ -1,4 +1,4 @@
-"""The `rig` command, one file per subcommand; groups of subcommands in packages of their own.
+"""The `rig` command: one file per subcommand or group of related ones, two packages for the large groups.
 
-May import all of `rig`, and does so when a command runs, so that help comes at once.
+It may import all of `rig`, and does so inside the functions of a command, so that help is shown at once.
 """

@@ -1,11 +1,13 @@
 """`rig compare`: two sessions, or two estimators on one session, lift by lift."""
 
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING
 
-import typer
-
-from rig.cli.common import JsonOption, emit_json, say, trial_jobs
+from drivers.errors import InputError
+from rig.cli.common import print_result, say, trial_jobs
+from rig.cli.declared import argument, option
+from rig.cli.options import JsonOption
 from rig.cli.places import file_place
 
 if TYPE_CHECKING:
@@ -13,26 +15,21 @@ if TYPE_CHECKING:
     from rig.report.sides import Side
 
 
-def compare(
-    first: Annotated[
-        str,
-        typer.Argument(help="Session folder of a trial; with --on, an estimator, also package.module:Class."),
-    ],
-    second: Annotated[str, typer.Argument(help="The other one.")],
-    on: Annotated[
-        Path | None, typer.Option("--on", help="Session whose lifts both estimators are to see.")
-    ] = None,
-    jobs: Annotated[int | None, typer.Option("--jobs", min=1, max=64, help="Lifts side by side.")] = None,
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            "--out",
-            help="The page; default compare_<A>_<B>.html here.",
-            callback=file_place,
-        ),
-    ] = None,
-    json: JsonOption = False,
-) -> None:
+@dataclass(frozen=True, slots=True)
+class CompareOptions:
+    """The two sides, and the page."""
+
+    first: str = argument(
+        ..., "Session folder of a trial; with --on, an estimator, also package.module:Class."
+    )
+    second: str = argument(..., "The other one.")
+    on: Path | None = option(None, "Session whose lifts both estimators are to see.")
+    jobs: int | None = option(None, "Lifts side by side.", min=1, max=64)
+    out: Path | None = option(None, "The page; default compare_<A>_<B>.html here.", callback=file_place)
+    json: JsonOption = False
+
+
+def compare(options: CompareOptions) -> None:
     """Compare two trials, or two estimators on the lifts of one: paired differences with intervals.
 
     Lifts are paired by object and number. Sessions of one seed hold the same simulated lifts; on a
@@ -46,44 +43,44 @@ def compare(
       rig compare slip pca --on sessions/monday --out slip_pca.html --json
 
     """
-    from drivers.errors import InputError
     from rig.report.compare import compare_lifts, verdict
     from rig.report.compare_page import compare_page
-    from rig.report.sides import session_side
     from rig.report.write import write_page
 
-    if out is None:
-        file_place(Path("compare.html"))  # that the page can lie here is seen before hours of replays
-    if first == second:
-        raise InputError(f"{first} is given twice: name two sessions, or two estimators and --on SESSION")
-    if on is not None:
-        sides = _estimators(on, first, second, trial_jobs(jobs, True, False))
-        about = f"Two estimators on the lifts of session {on.name}."
-    else:
-        sides = (session_side(Path(first)), session_side(Path(second)))
-        about = f"Two sessions: {first} and {second}."
+    if options.out is None:
+        file_place(Path("compare.html"))  # an unwritable folder is reported before hours of replays
+    sides, about = _sides(options)
     notes = [note for side in sides for note in side.notes]
     for note in notes:
         say(f"note: {note}")
     names = _names(sides)
     same = sides[0].estimator == sides[1].estimator
     found = compare_lifts(names, sides[0].lifts, sides[1].lifts, same)
-    page = out or Path(f"compare_{_file_part(names[0])}_{_file_part(names[1])}.html")
+    page = options.out or Path(f"compare_{_file_part(names[0])}_{_file_part(names[1])}.html")
     write_page(page, compare_page(found, any(side.simulated for side in sides), about, notes))
-    if json:
-        said = verdict(found) if found.judged else None
-        emit_json({"report": str(page), "verdict": said, **_figures(found)})
-    else:
+    if not options.json:
         _print(found)
-        print(page)
+    said = verdict(found) if found.judged else None
+    print_result(options.json, {"report": str(page), "verdict": said, **found.as_json()}, page)
 
 
-def _estimators(on: Path, first: str, second: str, jobs: int) -> "tuple[Side, Side]":
-    from rig.cli.printing import TrialProgress
-    from rig.report.sides import estimator_side
+def _sides(options: CompareOptions) -> "tuple[tuple[Side, Side], str]":
+    """Return both sides, and a sentence that says what they are. Raises `InputError`."""
+    from rig.live.terminal import WorkProgress
+    from rig.report.sides import estimator_side, session_side
+    from rig.results.notes import lift_note
 
-    with TrialProgress(1) as progress:
-        return estimator_side(on, first, jobs, progress), estimator_side(on, second, jobs, progress)
+    first, second, on = options.first, options.second, options.on
+    if first == second:
+        raise InputError(f"{first} is given twice: name two sessions, or two estimators and --on SESSION")
+    if on is None:
+        sides = session_side(Path(first)), session_side(Path(second))
+        return sides, f"Two sessions: {first} and {second}."
+    jobs = trial_jobs(options.jobs, True, False)
+    with WorkProgress(1, "lifts") as bar:
+        show = bar.showing(lift_note)
+        sides = estimator_side(on, first, jobs, show), estimator_side(on, second, jobs, show)
+    return sides, f"Two estimators on the lifts of session {on.name}."
 
 
 def _names(sides: "tuple[Side, Side]") -> tuple[str, str]:
@@ -96,8 +93,7 @@ def _file_part(name: str) -> str:
 
 
 def _print(found: "Comparison") -> None:
-    from rig.cli.fitting import table_console
-    from rig.cli.printing import console_table
+    from rig.live.tables import console_table, table_console
     from rig.report.compare import verdict
     from rig.report.compare_page import figure_table, object_table
     from rig.results.metrics import FEWEST_LIFTS, INTERVAL
@@ -110,20 +106,3 @@ def _print(found: "Comparison") -> None:
     for name, alone in zip(found.names, found.alone, strict=True):
         if alone:
             console.print(f"left out, only in {name}: {'; '.join(alone)}", highlight=False)
-
-
-def _figures(found: "Comparison") -> dict[str, object]:
-    from dataclasses import asdict
-
-    def plain(value: Any) -> dict[str, object]:
-        row = asdict(value)
-        figure = row.pop("figure")
-        return {**row, "figure": figure["name"], "unit": figure["unit"], "winner": value.winner}
-
-    return {
-        "names": list(found.names),
-        "lifts": len(found.pairs),
-        "left_out": dict(zip(found.names, found.alone, strict=True)),
-        "figures": [plain(p) for p in found.overall],
-        "objects": {name: plain(p) for name, p in found.objects.items()},
-    }

@@ -1,13 +1,14 @@
 """Options of commands, declared as frozen dataclasses.
 
 A parameter of a command whose type is a dataclass becomes one option per field; the command is called with
-the dataclass. So commands share options without repeating them.
+the dataclass. So commands share options without repeating them. A field is declared by `option` or
+`argument`, or its type carries what typer needs, as `Annotated[int, typer.Option("--lifts", help="...")]`.
 """
 
 from collections.abc import Callable
-from dataclasses import MISSING, field, fields, is_dataclass, replace
+from dataclasses import MISSING, Field, field, fields, is_dataclass, replace
 from inspect import Parameter, Signature, signature
-from typing import Any, TypeVar, get_type_hints
+from typing import Annotated, Any, TypeVar, get_type_hints
 
 import typer
 
@@ -15,10 +16,7 @@ Options = TypeVar("Options")
 
 
 def with_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Return a command for typer: every parameter that is a dataclass is replaced by its fields.
-
-    The fields' types carry what typer needs, as `Annotated[int, typer.Option("--lifts", help="...")]`.
-    """
+    """Return a command for typer: every parameter that is a dataclass is replaced by its fields."""
     hints = get_type_hints(command, include_extras=True)
     declared: dict[str, Any] = {name: hints[name] for name in signature(command).parameters}
     flat: list[Parameter] = []
@@ -37,12 +35,27 @@ def with_options(command: Callable[..., Any]) -> Callable[..., Any]:
     return called
 
 
-def stored_as(name: str, default: Any, read: Callable[[Any], Any] = lambda value: value) -> Any:
-    """Declare an option whose value is stored with a session, for its resumption.
+def option(
+    default: Any,
+    text: str = "",
+    *flags: str,
+    stored: str = "",
+    read: Callable[[Any], Any] = lambda value: value,
+    **settings: Any,
+) -> Any:
+    """Declare an option. default: its value unless it is given; `...` if it has to be given.
 
-    name: of the manifest's field. default: of the option. read: returns the option's value from the field's.
+    text: its help; if empty, the field's type carries what typer needs. flags: its names; by default the
+    field's. stored: name of the manifest's field that stores the value with a session, for its resumption;
+    read: returns the option's value from that of the manifest. settings: those of `typer.Option`.
     """
-    return field(default=default, metadata={"stored": name, "read": read})
+    made = [typer.Option, flags, {"help": text, **settings}] if text else None
+    return _field(default, {"typer": made, "stored": stored, "read": read})
+
+
+def argument(default: Any, text: str, **settings: Any) -> Any:
+    """Declare an argument. default: `...` if it has to be given. settings: those of `typer.Argument`."""
+    return _field(default, {"typer": [typer.Argument, (), {"help": text, **settings}]})
 
 
 def resumed(options: Options, manifest: Any, context: typer.Context) -> Options:
@@ -51,7 +64,7 @@ def resumed(options: Options, manifest: Any, context: typer.Context) -> Options:
     stored = {
         each.name: each.metadata["read"](getattr(manifest, each.metadata["stored"]))
         for each in fields(of)
-        if "stored" in each.metadata and not is_given(context, each.name)
+        if each.metadata.get("stored") and not is_given(context, each.name)
     }
     return replace(of, **stored)
 
@@ -70,7 +83,7 @@ def option_parameters(kind: Any) -> list[Parameter]:
             each.name,
             Parameter.KEYWORD_ONLY,
             default=Parameter.empty if each.default is MISSING else each.default,
-            annotation=hints[each.name],
+            annotation=_for_typer(each, hints[each.name]),
         )
         for each in fields(kind)
     ]
@@ -80,6 +93,20 @@ def set_signature(function: Any, parameters: list[Parameter]) -> None:
     """Set the parameters that typer reads from a function."""
     function.__signature__ = Signature(parameters)
     function.__annotations__ = {each.name: each.annotation for each in parameters}
+
+
+def _field(default: Any, metadata: dict[str, Any]) -> Any:
+    return field(metadata=metadata) if default is ... else field(default=default, metadata=metadata)
+
+
+def _for_typer(each: Field[Any], hint: Any) -> Any:
+    """Return the type of a field with what typer needs."""
+    if not each.metadata.get("typer"):
+        return hint
+    make, flags, settings = each.metadata["typer"]
+    if make is typer.Option and not flags:
+        flags = (f"--{each.name.replace('_', '-')}",)  # typer would add --no-NAME to a switch
+    return Annotated[hint, make(*flags, **settings)]
 
 
 def _argument(name: str, kind: Any, values: dict[str, Any]) -> Any:

@@ -1,10 +1,11 @@
-"""`--dry-run`: every device reached by reading, the whole plan shown, and nothing moved or kept."""
+"""`--dry-run`: read every device and show the whole plan; nothing is moved or stored."""
 
+from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 import typer
 
-from rig.cli.common import Exit, emit_json, say
+from rig.cli.common import Exit, print_result, say
 
 if TYPE_CHECKING:
     from rig.bench.plan import Plan
@@ -22,21 +23,15 @@ def dry_run(config: "BenchConfig", plan: "Plan", json: bool) -> None:
     with unconnected_bench(config) as bench:
         readings = read_devices(bench)
     silent = [reading for reading in readings if reading.problem]
-    if json:
-        emit_json(
-            {
-                "dry_run": True,
-                "bench": config.name,
-                "simulated": config.simulated,
-                "devices": [{"device": r.device, "seen": r.seen, "problem": r.problem} for r in readings],
-                "plan": list(plan.lines),
-                "refused": list(plan.refused),
-            }
-        )
-    else:
-        print("Devices, by reading alone:")
-        for reading in readings:
-            print(f"  {reading.problem or f'{reading.device}: {reading.seen}'}")
-        print(plan.text())
+    figures = {
+        "dry_run": True,
+        "bench": config.name,
+        "simulated": config.simulated,
+        "devices": [asdict(reading) for reading in readings],
+        "plan": list(plan.lines),
+        "refused": list(plan.refused),
+    }
+    read = [f"  {reading.problem or f'{reading.device}: {reading.seen}'}" for reading in readings]
+    print_result(json, figures, "Devices, by reading alone:", *read, plan.text())
     say("dry run: nothing was moved, nothing kept")
     raise typer.Exit(Exit.FAULT if silent else Exit.USAGE if plan.refused else Exit.DONE)

@@ -2,13 +2,12 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
-import typer
-
-from drivers.errors import InputError, counted
-from rig.cli import common
-from rig.cli.common import JsonOption, TopicOption
+from drivers.errors import InputError
+from rig.cli.common import emit_json, report_broken, say
+from rig.cli.declared import argument, option
+from rig.cli.options import JsonOption, TopicOption
 from rig.cli.places import file_place, folder_place
 
 if TYPE_CHECKING:
@@ -19,25 +18,19 @@ if TYPE_CHECKING:
 class SourceOptions:
     """The frames, and their times."""
 
-    frames: Annotated[
-        Path,
-        typer.Argument(
-            help="Folder of images (sorted by name), image, video (.avi, .mp4, .mkv, .webm ...), array "
-            "(.npy or .npz: T, H, W, 3, uint8, RGB), ROS bag, recording of a lift (.mcap) or session folder; "
-            "a trial of TactileTracking, or bag_00.pkl:FINGER of digit-pose-estimation."
-        ),
-    ]
-    sensor: Annotated[
-        str | None,
-        typer.Option(help="Of a recording or session: serial of one fingertip. Default: all fingertips."),
-    ] = None
-    timestamps: Annotated[
-        Path | None,
-        typer.Option(help="CSV with columns frame,t_s (frame: file name, stem or number from 0)."),
-    ] = None
-    fps: Annotated[
-        float | None, typer.Option(help="Frame rate in Hz. Default: a video's own; images 60.")
-    ] = None
+    frames: Path = argument(
+        ...,
+        "Folder of images (sorted by name), image, video (.avi, .mp4, .mkv, .webm ...), array "
+        "(.npy or .npz: T, H, W, 3, uint8, RGB), ROS bag, recording of a lift (.mcap) or session folder; "
+        "a trial of TactileTracking, or bag_00.pkl:FINGER of digit-pose-estimation.",
+    )
+    sensor: str | None = option(
+        None, "Of a recording or session: serial of one fingertip. Default: all fingertips."
+    )
+    timestamps: Path | None = option(
+        None, "CSV with columns frame,t_s (frame: file name, stem or number from 0)."
+    )
+    fps: float | None = option(None, "Frame rate in Hz. Default: a video's own; images 60.")
     topic: TopicOption = None
 
 
@@ -45,69 +38,52 @@ class SourceOptions:
 class EstimationOptions:
     """How the frames are estimated."""
 
-    background: Annotated[
-        str | None,
-        typer.Option(
-            help="Frame without contact: an IMAGE, first:N (mean of the first N frames) or auto (made from "
-            "all frames, for contacts that move about). Default: a session's own; else the first frames if "
-            "they are alike and later ones differ, or the image that most frames share; refused if neither "
-            "shows an untouched gel."
-        ),
-    ] = None
-    reference_time: Annotated[
-        str | None,
-        typer.Option(
-            help="Time in s whose angle is zero; without an angle there, the first answer from there on. "
-            "Default: the first frame of stable full contact (area within 5 % over the next 5 frames and "
-            "at least 80 % of its later level)."
-        ),
-    ] = None
-    lift_from: Annotated[
-        str | None,
-        typer.Option(
-            help="Time in s at which the lift begins, which arms the slip alarm. Default: a session's own; "
-            "else when each contact has stopped growing (area within 5 % over 6 frames)."
-        ),
-    ] = None
-    estimator: Annotated[
-        str | None,
-        typer.Option(
-            help="slip, skeleton, ellipse, pca; the last three also with -published; ecc, polar; "
-            "kolamuri (for a gel with printed markers), anglenet (a network trained on simulated lifts); "
-            "or your own, as package.module:Class (rig estimators). Default: slip."
-        ),
-    ] = None
-    window: Annotated[
-        int | None,
-        typer.Option(
-            min=1, max=100, help="Mean over the last n angles; 2 for the paper's methods, none for slip."
-        ),
-    ] = None
-    pixel_aspect: Annotated[
-        float | None,
-        typer.Option(
-            min=0.5,
-            max=2.0,
-            help="Width over height of a pixel on the gel, as `rig calibrate tactile` finds it. "
-            "Default: a session's own; else unknown, taken as 1 with a larger sigma.",
-        ),
-    ] = None
+    background: str | None = option(
+        None,
+        "Frame without contact: an IMAGE, first:N (mean of the first N frames) or auto (made from "
+        "all frames, for contacts that move about). Default: a session's own; else the first frames if "
+        "they are alike and later ones differ, or the image that most frames share; refused if neither "
+        "shows an untouched gel.",
+    )
+    reference_time: str | None = option(
+        None,
+        "Time in s whose angle is zero; without an angle there, the first answer from there on. "
+        "Default: the first frame of stable full contact (area within 5 % over the next 5 frames and "
+        "at least 80 % of its later level).",
+    )
+    lift_from: str | None = option(
+        None,
+        "Time in s at which the lift begins, which arms the slip alarm. Default: a session's own; "
+        "else when each contact has stopped growing (area within 5 % over 6 frames).",
+    )
+    estimator: str | None = option(
+        None,
+        "slip, skeleton, ellipse, pca; the last three also with -published; ecc, polar; "
+        "kolamuri (for a gel with printed markers), anglenet (a network trained on simulated lifts); "
+        "or your own, as package.module:Class (rig estimators). Default: slip.",
+    )
+    window: int | None = option(
+        None, "Mean over the last n angles; 2 for the paper's methods, none for slip.", min=1, max=100
+    )
+    pixel_aspect: float | None = option(
+        None,
+        "Width over height of a pixel on the gel, as `rig calibrate tactile` finds it. "
+        "Default: a session's own; else unknown, taken as 1 with a larger sigma.",
+        min=0.5,
+        max=2.0,
+    )
 
 
 @dataclass(frozen=True, slots=True)
 class ResultOptions:
     """Where the result goes."""
 
-    out: Annotated[
-        Path | None, typer.Option(help="CSV file, or folder for a session. Default: the table on stdout.")
-    ] = None
-    page: Annotated[
-        Path | None,
-        typer.Option(
-            help="Also an HTML page: the curve with its sigma band and states, and frames with the contact.",
-            callback=file_place,
-        ),
-    ] = None
+    out: Path | None = option(None, "CSV file, or folder for a session. Default: the table on stdout.")
+    page: Path | None = option(
+        None,
+        "Also an HTML page: the curve with its sigma band and states, and frames with the contact.",
+        callback=file_place,
+    )
     json: JsonOption = False
 
 
@@ -140,27 +116,33 @@ def estimate(source: SourceOptions, how: EstimationOptions, to: ResultOptions) -
       rig estimate TactileTracking/key0 --out key0.csv
 
     """
-    from rig.frames.estimation import Estimation
     from rig.sessions.files import is_recording
     from rig.sessions.manifest import is_session
-    from rig.tactile.estimators import choose_estimator
 
-    choice, frames = choose_estimator(how.estimator, how.window), source.frames
-    run = Estimation(choice, how.background, how.reference_time, how.lift_from, how.pixel_aspect)
-    of_rig = is_session(frames) or is_recording(frames)
-    if of_rig and (source.timestamps is not None or source.fps is not None or run.lift is not None):
-        raise InputError(f"{frames} has its own times: leave --timestamps, --fps and --lift-from out")
-    if of_rig and source.topic is not None:
-        raise InputError(f"{frames} is not a ROS bag: leave --topic out, or choose a --sensor")
-    folder_place(to.out if is_session(frames) else to.out and to.out.parent)  # created if it is missing
-    if is_session(frames):
+    frames = source.frames
+    of_session, of_recording = is_session(frames), is_recording(frames)
+    run = _run(source, how, of_session or of_recording)
+    folder_place(to.out if of_session else to.out and to.out.parent)  # created if it is missing
+    if of_session:
         _session(source, run, to)
-    elif is_recording(frames):
+    elif of_recording:
         _recording(source, run, to)
-    elif source.sensor is not None:
-        raise InputError(f"{frames} is a clip of one sensor: leave --sensor out")
     else:
         _series(source, run, to)
+
+
+def _run(source: SourceOptions, how: EstimationOptions, of_rig: bool) -> "Estimation":
+    """Return what is asked of every series. of_rig: whether the frames have times. Raises `InputError`."""
+    from rig.frames.estimation import Estimation
+    from rig.tactile.estimators import choose_estimator
+
+    choice = choose_estimator(how.estimator, how.window)
+    run = Estimation(choice, how.background, how.reference_time, how.lift_from, how.pixel_aspect)
+    if of_rig and (source.timestamps is not None or source.fps is not None or run.lift is not None):
+        raise InputError(f"{source.frames} has its own times: leave --timestamps, --fps and --lift-from out")
+    if of_rig and source.topic is not None:
+        raise InputError(f"{source.frames} is not a ROS bag: leave --topic out, or choose a --sensor")
+    return run
 
 
 def _series(source: SourceOptions, run: "Estimation", to: ResultOptions) -> None:
@@ -171,10 +153,12 @@ def _series(source: SourceOptions, run: "Estimation", to: ResultOptions) -> None
     from rig.live.screen import begin_phase
 
     path = source.frames
+    if source.sensor is not None:
+        raise InputError(f"{path} is a clip of one sensor: leave --sensor out")
     begin_phase(f"reading {path}")
     series = read_frames(path, source.timestamps, source.fps, source.topic)
     for note in series.notes:
-        common.say(note)
+        say(note)
     begin_phase(f"estimating with {run.choice.name}")
     done = run.of_series(series)
     figures = _report(str(path), done, run)
@@ -220,8 +204,8 @@ def _session(source: SourceOptions, run: "Estimation", to: ResultOptions) -> Non
         figures = _report(f"lift {tip.lift}, {tip.serial}", done, run)
         lifts.append({"lift": tip.lift, "serial": tip.serial, "sign": tip.sign, **figures, "out": str(file)})
     if to.json:
-        common.emit_json({"session": str(path), "out": str(out), "lifts": lifts})
-    common.report_broken(problems)
+        emit_json({"session": str(path), "out": str(out), "lifts": lifts})
+    report_broken(problems)
 
 
 def _deliver(samples: list[dict[str, object]], figures: dict[str, object], to: ResultOptions) -> None:
@@ -233,7 +217,7 @@ def _deliver(samples: list[dict[str, object]], figures: dict[str, object], to: R
     elif not to.json:
         print(table(samples), end="")
     if to.json:
-        common.emit_json({**figures, **({"samples": samples} if to.out is None else {"out": str(to.out)})})
+        emit_json({**figures, **({"samples": samples} if to.out is None else {"out": str(to.out)})})
 
 
 def _page(
@@ -250,7 +234,7 @@ def _page(
 
     about = f"Estimator {run.choice.name}; {', '.join(dict.fromkeys(one.done.background for one in shown))}."
     write_page(page, estimate_page(shown, source.name, about, simulated))
-    common.say(f"page: {page}")
+    say(f"page: {page}")
 
 
 def _write(file: Path, text: str) -> None:
@@ -265,21 +249,10 @@ def _report(what: str, done: "SeriesEstimate", run: "Estimation") -> dict[str, o
     """Say the summary on stderr and return it for JSON."""
     from dataclasses import asdict
 
-    found, warnings = done.figures, done.warnings
-    for warning in warnings:
-        common.say(f"warning: {warning}")
-    refused = ", ".join(f"{count} {state}" for state, count in found.refused.items()) or "none"
-    start = float(done.estimate.answers[0].time.text)
-    zero, slip = (
-        "" if t is None else f"{text}{t - start:.3f} s after the first frame"
-        for text, t in ((", ", found.reference_time_s), ("; slip ", found.slip_s))
-    )
-    common.say(done.background)
-    common.say(
-        f"{what}: {run.choice.name}, {counted(found.frames, 'frame')}, {found.answered} answered, "
-        f"refused: {refused}; angles from {done.angles_from}; zero: {found.reference}{zero}{slip}; "
-        f"{found.median_ms} ms per frame (p99 {found.p99_ms})"
-    )
+    for warning in done.warnings:
+        say(f"warning: {warning}")
+    say(done.background)
+    say(f"{what}: {run.choice.name}, {done.text}")
     settings = {"estimator": run.choice.name, "window": run.choice.window, "background": done.background}
-    settings |= {"angles_from": done.angles_from}
-    return {"frames_from": what, **settings, **asdict(found), "warnings": warnings}
+    about = {"frames_from": what, **settings, "angles_from": done.angles_from}
+    return {**about, **asdict(done.figures), "warnings": done.warnings}

@@ -1,29 +1,28 @@
 """`rig export`: a session for other people's tools."""
 
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
 
-import typer
-
-from rig.cli.common import JsonOption, emit_json, report_broken, say
+from rig.cli.common import print_result, report_broken, say
+from rig.cli.declared import argument, option
+from rig.cli.options import JsonOption
 from rig.cli.places import folder_place
 
 
-def export(
-    session: Annotated[Path, typer.Argument(help="Session folder of a trial or a recording.")],
-    to: Annotated[str, typer.Option("--to", help="csv, parquet, coco, labelme, lerobot or rosbag2.")],
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            "--out", help="New folder; default: export/FORMAT in the session.", callback=folder_place
-        ),
-    ] = None,
-    every: Annotated[
-        int,
-        typer.Option("--every", min=1, help="coco, labelme: every Nth tactile frame of a trial."),
-    ] = 10,
-    json: JsonOption = False,
-) -> None:
+@dataclass(frozen=True, slots=True)
+class ExportOptions:
+    """The session, the format, and the folder."""
+
+    session: Path = argument(..., "Session folder of a trial or a recording.")
+    to: str = option(..., "csv, parquet, coco, labelme, lerobot or rosbag2.")
+    out: Path | None = option(
+        None, "New folder; default: export/FORMAT in the session.", callback=folder_place
+    )
+    every: int = option(10, "coco, labelme: every Nth tactile frame of a trial.", min=1)
+    json: JsonOption = False
+
+
+def export(options: ExportOptions) -> None:
     """Write a session in a format that other tools open; the session itself stays as it is.
 
     csv, parquet: lifts, angles, arm, gripper, frames; or poses and images.
@@ -51,22 +50,16 @@ def export(
     from rig.live.screen import begin_phase
 
     began = time.perf_counter()
-    folder = out or session / "export" / to
-    begin_phase(f"exporting to {to}")
-    exported = export_session(session, to, folder, every)
+    folder = options.out or options.session / "export" / options.to
+    begin_phase(f"exporting to {options.to}")
+    exported = export_session(options.session, options.to, folder, options.every)
     wall_s = round(time.perf_counter() - began, 2)
     counts = ", ".join(f"{count} {name}" for name, count in exported.counts.items())
     say(f"{counts}, {wall_s:.1f} s")
     for note in exported.notes:
         say(note)
-    if json:
-        figures = {
-            "counts": exported.counts,
-            "notes": list(exported.notes),
-            "left_out": list(exported.left_out),
-            "wall_s": wall_s,
-        }
-        emit_json({"session": str(session), "to": to, "out": str(folder), **figures})
-    else:
-        print(folder)
+    notes, left_out = list(exported.notes), list(exported.left_out)
+    figures = {"counts": exported.counts, "notes": notes, "left_out": left_out, "wall_s": wall_s}
+    about = {"session": str(options.session), "to": options.to, "out": str(folder)}
+    print_result(options.json, {**about, **figures}, folder)
     report_broken(exported.left_out)

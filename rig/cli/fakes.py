@@ -1,44 +1,37 @@
 """`rig fakes`: simulated devices that speak the wire protocols of the real ones."""
 
 import shlex
-from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
-from rig.cli.common import JsonOption, ObjectsOption, SeedOption, emit_json, say
+from rig.cli.common import print_result, say
+from rig.cli.declared import option
 from rig.cli.helping import Commands
+from rig.cli.options import JsonOption, ObjectsOption, SeedOption
 from rig.cli.places import file_place
 
 fakes = Commands(
     no_args_is_help=True, help="Simulated devices behind the real wire protocols, on one shared world."
 )
-TOLD = (
-    "robot_mode", "safety_mode", "remote_control", "program_running", "requests", "replies", "served",
-    "missed", "withheld", "clients", "faults",
-)  # fmt: skip
-"""What people are told of each fake; --json has all of it."""
 ServedBench = Annotated[str, typer.Option("--bench", help="The bench file that 'rig fakes serve' wrote.")]
 
 
+@dataclass(frozen=True, slots=True)
+class ServeOptions:
+    """The devices that are served, and their addresses."""
+
+    bench: str = option("wire", "wire, or a bench file with \\[fakes]: which devices, where.")
+    host: str = option("127.0.0.1", "Loopback address; another one for a second bench.")
+    polyscope: str = option("5.11.0", "Version that the controller announces.")
+    write: Path | None = option(None, "Also write the bench file to this file.", callback=file_place)
+    seed: SeedOption = 0
+
+
 @fakes.command("serve")
-def serve(
-    bench: Annotated[
-        str, typer.Option("--bench", help="wire, or a bench file with \\[fakes]: which devices, where.")
-    ] = "wire",
-    host: Annotated[
-        str, typer.Option("--host", help="Loopback address; another one for a second bench.")
-    ] = "127.0.0.1",
-    polyscope: Annotated[
-        str, typer.Option("--polyscope", help="Version that the controller announces.")
-    ] = "5.11.0",
-    write: Annotated[
-        Path | None,
-        typer.Option("--write", help="Also write the bench file to this file.", callback=file_place),
-    ] = None,
-    seed: SeedOption = 0,
-) -> None:
+def serve(options: ServeOptions) -> None:
     """Start a controller, a gripper, two DIGITs and a camera; print the bench file that reaches them.
 
     Ends with Ctrl-C. What a person would do at the bench is done from another terminal:
@@ -61,13 +54,16 @@ def serve(
     from rig.config.write import bench_text, write_bench
 
     try:
-        with hosted_fakes(load_bench(bench), host, seed, polyscope) as (served, running):
-            if write is not None:
-                write_bench(write, served)
+        with hosted_fakes(load_bench(options.bench), options.host, options.seed, options.polyscope) as (
+            served,
+            running,
+        ):
+            if options.write is not None:
+                write_bench(options.write, served)
             print(bench_text(served), flush=True)
             say("SIMULATED devices are served; Ctrl-C ends them")
-            if write is not None:
-                trial = f"rig trial --lifts 1 --object wrench --bench {shlex.quote(str(write))}"
+            if options.write is not None:
+                trial = f"rig trial --lifts 1 --object wrench --bench {shlex.quote(str(options.write))}"
                 say(f"next, in another terminal: {trial}")
             running.wait()
     except OperatorStopError:
@@ -127,33 +123,8 @@ def status(bench: ServedBench, json: JsonOption = False) -> None:
       rig fakes status --bench fakes.toml --json
 
     """
-    from rig.bench.fakes_process import fakes_control
+    from rig.bench.fakes_process import fakes_control, state_lines
     from rig.config import load_bench
 
     state = fakes_control(load_bench(bench)).call("status")
-    if json:
-        emit_json(state)
-        return
-    print("\n".join(_for_people(state)))
-
-
-def _for_people(state: Mapping[str, Any]) -> list[str]:
-    """Write the state of the world in lines: what it is, and what each device has served."""
-    x, y, z = state["tool_m"]
-    held = f"held with {state['force_n']:.2f} N" if state["held"] else "not held"
-    turned = f"turned {state['turn_deg']:+.1f} deg"
-    lines = [
-        f"tool at ({x:.3f}, {y:.3f}, {z:.3f}) m, {'moving' if state['tool_moving'] else 'at rest'}",
-        f"fingers at {state['finger_counts']:.0f} counts",
-        "no object" if state["object"] is None else f"object {state['object']}, {held}, {turned}",
-    ]
-    for name, counted in state["devices"].items():
-        told = (f"{key.replace('_', ' ')} {_word(counted[key])}" for key in TOLD if key in counted)
-        lines.append(f"{name}: {', '.join(told)}")
-    return lines
-
-
-def _word(value: Any) -> str:
-    if isinstance(value, bool):
-        return "yes" if value else "no"
-    return ", ".join(map(str, value)) or "none" if isinstance(value, list) else str(value)
+    print_result(json, state, *state_lines(state))

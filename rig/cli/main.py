@@ -9,36 +9,30 @@ from typing import Annotated
 import typer
 
 from drivers.errors import RigError
-from rig.cli.bench import bench
 from rig.cli.benchmark.commands import benchmark
 from rig.cli.calibrate.commands import calibrate
 from rig.cli.common import STOPS, Exit, begin_answer, emit_error, exit_code, say, stop_on_signals
 from rig.cli.compare import compare
 from rig.cli.doctor import doctor
 from rig.cli.estimate import estimate
-from rig.cli.estimators import estimators
 from rig.cli.explain import explain
 from rig.cli.export import export
 from rig.cli.fakes import fakes
 from rig.cli.helping import Commands
-from rig.cli.label import label
 from rig.cli.label_angle import label_angle
-from rig.cli.model import model
-from rig.cli.new import new
-from rig.cli.objects import objects
-from rig.cli.output import Output, guarded_output
+from rig.cli.model import estimators, model
+from rig.cli.own_files import bench, new, objects
 from rig.cli.play import play
 from rig.cli.record import record
 from rig.cli.replay import replay
 from rig.cli.report import report
 from rig.cli.results import results
-from rig.cli.segment import segment
+from rig.cli.segment import label, segment
 from rig.cli.sessions import sessions
 from rig.cli.teach import teach
-from rig.cli.train import train
-from rig.cli.train_angle import train_angle
-from rig.cli.train_turning import train_turning
+from rig.cli.train import train, train_angle, train_turning
 from rig.cli.trial import trial
+from rig.live.output import Output, guarded_output
 from rig.live.screen import begin_phase, plain
 
 app = Commands(

@@ -1,16 +1,45 @@
-"""`rig model`: the networks that are here, and others' checkpoints made to run."""
+"""`rig model`, `rig estimators`: networks and estimators that are installed; import of checkpoints."""
 
 import re
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
-import typer
-
-from rig.cli.common import JsonOption, emit_json, say
+from rig.cli.common import emit_json, print_result, say
+from rig.cli.declared import argument, option
 from rig.cli.helping import Commands
+from rig.cli.options import JsonOption
 from rig.cli.places import file_place
 
 model = Commands(no_args_is_help=True, help="List the networks that are shipped; import others' checkpoints.")
+
+
+def estimators(json: JsonOption = False) -> None:
+    """List the estimators that are here: the rig's own, and those that installed packages offer.
+
+    Nothing is imported: a package says in its own metadata what it offers, as entry points of the group
+    slip_rig.estimators. A class that is in no list is named in full, as package.module:Class.
+
+    Examples:
+      rig estimators
+
+      rig estimators --json
+
+    """
+    from drivers.named_classes import installed_classes
+    from rig.live.tables import console_table, table_console
+    from rig.tactile.estimators import DEFAULT_ESTIMATOR, ESTIMATORS
+    from rig.tactile.foreign import GROUP
+
+    found: list[dict[str, Any]] = [{"name": name, "from": "the rig", "class": None} for name in ESTIMATORS]
+    for of in installed_classes(GROUP):
+        hidden = of.name in ESTIMATORS
+        found.append({"name": of.target if hidden else of.name, "from": of.distribution, "class": of.target})
+    if json:
+        emit_json({"default": DEFAULT_ESTIMATOR, "estimators": found})
+        return
+    rows = [(str(of["name"]), str(of["from"]), str(of["class"] or "")) for of in found]
+    table_console().print(console_table(("--estimator", "from", "class"), rows, range(3)))
 
 
 @model.command("list")
@@ -32,24 +61,21 @@ def list_models(json: JsonOption = False) -> None:
         _print(cards)
 
 
+@dataclass(frozen=True, slots=True)
+class ImportOptions:
+    """The checkpoint, its network, and the ONNX file."""
+
+    checkpoint: Path = argument(..., "PyTorch checkpoint: a state dict, bare or under state_dict.")
+    out: Path = option(..., "ONNX file to write; its card goes beside it.", callback=file_place)
+    arch: str = option("pspnet", "pspnet, deeplabv3plus, unetplusplus or ours.")
+    encoder: str = option("resnet18", "resnet18 or efficientnet-b3.")
+    size: str = option("256x320", "WIDTHxHEIGHT in px of the images it was trained on.")
+    threshold: float = option(0.7, "On the sigmoid; the paper's is 0.7.", min=0.01, max=0.99)
+    json: JsonOption = False
+
+
 @model.command("import")
-def import_model(
-    checkpoint: Annotated[
-        Path, typer.Argument(help="PyTorch checkpoint: a state dict, bare or under state_dict.")
-    ],
-    out: Annotated[
-        Path, typer.Option("--out", help="ONNX file to write; its card goes beside it.", callback=file_place)
-    ],
-    arch: Annotated[str, typer.Option(help="pspnet, deeplabv3plus, unetplusplus or ours.")] = "pspnet",
-    encoder: Annotated[str, typer.Option(help="resnet18 or efficientnet-b3.")] = "resnet18",
-    size: Annotated[
-        str, typer.Option(help="WIDTHxHEIGHT in px of the images it was trained on.")
-    ] = "256x320",
-    threshold: Annotated[
-        float, typer.Option(min=0.01, max=0.99, help="On the sigmoid; the paper's is 0.7.")
-    ] = 0.7,
-    json: JsonOption = False,
-) -> None:
+def import_model(options: ImportOptions) -> None:
     """Turn a checkpoint of segmentation-models-pytorch into ONNX that rig segment runs.
 
     This is the format in which the paper's authors publish their weights. Code inside the file is
@@ -67,16 +93,14 @@ def import_model(
     from rig.training.checkpoint import import_checkpoint
     from rig.training.networks import find_architecture
 
-    card = import_checkpoint(checkpoint, find_architecture(arch), encoder, _size(size), threshold, out)
+    arch, size, out = find_architecture(options.arch), _size(options.size), options.out
+    card = import_checkpoint(options.checkpoint, arch, options.encoder, size, options.threshold, out)
     difference = card["largest_difference_from_library"]
     say(
         f"{out}: {card['title']}, {card['files']['fp32']['bytes'] / 1e6:.1f} MB; logits differ from the "
         f"library's by at most {difference:.1g}"
     )
-    if json:
-        emit_json({"out": str(out), **card})
-    else:
-        print(out)
+    print_result(options.json, {"out": str(out), **card}, out)
 
 
 def _size(text: str) -> tuple[int, int]:
@@ -90,23 +114,17 @@ def _size(text: str) -> tuple[int, int]:
 
 
 def _print(cards: list[dict[str, Any]]) -> None:
-    from rich.table import Table
+    from rig.live.tables import console_table, table_console
 
-    from rig.cli.fitting import table_console
+    columns = ("network", "sees", "px", "trained on", "test Dice", "test IoU", "file", "MB")
+    title = "Shipped networks; Dice and IoU on objects never trained on"
+    table_console().print(console_table(columns, map(_cells, cards), range(len(columns)), title))
 
-    table = Table("network", "sees", "px", "trained on", "test Dice", "test IoU", "file", "MB")
-    table.title = "Shipped networks; Dice and IoU on objects never trained on"
-    for card in cards:
-        data = "SIMULATED frames" if card["simulated"] else card["data"]
-        width, height = card["size_px"]
-        table.add_row(
-            card["name"],
-            card["inputs"],
-            f"{width} x {height}",
-            f"{data}, {card['fold']['name']}",
-            f"{card['test']['dice']:.3f}",
-            f"{card['test']['iou']:.3f}",
-            card["shipped"]["file"],
-            f"{card['shipped']['bytes'] / 1e6:.2f}",
-        )
-    table_console().print(table)
+
+def _cells(card: dict[str, Any]) -> list[str]:
+    data = "SIMULATED frames" if card["simulated"] else card["data"]
+    (width, height), test, shipped = card["size_px"], card["test"], card["shipped"]
+    return [
+        card["name"], card["inputs"], f"{width} x {height}", f"{data}, {card['fold']['name']}",
+        f"{test['dice']:.3f}", f"{test['iou']:.3f}", shipped["file"], f"{shipped['bytes'] / 1e6:.2f}",
+    ]  # fmt: skip

@@ -1,4 +1,4 @@
-"""Where commands write: looked at before any work, so that nothing is computed for a place that cannot be."""
+"""Output paths, checked before any work, so that nothing is computed for an unwritable path."""
 
 import os
 from pathlib import Path
@@ -7,7 +7,7 @@ from drivers.errors import InputError
 
 
 def file_place(path: Path | None) -> Path | None:
-    """Return a file's place. Raises `InputError` where no file can be written there."""
+    """Return the path of a file. Raises `InputError` if no file can be written there."""
     if path is None:
         return None
     if path.exists() and not path.is_file():
@@ -21,7 +21,7 @@ def file_place(path: Path | None) -> Path | None:
 
 
 def folder_place(path: Path | None) -> Path | None:
-    """Return a folder's place, which need not exist yet. Raises `InputError` where it cannot be written."""
+    """Return the path of a folder, which may be missing yet. Raises `InputError` if it cannot be written."""
     if path is None:
         return None
     there = next(place for place in (path.absolute(), *path.absolute().parents) if os.path.lexists(place))

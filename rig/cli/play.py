@@ -2,12 +2,12 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
-
-import typer
+from typing import TYPE_CHECKING
 
 from drivers.errors import InputError, counted
-from rig.cli.common import JsonOption, TopicOption, emit_json, report_broken, say
+from rig.cli.common import print_result, report_broken, say
+from rig.cli.declared import argument, option
+from rig.cli.options import JsonOption, TopicOption
 from rig.cli.places import file_place
 
 if TYPE_CHECKING:
@@ -21,39 +21,23 @@ if TYPE_CHECKING:
 class SourceOptions:
     """The lift or the frames that are shown."""
 
-    source: Annotated[
-        Path,
-        typer.Argument(help="Session folder of a trial, or frames of one sensor as rig estimate takes them."),
-    ]
-    lift: Annotated[
-        str | None,
-        typer.Option(
-            "--lift",
-            help="Number in the session (3), object and lift (t1/3, wrench/3), or an unfinished recording "
-            "(003.unfinished). Default: the first lift.",
-        ),
-    ] = None
-    beside: Annotated[
-        Path | None,
-        typer.Option(
-            "--beside",
-            help="Another session: its lift of the same object and number is shown below, as one with a "
-            "reaction to slip below one without.",
-        ),
-    ] = None
-    background: Annotated[
-        str | None,
-        typer.Option("--background", help="Of frames: a frame without contact, as rig estimate takes it."),
-    ] = None
-    rate: Annotated[
-        float | None,
-        typer.Option(
-            "--rate",
-            min=0.01,
-            max=10_000,
-            help="Of frames: their rate in Hz. Default: a video's own; images 60.",
-        ),
-    ] = None
+    source: Path = argument(
+        ..., "Session folder of a trial, or frames of one sensor as rig estimate takes them."
+    )
+    lift: str | None = option(
+        None,
+        "Number in the session (3), object and lift (t1/3, wrench/3), or an unfinished recording "
+        "(003.unfinished). Default: the first lift.",
+    )
+    beside: Path | None = option(
+        None,
+        "Another session: its lift of the same object and number is shown below, as one with a "
+        "reaction to slip below one without.",
+    )
+    background: str | None = option(None, "Of frames: a frame without contact, as rig estimate takes it.")
+    rate: float | None = option(
+        None, "Of frames: their rate in Hz. Default: a video's own; images 60.", min=0.01, max=10_000
+    )
     topic: TopicOption = None
 
 
@@ -61,23 +45,16 @@ class SourceOptions:
 class FilmOptions:
     """The film."""
 
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            "--out",
-            help="The film: .webm or .mp4 (H.264; .webm where OpenCV has no encoder for it), which browsers "
-            "play, .avi (motion JPEG) or .webp (an animated picture). Default: a .webm in this folder, named "
-            "after the session and lift, or after the frames.",
-            callback=file_place,
-        ),
-    ] = None
-    fps: Annotated[float, typer.Option("--fps", min=1, max=120, help="Frames per second of the film.")] = 30.0
-    speed: Annotated[
-        float, typer.Option("--speed", min=0.01, max=20, help="1 as it happened, 0.25 four times slower.")
-    ] = 1.0
-    width: Annotated[
-        int | None, typer.Option("--width", min=320, max=3840, help="Of the film, px. Default: as drawn.")
-    ] = None
+    out: Path | None = option(
+        None,
+        "The film: .webm or .mp4 (H.264; .webm where OpenCV has no encoder for it), which browsers "
+        "play, .avi (motion JPEG) or .webp (an animated picture). Default: a .webm in this folder, named "
+        "after the session and lift, or after the frames.",
+        callback=file_place,
+    )
+    fps: float = option(30.0, "Frames per second of the film.", min=1, max=120)
+    speed: float = option(1.0, "1 as it happened, 0.25 four times slower.", min=0.01, max=20)
+    width: int | None = option(None, "Of the film, px. Default: as drawn.", min=320, max=3840)
 
 
 def play(of: SourceOptions, film: FilmOptions, json: JsonOption = False) -> None:
@@ -115,12 +92,8 @@ def play(of: SourceOptions, film: FilmOptions, json: JsonOption = False) -> None
     say(f"{name}: {counted(done.frames, 'frame')} of {width} x {height}, {done.codec}")
     if place != asked:
         say(f"note: the installed OpenCV has no H.264 encoder for .mp4: {place} is written instead")
-    if json:
-        emit_json(
-            {"film": str(done.path), "frames": done.frames, "codec": done.codec, "size_px": [width, height]}
-        )
-    else:
-        print(done.path)
+    figures = {"frames": done.frames, "codec": done.codec, "size_px": [width, height]}
+    print_result(json, {"film": str(done.path), **figures}, done.path)
     lifts = [each for each in shown if isinstance(each, FilmedLift) and each.lift.gaps]
     report_broken([gaps_text(f.folder / f.lift.recording, list(f.lift.gaps)) for f in lifts])
 
@@ -131,7 +104,7 @@ def _shown(of: SourceOptions) -> "tuple[str, Path, Sequence[FilmedLift | Estimat
 
     source = of.source
     if is_session(source):
-        if of.background is not None or of.rate is not None or of.topic is not None:
+        if (of.background, of.rate, of.topic) != (None, None, None):
             raise InputError(
                 f"{source} is a session, which has its own: leave --background, --rate and --topic out"
             )

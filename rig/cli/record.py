@@ -3,18 +3,20 @@
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import typer
 
 from drivers.errors import InputError, counted
-from rig.cli.common import ask, emit_json, say
-from rig.cli.declared import resumed, stored_as
+from rig.cli.common import mark, print_result, say
+from rig.cli.declared import option, resumed
 from rig.cli.dry_run import dry_run
 from rig.cli.options import BenchOptions, SessionOptions, WatchOptions
 from rig.cli.report import report_after
 from rig.cli.resuming import continued, may_be_continued
-from rig.cli.watching import Work, telling, watched
+from rig.cli.watching import Work, watched
+from rig.live.onlookers import telling
+from rig.live.questions import ask
 
 if TYPE_CHECKING:
     from rig.experiments.pose_attempt import RecordSettings
@@ -26,25 +28,22 @@ if TYPE_CHECKING:
 class RecordOptions:
     """The object, and the number of poses and images."""
 
-    object_name: Annotated[
-        str | None, typer.Option("--object", help="Object id or name; needed unless a session is continued.")
-    ] = stored_as("objects", None, lambda objects: objects[0])
-    poses: Annotated[
-        int | None,
-        typer.Option(
-            "--poses", min=1, max=720, help="Accepted grasp poses; default: all of the object's file, 15."
-        ),
-    ] = stored_as("poses", None)
-    images: Annotated[
-        int, typer.Option("--images", min=2, max=100000, help="Accepted images in all, over both fingertips.")
-    ] = stored_as("images", 225)
-    randomise: Annotated[
-        bool,
-        typer.Option(
-            "--randomise",
-            help="Simulated sensors unlike those of a bench; another seed, other sensors.",
-        ),
-    ] = stored_as("randomised", False)
+    object_name: str | None = option(
+        None,
+        "Object id or name; needed unless a session is continued.",
+        "--object",
+        stored="objects",
+        read=lambda objects: objects[0],
+    )
+    poses: int | None = option(
+        None, "Accepted grasp poses; default: all of the object's file, 15.", min=1, max=720, stored="poses"
+    )
+    images: int = option(
+        225, "Accepted images in all, over both fingertips.", min=2, max=100000, stored="images"
+    )
+    randomise: bool = option(
+        False, "Simulated sensors unlike those of a bench; another seed, other sensors.", stored="randomised"
+    )
 
 
 def record(
@@ -74,13 +73,18 @@ def record(
 
     """
     from rig.experiments.record import recording_plan
-    from rig.sessions.remarks import remarks_of
 
-    remarks = remarks_of(session.name, session.note, session.tags, session.operator)
+    remarks = session.remarks()
     folder, settings = _prepare(context, what, bench, session)
     if bench.dry:
         dry_run(settings.bench, recording_plan(settings), session.json)
-    _record_all(context, folder, settings, remarks, session, watch, agreed=bench.yes)
+    began, simulated = time.perf_counter(), mark(settings.bench.simulated)
+    rows = _record_all(context, folder, settings, remarks, session, watch, agreed=bench.yes)
+    wall_s = round(time.perf_counter() - began, 2)
+    say(f"{simulated}{_images_text(rows)}, {wall_s:.1f} s")
+    page = report_after(folder, session.no_report)
+    figures = {**_figures(rows), "wall_s": wall_s, "report": page}
+    print_result(session.json, {"session": str(folder), **figures}, folder)
 
 
 def _prepare(
@@ -88,14 +92,13 @@ def _prepare(
 ) -> "tuple[Path, RecordSettings]":
     """Read the bench and the session to resume; return folder and settings. Raises `InputError`."""
     from protocols.grasps import find_grasp_file, grasp_poses
-    from rig.config.calibrations import load_calibrated_bench
-    from rig.config.objects import with_more, with_objects
+    from rig.config.objects import with_more
     from rig.experiments.pose_attempt import RecordSettings
     from rig.sessions.manifest import RecordManifest
 
-    config = with_objects(load_calibrated_bench(bench.bench, say), bench.bench, bench.own_objects)
+    config = bench.config()
     named = None if what.object_name is None else find_grasp_file(what.object_name, config.objects).id
-    folder, stored = continued(RecordManifest, "record", config.name, session.out, session.resume, named)
+    folder, stored = continued(RecordManifest, "record", config.name, session, named)
     if stored is not None:
         config = with_more(config, stored.config.objects)
         what, bench = resumed(what, stored, context), resumed(bench, stored, context)
@@ -103,12 +106,11 @@ def _prepare(
         raise InputError("--object is missing: which object is grasped?")
     grasps = find_grasp_file(what.object_name, config.objects)
     poses = what.poses or len(grasp_poses(grasps))
-    settings = RecordSettings(config, bench.seed, grasps, poses, what.images, what.randomise)
     say(
-        f"{_mark(settings)}bench '{config.name}', seed {bench.seed}, object {grasps.id} {grasps.name}, "
-        f"session {folder}"
+        f"{mark(config.simulated)}bench '{config.name}', seed {bench.seed}, "
+        f"object {grasps.id} {grasps.name}, session {folder}"
     )
-    return folder, settings
+    return folder, RecordSettings(config, bench.seed, grasps, poses, what.images, what.randomise)
 
 
 def _record_all(
@@ -119,51 +121,27 @@ def _record_all(
     session: SessionOptions,
     watch: WatchOptions,
     agreed: bool,
-) -> None:
-    """Record the poses that are missing, and print and report the results."""
+) -> "list[PoseRow]":
+    """Record the poses that are missing; return the rows of all attempts."""
     from rig.bench.operators import ConsoleOperator
     from rig.bench.source import session_bench
-    from rig.cli.printing import OneMessage, WorkProgress
     from rig.experiments.record import recording_plan, run_record
     from rig.live.feed import LiveFeed
+    from rig.live.terminal import OneMessage, WorkProgress
     from rig.sessions.rows import read_poses
 
-    began, mark, config = time.perf_counter(), _mark(settings), settings.bench
+    simulated, config = mark(settings.bench.simulated), settings.bench
     question = f"{recording_plan(settings).text()}\nBegin?"
-    person, said = ConsoleOperator(ask, agreed=agreed), OneMessage(_note, lambda row: row.fault)
-    work = Work(f"{mark}recording on bench '{config.name}', {folder}", "poses", settings.poses)
+    person, message = ConsoleOperator(ask, agreed=agreed), OneMessage(_note, _fault)
+    work = Work(f"{simulated}recording on bench '{config.name}', {folder}", "poses", settings.poses)
     with (
-        may_be_continued(
-            folder,
-            session.out,
-            session.resume,
-            session.no_report,
-            lambda: say(mark + _images_text(read_poses(folder))),
-        ),
+        may_be_continued(folder, session, lambda: say(simulated + _images_text(read_poses(folder)))),
         watched(context, work, watch) as listeners,
         session_bench(config, person, question, variation_seed=settings.variation_seed) as benches,
         WorkProgress(settings.poses, "poses") as bar,
     ):
-        rows = run_record(
-            folder,
-            settings,
-            session.resume,
-            benches,
-            telling(lambda done, total, row: bar.show(done, total, said(row)), _note, lambda row: row.fault),
-            remarks,
-            LiveFeed(listeners),
-        )
-    wall_s = round(time.perf_counter() - began, 2)
-    say(f"{mark}{_images_text(rows)}, {wall_s:.1f} s")
-    page = report_after(folder, session.no_report)
-    if session.json:
-        emit_json({"session": str(folder), **_figures(rows), "wall_s": wall_s, "report": page})
-    else:
-        print(folder)
-
-
-def _mark(settings: "RecordSettings") -> str:
-    return "SIMULATED " if settings.bench.simulated else ""
+        progress = telling(bar.showing(message), _note, _fault)
+        return run_record(folder, settings, session.resume, benches, progress, remarks, LiveFeed(listeners))
 
 
 def _figures(rows: "list[PoseRow]") -> dict[str, int]:
@@ -180,6 +158,10 @@ def _images_text(rows: "list[PoseRow]") -> str:
         f"{counted(figures['images_accepted'], 'image')} in {counted(figures['poses_accepted'], 'pose')}, "
         f"{counted(figures['images_rejected'], 'frame')} without contact rejected"
     )
+
+
+def _fault(row: "PoseRow") -> str | None:
+    return row.fault
 
 
 def _note(row: "PoseRow") -> str:

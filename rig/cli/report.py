@@ -1,11 +1,11 @@
 """`rig report`: a page that a person looks at and sends."""
 
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
 
-import typer
-
-from rig.cli.common import JsonOption, emit_json, say
+from rig.cli.common import print_result, say
+from rig.cli.declared import argument, option
+from rig.cli.options import JsonOption
 from rig.cli.places import file_place
 from rig.live.screen import begin_phase
 
@@ -29,35 +29,26 @@ def report_after(folder: Path, unwanted: bool) -> str | None:
     return str(path)
 
 
-def report(
-    sources: Annotated[
-        list[Path],
-        typer.Argument(
-            help="Session folder of a trial or recording; or CSV files of lifts, or a folder of them."
-        ),
-    ],
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            "--out", help="The page; default report.html in the session or folder.", callback=file_place
-        ),
-    ] = None,
-    beside: Annotated[
-        Path | None,
-        typer.Option(
-            "--beside", help="Another session of the same lifts: one of the two reacts to slip, one does not."
-        ),
-    ] = None,
-    picture: Annotated[
-        Path | None,
-        typer.Option(
-            "--picture",
-            help="Also a .png of the page's top, as Chromium shows it.",
-            callback=file_place,
-        ),
-    ] = None,
-    json: JsonOption = False,
-) -> None:
+@dataclass(frozen=True, slots=True)
+class ReportOptions:
+    """The sources of a report, and its files."""
+
+    sources: list[Path] = argument(
+        ..., "Session folder of a trial or recording; or CSV files of lifts, or a folder of them."
+    )
+    out: Path | None = option(
+        None, "The page; default report.html in the session or folder.", callback=file_place
+    )
+    beside: Path | None = option(
+        None, "Another session of the same lifts: one of the two reacts to slip, one does not."
+    )
+    picture: Path | None = option(
+        None, "Also a .png of the page's top, as Chromium shows it.", callback=file_place
+    )
+    json: JsonOption = False
+
+
+def report(options: ReportOptions) -> None:
     """Write a session's report: one HTML page that needs nothing else, and prints.
 
     A session that is damaged or unfinished gets a page that shows what can be read and says what
@@ -82,15 +73,13 @@ def report(
     from rig.report.picture import picture_of, require_picture
     from rig.report.write import write_report
 
-    if picture is not None:
-        require_picture(picture)
+    if options.picture is not None:
+        require_picture(options.picture)
     begin_phase("writing the report")
-    written = write_report(sources, out, beside)
-    if picture is not None:
-        picture_of(written.path, picture)
+    written = write_report(options.sources, options.out, options.beside)
+    if options.picture is not None:
+        picture_of(written.path, options.picture)
     for problem in written.problems:
         say(f"note: {problem}")
-    if json:
-        emit_json({"report": str(written.path), "problems": list(written.problems)})
-    else:
-        print(written.path)
+    problems = list(written.problems)
+    print_result(options.json, {"report": str(written.path), "problems": problems}, written.path)

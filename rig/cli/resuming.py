@@ -1,4 +1,4 @@
-"""Continuing a session with what it was asked for, and saying how, where it is stopped."""
+"""Resumption of a session with its stored options; the command for it is printed if a session ends early."""
 
 import shlex
 import sys
@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 from drivers.errors import DeviceError, OperatorStopError, RecordingError, counted
 from rig.cli.common import say
+from rig.cli.options import SessionOptions
 from rig.cli.report import report_after
 
 if TYPE_CHECKING:
@@ -18,25 +19,20 @@ Wanted = TypeVar("Wanted", bound="Manifest")
 
 
 def continued(
-    kind: type[Wanted],
-    name: str,
-    bench: str | None,
-    out: Path | None,
-    resume: bool,
-    object_id: str | None = None,
+    kind: type[Wanted], name: str, bench: str | None, session: SessionOptions, object_id: str | None = None
 ) -> tuple[Path, Wanted | None]:
     """Return where a session goes, and the manifest of one that is continued there.
 
     kind, name: of the session, as `TrialManifest`, "trial". bench: its name, None for kinds without.
-    Without `out`, --resume continues the newest unfinished session of that kind and bench. Raises
+    Without --out, --resume continues the newest unfinished session of that kind and bench. Raises
     `InputError` where there is none, and for a session of another kind.
     """
     from rig.sessions.manifest import is_session, read_manifest_of
     from rig.sessions.session import default_folder, newest_unfinished
 
-    if not resume:
-        return out or default_folder(name, object_id), None
-    folder = out or newest_unfinished(name, bench)
+    if not session.resume:
+        return session.out or default_folder(name, object_id), None
+    folder = session.out or newest_unfinished(name, bench)
     if not is_session(folder):
         return folder, None
     stored = read_manifest_of(folder, kind, f"--resume continues a '{name}' session here")
@@ -76,9 +72,7 @@ def usual_lift_s(folder: Path, jobs: int) -> float | None:
 
 
 @contextmanager
-def may_be_continued(
-    folder: Path, out: Path | None, resume: bool, no_report: bool, partial: Callable[[], None]
-) -> Iterator[None]:
+def may_be_continued(folder: Path, session: SessionOptions, partial: Callable[[], None]) -> Iterator[None]:
     """If a session ends early, print and report what it holds, and print the command that continues it.
 
     partial: prints the results that are on disk.
@@ -88,9 +82,10 @@ def may_be_continued(
     except (OperatorStopError, DeviceError, RecordingError):
         if _holds_results(folder):
             partial()
-            report_after(folder, no_report)
+            report_after(folder, session.no_report)
         if (folder / "session.json").is_file():
-            more = ([] if resume else ["--resume"]) + ([] if out else ["--out", str(folder)])
+            more = [] if session.resume else ["--resume"]
+            more += [] if session.out else ["--out", str(folder)]
             say(f"continue with: {shlex.join(['rig', *sys.argv[1:], *more])}")
         raise
 

@@ -1,16 +1,20 @@
-"""`rig segment`: contact masks of anyone's tactile images."""
+"""`rig segment`: contact masks of anyone's tactile images. `rig label`: proposals for a person to correct."""
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from rig.cli.common import JsonOption, emit_json, say
+from drivers.errors import InputError, counted
+from rig.cli.common import emit_json, say
+from rig.cli.declared import option
+from rig.cli.options import JsonOption
 from rig.cli.places import folder_place
 
 if TYPE_CHECKING:
-    from rig.frames.masks import SegmentedImage
+    from rig.frames.masks import ImageGroup, SegmentChoice, SegmentedImage
+    from rig.labels.proposals import LabelFile
 
 ImagesArgument = Annotated[
     list[Path], typer.Argument(help="Images, folders of images, or sessions of rig record.")
@@ -31,17 +35,35 @@ MarginOption = Annotated[
 ]
 
 
-def segment(
-    images: ImagesArgument,
-    out: Annotated[Path, typer.Option("--out", help="Folder for the masks.", callback=folder_place)],
-    background: BackgroundOption = None,
-    model: Annotated[
-        str, typer.Option(help="ours, pspnet, classical (no network), or the path of an ONNX file.")
-    ] = "ours",
-    margin: MarginOption = 0.0,
-    threads: Annotated[int, typer.Option(min=1, max=64, help="Threads of one inference.")] = 1,
-    json: JsonOption = False,
-) -> None:
+@dataclass(frozen=True, slots=True)
+class SegmentOptions:
+    """The images, the network, and the folder of the masks."""
+
+    images: ImagesArgument
+    out: Path = option(..., "Folder for the masks.", callback=folder_place)
+    background: BackgroundOption = None
+    model: str = option("ours", "ours, pspnet, classical (no network), or the path of an ONNX file.")
+    margin: MarginOption = 0.0
+    threads: int = option(1, "Threads of one inference.", min=1, max=64)
+    json: JsonOption = False
+
+
+@dataclass(frozen=True, slots=True)
+class LabelOptions:
+    """The images, the proposals, and their folder."""
+
+    images: ImagesArgument
+    out: Path = option(..., "Folder for labels, masks/ and coco.json.", callback=folder_place)
+    background: BackgroundOption = None
+    model: str = option(
+        "classical",
+        "What proposes: classical (difference from the background), ours, pspnet or an ONNX file.",
+    )
+    margin: MarginOption = 0.0
+    json: JsonOption = False
+
+
+def segment(options: SegmentOptions) -> None:
     """Write the contact mask of every image: STEM.png, 0 or 255, at the image's own size.
 
     ours compares each image with a frame without contact; pspnet sees the image alone. Both were
@@ -56,78 +78,90 @@ def segment(
       rig segment sessions/mug --model pspnet --out masks --json
 
     """
-    from drivers.errors import InputError
-    from rig.frames.masks import (
-        SegmentChoice,
-        image_groups,
-        make_folder,
-        needs_background,
-        output_names,
-        segment_groups,
-    )
+    from rig.frames.masks import SegmentChoice, mask_figures, segment_groups
 
-    choice = SegmentChoice(model, margin, threads)
-    groups = image_groups(images, background, needs_background(choice))
-    names = output_names(groups, out, ".png")
-    make_folder(out)
+    choice = SegmentChoice(options.model, options.margin, options.threads)
+    groups, names = _images(options, choice, options.out, ".png")
+    rows = [_write_mask(names[done.file], done) for done in segment_groups(groups, choice)]
+    states, median_ms = mask_figures(rows)
+    if list(states) == ["unreadable"]:
+        raise InputError(f"{options.images[0]}: not one complete image: copy it anew")
+    counts = ", ".join(f"{count} {state}" for state, count in states.items())
+    say(f"{options.model}: {counts}; {median_ms} ms per image (median); masks in {options.out}")
+    if options.json:
+        about = {"out": str(options.out), "background": [group.note for group in groups]}
+        figures = {"model": options.model, "states": states, "median_ms": median_ms}
+        emit_json({**about, **figures, "images": rows})
+
+
+def label(options: LabelOptions) -> None:
+    """Propose a LabelMe polygon round the contact of each image, and export all labels.
+
+    OUT/STEM.json is for LabelMe (labelme IMAGES --output OUT). A label file that is there already is
+    never changed: correct it in LabelMe, then run the same command again, which writes OUT/masks
+    and OUT/coco.json from the labels as they are now.
+
+    Examples:
+      rig label frames/ --background empty.png --out labels
+
+      rig label sessions/mug --out labels --json
+
+    """
+    from rig.frames.masks import SegmentChoice
+    from rig.labels.proposals import COCO, MASKS, export_coco, export_masks
+
+    out, model = options.out, options.model
+    files = _proposals(options, SegmentChoice(model, options.margin), out / MASKS)
+    masks = list(export_masks(files, out / MASKS))
+    proposed = sum(file.proposed for file in files)
+    kept = len(files) - proposed
+    export_coco(files, masks, out / COCO, f"contact labels; {proposed} of {len(files)} proposed just now")
+    say(
+        f"{counted(proposed, 'label')} proposed, {kept} kept as found, in {out}; "
+        f"masks and {COCO} are of all of them"
+    )
+    if options.json:
+        labels = [str(file.path) for file in files]
+        emit_json({"out": str(out), "model": model, "proposed": proposed, "kept": kept, "labels": labels})
+
+
+def _images(
+    options: SegmentOptions | LabelOptions, choice: "SegmentChoice", folder: Path, ending: str
+) -> "tuple[list[ImageGroup], dict[Path, Path]]":
+    """Return the images, and the file that each one gets in --out; make the folder. Raises `InputError`."""
+    from rig.frames.masks import image_groups, make_folder, needs_background, output_names
+
+    groups = image_groups(options.images, options.background, needs_background(choice))
+    names = output_names(groups, options.out, ending)
+    make_folder(folder)
     for note in dict.fromkeys(group.note for group in groups):
         say(note)
-    rows: list[SegmentedFile] = []
-    for done in segment_groups(groups, choice):
-        if done.image is not None:
-            _write_mask(names[done.file], done)
-        rows.append(_row(done, names[done.file]))
-        if done.state in ("black", "saturated", "unreadable"):
-            say(f"warning: {done.file}: {done.state}")
-    if all(row.state == "unreadable" for row in rows):
-        raise InputError(f"{images[0]}: not one complete image: copy it anew")
-    figures = _figures(model, rows)
-    states = ", ".join(f"{count} {state}" for state, count in figures.states.items())
-    say(f"{figures.model}: {states}; {figures.median_ms} ms per image (median); masks in {out}")
-    if json:
-        notes = [group.note for group in groups]
-        emit_json(
-            {"out": str(out), "background": notes, **asdict(figures), "images": [asdict(row) for row in rows]}
-        )
+    return groups, names
 
 
-@dataclass(frozen=True, slots=True)
-class SegmentedFile:
-    """What became of one image, as `--json` says it."""
-
-    image: str
-    mask: str | None
-    state: str
-    area_px: float
-    ms: float
-
-
-@dataclass(frozen=True, slots=True)
-class SegmentFigures:
-    """What became of all images."""
-
-    model: str
-    states: dict[str, int]
-    median_ms: float | None
-
-
-def _write_mask(path: Path, done: "SegmentedImage") -> None:
+def _write_mask(path: Path, done: "SegmentedImage") -> dict[str, Any]:
+    """Write the mask of an image unless it is unreadable; return its row of the JSON output."""
     from drivers.images import encode_png
     from rig.sessions.files import write_file
 
-    write_file(path, encode_png(done.mask))
+    if done.image is not None:
+        write_file(path, encode_png(done.mask))
+    if done.state in ("black", "saturated", "unreadable"):
+        say(f"warning: {done.file}: {done.state}")
+    return done.as_json(None if done.image is None else path)
 
 
-def _row(done: "SegmentedImage", name: Path) -> SegmentedFile:
-    area = 0.0 if done.segmentation is None else done.segmentation.contact.area_px
-    mask = None if done.image is None else str(name)
-    return SegmentedFile(str(done.file), mask, done.state, area, round(1e3 * done.cost_s, 3))
+def _proposals(options: LabelOptions, choice: "SegmentChoice", masks: Path) -> "list[LabelFile]":
+    """Write the label files that are missing; return all of them. masks: the folder that is made."""
+    from rig.frames.masks import segment_groups
+    from rig.labels.proposals import propose
 
-
-def _figures(model: str, rows: list[SegmentedFile]) -> SegmentFigures:
-    from collections import Counter
-    from statistics import median
-
-    states = dict(sorted(Counter(row.state for row in rows).items()))
-    costs = [row.ms for row in rows if row.state != "unreadable"]
-    return SegmentFigures(model, states, round(median(costs), 3) if costs else None)
+    groups, names = _images(options, choice, masks, ".json")
+    origin = f"proposed by rig label, {choice.model}; not yet looked at by a person"
+    files = []
+    for done in segment_groups(groups, choice):
+        if done.image is None:
+            say(f"warning: {done.file}: unreadable, no label")
+        else:
+            files.append(propose(done.file, done.mask, names[done.file], origin))
+    return files

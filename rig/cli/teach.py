@@ -1,46 +1,32 @@
 """`rig teach`: where an object is grasped, shown to the rig at the bench instead of typed."""
 
 from dataclasses import dataclass
-from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Literal
 
 import typer
 
-from rig.cli.common import Exit, JsonOption, ask, emit_json, press, say, waited
+from rig.cli.common import Exit, mark, print_result, say
+from rig.cli.declared import argument, option
 from rig.cli.dry_run import dry_run
-from rig.cli.options import BenchOptions
+from rig.cli.options import BenchOptions, JsonOption
+from rig.live.questions import ask, press, waited
 
 if TYPE_CHECKING:
     from rig.calibrate.teaching import Lesson, TaughtPosition
-
-
-class By(StrEnum):
-    """How the hand is brought to a place."""
-
-    HAND = "hand"
-    KEYS = "keys"
 
 
 @dataclass(frozen=True, slots=True)
 class TeachOptions:
     """The object, its positions, and the way the hand is moved."""
 
-    name: Annotated[str, typer.Argument(metavar="OBJECT", help="One of your own objects: id or name.")]
-    positions: Annotated[
-        list[str] | None,
-        typer.Option("--position", help="Teach this one, old or new; repeat. Default: all of the file."),
-    ] = None
-    by: Annotated[By, typer.Option("--by", help="Lead the arm by hand (freedrive), or step it by keys.")] = (
-        By.HAND
+    name: str = argument(..., "One of your own objects: id or name.", metavar="OBJECT")
+    positions: list[str] | None = option(
+        None, "Teach this one, old or new; repeat. Default: all of the file.", "--position"
     )
-    lift_height: Annotated[
-        float | None,
-        typer.Option("--lift-height", min=0.0, max=0.3, help="m; do not ask for it at the bench."),
-    ] = None
-    timeout: Annotated[
-        float, typer.Option("--timeout", min=5.0, max=600.0, help="s; the arm gives way no longer than this.")
-    ] = 120.0
+    by: Literal["hand", "keys"] = option("hand", "Lead the arm by hand (freedrive), or step it by keys.")
+    lift_height: float | None = option(None, "m; do not ask for it at the bench.", min=0.0, max=0.3)
+    timeout: float = option(120.0, "s; the arm gives way no longer than this.", min=5.0, max=600.0)
 
 
 def teach(what: TeachOptions, bench: BenchOptions, json: JsonOption = False) -> None:
@@ -63,15 +49,13 @@ def teach(what: TeachOptions, bench: BenchOptions, json: JsonOption = False) -> 
 
     """
     from rig.calibrate.teaching import Lesson
-    from rig.config.calibrations import load_calibrated_bench
-    from rig.config.objects import own_object, with_objects
+    from rig.config.objects import own_object
 
-    config = with_objects(load_calibrated_bench(bench.bench, say), bench.bench, bench.own_objects)
+    config = bench.config()
     file, grasps = own_object(what.name, bench.bench, bench.own_objects)
     places = tuple(dict.fromkeys(what.positions or [place.name for place in grasps.position]))
-    mark = "SIMULATED " if config.simulated else ""
-    say(f"{mark}bench '{config.name}', object {grasps.id} {grasps.name}, file {file}")
-    lesson = Lesson(config, grasps, places, what.by is By.HAND, what.timeout, what.lift_height)
+    say(f"{mark(config.simulated)}bench '{config.name}', object {grasps.id} {grasps.name}, file {file}")
+    lesson = Lesson(config, grasps, places, what.by == "hand", what.timeout, what.lift_height)
     _teach(file, lesson, bench, json)
 
 
@@ -85,17 +69,13 @@ def _teach(file: Path, lesson: "Lesson", bench: BenchOptions, json: bool) -> Non
     person = ConsoleOperator(ask, agreed=bench.yes, wait=waited, press=press)
     found = teach(lesson, person, say, bench.seed)
     written = _written(file, found, bench.yes)
-    if json:
-        emit_json(
-            {
-                "file": str(file),
-                "simulated": lesson.config.simulated,
-                "written": [each.name for each in written],
-                "positions": [{"name": f.name, **f.values, "problems": list(f.problems)} for f in found],
-            }
-        )
-    else:
-        print(file)
+    figures = {
+        "file": str(file),
+        "simulated": lesson.config.simulated,
+        "written": [each.name for each in written],
+        "positions": [{"name": f.name, **f.values, "problems": list(f.problems)} for f in found],
+    }
+    print_result(json, figures, file)
     if len(written) < len(found):
         say(f"rig: {len(found) - len(written)} of {len(found)} positions were not written; teach them again")
         raise typer.Exit(Exit.USAGE)

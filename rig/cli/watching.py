@@ -1,25 +1,23 @@
-"""Let people watch a command: a page in the browser, and a command that is run on events."""
+"""What --watch and --notify add to a command: a page in the browser, and a command that is run on events."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING
 
 import typer
 
 from rig.cli.common import say
 from rig.cli.options import WatchOptions
-from rig.live.onlookers import Event, looking_on, tell
+from rig.live.onlookers import looking_on
 
 if TYPE_CHECKING:
     from rig.live.feed import Listener
 
-Row = TypeVar("Row")
-
 
 @dataclass(frozen=True, slots=True)
 class Work:
-    """What is looked on at. title: its name. what: its pieces are called. done: of them, before it began."""
+    """The work that the page shows. what: name of its pieces. done: number of pieces done before it began."""
 
     title: str
     what: str
@@ -50,17 +48,3 @@ def watched(context: typer.Context, work: Work, options: WatchOptions) -> "Itera
             say(f"watch it at {page.address}")
             listeners = (page.listener,)
         yield listeners
-
-
-def telling(
-    show: Callable[[int, int, Row], None], note: Callable[[Row], str], fault: Callable[[Row], str | None]
-) -> Callable[[int, int, Row], None]:
-    """Show each finished piece of work, then tell those who look on of it, and of what failed."""
-
-    def progress(done: int, total: int, row: Row) -> None:
-        show(done, total, row)
-        tell(Event("progress", note(row), done, total))
-        if failed := fault(row):
-            tell(Event("fault", failed))
-
-    return progress

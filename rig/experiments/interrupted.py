@@ -2,18 +2,22 @@
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from drivers.clock import NS_PER_S
-from drivers.errors import CalibrationError, RigError, SessionError
+from drivers.errors import CalibrationError, RigError, SessionError, counted
 from rig.experiments.lift_plan import TrialSettings, new_measurement
 from rig.lift.marker_truth import NO_ANGLES
 from rig.lift.measurement import LiftMeasurement
 from rig.lift.recording import lift_angles
 from rig.sessions.files import RECORDINGS
 from rig.sessions.reading import show_again
-from rig.sessions.recorder import IMAGE_PREFIX, RecordedAngle
+from rig.sessions.recorder import FUSED_TOPIC, IMAGE_PREFIX, TRUTH_TOPIC, RecordedAngle
 from rig.sessions.recording_file import Gaps, recorded_messages, recording_values
 from rig.sessions.unfinished import unfinished_recordings
+
+_ANGLES = {"estimate": FUSED_TOPIC, "markers": TRUTH_TOPIC}
+"""Topics of the angles at the end of a recording, by what they are called for people."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -44,6 +48,30 @@ class InterruptedLift:
         return next(
             (a.angle_deg for a in reversed(self.angles.get(topic, ())) if a.angle_deg is not None), None
         )
+
+    @property
+    def text(self) -> str:
+        """One line for people: which lift, how far it came, and the angles at its end."""
+        ends = {what: self.last_deg(topic) for what, topic in _ANGLES.items()}
+        angles = [f"{what} {'none' if deg is None else f'{deg:+.1f} deg'}" for what, deg in ends.items()]
+        damaged = f"; damaged: {'; '.join(self.gaps)}" if self.gaps else ""
+        return (
+            f"unfinished, not counted: {self.recording}: {self.name}, {self.seconds:.1f} s, "
+            f"{counted(self.frames, 'frame')}, phases {', '.join(self.phases_ns)}; "
+            f"at its end {', '.join(angles)}{damaged}"
+        )
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the same as values for JSON output."""
+        return {
+            "recording": self.recording,
+            "lift": self.name,
+            "seconds": round(self.seconds, 3),
+            "frames": self.frames,
+            "phases": list(self.phases_ns),
+            **{f"{what}_deg": self.last_deg(topic) for what, topic in _ANGLES.items()},
+            "gaps": list(self.gaps),
+        }
 
 
 def interrupted_lifts(folder: Path, settings: TrialSettings) -> tuple[list[InterruptedLift], tuple[str, ...]]:

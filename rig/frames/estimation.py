@@ -98,6 +98,21 @@ class SeriesEstimate:
         return figures(self.estimate)
 
     @property
+    def text(self) -> str:
+        """The figures in one line for people."""
+        found, start = self.figures, float(self.estimate.answers[0].time.text)
+        refused = ", ".join(f"{count} {state}" for state, count in found.refused.items()) or "none"
+        zero, slip = (
+            "" if t is None else f"{text}{t - start:.3f} s after the first frame"
+            for text, t in ((", ", found.reference_time_s), ("; slip ", found.slip_s))
+        )
+        return (
+            f"{counted(found.frames, 'frame')}, {found.answered} answered, refused: {refused}; "
+            f"angles from {self.angles_from}; zero: {found.reference}{zero}{slip}; "
+            f"{found.median_ms} ms per frame (p99 {found.p99_ms})"
+        )
+
+    @property
     def warnings(self) -> list[str]:
         """The doubts, and warnings about the results."""
         found, more = self.figures, list(self.doubts)

@@ -1,10 +1,12 @@
 """Contact masks of images: files or folders in, a mask for each image at its own size out."""
 
 import json
-from collections.abc import Callable, Iterator, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
+from statistics import median
 from time import perf_counter
 from typing import Any, Protocol
 
@@ -86,6 +88,16 @@ class SegmentedImage:
             return self.segmentation.contact.mask
         return np.zeros((0, 0) if self.image is None else self.image.shape[:2], np.uint8)
 
+    def as_json(self, mask: Path | None) -> dict[str, Any]:
+        """Return the values for JSON output. mask: file of the mask, None without one."""
+        return {
+            "image": str(self.file),
+            "mask": None if mask is None else str(mask),
+            "state": self.state,
+            "area_px": 0.0 if self.segmentation is None else self.segmentation.contact.area_px,
+            "ms": round(1e3 * self.cost_s, 3),
+        }
+
 
 class ClassicalSegmenter:
     """Contact masks by classical image processing, with the interface of a network's segmenter."""
@@ -161,6 +173,16 @@ def segment_groups(groups: Sequence[ImageGroup], choice: SegmentChoice) -> Itera
             except InputError as error:
                 raise InputError(f"{file}: {error}") from error
             yield SegmentedImage(file, image, found, perf_counter() - began)
+
+
+def mask_figures(rows: Sequence[Mapping[str, Any]]) -> tuple[dict[str, int], float | None]:
+    """Return the number of images by state, and the median time per image that could be read, ms.
+
+    rows: as `SegmentedImage.as_json` returns them.
+    """
+    states = dict(sorted(Counter(row["state"] for row in rows).items()))
+    costs = [row["ms"] for row in rows if row["state"] != UNREADABLE]
+    return states, round(median(costs), 3) if costs else None
 
 
 def output_names(groups: Sequence[ImageGroup], out: Path, ending: str) -> dict[Path, Path]:

@@ -1,14 +1,16 @@
 """A clip to be labelled: which of its frames, and how each differs from the frame without contact."""
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import cv2
 import numpy as np
 
 from drivers.errors import InputError, counted
 from drivers.types import Image
+from rig.frames.clips import clip_background
 from rig.frames.estimates import estimate_series, zeroed
-from rig.frames.series import FrameSeries
+from rig.frames.series import FrameSeries, make_background
 from rig.tactile.contact.relative import RelativeDifference
 from rig.tactile.estimators import choose_estimator
 
@@ -69,6 +71,14 @@ def choose_frames(
         f"up to {frames[-1]}"
     )
     return FrameChoice(frames[0], frames), note
+
+
+def background_of(clip: Path, series: FrameSeries) -> tuple[Image, str]:
+    """Return a clip's frame without contact, else its first frame; and a note that says which it is."""
+    own = clip_background(clip)
+    background, note = make_background("first:1" if own is None else str(own), series)
+    missing = "; rig benchmark clips needs a background.png, a frame without contact" if own is None else ""
+    return background, note + missing
 
 
 def load_clip(name: str, series: FrameSeries, background: Image, choice: FrameChoice) -> ClipToLabel:

@@ -8,9 +8,11 @@ from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 
-from drivers.errors import InputError
+from drivers.errors import InputError, counted
 from drivers.formats import read_bounded
-from rig.labels.angle_clip import ClipToLabel, FrameChoice
+from drivers.types import Image
+from rig.frames.series import FrameSeries
+from rig.labels.angle_clip import ClipToLabel, FrameChoice, choose_frames
 from rig.sessions.codec import Codec, json_line, strict
 from rig.sessions.files import write_file
 
@@ -171,6 +173,30 @@ def read_drawn(path: Path) -> DrawnLines | None:
     if drawn.choice.reference not in drawn.choice.frames:
         raise InputError(f"{path}: the reference is none of its frames: move the file away to begin anew")
     return drawn
+
+
+def chosen_frames(
+    series: FrameSeries,
+    background: Image,
+    count: int | None,
+    reference: int | None,
+    drawn: DrawnLines | None,
+) -> tuple[FrameChoice, str]:
+    """Return the frames of lines that were begun, else new ones, by default ten; and a note for people.
+
+    count: frames to label. reference: the frame whose angle is 0. Raises `InputError` if they differ from
+    those of the lines that were begun.
+    """
+    if drawn is None:
+        return choose_frames(series, background, count or 10, reference)
+    begun = drawn.choice
+    if count not in (None, len(begun.frames)) or reference not in (None, begun.reference):
+        raise InputError(
+            f"{LINES} was begun with {counted(len(begun.frames), 'frame')} and the reference "
+            f"{begun.reference}: leave --count and --reference out to go on, or move the file "
+            "away to start again"
+        )
+    return begun, f"going on with {counted(len(drawn.clicks), 'click')} from before"
 
 
 def ends_in(clicks: Sequence[Click], drawn_in: int) -> dict[int, list[tuple[float, float]]]:

@@ -6,7 +6,7 @@ One list per process, which has one terminal and runs one command. By default it
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, TypeVar
 
 from rig.live.screen import set_aside
 
@@ -21,6 +21,7 @@ class Event:
     total: int = 0
 
 
+Row = TypeVar("Row")
 Tell = Callable[[Event], None]
 """Takes an event; never blocks, never raises."""
 _onlookers: list[Tell] = []
@@ -30,6 +31,20 @@ def tell(event: Event) -> None:
     """Pass an event to all observers."""
     for onlooker in _onlookers:
         onlooker(event)
+
+
+def telling(
+    show: Callable[[int, int, Row], None], note: Callable[[Row], str], fault: Callable[[Row], str | None]
+) -> Callable[[int, int, Row], None]:
+    """Return a function that shows each finished piece of work, then sends it and its fault to onlookers."""
+
+    def progress(done: int, total: int, row: Row) -> None:
+        show(done, total, row)
+        tell(Event("progress", note(row), done, total))
+        if failed := fault(row):
+            tell(Event("fault", failed))
+
+    return progress
 
 
 @contextmanager

@@ -1,6 +1,7 @@
-"""The terminal's view of a trial: how far it is, and the lifts in progress.
+"""The terminal's view of work: how far it is, and of a trial also the lifts in progress.
 
-On a terminal a table that refreshes; elsewhere a plain line now and then, and one per finished lift.
+On a terminal a display that refreshes; elsewhere a plain line per finished piece of work, and of a trial also
+one now and then.
 """
 
 import sys
@@ -8,11 +9,19 @@ import threading
 from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass, field
-from typing import Self
+from typing import Generic, Self, TypeVar
 
 from rich.console import Group
 from rich.live import Live
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    ProgressColumn,
+    Task,
+    TextColumn,
+    TimeElapsedColumn,
+)
 from rich.text import Text
 
 from drivers.clock import NS_PER_S
@@ -22,10 +31,109 @@ from rig.live.screen import begin_phase, shown
 from rig.live.time_left import TimeLeft, left_text
 from rig.sessions.records import LiftRow
 
+Row = TypeVar("Row")
+
 REFRESH_PER_S = 4.0
 PLAIN_EVERY_S = 5.0
 USUAL_LIFT_S = 8.0
 """From a lift's first frame to its last, by the bench's clock, until one has been seen."""
+
+
+class WorkProgress:
+    """A progress bar on a terminal, a plain line per finished piece of work elsewhere."""
+
+    def __init__(self, total: int, what: str) -> None:
+        console = PlainConsole(stderr=True)
+        self._what, self._plain = what, not console.is_terminal
+        self._time_left = TimeLeft(total)
+        self._bar = Progress(
+            TextColumn(what),
+            BarColumn(),
+            MofNCompleteColumn(),
+            _TimeLeftColumn(self._time_left),
+            console=console,
+            disable=self._plain,
+        )
+        self._task = self._bar.add_task(what, total=total)
+        self._shown = ExitStack()
+
+    def __enter__(self) -> Self:
+        if self._plain:
+            begin_phase(f"{self._what}: the first is under way")
+        else:
+            self._shown.enter_context(shown(self._bar.live))
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._shown.close()
+
+    def show(self, done: int, total: int, note: str) -> None:
+        """Show how many pieces are done, and the result of the last one."""
+        if self._plain:
+            print(f"{done}/{total} {note}", file=sys.stderr, flush=True)
+        else:
+            self._time_left.piece_done(done, total)
+            self._bar.update(self._task, completed=done, total=total)
+            self._bar.console.print(f"{done}/{total} {note}", highlight=False)
+
+    def showing(self, note: Callable[[Row], str]) -> Callable[[int, int, Row], None]:
+        """Return a function that shows one finished piece of work after the other. note: its result."""
+        return lambda done, total, row: self.show(done, total, note(row))
+
+
+class _TimeLeftColumn(ProgressColumn):
+    """The time left, computed at each redraw."""
+
+    def __init__(self, time_left: TimeLeft) -> None:
+        super().__init__()
+        self._time_left = time_left
+
+    def render(self, task: Task) -> Text:
+        """Return the text of the column."""
+        return Text(left_text(self._time_left.counting_down()))
+
+
+class OneMessage(Generic[Row]):
+    """Returns the result of each attempt in a line; a fault that repeats is not spelled out again.
+
+    note: returns the result, with the fault. fault: returns what ended an attempt, None if it counts.
+    """
+
+    def __init__(self, note: Callable[[Row], str], fault: Callable[[Row], str | None]) -> None:
+        self._note, self._fault = note, fault
+        self._last: str | None = None
+
+    def __call__(self, row: Row) -> str:
+        """Return the line."""
+        fault, last = self._fault(row), self._last
+        self._last = fault
+        text = self._note(row)
+        return text if fault is None or fault != last else text.replace(fault, "the same fault again")
+
+
+class TrainingView:
+    """A progress bar at a terminal, a line per epoch elsewhere."""
+
+    def __init__(self) -> None:
+        self._bar = Progress(console=PlainConsole(stderr=True), transient=True)
+        self._task = self._bar.add_task("", total=1.0)
+        self._phase = ""
+
+    def __enter__(self) -> Self:
+        self._bar.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._bar.stop()
+
+    def __call__(self, text: str, share: float) -> None:
+        """Show the step, and the share of the training that is done."""
+        self._bar.update(self._task, description=text, completed=share)
+        if "loss" in text:
+            self._bar.console.print(text, highlight=False)
+        elif text != self._phase:
+            self._phase = text
+            begin_phase(text)
 
 
 @dataclass(slots=True)

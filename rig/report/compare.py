@@ -1,7 +1,7 @@
 """Two ways to measure the same lifts, lift by lift: which is better, by how much, and where."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
@@ -67,6 +67,12 @@ class Paired:
             return None
         return int((self.difference < 0.0) == self.figure.smaller)
 
+    def as_json(self) -> dict[str, object]:
+        """Return the figure's values for JSON output."""
+        values = asdict(self)
+        figure = values.pop("figure")
+        return {**values, "figure": figure["name"], "unit": figure["unit"], "winner": self.winner}
+
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
@@ -90,6 +96,16 @@ class Comparison:
     def error(self) -> Paired | None:
         """The mean error over B and C, by which the verdict is given; None if no pair has one."""
         return next((p for p in self.overall if p.figure is ERROR), None)
+
+    def as_json(self) -> dict[str, object]:
+        """Return the figures as values for JSON output."""
+        return {
+            "names": list(self.names),
+            "lifts": len(self.pairs),
+            "left_out": dict(zip(self.names, self.alone, strict=True)),
+            "figures": [each.as_json() for each in self.overall],
+            "objects": {name: each.as_json() for name, each in self.objects.items()},
+        }
 
 
 def _mean(error: ErrorSummary | None) -> float | None:

@@ -3,7 +3,7 @@
 import os
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from enum import StrEnum
 from pathlib import Path
 
@@ -86,6 +86,40 @@ class SessionEntry:
     def wanted(self) -> int | None:
         """Number of requested lifts or poses; None if not known in advance."""
         return self.bench_manifest.wanted if self.bench_manifest else None
+
+    @property
+    def bench_text(self) -> str:
+        """The bench for a table; empty for replays and where it cannot be read."""
+        on = self.bench_manifest
+        return "" if on is None else "SIMULATED" if on.simulated else on.bench
+
+    @property
+    def objects_text(self) -> str:
+        """The objects for a table, the first two of more than three."""
+        few, more = self.objects[:2], len(self.objects) - 2
+        return f"{', '.join(few)} and {more} more" if more > 1 else ", ".join(self.objects)
+
+    def as_json(self) -> dict[str, object]:
+        """Return the session's values for JSON output."""
+        manifest, on, mare = self.manifest, self.bench_manifest, self.mare
+        return {
+            "session": str(self.folder),
+            "date": manifest.started if manifest else None,
+            "kind": manifest.kind if manifest else None,
+            "bench": on.bench if on else None,
+            "simulated": on.simulated if on else None,
+            "estimator": getattr(manifest, "estimator", None),
+            "objects": self.objects,
+            **asdict(self.remarks),
+            "done": self.done,
+            "wanted": self.wanted,
+            "mare_deg": mare and mare.mean_deg,
+            "mare_interval_deg": mare and mare.ends_deg,
+            "lifts_refused": mare and mare.refused,
+            "size_bytes": self.size_bytes,
+            "state": self.state.value,
+            "problem": self.problem,
+        }
 
 
 def find_sessions(folder: Path) -> list[Path]:

@@ -98,6 +98,23 @@ class TrialSummary:
     turns_deg: tuple[float, ...]
     reacting: ReactingSummary | None = None
 
+    def as_json(self) -> dict[str, object]:
+        """Return the trial's figures under the contract's names."""
+        reacting = self.reacting
+        reacted = {} if reacting is None else {"react": reacting.kind, "caught": reacting.caught}
+        return {
+            **reacted,
+            "lifts_accepted": self.lifts_accepted,
+            "lifts_refused": self.lifts_accepted - (self.mare.lifts if self.mare else 0),
+            "mare_deg": self.mare and self.mare.mean_deg,
+            "mare_std_deg": self.mare and self.mare.std_deg,
+            "mare_interval_deg": self.mare and self.mare.ends_deg,
+            "mare_b_deg": self.mare_b and self.mare_b.mean_deg,
+            "mare_held_deg": self.mare_held and self.mare_held.mean_deg,
+            "answered": self.answered,
+            "bench_s": round(self.bench_s, 3),
+        }
+
 
 def summarize_trial(rows: Sequence[LiftRow]) -> TrialSummary:
     """Summarize the accepted lifts of a session's rows; attempts ended by faults are ignored."""

@@ -127,6 +127,32 @@ def summarize_table(rows: Sequence[ReplayRow]) -> TrialSummary:
     return summarize_lifts([table_lift(row) for row in rows], sum(row.bench_s or 0.0 for row in rows))
 
 
+def by_reaction(rows: Sequence[ReplayRow]) -> dict[str, list[ReplayRow]]:
+    """Return rows by the reaction to slip, those without reaction first."""
+    kinds = sorted({row.react or "none" for row in rows}, key=lambda kind: (kind != "none", kind))
+    return {kind: [row for row in rows if (row.react or "none") == kind] for kind in kinds}
+
+
+def results_json(rows: Sequence[ReplayRow]) -> dict[str, object]:
+    """Return a table's figures under the contract's names.
+
+    Lifts that react to slip turn less: of a table with both kinds the figures are of those without reaction,
+    and `by_reaction` has each kind's.
+    """
+    good = [row for row in rows if row.measured]
+    asked = [row.identical for row in good if row.identical is not None]
+    apart = {kind: summarize_table(own).as_json() for kind, own in by_reaction(good).items()}
+    return {
+        "simulated": any(row.simulated for row in good),
+        "estimators": sorted({str(row.estimator) for row in good}),
+        "sessions": len({row.session for row in good}),
+        "broken": [{"session": row.session, "problem": row.problem} for row in rows if row.problem],
+        "identical": sum(asked) if asked else None,
+        **next(iter(apart.values()), summarize_table(()).as_json()),
+        **({"by_reaction": apart} if len(apart) > 1 else {}),
+    }
+
+
 def read_results(path: Path) -> list[ReplayRow]:
     """Read a results table, `.csv` or `.parquet`, or that of a folder which holds one.
 

@@ -8,9 +8,9 @@ from typing import Any
 
 import pytest
 
-from rig.cli.fitting import TableConsole
 from rig.config import load_bench
 from rig.doctor.finding import Finding, Severity
+from rig.live.tables import TableConsole
 from support.command_line import rig
 
 RATE = "36.15 of 60 a second, 2 missed; p50/p95/p99/max 16.8/46.5/49.1/49.8 ms apart"
@@ -26,7 +26,7 @@ FINDINGS = (
 
 def doctor(monkeypatch: pytest.MonkeyPatch, *findings: Finding) -> list[str]:
     monkeypatch.setattr("rig.doctor.examination.examine", lambda *_: iter(findings))
-    monkeypatch.setattr("rig.cli.fitting.table_console", lambda: TableConsole(width=80))
+    monkeypatch.setattr("rig.live.tables.table_console", lambda: TableConsole(width=80))
     done = rig("doctor")
     assert done.returncode == any(each.verdict == "failure" for each in findings)
     return done.stdout.splitlines()

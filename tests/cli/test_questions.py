@@ -13,7 +13,8 @@ LATE_S = 1.2
 IN_TRIAL = """if True:
     import tempfile
     from types import SimpleNamespace
-    from rig.cli.common import ask, stop_on_signals
+    from rig.cli.common import stop_on_signals
+    from rig.live.questions import ask
     from rig.live.feed import Inbox, LiveFeed, Listener, Sender
     from rig.live.terminal import TrialView
     stop_on_signals()
@@ -26,15 +27,17 @@ IN_TRIAL = """if True:
         %s
 """
 IN_RECORD = """if True:
-    from rig.cli.common import ask, stop_on_signals
-    from rig.cli.printing import WorkProgress
+    from rig.cli.common import stop_on_signals
+    from rig.live.questions import ask
+    from rig.live.terminal import WorkProgress
     stop_on_signals()
     with WorkProgress(15, "poses") as bar:
         bar.show(1, 15, "left at +15 deg: 15 images, 0 frames rejected")
         %s
 """
 IN_CALIBRATE = """if True:
-    from rig.cli.common import ask, say, stop_on_signals
+    from rig.cli.common import say, stop_on_signals
+    from rig.live.questions import ask
     stop_on_signals()
     if True:
         say("  block 10 mm wide: 180 counts closing")
@@ -84,7 +87,7 @@ def test_keys_typed_before_the_question_do_not_answer_it(at_terminal: AtTerminal
 
 
 def test_question_without_a_terminal_counts_as_refused(at_terminal: AtTerminal, tmp_path: Any) -> None:
-    code = "import sys; sys.stderr = open({!r}, 'w'); from rig.cli.common import ask; print(ask('Move?'))"
+    code = "import sys; sys.stderr = open({!r}, 'w'); from rig.live.questions import ask; print(ask('Move?'))"
     terminal = at_terminal([sys.executable, "-c", code.format(str(tmp_path / "log"))], 80)
     terminal.type("y\n")
     terminal.wait_for("False", 20.0)

@@ -9,7 +9,8 @@ from typing import Any
 import pytest
 
 from drivers.errors import OperatorStopError
-from rig.cli.printing import OneMessage, lift_fault, lift_note
+from rig.live.terminal import OneMessage
+from rig.results.notes import lift_fault, lift_note
 from rig.sessions.manifest import read_manifest
 from rig.sessions.records import FailedLift, LiftHead, LiftOutcome
 from rig.sessions.rows import read_lifts

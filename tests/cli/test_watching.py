@@ -148,7 +148,7 @@ def test_invalid_watch_options_are_rejected_before_the_session(tmp_path: Path) -
 
 def test_waiting_question_is_reported_to_observers(at_terminal: AtTerminal) -> None:
     code = """if True:
-        from rig.cli.common import ask
+        from rig.live.questions import ask
         from rig.live.onlookers import looking_on
         def tell(event):
             print("told", event.kind, event.text, flush=True)

@@ -10,60 +10,39 @@ from rig.cli.benchmark.studies import command_of
 from rig.cli.helping import Commands, Group
 
 STUDIES = {
-    "estimators": (
-        "rig.benchmark.estimators.study",
-        "Time and score every estimator by window on 45 lifts, then put them under stress.",
-    ),
-    "clips": (
-        "rig.benchmark.clips.study",
-        "Let estimators answer labelled clips, real or simulated, and compare with the labels.",
-    ),
+    "estimators": "Time and score every estimator by window on 45 lifts, then put them under stress.",
+    "clips": "Let estimators answer labelled clips, real or simulated, and compare with the labels.",
     "calibration": (
-        "rig.benchmark.calibration.study",
-        "Measure the calibrations against their limits, on simulated and, where they are, real data.",
+        "Measure the calibrations against their limits, on simulated and, where they are, real data."
     ),
-    "others": (
-        "rig.benchmark.others.study",
-        "Run foreign clients on the simulated devices, and foreign readers on the files of a session.",
-    ),
-    "reaction": (
-        "rig.benchmark.reaction.study",
-        "Lift the same SIMULATED objects without and with a reaction to slip, and compare.",
-    ),
+    "others": "Run foreign clients on the simulated devices, and foreign readers on the files of a session.",
+    "reaction": "Lift the same SIMULATED objects without and with a reaction to slip, and compare.",
     "renderer": (
-        "rig.benchmark.renderer.study",
-        "Let estimators follow SIMULATED lifts of a second renderer, which shares nothing with the bench's.",
+        "Let estimators follow SIMULATED lifts of a second renderer, which shares nothing with the bench's."
     ),
     "seeds": (
-        "rig.benchmark.seeds",
-        "Carry out SIMULATED trials of several seeds; print how far off and how confidently wrong they are.",
+        "Carry out SIMULATED trials of several seeds; print how far off and how confidently wrong they are."
     ),
     "segmentation": (
-        "rig.benchmark.segmentation.study",
-        "Score the shipped networks on objects they never saw, and on nine real frames where they are.",
+        "Score the shipped networks on objects they never saw, and on nine real frames where they are."
     ),
-    "wire": (
-        "rig.benchmark.wire.lift",
-        "Do one lift over the wire protocols, in real time: frames lost, rates, agreement.",
-    ),
-    "faults": (
-        "rig.benchmark.wire.faults",
-        "Let each device fail in mid-lift over the wire protocols; print how the rig recovers.",
-    ),
-    "safety": (
-        "rig.benchmark.wire.safety",
-        "Stop, kill or break a lift at random moments; print how the arm comes to rest.",
-    ),
+    "wire": "Do one lift over the wire protocols, in real time: frames lost, rates, agreement.",
+    "faults": "Let each device fail in mid-lift over the wire protocols; print how the rig recovers.",
+    "safety": "Stop, kill or break a lift at random moments; print how the arm comes to rest.",
     "endurance": (
-        "rig.benchmark.wire.endurance",
-        "Hold an object still over the wire protocols, in real time, and print the measurements per minute.",
+        "Hold an object still over the wire protocols, in real time, and print the measurements per minute."
     ),
-    "trials": (
-        "rig.benchmark.trials.study",
-        "Run networks, angle methods, windows and the paper's peers over the same SIMULATED lifts.",
-    ),
+    "trials": "Run networks, angle methods, windows and the paper's peers over the same SIMULATED lifts.",
 }
-"""Module and first line of help by name. A module is imported when its command is used: that takes long."""
+"""First line of help by name."""
+MODULES = {
+    "seeds": "rig.benchmark.seeds",
+    "wire": "rig.benchmark.wire.lift",
+    "faults": "rig.benchmark.wire.faults",
+    "safety": "rig.benchmark.wire.safety",
+    "endurance": "rig.benchmark.wire.endurance",
+}
+"""Module of a study that is not `rig.benchmark.NAME.study`. It is imported when used: that takes long."""
 
 
 class Benchmarks(Group):
@@ -71,7 +50,7 @@ class Benchmarks(Group):
 
     def __init__(self, **settings: Any) -> None:
         super().__init__(**settings)
-        for name, (_, summary) in STUDIES.items():
+        for name, summary in STUDIES.items():
             self.commands[name] = TyperCommand(name, help=summary)
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
@@ -79,7 +58,8 @@ class Benchmarks(Group):
         if cmd_name not in STUDIES:
             return super().get_command(ctx, cmd_name)
         alone = Commands(add_completion=False)
-        alone.command(cmd_name)(command_of(import_module(STUDIES[cmd_name][0]).STUDY))
+        module = import_module(MODULES.get(cmd_name, f"rig.benchmark.{cmd_name}.study"))
+        alone.command(cmd_name)(command_of(module.STUDY))
         return get_command(alone)
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:

@@ -4,13 +4,14 @@ import time
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 
-from rig.cli.benchmark.tables import ReadmeOption, say_faults
-from rig.cli.common import Exit, JobsOption, JsonOption, SeedOption, emit_json, say, session_folder
-from rig.cli.declared import option_parameters, set_signature
+from drivers.errors import InputError
+from rig.cli.common import Exit, emit_json, say
+from rig.cli.declared import option, option_parameters, set_signature
+from rig.cli.options import JsonOption, SeedOption
 from rig.cli.places import file_place, folder_place
 
 if TYPE_CHECKING:
@@ -20,45 +21,36 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class SharedOptions:
-    """Options that most studies have; a study names those it has in `Study.shared`."""
+    """Options that most studies have; all have --json, and a study names the others in `Study.shared`."""
 
-    out: Annotated[
-        Path | None, typer.Option("--out", help="Folder of the results.", callback=folder_place)
-    ] = None
-    resume: Annotated[
-        bool, typer.Option("--resume", help="Continue with the cases that are missing in --out.")
-    ] = False
-    readme: ReadmeOption = None
-    jobs: JobsOption = None
+    out: Path | None = option(None, "Folder of the results.", callback=folder_place)
+    resume: bool = option(False, "Continue with the cases that are missing in --out.")
+    readme: Path | None = option(
+        None, "Put the table between its markers in this file, as docs/estimators.md.", callback=file_place
+    )
+    jobs: int | None = option(None, "Lifts side by side; default: cores.", min=1, max=64)
     seed: SeedOption = 0
+    json: JsonOption = False
 
 
 def command_of(study: "Study[Any]") -> Callable[..., None]:
     """Return a study's command, for typer."""
     own = [each.name for each in fields(study.options)]
-    shared = [each for each in option_parameters(SharedOptions) if each.name in study.shared]
+    shared = [each for each in option_parameters(SharedOptions) if each.name in (*study.shared, "json")]
 
-    def command(json: bool, **values: Any) -> None:
+    def command(**values: Any) -> None:
         options = study.options(**{name: values.pop(name) for name in own})
-        _carry_out(study, options, SharedOptions(**values), json)
+        _carry_out(study, options, SharedOptions(**values))
 
-    set_signature(command, [*option_parameters(study.options), *shared, *_JSON])
+    set_signature(command, [*option_parameters(study.options), *shared])
     command.__name__, command.__doc__ = study.name, study.measure.__doc__
     return command
 
 
-@dataclass(frozen=True, slots=True)
-class _JsonOptions:
-    json: JsonOption = False
-
-
-_JSON = option_parameters(_JsonOptions)
-
-
-def _carry_out(study: "Study[Any]", options: Any, shared: SharedOptions, json: bool) -> None:
+def _carry_out(study: "Study[Any]", options: Any, shared: SharedOptions) -> None:
     from rig.benchmark.harness import Run, as_json
     from rig.benchmark.readme import check_readme, write_section
-    from rig.cli.printing import WorkProgress
+    from rig.live.terminal import WorkProgress
 
     began = time.perf_counter()
     section = study.name
@@ -67,21 +59,30 @@ def _carry_out(study: "Study[Any]", options: Any, shared: SharedOptions, json: b
     if shared.readme is not None:
         section = study.section(options) if study.section else section
         check_readme(shared.readme, section)
-    folder = session_folder(shared.out, shared.resume, study.name) if study.keeps_results else shared.out
+    folder = _folder(study, shared)
     say(_first_line(study, shared, folder))
     with WorkProgress(0, study.cases) as progress:
         run = Run(shared.seed, shared.jobs, folder, shared.resume, progress.show, say)
         report = study.measure(options, run)
     wall_s = time.perf_counter() - began
-    _print(report, wall_s, json)
+    _print(report, wall_s, shared.json)
     result = as_json(study, options, run, report, wall_s)
     if folder is not None:
         _write(folder, report, result)
     if shared.readme is not None:
         write_section(shared.readme, section, report.section)
-    if json:
+    if shared.json:
         emit_json(result)
     exit_if_missed(report.limits)
+
+
+def _folder(study: "Study[Any]", shared: SharedOptions) -> Path | None:
+    """Return the folder of the results, None without one. Raises `InputError` for --resume without --out."""
+    from rig.sessions.session import default_folder
+
+    if study.keeps_results and shared.resume and shared.out is None:
+        raise InputError("--resume continues the session in --out: give its folder")
+    return shared.out or (default_folder(study.name) if study.keeps_results else None)
 
 
 def _first_line(study: "Study[Any]", shared: SharedOptions, folder: Path | None) -> str:
@@ -92,16 +93,16 @@ def _first_line(study: "Study[Any]", shared: SharedOptions, folder: Path | None)
 
 def _print(report: "Report", wall_s: float, to_stderr: bool) -> None:
     from rig.benchmark.harness import limit_table
-    from rig.cli.fitting import table_console
-    from rig.cli.printing import console_table
+    from rig.live.tables import console_table, table_console
 
     console = table_console(to_stderr)
     limits = [limit_table(report.limits, report.limits_of)] if report.limits else []
     for table in (*report.tables, *limits):
-        console.print(console_table(table.columns, table.rows, table.left, table.title))
+        console.print(console_table(table.columns, table.rows, range(table.left), table.title))
     for note in (*report.notes, f"{wall_s:.0f} s"):
         console.print(note, highlight=False)
-    say_faults(report.faults)
+    for name, faults in report.faults.items():
+        say(f"warning: '{name}': {faults}")
 
 
 def _write(folder: Path, report: "Report", result: dict[str, Any]) -> None:

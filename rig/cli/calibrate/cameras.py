@@ -1,9 +1,12 @@
 """`rig calibrate camera, hand-eye, markers`: a camera, where it stands, and how well it tells angles."""
 
-from typing import Annotated
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 import typer
 
+from drivers.errors import InputError
 from rig.cli.calibrate.options import (
     CameraFile,
     CameraSerial,
@@ -11,24 +14,29 @@ from rig.cli.calibrate.options import (
     PosesOption,
     StationOptions,
     TargetOption,
-    file_and_say,
-    recorded,
-    station,
+    calibrated,
 )
-from rig.cli.common import ObjectsOption
+from rig.cli.declared import option
+from rig.cli.options import ObjectsOption
+
+if TYPE_CHECKING:
+    from calibration.hand_eye.samples import Setup
+    from calibration.targets.boards import Target
+    from rig.calibrate.result import CalibrationResult
 
 
-def camera(
-    context: typer.Context,
-    common: StationOptions,
-    target: TargetOption = "charuco:8x6:25:18:DICT_5X5_100",
-    pattern: PicturesOption = "*",
-    serial: CameraSerial = "unknown",
-    keep_all: Annotated[
-        bool, typer.Option("--keep-all", help="Keep views that contradict the others.")
-    ] = False,
-    poses: PosesOption = 20,
-) -> None:
+@dataclass(frozen=True, slots=True)
+class CameraOptions:
+    """The board, and its views."""
+
+    target: TargetOption = "charuco:8x6:25:18:DICT_5X5_100"
+    pattern: PicturesOption = "*"
+    serial: CameraSerial = "unknown"
+    keep_all: bool = option(False, "Keep views that contradict the others.")
+    poses: PosesOption = 20
+
+
+def camera(context: typer.Context, common: StationOptions, options: CameraOptions) -> None:
     """Fit a camera to views of a board; the lens model is the one that predicts unseen views best.
 
     On a bench the arm holds the board and shows it from --poses places and tilts.
@@ -53,24 +61,30 @@ def camera(
     from rig.calibrate.bench_camera import collect_camera
     from rig.calibrate.camera import camera_from_folder
 
-    wanted = parse_target(target)
-    if common.source is None:
-        with station(context, common, "views", poses) as at:
-            file_and_say(collect_camera(at, wanted, poses), common)
-    else:
-        result = camera_from_folder(recorded(common.source, common), pattern, wanted, serial, keep_all)
-        file_and_say(result, common)
+    wanted = parse_target(options.target)
+    calibrated(
+        context,
+        common,
+        ("views", options.poses),
+        lambda at: collect_camera(at, wanted, options.poses),
+        lambda samples: camera_from_folder(
+            samples, options.pattern, wanted, options.serial, options.keep_all
+        ),
+    )
 
 
-def hand_eye(
-    context: typer.Context,
-    common: StationOptions,
-    target: TargetOption = "marker:60:DICT_4X4_50:0",
-    camera_file: CameraFile = None,
-    setup: Annotated[str, typer.Option("--setup", help="eye-to-hand or eye-in-hand.")] = "eye-to-hand",
-    serial: CameraSerial = "unknown",
-    poses: PosesOption = 20,
-) -> None:
+@dataclass(frozen=True, slots=True)
+class HandEyeOptions:
+    """The target, the camera, and its place."""
+
+    target: TargetOption = "marker:60:DICT_4X4_50:0"
+    camera_file: CameraFile = None
+    setup: str = option("eye-to-hand", "eye-to-hand or eye-in-hand.")
+    serial: CameraSerial = "unknown"
+    poses: PosesOption = 20
+
+
+def hand_eye(context: typer.Context, common: StationOptions, options: HandEyeOptions) -> None:
     """Find where the camera is: base_T_camera of one that stands, tcp_T_camera of one in the hand.
 
     On a bench the arm visits --poses poses, each the one that tells most, and waits for stillness.
@@ -92,45 +106,52 @@ def hand_eye(
       rig calibrate hand-eye --bench fake --setup eye-in-hand
 
     """
-    from calibration.camera.files import read_camera
     from calibration.hand_eye.samples import Setup
     from calibration.targets.boards import parse_target
-    from drivers.errors import InputError
     from rig.calibrate.bench_hand_eye import collect_hand_eye
+
+    if options.setup not in list(Setup):
+        raise InputError(f"--setup '{options.setup}': use {' or '.join(Setup)}")
+    wanted, setup = parse_target(options.target), Setup(options.setup)
+    calibrated(
+        context,
+        common,
+        ("poses", options.poses),
+        lambda at: collect_hand_eye(at, wanted, setup, options.poses),
+        lambda samples: _hand_eye_from(samples, wanted, setup, options),
+    )
+
+
+def _hand_eye_from(
+    samples: Path, wanted: "Target", setup: "Setup", options: HandEyeOptions
+) -> "CalibrationResult":
+    """Calibrate from pictures of a target, or from its poses if the folder holds them."""
+    from calibration.camera.files import read_camera
     from rig.calibrate.hand_eye import TARGETS, hand_eye_from_folder, hand_eye_from_poses
 
-    if setup not in list(Setup):
-        raise InputError(f"--setup '{setup}': use {' or '.join(Setup)}")
-    wanted = parse_target(target)
-    if common.source is None:
-        with station(context, common, "poses", poses) as at:
-            file_and_say(collect_hand_eye(at, wanted, Setup(setup), poses), common)
-        return
-    if (recorded(common.source, common) / TARGETS).is_file():
-        result = hand_eye_from_poses(common.source, serial, Setup(setup))
-    else:
-        if camera_file is None:
-            raise InputError(
-                "hand-eye needs the camera's intrinsics: give --camera FILE (rig calibrate camera)"
-            )
-        known = read_camera(camera_file, None if serial == "unknown" else serial)
-        result = hand_eye_from_folder(common.source, wanted, known, serial, Setup(setup))
-    file_and_say(result, common)
+    serial = options.serial
+    if (samples / TARGETS).is_file():
+        return hand_eye_from_poses(samples, serial, setup)
+    if options.camera_file is None:
+        raise InputError("hand-eye needs the camera's intrinsics: give --camera FILE (rig calibrate camera)")
+    known = read_camera(options.camera_file, None if serial == "unknown" else serial)
+    return hand_eye_from_folder(samples, wanted, known, serial, setup)
 
 
-def markers(
-    context: typer.Context,
-    common: StationOptions,
-    ids: Annotated[tuple[int, int], typer.Option("--ids", help="The two marker ids.")] = (0, 1),
-    dictionary: Annotated[
-        str, typer.Option("--dictionary", help="OpenCV's name, or a file.")
-    ] = "DICT_4X4_50",
-    camera_file: CameraFile = None,
-    pattern: PicturesOption = "*",
-    serial: CameraSerial = "unknown",
-    object_name: Annotated[str, typer.Option("--object", help="Object to look at on a bench.")] = "wrench",
-    objects: ObjectsOption = None,
-) -> None:
+@dataclass(frozen=True, slots=True)
+class MarkersOptions:
+    """The markers, and the object that carries them."""
+
+    ids: tuple[int, int] = option((0, 1), "The two marker ids.")
+    dictionary: str = option("DICT_4X4_50", "OpenCV's name, or a file.")
+    camera_file: CameraFile = None
+    pattern: PicturesOption = "*"
+    serial: CameraSerial = "unknown"
+    object_name: str = option("wrench", "Object to look at on a bench.", "--object")
+    objects: ObjectsOption = None
+
+
+def markers(context: typer.Context, common: StationOptions, options: MarkersOptions) -> None:
     """Measure how well the two-marker angle is known, from pictures of the object at rest.
 
     On a bench the camera looks at an object in its place, sixty times; nothing moves.
@@ -143,14 +164,23 @@ def markers(
       rig calibrate markers --from still --camera calibrations/camera-C1.yaml
 
     """
-    from calibration.camera.files import read_camera
     from rig.calibrate.bench_camera import collect_markers
+
+    calibrated(
+        context,
+        common,
+        ("objects", 1),
+        lambda at: collect_markers(at, options.object_name),
+        lambda samples: _markers_from(samples, options),
+        objects=options.objects,
+    )
+
+
+def _markers_from(samples: Path, options: MarkersOptions) -> "CalibrationResult":
+    from calibration.camera.files import read_camera
     from rig.calibrate.camera import markers_from_folder
 
-    if common.source is None:
-        with station(context, common, "objects", 1, objects=objects) as at:
-            file_and_say(collect_markers(at, object_name), common)
-    else:
-        lens = None if camera_file is None else read_camera(camera_file)
-        result = markers_from_folder(recorded(common.source, common), pattern, ids, dictionary, lens, serial)
-        file_and_say(result, common)
+    lens = None if options.camera_file is None else read_camera(options.camera_file)
+    return markers_from_folder(
+        samples, options.pattern, options.ids, options.dictionary, lens, options.serial
+    )

@@ -5,10 +5,10 @@ from typing import Annotated
 
 import typer
 
-from rig.cli.calibrate import cameras as calibrate_cameras
-from rig.cli.calibrate import sensors as calibrate_sensors
-from rig.cli.common import JsonOption, emit_json
+from rig.cli.calibrate import cameras, sensors
+from rig.cli.common import emit_json
 from rig.cli.helping import Commands
+from rig.cli.options import JsonOption
 from rig.cli.places import file_place
 
 calibrate = Commands(
@@ -18,15 +18,9 @@ calibrate = Commands(
     "(each command's help says what it holds). Files go to --out, by default calibrations/ beside the bench "
     "file (for the built-in benches: here), where rig trial and rig record find and use them.",
 )
-calibrate.command()(calibrate_cameras.camera)
-calibrate.command("hand-eye")(calibrate_cameras.hand_eye)
-calibrate.command()(calibrate_cameras.markers)
-for command in (
-    calibrate_sensors.tactile,
-    calibrate_sensors.gripper,
-    calibrate_sensors.tcp,
-    calibrate_sensors.sync,
-):
+for command in (cameras.camera, cameras.hand_eye, cameras.markers):
+    calibrate.command()(command)
+for command in (sensors.tactile, sensors.gripper, sensors.tcp, sensors.sync):
     calibrate.command()(command)
 
 

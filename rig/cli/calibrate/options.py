@@ -5,20 +5,21 @@ from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from rig.cli.common import BenchOption, JsonOption, SeedOption, YesOption, ask, emit_json, say, tell
+from rig.cli.common import mark, print_result, say
+from rig.cli.declared import option
 from rig.cli.dry_run import dry_run
-from rig.cli.options import DryRunOption, NotifyOption, WatchAtOption, WatchOption, WatchOptions
+from rig.cli.options import BenchOption, DryRunOption, JsonOption, SeedOption, WatchOptions, YesOption
 from rig.cli.places import folder_place
 from rig.cli.watching import Work, watched
+from rig.live.questions import ask, ask_line
 from rig.live.screen import begin_phase
 
 if TYPE_CHECKING:
     from drivers.types import Frame
-    from rig.bench.plan import Plan
     from rig.calibrate.bench import Station
     from rig.calibrate.result import CalibrationResult, Filed
     from rig.live.feed import Listener
@@ -37,22 +38,16 @@ PosesOption = Annotated[int, typer.Option("--poses", min=5, max=60, help="Poses 
 
 
 @dataclass(frozen=True, slots=True)
-class StationOptions:
+class StationOptions(WatchOptions):
     """Where the samples of a calibration come from, and where its file goes."""
 
-    source: Annotated[Path | None, typer.Option("--from", help="Folder of recorded samples.")] = None
+    source: Path | None = option(None, "Folder of recorded samples.", "--from")
     bench: BenchOption = "fake"
     seed: SeedOption = 0
     dry: DryRunOption = False
     yes: YesOption = False
-    out: Annotated[
-        Path | None,
-        typer.Option("--out", help="Folder of the calibration file and its page.", callback=folder_place),
-    ] = None
+    out: Path | None = option(None, "Folder of the calibration file and its page.", callback=folder_place)
     json: JsonOption = False
-    watch: WatchOption = False
-    watch_at: WatchAtOption = None
-    notify: NotifyOption = None
 
     @property
     def folder(self) -> Path:
@@ -62,8 +57,31 @@ class StationOptions:
         return self.out or calibrations_folder(self.bench)
 
 
+def calibrated(
+    context: typer.Context,
+    common: StationOptions,
+    work: tuple[str, int],
+    on_bench: "Callable[[Station], CalibrationResult | Sequence[CalibrationResult]]",
+    from_folder: "Callable[[Path], CalibrationResult]",
+    **settings: Any,
+) -> None:
+    """Carry out a calibration from the folder of --from, or without one on the bench; file and print it.
+
+    work, settings: as `_station` takes them.
+    """
+    if common.source is not None:
+        _file_one(from_folder(_recorded(common.source, common)), common)
+        return
+    with _station(context, common, *work, **settings) as at:
+        found = on_bench(at)
+        if isinstance(found, Sequence):
+            _file_all(found, common)
+        else:
+            _file_one(found, common)
+
+
 @contextmanager
-def station(
+def _station(
     context: typer.Context,
     common: StationOptions,
     what: str,
@@ -83,19 +101,18 @@ def station(
     from rig.config.objects import with_objects
 
     config = with_objects(load_bench(common.bench), common.bench, objects)
-    simulated = "SIMULATED " if config.simulated else ""
-    title = f"{simulated}calibrate {context.info_name} on bench '{config.name}'"
+    title = f"{mark(config.simulated)}calibrate {context.info_name} on bench '{config.name}'"
     say(title)
-    watch = WatchOptions() if common.dry else WatchOptions(common.watch, common.watch_at, common.notify)
     with ExitStack() as stack:
+        watch = WatchOptions() if common.dry else common
         listeners = stack.enter_context(watched(context, Work(title, what, total), watch))
         yield Station(
             config,
             common.seed,
             common.folder,
-            ConsoleOperator(ask, agreed or common.yes, tell),
+            ConsoleOperator(ask, agreed or common.yes, ask_line),
             say,
-            partial(dry_run, config, json=common.json) if common.dry else _nothing,
+            partial(dry_run, config, json=common.json) if common.dry else lambda plan: None,
             _show(stack, listeners),
         )
 
@@ -110,60 +127,49 @@ def _show(stack: ExitStack, listeners: "tuple[Listener, ...]") -> "Callable[[Fra
     return stack.enter_context(closing(PictureSender(LiveFeed(listeners))))
 
 
-def recorded(source: Path, common: StationOptions) -> Path:
+def _recorded(source: Path, common: StationOptions) -> Path:
     """Return the folder of --from. Raises `InputError` if an option to watch a bench was given with it."""
     from drivers.errors import InputError
 
-    for option in ("watch", "watch_at", "notify"):
-        if getattr(common, option):
-            named = option.replace("_", "-")
+    for name in ("watch", "watch_at", "notify"):
+        if getattr(common, name):
+            named = name.replace("_", "-")
             raise InputError(f"--{named} watches a bench, and --from {source} needs none: leave it out")
     begin_phase(f"calibrating from {source}")
     return source
 
 
-def _nothing(plan: "Plan") -> None:
-    """Go on."""
-
-
-def file_all(results: Sequence["CalibrationResult"], common: StationOptions) -> None:
+def _file_all(results: "Sequence[CalibrationResult]", common: StationOptions) -> None:
     """File the results of one collection; one that is refused is raised after all are on disk."""
     from drivers.errors import CalibrationError
 
     filed: list[Filed] = []
-    refused: list[CalibrationError] = []
+    refused: list[str] = []
     for result in results:
         try:
-            filed.append(filed_and_said(result, common))
+            filed.append(_filed(result, common))
         except CalibrationError as error:
-            refused.append(error)
+            refused.append(str(error))
             say(str(error))
-    if common.json:
-        emit_json({"calibrations": [each.figures for each in filed], "refused": [str(e) for e in refused]})
-    else:
-        for each in filed:
-            print(each.path, each.page, sep="\n")
+    figures = {"calibrations": [each.figures for each in filed], "refused": refused}
+    print_result(common.json, figures, *(path for each in filed for path in (each.path, each.page)))
     if refused:
         raise CalibrationError(f"{len(refused)} of {len(results)} were refused; see their pages")
 
 
-def file_and_say(result: "CalibrationResult", common: StationOptions) -> None:
-    """File a result, and print its verdict, figures and paths."""
-    filed = filed_and_said(result, common)
-    if common.json:
-        emit_json(filed.figures)
-    else:
-        print(filed.path)
-        print(filed.page)
+def _file_one(result: "CalibrationResult", common: StationOptions) -> None:
+    """File a result, and print its verdict, figures and paths. Raises `CalibrationError` if it is refused."""
+    filed = _filed(result, common)
+    print_result(common.json, filed.figures, filed.path, filed.page)
 
 
-def filed_and_said(result: "CalibrationResult", common: StationOptions) -> "Filed":
+def _filed(result: "CalibrationResult", common: StationOptions) -> "Filed":
     """File a result and print its verdict and figures. Raises `CalibrationError` for a refused one."""
     from rig.calibrate.result import file_result
 
     filed = file_result(result, common.folder)
     about = ", ".join(f"{role} {serial}" for role, serial in result.serials.items())
-    say(f"{'SIMULATED ' if result.simulated else ''}{result.kind} calibration, {about}: {result.assessment}")
+    say(f"{mark(result.simulated)}{result.kind} calibration, {about}: {result.assessment}")
     for name, text in result.numbers.items():
         say(f"  {name}: {text}")
     for left_out in result.rejected:

@@ -1,36 +1,31 @@
 """`rig calibrate tactile, gripper, tcp, sync`: gels, fingers, the tool's tip, clocks."""
 
-from typing import Annotated
+from dataclasses import dataclass
 
 import typer
 
-from rig.cli.calibrate.options import (
-    StationOptions,
-    file_all,
-    file_and_say,
-    recorded,
-    station,
-)
-from rig.cli.common import ObjectsOption
-from rig.cli.declared import is_given
+from rig.cli.calibrate.options import StationOptions, calibrated
+from rig.cli.declared import is_given, option
+from rig.cli.options import ObjectsOption
 
 _BLOCKS_MM = [8.0, 15.0, 25.0, 35.0, 50.0, 65.0, 80.0, 95.0]
 
 
-def tactile(
-    context: typer.Context,
-    common: StationOptions,
-    balls_mm: Annotated[
-        list[float] | None,
-        typer.Option("--ball-mm", help="Diameter of a ball to press on a bench; two sizes are good. Repeat."),
-    ] = None,
-    presses: Annotated[int, typer.Option("--presses", min=8, max=100, help="Places for each ball.")] = 16,
-    mm_per_px: Annotated[
-        tuple[float, float] | None,
-        typer.Option("--mm-per-px", help="With --from: scale along x and y, where it is known."),
-    ] = None,
-    serial: Annotated[str, typer.Option("--serial", help="Of the sensor.")] = "unknown",
-) -> None:
+@dataclass(frozen=True, slots=True)
+class TactileOptions:
+    """The balls, and the sensor."""
+
+    balls_mm: list[float] | None = option(
+        None, "Diameter of a ball to press on a bench; two sizes are good. Repeat.", "--ball-mm"
+    )
+    presses: int = option(16, "Places for each ball.", min=8, max=100)
+    mm_per_px: tuple[float, float] | None = option(
+        None, "With --from: scale along x and y, where it is known."
+    )
+    serial: str = option("unknown", "Of the sensor.")
+
+
+def tactile(context: typer.Context, common: StationOptions, options: TactileOptions) -> None:
     """Find a gel's scale along x and y, and how its colours tell its slopes, from ball presses.
 
     On a bench with --ball-mm the fingers press each ball at many places of both gels; the arm's steps
@@ -53,26 +48,28 @@ def tactile(
     from rig.calibrate.bench_tactile import collect_presses, collect_references
     from rig.calibrate.tactile import tactile_from_folder
 
-    if common.source is not None:
-        file_and_say(tactile_from_folder(recorded(common.source, common), serial, mm_per_px), common)
-    elif balls_mm:
-        with station(context, common, "presses", presses * len(balls_mm)) as at:
-            file_all(collect_presses(at, balls_mm, presses), common)
-    else:
-        # nothing moves, so there is nothing to agree to
-        with station(context, common, "fingertips", 2, agreed=True) as at:
-            file_all(collect_references(at), common)
+    balls_mm = options.balls_mm
+    calibrated(
+        context,
+        common,
+        ("presses", options.presses * len(balls_mm)) if balls_mm else ("fingertips", 2),
+        lambda at: collect_presses(at, balls_mm, options.presses) if balls_mm else collect_references(at),
+        lambda samples: tactile_from_folder(samples, options.serial, options.mm_per_px),
+        agreed=not balls_mm,  # without balls nothing moves, so there is nothing to agree to
+    )
 
 
-def gripper(
-    context: typer.Context,
-    common: StationOptions,
-    blocks_mm: Annotated[
-        list[float] | None,
-        typer.Option("--block-mm", help="Width of a block to close on at a bench. Repeat."),
-    ] = None,
-    serial: Annotated[str, typer.Option("--serial", help="Of the gripper.")] = "unknown",
-) -> None:
+@dataclass(frozen=True, slots=True)
+class GripperOptions:
+    """The blocks, and the gripper."""
+
+    blocks_mm: list[float] | None = option(
+        None, "Width of a block to close on at a bench. Repeat.", "--block-mm"
+    )
+    serial: str = option("unknown", "Of the gripper.")
+
+
+def gripper(context: typer.Context, common: StationOptions, options: GripperOptions) -> None:
     """Make the table of opening over counts of closing fingers, monotone, and measure the hysteresis.
 
     On a bench the fingers close on blocks of known width (8 to 95 mm, or --block-mm) until both gels
@@ -89,26 +86,28 @@ def gripper(
     from rig.calibrate.bench_fingers import collect_openings
     from rig.calibrate.from_tables import gripper_from_folder
 
-    if common.source is not None:
-        file_and_say(gripper_from_folder(recorded(common.source, common), serial), common)
-    else:
-        blocks_mm = blocks_mm or _BLOCKS_MM
-        with station(context, common, "contacts", 2 * len(blocks_mm)) as at:
-            file_and_say(collect_openings(at, blocks_mm), common)
+    blocks_mm = options.blocks_mm or _BLOCKS_MM
+    calibrated(
+        context,
+        common,
+        ("contacts", 2 * len(blocks_mm)),
+        lambda at: collect_openings(at, blocks_mm),
+        lambda samples: gripper_from_folder(samples, options.serial),
+    )
 
 
-def tcp(
-    context: typer.Context,
-    common: StationOptions,
-    poses: Annotated[int, typer.Option("--poses", min=4, max=60, help="Tilts on a bench.")] = 12,
-    serial: Annotated[str, typer.Option("--serial", help="Of the tool.")] = "unknown",
-    accept_change: Annotated[
-        bool,
-        typer.Option(
-            "--accept-change", help="Accept a tip over 50 mm from the bench file's tcp_m; --yes does not."
-        ),
-    ] = False,
-) -> None:
+@dataclass(frozen=True, slots=True)
+class TcpOptions:
+    """The tilts, and the tool."""
+
+    poses: int = option(12, "Tilts on a bench.", min=4, max=60)
+    serial: str = option("unknown", "Of the tool.")
+    accept_change: bool = option(
+        False, "Accept a tip over 50 mm from the bench file's tcp_m; --yes does not."
+    )
+
+
+def tcp(context: typer.Context, common: StationOptions, options: TcpOptions) -> None:
     """Find the point of a tip clamped in the fingers, on the flange, by pivoting in one small hole.
 
     On a bench a pointed tip is in the fingers; the arm tilts it over the hole, and you step it in by
@@ -133,29 +132,35 @@ def tcp(
     from rig.calibrate.clamped_tip import tip_from_folder
     from rig.config import load_bench
 
-    if common.source is not None:
-        tool = load_bench(common.bench).arm.flange_T_tcp() if is_given(context, "bench") else None
-        found = tip_from_folder(recorded(common.source, common), serial, tool, accept_change)
-        file_and_say(found, common)
-    else:
-        with station(context, common, "tilts", poses) as at:
-            file_and_say(collect_tip(at, poses, accept_change), common)
-
-
-def sync(
-    context: typer.Context,
-    common: StationOptions,
-    first: Annotated[str, typer.Option("--reference", help="Stream whose clock counts.")] = "robot",
-    second: Annotated[str, typer.Option("--stream", help="Stream to be moved.")] = "camera",
-    search: Annotated[float, typer.Option("--search", min=0.01, max=10, help="Largest offset, s.")] = 0.5,
-    object_name: Annotated[
-        str,
-        typer.Option(
-            "--object", help="What carries the markers on a bench: a block by its width, or an object."
+    flange = is_given(context, "bench")
+    calibrated(
+        context,
+        common,
+        ("tilts", options.poses),
+        lambda at: collect_tip(at, options.poses, options.accept_change),
+        lambda samples: tip_from_folder(
+            samples,
+            options.serial,
+            load_bench(common.bench).arm.flange_T_tcp() if flange else None,
+            options.accept_change,
         ),
-    ] = "gauge:30",
-    objects: ObjectsOption = None,
-) -> None:
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class SyncOptions:
+    """The streams, and the object that carries the markers."""
+
+    first: str = option("robot", "Stream whose clock counts.", "--reference")
+    second: str = option("camera", "Stream to be moved.", "--stream")
+    search: float = option(0.5, "Largest offset, s.", min=0.01, max=10)
+    object_name: str = option(
+        "gauge:30", "What carries the markers on a bench: a block by its width, or an object.", "--object"
+    )
+    objects: ObjectsOption = None
+
+
+def sync(context: typer.Context, common: StationOptions, options: SyncOptions) -> None:
     """Find the time offset, and the drift, between streams that saw one wiggle.
 
     On a bench the arm holds an object with markers and moves it up and down by a centimetre; the
@@ -174,9 +179,11 @@ def sync(
     from rig.calibrate.bench_clocks import collect_streams
     from rig.calibrate.from_tables import sync_from_folder
 
-    if common.source is not None:
-        samples = recorded(common.source, common)
-        file_and_say(sync_from_folder(samples, first, second, search), common)
-    else:
-        with station(context, common, "wiggles", 1, objects=objects) as at:
-            file_all(collect_streams(at, object_name, search), common)
+    calibrated(
+        context,
+        common,
+        ("wiggles", 1),
+        lambda at: collect_streams(at, options.object_name, options.search),
+        lambda samples: sync_from_folder(samples, options.first, options.second, options.search),
+        objects=options.objects,
+    )

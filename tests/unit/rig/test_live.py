@@ -13,11 +13,11 @@ import pytest
 from drivers.clock import to_ns
 from drivers.errors import InputError
 from fakes.clock import SimulatedClock
-from rig.cli.printing import lift_note
 from rig.live.feed import KEPT_MESSAGES, LARGEST_BYTES, Inbox, Listener, LiveFeed, Message, Sender
 from rig.live.session import check_viewer, viewer_environment
 from rig.live.terminal import LiftInView, TrialView
 from rig.live.time_left import TimeLeft, left_text
+from rig.results.notes import lift_note
 from rig.sessions.records import FinishedLift
 
 LIFT = {"number": 3, "attempt": 0, "object": "t1", "name": "wrench", "lift": 2, "sender": 7}

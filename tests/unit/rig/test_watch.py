@@ -22,9 +22,8 @@ import pytest
 
 from drivers.errors import InputError, OperatorStopError
 from drivers.images import encode_jpeg
-from rig.cli.watching import telling
 from rig.live.feed import Inbox, Listener, LiveFeed, Message, Sender
-from rig.live.onlookers import Event, asked, looking_on, tell
+from rig.live.onlookers import Event, asked, looking_on, tell, telling
 from rig.live.watch import KEPT_FAULTS, KEPT_POINTS, Progress, WatchPage, WatchState, watch_address
 from rig.pages.serving import BURST, MOST_AT_ONCE, MOST_PER_S
 from support import waiting

@@ -150,4 +150,4 @@ def test_resume_needs_a_folder_if_results_are_kept() -> None:
 def test_listed_summary_is_the_first_line_of_the_help(name: str) -> None:
     result = CliRunner().invoke(benchmark, [name, "--help"])
     assert result.exit_code == 0
-    assert " ".join(STUDIES[name][1].split()) in " ".join(result.output.split())
+    assert " ".join(STUDIES[name].split()) in " ".join(result.output.split())

@@ -9,7 +9,6 @@ from calibration.camera.model import CameraModel
 from calibration.markers.planar import fit_plane
 from drivers.types import Pose
 from fakes.camera.marker_scene import MarkerScene
-from rig.cli.printing import lift_note
 from rig.config import BenchConfig
 from rig.config.in_use import CalibrationsInUse, PlaceInUse
 from rig.experiments.lift_plan import TrialSettings
@@ -17,6 +16,7 @@ from rig.experiments.trial import run_trial
 from rig.lift.marker_distance import ExpectedDistance
 from rig.report.advice import trial_notices
 from rig.report.session import read_trial
+from rig.results.notes import lift_note
 from rig.sessions.records import MarkerDistance
 from rig.sessions.rows import read_finished_lifts
 from rig.sessions.session import read_manifest

@@ -4,7 +4,7 @@ import time
 
 import pytest
 
-from rig.cli.output import guarded_output
+from rig.live.output import guarded_output
 from rig.live.screen import begin_phase, end_phase
 
 

@@ -1,4 +1,4 @@
-"""What a command prints, where nobody reads it to its end, or its place is full."""
+"""Standard output and error of a command if the reader has gone (`| head`) or the disk is full."""
 
 import os
 import sys
@@ -10,14 +10,14 @@ from drivers.errors import RecordingError
 from rig.live.screen import PlainStream, end_phase
 
 TAIL = 4000
-"""Characters of what was said that are kept."""
+"""Number of printed characters that are kept."""
 
 
 class Output:
-    """A stream of this process that ends no command.
+    """A stream of this process whose failure does not end the command.
 
-    Where nobody reads any more (`| head`), the rest goes nowhere: the command has other work to do, which
-    counts. needed: whether what cannot be written otherwise, as on a full disk, is an error.
+    If the reader has gone (`| head`), the rest is discarded: the command goes on with its other work.
+    needed: whether other write errors, as of a full disk, are raised.
     """
 
     def __init__(self, stream: TextIO, needed: bool) -> None:
@@ -25,7 +25,7 @@ class Output:
         self._newest = ""
 
     def tail(self) -> str:
-        """The end of what was written."""
+        """The last characters that were written."""
         return self._newest
 
     def __getattr__(self, name: str) -> Any:
@@ -42,7 +42,7 @@ class Output:
         return len(text)
 
     def flush(self) -> None:
-        """Hand on what was written. Raises `RecordingError`."""
+        """Flush the stream. Raises `RecordingError`."""
         try:
             self._stream.flush()
         except OSError as error:
@@ -58,9 +58,9 @@ class Output:
 
 @contextmanager
 def guarded_output() -> Iterator[Output]:
-    """Let nothing that is printed end the program or act on the terminal; give what goes to standard error.
+    """Guard both streams against write errors and control characters; yield standard error.
 
-    Raises `RecordingError` for results that are lost.
+    Raises `RecordingError` if results cannot be written.
     """
     out, err = sys.stdout, sys.stderr
     said = Output(err, needed=False)
@@ -77,7 +77,7 @@ def guarded_output() -> Iterator[Output]:
 
 
 def discard(descriptors: list[int]) -> None:
-    """Let what is still printed go nowhere: writing to a terminal or reader that is gone is an error."""
+    """Redirect descriptors to the null device: writing to a terminal or reader that has gone is an error."""
     nowhere = os.open(os.devnull, os.O_RDWR)
     for descriptor in descriptors:
         os.dup2(nowhere, descriptor)

@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import pytest
 
-from rig.cli.printing import lift_note, summary_json
+from rig.results.notes import lift_note
 from rig.results.summary import summarize_trial
 from rig.sessions.records import ErrorSummary, FinishedLift
 
@@ -36,11 +36,11 @@ def test_answered_lift_without_marker_angle_is_not_called_unanswered(lift_row: M
 
 
 def test_json_has_no_interval_below_five_lifts_and_counts_refused_ones(lift_row: MakeRow) -> None:
-    few = summary_json(summarize_trial([row(lift_row, i, 0.1 * i) for i in range(1, 5)]))
+    few = summarize_trial([row(lift_row, i, 0.1 * i) for i in range(1, 5)]).as_json()
     assert (few["mare_interval_deg"], few["lifts_refused"]) == (None, 0)
     lifts = [row(lift_row, i, 0.1 * i if i < 6 else None) for i in range(1, 8)]
-    more = summary_json(summarize_trial(lifts))
+    more = summarize_trial(lifts).as_json()
     assert isinstance(more["mare_interval_deg"], list)
     assert (more["lifts_accepted"], more["lifts_refused"]) == (7, 2)
-    none = summary_json(summarize_trial(lifts[5:]))
+    none = summarize_trial(lifts[5:]).as_json()
     assert (none["mare_deg"], none["mare_interval_deg"], none["lifts_refused"]) == (None, None, 2)

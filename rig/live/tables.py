@@ -5,7 +5,7 @@ lines of "heading value". Nothing is left out, and a word, as a session's name, 
 """
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Collection, Iterable, Sequence
 from textwrap import wrap
 from typing import Any
 
@@ -19,7 +19,7 @@ from rig.live.console import PlainConsole
 from rig.live.screen import plain
 
 UNBOUNDED = 100_000
-"""Width of what is no terminal."""
+"""Width of the output if it is not a terminal."""
 
 
 class TableConsole(PlainConsole):
@@ -32,9 +32,24 @@ class TableConsole(PlainConsole):
 
 
 def table_console(to_stderr: bool = False) -> Console:
-    """Return where tables go: as wide as the terminal, as wide as they are elsewhere."""
+    """Return a console for tables: as wide as the terminal; of unlimited width if there is none."""
     terminal = (sys.stderr if to_stderr else sys.stdout).isatty()
     return TableConsole(stderr=to_stderr, width=None if terminal else UNBOUNDED)
+
+
+def console_table(
+    columns: Sequence[str],
+    rows: Iterable[Sequence[str]],
+    left: Collection[int] = (0,),
+    title: str | None = None,
+) -> Table:
+    """Return a table. left: the columns that are aligned to the left; all others are to the right."""
+    table = Table(title=title)
+    for place, column in enumerate(columns):
+        table.add_column(column, justify="left" if place in left else "right")
+    for row in rows:
+        table.add_row(*row)
+    return table
 
 
 def fitted(table: Table, console: Console) -> Table | Group:
@@ -50,7 +65,7 @@ def fitted(table: Table, console: Console) -> Table | Group:
 
 
 def _folded(columns: Sequence[Sequence[Text]], room: int) -> list[int] | None:
-    """Return widths with which rows are as few lines high as fits; None where nothing fits."""
+    """Return widths with the fewest lines per row that fit; None if nothing fits."""
     for height in range(1, 1 + max(len(text.plain.split()) for cells in columns for text in cells)):
         widths = [_narrowest(cells, height) for cells in columns]
         if sum(widths) <= room:

@@ -6,8 +6,8 @@ import re
 import pytest
 from rich.table import Table
 
-from rig.cli.fitting import UNBOUNDED, TableConsole
-from rig.cli.printing import object_table
+from rig.cli.results import object_table
+from rig.live.tables import UNBOUNDED, TableConsole
 from rig.results.metrics import Mare
 from rig.results.summary import ObjectSummary, TrialSummary
 

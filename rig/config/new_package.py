@@ -1,54 +1,24 @@
-"""`rig new`: a package of one's own, to begin with."""
+"""A new package of a lab's own, from a template: an estimator or a driver."""
 
 import keyword
-from enum import StrEnum
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Annotated
 
-import typer
-
-from rig.cli.common import say
+from drivers.errors import InputError
 
 TEMPLATES = Path(__file__).parents[1] / "templates"
 
 
-class Kind(StrEnum):
-    """What it is to be."""
+def write_package(kind: str, folder: Path) -> None:
+    """Write the template of a kind into a new folder; its module, class and package get the folder's name.
 
-    ESTIMATOR = "estimator"
-    SENSOR = "sensor"
-    CAMERA = "camera"
-    ARM = "arm"
-    GRIPPER = "gripper"
-
-
-def new(
-    kind: Annotated[Kind, typer.Argument(help="What it is to be.")],
-    folder: Annotated[
-        Path, typer.Argument(help="A folder that is made; its name becomes the module's, as my_gel.")
-    ],
-) -> None:
-    """Write a small package of your own: an estimator, sensor, camera, arm or gripper that runs as it is.
-
-    It holds one module of some 40 lines to change, a pyproject.toml and a README that says how to install it,
-    name it and check it.
-
-    Examples:
-      rig new estimator my_rotation
-
-      rig new sensor my_gel
-
+    Raises `InputError` if the name is no module name or is taken, or the folder cannot be written.
     """
     _check_name(folder)
     _write(TEMPLATES / kind, folder, f"my_{kind}")
-    say(f"change {folder / folder.name}.py; README.md beside it says how to install, name and check it")
-    print(folder)
 
 
 def _check_name(folder: Path) -> None:
-    from drivers.errors import InputError
-
     name = folder.name
     if not name.isidentifier() or keyword.iskeyword(name) or name != name.lower():
         raise InputError(f"{folder}: '{name}' is no name of a module: give one of a-z, 0-9 and _, as my_gel")
@@ -59,8 +29,6 @@ def _check_name(folder: Path) -> None:
 
 
 def _write(template: Path, folder: Path, name: str) -> None:
-    from drivers.errors import InputError
-
     try:
         folder.mkdir(parents=True)
         for file in sorted(template.iterdir()):

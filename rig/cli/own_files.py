@@ -1,0 +1,150 @@
+"""`rig bench`, `rig objects`, `rig new`: files and packages of a lab's own; which objects there are."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+
+from rig.cli.common import emit_json, say
+from rig.cli.helping import Commands
+from rig.cli.options import BenchOption, JsonOption, ObjectsOption
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from protocols.grasps import GraspFile
+
+bench = Commands(no_args_is_help=True, help="Bench files: what a bench is made of.")
+objects = Commands(help="The objects that are grasped: the package's and your own.")
+Kind = Literal["estimator", "sensor", "camera", "arm", "gripper"]
+
+
+@bench.callback()
+def _bench() -> None:
+    """Bench files: what a bench is made of."""
+
+
+@bench.command("new")
+def new_bench(file: Annotated[Path, typer.Argument(help="The file to write, as my_bench.toml.")]) -> None:
+    """Write a bench file that explains each of its keys; fill in yours.
+
+    Examples:
+      rig bench new my_bench.toml
+
+      rig doctor --bench my_bench.toml
+
+    """
+    from rig.config.load import new_bench_file
+
+    new_bench_file(file)
+    say(f"put in your addresses, serials and positions, then run: rig doctor --bench {file}")
+    print(file)
+
+
+@bench.command("udev")
+def udev() -> None:
+    """Print udev rules: access to the sensors and the gripper's serial adapter, and names for them.
+
+    Examples:
+      rig bench udev | sudo tee /etc/udev/rules.d/70-slip-rig.rules
+
+    """
+    from importlib.resources import files
+
+    print(files("rig.bench").joinpath("70-slip-rig.rules").read_text(encoding="utf-8"), end="")
+
+
+@objects.callback(invoke_without_command=True)
+def _list_objects(
+    context: typer.Context, bench: BenchOption = "fake", own: ObjectsOption = None, json: JsonOption = False
+) -> None:
+    """List the objects that can be named with --object, and where each comes from.
+
+    Your own lie in a folder `objects` beside the bench file, or in the folder given with --objects.
+
+    Examples:
+      rig objects
+
+      rig objects --bench my_bench.toml --json
+
+      rig objects new objects/my_box.toml
+
+    """
+    if context.invoked_subcommand is not None:
+        return
+    from protocols.grasps import load_grasp_files
+    from rig.config import load_bench
+    from rig.config.objects import objects_folder, read_objects
+
+    load_bench(bench)
+    folder = objects_folder(bench, own)
+    found = [(each, "the package") for each in load_grasp_files().values()]
+    found += [(each, str(path)) for path, each in (read_objects(folder) if folder else {}).items()]
+    if json:
+        listed = [{**each.model_dump(mode="json"), "from": where} for each, where in found]
+        emit_json({"objects": listed})
+        return
+    from rig.live.tables import table_console
+
+    table_console(to_stderr=False).print(_table(found))
+
+
+@objects.command("new")
+def new_object(
+    file: Annotated[Path, typer.Argument(help="The file to write, as objects/my_box.toml.")],
+) -> None:
+    """Write an object file that explains each of its keys; fill in yours, or have `rig teach` do it.
+
+    Examples:
+      rig objects new objects/my_box.toml
+
+    """
+    from rig.config.objects import new_object_file
+
+    new_object_file(file)
+    say(f"put in where it is grasped, then look at it with: rig objects --objects {file.parent}")
+    print(file)
+
+
+def _table(found: "list[tuple[GraspFile, str]]") -> "Table":
+    from rig.live.tables import console_table
+
+    columns = ("id", "name", "positions", "widths", "surfaces", "turns", "in trials", "from")
+    rows = [
+        (
+            each.id,
+            each.name,
+            ", ".join(position.name for position in each.position),
+            ", ".join(f"{1e3 * position.width_m:g}" for position in each.position),
+            ", ".join(position.surface or "?" for position in each.position),
+            str(len(each.orientations_deg)),
+            f"{sum(position.lift_height_m > 0.0 for position in each.position)} of {len(each.position)}",
+            where,
+        )
+        for each, where in found
+    ]
+    return console_table(columns, rows, range(len(columns)), "objects; widths in mm")
+
+
+def new(
+    kind: Annotated[Kind, typer.Argument(help="What it is to be.")],
+    folder: Annotated[
+        Path, typer.Argument(help="A folder that is made; its name becomes the module's, as my_gel.")
+    ],
+) -> None:
+    """Write a small package of your own: an estimator, sensor, camera, arm or gripper that runs as it is.
+
+    It holds one module of some 40 lines to change, a pyproject.toml and a README that says how to install it,
+    name it and check it.
+
+    Examples:
+      rig new estimator my_rotation
+
+      rig new sensor my_gel
+
+    """
+    from rig.config.new_package import write_package
+
+    write_package(kind, folder)
+    say(f"change {folder / folder.name}.py; README.md beside it says how to install, name and check it")
+    print(folder)

@@ -1,0 +1,103 @@
+"""Questions to the person at the terminal; displays are off the terminal until the answer.
+
+Only what is typed after a question answers it. A question needs a terminal on which it is seen and answered:
+standard input and standard error.
+"""
+
+import os
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+from drivers.errors import OperatorStopError
+from rig.live.onlookers import asked
+
+
+def ask(question: str) -> bool:
+    """Ask a yes-or-no question; without a terminal the answer is no."""
+    if not _terminal():
+        _show(f"{question} [no terminal to ask and answer at: no; use --yes to agree beforehand]")
+        return False
+    while (answer := _typed(f"{question} [y/N]:")) not in ("", "n", "no", "y", "yes"):
+        _show(f"'{answer}' is neither y nor n")
+    return answer in ("y", "yes")
+
+
+def ask_line(question: str) -> str:
+    """Ask for a line of text. Raises `OperatorStopError` without a terminal."""
+    if not _terminal():
+        raise OperatorStopError(f"stopped: {question} [no terminal to ask and answer at]")
+    return _typed(question)
+
+
+@contextmanager
+def waited(question: str) -> Iterator[Callable[[], bool]]:
+    """Show a question while other work goes on; yield a function that returns whether Enter was pressed.
+
+    The function raises `OperatorStopError` for "q" and if the terminal has gone; so does a missing terminal.
+    """
+    import select
+    import termios
+
+    if not _terminal():
+        raise OperatorStopError(f"stopped: {question} [no terminal to ask and answer at]")
+
+    def answered() -> bool:
+        if not select.select([sys.stdin], [], [], 0.0)[0]:
+            return False
+        line = sys.stdin.readline()
+        if not line or line.strip().lower() in ("q", "quit", "stop"):
+            raise OperatorStopError("stopped by the operator; the arm is held where it is")
+        return True
+
+    with asked(question):
+        termios.tcflush(sys.stdin, termios.TCIFLUSH)
+        print(question, file=sys.stderr, flush=True)
+        yield answered
+
+
+def press(question: str) -> str:
+    """Return the next key that is pressed, "enter" for Enter; keys pressed before the call are discarded.
+
+    question: shown first unless it is empty. Raises `OperatorStopError` at the end of input, and without
+    a terminal.
+    """
+    import termios
+    import tty
+
+    if not _terminal():
+        raise OperatorStopError(f"stopped: {question} [no terminal to press keys at]")
+    with asked(question):
+        if question:
+            _show(question)
+        before = termios.tcgetattr(sys.stdin)
+        try:
+            tty.setcbreak(sys.stdin, termios.TCSAFLUSH)
+            key = os.read(sys.stdin.fileno(), 1).decode("ascii", "replace")
+        finally:
+            termios.tcsetattr(sys.stdin, termios.TCSAFLUSH, before)
+    if not key or key == "\x04":
+        raise OperatorStopError("stopped: the terminal is gone; the arm stands where it is")
+    return "enter" if key in "\r\n" else key
+
+
+def _terminal() -> bool:
+    """Return whether a person sees questions and can answer them."""
+    return sys.stdin.isatty() and sys.stderr.isatty()
+
+
+def _show(text: str) -> None:
+    print(text, file=sys.stderr, flush=True)
+
+
+def _typed(prompt: str) -> str:
+    """Show a prompt without displays; return the line typed after it, in lower case, "" at the end of input.
+
+    What was typed before the prompt is discarded.
+    """
+    import termios
+
+    with asked(prompt):
+        termios.tcflush(sys.stdin, termios.TCIFLUSH)
+        print(prompt, end=" ", file=sys.stderr, flush=True)
+        return sys.stdin.readline().strip().lower()

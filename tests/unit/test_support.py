@@ -32,7 +32,7 @@ def test_two_workers_at_hardware_are_refused() -> None:
 
 
 def test_at_hardware_there_are_no_workers() -> None:
-    done = suite("tests/contract", "-k", "positions_outside and fake")
+    done = suite("tests/contract", "-k", "motions_outside and fake")
     assert done.returncode == 0, done.stdout + done.stderr
     assert "1 passed" in done.stdout
     assert "bringing up nodes" not in done.stdout

@@ -283,7 +283,7 @@ def test_the_halves_are_by_object_and_of_equal_size() -> None:
 @pytest.mark.timeout(600)
 def test_real_clips_are_judged_in_two_halves(real_clips: Path) -> None:
     """The figures on recordings that nobody tuned on; limits are those of `rig benchmark clips`."""
-    options = ClipsOptions(real_clips, ["slip"], HALVES, "held back", limits=True, p99_ms=100.0)
+    options = ClipsOptions(real_clips, ["slip"], HALVES, group="held back", limits=True, p99_ms=100.0)
     report = measure(options, Run())
     assert report.tables[1].records[0].score.labels == 120
     assert [limit.name for limit in report.limits if not limit.met] == []

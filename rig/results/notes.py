@@ -53,7 +53,7 @@ def row_note(row: ReplayRow) -> str:
 def reaction_text(reacting: ReactingSummary) -> str:
     """Return how many lifts were caught by reactions to slip, and that their errors are listed separately."""
     added = reacting.added_counts
-    grip = f", grip added {median(added):g} counts in the middle, {max(added)} at most" if added else ""
+    grip = f", grip added {median(added):g} steps in the middle, {max(added)} at most" if added else ""
     turn = f", end turn {median(reacting.turns_deg):.1f} deg in the middle" if reacting.turns_deg else ""
     return (
         f"reaction to slip '{reacting.kind}': {reacting.caught} of {counted(reacting.lifts, 'lift')} caught, "

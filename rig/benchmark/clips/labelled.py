@@ -8,6 +8,7 @@ turns are known at every sample, and one in half a second is a label.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from enum import StrEnum
 from pathlib import Path
 
 from drivers.clock import NS_PER_S
@@ -34,6 +35,15 @@ LABEL_EVERY_NS = NS_PER_S // 2
 _NEEDED = ("reference_frame", "keyframe", "angle_deg", "sigma_deg")
 
 
+class ClipVersion(StrEnum):
+    """A version of a labelled clip."""
+
+    PLAIN = "plain"
+    MIRROR = "mirror"
+    FLIP = "flip"
+    REVERSE = "reverse"
+
+
 @dataclass(frozen=True, slots=True)
 class ClipLabel:
     """An angle measured by hand at a frame (numbered from 0), counter-clockwise as seen, and its sigma."""
@@ -58,6 +68,7 @@ class LabelledClip:
 
     reference_frame: the frame whose angle is 0. labels: in the order of frames, without the reference.
     background: (H, W, 3) uint8 RGB. contacts: frames of which it is known whether they are in contact.
+    version: see `rig.benchmark.clips.augmented`.
     """
 
     name: str
@@ -67,6 +78,7 @@ class LabelledClip:
     reference_frame: int
     labels: tuple[ClipLabel, ...]
     contacts: tuple[ContactSpan, ...] = ()
+    version: ClipVersion = ClipVersion.PLAIN
 
 
 def read_clips(

@@ -4,7 +4,7 @@ import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-from rig.benchmark.clips.labelled import LabelledClip
+from rig.benchmark.clips.labelled import ClipVersion, LabelledClip
 from rig.benchmark.clips.scores import ClipScore, JudgedLabel, score
 from rig.frames.estimates import Answer, Estimate, zeroed
 from rig.tactile.estimators import EstimatorChoice
@@ -43,6 +43,10 @@ class EstimatorRuns:
     name: str
     runs: tuple[ClipRun, ...]
     groups: Mapping[str, ClipScore]
+
+    def of_version(self, version: ClipVersion) -> "EstimatorRuns":
+        """Return the runs on the clips of one version."""
+        return summed(self.name, [run for run in self.runs if run.clip.version is version])
 
     @property
     def faults(self) -> EstimatorFaults | None:

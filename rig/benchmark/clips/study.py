@@ -14,7 +14,8 @@ import cv2
 import typer
 
 from drivers.errors import InputError, counted, unknown_name
-from rig.benchmark.clips.labelled import read_clips
+from rig.benchmark.clips.augmented import augmented, chosen_versions
+from rig.benchmark.clips.labelled import ClipVersion, read_clips
 from rig.benchmark.clips.page import page
 from rig.benchmark.clips.runs import ALL, ClipRun, EstimatorRuns, run_clip, summed
 from rig.benchmark.clips.scores import ClipScore
@@ -111,6 +112,14 @@ class ClipsOptions:
     held: Annotated[
         float | None, typer.Option("--held", help="Lowest share of frames in contact reported as contact.")
     ] = None
+    augment: Annotated[
+        str | None,
+        typer.Option(
+            "--augment",
+            help="Also each clip in these versions, separated by commas: mirror (left-right), flip "
+            "(top-bottom), reverse (in time, from the last labelled frame). Limits are for all versions.",
+        ),
+    ] = None
     reversed_turns: Annotated[
         bool,
         typer.Option(
@@ -126,6 +135,16 @@ class GroupRow:
 
     estimator: str = column("estimator")
     clips: str = column("clips", doc="group, or all")
+    score: ClipScore = columns_of(ClipScore)
+
+
+@dataclass(frozen=True, slots=True)
+class VersionRow:
+    """The clips of one group in one version, or in all of them: a row of the table by version."""
+
+    estimator: str = column("estimator")
+    clips: str = column("clips", doc="group, or all")
+    version: str = column("version", doc="version of the clips, or all")
     score: ClipScore = columns_of(ClipScore)
 
 
@@ -146,6 +165,10 @@ def measure(options: ClipsOptions, run: Run) -> Report:
     refused one is not within, and enters the means with the last angle answered. Exit code 4 if the
     first estimator misses a limit that was given.
 
+    With --augment each clip is also judged in further versions, with its labels transformed, and a table has
+    a row per version. Mirrored and flipped versions negate the angles. The reversed version starts at the
+    last labelled frame, which is its reference.
+
     A clip's contacts.csv, if there is one, has the columns first, last, contact (yes or no): frames that are
     all in contact or all without contact. It adds two columns: how many of them were reported as contact.
 
@@ -156,11 +179,14 @@ def measure(options: ClipsOptions, run: Run) -> Report:
 
       rig benchmark clips clips/ --estimator slip --groups halves.csv --group "held back" --json
 
+      rig benchmark clips clips/ --estimator slip --augment mirror,flip,reverse
+
     """
     cv2.setNumThreads(1)
     choices = [choose_estimator(name) for name in options.estimator or ESTIMATORS]
+    versions = chosen_versions(options.augment)
     sign = -1 if options.reversed_turns else 1
-    clips = read_clips(options.folder, options.groups, sign, options.topic)
+    clips = augmented(read_clips(options.folder, options.groups, sign, options.topic), versions)
     names = sorted({clip.group for clip in clips})
     if options.group is not None and options.group not in names:
         raise InputError(unknown_name("group", options.group, names))
@@ -214,6 +240,32 @@ def overall_table(estimators: Sequence[EstimatorRuns]) -> Table:
     return table_of("Hand-measured angles, errors in degrees", GroupRow, rows, left=2)
 
 
+def version_table(estimators: Sequence[EstimatorRuns], versions: Sequence[ClipVersion]) -> Table:
+    """Return a row per estimator, group and version; first all groups, and first all versions of each."""
+    rows = [
+        VersionRow(*_first_only(of.name, group, version), found)
+        for of in estimators
+        for group in of.groups
+        if group == ALL or len(of.groups) > 2
+        for version, found in _by_version(of, group, versions)
+    ]
+    return table_of(
+        "Hand-measured angles by version of the clips, errors in degrees", VersionRow, rows, left=3
+    )
+
+
+def _by_version(
+    of: EstimatorRuns, group: str, versions: Sequence[ClipVersion]
+) -> list[tuple[str, ClipScore]]:
+    """Return the figures of a group in all versions together, then in each."""
+    return [(ALL, of.groups[group]), *((name, of.of_version(name).groups[group]) for name in versions)]
+
+
+def _first_only(name: str, group: str, version: str) -> tuple[str, str, str]:
+    """Return the first cells of a row; estimator and group are shown in their first row only."""
+    return name if group == version == ALL else "", group if version == ALL else "", version
+
+
 def _report(
     options: ClipsOptions, estimators: Sequence[EstimatorRuns], limits: tuple[Measured, ...]
 ) -> Report:
@@ -224,9 +276,12 @@ def _report(
     limits_of = f"'{first.name}', {options.group or 'all clips'}"
     shown = [limit_table(limits, limits_of)] if limits else []
     by_name = {of.name: of.runs for of in estimators}
-    section = _section(first, overall, limits)
+    versions = tuple(dict.fromkeys(run.clip.version for run in first.runs))
+    by_version = [version_table(estimators, versions)] if len(versions) > 1 else []
+    section = _section(first, by_version[0] if by_version else overall, limits)
+    shown += by_version
     return Report(
-        tables=(by_clip, overall),
+        tables=(by_clip, overall, *by_version),
         limits=limits,
         limits_of=limits_of,
         section=section,
@@ -253,6 +308,11 @@ def _estimator_json(of: EstimatorRuns) -> dict[str, Any]:
     return {
         "all": groups.pop(ALL),
         "groups": groups,
+        "versions": {
+            version: asdict(of.of_version(version).groups[ALL])
+            for version in ClipVersion
+            if any(run.clip.version is version for run in of.runs)
+        },
         "clips": {run.clip.name: _clip_json(run) for run in of.runs},
     }
 

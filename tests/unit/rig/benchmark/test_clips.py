@@ -4,6 +4,7 @@ import csv
 import json
 import shutil
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -13,7 +14,8 @@ from numpy.typing import NDArray
 from typer.testing import CliRunner
 
 from drivers.errors import InputError
-from rig.benchmark.clips.labelled import ClipLabel, read_clips
+from rig.benchmark.clips.augmented import clip_version
+from rig.benchmark.clips.labelled import ClipLabel, ClipVersion, ContactSpan, read_clips
 from rig.benchmark.clips.scores import JudgedLabel, score
 from rig.benchmark.clips.study import ClipsOptions, measure
 from rig.benchmark.harness import Run
@@ -278,6 +280,63 @@ def test_the_halves_are_by_object_and_of_equal_size() -> None:
     names = ("hairbrush", "controller", "bread_knife", "pen", "lemon", "rice_spatula")
     for name in names:
         assert sum(any(clip.startswith(name) for clip in half) for half in halves) == 1, name
+
+
+def test_mirrored_and_flipped_versions_negate_angles_and_mirror_frames_and_background(clips: Path) -> None:
+    plain = read_clips(clips / "frames_clip")[0]
+    first = next(plain.series.images())
+    for version, axis in ((ClipVersion.MIRROR, 1), (ClipVersion.FLIP, 0)):
+        found = clip_version(plain, version)
+        assert (found.name, found.version) == (f"frames_clip ({version})", version)
+        assert [label.angle_deg for label in found.labels] == [-10.0, -20.0, -30.0]
+        assert np.array_equal(next(found.series.images()), np.flip(first, axis))
+        assert np.array_equal(found.background, np.flip(plain.background, axis))
+
+
+def test_reversed_version_starts_at_the_last_labelled_frame(clips: Path) -> None:
+    plain = replace(
+        read_clips(clips / "frames_clip")[0],
+        labels=(ClipLabel(14, 10.0, 0.5), ClipLabel(19, 20.0, 0.6), ClipLabel(22, 26.0, 0.5)),
+        contacts=(ContactSpan(0, 3, False), ContactSpan(4, 23, True), ContactSpan(24, 24, False)),
+    )
+    found = clip_version(plain, ClipVersion.REVERSE)
+    assert found.reference_frame == 0
+    assert [(label.frame, label.angle_deg) for label in found.labels] == [(3, -6.0), (8, -16.0), (13, -26.0)]
+    # The last is the former reference, whose line is in the last label already.
+    assert [label.sigma_deg for label in found.labels] == pytest.approx([0.6, 0.5, 0.5])
+    assert found.contacts == (ContactSpan(0, 18, True), ContactSpan(19, 22, False))
+    images, backwards = list(plain.series.images()), list(found.series.images())
+    assert len(backwards) == 23
+    assert np.array_equal(backwards[0], images[22])
+    assert np.array_equal(backwards[22], images[0])
+    assert np.diff([frame.time.time_ns for frame in found.series]) == pytest.approx(1e9 / 60, rel=1e-3)
+    assert np.array_equal(found.background, plain.background)
+
+
+def test_reversed_version_of_a_reference_at_the_end_keeps_it(clips: Path) -> None:
+    plain = replace(
+        read_clips(clips / "frames_clip")[0], reference_frame=24, labels=(ClipLabel(9, -5.0, 1.0),)
+    )
+    found = clip_version(plain, ClipVersion.REVERSE)
+    assert (found.reference_frame, found.labels) == (0, (ClipLabel(15, -5.0, 1.0),))
+
+
+def test_augmented_clips_have_a_row_per_version_and_all_count_for_limits(clips: Path) -> None:
+    options = ClipsOptions(clips, ["slip"], augment="mirror,flip,reverse", within=0.99)
+    report = measure(options, Run())
+    table = report.tables[2]
+    assert [row.version for row in table.records[:5]] == ["all", "plain", "mirror", "flip", "reverse"]
+    assert [row.clips for row in table.records if row.clips] == ["all", "clean", "coded"]
+    assert [row.score.labels for row in table.records[:5]] == [24, 6, 6, 6, 6]
+    assert table.records[0].score == report.tables[1].records[0].score
+    assert all(row.score.within == 1.0 for row in table.records)
+    assert [limit.met for limit in report.limits] == [True]
+    assert table.markdown() in report.section
+
+
+def test_unknown_version_is_rejected(clips: Path) -> None:
+    with pytest.raises(InputError, match="choose one of mirror, flip, reverse"):
+        measure(ClipsOptions(clips, ["pca"], augment="mirror,upside"), Run())
 
 
 @pytest.mark.timeout(600)

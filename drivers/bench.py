@@ -3,12 +3,30 @@
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
+from typing import Any, Literal
 
 from drivers.clock import Clock
+from drivers.errors import InputError
 from drivers.interfaces import Arm, Camera, FrameSource, Gripper, TactileSensor
 from drivers.types import HandState, Holding, Pose
 
 NOT_LOOKED_AT = HandState(Holding.UNKNOWN, "not looked at yet")
+
+
+class MissingDevice:
+    """Stands for a device that a bench lacks: whatever is asked of it raises `InputError`."""
+
+    def __init__(self, section: str) -> None:
+        self._section = section
+
+    def __getattr__(self, name: str) -> Any:
+        """Raise `InputError`."""
+        raise InputError(f"this bench has no [{self._section}]: add it to the bench file")
+
+
+def missing_device(section: Literal["arm", "gripper", "camera"]) -> Any:
+    """Return what stands for a device that a bench lacks, in the place of the device."""
+    return MissingDevice(section)
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +67,7 @@ class Hand:
 
 @dataclass(frozen=True, slots=True)
 class Bench:
-    """All devices of one bench.
+    """All devices of one bench; a `MissingDevice` stands for one that it lacks.
 
     `base_T_camera` places the external camera (x right, y down, z forward) in the arm's base.
     `base_T_table` is where an operator places objects: its origin is the object's centre of
@@ -72,13 +90,23 @@ class Bench:
     @property
     def frame_sources(self) -> tuple[FrameSource, ...]:
         """Every source of frames: fingertips first, then the camera."""
-        return (*(tip.sensor for tip in self.fingertips), self.camera)
+        camera = (self.camera,) if self.has("camera") else ()
+        return (*(tip.sensor for tip in self.fingertips), *camera)
+
+    @property
+    def actuators(self) -> tuple[Gripper | Arm, ...]:
+        """What can move."""
+        return tuple(device for device in (self.gripper, self.arm) if not isinstance(device, MissingDevice))
+
+    def has(self, device: Literal["arm", "gripper", "camera"]) -> bool:
+        """Whether the bench has this device."""
+        return not isinstance(getattr(self, device), MissingDevice)
 
     @contextmanager
     def connected(self) -> Iterator["Bench"]:
         """Connect all devices, sensors before actuators, and let go in reverse order."""
         with ExitStack() as stack:
-            for device in (*self.frame_sources, self.gripper, self.arm):
+            for device in (*self.frame_sources, *self.actuators):
                 stack.callback(device.disconnect)
                 device.connect()
             yield self

@@ -67,7 +67,13 @@ def capture_hand_eye(
 
 
 def wait_until_still(bench: Bench) -> None:
-    """Return once the arm has stood still for 0.4 s. Raises `DeviceTimeoutError` after 4 s."""
+    """Return once the arm, if there is one, has stood still for 0.4 s.
+
+    Raises `DeviceTimeoutError` after 4 s.
+    """
+    if not bench.has("arm"):
+        bench.clock.sleep_until(bench.clock.now_ns() + to_ns(SETTLE_S))
+        return
     deadline = bench.clock.now_ns() + to_ns(STILL_TIMEOUT_S)
     before = bench.arm.state().base_T_tcp
     while bench.clock.now_ns() < deadline:

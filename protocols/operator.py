@@ -31,6 +31,14 @@ class Operator(Protocol):
         """
         ...
 
+    def hold(self, question: str, object_id: str, base_T_tcp: Pose, opening_m: float | None) -> None:  # noqa: N803
+        """Have an object held by a person, not by the arm, until the next question.
+
+        base_T_tcp, opening_m: where a robot hand would hold it so, for a simulated person. The opening is in
+        m, None if no gel is touched. Raises `OperatorStopError` unless the person holds it.
+        """
+        ...
+
     def nudge(self, question: str) -> Vector3 | None:
         """Ask how far the tool has to go, m, base axes; None when it is where it should be.
 

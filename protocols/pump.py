@@ -44,8 +44,8 @@ class Pump:
         self._bench = bench
         self._observer = observer
         self._tips = [_Stream(tip.sensor) for tip in bench.fingertips]
-        self._camera = _Stream(bench.camera)
-        self._streams = [*self._tips, self._camera]
+        self._camera = _Stream(bench.camera) if bench.has("camera") else None
+        self._streams = [*self._tips, *((self._camera,) if self._camera else ())]
 
     def start(self) -> None:
         """Skip what was captured before now."""
@@ -102,10 +102,11 @@ class Pump:
             first = min(self._tips, key=lambda tip: tip.next_ns)
             if first.waiting is not None:
                 return first.source, first.take()
-            self._camera.look()
-            if self._camera.waiting is not None and self._time_for(self._camera.waiting, first.next_ns):
-                return self._camera.source, self._camera.take()
-            self._camera.check_alive(self._bench.clock.now_ns())
+            if (camera := self._camera) is not None:
+                camera.look()
+                if camera.waiting is not None and self._time_for(camera.waiting, first.next_ns):
+                    return camera.source, camera.take()
+                camera.check_alive(self._bench.clock.now_ns())
             first.fetch()
 
     def _time_for(self, picture: Frame, due_ns: int) -> bool:
@@ -114,7 +115,7 @@ class Pump:
         return due_ns - now_ns >= to_ns(PICTURE_S) or not 0 <= now_ns - picture.time_ns < to_ns(PATIENCE_S)
 
     def _deliver(self, source: FrameSource, frame: Frame) -> None:
-        if source is self._bench.camera:
+        if source is self._bench.camera and self._bench.actuators:
             # What is wrong with the arm or the gripper shows here, whatever the lift is waiting for.
             state = self._bench.arm.state()
             require_running(state)

@@ -37,11 +37,13 @@ _OFF_DIGITS = 6
 class World:
     """Tool, fingers, object and contact, stepped every 2 ms of simulated time.
 
-    Several threads may use one world. `tool` and `fingers` are replaced whole, never changed.
+    Several threads may use one world. `tool` and `fingers` are replaced whole, never changed. start_ns: the
+    bench's time at which it begins.
     """
 
     layout: BenchLayout
     seed: int
+    start_ns: int = 0
     tool: ToolPath = field(init=False)
     fingers: FingerPath = field(init=False)
     model: ObjectModel | None = None
@@ -65,7 +67,7 @@ class World:
         self.tool = ToolPath.resting(self.layout.home)
         opened = float(self.layout.open_counts)
         self.fingers = FingerPath.resting(opened)
-        first = WorldState(0, 0.0, 0.0, tool_tilt(self.layout.home), 0.0, 0.0, 0.0, False)
+        first = WorldState(self.start_ns, 0.0, 0.0, tool_tilt(self.layout.home), 0.0, 0.0, 0.0, False)
         self._history = deque([first], maxlen=HISTORY_STEPS)
 
     @property
@@ -95,6 +97,19 @@ class World:
             self.model, self.site, self._slip, self.fixture = model, None, None, None
             self.damaged = False
             self._slips_ns = []
+
+    def hold(self, text: str, base_T_tcp: Pose, opening_m: float | None = None) -> None:  # noqa: N803
+        """Have an operator hold something there, as if tool and fingers did.
+
+        text: as `lay` takes it. opening_m: between the gels, which press it if it is wider; None: untouched.
+        Raises `InputError`.
+        """
+        self.lay(text)
+        with self._lock:
+            layout = self.layout
+            closed_m = 0.0 if opening_m is None else layout.max_opening_m - opening_m
+            self.tool = ToolPath.resting(base_T_tcp)
+            self.fingers = FingerPath.resting(layout.open_counts + closed_m / layout.opening_per_count_m)
 
     def opening_at(self, time_ns: int) -> float:
         """Distance between the two grasping fingertips, m."""

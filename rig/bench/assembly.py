@@ -1,14 +1,14 @@
 """From a bench file to a bench: the one module that names concrete devices."""
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cache
 
 from scipy.spatial.transform import Rotation
 
 from calibration.targets.sheets import target_picture
-from drivers.bench import Bench, Fingertip, Hand
-from drivers.clock import SystemClock, to_ns
+from drivers.bench import Bench, Fingertip, Hand, missing_device
+from drivers.clock import Clock, SystemClock, to_ns
 from drivers.interfaces import Arm, Camera, Gripper, TactileSensor
 from drivers.named_classes import is_class_name
 from drivers.types import HandState, Holding, Image, Pose
@@ -25,11 +25,14 @@ from protocols.operator import Operator
 from rig.bench.operators import SimulatedOperator
 from rig.bench.own_devices import own_arm, own_gripper, own_source
 from rig.bench.twins import laid_as
-from rig.config import BenchConfig, CameraConfig, TactileConfig
+from rig.config import BenchConfig
+from rig.config.fields import GripperLimitsConfig
 
 LED_S = 3.0
 """How long a simulated person takes to lead the arm to a place."""
 TOOL_DOWN = Rotation.from_euler("x", 180, degrees=True)
+TABLE_M, HOME_M = (0.45, 0.0, 0.06), (0.45, 0.0, 0.30)
+"""Where objects are placed and the tool waits on the bench `fake`, base frame."""
 
 
 def build_bench(
@@ -47,47 +50,31 @@ def build_bench(
     variation_seed: draws tactile sensors unlike those of a bench, None for the bench's own. watch: is given
     the world, as a benchmark needs that asks what truly happened.
     """
-    plan = simulated_bench_plan(config)
-    world = World(plan.layout, seed)
+    world = World(simulated_layout(config), seed)
     if watch is not None:
         watch(world)
     clock = SimulatedClock(realtime)
     scripted = [ScriptedFault(**fault.model_dump()) for fault in config.faults]
     faults = FaultScript(tuple(fault for fault in scripted if fault.concerns(lift, attempt)))
-    arm = simulated_arm(config, world, clock, faults)
-    bench = Bench(
-        name=config.name,
-        simulated=True,
-        clock=clock,
-        arm=arm,
-        gripper=FakeGripper(world, clock, faults, config.gripper_spec(), config.gripper.period_s),
-        fingertips=tuple(
-            Fingertip(
-                replace(digit.slowed(seed), variation_seed=variation_seed).make(world, clock, faults),
-                tactile.finger,
-                tactile.sign,
-            )
-            for digit, tactile in zip(plan.digits, config.tactile, strict=True)
-        ),
-        camera=plan.camera.make(world, clock, faults),
-        base_T_camera=config.base_T_camera(),
-        base_T_table=world.layout.base_T_table,
-        base_T_home=world.layout.home,
-        hand=Hand(HandState(Holding.FREE)),
-    )
+    devices = _Devices(config, clock, world, faults, variation_seed)
+    bench = devices.bench(world.layout.base_T_table, world.layout.home, Hand(HandState(Holding.FREE)))
 
     def lay(object_id: str) -> None:
         world.lay(laid_as(config.objects, object_id))
 
     def lead(to: Pose) -> Callable[[], bool]:
         there_ns = clock.now_ns() + to_ns(LED_S)
-        arm.lead(to, LED_S)
+        if isinstance(bench.arm, FakeArm):
+            bench.arm.lead(to, LED_S)
         return lambda: clock.now_ns() >= there_ns
 
-    return bench, SimulatedOperator(lay, lambda: world.gap_at(clock.now_ns()), seed, lead=lead)
+    def hold(object_id: str, pose: Pose, opening_m: float | None) -> None:
+        world.hold(laid_as(config.objects, object_id), pose, opening_m)
+
+    return bench, SimulatedOperator(lay, lambda: world.gap_at(clock.now_ns()), seed, lead=lead, hold=hold)
 
 
-def simulated_arm(config: BenchConfig, world: World, clock: SimulatedClock, faults: FaultScript) -> FakeArm:
+def simulated_arm(config: BenchConfig, world: World, clock: Clock, faults: FaultScript) -> FakeArm:
     """Make the arm of a simulated bench, with the limits of its bench file."""
     joints = config.arm.limits.joint_limits_rad()
     return FakeArm(world, clock, faults, config.arm_limits(), joints)
@@ -108,104 +95,150 @@ def true_masks(bench: Bench) -> dict[str, Callable[[int], Image]]:
 
 
 def build_real_bench(config: BenchConfig, hand: Hand | None = None) -> Bench:
-    """Make the real drivers of a bench file; nothing is connected yet, and nothing moves.
+    """Make the drivers of a bench file that are not all simulated in this process; nothing is connected yet.
 
     hand: what is known of it, by default nothing. The makers' libraries are imported here at the
-    earliest, each by the driver that needs it, and so are drivers that are somebody's own. Raises
-    `InputError` where one of those cannot be made.
+    earliest, each by the driver that needs it, and so are drivers that are somebody's own. Simulated devices
+    beside real ones are made in a world of their own. Raises `InputError` where a lab's own driver cannot
+    be made.
     """
     clock = SystemClock()
-    return Bench(
-        name=config.name,
-        simulated=config.simulated,
-        clock=clock,
-        arm=_arm(config, clock),
-        gripper=_gripper(config, clock),
-        fingertips=tuple(Fingertip(_digit(t, clock), t.finger, t.sign) for t in config.tactile),
-        camera=_camera(config.camera, clock),
-        base_T_camera=config.base_T_camera(),
-        base_T_table=Pose(config.table.position_m),
-        base_T_home=home_pose(config),
-        hand=hand or Hand(),
-    )
+    world = None
+    if "fake" in config.drivers:
+        world = World(simulated_layout(config), seed=0, start_ns=clock.now_ns())
+    table = Pose(config.table.position_m) if config.has("table") else Pose((0.0, 0.0, 0.0))
+    home = home_pose(config) if config.has("arm") else Pose((0.0, 0.0, 0.0))
+    return _Devices(config, clock, world, FaultScript()).bench(table, home, hand or Hand())
 
 
-def _arm(config: BenchConfig, clock: SystemClock) -> Arm:
-    if is_class_name(config.arm.driver):
-        return own_arm(config, clock)
-    from drivers.ur5e.arm import UR5e
+@dataclass(frozen=True, slots=True)
+class _Devices:
+    """Makes the devices of a bench file. world: of those that are simulated; None if there are none."""
 
-    arm = config.arm
-    return UR5e(
-        host=arm.host or "",
-        limits=config.arm_limits(),
-        flange_T_tcp=arm.flange_T_tcp(),
-        payload_kg=arm.payload_kg,
-        payload_cog_m=arm.payload_cog_m,
-        joint_limits_rad=arm.limits.joint_limits_rad(),
-        frequency_hz=arm.frequency_hz,
-        clock=clock,
-    )
+    config: BenchConfig
+    clock: Clock
+    world: World | None
+    faults: FaultScript
+    variation_seed: int | None = None
 
+    def bench(self, base_T_table: Pose, base_T_home: Pose, hand: Hand) -> Bench:  # noqa: N803
+        """Make the bench."""
+        config = self.config
+        has_camera = config.has("camera")
+        return Bench(
+            name=config.name,
+            simulated=config.simulated,
+            clock=self.clock,
+            arm=self._arm() if config.has("arm") else missing_device("arm"),
+            gripper=self._gripper() if config.has("gripper") else missing_device("gripper"),
+            fingertips=tuple(
+                Fingertip(self._tactile(number), t.finger, t.sign) for number, t in enumerate(config.tactile)
+            ),
+            camera=self._camera() if has_camera else missing_device("camera"),
+            base_T_camera=config.base_T_camera() if has_camera else Pose((0.0, 0.0, 0.0)),
+            base_T_table=base_T_table,
+            base_T_home=base_T_home,
+            hand=hand,
+        )
 
-def _gripper(config: BenchConfig, clock: SystemClock) -> Gripper:
-    if is_class_name(config.gripper.driver):
-        return own_gripper(config, clock)
-    from drivers.robotiq_3f.gripper import Robotiq3F, rtu_link, tcp_link
+    def _arm(self) -> Arm:
+        config, arm = self.config, self.config.arm
+        if arm.driver == "fake" and self.world is not None:
+            return simulated_arm(config, self.world, self.clock, self.faults)
+        if is_class_name(arm.driver):
+            return own_arm(config, self.clock)
+        from drivers.ur5e.arm import UR5e
 
-    gripper = config.gripper
-    if gripper.transport == "rtu":
-        link = rtu_link(gripper.device or "")
-    else:
-        link = tcp_link(gripper.host or "", gripper.port, gripper.preset or "tcp")
-    return Robotiq3F(
-        link, gripper.fingers, config.gripper_spec(), clock, open_counts=gripper.limits.min_counts
-    )
+        return UR5e(
+            host=arm.host or "",
+            limits=config.arm_limits(),
+            flange_T_tcp=arm.flange_T_tcp(),
+            payload_kg=arm.payload_kg,
+            payload_cog_m=arm.payload_cog_m,
+            joint_limits_rad=arm.limits.joint_limits_rad(),
+            frequency_hz=arm.frequency_hz,
+            clock=self.clock,
+        )
 
+    def _gripper(self) -> Gripper:
+        gripper, spec = self.config.gripper, self.config.gripper_spec()
+        if gripper.driver == "fake" and self.world is not None:
+            return FakeGripper(self.world, self.clock, self.faults, spec, gripper.period_s)
+        if is_class_name(gripper.driver):
+            return own_gripper(self.config, self.clock)
+        from drivers.robotiq_3f.gripper import Robotiq3F, rtu_link, tcp_link
 
-def _digit(tactile: TactileConfig, clock: SystemClock) -> TactileSensor:
-    if is_class_name(tactile.driver):
-        return own_source(tactile, clock)
-    from drivers.video.digit import Digit
+        if gripper.transport == "rtu":
+            link = rtu_link(gripper.device or "")
+        else:
+            link = tcp_link(gripper.host or "", gripper.port, gripper.preset or "tcp")
+        return Robotiq3F(link, gripper.fingers, spec, self.clock, open_counts=gripper.limits.min_counts)
 
-    return Digit(tactile.serial, tactile.rate_hz, tactile.size_px, address=tactile.address, clock=clock)
+    def _tactile(self, number: int) -> TactileSensor:
+        tactile = self.config.tactile[number]
+        if tactile.driver == "fake" and self.world is not None:
+            plan = replace(
+                _digit_plans(self.config)[number].slowed(self.world.seed), variation_seed=self.variation_seed
+            )
+            return plan.make(self.world, self.clock, self.faults)
+        if is_class_name(tactile.driver):
+            return own_source(tactile, self.clock)
+        from drivers.video.digit import Digit
 
+        return Digit(
+            tactile.serial, tactile.rate_hz, tactile.size_px, address=tactile.address, clock=self.clock
+        )
 
-def _camera(camera: CameraConfig, clock: SystemClock) -> Camera:
-    if is_class_name(camera.driver):
-        return own_source(camera, clock)
-    from drivers.video.external_camera import ExternalCamera
+    def _camera(self) -> Camera:
+        camera = self.config.camera
+        if camera.driver == "fake" and self.world is not None:
+            return _camera_plan(self.config).make(self.world, self.clock, self.faults)
+        if is_class_name(camera.driver):
+            return own_source(camera, self.clock)
+        from drivers.video.external_camera import ExternalCamera
 
-    return ExternalCamera(camera.serial, camera.address or "", camera.rate_hz, camera.size_px, clock=clock)
+        return ExternalCamera(
+            camera.serial, camera.address or "", camera.rate_hz, camera.size_px, clock=self.clock
+        )
 
 
 def simulated_bench_plan(config: BenchConfig) -> BenchPlan:
-    """What the simulated bench of a bench file is made of."""
-    camera, fingers = config.camera, config.gripper.limits
-    return BenchPlan(
-        BenchLayout(
-            Pose(config.table.position_m),
-            home_pose(config),
-            open_counts=fingers.min_counts,
-            max_opening_m=fingers.max_opening_m,
-            opening_per_count_m=fingers.opening_per_count_m,
-            closed_counts=fingers.max_counts,
-        ),
-        tuple(
-            DigitPlan(t.serial, t.sign, t.rate_hz, number, markers=t.markers, difficulty=config.difficulty)
-            for number, t in enumerate(config.tactile)
-        ),
-        CameraPlan(
-            camera.serial,
-            camera.rate_hz,
-            camera.size_px,
-            camera.focal_px,
-            camera.marker_ids,
-            camera.marker_side_m,
-            camera.marker_dictionary,
-            camera.base_T_camera(),
-            printed_target,
-        ),
+    """Return what the simulated bench of a whole bench file is made of."""
+    return BenchPlan(simulated_layout(config), _digit_plans(config), _camera_plan(config))
+
+
+def simulated_layout(config: BenchConfig) -> BenchLayout:
+    """Return where things are on a simulated bench; what its file lacks is as on the bench `fake`."""
+    fingers = config.gripper.limits if config.has("gripper") else GripperLimitsConfig()
+    return BenchLayout(
+        Pose(config.table.position_m if config.has("table") else TABLE_M),
+        home_pose(config) if config.has("arm") else Pose.from_rotation(HOME_M, TOOL_DOWN),
+        open_counts=fingers.min_counts,
+        max_opening_m=fingers.max_opening_m,
+        opening_per_count_m=fingers.opening_per_count_m,
+        closed_counts=fingers.max_counts,
+    )
+
+
+def _digit_plans(config: BenchConfig) -> tuple[DigitPlan, ...]:
+    return tuple(
+        DigitPlan(t.serial, t.sign, t.rate_hz, number, markers=t.markers, difficulty=config.difficulty)
+        for number, t in enumerate(config.tactile)
+    )
+
+
+def _camera_plan(config: BenchConfig) -> CameraPlan:
+    camera = config.camera
+    return CameraPlan(
+        camera.serial,
+        camera.rate_hz,
+        camera.size_px,
+        camera.focal_px,
+        camera.marker_ids,
+        camera.marker_side_m,
+        camera.marker_dictionary,
+        camera.base_T_camera(),
+        printed_target,
     )
 
 

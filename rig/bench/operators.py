@@ -22,7 +22,8 @@ class SimulatedOperator:
 
     gap: from a tip in the hand to the hole on the table, m, base axes, as the world has it. prove:
     raises unless what is about to be driven is simulated; called wherever a person would be asked.
-    lead: begins to lead the arm by hand to a pose, and returns whether the hand is there.
+    lead: begins to lead the arm by hand to a pose, and returns whether the hand is there. hold: holds an
+    object at a pose, pressed to an opening in m, or held free of the gels if it is None.
     """
 
     def __init__(
@@ -32,8 +33,9 @@ class SimulatedOperator:
         seed: int = 0,
         prove: Callable[[], None] = lambda: None,
         lead: Callable[[Pose], Callable[[], bool]] | None = None,
+        hold: Callable[[str, Pose, float | None], None] | None = None,
     ) -> None:
-        self._place, self._gap, self._prove, self._lead = place, gap, prove, lead
+        self._place, self._gap, self._prove, self._lead, self._hold = place, gap, prove, lead, hold
         self._step_size = ""
         self._rng = np.random.default_rng((seed, 43))
 
@@ -49,6 +51,13 @@ class SimulatedOperator:
         """Lay the object on its place."""
         self._prove()
         self._place(object_id)
+
+    def hold(self, question: str, object_id: str, base_T_tcp: Pose, opening_m: float | None) -> None:  # noqa: N803
+        """Hold the object there."""
+        self._prove()
+        if self._hold is None:
+            raise InputError("on this simulated bench no hand holds an object; use --bench fake")
+        self._hold(object_id, base_T_tcp, opening_m)
 
     def displaced(self) -> None:
         """Nothing to note: objects are laid down anew before each lift."""
@@ -126,6 +135,11 @@ class ConsoleOperator:
         if self._in_place != object_id:
             self.confirm(f"Place object {object_id} ({name}) on its mark. Ready?")
         self._in_place = object_id
+
+    def hold(self, question: str, object_id: str, base_T_tcp: Pose, opening_m: float | None) -> None:  # noqa: N803
+        """Ask in any case, and stop unless they hold it."""
+        self._in_place = None
+        self.look(question)
 
     def displaced(self) -> None:
         """Ask again before the next lift."""

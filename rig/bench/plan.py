@@ -56,7 +56,7 @@ def make_plan(config: BenchConfig, head: Sequence[str], motions: Sequence[Planne
     lines = [*head, *(f"  {_line(config, motion)}" for motion in motions)]
     if motions:
         lines += _limits(config)
-    if not config.arm.force_sensor:
+    if config.has("arm") and not config.arm.force_sensor:
         lines.append(UNGUARDED)
     refused = (_refused(config, motion) for motion in motions)
     return Plan(tuple(lines), tuple(reason for reason in refused if reason))

@@ -23,11 +23,12 @@ class Reading:
 
 def read_devices(bench: Bench) -> list[Reading]:
     """Read a frame of each camera, the fingers' place, and the arm's speed slider; then let go of them."""
-    return [
-        *(_reading(source.serial, partial(_frame_of, source)) for source in bench.frame_sources),
-        _reading("gripper", partial(_fingers_of, bench.gripper)),
-        _reading("arm", partial(_slider_of, bench.arm)),
-    ]
+    readings = [_reading(source.serial, partial(_frame_of, source)) for source in bench.frame_sources]
+    if bench.has("gripper"):
+        readings.append(_reading("gripper", partial(_fingers_of, bench.gripper)))
+    if bench.has("arm"):
+        readings.append(_reading("arm", partial(_slider_of, bench.arm)))
+    return readings
 
 
 def require_read(readings: list[Reading]) -> None:

@@ -159,10 +159,15 @@ class StandingBench(BenchSource):
         return bench
 
     def _remembered_hand(self, config: BenchConfig) -> Hand:
-        """What the last program knew of the hand; of fakes that were started for this one, nothing was."""
-        if self._config.fakes is not None and self._config.fakes.control is None:
+        """What the last program knew of the hand; of fakes that were started for this one, nothing was.
+
+        A bench without arm and gripper has no hand.
+        """
+        started = self._config.fakes is not None and self._config.fakes.control is None
+        if started or not (config.has("arm") or config.has("gripper")):
             return Hand(HandState(Holding.FREE))
-        self._memory = memory = HandMemory(config.arm.host or f"bench {config.name}")
+        host = config.arm.host if config.has("arm") else None
+        self._memory = memory = HandMemory(host or f"bench {config.name}")
         return Hand(memory.recall(), memory.keep)
 
     def _look_at_fingertips(self, bench: Bench) -> None:

@@ -186,6 +186,7 @@ def grasp_at(config: BenchConfig, x_m: float = 0.0, z_m: float = 0.0) -> Pose:
 def write_picture(path: Path, image: Image) -> None:
     """Keep a picture, (H, W) or (H, W, 3) uint8 RGB, as PNG. Raises `RecordingError`."""
     try:
+        path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(encode_png(image))
     except OSError as error:
         raise RecordingError(f"{path}: cannot be written ({error.strerror}); choose another --out") from error

@@ -61,7 +61,7 @@ def collect_camera(station: Station, target: Target, count: int) -> CalibrationR
         operator.place(f"{target.spec}@tool", f"board {target.spec}, firm on the tool, facing the camera")
         capture_hand_eye(bench, lambda: left.pop(0) if left else None, keep, station.left_out)
     result = camera_from_folder(raw, "*.png", target, config.camera.serial, keep_all=False)
-    return result.marked(config.simulated)
+    return result.marked(config.gives_simulated(config.camera.serial))
 
 
 def board_poses(config: BenchConfig, target: Target, seed: int, count: int) -> list[Pose]:
@@ -124,4 +124,4 @@ def collect_markers(station: Station, object_name: str) -> CalibrationResult:
     result = markers_from_folder(
         raw, "*.png", camera.marker_ids, camera.marker_dictionary, station.camera(), camera.serial
     )
-    return result.marked(config.simulated)
+    return result.marked(config.gives_simulated(camera.serial))

@@ -35,9 +35,10 @@ def collect_references(station: Station) -> list[CalibrationResult]:
     with station.connected("Nothing moves; the fingertips are looked at, untouched.") as (bench, _):
         for tip in bench.fingertips:
             frames = [frame.image for frame in capture_still(bench, tip.sensor, _FRAMES, station.show)]
-            reference, simulated = make_reference(frames), station.config.simulated
-            results.append(_reference_result(reference, tip.sensor.serial, station.folder, simulated))
-            station.note(f"{tip.sensor.serial}: looked at", len(results), len(bench.fingertips))
+            serial = tip.sensor.serial
+            simulated = station.config.gives_simulated(serial)
+            results.append(_reference_result(make_reference(frames), serial, station.folder, simulated))
+            station.note(f"{serial}: looked at", len(results), len(bench.fingertips))
     return results
 
 

@@ -54,13 +54,19 @@ class BenchOptions:
     dry: DryRunOption = False
     yes: YesOption = False
 
-    def config(self) -> "BenchConfig":
-        """Return the bench with its calibrations and own objects. Raises `InputError`."""
+    def config(self, command: str) -> "BenchConfig":
+        """Return the bench with its calibrations and own objects.
+
+        command: as in `rig.config.parts.NEEDS`. Raises `InputError`, also if the bench lacks what it needs.
+        """
         from rig.cli.common import say
         from rig.config.calibrations import load_calibrated_bench
         from rig.config.objects import with_objects
+        from rig.config.parts import require_parts
 
-        return with_objects(load_calibrated_bench(self.bench, say), self.bench, self.own_objects)
+        config = load_calibrated_bench(self.bench, say)
+        require_parts(config, command)
+        return with_objects(config, self.bench, self.own_objects)
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,7 +3,7 @@
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import typer
 
@@ -19,6 +19,7 @@ from rig.live.onlookers import telling
 from rig.live.questions import ask
 
 if TYPE_CHECKING:
+    from rig.config import BenchConfig
     from rig.experiments.pose_attempt import RecordSettings
     from rig.sessions.records import PoseRow
     from rig.sessions.remarks import Remarks
@@ -34,6 +35,9 @@ class RecordOptions:
         "--object",
         stored="objects",
         read=lambda objects: objects[0],
+    )
+    by: Literal["arm", "hand"] = option(
+        "arm", "The arm grasps the object, or you press it onto the gels by hand.", stored="by"
     )
     poses: int | None = option(
         None, "Accepted grasp poses; default: all of the object's file, 15.", min=1, max=720, stored="poses"
@@ -57,6 +61,9 @@ def record(
 
     The paper's objects have 3 positions x 5 orientations; one of your own may have fewer.
 
+    --by hand needs no arm and no gripper: you press the object onto each gel and confirm each pose, which
+    --yes does not. The session is the same, without the grips, which nobody measures.
+
     Simulated recordings keep the true contacts under truth/masks, apart from what the rig sees: labels
     for rig train.
 
@@ -68,6 +75,8 @@ def record(
       rig record --resume --out sessions/mug
 
       rig record --object 7 --poses 5 --images 50 --randomise --seed 3 --out training/07_3
+
+      rig record --object 7 --by hand --poses 3 --images 12
 
       rig record --object 7 --watch-at 127.0.0.1:8080
 
@@ -96,12 +105,15 @@ def _prepare(
     from rig.experiments.pose_attempt import RecordSettings
     from rig.sessions.manifest import RecordManifest
 
-    config = bench.config()
+    # who holds the object in a session that is resumed is not known before it is read
+    by_hand = what.by == "hand" or session.resume
+    config = bench.config("rig record --by hand" if by_hand else "rig record")
     named = None if what.object_name is None else find_grasp_file(what.object_name, config.objects).id
     folder, stored = continued(RecordManifest, "record", config.name, session, named)
     if stored is not None:
         config = with_more(config, stored.config.objects)
         what, bench = resumed(what, stored, context), resumed(bench, stored, context)
+    config = _held_by(what.by, config)
     if what.object_name is None:
         raise InputError("--object is missing: which object is grasped?")
     grasps = find_grasp_file(what.object_name, config.objects)
@@ -110,7 +122,25 @@ def _prepare(
         f"{mark(config.simulated)}bench '{config.name}', seed {bench.seed}, "
         f"object {grasps.id} {grasps.name}, session {folder}"
     )
-    return folder, RecordSettings(config, bench.seed, grasps, poses, what.images, what.randomise)
+    return folder, RecordSettings(config, bench.seed, grasps, poses, what.images, what.randomise, what.by)
+
+
+def _held_by(by: Literal["arm", "hand"], config: "BenchConfig") -> "BenchConfig":
+    """Return the bench of a recording: by hand its fingertips alone, so that no other device is reached.
+
+    Raises `InputError` if it lacks what the arm needs, or has simulated sensors that no hand can touch.
+    """
+    from rig.config.parts import require_parts
+
+    if by == "arm":
+        require_parts(config, "rig record")
+        return config
+    if config.fakes is not None:
+        raise InputError(
+            f"--by hand: the sensors of bench '{config.name}' are simulated behind wires, where no hand "
+            "reaches them; use --bench fake, or real sensors"
+        )
+    return config.fingertips_alone()
 
 
 def _record_all(

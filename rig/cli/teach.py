@@ -51,7 +51,7 @@ def teach(what: TeachOptions, bench: BenchOptions, json: JsonOption = False) -> 
     from rig.calibrate.teaching import Lesson
     from rig.config.objects import own_object
 
-    config = bench.config()
+    config = bench.config("rig teach")
     file, grasps = own_object(what.name, bench.bench, bench.own_objects)
     places = tuple(dict.fromkeys(what.positions or [place.name for place in grasps.position]))
     say(f"{mark(config.simulated)}bench '{config.name}', object {grasps.id} {grasps.name}, file {file}")

@@ -192,7 +192,7 @@ def _prepare(
     from rig.experiments.trial import resolve_objects
     from rig.sessions.manifest import TrialManifest
 
-    began, remarks, config = time.perf_counter(), session.remarks(), bench.config()
+    began, remarks, config = time.perf_counter(), session.remarks(), bench.config("rig trial")
     folder, stored = continued(TrialManifest, "trial", config.name, session)
     if stored is not None:
         config = with_more(config, stored.config.objects)

@@ -31,8 +31,9 @@ def load_calibrated_bench(name_or_path: str, say: Callable[[str], None]) -> Benc
     """
     config = load_bench(name_or_path)
     found = find_calibrations(config, calibrations_folder(name_or_path))
-    mark = "SIMULATED " if config.simulated else ""
-    for file in found.files.values():
+    for key, file in found.files.items():
+        of_real = config.mixed and not any(key.endswith(f"-{name}") for name in config.fake_devices)
+        mark = "SIMULATED " if config.simulated and not of_real else ""
         age = age_text(age_days(file.created, datetime.now(UTC)))
         say(f"{mark}calibration in use: {file.file}, {age} old, {file.verdict}")
     return config.model_copy(update={"calibrations": found}) if found.files else config
@@ -50,17 +51,18 @@ def find_calibrations(config: BenchConfig, folder: Path) -> CalibrationsInUse:
     If all files of a kind belong to other devices, that is an error: a swapped device would otherwise go
     unnoticed. Calibrations with verdict "refused" are ignored. Raises `CalibrationError`.
     """
-    camera, take_camera = config.camera.serial, partial(_camera, config.camera.size_px)
-    wanted: list[tuple[str, dict[str, str], Take]] = [
-        ("camera", {"camera": camera}, take_camera),
-        ("hand-eye", {"camera": camera}, _hand_eye),
-        ("gripper", {"gripper": config.name}, _gripper),
-        *(("tactile", {"tactile": tactile.serial}, _tactile) for tactile in config.tactile),
-        *(
-            ("sync", {"reference": "arm", "stream": sensor}, _sync)
-            for sensor in (camera, *(tactile.serial for tactile in config.tactile))
-        ),
-    ]
+    wanted: list[tuple[str, dict[str, str], Take]] = []
+    if config.has("camera"):
+        camera = {"camera": config.camera.serial}
+        wanted += [
+            ("camera", camera, partial(_camera, config.camera.size_px)),
+            ("hand-eye", camera, _hand_eye),
+        ]
+    if config.has("gripper"):
+        wanted.append(("gripper", {"gripper": config.name}, _gripper))
+    wanted += [("tactile", {"tactile": tactile.serial}, _tactile) for tactile in config.tactile]
+    if config.has("arm"):
+        wanted += [("sync", {"reference": "arm", "stream": each.serial}, _sync) for each in config.sensors]
     found = CalibrationsInUse()
     for kind, serials, take in wanted:
         found = found.joined(_used(config, folder, kind, serials, take))
@@ -77,7 +79,8 @@ def _used(
     file = load(path, kind, serials, allow_refused=True)
     if file.assessment.verdict is Verdict.REFUSED:
         return CalibrationsInUse()
-    if file.inputs.get("simulated") and not config.simulated:
+    devices = {*serials.values()} | ({"gripper"} if kind == "gripper" else set())
+    if file.inputs.get("simulated") and not devices.isdisjoint(config.real_devices):
         raise CalibrationError(
             f"{path}: was made on simulated devices, bench '{config.name}' is real; calibrate it, "
             "or move the file away"

@@ -11,7 +11,9 @@ from rig.config.models import (
     ArmConfig,
     BenchConfig,
     CameraConfig,
+    DeviceConfig,
     GripperConfig,
+    TableConfig,
     TactileConfig,
 )
 
@@ -34,22 +36,30 @@ LIMITS = {
     "max_contact_force_n": "by how much the force may change on the way down, as 20.0",
 }
 """Keys of [arm.limits], and what to write. Joint limits default to the arm's own range."""
+BESIDE_ARM, BESIDE_GRIPPER = ("position_m", "look_at_m"), ("finger", "sign")
+"""Keys of [camera] that are needed beside an arm, and of [[tactile]] beside a gripper."""
 FAKE_DIGIT_PX = (240, 320)
 """(width, height) of the images of a DIGIT simulated in this process."""
-
-Sensor = TactileConfig | CameraConfig
 
 
 def inconsistencies(config: BenchConfig) -> Iterator[KeyFault]:
     """Yield each key that contradicts others, and why."""
-    yield from _arm(config.arm)
-    yield from _gripper(config.gripper)
-    for number, tactile in enumerate(config.tactile):
-        yield from _tactile(tactile, number)
-    yield from _camera(config.camera)
-    yield from _together(config)
-    if config.fakes is None or config.fakes.control is not None:
-        yield from _addresses(config)
+    for where, device in config.devices:
+        if isinstance(device, ArmConfig):
+            yield from _arm(device)
+        elif isinstance(device, GripperConfig):
+            yield from _gripper(device)
+        elif isinstance(device, TactileConfig):
+            yield from _tactile(device, where)
+        else:
+            yield from _camera(device)
+        if config.fakes is None or config.fakes.control is not None:
+            yield from _address(device)
+    yield from _parts(config)
+    yield from _fingertips(config)
+    yield from _kinds(config)
+    if config.has("arm", "table"):
+        yield from _places(config.arm, config.table)
 
 
 def _arm(arm: ArmConfig) -> Iterator[KeyFault]:
@@ -85,16 +95,16 @@ def _gripper(gripper: GripperConfig) -> Iterator[KeyFault]:
         yield ("gripper", "preset"), f"'{gripper.preset}' is not a map of transport '{gripper.transport}'"
 
 
-def _tactile(tactile: TactileConfig, number: int) -> Iterator[KeyFault]:
+def _tactile(tactile: TactileConfig, where: KeyPath) -> Iterator[KeyFault]:
     if tactile.driver != "digit":
         return
     rates = DIGIT_MODES.get(tactile.size_px)
     if rates is None:
         known = " or ".join(f"[{w}, {h}]" for w, h in DIGIT_MODES)
-        yield ("tactile", number, "size_px"), f"is no size of a DIGIT, upright {known}"
+        yield (*where, "size_px"), f"is no size of a DIGIT, upright {known}"
     elif tactile.rate_hz not in rates:
         listed = " or ".join(f"{rate:g}" for rate in rates)
-        yield ("tactile", number, "rate_hz"), f"a DIGIT streams this size at {listed} Hz"
+        yield (*where, "rate_hz"), f"a DIGIT streams this size at {listed} Hz"
 
 
 def _camera(camera: CameraConfig) -> Iterator[KeyFault]:
@@ -118,42 +128,93 @@ def _camera(camera: CameraConfig) -> Iterator[KeyFault]:
         yield ("camera", "look_at_m"), "is straight above or below position_m: the picture has no upright"
 
 
-def _addresses(config: BenchConfig) -> Iterator[KeyFault]:
-    """Yield missing addresses of real devices; fakes started for the session provide their own."""
-    arm, gripper, camera = config.arm, config.gripper, config.camera
-    if arm.driver == "ur5e" and not arm.host:
-        yield ("arm",), "driver 'ur5e' needs host, the controller's address"
-    if gripper.driver == "robotiq_3f" and gripper.transport == "tcp" and not gripper.host:
-        yield ("gripper",), "transport 'tcp' needs host, the gripper's address"
-    if gripper.driver == "robotiq_3f" and gripper.transport == "rtu" and not gripper.device:
-        yield ("gripper",), "transport 'rtu' needs device, the serial port, as /dev/ttyUSB0"
-    if camera.driver == "camera" and not camera.address:
+def _address(device: DeviceConfig) -> Iterator[KeyFault]:
+    """Yield the missing address of a real device; fakes started for the session provide their own."""
+    if isinstance(device, ArmConfig):
+        if device.driver == "ur5e" and not device.host:
+            yield ("arm",), "driver 'ur5e' needs host, the controller's address"
+    elif isinstance(device, GripperConfig):
+        if device.driver == "robotiq_3f" and device.transport == "tcp" and not device.host:
+            yield ("gripper",), "transport 'tcp' needs host, the gripper's address"
+        if device.driver == "robotiq_3f" and device.transport == "rtu" and not device.device:
+            yield ("gripper",), "transport 'rtu' needs device, the serial port, as /dev/ttyUSB0"
+    elif device.driver == "camera" and not device.address:
         yield ("camera",), "driver 'camera' needs address: /dev/videoN, a URL, a video file or a folder"
 
 
-def _together(config: BenchConfig) -> Iterator[KeyFault]:
-    if sorted(t.finger for t in config.tactile) != sorted(config.gripper.fingers):
-        yield ("tactile",), "each grasping finger of [gripper] needs exactly one [[tactile]] with its name"
-    if config.tactile[0].sign == config.tactile[1].sign:
+def _parts(config: BenchConfig) -> Iterator[KeyFault]:
+    """Yield what is missing beside the devices that are there."""
+    if not any(True for _ in config.devices):
+        yield (), "names no device: a bench has [arm], [gripper], [[tactile]] or [camera], at least one"
+    if config.has("arm") and not config.has("table"):
+        yield ("table",), "is needed beside [arm]: write [table] with position_m, where objects are placed"
+    if config.has("arm", "camera"):
+        for key in BESIDE_ARM:
+            if key not in config.camera.model_fields_set:
+                yield (
+                    ("camera", key),
+                    "is needed beside [arm]: write a point in its base, m, as [0.45, 0.0, 0.1]",
+                )
+    if config.has("gripper"):
+        for number, tactile in enumerate(config.tactile):
+            for key in BESIDE_GRIPPER:
+                if key not in tactile.model_fields_set:
+                    yield ("tactile", number, key), "is needed beside [gripper]: on which finger, which way"
+    if config.fakes is not None and not (config.has("arm", "gripper", "camera") and len(config.tactile) == 2):
+        yield ("fakes",), "serves whole benches alone: [arm], [gripper], two [[tactile]] and [camera]"
+
+
+def _fingertips(config: BenchConfig) -> Iterator[KeyFault]:
+    fingers = [t.finger for t in config.tactile]
+    if config.has("gripper") and not {*fingers} <= {*config.gripper.fingers}:
+        yield ("tactile",), "each [[tactile]] names exactly one of the grasping fingers of [gripper]"
+    if len({*fingers}) < len(fingers):
+        yield (
+            ("tactile", 1, "finger"),
+            "is the other fingertip's too: exactly one [[tactile]] for each finger",
+        )
+    if config.has("gripper") and len({t.sign for t in config.tactile}) < len(fingers):
         yield ("tactile", 1, "sign"), "opposing fingertips see the object from two sides: signs differ"
-    serials = [*(t.serial for t in config.tactile), config.camera.serial]
+    serials = [sensor.serial for sensor in config.sensors]
     for number, serial in enumerate(serials):
         if serial in serials[:number]:
-            where: KeyPath = ("camera", "serial") if number == 2 else ("tactile", number, "serial")
+            of_camera = number == len(config.tactile)
+            where: KeyPath = ("camera", "serial") if of_camera else ("tactile", number, "serial")
             yield where, f"'{serial}' is another sensor's serial; each has its own"
-    low, high = config.arm.limits.workspace_min_m, config.arm.limits.workspace_max_m
-    if not _inside(config.table.position_m, low, high):
+
+
+def _places(arm: ArmConfig, table: TableConfig) -> Iterator[KeyFault]:
+    if not _inside(table.position_m, arm.limits.workspace_min_m, arm.limits.workspace_max_m):
         yield ("table", "position_m"), "is outside the workspace of [arm.limits]: it cannot be reached"
-    elif config.arm.home_m[2] <= config.table.position_m[2]:
+    elif arm.home_m[2] <= table.position_m[2]:
         yield ("arm", "home_m"), "is not above position_m of [table]: the tool would wait in the object"
-    if "fake" in config.drivers and config.drivers != {"fake"}:
-        yield ("arm", "driver"), "some drivers are 'fake' and some are not: make all of them one or the other"
+
+
+def _kinds(config: BenchConfig) -> Iterator[KeyFault]:
+    """Yield which devices must not be simulated, or real, beside the others.
+
+    A simulated bench asks nobody before it moves, has the limits of the simulated cell by default, and may
+    react to slip; a real arm or gripper beside a simulated device would do the same.
+    """
+    if config.mixed:
+        fakes = ", ".join(config.fake_devices)
+        for where, device in config.devices:
+            if isinstance(device, ArmConfig | GripperConfig) and device.driver != "fake":
+                yield (
+                    (*where, "driver"),
+                    f"is real and would move things by what simulated devices ({fakes}) say: a real arm or "
+                    "gripper needs all others real: make all of them one or the other",
+                )
+        if len({tactile.driver == "fake" for tactile in config.tactile}) == 2:
+            yield ("tactile", 1, "driver"), "one fingertip is 'fake' and one is not: make it one or the other"
+        if config.fakes is not None:
+            yield ("fakes",), f"is for the real drivers; {fakes} would be simulated twice: name real drivers"
     if config.fakes is not None and config.own_drivers:
         named = ", ".join(sorted(config.own_drivers))
         yield ("fakes",), f"is for the rig's own drivers; with {named} this is a real bench: remove it"
-    if config.faults and "fake" not in config.drivers:
-        yield ("faults",), "are for simulated devices in this process; this bench has none"
-    devices = {"arm", "gripper", "tactile", "camera", *serials}
+    if config.faults and not config.in_process:
+        yield ("faults",), "are for benches with simulated devices in this process alone; this one has others"
+    devices = {*(str(where[0]) for where, _ in config.devices), *(s.serial for s in config.sensors)}
     for number, fault in enumerate(config.faults):
         if fault.device not in devices:
             yield ("faults", number, "device"), f"'{fault.device}' is none of {', '.join(sorted(devices))}"
@@ -175,13 +236,13 @@ def missing_keys(config: BenchConfig) -> Iterator[KeyFault]:
 
     Defaults would be those of the simulated cell. Only for files: a session's stored copy has every key.
     """
-    if config.simulated:
+    if config.simulated or not config.has("arm"):
         return
     arm = config.arm
     for key, write in ON_THE_FLANGE.items():
         if key not in arm.model_fields_set:
             yield ("arm", key), f"is required of a real arm, on whose controller it is set: write {write}"
-    if config.table.top_m is None:
+    if config.has("table") and config.table.top_m is None:
         yield ("table", "top_m"), "is required of a real bench: write the height of the table's top, as 0.02"
     if "limits" not in arm.model_fields_set:
         yield (
@@ -209,14 +270,22 @@ def unused_keys(config: BenchConfig) -> Iterator[KeyFault]:
     if not config.simulated:
         why = "is for simulated lifts; real ones are as they are: remove it"
         yield from _written(config, (), ["difficulty"], why)
-    yield from _unused_arm(config.arm)
-    yield from _unused_gripper(config.gripper)
-    for number, tactile in enumerate(config.tactile):
-        yield from _unused_tactile(tactile, ("tactile", number), config)
-    if config.camera.driver == "fake":
-        yield from _written(config.camera, ("camera",), ["address"], _no_effect("fake"))
+    if not config.has("arm"):
+        why = "is for benches with an arm; this one has no [arm]: remove it"
+        yield from _written(config, (), ["keep_out", "reactions_allowed"], why)
+    for where, device in config.devices:
+        if isinstance(device, ArmConfig):
+            yield from _unused_arm(device)
+        elif isinstance(device, GripperConfig):
+            yield from _unused_gripper(device)
+        elif isinstance(device, TactileConfig):
+            yield from _unused_tactile(device, where, config)
+        elif device.driver == "fake":
+            yield from _written(device, where, ["address"], _no_effect("fake"))
+        if not is_class_name(device.driver):
+            why = "is for a class of your own, as driver = 'package.module:Class'; remove it"
+            yield from _written(device, where, ["options"], why)
     yield from _unused_fakes(config)
-    yield from _unused_options(config)
 
 
 def _unused_arm(arm: ArmConfig) -> Iterator[KeyFault]:
@@ -270,23 +339,8 @@ def _unused_fakes(config: BenchConfig) -> Iterator[KeyFault]:
         yield ("fakes",), "is for the real drivers; these are 'fake': remove it, or name real drivers"
     elif config.fakes.control is None:
         why = "does not count: [fakes] starts devices with addresses of their own; remove it, or give control"
-        for where, device in _devices(config):
+        for where, device in config.devices:
             yield from _written(device, where, ["host", "port", "device", "address"], why)
-
-
-def _unused_options(config: BenchConfig) -> Iterator[KeyFault]:
-    why = "is for a class of your own, as driver = 'package.module:Class'; remove it"
-    for where, device in _devices(config):
-        if not is_class_name(device.driver):
-            yield from _written(device, where, ["options"], why)
-
-
-def _devices(config: BenchConfig) -> Iterator[tuple[KeyPath, ArmConfig | GripperConfig | Sensor]]:
-    yield ("arm",), config.arm
-    yield ("gripper",), config.gripper
-    for number, tactile in enumerate(config.tactile):
-        yield ("tactile", number), tactile
-    yield ("camera",), config.camera
 
 
 def _written(table: BaseModel, where: KeyPath, keys: Iterable[str], why: str) -> Iterator[KeyFault]:

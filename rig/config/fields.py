@@ -9,10 +9,13 @@ from pydantic import (
     BaseModel,
     ConfigDict,
     Field,
+    GetCoreSchemaHandler,
     SerializerFunctionWrapHandler,
     model_serializer,
 )
+from pydantic_core import CoreSchema, core_schema
 
+from drivers.errors import InputError
 from drivers.formats import without_passwords
 from drivers.named_classes import is_class_name
 from drivers.types import ArmLimits, GripperSpec, Vector6
@@ -100,8 +103,40 @@ class BenchSection(Strict):
 
     @model_serializer(mode="wrap")
     def _stored(self, serialize: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        at_default = {key for key in self.later if getattr(self, key) == type(self).model_fields[key].default}
+        values, has = self.__dict__, type(self).model_fields
+        at_default = {key for key in self.later if values[key] == has[key].default}
         return {key: value for key, value in serialize(self).items() if key not in at_default}
+
+
+SECTIONS = ("arm", "gripper", "camera", "table")
+"""Tables of a bench file that may be missing."""
+
+
+MISSING: Any = None
+"""Value of a section that a bench file lacks."""
+
+
+class MayBeMissing:
+    """Marks a section that a bench file may lack. Its value is None then; `BenchParts` does not return it."""
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        """Accept None beside the section's own values."""
+        return core_schema.nullable_schema(handler(source))
+
+
+class BenchParts(BenchSection):
+    """A bench whose missing sections raise `InputError` when they are read; `has` tells which are there."""
+
+    def __getattribute__(self, name: str) -> Any:
+        """Return an attribute. Raises `InputError` for a section that the bench file lacks."""
+        value = super().__getattribute__(name)
+        if value is None and name in SECTIONS:
+            raise InputError(f"bench '{self.name}' has no [{name}]: add it to the bench file")
+        return value
+
+    def has(self, *sections: str) -> bool:
+        """Return whether the bench file has all of these sections, as "arm"."""
+        return all(self.__dict__[section] is not None for section in sections)
 
 
 class ArmLimitsConfig(BenchSection):

@@ -1,5 +1,6 @@
 """The keys of a bench file."""
 
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import Annotated, Literal
 
@@ -12,7 +13,10 @@ from drivers.named_classes import is_class_name
 from drivers.types import ArmLimits, Box, GripperSpec, Pose
 from protocols.grasps import GraspFile
 from rig.config.fields import (
+    MISSING,
+    SECTIONS,
     ArmLimitsConfig,
+    BenchParts,
     BenchSection,
     Coordinate,
     FileName,
@@ -21,6 +25,7 @@ from rig.config.fields import (
     Host,
     HostPort,
     MarkerId,
+    MayBeMissing,
     Offset,
     Options,
     Pixels,
@@ -31,6 +36,7 @@ from rig.config.fields import (
     without_secrets,
 )
 from rig.config.in_use import CalibrationsInUse
+from rig.config.lines import KeyPath
 
 FAR_M = 10.0
 """Larger than any bench."""
@@ -80,16 +86,19 @@ class GripperConfig(BenchSection):
 
 
 class TactileConfig(BenchSection):
-    """A tactile sensor on a grasping finger; without an address it is found by its serial."""
+    """A tactile sensor; without an address it is found by its serial.
+
+    finger, sign: needed beside a gripper, on whose finger it is.
+    """
 
     later = frozenset({"options"})
     driver: Annotated[str, driver_names("fake", "digit")]
     options: Options = Field(default={})
     serial: FileName
     address: str | None = None
-    finger: Finger
-    sign: Literal[1, -1]
-    rate_hz: Rate
+    finger: Finger = "A"
+    sign: Literal[1, -1] = 1
+    rate_hz: Rate = 60.0
     size_px: tuple[Pixels, Pixels] = (240, 320)
     pixel_aspect: float | None = Field(default=None, gt=0.5, lt=2.0)
     """Width over height of a pixel on the gel; None if not measured."""
@@ -98,7 +107,10 @@ class TactileConfig(BenchSection):
 
 
 class CameraConfig(BenchSection):
-    """The external camera and the markers it watches."""
+    """The external camera and the markers it watches.
+
+    position_m, look_at_m: in the arm's base, needed beside an arm. The defaults are the simulated cell's.
+    """
 
     later = frozenset({"options"})
     driver: Annotated[str, driver_names("fake", "camera")]
@@ -108,8 +120,8 @@ class CameraConfig(BenchSection):
     rate_hz: Rate
     size_px: tuple[Pixels, Pixels]
     focal_px: float = Field(gt=0)
-    position_m: Point
-    look_at_m: Point
+    position_m: Point = (0.45, -0.62, 0.16)
+    look_at_m: Point = (0.45, 0.0, 0.10)
     marker_dictionary: str
     marker_ids: tuple[MarkerId, MarkerId]
     marker_side_m: float = Field(gt=0, lt=0.5)
@@ -163,20 +175,23 @@ class FaultConfig(BenchSection):
     attempt: int | None = 0
 
 
-class BenchConfig(BenchSection):
-    """One bench file."""
+DeviceConfig = ArmConfig | GripperConfig | TactileConfig | CameraConfig
 
-    later = frozenset({"difficulty", "keep_out", "objects", "reactions_allowed"})
+
+class BenchConfig(BenchParts):
+    """One bench file. Reading a section that it lacks raises `InputError`."""
+
+    later = frozenset({"difficulty", "keep_out", "objects", "reactions_allowed", *SECTIONS})
     name: FileName
     reactions_allowed: bool | None = None
     """Whether arm and fingers may react to slip automatically; by default only in simulation."""
     difficulty: Literal["easy", "hard"] = "easy"
     """Of simulated lifts: hard ones have what makes real recordings hard (`fakes/studio/conditions.py`)."""
-    arm: ArmConfig
-    gripper: GripperConfig
-    tactile: tuple[TactileConfig, TactileConfig]
-    camera: CameraConfig
-    table: TableConfig
+    arm: Annotated[ArmConfig, MayBeMissing()] = MISSING
+    gripper: Annotated[GripperConfig, MayBeMissing()] = MISSING
+    tactile: Annotated[tuple[TactileConfig, ...], Field(max_length=2)] = ()
+    camera: Annotated[CameraConfig, MayBeMissing()] = MISSING
+    table: Annotated[TableConfig, MayBeMissing()] = MISSING
     keep_out: tuple[KeepOutConfig, ...] = ()
     fakes: FakesConfig | None = None
     faults: tuple[FaultConfig, ...] = ()
@@ -208,16 +223,21 @@ class BenchConfig(BenchSection):
 
     def without_passwords(self) -> "BenchConfig":
         """A copy without the passwords in its addresses, as it is stored in sessions."""
-        camera, *tactile = (
-            source.model_copy(update={"address": source.address and without_passwords(source.address)})
-            for source in (self.camera, *self.tactile)
+        hidden: dict[str, object] = {"tactile": tuple(map(_without_passwords, self.tactile))}
+        for where, device in self.devices:
+            if where[0] != "tactile":
+                hidden[str(where[0])] = _without_passwords(device)
+        return self.model_copy(update=hidden)
+
+    def fingertips_alone(self) -> "BenchConfig":
+        """Return a bench with the fingertips of this one, their calibrations, and no other device."""
+        found = self.calibrations
+        own = CalibrationsInUse(
+            files={key: file for key, file in found.files.items() if key.startswith("tactile-")},
+            pixel_aspect=found.pixel_aspect,
         )
-        camera, arm, gripper, *tactile = (
-            device.model_copy(update={"options": without_secrets(device.options)})
-            for device in (camera, self.arm, self.gripper, *tactile)
-        )
-        devices = {"arm": arm, "gripper": gripper, "camera": camera, "tactile": tuple(tactile)}
-        return self.model_copy(update=devices)
+        gone = dict.fromkeys(SECTIONS, MISSING)
+        return self.model_copy(update={**gone, "keep_out": (), "calibrations": own})
 
     def pixel_aspects(self) -> dict[str, float | None]:
         """Width over height of each fingertip's pixels by serial, measured or from this file."""
@@ -233,7 +253,8 @@ class BenchConfig(BenchSection):
         boxes = [Box(k.name, k.min_m, k.max_m) for k in self.keep_out]
         if self.table.top_m is not None:
             boxes.append(Box("table", (-FAR_M, -FAR_M, -FAR_M), (FAR_M, FAR_M, self.table.top_m)))
-        side, below, above = self.gripper.half_width_m, self.gripper.below_tcp_m, self.arm.tcp_m[2]
+        hand = self.gripper if self.has("gripper") else GripperConfig(driver="fake", fingers=("A", "B"))
+        side, below, above = hand.half_width_m, hand.below_tcp_m, self.arm.tcp_m[2]
         grown = tuple(
             Box(
                 box.name,
@@ -250,10 +271,26 @@ class BenchConfig(BenchSection):
         return self.gripper.limits.spec(self.calibrations.opening)
 
     @property
+    def devices(self) -> Iterator[tuple[KeyPath, DeviceConfig]]:
+        """The devices that the bench has, each with its place in the file."""
+        if self.has("arm"):
+            yield ("arm",), self.arm
+        if self.has("gripper"):
+            yield ("gripper",), self.gripper
+        for number, tactile in enumerate(self.tactile):
+            yield ("tactile", number), tactile
+        if self.has("camera"):
+            yield ("camera",), self.camera
+
+    @property
+    def sensors(self) -> tuple[TactileConfig | CameraConfig, ...]:
+        """Every source of frames: fingertips first, then the camera."""
+        return (*self.tactile, self.camera) if self.has("camera") else self.tactile
+
+    @property
     def drivers(self) -> frozenset[str]:
         """The drivers of all devices."""
-        tactile = (t.driver for t in self.tactile)
-        return frozenset({self.arm.driver, self.gripper.driver, self.camera.driver, *tactile})
+        return frozenset(device.driver for _, device in self.devices)
 
     @property
     def own_drivers(self) -> frozenset[str]:
@@ -275,7 +312,43 @@ class BenchConfig(BenchSection):
         """Whether any device of this bench is simulated, in this process or behind a wire."""
         return "fake" in self.drivers or self.fakes is not None
 
+    @property
+    def fake_devices(self) -> tuple[str, ...]:
+        """Serials of the sensors that are simulated in this process, and "arm", "gripper" if they are."""
+        return tuple(name for name, driver in self._drivers_by_name() if driver == "fake")
+
+    @property
+    def real_devices(self) -> tuple[str, ...]:
+        """The same of the devices that are neither simulated in this process nor behind a wire."""
+        pairs = () if self.fakes is not None else self._drivers_by_name()
+        return tuple(name for name, driver in pairs if driver != "fake")
+
+    def _drivers_by_name(self) -> Iterator[tuple[str, str]]:
+        for where, device in self.devices:
+            yield getattr(device, "serial", str(where[0])), device.driver
+
+    @property
+    def mixed(self) -> bool:
+        """Whether some devices are simulated and some are real. No real arm or gripper is among them."""
+        return "fake" in self.drivers and not self.in_process
+
+    @property
+    def moves(self) -> bool:
+        """Whether there are arm and gripper, and all devices are of one kind: then the arm may be moved."""
+        return self.has("arm", "gripper") and not self.mixed
+
+    def gives_simulated(self, *devices: str) -> bool:
+        """Return whether one of these devices (serials, "arm") is simulated, so that its data are marked."""
+        return not {*devices} <= {*self.real_devices}
+
+
+def _without_passwords(device: DeviceConfig) -> DeviceConfig:
+    update: dict[str, object] = {"options": without_secrets(device.options)}
+    if isinstance(device, TactileConfig | CameraConfig):
+        update["address"] = device.address and without_passwords(device.address)
+    return device.model_copy(update=update)
+
 
 def known_keys() -> set[str]:
     """Every key a bench file can have, in any of its tables."""
-    return {key for model in BenchSection.__subclasses__() for key in model.model_fields}
+    return {key for model in (BenchConfig, *BenchSection.__subclasses__()) for key in model.model_fields}

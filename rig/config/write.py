@@ -5,18 +5,23 @@ from pathlib import Path
 from typing import Any
 
 from drivers.errors import InputError
-from rig.config.checks import ON_THE_FLANGE, required_limits
+from rig.config.checks import BESIDE_ARM, BESIDE_GRIPPER, ON_THE_FLANGE, required_limits
 from rig.config.models import BenchConfig
 
 
 def bench_text(config: BenchConfig) -> str:
     """Return a bench as the TOML that reads back as the same bench: every key that is not at its default.
 
-    Of a real bench also those at their default that its file has to say.
+    Keys that the file has to have are written at their default too.
     """
     # calibrations and objects are not written into a bench file but found beside it
     values = config.model_dump(mode="json", exclude_defaults=True, exclude={"calibrations", "objects"})
-    if not config.simulated:
+    if config.has("arm", "camera"):
+        values["camera"] |= {key: list(getattr(config.camera, key)) for key in BESIDE_ARM}
+    if config.has("gripper"):
+        for table, tactile in zip(values.get("tactile", ()), config.tactile, strict=True):
+            table |= {key: getattr(tactile, key) for key in BESIDE_GRIPPER}
+    if config.has("arm") and not config.simulated:
         limits = {key: getattr(config.arm.limits, key) for key in required_limits(config.arm)}
         values["arm"] |= {key: getattr(config.arm, key) for key in ON_THE_FLANGE}
         values["arm"]["limits"] = limits | values["arm"].get("limits", {})

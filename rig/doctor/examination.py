@@ -14,6 +14,7 @@ from pathlib import Path
 from drivers.errors import CalibrationError, InputError
 from rig.bench.source import unconnected_bench
 from rig.config import BenchConfig
+from rig.config.parts import lacking, working
 from rig.doctor.actuators import look_at_arm, look_at_gripper
 from rig.doctor.finding import Finding, Severity, judged
 from rig.doctor.streams import look_at_streams
@@ -84,6 +85,17 @@ def _version(library: str) -> str | None:
         return None
 
 
+def look_at_parts(config: BenchConfig) -> list[Finding]:
+    """Report what a trial lacks, and which devices of a bench are simulated beside real ones."""
+    findings, works = [], f"no trial is possible; these commands work: {', '.join(working(config))}"
+    if missing := lacking(config, "rig trial"):
+        findings.append(Finding("bench", "parts", Severity.NOTE, f"has no {', '.join(missing)}", works))
+    if config.mixed:
+        seen = f"simulated: {', '.join(config.fake_devices)}; real: {', '.join(config.real_devices)}"
+        findings.append(Finding("bench", "kinds", Severity.NOTE, seen, works))
+    return findings
+
+
 def look_at_usb(places: Mapping[str, str]) -> list[Finding]:
     """Report the sensors on each USB bus: on a shared one the camera that is opened last fails first.
 
@@ -120,7 +132,7 @@ def look_at_calibrations(folder: Path, serials: set[str]) -> list[Finding]:
 
 
 def _calibration(path: Path, serials: set[str]) -> Finding:
-    from calibration.store import load, read_yaml
+    from calibration.store import age_days, age_text, load, read_yaml
 
     try:
         about = read_yaml(path).get("calibration")
@@ -130,14 +142,14 @@ def _calibration(path: Path, serials: set[str]) -> Finding:
         seen, _, todo = str(error).partition("; ")
         return Finding("calibration", path.name, Severity.WARNING, seen, todo)
     now = datetime.now(UTC)
-    days = file.age_days(now)
+    days = age_days(file.created, now)
     strangers = sorted(set(file.serials.values()) - serials)
     verdict, todo = Severity.GOOD, ""
     if days > OLD_DAYS:
         verdict, todo = Severity.WARNING, f"older than {OLD_DAYS:g} days: check it with rig calibrate"
     if strangers:
         verdict, todo = Severity.WARNING, f"of {', '.join(strangers)}, which this bench does not have"
-    return Finding("calibration", file.kind, verdict, file.age_text(now), todo, {"age_days": days})
+    return Finding("calibration", file.kind, verdict, age_text(days), todo, {"age_days": days})
 
 
 def examine(
@@ -149,19 +161,22 @@ def examine(
     where sessions go. duration_s: of each measurement of a rate. snapshot: see `rig doctor`.
     """
     yield from look_at_packages(config)
+    yield from look_at_parts(config)
     begin_phase("writing to the disk")
     yield from look_at_disk(disk)
     # a gripper's table goes by the bench's name, and the arm's clock by "arm"
-    serials = {*(tactile.serial for tactile in config.tactile), config.camera.serial, config.name, "arm"}
+    serials = {*(sensor.serial for sensor in config.sensors), config.name, "arm"}
     yield from look_at_calibrations(bench_folder / "calibrations", serials)
     with unconnected_bench(config) as bench, ExitStack() as connected:
-        for device in (*bench.frame_sources, bench.gripper, bench.arm):
+        for device in (*bench.frame_sources, *bench.actuators):
             connected.callback(device.disconnect)
-        begin_phase("reading the arm")
-        yield from look_at_arm(bench, config.arm, duration_s)
-        begin_phase("reading the gripper")
-        yield from look_at_gripper(bench, duration_s)
+        if bench.has("arm"):
+            begin_phase("reading the arm")
+            yield from look_at_arm(bench, config.arm, duration_s)
+        if bench.has("gripper"):
+            begin_phase("reading the gripper")
+            yield from look_at_gripper(bench, duration_s)
         begin_phase("reading the fingertips and the camera")
-        sizes_px = {sensor.serial: sensor.size_px for sensor in (*config.tactile, config.camera)}
+        sizes_px = {sensor.serial: sensor.size_px for sensor in config.sensors}
         yield from look_at_streams(bench.frame_sources, bench.clock, sizes_px, duration_s, snapshot)
         yield from look_at_usb({s.serial: s.identity().get("usb", "") for s in bench.frame_sources})

@@ -37,9 +37,10 @@ def _name(finding: Finding) -> tuple[str, str]:
 
 
 def _verdict(findings: Sequence[Finding]) -> str:
-    """Say whether a trial can run, and how many checks say otherwise."""
+    """Say whether a trial, or what a bench without all parts can do, may run, and count the problems."""
     counts = {kind: sum(each.verdict == kind for each in findings) for kind in ("failure", "warning")}
+    use = "what this bench can do" if any(each.device == "bench" for each in findings) else "a trial"
     amiss = ", ".join(f"{n} {kind}{'s' if n > 1 else ''}" for kind, n in counts.items() if n)
     if counts["failure"]:
-        return f"not fit for a trial: {amiss}"
-    return f"fit for a trial, with {amiss}" if amiss else "fit for a trial"
+        return f"not fit for {use}: {amiss}"
+    return f"fit for {use}, with {amiss}" if amiss else f"fit for {use}"

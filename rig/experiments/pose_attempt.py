@@ -4,6 +4,7 @@ import time
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
@@ -12,9 +13,11 @@ from drivers.images import encode_png
 from drivers.types import Pose
 from protocols.grasps import GraspFile, GraspPose
 from protocols.readiness import make_ready
+from protocols.record_by_hand import HandPose, record_pose_by_hand
 from protocols.record_grasps import PosePlan, record_pose
-from rig.bench.assembly import true_masks
+from rig.bench.assembly import simulated_layout, true_masks
 from rig.bench.source import BenchSource
+from rig.bench.twins import refuse_undrawn
 from rig.config import BenchConfig
 from rig.experiments.attempts import Attempt, fault_text
 from rig.experiments.grasp_plans import grasp_pose, refuse_impossible
@@ -34,7 +37,8 @@ GRIPS_PER_POSE = 5
 class RecordSettings:
     """What a recording is asked for: `images` counts both fingertips, over all poses.
 
-    randomise: simulated sensors unlike those of a bench, drawn from the seed.
+    randomise: simulated sensors unlike those of a bench, drawn from the seed. by: who holds the object, the
+    arm or a person's hand.
     """
 
     bench: BenchConfig
@@ -43,6 +47,7 @@ class RecordSettings:
     poses: int
     images: int
     randomise: bool = False
+    by: Literal["arm", "hand"] = "arm"
 
     @property
     def variation_seed(self) -> int | None:
@@ -70,8 +75,25 @@ class PoseTask:
         return f"{self.object_id}/{self.number}"
 
 
-def plan_pose(settings: RecordSettings, pose: GraspPose, images: int, base_T_table: Pose) -> PosePlan:  # noqa: N803
+def hand_pose(settings: RecordSettings, task: PoseTask) -> HandPose:
+    """Plan one pose that a person's hand presses. Raises `InputError` if a simulated bench cannot draw it."""
+    grasps, place = settings.grasps, task.pose.position
+    refuse_undrawn(settings.bench, grasps)
+    table = simulated_layout(settings.bench).base_T_table
+    return HandPose(
+        object_id=grasps.id,
+        object_name=grasps.name,
+        position=place.name,
+        orientation_deg=place.turn_deg + task.pose.orientation_deg,
+        images=task.images,
+        base_T_grasp=grasp_pose(table, place, task.pose.orientation_deg),
+        opening_m=place.width_m - sum(grasps.grip_m) / 2.0,
+    )
+
+
+def arm_pose(settings: RecordSettings, task: PoseTask) -> PosePlan:
     """Plan one pose: its images spread over grips from the lightest to the firmest."""
+    pose, images, base_T_table = task.pose, task.images, Pose(settings.bench.table.position_m)  # noqa: N806
     refuse_impossible(settings.bench, settings.grasps, pose.position)
     low, high = map(settings.bench.gripper_spec().steps_for, settings.grasps.grip_m)
     levels = np.linspace(low - 1, high, min(GRIPS_PER_POSE, images)).round().astype(int)
@@ -99,7 +121,7 @@ def attempt_pose(
     """
     began = time.perf_counter()
     seed = derived_seed(settings.seed, task.object_id, "pose", task.number, attempt=task.attempt)
-    plan = plan_pose(settings, task.pose, task.images, Pose(settings.bench.table.position_m))
+    plan = hand_pose(settings, task) if settings.by == "hand" else arm_pose(settings, task)
     with closing(PictureSender(live)) as pictures:
         observer = PoseCapture(finders, shown=pictures if live.pictures else None)
         fault = _carry_out(benches, task, seed, plan, observer)
@@ -129,12 +151,15 @@ def object_folder(grasps: GraspFile) -> str:
 
 
 def _carry_out(
-    benches: BenchSource, task: PoseTask, seed: int, plan: PosePlan, observer: PoseCapture
+    benches: BenchSource, task: PoseTask, seed: int, plan: PosePlan | HandPose, observer: PoseCapture
 ) -> str | None:
     """Return None, or the fault's text."""
     try:
         with benches.for_lift(seed, task.name, task.attempt) as (bench, operator):
             observer.true_masks = true_masks(bench)
+            if isinstance(plan, HandPose):
+                record_pose_by_hand(bench, operator, plan, observer)
+                return None
             make_ready(bench, operator, benches.after_fault)
             operator.place(plan.object_id, plan.object_name)
             record_pose(bench, plan, observer)

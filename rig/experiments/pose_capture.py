@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 
 from drivers.types import Frame, Image
 from protocols.observer import LiftEvents
+from protocols.record_by_hand import HandObserver
 from protocols.record_grasps import CaptureObserver
 from rig.tactile.contact.finder import ContactFinder
 from rig.tactile.contact.touch import TouchDebounce
@@ -14,20 +15,22 @@ FRAMES_APART = 3
 
 
 @dataclass(slots=True)
-class PoseCapture(CaptureObserver):
-    """An observer that takes images with contact, turn about from each fingertip.
+class PoseCapture(CaptureObserver, HandObserver):
+    """An observer that takes images with contact, turn about from each fingertip or from one alone.
 
+    taken: frames with their grip in steps past first contact (None: pressed by hand) and contact area, px.
     true_masks: what simulated fingertips truly touch at a time in ns; masks: that of each image
     taken. Nothing here looks at them. shown: is given each frame after it was looked at, and changes nothing.
     """
 
     finders: dict[str, ContactFinder]
-    taken: list[tuple[Frame, int, float]] = field(default_factory=list)
+    taken: list[tuple[Frame, int | None, float]] = field(default_factory=list)
     true_masks: dict[str, Callable[[int], Image]] = field(default_factory=dict)
     masks: list[Image] = field(default_factory=list)
     rejected: int = 0
     shown: Callable[[Frame], None] | None = None
-    _grip_steps: int = 0
+    _grip_steps: int | None = 0
+    _serial: str | None = None
     _wanted: int = 0
     _touches: dict[str, TouchDebounce] = field(default_factory=dict)
     _areas: dict[str, float] = field(default_factory=dict)
@@ -35,7 +38,11 @@ class PoseCapture(CaptureObserver):
 
     def want(self, images: int, grip_steps: int) -> None:
         """Take this many more images at a grip."""
-        self._wanted, self._grip_steps = len(self.taken) + images, grip_steps
+        self._wanted, self._grip_steps, self._serial = len(self.taken) + images, grip_steps, None
+
+    def want_of(self, serial: str, images: int) -> None:
+        """Take this many more images of one fingertip, which a hand presses."""
+        self._wanted, self._grip_steps, self._serial = len(self.taken) + images, None, serial
 
     def satisfied(self) -> bool:
         """Whether they have been taken."""
@@ -70,6 +77,8 @@ class PoseCapture(CaptureObserver):
     def _due(self, frame: Frame) -> bool:
         if frame.sequence - self._last.get(frame.serial, -FRAMES_APART) < FRAMES_APART:
             return False
+        if self._serial is not None:
+            return frame.serial == self._serial
         counts = {serial: sum(f.serial == serial for f, _, _ in self.taken) for serial in self.finders}
         return counts[frame.serial] == min(counts.values())
 

@@ -13,10 +13,11 @@ from pathlib import Path
 
 from drivers.errors import InputError, SessionError
 from drivers.images import encode_png, load_image
-from drivers.types import Image, Pose
+from drivers.types import Image
 from protocols.grasps import grasp_poses
 from protocols.home import home_plan
 from protocols.readiness import free_hand
+from protocols.record_by_hand import record_untouched
 from protocols.record_grasps import record_reference
 from protocols.steps import TRAVEL_SPEED_M_S, way_to
 from rig.bench.assembly import home_pose
@@ -24,7 +25,7 @@ from rig.bench.plan import Plan, PlannedMotion, make_plan
 from rig.bench.source import BenchSource, FreshBenches
 from rig.bench.twins import plain_notes
 from rig.experiments.attempts import Progress, Wording, left_to_do, repeat_until_accepted
-from rig.experiments.pose_attempt import PoseTask, RecordSettings, attempt_pose, plan_pose
+from rig.experiments.pose_attempt import PoseTask, RecordSettings, arm_pose, attempt_pose, hand_pose
 from rig.experiments.pose_capture import ReferenceCapture
 from rig.experiments.seeds import derived_seed
 from rig.live.feed import NOBODY, LiveFeed
@@ -58,6 +59,7 @@ def record_manifest(settings: RecordSettings, remarks: Remarks = NO_REMARKS) -> 
         poses=settings.poses,
         images=settings.images,
         randomised=settings.randomise,
+        by=settings.by,
     )
 
 
@@ -66,7 +68,8 @@ def recording_plan(settings: RecordSettings) -> Plan:
 
     Raises `InputError` for an object that cannot be grasped here.
     """
-    table = Pose(settings.bench.table.position_m)
+    if settings.by == "hand":
+        return _hand_plan(settings)
     home = home_pose(settings.bench)
     head = [
         *plain_notes(settings.bench, [settings.grasps]),
@@ -75,7 +78,7 @@ def recording_plan(settings: RecordSettings) -> Plan:
     ]
     motions = []
     for task in _all_tasks(settings):
-        plan = plan_pose(settings, task.pose, task.images, table)
+        plan = arm_pose(settings, task)
         what = (
             f"{task.number:>2} {task.pose.position.name} at {task.pose.orientation_deg:+.0f} deg, "
             f"up to {plan.grips[-1][0]} steps past contact"
@@ -83,6 +86,22 @@ def recording_plan(settings: RecordSettings) -> Plan:
         way = way_to(home, plan.base_T_grasp)
         motions.append(PlannedMotion(what, plan.base_T_grasp, way, TRAVEL_SPEED_M_S))
     return make_plan(settings.bench, head, motions)
+
+
+def _hand_plan(settings: RecordSettings) -> Plan:
+    """Return what a person is asked for in a recording by hand."""
+    poses = [hand_pose(settings, task) for task in _all_tasks(settings)]
+    tips = [tip.serial for tip in settings.bench.tactile]
+    return make_plan(
+        settings.bench,
+        [
+            *plain_notes(settings.bench, [settings.grasps]),
+            f"Nothing moves. You press object {settings.grasps.id} ({settings.grasps.name}) by hand onto "
+            f"{' and then '.join(tips)}, in each of these poses, and say when it is pressed:",
+            *(f"  {n:>2} {p.position} at {p.orientation_deg:+.0f} deg" for n, p in enumerate(poses, 1)),
+        ],
+        [],
+    )
 
 
 def run_record(
@@ -125,8 +144,12 @@ def _all_tasks(settings: RecordSettings) -> list[PoseTask]:
         raise InputError(
             f"object {settings.grasps.id} has {len(poses)} poses in its file, not {settings.poses}"
         )
-    if settings.images < 2 * settings.poses:
-        raise InputError(f"--images {settings.images} is too few: at least two per pose (one per fingertip)")
+    least = len(settings.bench.tactile)
+    if settings.images < least * settings.poses:
+        raise InputError(
+            f"--images {settings.images} is too few: at least {('one', 'two')[least - 1]} per pose "
+            "(one per fingertip)"
+        )
     share, rest = divmod(settings.images, settings.poses)
     return [
         PoseTask(settings.grasps.id, pose, share + (i < rest))
@@ -145,8 +168,11 @@ def _references(
         seed = derived_seed(settings.seed, settings.grasps.id, "reference")
         begin_phase("recording the untouched gel")
         with benches.for_lift(seed, "reference") as (bench, operator):
-            free_hand(bench, operator)
-            record_reference(bench, observer)
+            if settings.by == "hand":
+                record_untouched(bench, operator, observer)
+            else:
+                free_hand(bench, operator)
+                record_reference(bench, observer)
         for serial, name in names.items():
             session.write(name, encode_png(mean_background(observer.frames[serial])))
     return {serial: ContactFinder(_read_png(session.folder / name)) for serial, name in names.items()}

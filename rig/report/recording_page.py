@@ -162,7 +162,7 @@ def _sheets(recording: Recording) -> list[dict[str, object]]:
     return [
         {
             "title": f"Pose {pose}: {taken[0].row.position} at {taken[0].row.orientation_deg:+.0f}°",
-            "caption": f"{counted(len(taken), 'image')} of {_sensors(taken)}, grips of {_grips(taken)}",
+            "caption": f"{counted(len(taken), 'image')} of {_sensors(taken)}, {_grips(taken)}",
             "jpeg": encode_jpeg(montage(taken), JPEG_QUALITY),
         }
         for pose, taken in sorted(poses.items())
@@ -174,8 +174,8 @@ def _sensors(taken: Sequence[Taken]) -> str:
 
 
 def _grips(taken: Sequence[Taken]) -> str:
-    counts = [image.about.grip_counts for image in taken]
-    return f"{min(counts)} to {max(counts)} steps past contact"
+    counts = [image.about.grip_counts for image in taken if image.about.grip_counts is not None]
+    return f"grips of {min(counts)} to {max(counts)} steps past contact" if counts else "pressed by hand"
 
 
 def montage(taken: Sequence[Taken]) -> Image:
@@ -196,7 +196,8 @@ def _row(taken: Sequence[Taken]) -> Image:
     for x, image in enumerate(taken):
         left = x * width
         row[:height, left : left + THUMB_PX[0]] = _thumb(image)
-        row[height:, left : left + width] = _written(f"{image.about.grip_counts} steps", width)
+        grip = image.about.grip_counts
+        row[height:, left : left + width] = _written("by hand" if grip is None else f"{grip} steps", width)
     return row
 
 

@@ -88,12 +88,16 @@ class TrialManifest(BenchManifest):
 
 @dataclass(frozen=True, kw_only=True)
 class RecordManifest(BenchManifest):
-    """A recording. images: over all poses and both fingertips. randomised: sensors drawn from the seed."""
+    """A recording. images: over all poses and fingertips. randomised: sensors drawn from the seed.
+
+    by: who holds the object, the arm or a person's hand.
+    """
 
     kind: Literal["record"]
     poses: int
     images: int
     randomised: bool = False
+    by: Literal["arm", "hand"] = "arm"
 
     @property
     def wanted(self) -> int:
@@ -136,7 +140,7 @@ def begun_on(
         bench=bench.name,
         simulated=bench.simulated,
         seed=seed,
-        serials=(*(t.serial for t in bench.tactile), bench.camera.serial),
+        serials=tuple(sensor.serial for sensor in bench.sensors),
         signs={t.serial: t.sign for t in bench.tactile},
         calibration=bench.calibrations.files,
         config=with_objects_of(bench.without_passwords(), ids),

@@ -204,10 +204,13 @@ LiftRow = FinishedLift | FailedLift
 
 @dataclass(frozen=True, kw_only=True)
 class PoseImage:
-    """An image of a recording. file: in the session. contact_area_px: as the classical finder saw it."""
+    """An image of a recording. file: in the session. contact_area_px: as the classical finder saw it.
+
+    grip_counts: steps past first contact; None in a recording by hand, where nobody measures it.
+    """
 
     file: InnerPath
-    grip_counts: int
+    grip_counts: int | None
     serial: FileName
     time_s: float
     contact_area_px: float

@@ -88,20 +88,25 @@ def _station(
     total: int,
     agreed: bool = False,
     objects: Path | None = None,
+    needs: str = "",
 ) -> "Iterator[Station]":
     """Yield the place of a collection: the bench, the person who is asked, and the folder of the results.
 
     what, total: name and number of the pieces of work. agreed: to every question, as with --yes. objects:
-    folder of own objects. With --dry-run the plan is shown, as by `dry_run`, and the command ends. Raises
-    `InputError`.
+    folder of own objects. needs: name in `rig.config.parts.NEEDS` if it is not the command's. With --dry-run
+    the plan is shown, as by `dry_run`, and the command ends. Raises `InputError`.
     """
     from rig.bench.operators import ConsoleOperator
     from rig.calibrate.bench import Station
     from rig.config import load_bench
     from rig.config.objects import with_objects
+    from rig.config.parts import require_parts
 
     config = with_objects(load_bench(common.bench), common.bench, objects)
-    title = f"{mark(config.simulated)}calibrate {context.info_name} on bench '{config.name}'"
+    require_parts(config, needs or f"rig calibrate {context.info_name}")
+    title = (
+        f"{mark(config.simulated and not config.mixed)}calibrate {context.info_name} on bench '{config.name}'"
+    )
     say(title)
     with ExitStack() as stack:
         watch = WatchOptions() if common.dry else common

@@ -55,6 +55,7 @@ def tactile(context: typer.Context, common: StationOptions, options: TactileOpti
         ("presses", options.presses * len(balls_mm)) if balls_mm else ("fingertips", 2),
         lambda at: collect_presses(at, balls_mm, options.presses) if balls_mm else collect_references(at),
         lambda samples: tactile_from_folder(samples, options.serial, options.mm_per_px),
+        needs="rig calibrate tactile --ball-mm" if balls_mm else "",
         agreed=not balls_mm,  # without balls nothing moves, so there is nothing to agree to
     )
 

@@ -1,0 +1,76 @@
+"""Which parts a bench has, and which of them a command needs.
+
+A bench file may lack any of its devices. `NEEDS` states what each command needs; `require_parts` refuses a
+bench that lacks it, with the commands that work on it.
+"""
+
+from collections.abc import Iterator, Mapping
+
+from drivers.errors import InputError
+from rig.config.models import BenchConfig
+
+FINGERTIP, FINGERTIPS = "[[tactile]]", "two [[tactile]]"
+WHOLE = ("[arm]", "[gripper]", FINGERTIPS, "[camera]")
+"""Both gels stop the closing fingers, and arm and gripper are checked with each picture of the camera."""
+CARRIES = ("[arm]", "[gripper]")
+"""The arm moves only after the gripper has been read: something may be in the hand."""
+NEEDS: Mapping[str, tuple[str, ...]] = {
+    "rig doctor": (),
+    "rig record --by hand": (FINGERTIP,),
+    "rig calibrate tactile": (FINGERTIP,),
+    "rig calibrate markers": ("[camera]",),
+    "rig trial": WHOLE,
+    "rig record": WHOLE,
+    "rig teach": WHOLE,
+    "rig calibrate tactile --ball-mm": WHOLE,
+    "rig calibrate gripper": WHOLE,
+    "rig calibrate camera": (*CARRIES, "[camera]"),
+    "rig calibrate sync": WHOLE,
+    "rig calibrate hand-eye": (*CARRIES, "[camera]"),
+    "rig calibrate tcp": CARRIES,
+}
+"""Sections of the bench file by command. Commands with [arm] move it."""
+
+
+def lacking(config: BenchConfig, command: str) -> list[str]:
+    """Return the sections that a command needs and a bench lacks, as in `NEEDS`."""
+    return [each for each in NEEDS[command] if not _there(config, each)]
+
+
+def require_parts(config: BenchConfig, command: str) -> None:
+    """Raise `InputError` if a bench lacks a section that a command of `NEEDS` needs, or must not move.
+
+    A bench on which some devices are simulated and some are real does not move: nothing that a simulated arm
+    does is seen by a real sensor.
+    """
+    missing = lacking(config, command)
+    if missing:
+        raise InputError(
+            f"{command} needs {_listed(missing)}, which bench '{config.name}' lacks: add "
+            f"{'it' if len(missing) == 1 else 'them'} to the bench file (rig bench new FILE writes one that "
+            f"explains each key). Without, these work: {', '.join(working(config))}"
+        )
+    if "[arm]" in NEEDS[command] and config.mixed:
+        raise InputError(
+            f"{command} moves the arm, and bench '{config.name}' has simulated devices "
+            f"({', '.join(config.fake_devices)}) beside real ones: a real sensor does not see what a "
+            "simulated arm does. Make all drivers 'fake' or none. As it is, these work: "
+            f"{', '.join(working(config))}"
+        )
+
+
+def working(config: BenchConfig) -> Iterator[str]:
+    """Yield the commands of `NEEDS` that work on a bench."""
+    for command, needs in NEEDS.items():
+        if not lacking(config, command) and not ("[arm]" in needs and config.mixed):
+            yield command
+
+
+def _there(config: BenchConfig, section: str) -> bool:
+    if section in (FINGERTIP, FINGERTIPS):
+        return len(config.tactile) >= (2 if section == FINGERTIPS else 1)
+    return config.has(section.strip("[]"))
+
+
+def _listed(sections: list[str]) -> str:
+    return " and ".join(filter(None, [", ".join(sections[:-1]), sections[-1]]))

@@ -1,0 +1,233 @@
+"""Benches that lack parts: one sensor on a desk, and real sensors beside a simulated arm."""
+
+import json
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from drivers.errors import OperatorStopError
+from protocols.grasps import find_grasp_file
+from rig.bench.operators import ConsoleOperator
+from rig.bench.source import session_bench
+from rig.config import BENCHES, load_bench
+from rig.experiments.pose_attempt import RecordSettings
+from rig.experiments.record import run_record
+from rig.sessions.manifest import RecordManifest, read_manifest
+from rig.sessions.rows import read_poses
+from support.command_line import rig
+from support.own_estimators import forget
+
+DESK = 'name = "desk"\n[[tactile]]\ndriver = "fake"\nserial = "SIM-D0001"\n'
+GEL = '''
+import time
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from drivers.errors import DeviceTimeoutError
+from drivers.types import Frame
+
+PRESSED = Path(__file__).with_name("pressed")
+
+
+class Gel:
+    """A gel that shows a contact while the file `pressed` exists."""
+
+    def __init__(self, serial, rate_hz, clock):
+        self.serial, self.rate_hz, self.clock, self.count = serial, rate_hz, clock, 0
+
+    def connect(self):
+        pass
+
+    def disconnect(self):
+        pass
+
+    def newest_frame(self, max_age_s):
+        return self.next_frame(1.0)
+
+    def next_frame(self, timeout_s):
+        if timeout_s < 0.01:
+            raise DeviceTimeoutError("not yet")
+        time.sleep(0.01)
+        self.count += 1
+        image = np.random.default_rng(self.count).normal(100, 1.5, (320, 240, 3))
+        if PRESSED.exists():
+            cv2.ellipse(image, (120, 160), (30, 70), 20, 0, 360, (180, 60, 120), -1)
+        return Frame(image.clip(0, 255).astype(np.uint8), self.clock.now_ns(), self.count, self.serial)
+
+    def set_light(self, red, green, blue):
+        pass
+'''
+
+
+@pytest.fixture
+def desk(tmp_path: Path) -> Path:
+    file = tmp_path / "desk.toml"
+    file.write_text(DESK)
+    return file
+
+
+@pytest.fixture
+def real_gel(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """A bench file of one real sensor alone; beside it the sensor's module, and `pressed` where it is."""
+    (tmp_path / "desk_gel.py").write_text(GEL)
+    monkeypatch.syspath_prepend(tmp_path)
+    file = tmp_path / "real.toml"
+    file.write_text(DESK.replace('"fake"', '"desk_gel:Gel"'))
+    yield file
+    sys.modules.pop("desk_gel", None)
+    forget()
+
+
+def test_one_simulated_sensor_is_recorded_by_hand_and_marked(desk: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "s"
+    command = ["record", "--object", "7", "--by", "hand", "--bench", desk, "--out", folder, "--json"]
+    shown = rig(*command, "--poses", 2, "--images", 5)
+    figures = json.loads(shown.stdout)
+    assert (figures["poses_accepted"], figures["images_accepted"]) == (2, 5)
+    assert "SIMULATED 5 images in 2 poses" in shown.stderr
+    manifest = read_manifest(folder)
+    assert isinstance(manifest, RecordManifest)
+    assert (manifest.by, manifest.simulated, manifest.serials) == ("hand", True, ("SIM-D0001",))
+    images = [image for row in read_poses(folder) for image in row.images]
+    assert {image.grip_counts for image in images} == {None}
+    assert all(image.contact_area_px > 0 and (folder / image.file).is_file() for image in images)
+    assert (folder / "reference" / "SIM-D0001.png").is_file()
+    assert len(list((folder / "truth" / "masks").iterdir())) == 5
+    assert "pressed by hand" in Path(figures["report"]).read_text()
+    again = json.loads(rig("record", "--resume", "--bench", desk, "--out", folder, "--json").stdout)
+    assert again["images_accepted"] == 5
+    exported = json.loads(rig("export", folder, "--to", "csv", "--out", tmp_path / "csv", "--json").stdout)
+    assert exported["counts"]["images"] == 5
+
+
+def test_whole_simulated_bench_is_recorded_by_hand_with_its_fingertips_alone(tmp_path: Path) -> None:
+    shown = rig(
+        "record", "--object", "mug", "--by", "hand", "--poses", 1, "--images", 4, "--no-report", "--out",
+        tmp_path / "s", "--json",
+    )  # fmt: skip
+    assert json.loads(shown.stdout)["images_accepted"] == 4
+    serials = [image.serial for row in read_poses(tmp_path / "s") for image in row.images]
+    assert serials == ["SIM-D0001"] * 2 + ["SIM-D0002"] * 2
+    manifest = read_manifest(tmp_path / "s")
+    assert isinstance(manifest, RecordManifest)
+    assert not any(manifest.config.has(section) for section in ("arm", "gripper", "camera"))
+
+
+def by_hand(file: Path, folder: Path, answers: list[str]) -> list[str]:
+    """Record two poses at a real sensor; the person presses unless `answers` holds "no" for that question."""
+    asked: list[str] = []
+
+    def ask(question: str) -> bool:
+        asked.append(question)
+        pressed = file.with_name("pressed")
+        pressed.touch() if "Is it pressed?" in question else pressed.unlink(missing_ok=True)
+        return not answers or answers.pop(0) != "no"
+
+    config = load_bench(str(file))
+    settings = RecordSettings(config, 0, find_grasp_file("7"), 2, 6, by="hand")
+    with session_bench(config, ConsoleOperator(ask, agreed=True), "Begin?") as benches:
+        run_record(folder, settings, benches=benches)
+    return asked
+
+
+@pytest.mark.real_time
+def test_person_is_asked_for_each_pose_of_a_real_sensor_even_with_yes(real_gel: Path, tmp_path: Path) -> None:
+    asked = by_hand(real_gel, tmp_path / "s", [])
+    assert asked == [
+        "Take everything off the gels. Does nothing touch them?",
+        "Press object 7 (spam) at 'left', turned by -30 deg (counter-clockwise in the image), onto the gel "
+        "of SIM-D0001 and hold it. Is it pressed?",
+        "Press object 7 (spam) at 'left', turned by -15 deg (counter-clockwise in the image), onto the gel "
+        "of SIM-D0001 and hold it. Is it pressed?",
+    ]
+    rows = read_poses(tmp_path / "s")
+    assert [(row.accepted, len(row.images), row.simulated) for row in rows] == [(True, 3, False)] * 2
+    image = cv2.imread(str(tmp_path / "s" / rows[0].images[0].file))
+    assert np.abs(image[160, 120].astype(int) - (120, 60, 180)).max() < 20
+    manifest = read_manifest(tmp_path / "s")
+    assert isinstance(manifest, RecordManifest)
+    assert not manifest.simulated
+
+
+@pytest.mark.real_time
+def test_recording_by_hand_stops_if_the_person_does_not_press(real_gel: Path, tmp_path: Path) -> None:
+    with pytest.raises(OperatorStopError):
+        by_hand(real_gel, tmp_path / "s", ["yes", "yes", "no"])
+    assert [row.accepted for row in read_poses(tmp_path / "s")] == [True]
+
+
+def test_by_hand_is_refused_behind_wires(tmp_path: Path) -> None:
+    shown = rig("record", "--object", "7", "--by", "hand", "--bench", "wire", "--out", tmp_path / "s")
+    assert shown.returncode == 2
+    assert "simulated behind wires, where no hand reaches them" in shown.stderr
+
+
+@pytest.mark.real_time
+def test_doctor_and_calibration_work_with_one_sensor(desk: Path, tmp_path: Path) -> None:
+    common = ["--bench", desk, "--json"]
+    shown = rig("doctor", *common, "--seconds", 0.5, "--disk", tmp_path)
+    findings = json.loads(shown.stdout)["findings"]
+    parts = next(finding for finding in findings if finding["check"] == "parts")
+    assert parts["seen"] == "has no [arm], [gripper], two [[tactile]], [camera]"
+    assert "rig record --by hand" in parts["todo"]
+    assert {finding["device"] for finding in findings} == {
+        "computer", "bench", "disk", "calibration", "SIM-D0001",
+    }  # fmt: skip
+    made = json.loads(rig("calibrate", "tactile", *common, "--out", tmp_path / "c").stdout)
+    assert len(made["calibrations"]) == 1
+    # the doctor reads the new file's age
+    found = json.loads(rig("doctor", *common, "--seconds", 0.5, "--disk", tmp_path).stdout)["findings"]
+    assert all(finding["device"] != "camera" for finding in found)
+
+
+@pytest.mark.parametrize(
+    ("command", "needs"),
+    [
+        (["trial", "--lifts", 1], "rig trial needs [arm], [gripper], two [[tactile]] and [camera]"),
+        (["record", "--object", "7"], "rig record needs [arm], [gripper], two [[tactile]] and [camera]"),
+        (["calibrate", "tactile", "--ball-mm", 9.5], "rig calibrate tactile --ball-mm needs [arm]"),
+        (["calibrate", "gripper"], "rig calibrate gripper needs [arm]"),
+        (["calibrate", "hand-eye"], "rig calibrate hand-eye needs [arm], [gripper] and [camera]"),
+        (["calibrate", "tcp"], "rig calibrate tcp needs [arm] and [gripper]"),
+        (["calibrate", "camera"], "rig calibrate camera needs [arm], [gripper] and [camera]"),
+        (["calibrate", "markers"], "rig calibrate markers needs [camera]"),
+        (["calibrate", "sync"], "rig calibrate sync needs [arm], [gripper], two [[tactile]] and [camera]"),
+        (["teach", "7"], "rig teach needs [arm], [gripper], two [[tactile]] and [camera]"),
+    ],
+)
+def test_command_that_needs_more_says_what_and_what_works(
+    desk: Path, command: list[object], needs: str
+) -> None:
+    shown = rig(*command, "--bench", desk)
+    assert shown.returncode == 2
+    assert needs in shown.stderr
+    assert shown.stderr.strip().endswith(
+        "Without, these work: rig doctor, rig record --by hand, rig calibrate tactile"
+    )
+
+
+@pytest.mark.real_time
+def test_real_sensor_beside_a_simulated_bench_is_not_marked_and_the_trial_is_refused(
+    real_gel: Path, tmp_path: Path
+) -> None:
+    head, first, rest = (BENCHES / "fake.toml").read_text().split("[[tactile]]")
+    tips = [tip.replace('driver = "fake"', 'driver = "desk_gel:Gel"', 1) for tip in (first, rest)]
+    file = tmp_path / "mixed.toml"
+    file.write_text("[[tactile]]".join([head, *tips]))
+    refused = rig("trial", "--bench", file, "--lifts", 1)
+    assert refused.returncode == 2
+    assert "rig trial moves the arm, and bench 'fake' has simulated devices" in refused.stderr
+    made = rig("calibrate", "tactile", "--bench", file, "--out", tmp_path / "c", "--json")
+    assert "SIMULATED" not in made.stderr
+    assert len(json.loads(made.stdout)["calibrations"]) == 2
+    shown = rig("doctor", "--bench", file, "--seconds", 0.5, "--disk", tmp_path, "--json")
+    findings = json.loads(shown.stdout)["findings"]
+    kinds = next(finding for finding in findings if finding["check"] == "kinds")
+    assert kinds["seen"] == "simulated: arm, gripper, SIM-C0001; real: SIM-D0001, SIM-D0002"
+    assert {"arm", "gripper", "SIM-C0001", "SIM-D0001"} <= {finding["device"] for finding in findings}

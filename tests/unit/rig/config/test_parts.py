@@ -1,0 +1,221 @@
+"""Benches that lack parts, or mix simulated and real devices: what is refused, what a command needs."""
+
+import re
+from itertools import combinations
+
+import pytest
+
+from drivers.errors import InputError
+from rig.config import BENCHES, BenchConfig, load_bench
+from rig.config.load import parse_bench
+from rig.config.parts import NEEDS, require_parts, working
+from rig.config.write import bench_text
+
+FAKE = (BENCHES / "fake.toml").read_text()
+REAL = (BENCHES.parent / "config" / "new_bench.toml").read_text()
+DESK = 'name = "desk"\n[[tactile]]\ndriver = "digit"\nserial = "D20641"\n'
+EYE = 'driver = "camera"\naddress = "/dev/video4"\n'
+SECTIONS = ("arm", "gripper", "tactile", "camera")
+MOVING = {command for command, needs in NEEDS.items() if "[arm]" in needs}
+STANDING = set(NEEDS) - MOVING
+
+
+def without(*sections: str, text: str = FAKE) -> BenchConfig:
+    """Read a bench file without the tables of these names; [table] goes with the arm."""
+    gone = {*sections, *(["table", "arm.limits"] if "arm" in sections else [])}
+    gone |= {"gripper.limits"} if "gripper" in sections else set()
+    kept, keep = [], True
+    for line in text.splitlines():
+        if line.startswith("["):
+            keep = line.strip("[] ").partition("]")[0] not in gone
+        if keep and not ("arm" in sections and line.startswith("reactions_allowed")):
+            kept.append(line)
+    return parse_bench("\n".join(kept), "b.toml")
+
+
+def refusal(text: str) -> str:
+    with pytest.raises(InputError) as raised:
+        parse_bench(text, "b.toml")
+    return str(raised.value)
+
+
+def as_digits(text: str) -> str:
+    """Make the fingertips of a bench file real ones."""
+    head, *tips = text.split("[[tactile]]")
+    last, camera, tail = tips[-1].partition("[camera]")
+    real = [tip.replace('driver = "fake"', 'driver = "digit"') for tip in [*tips[:-1], last]]
+    return "[[tactile]]".join([head, *real]) + camera + tail
+
+
+def with_camera(text: str) -> str:
+    """Make the camera of a bench file a real one."""
+    head, camera, tail = text.partition("[camera]\n")
+    return head + camera + tail.replace('driver = "fake"', EYE, 1)
+
+
+def test_one_sensor_needs_a_name_a_driver_and_a_serial() -> None:
+    config = parse_bench(DESK, "b.toml")
+    assert [t.serial for t in config.tactile] == ["D20641"]
+    assert not config.simulated
+    assert config.drivers == {"digit"}
+
+
+def test_reading_a_missing_section_names_it() -> None:
+    config = parse_bench(DESK, "b.toml")
+    assert not config.has("arm")
+    with pytest.raises(InputError, match=r"bench 'desk' has no \[arm\]: add it to the bench file"):
+        _ = config.arm.driver
+
+
+def test_stored_copy_of_a_bench_without_parts_reads_back_the_same() -> None:
+    config = parse_bench(DESK, "b.toml")
+    stored = config.model_dump(mode="json")
+    assert not {"arm", "gripper", "camera", "table"} & stored.keys()
+    assert BenchConfig.model_validate(stored) == config
+
+
+@pytest.mark.parametrize("gone", [g for n in (1, 2, 3) for g in combinations(SECTIONS, n)])
+def test_any_devices_but_not_all_may_be_missing(gone: tuple[str, ...]) -> None:
+    for text in (FAKE, REAL):
+        config = without(*gone, text=text)
+        assert {str(where[0]) for where, _ in config.devices} == {*SECTIONS} - {*gone}
+
+
+@pytest.mark.parametrize("command", NEEDS)
+@pytest.mark.parametrize("gone", SECTIONS)
+def test_command_is_refused_exactly_without_a_section_that_it_needs(command: str, gone: str) -> None:
+    config = without(gone)
+    name = "[[tactile]]" if gone == "tactile" else f"[{gone}]"
+    if not any(name in need for need in NEEDS[command]):
+        require_parts(config, command)
+        return
+    with pytest.raises(InputError) as refused:
+        require_parts(config, command)
+    message = str(refused.value)
+    assert message.startswith(f"{command} needs ")
+    assert name in message.partition("which bench 'fake' lacks")[0]
+    assert "rig bench new FILE" in message
+    assert message.endswith(f"Without, these work: {', '.join(working(config))}")
+    assert command not in message.partition("these work: ")[2].split(", ")
+
+
+def test_one_fingertip_is_too_few_for_closing_fingers() -> None:
+    head, first, rest = FAKE.split("[[tactile]]")
+    config = parse_bench(f"{head}[[tactile]]{first}[camera]{rest.partition('[camera]')[2]}", "b.toml")
+    with pytest.raises(InputError, match=r"rig trial needs two \[\[tactile\]\], which bench 'fake' lacks"):
+        require_parts(config, "rig trial")
+    require_parts(config, "rig record --by hand")
+
+
+@pytest.mark.parametrize("command", NEEDS)
+def test_whole_benches_have_all_parts(command: str) -> None:
+    for name in ("fake", "hard", "wire"):
+        require_parts(load_bench(name), command)
+    require_parts(parse_bench(REAL, "b.toml"), command)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        (DESK, 'name = "desk"\n', "names no device"),
+        ("[[tactile]]\n", "[[tactile]]\naddres = 1\n", "did you mean 'address'"),
+        ('serial = "D20641"\n', "", "tactile.0.serial: Field required"),
+        ('"D20641"\n', '"D20641"\n[fakes]\n', "fakes: serves whole benches alone"),
+        ('name = "desk"\n', 'name = "desk"\nreactions_allowed = true\n', "is for benches with an arm"),
+        (
+            '"D20641"\n',
+            '"D20641"\n[[tactile]]\ndriver = "digit"\nserial = "D2"\n',
+            "exactly one [[tactile]] for each",
+        ),
+        (
+            '"D20641"\n',
+            '"D20641"\n[[tactile]]\ndriver = "fake"\nserial = "S"\nfinger = "B"\n',
+            "one fingertip is 'fake' and one is not",
+        ),
+    ],
+)
+def test_invalid_bench_of_one_sensor_is_refused(old: str, new: str, said: str) -> None:
+    assert said in refusal(DESK.replace(old, new, 1))
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ("position_m = [0.45, -0.62", "camera.position_m: is needed beside [arm]"),
+        ("look_at_m", "camera.look_at_m: is needed beside [arm]"),
+        ('finger = "B"', "tactile.0.finger: is needed beside [gripper]"),
+        ("sign = -1", "tactile.1.sign: is needed beside [gripper]"),
+    ],
+)
+def test_keys_that_only_a_bench_without_parts_may_leave_out(line: str, said: str) -> None:
+    for text in (FAKE, REAL):
+        assert said in refusal("\n".join(each for each in text.splitlines() if not each.startswith(line)))
+
+
+def test_arm_needs_the_table() -> None:
+    assert "table: is needed beside [arm]" in refusal(FAKE.partition("[table]")[0])
+
+
+@pytest.mark.parametrize("kind", ["arm", "gripper"])
+@pytest.mark.parametrize("fake", ["arm", "gripper", "tactile", "camera"])
+def test_real_arm_or_gripper_beside_any_simulated_device_is_refused(kind: str, fake: str) -> None:
+    # a simulated bench asks nobody, needs no limits and may react to slip: nothing real may move like that
+    if kind == fake:
+        return
+    tables = REAL.split("\n[")
+    named = [table.lstrip("[").startswith(f"{fake}]") for table in tables]
+    mixed = [
+        re.sub(r'driver = "\w+"', 'driver = "fake"', table) if is_fake else table
+        for table, is_fake in zip(tables, named, strict=True)
+    ]
+    message = refusal("\n[".join(mixed))
+    assert f"{kind}.driver: is real and would move things by what simulated devices" in message
+
+
+def test_real_arm_on_a_bench_without_gripper_needs_its_limits() -> None:
+    text = "\n".join(line for line in REAL.splitlines() if not line.startswith("max_contact_force_n"))
+    with pytest.raises(InputError, match=r"arm\.limits\.max_contact_force_n: is required of a real arm"):
+        without("gripper", "tactile", "camera", text=text)
+
+
+@pytest.mark.parametrize("text", [as_digits(FAKE), with_camera(FAKE)], ids=["fingertips", "camera"])
+def test_real_sensors_beside_a_simulated_arm_are_used_by_what_does_not_move(text: str) -> None:
+    config = parse_bench(text, "b.toml")
+    assert config.mixed
+    assert {*working(config)} == STANDING
+    for command in MOVING:
+        with pytest.raises(InputError, match=rf"{command} moves the arm, and bench 'fake' has simulated"):
+            require_parts(config, command)
+
+
+def test_data_are_simulated_if_their_own_device_is() -> None:
+    mixed = parse_bench(as_digits(FAKE), "b.toml")
+    assert not mixed.gives_simulated("SIM-D0001")
+    assert mixed.gives_simulated("SIM-C0001")
+    assert mixed.gives_simulated("arm")
+    assert mixed.simulated
+    assert not mixed.fingertips_alone().simulated
+    for name in ("fake", "wire"):
+        assert load_bench(name).gives_simulated("SIM-D0001")
+        assert load_bench(name).fingertips_alone().simulated
+    assert not parse_bench(REAL, "b.toml").gives_simulated("D20001", "D20002", "C0001", "arm", "gripper")
+
+
+def test_scripted_faults_are_refused_beside_real_devices() -> None:
+    fault = '\n[[faults]]\ndevice = "arm"\nkind = "drop"\nat_s = 1.0\n'
+    assert "faults: are for benches with simulated devices in this process alone" in refusal(
+        as_digits(FAKE) + fault
+    )
+
+
+@pytest.mark.parametrize("text", [DESK, FAKE, REAL, as_digits(FAKE)], ids=["desk", "fake", "real", "mixed"])
+def test_written_bench_reads_back_as_the_same_bench(text: str) -> None:
+    config = parse_bench(text, "b.toml")
+    assert parse_bench(bench_text(config), "b.toml") == config
+
+
+@pytest.mark.parametrize("gone", SECTIONS)
+def test_written_bench_without_a_part_reads_back_as_the_same_bench(gone: str) -> None:
+    for text in (FAKE, REAL):
+        config = without(gone, text=text)
+        assert parse_bench(bench_text(config), "b.toml") == config

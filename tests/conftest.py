@@ -3,6 +3,7 @@
 import gc
 import os
 import signal
+from collections.abc import Callable
 
 # As the command line does: BLAS threads that wait for one another make a busy computer ten times slower.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -38,6 +39,8 @@ FUZZ_CASES, LONG_FUZZ_CASES = 200, 1000
 """Damaged inputs drawn for each format, without and with --long."""
 PROPERTY_CASES, LONG_PROPERTY_CASES = 25, 200
 """Examples drawn for each property test that names no number, without and with --long."""
+SLOW_FOLDERS = ("tests/cli/", "tests/scenario/", "tests/unit/rig/benchmark/")
+"""Their tests run commands, lifts and whole trials, many in processes of their own."""
 ROOT = Path(__file__).parent.parent
 
 
@@ -64,8 +67,15 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     )
 
 
+@pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Leave the long tests to `pytest --long`, which besides them runs only fuzz and property tests."""
+    """Mark whole folders as slow, and leave the long tests to `pytest --long`.
+
+    Besides the long tests `pytest --long` runs only fuzz and property tests.
+    """
+    for item in items:
+        if item.nodeid.startswith(SLOW_FOLDERS):
+            item.add_marker(pytest.mark.slow)
     wanted = config.getoption("--long")
     left_out = [item for item in items if not _belongs(item, wanted)]
     items[:] = [item for item in items if _belongs(item, wanted)]
@@ -98,6 +108,12 @@ def pytest_collection_finish() -> None:
     """
     gc.collect()
     gc.freeze()
+
+
+@pytest.fixture(scope="session")
+def cases(pytestconfig: pytest.Config) -> Callable[[int], int]:
+    """Return how many cases of a seeded loop run: all with --long, a twentieth without."""
+    return lambda count: count if pytestconfig.getoption("--long") else count // 20
 
 
 @pytest.fixture(scope="session")

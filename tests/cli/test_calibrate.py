@@ -115,6 +115,7 @@ def test_hand_eye_from_poses_of_the_target_needs_no_camera(tmp_path: Path) -> No
     assert done["quality"]["noise_found"]["robot_m"] < 1e-3
 
 
+@pytest.mark.long
 def test_a_camera_and_the_markers_on_the_simulated_bench(tmp_path: Path) -> None:
     camera = figures("camera", "--bench", "fake", "--poses", "12", "--out", tmp_path)
     assert camera["simulated"]

@@ -61,6 +61,7 @@ def test_list_of_sessions_in_several_processes(folder: Path) -> None:
     check(folder, "sessions", "..")
 
 
+@pytest.mark.long
 def test_trial_in_several_processes_with_page_and_viewer(folder: Path, light_bench_file: Path) -> None:
     out = folder.parent / "out"
     check(

@@ -69,6 +69,7 @@ def test_quick_lines_of_a_page_run_in_an_empty_folder(
         assert done.returncode == 0, f"{line}: {done.stderr}"
 
 
+@pytest.mark.long
 def test_first_lift_prints_what_its_page_shows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     text = FIRST_LIFT_PAGE.read_text(encoding="utf-8")
     shown = re.findall(r"^```text\n(.*?)^```$", text, re.DOTALL | re.MULTILINE)[0].splitlines()

@@ -139,6 +139,7 @@ def test_object_that_cannot_be_lifted_is_rejected_before_the_session(
     assert not folder.exists()
 
 
+@pytest.mark.long
 def test_marker_calibration_accepts_own_object(lab: Path, tmp_path: Path) -> None:
     what = ("calibrate", "markers", "--object", "my lever", "--objects", lab / "objects", "--bench", "fake")
     done = rig(*what, "--out", tmp_path, "--json")

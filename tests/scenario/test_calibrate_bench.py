@@ -55,7 +55,10 @@ def test_calibrated_tip_is_in_the_flange_frame_and_is_solved_again_from_its_samp
     assert np.allclose(again.value["translation_m"], found.value["translation_m"], atol=1e-9)
 
 
-@pytest.mark.parametrize(("wrong_m", "verdict"), [(0.03, Verdict.GOOD), (-0.06, Verdict.REFUSED)])
+@pytest.mark.parametrize(
+    ("wrong_m", "verdict"),
+    [pytest.param(0.03, Verdict.GOOD, marks=pytest.mark.long), (-0.06, Verdict.REFUSED)],
+)
 def test_calibrated_tip_does_not_depend_on_the_configured_tcp(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, wrong_m: float, verdict: Verdict
 ) -> None:

@@ -3,7 +3,6 @@
 import os
 import subprocess
 import sys
-from dataclasses import fields
 from pathlib import Path
 
 import pytest
@@ -13,13 +12,11 @@ from rig.bench.fakes_process import hosted_fakes
 from rig.benchmark.wire.safety_program import as_real
 from rig.config import BenchConfig
 from rig.config.write import write_bench
-from rig.experiments.replay import run_replay
-from rig.experiments.stored_trial import stored_trial
 from rig.sessions.manifest import TrialManifest, read_manifest_of
-from rig.sessions.records import FinishedLift
 from rig.sessions.rows import read_finished_lifts
 from support.command_line import SHORT_PHASES
 from support.own_devices import MODULE, SOURCE
+from support.recordings import require_identical_replay
 
 pytestmark = pytest.mark.real_time
 
@@ -46,13 +43,9 @@ def rig(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
     )  # fmt: skip
 
 
-def differences(row: FinishedLift, again: FinishedLift) -> dict[str, tuple[object, object]]:
-    """The columns of a lift that its replay does not repeat, with both values."""
-    pairs = {field.name: (getattr(row, field.name), getattr(again, field.name)) for field in fields(row)}
-    return {name: pair for name, pair in pairs.items() if pair[0] != pair[1]}
-
-
-def test_a_lift_is_asked_for_and_then_made_with_them(tmp_path: Path, unhurried_bench: BenchConfig) -> None:
+def test_lift_with_own_drivers_needs_agreement_and_replays_identically(
+    tmp_path: Path, unhurried_bench: BenchConfig
+) -> None:
     (tmp_path / f"{MODULE}.py").write_text(SOURCE)
     command = ["trial", "--lifts", "1", "--object", "wrench", "--bench", "lab.toml", "--no-report"]
     with hosted_fakes(unhurried_bench, None) as (config, _):
@@ -70,8 +63,6 @@ def test_a_lift_is_asked_for_and_then_made_with_them(tmp_path: Path, unhurried_b
     assert row.simulated is False
     manifest = read_manifest_of(tmp_path / "agreed", TrialManifest, "no trial")
     assert manifest.config.own_drivers == {f"{MODULE}:{name}" for name in ("Wrist", "Hand", "Finger", "Eye")}
-    replay = run_replay(stored_trial(tmp_path / "agreed"), jobs=1)
-    assert differences(row, replay.rows[0]) == {}
-    assert replay.identical == 1
+    require_identical_replay(tmp_path / "agreed")
     assert not (tmp_path / "imported").exists()
     assert MODULE not in sys.modules

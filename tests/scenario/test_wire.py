@@ -13,20 +13,19 @@ from rig.benchmark.wire.fault_cases import CASES
 from rig.benchmark.wire.fault_lifts import MID_LIFT, run_faults
 from rig.benchmark.wire.lift import judge_wire, measure_wire
 from rig.config import BenchConfig
-from rig.experiments.replay import run_replay
-from rig.experiments.stored_trial import stored_trial
 from rig.live.session import viewer_feed
 from rig.sessions.manifest import TrialManifest, read_manifest_of
 from rig.sessions.rows import read_finished_lifts
 from support.benches import lighter
 from support.command_line import rig
+from support.recordings import require_identical_replay
 
 SOME = ("gripper: power lost", "fingertip: unplugged")
 """Faults of the arm and the camera: `test_wire_campaigns.py`; `rig benchmark faults` runs all of them."""
 pytestmark = pytest.mark.real_time
 
 
-def test_a_lift_looked_at_agrees_with_the_bench_in_this_process_and_loses_no_frame(
+def test_watched_wire_lift_agrees_with_the_in_process_bench_and_loses_no_frame(
     tmp_path: Path, unhurried_bench: BenchConfig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("rig.benchmark.wire.lift.load_bench", lighter)  # of the seeds' lifts
@@ -45,11 +44,11 @@ def test_a_lift_looked_at_agrees_with_the_bench_in_this_process_and_loses_no_fra
     assert report.row.re_b.mean_deg < max(report.errors_deg) + 0.5
     manifest = read_manifest_of(tmp_path / "s", TrialManifest, "no trial")
     assert (manifest.bench, manifest.simulated) == ("wire", True)
-    assert run_replay(stored_trial(tmp_path / "s"), jobs=1).identical == 1
+    require_identical_replay(tmp_path / "s")
 
 
 @pytest.mark.long
-def test_faults_in_mid_lift_are_seen_named_made_safe_and_recovered_from(
+def test_faults_during_a_lift_are_detected_and_recovered_from(
     tmp_path: Path, unhurried_bench: BenchConfig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for phase in ("GRASP_S", "HOLD_S"):  # before a fault and after it: nothing happens there
@@ -62,7 +61,7 @@ def test_faults_in_mid_lift_are_seen_named_made_safe_and_recovered_from(
     assert len(read_finished_lifts(tmp_path / "s")) == len(SOME)
 
 
-def test_without_the_arms_library_everything_else_runs() -> None:
+def test_doctor_reads_everything_but_the_arm_without_ur_rtde() -> None:
     code = """if True:
         import sys
         sys.modules.update({"rtde_control": None, "rtde_receive": None})

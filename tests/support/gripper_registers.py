@@ -1,24 +1,6 @@
-"""What the driver has no use for: the registers of a command read back, a status packed into them."""
+"""A gripper's status packed into its registers, which the driver only reads."""
 
-from collections.abc import Sequence
-from itertools import chain
-
-from drivers.robotiq_3f.registers import AxisRequest, Command, GraspMode, Status
-
-
-def unpack_command(registers: Sequence[int]) -> Command:
-    """Read a command image back, the inverse of `pack_command`."""
-    data = list(chain.from_iterable(divmod(register, 256) for register in registers))
-    return Command(
-        activate=bool(data[0] & 1),
-        mode=GraspMode(data[0] >> 1 & 3),
-        go_to=bool(data[0] >> 3 & 1),
-        release=bool(data[0] >> 4 & 1),
-        glove=bool(data[1] & 1),
-        individual_fingers=bool(data[1] >> 2 & 1),
-        individual_scissor=bool(data[1] >> 3 & 1),
-        axes=tuple(AxisRequest(*data[start : start + 3]) for start in (3, 6, 9, 12)),
-    )
+from drivers.robotiq_3f.registers import Status
 
 
 def pack_status(status: Status) -> tuple[int, ...]:

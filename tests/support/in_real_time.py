@@ -20,7 +20,8 @@ from support.waking import MOST_OTHERS_CORES
 MOST_LATE_S = 0.05
 """Later than this nobody on the computer keeps the deadlines of an arm and of 60 frames a second."""
 LATENESS = (DeviceError, AssertionError, pytest.fail.Exception, OSError, subprocess.SubprocessError)
-"""What a computer without time can cause: a device that was not heard, a count that falls short."""
+"""What a loaded host can cause: a device that was not heard, a count that falls short. A replay that differs
+is none of these (`recordings.ReplayDiffersError`)."""
 REASON = "real time needs a computer with time"
 WAKING = Path(__file__).with_name("waking.py")
 _watch: pytest.StashKey["subprocess.Popen[str]"] = pytest.StashKey()

@@ -1,17 +1,40 @@
-"""Recordings written again: with other phases, in smaller chunks, with damaged ones."""
+"""Recordings replayed, and written again: with other phases, in smaller chunks, with damaged ones."""
 
 import io
 import json
 from collections.abc import Callable
+from dataclasses import fields
 from pathlib import Path
 
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 
+from rig.experiments.replay import run_replay
+from rig.experiments.stored_trial import stored_trial
 from rig.sessions.recording_chunks import summary_layout
+from rig.sessions.rows import read_finished_lifts
 
 Edit = Callable[[str], list[tuple[str, int]]]
 """Returns the phases to write for one, by name, each with how much later, ns."""
+
+
+class ReplayDiffersError(Exception):
+    """A replay has other values than the stored lift.
+
+    It is no AssertionError, so that a test in real time fails with it and is never skipped: no load of the
+    host explains it.
+    """
+
+
+def require_identical_replay(session: Path) -> None:
+    """Replay a session's lifts and raise `ReplayDiffersError` unless every value is the stored one."""
+    for row, again in zip(
+        read_finished_lifts(session), run_replay(stored_trial(session), jobs=1).rows, strict=True
+    ):
+        pairs = {field.name: (getattr(row, field.name), getattr(again, field.name)) for field in fields(row)}
+        differing = {name: pair for name, pair in pairs.items() if pair[0] != pair[1]}
+        if differing:
+            raise ReplayDiffersError(f"{session}: lift {row.number}: {differing}")
 
 
 def written_again(

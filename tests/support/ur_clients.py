@@ -70,11 +70,3 @@ class Client:
                 raise EOFError
             data += part
         return data
-
-
-def ask_dashboard(host: str, request: bytes) -> bytes:
-    with socket.create_connection((host, 29999), timeout=2.0) as connection:
-        lines = connection.makefile("rb")
-        assert lines.readline() == b"Connected: Universal Robots Dashboard Server\n"
-        connection.sendall(request + b"\n")
-        return lines.readline()

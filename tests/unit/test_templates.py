@@ -12,6 +12,8 @@ from rig.config import load_bench
 from rig.config.write import write_bench
 from support.command_line import rig
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).resolve().parents[2]
 KINDS = ("estimator", "sensor", "camera", "arm", "gripper")
 

@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from calibration.camera.checks import assess_camera, camera_difference_px
+from calibration.camera.checks import assess_camera
 from calibration.camera.intrinsics import calibrate_camera
 from calibration.camera.model import CameraModel
 from calibration.gel.balls import BallPress, calibrate_gel
@@ -111,19 +111,6 @@ def assert_measured(seen: PlanarAngle | Refusal) -> None:
     assert abs(seen.angle_deg - 5.0) < max(0.25, 4.0 * seen.sigma_deg)
 
 
-@pytest.mark.parametrize(("side_px", "ids"), [(24.0, (0, 1)), (110.0, (0, 1)), (40.0, (1, 0))])
-def test_markers_of_any_size_and_order_are_measured(side_px: float, ids: tuple[int, int]) -> None:
-    pictures = MarkerPictures(side_px=side_px, tilt_deg=5.0)
-    assert_measured(marker_angle(pictures, ids).measure(pictures.draw(5.0, rng())))
-
-
-def test_small_markers_and_wrong_dictionary_are_refused() -> None:
-    small = MarkerPictures(side_px=12.0, tilt_deg=5.0)
-    assert "marker" in refusal(lambda: marker_angle(small).measure(small.draw(5.0, rng())))
-    wrong = refusal(lambda: marker_angle(PICTURES, dictionary="DICT_6X6_250"))
-    assert "both are found in 0" in wrong
-
-
 def test_window_without_an_edge_is_refused() -> None:
     square = np.array([[[20.0, 20], [60, 20], [60, 60], [20, 60]]])
     noise = rng().integers(118, 122, (90, 90), dtype=np.uint8)
@@ -133,6 +120,7 @@ def test_window_without_an_edge_is_refused() -> None:
 FACING = Pose((-0.10, -0.075, 0.42), (0.10, -0.08, 0.03, 0.991))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("made", "read", "x_m", "reason"),
     [
@@ -169,6 +157,7 @@ def poses(tilt_deg: tuple[float, float] = (5.0, 45.0), reach: float = 1.0) -> It
     return (board_pose(draws, tilt_deg, reach) for _ in range(80))
 
 
+@pytest.mark.slow
 def test_views_that_do_not_determine_a_camera_are_refused_or_doubted() -> None:
     draws, nearer = rng(), CAMERA.matrix * np.array([[1.04], [1.04], [1.0]])
     (one,) = seen(poses(), count=1)
@@ -184,14 +173,6 @@ def test_views_that_do_not_determine_a_camera_are_refused_or_doubted() -> None:
     ):
         reasons = refusal(lambda views=views: "; ".join(assess_camera(calibrate_camera(views)).reasons))
         assert reason in reasons
-
-
-def test_camera_depends_on_neither_one_distance_nor_the_size_of_squares() -> None:
-    at_one_distance = (Pose((*pose.position_m[:2], 0.4), pose.quaternion_xyzw) for pose in poses())
-    larger = [replace(view, board_m=view.board_m * 1.1) for view in seen(poses())]
-    for views in (seen(at_one_distance), larger):
-        difference_px = camera_difference_px(CAMERA, calibrate_camera(views).fit.camera)
-        assert np.sqrt((difference_px**2).sum(axis=-1).mean()) < 0.5
 
 
 def hot_pixel(frame: Image) -> Image:
@@ -299,29 +280,6 @@ def test_bad_opening_is_left_out_by_name(counts: float, opening_m: float) -> Non
     assert closing_at_100_m(found) == pytest.approx(0.07, abs=1e-6)
 
 
-def test_closing_alone_gives_a_table_without_hysteresis() -> None:
-    found = calibrate_opening([sample for sample in openings() if sample.direction is Direction.CLOSING])
-    assert closing_at_100_m(found) == pytest.approx(0.07, abs=1e-6)
-    assert found.hysteresis_m is None
-
-
-def test_opening_alone_is_refused() -> None:
-    one_way = [sample for sample in openings() if sample.direction is Direction.OPENING]
-    assert "while closing" in "; ".join(calibrate_opening(one_way).assessment.refusals)
-
-
-def test_openings_that_make_no_table_are_refused() -> None:
-    draws = rng()
-    shuffled = [replace(sample, opening_m=draws.uniform(0, 0.12)) for sample in openings()]
-    for samples, reason in (
-        (shuffled, "monotone"),
-        (openings()[:2], "usable measurements while closing"),
-        ([], "usable measurements while closing"),
-    ):
-        reasons = refusal(lambda samples=samples: "; ".join(calibrate_opening(samples).assessment.reasons))
-        assert reason in reasons
-
-
 def matrix_with(turn: NDArray[np.float64]) -> NDArray[np.float64]:
     whole = np.eye(4)
     whole[:3, :3] = turn
@@ -339,7 +297,7 @@ def matrix_with(turn: NDArray[np.float64]) -> NDArray[np.float64]:
     ],
     ids=["scaled", "reflected", "in degrees", "not normalised", "zeros"],
 )
-def test_rotation_that_is_no_rotation_is_refused(make: Callable[[], Pose], reason: str) -> None:
+def test_invalid_rotation_is_rejected(make: Callable[[], Pose], reason: str) -> None:
     assert reason in refusal(make)
 
 

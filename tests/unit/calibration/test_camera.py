@@ -8,7 +8,6 @@ import pytest
 
 from calibration.camera.checks import assess_camera, camera_difference_px, projection_sigma_px
 from calibration.camera.intrinsics import CameraFit, calibrate_camera, predict
-from calibration.camera.model import CameraModel
 from calibration.targets.boards import Chessboard, Marker, Target, View, parse_target, usable_views
 from calibration.targets.sheets import sheet_svg
 from calibration.verdict import Verdict
@@ -26,6 +25,7 @@ def views(
     return [view for view in made if len(view.ids) >= 12][:count]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "spec",
     ["charuco:8x6:25:18:DICT_5X5_100", "charuco:8x6:25:18:DICT_5X5_100:legacy",
@@ -78,14 +78,6 @@ def test_camera_is_found_within_its_sigma(fitted: CameraFit) -> None:
     assert predict(found, views(5, seed=9)) < 0.1
 
 
-def test_lens_model_follows_the_lens(fitted: CameraFit) -> None:
-    pinhole = CameraModel(CAMERA.size, CAMERA.matrix, np.zeros(5))
-    rng = np.random.default_rng(3)
-    seen = [exact_view(BOARD, pinhole, board_pose(rng), str(i), rng) for i in range(20)]
-    assert calibrate_camera([v for v in seen if len(v.ids) >= 12]).fit.lens.name in ("pinhole", "radial1")
-    assert fitted.fit.lens.name not in ("pinhole", "radial1")
-
-
 def test_uncertainty_grows_where_nothing_was_seen(fitted: CameraFit) -> None:
     whole, middle = projection_sigma_px(fitted), projection_sigma_px(calibrate_camera(views(15, reach=0.2)))
     assert middle.max() > 3 * whole.max()
@@ -132,14 +124,7 @@ def test_the_real_chessboard_photos_by_the_published_recipe(real_data: Path) -> 
     assert matrix[:2, 2] == pytest.approx([342.28, 235.57], abs=1.0)
 
 
-def test_windows_that_hold_no_neighbour_predict_real_photos_better(real_data: Path) -> None:
-    photos = sorted((real_data / "opencv_chessboard").glob("left*.jpg"))
-    ours = calibrate_camera(_found(Chessboard((9, 6), 0.025), photos))
-    sample = calibrate_camera(_found(Chessboard((9, 6), 0.025, window_px=11), photos), keep_all=True)
-    assert ours.held_out_rms_px < 0.6 * sample.held_out_rms_px
-
-
-def test_the_four_real_charuco_photos_are_weak_and_say_how_much(real_data: Path) -> None:
+def test_four_real_charuco_photos_give_a_weak_camera_with_sigma(real_data: Path) -> None:
     target = parse_target("charuco:5x7:40:20:DICT_6X6_250")
     result = calibrate_camera(_found(target, sorted((real_data / "opencv_photos").glob("charuco*.jpg"))))
     assert assess_camera(result).verdict is Verdict.WEAK

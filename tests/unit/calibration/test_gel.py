@@ -30,13 +30,6 @@ def _found(image: np.ndarray, name: str) -> Press:
     return press
 
 
-def test_presses_are_found_where_they_are() -> None:
-    for made in GEL.presses(6, seed=5):
-        press = _found(made.image, made.name)
-        assert np.hypot(press.centre_px[0] - made.centre_px[0], press.centre_px[1] - made.centre_px[1]) < 12.0
-        assert press.rim_px == pytest.approx(made.contact_px, rel=0.35)
-
-
 def test_balls_left_out_come_out_at_their_radius(fitted) -> None:
     assert set(fitted.radius_error()) == {3.0, 5.0}
     # the simulated colours saturate with the slope, which the map follows in part only
@@ -45,11 +38,6 @@ def test_balls_left_out_come_out_at_their_radius(fitted) -> None:
     for made in GEL.presses(3, seed=9):
         found = ball_radius_mm(_found(made.image, made.name), fitted.map, MM_PER_PX)
         assert found == pytest.approx(made.radius_mm, rel=0.2)
-
-
-def test_no_change_means_no_slope(fitted) -> None:
-    places = np.array([[10.0, 20.0], [200.0, 100.0]])
-    assert np.abs(fitted.map.normals(np.zeros((2, 3)), places)).max() == 0.0
 
 
 def test_slopes_fall_away_from_the_middle_of_a_dent(fitted) -> None:
@@ -98,7 +86,7 @@ def test_a_reference_is_judged_against_the_earlier_one() -> None:
         drift_since(same, earlier[:100])
 
 
-def test_references_that_are_none_are_refused() -> None:
+def test_invalid_references_are_rejected() -> None:
     for frames, seen in (
         ([], "5 are the least"), (_still((0.0, 0.0, 0.0)), "alike"), (_still((0.03, 0.03, 0.03)), "dark"),
         ([*_still(), np.zeros((9, 9, 3), np.uint8)], "differ"),
@@ -121,6 +109,7 @@ def test_scales_along_x_and_y_are_told_apart() -> None:
         fit_scale(moves * (1, 0), centres)
 
 
+@pytest.mark.slow
 def test_real_gelsight_balls_left_out_come_out_within_five_percent(real_data) -> None:
     folder = real_data / "gelsight_ball"
 
@@ -139,7 +128,7 @@ def test_real_gelsight_balls_left_out_come_out_within_five_percent(real_data) ->
     assert all(abs(error) < 0.05 for error in result.radius_error().values()), result.radius_error()
 
 
-def test_balls_of_two_sizes_tell_the_gels_bulge_and_the_scale_behind_it() -> None:
+def test_balls_of_two_sizes_determine_bulge_and_scale() -> None:
     rng = np.random.default_rng(4)
     moves = rng.uniform(-4, 4, (24, 2))
     radii = np.repeat([2.5, 5.0], 12)

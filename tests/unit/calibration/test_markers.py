@@ -14,7 +14,6 @@ from calibration.targets.aruco import Refusal, side_lengths
 from drivers.errors import InputError
 from drivers.types import Pose
 from fakes.camera.marker_scene import MarkerScene
-from support.markers import find_markers
 
 FACING = Rotation.from_matrix([[1, 0, 0], [0, 0, -1], [0, 1, 0]])
 ROOT = Path(__file__).parents[3]
@@ -64,24 +63,6 @@ def test_corners_follow_the_exact_projection(scene):
         assert side_lengths(found).mean() == pytest.approx(40.0, abs=1.0)
 
 
-def test_order_of_ids_is_the_order_of_the_answer(scene):
-    gray = picture(scene, seen_from())
-    one, other = MarkerTracker((0, 1)).detect(gray), MarkerTracker((1, 0)).detect(gray)
-    assert isinstance(one, np.ndarray)
-    assert isinstance(other, np.ndarray)
-    np.testing.assert_allclose(one, other[::-1], atol=0.02)
-
-
-def test_tracking_and_searching_anew_agree(scene):
-    tracker = MarkerTracker((0, 1))
-    for k in range(3):
-        gray = picture(scene, seen_from(turn_deg=2.0 * k), k)
-        followed, anew = tracker.detect(gray), MarkerTracker((0, 1)).detect(gray)
-        assert isinstance(followed, np.ndarray)
-        assert isinstance(anew, np.ndarray)
-        np.testing.assert_allclose(followed, anew, atol=0.05)
-
-
 def noise_picture():
     return np.random.default_rng(0).integers(0, 256, (480, 640), dtype=np.uint8)
 
@@ -107,15 +88,6 @@ def test_one_hidden_marker_refuses_the_frame(scene):
             tracker.detect(gray)
         for marker in exact:
             assert tracker.detect(hidden(gray, marker)) is Refusal.ONE_HIDDEN
-
-
-def test_a_copy_far_away_is_ignored_while_following(scene):
-    gray, exact = picture(scene, seen_from()), scene.exact_corners_px(seen_from())
-    tracker = MarkerTracker((0, 1))
-    tracker.detect(gray)
-    found = tracker.detect(copied(gray, exact[0], (60, 60)))
-    assert isinstance(found, np.ndarray)
-    np.testing.assert_allclose(found, exact, atol=0.6)
 
 
 def test_a_copy_refuses_the_first_frame(scene):
@@ -150,15 +122,6 @@ def test_a_marker_cut_by_the_border_refuses_the_frame(scene, x):
     assert found is Refusal.ONE_HIDDEN
 
 
-@pytest.mark.parametrize("noise", [2.0, 6.0])
-def test_blurred_and_noisy_pictures_lose_no_marker(noise):
-    hard = MarkerScene(focal_px=700, unit_seed=1, noise_grey=noise, blur_px=1.5)
-    tracker = MarkerTracker((0, 1))
-    for k in range(20):
-        seen = tracker.detect(picture(hard, seen_from(turn_deg=1.5 * k, tilt_deg=(25.0, 12.0)), k))
-        assert isinstance(seen, np.ndarray)
-
-
 @pytest.mark.parametrize(("ids", "dictionary"), [((3, 3), "DICT_4X4_50"), ((0, 1), "DICT_NONE")])
 def test_impossible_markers_are_refused(ids, dictionary):
     with pytest.raises(InputError):
@@ -182,14 +145,6 @@ def photo_and_gold():
     }
     gray = cv2.imread(str(folder / "singlemarkersoriginal.jpg"), cv2.IMREAD_GRAYSCALE)
     return gray, gold
-
-
-def test_all_markers_of_a_real_photo_are_found():
-    gray, gold = photo_and_gold()
-    found = find_markers(gray, "DICT_6X6_250")
-    assert set(found) == set(gold)
-    for marker_id, corners in gold.items():
-        assert np.abs(found[marker_id] - corners).max() < 2.0
 
 
 @pytest.mark.parametrize("ids", [(40, 98), (23, 203), (62, 124)])

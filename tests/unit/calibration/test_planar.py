@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from calibration.camera.model import CameraModel, CameraUncertainty
-from calibration.markers.planar import fit_plane, in_plane_angle, turn_sigma_deg
+from calibration.camera.model import CameraModel
+from calibration.markers.planar import fit_plane, in_plane_angle
 from drivers.errors import CalibrationError
 
 KNOWN = CameraModel.pinhole((640, 480), 700.0)
@@ -42,7 +42,6 @@ tilts = st.tuples(st.floats(-30, 30), st.floats(-30, 30))
 shifts = st.tuples(st.floats(-0.1, 0.1), st.floats(-0.08, 0.08))
 
 
-@settings(deadline=None, max_examples=50)
 @given(turn=st.floats(-180, 180), tilt=tilts, shift=shifts, known=st.booleans())
 def test_exact_corners_give_the_exact_angle(turn, tilt, shift, known):
     reference = fit_plane(still(tilt), KNOWN if known else None)
@@ -54,18 +53,7 @@ def test_exact_corners_give_the_exact_angle(turn, tilt, shift, known):
     assert answer.residual_px < 1e-3
 
 
-@settings(deadline=None, max_examples=50)
-@given(tilt=st.tuples(st.floats(-30, 30), st.floats(-30, 30)))
-def test_tilt_is_known_with_a_camera_and_only_then(tilt):
-    normal = Rotation.from_euler("xy", tilt, degrees=True).apply([0.0, 0.0, 1.0])
-    expected = np.degrees(np.arctan2(np.hypot(normal[0], normal[1]), normal[2]))
-    reference = fit_plane(still(tilt), KNOWN)
-    assert reference.tilt_deg == pytest.approx(expected, abs=1e-2)
-    assert reference.normal_camera is not None
-    assert reference.normal_camera[2] < 0.0
-    assert fit_plane(still(tilt)).tilt_deg is None
-
-
+@pytest.mark.slow
 @pytest.mark.parametrize("known", [False, True])
 @pytest.mark.parametrize("tilt", [(0.0, 0.0), (7.5, 0.0), (10.0, 11.0)])
 def test_noise_is_answered_with_an_honest_sigma(tilt, known):
@@ -83,42 +71,6 @@ def test_noise_is_answered_with_an_honest_sigma(tilt, known):
     assert 0.6 < np.sqrt(np.mean(np.square(scores))) < 1.5
 
 
-TERMS = np.diag([14.0, 14.0, 5.0, 5.0, 0.02]) ** 2 + np.pad([[0, 190], [190, 0]], (0, 3))
-"""Focal lengths known to 2 % and together, the middle to 5 px, and k1."""
-
-
-def camera_off(rng):
-    """A camera as a calibration gives it: off, and saying by how much."""
-    step = rng.multivariate_normal(np.zeros(5), TERMS)
-    matrix = CAMERA.copy()
-    matrix[[0, 1, 0, 1], [0, 1, 2, 2]] += step[:4]
-    known = CameraUncertainty((0, 1, 2, 3, 4), TERMS)
-    return CameraModel((640, 480), matrix, np.array([step[4], 0, 0, 0, 0]), known)
-
-
-def test_a_camera_that_is_off_is_answered_with_an_honest_sigma():
-    rng = np.random.default_rng(8)
-    errors, sigmas, from_camera = [], [], []
-    for _ in range(40):
-        reference = fit_plane(still((25.0, 15.0), 0.02, seed=int(rng.integers(999))), camera_off(rng))
-        answer = in_plane_angle(corners(30.0, (25.0, 15.0), (0.05, 0.04)), reference)
-        errors.append(answer.angle_deg - 30.0)
-        sigmas.append(answer.sigma_deg)
-        from_camera.append(turn_sigma_deg(reference, 30.0)[1])
-    rms = np.sqrt(np.mean(np.square(errors)))
-    assert np.mean(from_camera) == pytest.approx(rms, rel=0.3)
-    # squares that fit worse because of the camera count once more, as noise: sigma is on the large side
-    assert rms < np.mean(sigmas) < 2.0 * rms
-
-
-def test_what_a_plane_and_a_camera_do_grows_with_the_turn():
-    reference = fit_plane(still((25.0, 15.0), 0.02), camera_off(np.random.default_rng(3)))
-    assert turn_sigma_deg(reference, 0.0) == pytest.approx((0.0, 0.0), abs=1e-9)
-    assert sum(turn_sigma_deg(reference, 30.0)) > 2.0 * sum(turn_sigma_deg(reference, 10.0))
-    assert turn_sigma_deg(fit_plane(still((25.0, 15.0), 0.02), KNOWN), 30.0)[1] == 0.0
-
-
-@settings(deadline=None, max_examples=50)
 @given(turn=st.floats(-30, 30))
 def test_lens_distortion_is_taken_off(turn):
     bent = CameraModel(KNOWN.size, CAMERA, np.array([-0.2, 0.05, 0.0, 0.0, 0.0]))
@@ -156,7 +108,7 @@ WRONG = np.pad([[[3.0, 0.0], [-2.0, 3.0], [0.0, -3.0]]], ((0, 1), (0, 1), (0, 0)
     ],
     ids=["slightly nearer", "nearer", "one marker shifted", "swapped", "three wrong corners"],
 )
-def test_corners_that_are_no_turn_in_the_plane_are_flagged(seen, in_plane):
+def test_corners_inconsistent_with_a_planar_turn_are_flagged(seen, in_plane):
     assert in_plane_angle(seen, fit_plane(still(), KNOWN)).in_plane is in_plane
 
 
@@ -183,7 +135,6 @@ def test_corners_that_are_not_numbers_are_refused():
         in_plane_angle(broken, fit_plane(still()))
 
 
-@settings(deadline=None, max_examples=50)
 @given(
     turn=st.floats(-180, 180),
     marker=st.integers(0, 1),
@@ -191,7 +142,7 @@ def test_corners_that_are_not_numbers_are_refused():
     pushed=st.floats(-3.0, 3.0),
     tilt=tilts,
 )
-def test_what_lies_over_an_edge_does_not_turn_the_answer(turn, marker, side, pushed, tilt):
+def test_occluded_marker_edge_does_not_change_the_angle(turn, marker, side, pushed, tilt):
     reference = fit_plane(still(tilt), KNOWN)
     seen = corners(turn, tilt)
     ends = [side, (side + 1) % 4]

@@ -2,8 +2,6 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from calibration.verdict import Check, Verdict, floor, limit
 
@@ -30,13 +28,3 @@ def test_checks_are_joined_in_order_and_may_have_their_own_words() -> None:
         ("correlation: 0.20", "at most 0.4", "any"),
     ]
     assert found.verdict is Verdict.GOOD
-
-
-@given(st.floats(allow_nan=True, allow_infinity=True))
-def test_each_number_is_compared_with_its_limits(value: float) -> None:
-    small = limit(value, 1.0, 2.0, "{value}")
-    large = floor(value, 2.0, 1.0, "{value}")
-    assert (small.verdict is Verdict.GOOD) == (value <= 1.0)
-    assert (large.verdict is Verdict.GOOD) == (value >= 2.0)
-    if np.isnan(value):
-        assert small.verdict is large.verdict is Verdict.REFUSED

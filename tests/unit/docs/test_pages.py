@@ -53,11 +53,13 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_the_site_documents_every_name_of_the_python_interface(site: Path) -> None:
     page = (site / "python_names.html").read_text(encoding="utf-8")
     assert all(f'id="rig.{name}"' in page for name in rig.__all__)
 
 
+@pytest.mark.slow
 def test_the_site_has_every_page_and_needs_no_network(site: Path) -> None:
     page = (site / "index.html").read_text(encoding="utf-8")
     assert page.count("toctree-l1") >= len(PAGES) - 2

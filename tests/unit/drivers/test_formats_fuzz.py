@@ -8,7 +8,6 @@ import cv2
 import numpy as np
 import pytest
 from hypothesis import given
-from hypothesis import strategies as st
 
 from drivers.formats import parse_csv, parse_json, parse_toml, picture_flaw, read_yaml
 from drivers.images import decode_image
@@ -95,12 +94,3 @@ def test_pictures(data: bytes) -> None:
         assert picture_flaw(data) is None
         assert image.dtype == np.uint8  # type: ignore[attr-defined]
         assert image.size <= 3 * 50_000_000  # type: ignore[attr-defined]
-
-
-@fuzzed()
-@given(st.binary(max_size=60))
-def test_bytes_of_no_kind(data: bytes) -> None:
-    answered(lambda: parse_json(data, "x"))
-    answered(lambda: parse_toml(data.decode("latin-1"), "x"))
-    answered(lambda: parse_csv(data.decode("latin-1"), "x"))
-    answered(lambda: decode_image(data))

@@ -10,7 +10,7 @@ from drivers.bench import Bench
 from drivers.errors import DeviceError, OperatorStopError, OutOfLimitsError
 from drivers.interfaces import Arm, Motion
 from drivers.types import ArmLimits, ArmState, Pose
-from protocols.home import go_home, home_plan
+from protocols.home import go_home
 from protocols.readiness import make_ready
 from protocols.steps import CLEARANCE_M
 from rig.bench.assembly import TOOL_DOWN, build_bench
@@ -140,7 +140,3 @@ def test_a_way_home_outside_the_workspace_is_refused_before_anything_moves(
     with pytest.raises(OutOfLimitsError, match=r"way home .* pendant"):
         go_home(bench)
     assert not arm.sent
-
-
-def test_the_plan_says_how_home_is_reached() -> None:
-    assert "straight up, across, then down to (0.450, 0.000, 0.300) m" in home_plan(Pose(HOME), "First")

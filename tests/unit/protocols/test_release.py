@@ -41,12 +41,3 @@ def test_release_is_seen_whatever_the_light_does(
 def test_print_left_in_the_gel_is_no_contact() -> None:
     held = imprint(gel(1.0))
     assert share_left(untouched(), held, imprint(gel(0.3, seed=9))) == pytest.approx(0.3, abs=0.1)
-
-
-def test_hand_that_never_touched_anything_has_released_it() -> None:
-    assert share_left(untouched(), imprint(gel(seed=9)), imprint(gel(seed=10))) < LEFT_SHARE
-
-
-def test_identical_frames_leave_nothing() -> None:
-    same = imprint(gel())
-    assert share_left(same, same, same) == 0.0

@@ -60,6 +60,7 @@ def test_around_the_object_the_fingers_open_and_the_arm_rises_straight_up(lift_o
     assert lowest(lift, at) >= lift.trace[at][1] - STOPPING_M
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("phase", [Phase.LIFT, Phase.HOLD, Phase.LOWER])
 def test_held_object_is_set_down_at_its_place(lift_of: LiftOf, phase: Phase) -> None:
     lift = lift_of()
@@ -72,6 +73,7 @@ def test_held_object_is_set_down_at_its_place(lift_of: LiftOf, phase: Phase) -> 
     assert lift.bench.hand.state.holding is Holding.FREE
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("phase", [Phase.LIFT, Phase.HOLD, Phase.LOWER])
 def test_a_second_ctrl_c_stops_the_teardown_and_stays(lift_of: LiftOf, phase: Phase) -> None:
     lift = lift_of()

@@ -12,7 +12,7 @@ from drivers.errors import DeviceError, OperatorStopError
 from drivers.types import Pose
 from fakes.devices.arm import FakeArm
 from protocols.operator import Operator
-from protocols.teach import STEP_SPEED_M_S, lead_by_hand, step_by_keys, stepped
+from protocols.teach import STEP_SPEED_M_S, lead_by_hand, step_by_keys
 from rig.bench.assembly import build_bench
 from rig.config import BenchConfig
 
@@ -98,7 +98,7 @@ def test_each_key_is_one_bounded_step_at_low_speed(made: tuple[Bench, Operator])
     assert (bench.clock.now_ns() - began_ns) / NS_PER_S >= 0.016 / STEP_SPEED_M_S
 
 
-def test_a_step_out_of_the_limits_is_refused_and_said(made: tuple[Bench, Operator]) -> None:
+def test_step_beyond_the_limits_is_rejected_with_a_message(made: tuple[Bench, Operator]) -> None:
     bench, _ = made
     home = bench.arm.state().base_T_tcp
     person = Person(keys="3" + "z" * 40)
@@ -121,18 +121,3 @@ def test_a_stop_between_two_steps_leaves_the_arm_standing(made: tuple[Bench, Ope
         step_by_keys(bench, Leaves(keys="x"), "", bench.arm.state().base_T_tcp)
     assert "stopped where it was" in str(stopped.value.__notes__)
     assert not moves_when_pushed(bench)
-
-
-def test_keys_turn_the_hand_about_where_the_fingers_close(made: tuple[Bench, Operator]) -> None:
-    home = made[0].arm.state().base_T_tcp
-    turned = stepped(home, "t", "3")
-    assert turned is not None
-    assert turned.position_m == home.position_m
-    assert stepped(home, "?", "3") is None
-
-
-def test_the_simulated_person_steps_to_the_place(made: tuple[Bench, Operator]) -> None:
-    bench, operator = made
-    where = bench.arm.state().base_T_tcp.translated(x_m=0.0233, y_m=-0.0042, z_m=-0.031)
-    there = step_by_keys(bench, operator, "there", where)
-    assert np.abs(np.subtract(there.position_m, where.position_m)).max() <= 0.0005

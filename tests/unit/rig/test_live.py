@@ -180,15 +180,6 @@ def test_time_left_after_resume_uses_the_pace_of_the_earlier_run() -> None:
     assert 100.0 < (left.seconds((0.15, 0.15)) or 0.0) < 180.0  # without the earlier pace 788 s
 
 
-def test_first_progress_of_several_lifts_gives_no_time_left() -> None:
-    clock = SimulatedClock()
-    left = TimeLeft(4, clock=clock)
-    left.begin()
-    assert left.seconds((0.4, 0.4)) is None
-    clock.sleep_until(to_ns(4.0))
-    assert left.seconds((0.8, 0.8)) == pytest.approx(6.0)
-
-
 def test_away_from_a_terminal_there_are_plain_lines(
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],

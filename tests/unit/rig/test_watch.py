@@ -7,7 +7,6 @@ import signal
 import socket
 import subprocess
 import sys
-import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -25,7 +24,7 @@ from drivers.images import encode_jpeg
 from rig.live.feed import Inbox, Listener, LiveFeed, Message, Sender
 from rig.live.onlookers import Event, asked, looking_on, tell, telling
 from rig.live.watch import KEPT_FAULTS, KEPT_POINTS, Progress, WatchPage, WatchState, watch_address
-from rig.pages.serving import BURST, MOST_AT_ONCE, MOST_PER_S
+from rig.pages.serving import BURST, MOST_PER_S
 from support import waiting
 from support.browser import NEEDS_CHROMIUM, Browser
 
@@ -172,22 +171,6 @@ def test_requests_by_another_host_name_or_from_another_site_are_rejected(still_p
         (403, {"origin": "http://evil.example"}), (200, {"origin": own}),
     ):  # fmt: skip
         assert get(still_page, "/state.json", **header)[0] == status, header
-
-
-def test_clients_that_never_read_delay_nothing(page: WatchPage) -> None:
-    at = urlsplit(page.address)
-    before = threading.active_count()
-    stuck = [socket.create_connection((at.hostname, at.port)) for _ in range(2 * MOST_AT_ONCE)]
-    stuck[0].sendall(b"GET / HTTP/1.0\r\n\r\n")
-    sender = Sender(LiveFeed((page.listener,)))
-    for number in range(2000):  # a sender that waited for these clients would not come to the end
-        sender.send("frame", {**LIFT, "serial": "D1", "time_ns": number}, JPEG * 1000)
-        page.tell(Event("progress", "on", number, 2000))
-    assert threading.active_count() == before, "none of this program's threads serves the page"
-    assert get(page, "/state.json")[0] == 200
-    sender.close()
-    for each in stuck:
-        each.close()
 
 
 def page_process() -> BaseProcess:

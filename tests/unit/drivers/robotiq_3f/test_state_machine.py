@@ -179,6 +179,6 @@ class WireRun(GripperRun):
 
 
 TestSimulatedGripper = FakeRun.TestCase
-TestSimulatedGripper.settings = settings(max_examples=60, stateful_step_count=25, deadline=None)
+TestSimulatedGripper.settings = settings(stateful_step_count=25, deadline=None)
 TestGripperOnTheWire = WireRun.TestCase
 TestGripperOnTheWire.settings = settings(max_examples=15, stateful_step_count=20, deadline=None)

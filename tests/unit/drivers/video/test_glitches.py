@@ -9,13 +9,9 @@ import pytest
 
 from drivers.errors import DeviceError
 from drivers.images import encode_jpeg
-from drivers.types import Pose
 from drivers.video.decode import decode
 from drivers.video.glitches import MAX_SHIFTED, GlitchCheck, is_green
 from fakes.gel.sensor import GelSensor
-from rig.bench.assembly import build_bench
-from rig.config import load_bench
-from support.finger_counts import opening_m
 
 SHIFTS = (3, 5, 12, 37, 160, 317)
 
@@ -35,29 +31,6 @@ def judged(*images: np.ndarray) -> list[str | None]:
 def test_a_shift_is_seen_on_every_unit_at_every_size(seed: int) -> None:
     for shift in SHIFTS:
         assert judged(unit(seed, 1), np.roll(unit(seed, 2), shift, axis=0)) == [None, "shifted"]
-
-
-def test_a_shift_is_seen_while_an_object_is_touched_after_jpeg() -> None:
-    bench, operator = build_bench(load_bench("fake"), seed=3)
-    operator.place("t1", "wrench")
-    with bench.connected():
-        bench.gripper.activate()
-        table = bench.base_T_table
-        home = bench.arm.state().base_T_tcp
-        grasp = Pose(table.translated(x_m=-0.05).position_m, home.quaternion_xyzw)
-        bench.arm.move_linear(grasp, 0.25, 1.0).wait(10.0)
-        bench.gripper.move_to(opening_m(bench.gripper, 186)).wait(10.0)
-        for tip in bench.fingertips:
-            one, two = (tip.sensor.newest_frame(1.0).image, tip.sensor.next_frame(1.0).image)
-            for shift in (*SHIFTS[1:], 250, 283, 300):
-                moved = decode(encode_jpeg(np.roll(two, shift, axis=0)))
-                assert judged(one, two, moved) == [None, None, "shifted"]
-
-
-def test_a_shift_of_part_of_the_image_is_seen() -> None:
-    torn = unit(1, 2).copy()
-    torn[:, 100:] = np.roll(torn[:, 100:], 21, axis=0)
-    assert judged(unit(1, 1), torn) == [None, "shifted"]
 
 
 def test_noise_light_and_touch_are_no_glitch(press) -> None:

@@ -2,6 +2,7 @@
 
 import itertools
 import random
+from collections.abc import Callable
 
 import cv2
 import numpy as np
@@ -9,11 +10,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.errors import DamagedFrameError, DeviceError
+from drivers.errors import DamagedFrameError
 from drivers.video.decode import decode, turned_left, whole_jpeg
 from drivers.video.multipart import MAX_PART, MultipartParser, Part, boundary_of
 
-CASES = 60_000
+Cases = Callable[[int], int]
 
 
 def jpeg_of(grey: int, size: tuple[int, int] = (32, 24)) -> bytes:
@@ -64,11 +65,6 @@ def test_a_part_is_given_as_soon_as_its_last_byte_is_there(length: bool) -> None
     assert [part.body for part in parser.feed(IMAGES[0][-1:])] == [IMAGES[0]]
 
 
-def test_headers_are_read_in_any_case() -> None:
-    data = b"--frame\r\nCONTENT-type: image/jpeg\r\nX-Sequence:7\r\n\r\n" + IMAGES[0] + b"\r\n--frame"
-    assert parse(data)[0].headers == {"content-type": "image/jpeg", "x-sequence": "7"}
-
-
 @pytest.mark.parametrize(
     ("content_type", "delimiter"),
     [
@@ -85,11 +81,6 @@ def test_the_boundary_is_found_as_servers_write_it(content_type: str, delimiter:
 
 def test_a_stream_that_announces_no_boundary_is_read_by_its_first_line() -> None:
     assert [part.body for part in parse(stream_of(IMAGES, b"found"), b"--")] == IMAGES
-
-
-def test_something_else_than_multipart_is_refused() -> None:
-    with pytest.raises(DeviceError, match="text/html"):
-        boundary_of("text/html; charset=utf-8")
 
 
 @pytest.mark.parametrize("length", [True, False])
@@ -121,11 +112,12 @@ def test_an_endless_part_is_given_up_and_memory_stays_bounded() -> None:
     assert [part.body for part in parser.feed(b"\r\n" + stream_of(IMAGES))] == IMAGES
 
 
-def test_rubbish_in_any_portions_gives_typed_errors_only() -> None:
-    rng = random.Random(1)
+@pytest.mark.fuzz
+def test_any_bytes_in_any_portions_give_parts_or_typed_errors(cases: Cases) -> None:
+    rng, count = random.Random(1), cases(60_000)
     good = stream_of(IMAGES, length=True), stream_of(IMAGES, length=False)
     outcomes = {"part": 0, "damaged": 0, "whole": 0}
-    for case in range(CASES):
+    for case in range(count):
         data = bytearray(good[case % 2][: rng.randrange(400)] + rng.randbytes(rng.randrange(200)))
         data += good[(case // 2) % 2][rng.randrange(3000) :][:1500]
         for _ in range(rng.randrange(6)):
@@ -138,13 +130,14 @@ def test_rubbish_in_any_portions_gives_typed_errors_only() -> None:
                 outcomes["whole"] += 1
             except DamagedFrameError:
                 outcomes["damaged"] += 1
-    assert min(outcomes.values()) > CASES // 100
+    assert min(outcomes.values()) > count // 100
 
 
-def test_damaged_images_give_typed_errors_only() -> None:
-    rng = random.Random(2)
+@pytest.mark.fuzz
+def test_damaged_images_are_decoded_or_rejected(cases: Cases) -> None:
+    rng, count = random.Random(2), cases(30_000)
     whole = 0
-    for case in range(CASES // 2):
+    for case in range(count):
         data = bytearray(IMAGES[case % 4])
         kind = case % 3
         if kind == 0:
@@ -160,22 +153,7 @@ def test_damaged_images_give_typed_errors_only() -> None:
             whole += 1
         except DamagedFrameError as error:
             assert str(error)  # noqa: PT017 - most cases end here, some must not
-    assert 0 < whole < CASES // 2
-
-
-@given(st.binary(max_size=300))
-def test_bytes_that_begin_as_a_jpeg_are_judged_not_trusted(tail: bytes) -> None:
-    with pytest.raises(DamagedFrameError):
-        whole_jpeg(b"\xff\xd8" + tail)
-
-
-@given(st.text(max_size=80))
-def test_any_content_type_is_answered(text: str) -> None:
-    try:
-        assert boundary_of("multipart/x-mixed-replace; boundary=" + text).startswith(b"--")
-        boundary_of(text)
-    except DeviceError as error:
-        assert "not a multipart" in str(error)  # noqa: PT017
+    assert 0 < whole < count
 
 
 def test_an_image_cut_anywhere_is_damaged() -> None:

@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from drivers.errors import InputError
 from drivers.types import Pose
 from fakes.camera.marker_scene import MarkerScene
 
@@ -76,42 +75,3 @@ def test_edges_are_drawn_where_the_truth_says(k1):
     pooled = np.concatenate(errors)
     assert abs(pooled.mean()) < 0.005
     assert pooled.std() < 0.02
-
-
-@pytest.mark.parametrize("noise", [2.0, 4.0])
-def test_noise_is_as_strong_as_asked(noise):
-    clean = MarkerScene(focal_px=700, unit_seed=1, noise_grey=0.0).render(seen_from(), rng())
-    noisy = MarkerScene(focal_px=700, unit_seed=1, noise_grey=noise).render(seen_from(), rng())
-    difference = noisy.astype(float) - clean
-    assert difference.mean() == pytest.approx(0.0, abs=0.1)
-    assert difference.std() == pytest.approx(noise, rel=0.1)
-
-
-@pytest.mark.parametrize(("x", "y"), [(0.3, 0.0), (-0.3, 0.1), (0.0, 0.25), (0.28, -0.26)])
-def test_an_object_across_the_border_is_clipped(x, y):
-    scene = MarkerScene(focal_px=700, unit_seed=1, noise_grey=0.0)
-    empty = scene.render(seen_from(x=9.0), rng())
-    part = scene.render(seen_from(x=x, y=y), rng())
-    assert part.shape == empty.shape
-    assert (part != empty).any()
-
-
-@pytest.mark.parametrize(
-    "pose",
-    [
-        seen_from(x=9.0),
-        seen_from(z=-0.7),
-        seen_from(z=0.0),
-        seen_from(tilt_deg=(180.0, 0.0)),
-        seen_from(tilt_deg=(0.0, 90.0)),
-    ],
-    ids=["aside", "behind the camera", "in the camera", "back side", "edge on"],
-)
-def test_what_cannot_be_seen_is_not_drawn(pose):
-    scene = MarkerScene(focal_px=700, unit_seed=1, noise_grey=0.0)
-    np.testing.assert_array_equal(scene.render(pose, rng()), scene.render(seen_from(x=9.0), rng()))
-
-
-def test_unknown_dictionary_is_refused():
-    with pytest.raises(InputError, match="DICT_9X9"):
-        MarkerScene(focal_px=700, unit_seed=1, dictionary="DICT_9X9")

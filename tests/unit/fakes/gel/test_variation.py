@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fakes.gel.sensor import GelSensor, Imprint
-from fakes.gel.variation import Variation, draw_variation
+from fakes.gel.variation import draw_variation
 from fakes.objects.surfaces import build_surface
 from fakes.studio.training_frames import RANDOM_SHAPE, random_contact
 from rig.training.examples import simulated_examples
@@ -28,18 +28,6 @@ def test_varied_units_differ_and_are_the_same_again(pressed: Imprint) -> None:
 def test_a_variation_leaves_the_true_contact_alone(pressed: Imprint) -> None:
     varied = GelSensor(5, variation=draw_variation(rng(1)))
     np.testing.assert_array_equal(varied.touching(pressed), GelSensor(5).touching(pressed))
-
-
-def test_streaks_darken_the_gel_outside_a_contact(pressed: Imprint) -> None:
-    far = GelSensor(5).touching(pressed) == 0
-    plain = GelSensor(5, variation=Variation(noise=0.0)).render(pressed, 0.0, rng())
-    streaky = GelSensor(5, variation=Variation(noise=0.0, streak_per_mm=1.5)).render(pressed, 0.0, rng())
-    assert streaky[far].astype(int).sum() < 0.99 * plain[far].astype(int).sum()
-
-
-def test_a_flattened_gel_has_a_shallower_middle(pressed: Imprint) -> None:
-    soft = GelSensor(5, variation=Variation(flatten_mm=0.2))._pad.dent(pressed)
-    assert soft.max() < 0.2 < GelSensor(5)._pad.dent(pressed).max()
 
 
 def test_training_frames_are_the_same_for_a_seed_and_carry_their_labels() -> None:

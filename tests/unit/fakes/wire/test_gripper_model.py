@@ -33,22 +33,8 @@ def ready_model(world: World) -> tuple[GripperModel, int]:
     return model, now
 
 
-def test_going_before_the_activation_is_over_waits_and_says_so() -> None:
-    model = GripperModel(make_world(), 0, ("B", "C"), activation_s=3.0)
-    now = run(model, "08", 0, 0.1)
-    assert (model.image[0], model.image[2]) == (0x00, 0x07)
-    now = run(model, "09 00 00 30 FF FF", now, 0.5)
-    assert (model.image[0], model.image[2]) == (0x11, 0x05)
-    now = run(model, "09 00 00 30 FF FF", now, 6.0)
-    assert (model.image[0], model.image[2], model.image[4]) == (0xF9, 0x00, 0x30)
-    now = run(model, "0B 00 00 20 FF FF", now, 0.1)
-    assert (model.image[0], model.image[2]) == (0x23, 0x06)
-    run(model, "0B 00 00 20 FF FF", now, 3.0)
-    assert (model.image[0], model.image[2], model.image[4]) == (0xFB, 0x00, 0x20)
-
-
 @pytest.mark.parametrize("before", [(), ("01",), ("01", "00", "01")])
-def test_an_action_waits_for_the_activation_however_it_was_asked_for(before: tuple[str, ...]) -> None:
+def test_action_is_delayed_until_activation_is_complete(before: tuple[str, ...]) -> None:
     """Manual, FAULT STATUS 0x05: the activation must be completed prior to the action, which is delayed.
 
     rACT and rGTO may come together, as the ROS controller and robotiq3f_py send them, or one after the
@@ -64,7 +50,7 @@ def test_an_action_waits_for_the_activation_however_it_was_asked_for(before: tup
     assert (model.image[0], model.image[2], model.image[4]) == (0xF9, 0x00, 0x30)
 
 
-def test_a_finger_in_contact_stays_until_sent_back_pressed_harder_or_set_going_anew() -> None:
+def test_finger_in_contact_moves_only_when_opened_or_pressed_harder() -> None:
     """Manual, OBJECT STATUS; two of three fingers stopped early is gSTA 1."""
     world = make_world()
     world.place(find_object("t1"))

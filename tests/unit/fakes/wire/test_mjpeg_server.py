@@ -1,7 +1,5 @@
 """The served sensor as anyone's MJPEG client sees it, and its side channel."""
 
-import json
-import time
 import urllib.error
 import urllib.request
 from collections.abc import Iterator
@@ -12,7 +10,6 @@ import numpy as np
 import pytest
 
 from drivers.clock import SystemClock, to_ns
-from drivers.errors import InputError
 from fakes.clock import SimulatedClock
 from fakes.gel.sensor import GelSensor
 from fakes.wire.mjpeg.sensor import MjpegSensor
@@ -52,15 +49,6 @@ def test_opencv_reads_the_stream(server: MjpegServer) -> None:
     assert np.abs(raw - drawn(0).astype(int)).mean() < 4.0
 
 
-@pytest.mark.real_time(beside=True)
-def test_image_numbers_advance_without_clients(server: MjpegServer) -> None:
-    first = next(server.captures()).number
-    time.sleep(0.3)
-    assert next(server.captures()).number >= first + 15
-    assert server.snapshot()["served"] < 15
-    assert server.snapshot()["missed"] == 0
-
-
 @pytest.mark.parametrize(
     ("path", "body", "words"),
     [
@@ -83,12 +71,6 @@ def test_invalid_settings_are_rejected(server: MjpegServer, path: str, body: byt
     assert words in text
 
 
-def test_new_size_resets_the_rate_as_on_a_digit(server: MjpegServer) -> None:
-    assert json.loads(post(server, "/control", b'{"size_px": [640, 480]}')[1])["rate_hz"] == 15
-    assert json.loads(post(server, "/control", b'{"rate_hz": 30}')[1])["rate_hz"] == 30
-    assert post(server, "/control", b'{"rate_hz": 60}')[0] == 400
-
-
 @pytest.mark.parametrize("settings", [{"rate_hz": 60}, {"rate_hz": 30}, {"size_px": [320, 240]}])
 def test_settings_keep_the_numbers_of_unread_images(settings: dict[str, Any]) -> None:
     clock = SimulatedClock()
@@ -102,23 +84,3 @@ def test_settings_keep_the_numbers_of_unread_images(settings: dict[str, Any]) ->
     assert first is not None
     assert later is not None
     assert later.number - first.number == pytest.approx(30, abs=1)
-
-
-def test_rate_that_no_digit_has_is_rejected() -> None:
-    with pytest.raises(InputError, match="no rate 25"):
-        MjpegServer("D1", drawn, 25.0, SystemClock())
-
-
-def test_late_images_are_counted_and_discarded() -> None:
-    pauses_s = iter([0.0] * 5 + [0.6])
-
-    def render(time_ns: int) -> np.ndarray:
-        time.sleep(next(pauses_s, 0.0))
-        return drawn(time_ns)
-
-    server = MjpegServer("D1", render, 60.0, SystemClock())
-    server.start()
-    numbers = [capture.number for capture, _ in zip(server.captures(), range(20), strict=False)]
-    server.stop()
-    assert numbers[-1] - numbers[0] == 19 + server.snapshot()["missed"]
-    assert max(np.diff(numbers)) > 0.5 * 60.0  # one gap up to the present, not a trail of late images

@@ -8,7 +8,7 @@ from drivers.types import Pose
 from fakes.objects.catalogue import find_object
 from fakes.wire.ur.geometry import from_pose
 from fakes.wire.ur.robot import ForceSensor
-from fakes.world.force_torque import NOISE_N, NOTHING, STEP_N, STEP_NM, FlangeSensor, carried_wrench
+from fakes.world.force_torque import NOTHING, FlangeSensor, carried_wrench
 from fakes.world.motion import FingerPath, ToolPath, TrapezoidProfile
 from fakes.world.slip import GRAVITY
 from fakes.world.state import BenchLayout
@@ -38,10 +38,6 @@ def lifted(name: str, site: int, squeeze_m: float, height_m: float) -> World:
     return world
 
 
-def test_nothing_in_the_fingers_is_not_felt() -> None:
-    assert carried_wrench(World(BenchLayout(TABLE, HOME), seed=0), HELD_NS) == NOTHING
-
-
 def test_a_held_object_pulls_with_its_weight_and_turns_with_weight_times_lever() -> None:
     world = lifted("16", 1, squeeze_m=0.004, height_m=0.03)
     grip = world.grip_at(HELD_NS)
@@ -67,29 +63,6 @@ def test_a_slipping_object_turns_the_hand_with_the_pads_friction_alone(site: int
     assert abs(ty) < load.weight_n * abs(load.lever_m)
     assert -load.weight_n < fz < -0.3 * load.weight_n, "the support carries a part"
     assert side * fx < 0.0, "the far end is dragged"
-
-
-def test_moments_about_the_far_end_balance() -> None:
-    world = lifted("7", 2, squeeze_m=0.002, height_m=0.03)
-    grip = world.grip_at(HELD_NS)
-    assert grip is not None
-    state, load = grip
-    fx, _, fz, _, ty, _ = carried_wrench(world, HELD_NS)
-    across, up = (load.reach_m * f(state.object_turn_rad) for f in (np.cos, np.sin))
-    by_weight = load.weight_n * (load.reach_m - load.lever_m) * np.cos(state.object_turn_rad)
-    assert by_weight == pytest.approx(-fz * across + fx * up + ty)
-
-
-def test_a_reading_is_off_noisy_and_in_steps() -> None:
-    sensor = FlangeSensor(5)
-    times = [to_ns(0.002 * i) for i in range(2000)]
-    shown = np.array([sensor.shown(sensor.drifted(NOTHING, 0), t) for t in times])
-    assert shown.mean(0) == pytest.approx(sensor.drifted(NOTHING, 0), abs=0.02)
-    assert shown[:, :3].std(0) == pytest.approx(NOISE_N, rel=0.15)
-    assert np.allclose(
-        shown / ((STEP_N,) * 3 + (STEP_NM,) * 3), np.rint(shown / ((STEP_N,) * 3 + (STEP_NM,) * 3))
-    )
-    assert FlangeSensor(5).bias == sensor.bias != FlangeSensor(6).bias
 
 
 def test_both_simulated_arms_feel_the_same() -> None:

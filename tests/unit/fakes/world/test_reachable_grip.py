@@ -64,14 +64,3 @@ def test_a_grip_that_would_hold_does(seed: int) -> None:
     rise(world, 0.1)
     world.state_at(to_ns(1.5))
     assert not world.slipped_between(0, to_ns(1.5))
-
-
-def test_when_it_slipped_is_known_to_the_step() -> None:
-    world = world_with("wrench")
-    grip(world, 1.0)
-    rise(world, 0.5)
-    world.state_at(to_ns(1.5))
-    assert not world.slipped_between(0, to_ns(0.5))
-    assert world.slipped_between(to_ns(0.5), to_ns(1.5))
-    world.place(find_object("wrench"))
-    assert not world.slipped_between(0, to_ns(1.5))

@@ -28,14 +28,6 @@ def test_runs_from_nothing_to_all_without_turning_back(travel: TrapezoidProfile)
     assert all(a <= b + 1e-12 for a, b in pairwise(fractions))
 
 
-@given(travels)
-def test_speed_stays_within_its_limit(travel: TrapezoidProfile) -> None:
-    dt_ns = max(round(travel.duration_s * NS_PER_S / 200), 1)
-    fractions = [travel.fraction_at(travel.start_ns + i * dt_ns) for i in range(201)]
-    fastest = max(b - a for a, b in pairwise(fractions))
-    assert fastest * travel.distance / (dt_ns / NS_PER_S) <= travel.speed * 1.001
-
-
 @given(travels, st.floats(0.0, 1.5))
 def test_a_cut_run_stays_where_it_was_cut(travel: TrapezoidProfile, share: float) -> None:
     cut_ns = travel.start_ns + round(share * travel.duration_s * NS_PER_S)
@@ -45,7 +37,7 @@ def test_a_cut_run_stays_where_it_was_cut(travel: TrapezoidProfile, share: float
 
 
 @given(travels, st.floats(0.0, 1.2), st.floats(1.0, 20.0))
-def test_a_run_told_to_brake_goes_on_for_its_braking_distance(
+def test_braked_travel_continues_for_its_braking_distance(
     travel: TrapezoidProfile, share: float, deceleration: float
 ) -> None:
     told_ns = travel.start_ns + round(share * travel.duration_s * NS_PER_S)
@@ -60,7 +52,3 @@ def test_a_run_told_to_brake_goes_on_for_its_braking_distance(
     assert braked.done_at(told_ns + round(travel.speed / hardest * NS_PER_S) + 1)
     assert braked.fraction_at(told_ns + 10 * NS_PER_S) <= 1.0 + 1e-9
     assert braked.braked_at(told_ns + dt_ns, deceleration) == braked
-
-
-def test_no_distance_is_done_at_once() -> None:
-    assert TrapezoidProfile(5, 0.0, 1.0, 1.0).done_at(5)

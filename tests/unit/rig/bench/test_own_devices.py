@@ -14,7 +14,6 @@ from drivers.errors import (
     DeviceTimeoutError,
     InputError,
     InvalidStateError,
-    OperatorStopError,
     OutOfLimitsError,
 )
 from drivers.types import HandState, Holding, Pose
@@ -87,7 +86,7 @@ def test_a_file_with_own_drivers_reads_back_as_it_was_and_imports_nothing(import
     assert not imported.exists()
 
 
-def test_a_stored_copy_has_no_passwords_in_options_and_none_where_there_are_none() -> None:
+def test_stored_options_contain_no_passwords() -> None:
     made = config(camera={"says": "http://me:secret@10.0.0.2/stream"}).without_passwords()
     assert "secret" not in made.model_dump_json()
     assert "options" not in made.model_dump()["arm"]
@@ -100,7 +99,9 @@ def test_a_stored_copy_has_no_passwords_in_options_and_none_where_there_are_none
         ({"driver": "ur5e", "host": "10.0.0.1", "options": {"a": 1}}, "options: is for a class of your own"),
     ],
 )
-def test_a_driver_that_is_none_and_options_of_ours_are_refused(change: dict[str, Any], says: str) -> None:
+def test_unknown_driver_and_options_of_a_built_in_driver_are_rejected(
+    change: dict[str, Any], says: str
+) -> None:
     text = bench_text(config())
     for key, value in change.items():
         line = f"{key} = {value!r}" if isinstance(value, str) else f"{key} = {{a = 1}}"
@@ -132,7 +133,7 @@ def test_a_bench_with_own_drivers_is_never_a_simulated_one() -> None:
         ("camera", {"address": "/dev/video7"}, "takes no argument address"),
     ],
 )
-def test_what_cannot_be_made_is_refused_before_anything_is_reached(
+def test_invalid_driver_configuration_is_rejected_before_connecting(
     section: str, change: dict[str, Any], says: str
 ) -> None:
     changed = values()
@@ -141,7 +142,7 @@ def test_what_cannot_be_made_is_refused_before_anything_is_reached(
         build_real_bench(BenchConfig.model_validate(changed))
 
 
-def test_limits_of_the_file_are_checked_before_the_driver_hears_of_a_motion() -> None:
+def test_bench_file_limits_are_checked_before_the_driver_is_called() -> None:
     arm = bench().arm
     keep_out = arm.limits.keep_out
     assert [box.name for box in keep_out] == ["table"]
@@ -163,7 +164,7 @@ def test_limits_of_the_file_are_checked_before_the_driver_hears_of_a_motion() ->
     assert gripper.state().opening_m == 0.05
 
 
-def test_what_a_driver_raises_or_answers_amiss_is_a_device_error_that_names_it() -> None:
+def test_invalid_driver_answers_and_exceptions_are_device_errors() -> None:
     for says, problem in (("nothing", "returned a NoneType.*mend"), ("nan", "joints_rad is .*check")):
         with pytest.raises(DeviceError, match=f"arm: driver '{MODULE}:Plain': state.* {problem} .*driver"):
             bench(arm={"says": says}).arm.state()
@@ -241,7 +242,7 @@ def test_wait_that_fails_stops_the_device(monkeypatch: pytest.MonkeyPatch) -> No
     assert stopped == ["arm"]
 
 
-def test_a_stop_that_fails_is_told_and_the_fingers_are_held_all_the_same(
+def test_failed_arm_stop_is_reported_and_fingers_are_still_held(
     caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     stuck, held = bench(arm={"stuck": True}), []
@@ -251,18 +252,6 @@ def test_a_stop_that_fails_is_told_and_the_fingers_are_held_all_the_same(
         halt(stuck)
     assert held
     assert "press the emergency stop" in caplog.text
-
-
-def test_questions_go_through_and_so_does_a_no() -> None:
-    asked = []
-    bench().arm.recover(asked.append)
-    assert asked == ["Shall it go on?"]
-
-    def no(question: str) -> None:
-        raise OperatorStopError(question)
-
-    with pytest.raises(OperatorStopError):
-        bench().arm.recover(no)
 
 
 @pytest.mark.parametrize(
@@ -283,7 +272,7 @@ def test_a_frame_that_cannot_be_is_not_let_through(says: str, error: type[Except
         camera.next_frame(0.1)
 
 
-def test_what_a_driver_does_not_tell_is_not_known() -> None:
+def test_optional_driver_methods_default_to_unknown() -> None:
     made = bench()
     assert made.camera.identity() == {"driver": f"{MODULE}:Gel"}
     assert (made.camera.counters(), made.camera.clock_offset_s(), made.arm.speed_fraction()) == (

@@ -187,6 +187,7 @@ def test_measured_openings_count_between_their_ends_and_the_nominal_slope_beyond
         assert 6 + spec.step_at(opening_m) == counts
 
 
+@pytest.mark.slow
 def test_a_lift_with_calibrations_replays_bit_for_bit(light_bench: BenchConfig, tmp_path: Path) -> None:
     camera = CameraInUse(matrix=(327.5, 0, 160, 0, 327.5, 120, 0, 0, 1), distortion=(0.0,) * 5)
     file = FileInUse(

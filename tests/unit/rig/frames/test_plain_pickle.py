@@ -94,6 +94,7 @@ except FormatError as error:
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CRASHES)
 def test_crafted_pickle_is_rejected_without_memory_corruption(tmp_path: Path, name: str) -> None:
     path = tmp_path / "bag_00.pkl"

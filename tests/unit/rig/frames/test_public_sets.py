@@ -18,6 +18,8 @@ from rig.frames.series import make_background, read_frames
 from support.command_line import rig
 from support.public_sets import about_z, turns_deg, write_bag, write_trial
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def tracking(tmp_path_factory: pytest.TempPathFactory) -> Path:

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.errors import InputError
-from rig.frames.times import parse_time, times_at_rate, times_from_table
+from rig.frames.times import parse_time, times_from_table
 
 NAMES = ["a1.png", "a2.png", "b.png"]
 
@@ -32,11 +32,6 @@ def test_the_text_of_a_time_stays_as_given_and_the_value_exact(tmp_path: Path) -
     assert [time.time_ns for time in times] == [
         1732175999123456789, 1732176000000000000, 1732176000500000000
     ]  # fmt: skip
-
-
-def test_files_named_by_numbers_are_meant_by_their_names(tmp_path: Path) -> None:
-    path = table(tmp_path, "frame,t_s", "1,10", "2,20")
-    assert [time.text for time in times_from_table(path, ["1.png", "2.png"])] == ["10", "20"]
 
 
 def test_a_byte_order_mark_and_equal_times_do_no_harm(tmp_path: Path) -> None:
@@ -73,19 +68,13 @@ def test_a_table_that_does_not_fit_is_an_input_error_naming_the_line(
         times_from_table(table(tmp_path, *lines), NAMES)
 
 
-def test_a_table_that_is_no_text_is_an_input_error(tmp_path: Path) -> None:
+def test_table_that_is_not_text_is_an_input_error(tmp_path: Path) -> None:
     path = tmp_path / "times.csv"
     with pytest.raises(InputError, match="cannot be read"):
         times_from_table(path, NAMES)
     path.write_bytes(b"\xff\xfe\x00frame")
     with pytest.raises(InputError, match="cannot be read as text"):
         times_from_table(path, NAMES)
-
-
-@given(st.integers(1, 400), st.floats(0.1, 1000))
-def test_times_at_a_rate_rise_evenly(count: int, fps: float) -> None:
-    times = times_at_rate(count, fps)
-    assert [time.time_ns for time in times] == [round(i / fps * 1e9) for i in range(count)]
 
 
 @given(st.text(max_size=12))

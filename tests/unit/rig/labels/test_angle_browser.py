@@ -17,7 +17,7 @@ from rig.labels.angle_server import AngleServer
 from support.angle_clips import ask, true_ends, write_clip
 from support.browser import NEEDS_CHROMIUM, Browser
 
-pytestmark = NEEDS_CHROMIUM
+pytestmark = [NEEDS_CHROMIUM, pytest.mark.slow]
 FRAMES = [2, 8, 13]
 IDLE = (
     "(async () => { await queue; await picture.decode().catch(() => 0); return at('said').textContent; })()"
@@ -121,10 +121,3 @@ def test_ended_command_is_reported_on_the_page(browser: Browser, server: AngleSe
     browser.value("window.fetch = () => Promise.reject(new TypeError('gone'))")
     assert "the command has ended" in click_at(browser, *true_ends(2)[0])
     assert browser.value("ends().length") == 0, "what is not kept is not shown"
-
-
-def test_grid_is_off_until_asked_for(browser: Browser, server: AngleServer) -> None:
-    opened(browser, server)
-    assert browser.value("[grid, at('grid').getAttribute('aria-pressed')]") == [False, "false"]
-    browser.value("at('grid').click()")
-    assert browser.value("[grid, at('grid').getAttribute('aria-pressed')]") == [True, "true"]

@@ -31,36 +31,6 @@ def test_angles_count_from_the_reference_counter_clockwise() -> None:
     assert labels[0].sigma_deg == 0.0
 
 
-def test_a_turn_beyond_half_a_circle_is_unwrapped() -> None:
-    turned = {frame: 170.0 + 80 * frame for frame in range(5)}
-    assert angle_labels(passes(turned, turned), 0)[-1].angle_deg == pytest.approx(320)
-
-
-def test_a_reference_in_the_middle_is_zero() -> None:
-    labels = angle_labels(passes({0: 10, 5: 20, 9: 40}, {0: 10, 5: 20, 9: 40}), 5)
-    assert [label.angle_deg for label in labels] == pytest.approx([-10, 0, 20])
-
-
-def test_sigma_comes_from_the_difference_of_the_passes() -> None:
-    apart = angle_labels(passes({0: 0, 1: 10, 2: 20}, {0: 0, 1: 14, 2: 20}), 0)
-    together = angle_labels(passes({0: 0, 1: 10, 2: 20}, {0: 0, 1: 10, 2: 20}), 0)
-    assert apart[1].sigma_deg == pytest.approx(2.0)
-    assert apart[2].sigma_deg == pytest.approx(math.sqrt(16 / 2) / 2)
-    assert 0.2 < together[1].sigma_deg < 1.0, "clicks alone are not exact"
-
-
-def test_sigma_matches_the_spread_of_the_mean_of_two_passes() -> None:
-    import numpy as np
-
-    noise = np.random.default_rng(3).normal(0.0, 3.0, (2, 400))
-    labels = angle_labels(
-        [{0: line(0.0)} | {i + 1: line(10 + error) for i, error in enumerate(each)} for each in noise], 0
-    )[1:]
-    spread = float(np.std([label.angle_deg for label in labels]))
-    told = [label.sigma_deg for label in labels]
-    assert np.median(told) == pytest.approx(spread, rel=0.15)
-
-
 def test_frames_without_both_lines_are_left_out() -> None:
     assert [label.frame for label in angle_labels(passes({0: 0, 1: 5, 2: 9}, {0: 0, 2: 9, 3: 4}), 0)] == [
         0,

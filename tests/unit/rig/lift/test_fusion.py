@@ -19,13 +19,6 @@ def answer(angle: float | None, sigma: float | None = None, time_ns: int = 0) ->
     return TipAnswer(SlipSample(time_ns, state, angle, sigma), angle, sigma)
 
 
-@given(angles, angles)
-def test_without_sigmas_the_mean(first: float, second: float) -> None:
-    fused = fuse(answer(first), [answer(second)])
-    assert fused.angle_deg == pytest.approx((first + second) / 2)
-    assert fused.sigma_deg is None
-
-
 @given(angles, sigmas, angles, sigmas)
 def test_an_answer_lies_between_and_is_no_surer_than_two_would_be(
     a: float, sa: float, b: float, sb: float

@@ -86,7 +86,14 @@ def test_anyone_s_frames_go_on_and_the_frame_is_named(
 
 
 @pytest.mark.parametrize("name", ["slip", "ecc", "ellipse", "pca-published"])
-@pytest.mark.parametrize(("place", "jump_s"), [(10, 3600), (20, -3600), (20, 1), (40, -1), (57, 3600)])
+@pytest.mark.parametrize(
+    ("place", "jump_s"),
+    [
+        (10, 3600),
+        (40, -1),
+        *(pytest.param(*j, marks=pytest.mark.long) for j in ((20, -3600), (20, 1), (57, 3600))),
+    ],
+)
 def test_estimator_gives_equal_angles_on_all_frames_but_the_one_with_the_wrong_time(
     press: Callable[..., Image], blank: Image, name: str, place: int, jump_s: float
 ) -> None:

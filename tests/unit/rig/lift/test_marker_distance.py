@@ -46,6 +46,7 @@ def test_unknown_distance_gives_no_warning() -> None:
     assert ExpectedDistance(0.04, 0.628).warning(None) is None
 
 
+@pytest.mark.slow
 def test_displaced_camera_is_warned_of_in_terminal_log_and_report(
     light_bench: BenchConfig, tmp_path: Path
 ) -> None:

@@ -70,6 +70,7 @@ class Lift:
 BLANK = np.full((480, 640, 3), 90, np.uint8)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sign", [1, -1])
 @pytest.mark.parametrize("with_camera", [True, False])
 def test_a_slip_is_measured_to_a_twentieth_of_a_degree(scene, sign, with_camera):
@@ -127,15 +128,6 @@ def test_live_angle_waits_for_the_zero_and_ends_with_the_markers(scene):
     assert lift.truth.latest_angle_deg() is not None
     lift.show(BLANK)
     assert lift.truth.latest_angle_deg() is None
-
-
-def test_angles_pass_180_degrees_unwrapped(scene):
-    lift = Lift(scene)
-    lift.rest()
-    turned = [15.0 * k for k in range(1, 20)]
-    for turn in turned:
-        lift.see(turn)
-    np.testing.assert_allclose(lift.truth.series().angle_deg[STILL_FRAMES:], turned, atol=0.2)
 
 
 def test_a_gap_breaks_the_unwrapping(scene):
@@ -217,7 +209,7 @@ def test_a_moving_object_gives_no_zero(scene):
         lift.truth.measure_zero()
 
 
-def test_series_since_zero_starts_with_its_frames(scene):
+def test_series_since_zero_begins_at_the_zero(scene):
     lift = Lift(scene)
     for _ in range(3):
         lift.see(-5.0)
@@ -228,16 +220,6 @@ def test_series_since_zero_starts_with_its_frames(scene):
     assert whole.angle_deg[0] == pytest.approx(-5.0, abs=0.1)
     assert since.time_ns[0] == zero_from
     np.testing.assert_array_equal(since.angle_deg, whole.angle_deg[3:])
-
-
-def test_grey_and_colour_pictures_agree(scene):
-    rgb = Lift(scene).picture(3.0)
-    grey = cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY)
-    one, other = Lift(scene).truth, Lift(scene).truth
-    seen, again = one.update(rgb, 0, CAMERA), other.update(grey, 0, CAMERA)
-    assert seen is not None
-    assert again is not None
-    np.testing.assert_array_equal(seen, again)
 
 
 @pytest.mark.parametrize("shape", [(480, 640, 4), (480, 640, 1)])

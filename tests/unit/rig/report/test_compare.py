@@ -124,6 +124,7 @@ def test_changing_sides_changes_the_sign(errors: list[tuple[float, float]]) -> N
     assert one.wins == (other.wins[1], other.wins[0], other.wins[2])
 
 
+@pytest.mark.slow
 def test_page_of_two_sessions_shows_both_curves_of_every_lift(drawn_trial: Any, tmp_path: Path) -> None:
     turns = (12.0, -20.0, 9.0, 15.0, -11.0)
     first = session_side(drawn_trial(tmp_path / "first", turns, (0.5,) * 5))

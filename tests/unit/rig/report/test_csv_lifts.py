@@ -112,11 +112,6 @@ def test_invalid_table_is_rejected_with_its_line(
     assert "lift.csv" in str(found.value)
 
 
-def test_a_name_that_looks_like_a_formula_stays_a_name(tmp_path: Path) -> None:
-    page = write_report([ramp(tmp_path / "$x_{$.csv")], tmp_path / "page.html").path.read_text()
-    assert "$x {$</text>" in page
-
-
 def test_table_without_any_estimate_is_reported_as_such(tmp_path: Path) -> None:
     rows = [f"{i},{'nan'},0.0" for i in range(5)]
     path = table(tmp_path / "silent.csv", "t_s,estimate_deg,truth_deg", rows)

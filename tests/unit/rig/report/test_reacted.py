@@ -11,6 +11,8 @@ import pytest
 from drivers.errors import InputError
 from rig.report.write import write_report
 
+pytestmark = pytest.mark.slow
+
 REACTION = {
     "serial": "SIM-D0001", "onset_s": 0.2, "event_s": 0.21, "command_s": 0.22, "standstill_s": 0.4,
     "rest_s": 0.5, "counts_added": 6, "onset_turn_deg": 0.5, "event_turn_deg": 0.6,

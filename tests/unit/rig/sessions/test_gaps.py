@@ -83,6 +83,7 @@ def test_replay_uses_the_rest_of_a_lift_and_names_the_gap(trial: Path, damaged_c
     assert problem.endswith("what comes before and after was used")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("phase", [Phase.LIFT, Phase.HOLD, Phase.LOWER])
 def test_a_phase_hidden_by_a_gap_is_taken_from_the_lifts_row(trial: Path, phase: Phase) -> None:
     recording = trial / "lifts" / "002.mcap"

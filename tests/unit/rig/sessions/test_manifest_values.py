@@ -60,7 +60,11 @@ def replayed() -> ReplayManifest:
     )
 
 
-@pytest.mark.parametrize("kind", [TrialManifest, RecordManifest, ReplayManifest])
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "kind",
+    [TrialManifest, *(pytest.param(k, marks=pytest.mark.long) for k in (RecordManifest, ReplayManifest))],
+)
 def test_any_value_in_any_field_lists_the_session(tmp_path: Path, kind: type[AnyManifest]) -> None:
     manifest = (
         replayed()

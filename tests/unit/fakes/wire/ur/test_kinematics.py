@@ -60,16 +60,3 @@ def test_a_pose_survives_the_controllers_notation(pose):
     assert np.allclose(np.reshape(frame[3:], (3, 3)), Rotation.from_rotvec(pose[3:]).as_matrix(), atol=1e-12)
     assert np.allclose(ur_frames.from_ur(ur_frames.to_ur(frame)), frame, atol=1e-9)
     assert np.allclose(ur_frames.from_pose(ur_frames.to_pose(frame)), frame, atol=1e-9)
-
-
-@given(poses, poses)
-def test_frames_compose_as_poses_do(a, b):
-    first, second = ur_frames.from_ur(a), ur_frames.from_ur(b)
-    expected = ur_frames.to_pose(first) @ ur_frames.to_pose(second)
-    assert np.allclose(ur_frames.compose(first, second)[:3], expected.position_m, atol=1e-9)
-    assert np.allclose(ur_frames.compose(first, ur_frames.inverse(first)), ur_frames.IDENTITY, atol=1e-12)
-
-
-def test_half_a_turn_keeps_its_axis():
-    down = (0.4, 0.1, 0.2, math.pi, 0.0, 0.0)
-    assert np.allclose(np.abs(ur_frames.to_ur(ur_frames.from_ur(down))), np.abs(down))

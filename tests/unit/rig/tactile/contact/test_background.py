@@ -43,19 +43,9 @@ def test_a_few_frames_without_contact_are_found_among_many_with_one(press: Draw,
     assert error(np.median(frames, axis=0), blank) > 4.0
 
 
-def test_long_recordings_are_sampled(press: Draw, blank: Image) -> None:
-    frames = [press(None, size=(60, 80), seed=i) for i in range(200)]
-    assert error(auto_background(frames), press(None, size=(60, 80), noise=0.0)) < 1.0
-
-
 def test_a_pixel_that_no_frame_shows_bare_is_guessed(press: Draw) -> None:
     frames = [press(0, seed=i) for i in range(5)]
     assert auto_background(frames).shape == (320, 240, 3)
-
-
-def test_the_mean_averages_noise(press: Draw, blank: Image) -> None:
-    frames = [press(None, noise=4.0, seed=i) for i in range(10)]
-    assert error(mean_background(frames), blank) < 0.5 * error(frames[0], blank)
 
 
 @pytest.mark.parametrize("make", [auto_background, mean_background])

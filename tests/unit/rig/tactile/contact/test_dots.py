@@ -8,7 +8,7 @@ import pytest
 from numpy.typing import NDArray
 
 from drivers.images import read_image
-from rig.tactile.contact.dots import is_dotted, plain_of, without_dots
+from rig.tactile.contact.dots import is_dotted, without_dots
 from rig.tactile.estimators import choose_estimator
 from rig.tactile.sample import State
 from rig.tactile.slip.estimator import SlipEstimator
@@ -51,45 +51,10 @@ def test_a_printed_gel_is_recognised(blank: Image, radius_px: float, spacing_px:
     assert is_dotted(printed(blank, grid(spacing_px), radius_px))
 
 
-def test_size_and_light_do_not_matter(blank: Image) -> None:
-    dotted = printed(blank, grid())
-    assert is_dotted((dotted * 0.4).astype(np.uint8))
-    for size in ((120, 160), (480, 640), (1500, 2000)):
-        assert is_dotted(np.asarray(cv2.resize(dotted, size), np.uint8)), size
-        assert not is_dotted(np.asarray(cv2.resize(blank, size), np.uint8)), size
-
-
-def test_a_plain_gel_is_not(blank: Image, press: Draw) -> None:
-    assert not is_dotted(blank)
-    assert not is_dotted(press(20.0))
-    assert not is_dotted(press(None, noise=6.0, seed=1))
-
-
-def test_dirt_is_no_print(blank: Image) -> None:
-    rng = np.random.default_rng(2)
-    assert not is_dotted(printed(blank, grid()[:8]))
-    for _ in range(5):
-        assert not is_dotted(printed(blank, rng.uniform((10, 10), (230, 310), (40, 2)), 5.0))
-
-
-def test_a_dark_line_is_no_dot_and_stays(blank: Image) -> None:
-    lined = printed(blank, grid())
-    cv2.line(lined, (20, 140), (220, 180), (15, 15, 15), 4)
-    plain = without_dots(lined)
-    along = [plain[round(140 + 0.2 * x), 20 + x].max() for x in range(30, 170)]
-    assert np.mean(np.array(along) < 40) > 0.9
-
-
 def test_filled_dots_leave_the_gel(blank: Image) -> None:
     gap = without_dots(printed(blank, grid())).astype(int) - blank
     assert np.abs(gap).max() <= 6
     assert np.abs(gap).mean() < 0.5
-
-
-def test_a_plain_gels_frames_are_not_touched(blank: Image, press: Draw) -> None:
-    frame = press(20.0)
-    assert plain_of(blank)(frame) is frame
-    assert isinstance(choose_estimator("slip").make(blank), SlipEstimator)
 
 
 @pytest.mark.parametrize("name", ["slip", "ellipse", "ecc"])

@@ -101,26 +101,11 @@ def test_contact_comes_goes_and_comes_back(press: Draw, blank: Image, name: str)
     assert samples[5].angle_deg == pytest.approx(40, abs=TOLERANCE_DEG[name] + 1)
 
 
-def test_a_contact_that_returns_continues_in_the_nearest_branch(press: Draw, blank: Image) -> None:
-    shown = [*range(0, 201, 20), None, 30]
-    samples = run(choose_estimator("ellipse", 1).make(blank), (press(a) for a in shown))
-    assert samples[-3].angle_deg == pytest.approx(200, abs=2)
-    assert samples[-1].angle_deg == pytest.approx(210, abs=2)
-
-
 @pytest.mark.parametrize("name", MENDED)
 def test_a_round_contact_is_refused(press: Draw, blank: Image, name: str) -> None:
     samples = run(choose_estimator(name).make(blank), (press(a, half_axes=(60.0, 57.0)) for a in (0, 20, 40)))
     assert {s.state for s in samples} == {State.UNOBSERVABLE}
     assert all(s.angle_deg is None and s.contact_area_px > 0 for s in samples)
-
-
-def test_a_refused_stretch_leaves_nothing_in_the_window(press: Draw, blank: Image) -> None:
-    frames = [press(0), press(0), press(0, half_axes=(60.0, 58.0)), press(30), press(30)]
-    samples = run(choose_estimator("ellipse", 5).make(blank), frames)
-    assert samples[2].state is State.UNOBSERVABLE
-    assert samples[3].state is State.TRACKING
-    assert samples[3].angle_deg == pytest.approx(samples[4].angle_deg, abs=0.5)
 
 
 def test_true_pixels_are_measured_where_the_published_script_stretches(press: Draw, blank: Image) -> None:
@@ -130,15 +115,6 @@ def test_true_pixels_are_measured_where_the_published_script_stretches(press: Dr
     assert mended[1] - mended[0] == pytest.approx(45, abs=0.7)
     # atan(tan(45 deg) * 240 / 256), and without a sign.
     assert published == pytest.approx([0, 43.15], abs=0.8)
-
-
-def test_the_published_script_folds_a_turn_through_zero(press: Draw, blank: Image) -> None:
-    images = [press(a, half_axes=(90.0, 20.0)) for a in (-10, 15)]
-    assert angles(run(choose_estimator("pca-published", 1).make(blank), images))[1] == pytest.approx(
-        5, abs=1.5
-    )
-    mended = angles(run(choose_estimator("pca", 1).make(blank), images))
-    assert mended[1] - mended[0] == pytest.approx(25, abs=0.7)
 
 
 @pytest.mark.parametrize("name", [n for n in ESTIMATORS if n.endswith(PUBLISHED)])
@@ -151,7 +127,7 @@ def test_the_published_scripts_answer_any_contact(press: Draw, blank: Image, nam
 
 
 @pytest.mark.parametrize("name", [name for name in ESTIMATORS if name not in ("slip", *MATCHERS, *PEERS)])
-def test_the_cost_of_each_stage_is_told(press: Draw, blank: Image, name: str) -> None:
+def test_each_stage_reports_its_time(press: Draw, blank: Image, name: str) -> None:
     bare, touched = run(choose_estimator(name, 1).make(blank), [press(None), press(10)])
     assert set(touched.stage_s) == {"contact", "axis", "filter"}
     assert all(duration >= 0 for duration in touched.stage_s.values())

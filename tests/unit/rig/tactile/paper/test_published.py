@@ -1,6 +1,5 @@
 """The published script as it is, faults included."""
 
-from collections.abc import Callable
 from pathlib import Path
 
 import cv2
@@ -8,9 +7,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from rig.tactile.paper.published import ANGLES, ScriptError, ScriptFilter, ellipse_angle, skeleton_angle
-
-Draw = Callable[..., NDArray[np.uint8]]
+from rig.tactile.paper.published import ANGLES, ScriptError, skeleton_angle
 
 
 def authors_mask(real_data: Path, name: str) -> NDArray[np.uint8]:
@@ -36,11 +33,6 @@ def test_the_authors_printed_angle_of_the_round_contact_comes_out(real_data: Pat
     assert angle_deg == pytest.approx(37.42, abs=0.01)
 
 
-def test_angles_are_clockwise_positive(drawn_mask: Draw) -> None:
-    mask = drawn_mask(-30, size=(256, 320))
-    assert ellipse_angle(mask) == pytest.approx(30, abs=0.3)
-
-
 @pytest.mark.parametrize("name", ANGLES)
 def test_without_contour_there_is_no_angle_and_with_few_points_it_raises(name: str) -> None:
     mask = np.zeros((320, 256), np.uint8)
@@ -48,14 +40,3 @@ def test_without_contour_there_is_no_angle_and_with_few_points_it_raises(name: s
     mask[100:102, 100:102] = 255
     with pytest.raises(ScriptError, match="5 points"):
         ANGLES[name](mask)
-
-
-def test_the_window_answers_from_the_nth_angle_and_then_slides() -> None:
-    script = ScriptFilter(3)
-    given_deg = [10.0, 12.0, 14.0, 16.0, 22.0]
-    assert [script.update(angle) for angle in given_deg] == pytest.approx([0, 0, 0, 2, 16 / 3])
-
-
-def test_no_contact_leaves_the_window_as_it_is() -> None:
-    script = ScriptFilter(2)
-    assert [script.update(a) for a in (10.0, None, 20.0, None, 40.0)] == pytest.approx([0, 0, 0, 0, 15])

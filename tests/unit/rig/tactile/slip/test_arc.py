@@ -65,7 +65,3 @@ def test_straight_edges_leave_no_pivot_doubt(direction_rad: float) -> None:
 @given(st.floats(0.0, 2.0), st.floats(8.0, 14.0))
 def test_a_ring_around_the_middle_leaves_all_of_a_turn_open(off_px: float, radius: float) -> None:
     assert pivot_doubt(*field(arc(complex(off_px), radius), within=DOME)) == 1.0
-
-
-def test_a_contact_without_slopes_leaves_nothing_open() -> None:
-    assert pivot_doubt(np.zeros((SIZE, SIZE), np.complex64), DOME.astype(np.uint8)) == 0.0

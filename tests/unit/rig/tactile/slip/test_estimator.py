@@ -39,6 +39,7 @@ def lift(
     return [press(angle, seed=i, **{"half_axes": EDGE, **drawn}) for i, angle in enumerate(angles)]
 
 
+@pytest.mark.slow
 @given(
     start=st.floats(-180, 180),
     turn=st.floats(-45, 45),
@@ -57,6 +58,7 @@ def test_a_turn_is_measured_wherever_it_begins(
     assert turned(samples) == pytest.approx(turn, abs=1.0)
 
 
+@pytest.mark.slow
 @given(turn=st.floats(5, 30), start=st.floats(-90, 90))
 @settings(max_examples=10)
 def test_a_mirrored_sensor_sees_the_opposite_turn(
@@ -74,6 +76,7 @@ def steady(press: Draw, blank: Image) -> float:
     return turned(run(SlipEstimator(blank), lift(press, 20.0)))
 
 
+@pytest.mark.slow
 @given(light=st.tuples(*[st.floats(0.8, 1.15)] * 3))
 @settings(max_examples=10)
 def test_the_light_may_drift(

@@ -21,6 +21,7 @@ def held(background: Image, image: Image, frames: int = 12) -> list[SlipSample]:
     return [tracker.update(picture, i * 16_666_667) for i, picture in enumerate(noisy)]
 
 
+@pytest.mark.slow
 def test_every_ball_pressed_into_a_real_gel_is_refused(real_data: Path) -> None:
     folder = real_data / "gelsight_ball"
     background = read_image(folder / "background.png")
@@ -31,6 +32,7 @@ def test_every_ball_pressed_into_a_real_gel_is_refused(real_data: Path) -> None:
         assert states == {State.UNOBSERVABLE}, ball.name
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("panel", range(1, 10))
 def test_a_real_contact_at_rest_stays_at_rest(real_data: Path, panel: int) -> None:
     panels = [read_image(real_data / "aurova_figures" / "panels" / f"{i}_raw.png") for i in range(1, 10)]

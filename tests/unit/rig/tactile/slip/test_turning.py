@@ -53,14 +53,6 @@ def test_every_size_of_picture_is_answered(height: int, width: int, scale: int) 
     assert LEAST_COUNT - 1e-6 <= counts.min() <= counts.max() <= 1.0 + 1e-6
 
 
-def test_beyond_its_edge_a_picture_goes_on_without_a_contact() -> None:
-    difference = np.zeros((160, 128, 3), np.float32)
-    difference[60:63, 40:90] = 0.3
-    network = shipped_turning()
-    wide, narrow = network.share(difference), network.share(difference[:, :121])
-    assert np.allclose(wide[:, :60], narrow[:, :60], atol=1e-5)
-
-
 def test_files_of_other_networks_are_refused(tmp_path: Path) -> None:
     for other in ("toskov", "anglenet", "ours"):
         with as_file(MODELS / f"{other}.onnx") as path, pytest.raises(InputError, match="train-turning"):

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 import cv2
+import typer
 
 from drivers.errors import InputError, counted
 from rig.benchmark.measured import Measured
@@ -45,6 +46,14 @@ def column(heading: str, show: str | Callable[[Any], str] = "", doc: str = "", o
     left out if it has no value in any row.
     """
     return field(metadata={"heading": heading, "show": show, "doc": doc, "optional": optional})
+
+
+def option(default: Any, text: str, *flags: str, **settings: Any) -> Any:
+    """Declare a field of a study's options, as `rig.cli.declared.option` does. text: its help.
+
+    flags: its names; by default the field's. settings: those of `typer.Option`.
+    """
+    return field(default=default, metadata={"typer": [typer.Option, flags, {"help": text, **settings}]})
 
 
 def columns_of(kind: type[Any]) -> Any:
@@ -128,8 +137,7 @@ class Study(Generic[Options]):
     options: its own options, a frozen dataclass. shared: which of the options "out", "resume", "readme",
     "jobs" and "seed" it has. measure: measures; its docstring is the command's help. cases: what the progress
     counts, in the plural. section: name of its section in a document; None: the study's name. keeps_results:
-    results are stored, in a default folder if --out is not given. simulated: marks the JSON. written: its own
-    options that name a file to be written; the file's place is checked before anything else.
+    results are stored, in a default folder if --out is not given. simulated: marks the JSON.
     """
 
     name: str
@@ -140,7 +148,6 @@ class Study(Generic[Options]):
     section: Callable[[Options], str] | None = None
     keeps_results: bool = False
     simulated: bool = True
-    written: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,17 +5,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Annotated
-
-import numpy as np
-import typer
 
 from drivers.errors import InputError, RigError
 from protocols.observer import Phase
-from rig.benchmark.estimators.scores import SeriesScore, score_all, score_series
-from rig.benchmark.harness import Report, Run, Study, Table, column, table_of
+from rig.benchmark.estimators.scores import score_all
+from rig.benchmark.harness import Report, Run, Study, Table, column, option, table_of
 from rig.benchmark.measured import Measured, at_least, at_most
-from rig.benchmark.wrong_answers import is_confidently_wrong
 from rig.config import BenchConfig
 from rig.config.calibrations import load_calibrated_bench
 from rig.experiments.attempts import MAX_FAULTS_IN_A_ROW
@@ -25,6 +20,7 @@ from rig.experiments.trial import resolve_objects
 from rig.lift.marker_truth import interpolate
 from rig.lift.recorded_truth import recorded_truth
 from rig.results.metrics import HEADING, Mare, mare_text
+from rig.results.scores import SeriesScore, score_angles
 from rig.sessions.reading import phase_times, recorded_angles
 from rig.sessions.recorder import FUSED_TOPIC
 from rig.sessions.records import FinishedLift
@@ -43,14 +39,10 @@ TURNED_DEG = 5.0
 class SeedsOptions:
     """Options of `rig benchmark seeds`."""
 
-    full: Annotated[bool, typer.Option("--full", help=f"{MANY} seeds instead of {FEW}.")] = False
-    bench: Annotated[
-        str, typer.Option("--bench", help="fake, hard, or the path of a bench file simulated in process.")
-    ] = "fake"
-    objects: Annotated[
-        list[str] | None, typer.Option("--object", help="By id or name; repeat. Default: the trial's nine.")
-    ] = None
-    lifts: Annotated[int, typer.Option("--lifts", min=1, max=100, help="Lifts of each object.")] = 5
+    full: bool = option(False, f"{MANY} seeds instead of {FEW}.")
+    bench: str = option("fake", "fake, hard, or the path of a bench file simulated in process.")
+    objects: list[str] | None = option(None, "By id or name; repeat. Default: the trial's nine.", "--object")
+    lifts: int = option(5, "Lifts of each object.", min=1, max=100)
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,12 +60,11 @@ class LiftCase:
 
 @dataclass(frozen=True, slots=True)
 class SeedLift:
-    """One lift: its score, how far the object turned, and its number of confidently wrong frames."""
+    """One lift: its score, and how far the object turned."""
 
     seed: int
     score: SeriesScore
     turned_deg: float
-    confidently_wrong: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,7 +148,7 @@ def judge_lifts(difficulty: str, lifts: Sequence[SeedLift]) -> tuple[Measured, .
         at_most("MARE, degrees", overall.mare and overall.mare.mean_deg, MARE_DEG[difficulty]),
         at_most("worst lift, degrees", overall.worst_deg, WORST_DEG[difficulty]),
         at_least("share of frames answered", overall.answered, ANSWERED),
-        at_most("lifts with an answer that is confidently wrong", _wrong_lifts(lifts), 0),
+        at_most("lifts with an answer that is confidently wrong", overall.wrong_lifts, 0),
     )
 
 
@@ -167,14 +158,8 @@ def _scored(recording: Path, seed: int, row: FinishedLift) -> SeedLift:
     fused = recorded_angles(recording, FUSED_TOPIC)[FUSED_TOPIC]
     fused = [angle for angle in fused if phases[Phase.LIFT] <= angle.time_ns < phases[Phase.LOWER]]
     true = [interpolate(truth, angle.time_ns) for angle in fused]
-    angles, sigmas = [angle.angle_deg for angle in fused], [angle.sigma_deg for angle in fused]
-    in_b = np.array([angle.time_ns < phases[Phase.HOLD] for angle in fused], bool)
-    wrong = sum(
-        angle is not None and known is not None and is_confidently_wrong(angle - known, sigma)
-        for angle, sigma, known in zip(angles, sigmas, true, strict=True)
-    )
-    score = score_series(f"{row.object}/{row.lift}", angles, sigmas, true, in_b)
-    return SeedLift(seed, score, row.final_truth_deg or 0.0, wrong)
+    score = score_angles(f"{row.object}/{row.lift}", fused, true, phases[Phase.HOLD])
+    return SeedLift(seed, score, row.final_truth_deg or 0.0)
 
 
 def _row(name: str, lifts: Sequence[SeedLift]) -> SeedRow:
@@ -188,12 +173,8 @@ def _row(name: str, lifts: Sequence[SeedLift]) -> SeedRow:
         worst=score.worst_text,
         answered=score.answered,
         within_two_sigma=score.within_two_sigma,
-        confidently_wrong=_wrong_lifts(lifts),
+        confidently_wrong=score.wrong_lifts,
     )
-
-
-def _wrong_lifts(lifts: Sequence[SeedLift]) -> int:
-    return sum(lift.confidently_wrong > 0 for lift in lifts)
 
 
 STUDY = Study(

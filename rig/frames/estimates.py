@@ -1,12 +1,16 @@
 """Estimates for a series of recorded frames: the samples, their common zero, table and figures."""
 
-from collections import Counter
-from collections.abc import Sequence
+from collections import Counter, deque
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import tee
+from time import perf_counter
+from typing import Protocol
 
 import numpy as np
 
 from drivers.errors import InputError
+from drivers.types import ArmState, Image
 from rig.frames.series import FrameSeries
 from rig.frames.slip_alarm import STABLE_FRAMES, slips
 from rig.frames.times import FrameTime
@@ -19,12 +23,35 @@ from rig.tactile.sample import SlipSample, State, TactileEstimator
 FULL_AREA = 0.8
 
 
+class TimedImage(Protocol):
+    """A frame with its time."""
+
+    @property
+    def image(self) -> Image | None:
+        """(H, W, 3) uint8 RGB, None if it could not be read."""
+        ...
+
+    @property
+    def time_ns(self) -> int:
+        """Capture time."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class TimedSample:
+    """A sample, and the wall time in s that the estimator needed; None for a frame that could not be read."""
+
+    sample: SlipSample
+    cost_s: float | None
+
+
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """The estimator's sample for the frame taken at a time."""
+    """The estimator's sample for the frame taken at a time. cost_s: as in `TimedSample`."""
 
     time: FrameTime
     sample: SlipSample
+    cost_s: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,16 +92,46 @@ class EstimateFigures:
     p99_ms: float | None
 
 
+def estimate_frames(
+    estimator: TactileEstimator, frames: Iterable[TimedImage], states: Iterable[ArmState] = ()
+) -> Iterator[TimedSample]:
+    """Yield the sample of every frame, in order; a frame that could not be read is `lost`.
+
+    states: of the arm, in order; before each frame the estimator gets those until the frame's time.
+    """
+    waiting = deque(states)
+    for frame in frames:
+        if frame.image is None:
+            yield TimedSample(SlipSample(frame.time_ns, State.LOST), None)
+            continue
+        began = perf_counter()
+        while waiting and waiting[0].time_ns <= frame.time_ns:
+            estimator.arm(waiting.popleft())
+        sample = estimator.update(frame.image, frame.time_ns)
+        yield TimedSample(sample, perf_counter() - began)
+
+
+def estimate_together(
+    estimators: Mapping[str, TactileEstimator], frames: Iterable[TimedImage]
+) -> dict[str, list[TimedSample]]:
+    """Return the samples of several estimators by name, each frame being estimated by all before the next.
+
+    So each frame is read once, and the estimators may share what they find in it.
+    """
+    copies = tee(frames, len(estimators))
+    loops = (estimate_frames(*of) for of in zip(estimators.values(), copies, strict=True))
+    samples: dict[str, list[TimedSample]] = {name: [] for name in estimators}
+    for row in zip(*loops, strict=True):
+        for of, sample in zip(samples.values(), row, strict=True):
+            of.append(sample)
+    return samples
+
+
 def estimate_series(series: FrameSeries, estimator: TactileEstimator) -> tuple[Answer, ...]:
     """Estimate every frame in order; a frame that cannot be read is `lost`. Raises `InputError`."""
-    answers = []
-    for frame in series:
-        if frame.image is None:
-            sample = SlipSample(frame.time.time_ns, State.LOST)
-        else:
-            sample = estimator.update(frame.image, frame.time.time_ns)
-        answers.append(Answer(frame.time, sample))
-    return tuple(answers)
+    frames, shown = tee(series)
+    pairs = zip(frames, estimate_frames(estimator, shown), strict=True)
+    return tuple(Answer(frame.time, timed.sample, timed.cost_s) for frame, timed in pairs)
 
 
 def lift_time(answers: Sequence[Answer], lift: FrameTime | None) -> int | None:

@@ -46,6 +46,11 @@ class TimedFrame:
     time: FrameTime
     image: Image | None
 
+    @property
+    def time_ns(self) -> int:
+        """The time in ns."""
+        return self.time.time_ns
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FrameSeries:

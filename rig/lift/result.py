@@ -13,8 +13,8 @@ from rig.lift.object_angle import ZERO_S
 from rig.lift.onset import estimated_onset_ns, slip_onset_ns
 from rig.lift.reactions import reaction_records, slip_thresholds
 from rig.lift.slip_watch import CAUGHT_DEG
-from rig.results.metrics import Floats, hold_last, summarize
-from rig.sessions.records import ErrorSummary, LiftFigures, LiftOutcome, ReactionRecord
+from rig.results.scores import score_angles
+from rig.sessions.records import LiftFigures, LiftOutcome, ReactionRecord
 from rig.sessions.timing import StageTimes
 from rig.tactile.foreign import faults_of
 from rig.tactile.sample import State
@@ -38,9 +38,7 @@ def lift_result(measurement: LiftMeasurement) -> tuple[LiftFigures, TruthSeries]
     angle = measurement.angle
     fused = [s for s in angle.fused if s.time_ns < end_ns]
     true_deg = [interpolate(series, s.time_ns) for s in fused]
-    in_b = np.array([s.time_ns < hold_ns for s in fused], bool)
-    errors = _errors([s.angle_deg for s in fused], true_deg)
-    held_errors = _errors(list(hold_last([s.angle_deg for s in fused])), true_deg)
+    score = score_angles("", fused, true_deg, hold_ns)
     onset = slip_onset_ns(since_zero.time_ns, since_zero.angle_deg)
     answers = [(s.time_ns, s.angle_deg) for s in angle.fused]
     samples = angle.samples
@@ -51,11 +49,11 @@ def lift_result(measurement: LiftMeasurement) -> tuple[LiftFigures, TruthSeries]
     )
     figures = LiftFigures(
         outcome=_outcome(measurement, onset, fall_ns, reactions or (), final_truth),
-        re_b=_summary(errors[in_b]),
-        re=_summary(errors),
-        re_held=_summary(held_errors),
+        re_b=score.re_b,
+        re=score.re,
+        re_held=score.re_held,
         contact_area_px=_contact_areas(measurement, lift_ns),
-        answered=float(np.mean([s.angle_deg is not None for s in fused])) if fused else 0.0,
+        answered=score.answered,
         final_estimate_deg=_final([(s.time_ns, s.angle_deg) for s in fused], held_ns),
         final_truth_deg=final_truth,
         onset_truth_s=_since(onset, lift_ns),
@@ -86,16 +84,6 @@ def stage_times(measurement: LiftMeasurement) -> dict[str, StageTimes]:
     return {
         name: StageTimes(*np.percentile(spent_ms, [50, 95, 99]).tolist()) for name, spent_ms in stages.items()
     }
-
-
-def _errors(angles_deg: list[float | None] | list[float], true_deg: list[float | None]) -> Floats:
-    """|estimate - truth| per frame, NaN where either is missing."""
-    pairs = zip(angles_deg, true_deg, strict=True)
-    return np.array([np.nan if a is None or t is None else abs(a - t) for a, t in pairs], float)
-
-
-def _summary(errors_deg: Floats) -> ErrorSummary | None:
-    return summarize(errors_deg[np.isfinite(errors_deg)])
 
 
 def _outcome(

@@ -18,7 +18,7 @@ from fakes.gel.sensor import GelSensor
 from fakes.world.fixture import tip_m
 from fakes.world.state import BenchLayout
 from rig.bench.operators import ConsoleOperator
-from rig.benchmark.wire.safety_program import as_real
+from rig.benchmark.wire.safety_events import as_real
 from rig.calibrate.bench import Station
 from rig.calibrate.bench_camera import collect_camera
 from rig.calibrate.bench_clocks import WiggleObserver, collect_streams

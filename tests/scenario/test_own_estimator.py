@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from drivers.errors import EstimatorError
 from rig.benchmark.clips import study as clips
 from rig.benchmark.estimators.contenders import NO_SKIP
-from rig.benchmark.estimators.lifts import score_lift, session_lifts
+from rig.benchmark.estimators.lifts import score_lift
 from rig.benchmark.harness import Run
 from rig.benchmark.renderer import study as renderer
 from rig.config import BenchConfig
@@ -173,8 +173,8 @@ def test_renderer_benchmark_reports_faults_of_own_estimator(lab: Path) -> None:
 
 
 def test_estimator_benchmark_scores_own_estimator(session: Path) -> None:
-    tips, rows = session_lifts(session)
-    scores = score_lift(session, tips, ("slip", NO_SKIP, "pca", MINE, FAILING), rows[0])
+    row = read_finished_lifts(session)[0]
+    scores = score_lift(session, ("slip", NO_SKIP, "pca", MINE, FAILING), row)
     assert scores.scores[MINE, 1] == scores.scores["pca", 1]
     assert scores.scores[MINE, 4] == scores.scores["pca", 4]
     assert list(scores.faults) == [FAILING]

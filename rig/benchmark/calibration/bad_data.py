@@ -133,18 +133,14 @@ def _solved(truth: Truth, samples: list[HandEyeSample], setup: Setup = Setup.EYE
     return truth.error(result.pose)[0], allowed
 
 
-def _moved(kind: str, rng: Random) -> Answer:
-    return _solved(*motion(rng, kind))
+def _moved(kind: str) -> Callable[[Random], Answer]:
+    return lambda rng: _solved(*motion(rng, kind))
 
 
 def _duplicated(rng: Random) -> Answer:
     truth, samples = general_scene(rng, _COUNT)
     half = samples[: _COUNT // 2]
     return _solved(truth, [*half, *(replace(s, id=s.id + " again") for s in half)])
-
-
-def _flipped(rng: Random) -> Answer:
-    return _solved(*general_scene(rng, _COUNT, flipped=4))
 
 
 def _wrong_setup(rng: Random) -> Answer:
@@ -237,15 +233,20 @@ _time = partial(Case, "time")
 _TOO_FEW = ("usable distinct poses", "turned by")
 
 CASES = (
-    _motion("near-parallel axes (3 degrees off)", partial(_moved, "near-parallel"), ("parallel",)),
-    _motion("exactly parallel axes", partial(_moved, "parallel"), ("parallel axes",)),
-    _motion("rotations below 3 degrees", partial(_moved, "small"), ("turned by",)),
-    _motion("pure translation", partial(_moved, "translation"), ("turned by",)),
-    _motion("all poses identical", partial(_moved, "identical"), ("same robot pose", "turned by")),
-    _motion("relative rotations of 180 degrees", partial(_moved, "half turns"), ("near 180",)),
+    _motion("near-parallel axes (3 degrees off)", _moved("near-parallel"), ("parallel",)),
+    _motion("exactly parallel axes", _moved("parallel"), ("parallel axes",)),
+    _motion("rotations below 3 degrees", _moved("small"), ("turned by",)),
+    _motion("pure translation", _moved("translation"), ("turned by",)),
+    _motion("all poses identical", _moved("identical"), ("same robot pose", "turned by")),
+    _motion("relative rotations of 180 degrees", _moved("half turns"), ("near 180",)),
     _motion("half the poses duplicated", _duplicated),
-    _motion("rotation only, place fixed", partial(_moved, "rotation")),
-    _data("two flipped targets of ten", _flipped, ("contradict",), draws=10),
+    _motion("rotation only, place fixed", _moved("rotation")),
+    _data(
+        "two flipped targets of ten",
+        lambda rng: _solved(*general_scene(rng, _COUNT, flipped=4)),
+        ("contradict",),
+        draws=10,
+    ),
     _data("pictures mispaired by one", partial(_other_poses, _mispaired), ("mispaired",)),
     _data("poses given inverted", _each_pose(lambda pose, _: pose.inverse()), ("inverted",)),
     _data("eye-in-hand solved as eye-to-hand", _wrong_setup, ("inverted", "contradict")),

@@ -1,6 +1,5 @@
-"""Simulated pictures of flat targets with a known camera: rendered pixel by pixel, or points only."""
+"""Simulated pictures of flat targets with a known camera, rendered pixel by pixel."""
 
-from dataclasses import dataclass
 from functools import lru_cache
 
 import cv2
@@ -9,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from calibration.camera.model import CameraModel
-from calibration.targets.boards import Charuco, Chessboard, Marker, Target, View
+from calibration.targets.boards import Charuco, Target
 from calibration.targets.sheets import TargetPicture, target_picture
 from drivers.types import Image, Pose
 
@@ -22,14 +21,8 @@ CAMERA = CameraModel(
     np.array([-0.12, 0.06, 0.0008, -0.0005, 0.0]),
 )
 _OVERSAMPLING = 2
-
-
-@dataclass(frozen=True, slots=True)
-class Optics:
-    """Lens blur (one sigma, px) and noise (one sigma, grey levels)."""
-
-    blur_px: float = 0.8
-    noise_grey: float = 3.0
+_BLUR_PX, _NOISE_GREY = 0.8, 3.0
+"""Lens blur and noise, one sigma."""
 
 
 def render_target(
@@ -37,10 +30,8 @@ def render_target(
     camera: CameraModel,
     camera_T_target: Pose,  # noqa: N803
     rng: np.random.Generator,
-    optics: Optics | None = None,
 ) -> Image:
-    """The (H, W) uint8 picture of a flat target on a grey bench; what leaves the picture is clipped."""
-    optics = optics or Optics()
+    """Draw a flat target on a grey bench: (H, W) uint8; parts outside the picture are cut off."""
     picture = target_picture(target.spec)
     width, height = camera.size
     rays = _fine_rays(camera)
@@ -48,34 +39,15 @@ def render_target(
     where = _on_target(rays, camera_T_target, picture).reshape(shape).astype(np.float32)
     lit = cv2.remap(picture.grey, where, None, cv2.INTER_LINEAR, borderValue=120)  # type: ignore[call-overload]
     small = cv2.resize(lit.astype(np.float32), (width, height), interpolation=cv2.INTER_AREA)
-    blurred = cv2.GaussianBlur(small, (0, 0), optics.blur_px) if optics.blur_px > 0 else small
-    noisy = blurred + rng.normal(0.0, optics.noise_grey, blurred.shape)
+    blurred = cv2.GaussianBlur(small, (0, 0), _BLUR_PX)
+    noisy = blurred + rng.normal(0.0, _NOISE_GREY, blurred.shape)
     return np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
-
-
-def exact_view(
-    target: Charuco | Chessboard | Marker, camera: CameraModel, camera_T_target: Pose, name: str,  # noqa: N803
-    rng: np.random.Generator, noise_px: float = 0.06,
-) -> View:  # fmt: skip
-    """The target's points as a detector with normal noise would find them, those outside left out."""
-    places = points_of(target)
-    seen = camera.project(camera_T_target.rotation.apply(places) + np.asarray(camera_T_target.position_m))
-    inside = (seen > 3.0).all(axis=1) & (seen < np.subtract(camera.size, 4.0)).all(axis=1)
-    ids = np.flatnonzero(inside)
-    return View(name, ids, places[ids], rng.normal(seen[ids], noise_px), camera.size)
-
-
-def points_of(target: Charuco | Chessboard | Marker) -> Array:
-    """(N, 3) m: the points a detector looks for."""
-    if isinstance(target, Charuco):
-        return np.asarray(target.board().getChessboardCorners(), np.float64)
-    return target.places_m
 
 
 def board_pose(
     rng: np.random.Generator, tilt_deg: tuple[float, float] = (5.0, 45.0), reach: float = 1.0
 ) -> Pose:
-    """A pose that shows the standard board, tilted by so much, over the whole picture where `reach` is 1."""
+    """Draw a pose of the standard board in view. reach: share of the picture over which its middle varies."""
     distance = rng.uniform(0.28, 0.5)
     half = np.array([640.0, 360.0]) / 980.0 * distance * 0.75 * reach
     middle = np.append(rng.uniform(-half, half), distance)

@@ -31,6 +31,9 @@ class Noise:
     robot_deg: float = 0.02
 
 
+NOISE = Noise()
+
+
 @dataclass(frozen=True, slots=True)
 class Truth:
     """The transforms a solver should find: X and Z of A Z = X B."""
@@ -66,7 +69,7 @@ def draw_truth(rng: np.random.Generator, setup: Setup = Setup.EYE_TO_HAND) -> Tr
 
 def general_scene(
     rng: np.random.Generator, count: int = 20, setup: Setup = Setup.EYE_TO_HAND, flipped: int = 0,
-    noise: Noise | None = None, places_m: Array = MARKER.places_m,
+    noise: Noise = NOISE,
 ) -> tuple[Truth, list[HandEyeSample]]:  # fmt: skip
     """Views turned by 10 to 45 degrees about any axis at 0.5 to 0.9 m; the first `flipped` are wrong.
 
@@ -76,17 +79,17 @@ def general_scene(
     samples: list[HandEyeSample] = []
     while len(samples) < count:
         camera_T_target = _any_view(rng)  # noqa: N806
-        if _outside(camera_T_target, places_m):
+        if _outside(camera_T_target):
             continue
         shown = camera_T_target
         if len(samples) < flipped:
             shown = _turned(camera_T_target, rng, 20.0, 40.0)
-        samples.append(_sample(len(samples), truth, camera_T_target, shown, rng, noise or Noise(), places_m))
+        samples.append(_sample(len(samples), truth, camera_T_target, shown, rng, noise))
     return truth, samples
 
 
 def motion_scene(
-    rng: np.random.Generator, turns: Sequence[Array] | Array, moves: Array, noise: Noise | None = None
+    rng: np.random.Generator, turns: Sequence[Array] | Array, moves: Array
 ) -> tuple[Truth, list[HandEyeSample]]:
     """Views whose turns (rotation vectors) and moves (m), from one pose 0.7 m ahead, are given."""
     truth = draw_truth(rng)
@@ -95,14 +98,13 @@ def motion_scene(
     for i, (turn, move) in enumerate(zip(turns, moves, strict=True)):
         place = np.add(first.position_m, move)
         view = Pose.from_rotation(place, Rotation.from_rotvec(turn) * first.rotation)
-        samples.append(_sample(i, truth, view, view, rng, noise or Noise(), MARKER.places_m))
+        samples.append(_sample(i, truth, view, view, rng, NOISE))
     return truth, samples
 
 
 def _sample(
-    number: int, truth: Truth, true_view: Pose, shown: Pose, rng: np.random.Generator, noise: Noise,
-    places_m: Array,
-) -> HandEyeSample:  # fmt: skip
+    number: int, truth: Truth, true_view: Pose, shown: Pose, rng: np.random.Generator, noise: Noise
+) -> HandEyeSample:
     robot = truth.x @ true_view @ truth.z.inverse()
     if truth.setup is Setup.EYE_IN_HAND:
         robot = robot.inverse()
@@ -110,9 +112,8 @@ def _sample(
         rng.normal(robot.position_m, noise.robot_m),
         robot.rotation * Rotation.from_rotvec(rng.normal(0, np.radians(noise.robot_deg), 3)),
     )
-    seen = CAMERA.project(shown.rotation.apply(places_m) + np.asarray(shown.position_m))
-    name = f"{number:02d}"
-    pixels = rng.normal(seen, noise.corner_px)
+    name, places_m = f"{number:02d}", MARKER.places_m
+    pixels = rng.normal(_seen(shown), noise.corner_px)
     return HandEyeSample(name, said, View(name, np.arange(len(places_m)), places_m, pixels, CAMERA.size))
 
 
@@ -127,16 +128,22 @@ def _turned(pose: Pose, rng: np.random.Generator, low_deg: float, high_deg: floa
     return Pose.from_rotation(pose.position_m, pose.rotation * turn)
 
 
-def _outside(camera_T_target: Pose, places_m: Array) -> bool:  # noqa: N803
-    seen = CAMERA.project(camera_T_target.rotation.apply(places_m) + np.asarray(camera_T_target.position_m))
+def _seen(camera_T_target: Pose) -> Array:  # noqa: N803
+    """Return the corners of the marker in the picture, (4, 2) px."""
+    at = camera_T_target.rotation.apply(MARKER.places_m) + np.asarray(camera_T_target.position_m)
+    return CAMERA.project(at)
+
+
+def _outside(camera_T_target: Pose) -> bool:  # noqa: N803
+    seen = _seen(camera_T_target)
     return bool((seen < _BORDER_PX).any() or (seen > np.subtract(CAMERA.size, 1 + _BORDER_PX)).any())
 
 
 def wiggle_scene(
     rng: np.random.Generator, motion: str = "chirp", offset_s: float = 0.0473, seconds: float = 20.0,
-    noise_deg: float = 0.2, drift_ppm: float = 0.0,
+    drift_ppm: float = 0.0,
 ) -> tuple[TimedSignal, TimedSignal]:  # fmt: skip
-    """A robot's angle at 500 Hz, and a camera's at 30 Hz with 2 ms jitter and 5 % dropped frames.
+    """Draw a robot's angle at 500 Hz, and a camera's at 30 Hz: 0.2 deg noise, 2 ms jitter, 5 % dropped.
 
     motion: chirp (8 degrees, 0.4 to 1.2 Hz), static, constant (no noise either), sine (4 Hz, so
     that it repeats within the search). The camera's clock is `offset_s` behind, growing by
@@ -145,7 +152,7 @@ def wiggle_scene(
     robot_s = np.arange(0.0, seconds, 0.002)
     camera_s = np.arange(0.0, seconds, 1 / 30) + rng.uniform(-0.002, 0.002, round(np.ceil(seconds * 30)))
     camera_s = np.sort(camera_s[rng.uniform(size=len(camera_s)) > 0.05])
-    noise = 0.0 if motion == "constant" else noise_deg
+    noise = 0.0 if motion == "constant" else 0.2
     robot = _angle_deg(robot_s, motion, seconds) + rng.normal(0.0, noise / 20, len(robot_s))
     camera = 0.97 * _angle_deg(camera_s, motion, seconds) + 3.0 + rng.normal(0.0, noise, len(camera_s))
     own_s = camera_s - offset_s - 1e-6 * drift_ppm * (camera_s - seconds / 2)
@@ -168,15 +175,15 @@ def _angle_deg(time_s: Array, motion: str, seconds: float) -> Array:
 
 
 def pivot_scene(
-    rng: np.random.Generator, count: int, turns: Rotation | None = None, noise_m: float = 1e-4
+    rng: np.random.Generator, count: int, turns: Rotation | None = None
 ) -> tuple[Array, list[tuple[str, Pose]]]:
-    """Poses of a tool whose tip rests in one hole, and where the tip truly is in the tool's frame."""
+    """Draw where the tip is in the tool's frame, and poses with the tip in one hole to 0.1 mm (one sigma)."""
     tip, hole = np.array([0.004, -0.002, 0.283]), np.array([0.45, 0.05, 0.02])
     turns = turns or Rotation.from_rotvec(rng.normal(0.0, 0.45, (count, 3)))
     down = Rotation.from_euler("x", 180, degrees=True)
     poses = []
     for i in range(count):
         turn = down * turns[i]
-        place = rng.normal(hole - turn.apply(tip), noise_m)
+        place = rng.normal(hole - turn.apply(tip), 1e-4)
         poses.append((f"{i:02d}", Pose.from_rotation(place, turn)))
     return tip, poses

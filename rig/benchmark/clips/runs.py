@@ -1,15 +1,14 @@
 """Estimators on labelled clips: one after the other, timed, and compared with the labels."""
 
-import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from rig.benchmark.clips.labelled import ClipVersion, LabelledClip
 from rig.benchmark.clips.scores import ClipScore, JudgedLabel, score
-from rig.frames.estimates import Answer, Estimate, zeroed
+from rig.frames.estimates import Answer, Estimate, estimate_series, zeroed
 from rig.tactile.estimators import EstimatorChoice
 from rig.tactile.foreign import EstimatorFaults, faults_of
-from rig.tactile.sample import SlipSample, State, TactileEstimator
+from rig.tactile.sample import State
 
 ALL = "all"
 """Name of the group of all clips."""
@@ -56,14 +55,14 @@ class EstimatorRuns:
 
 def run_clip(clip: LabelledClip, choice: EstimatorChoice) -> ClipRun:
     """Let one estimator answer one clip."""
-    answers, frame_ms = _timed(clip, choice.make(clip.background))
+    answers = estimate_series(clip.series, choice.make(clip.background))
     estimate = zeroed(answers, answers[clip.reference_frame].time)
     has_sigma = any(sigma is not None for sigma in estimate.sigmas_deg)
     return ClipRun(
         clip,
         estimate,
         tuple(_judged(clip, estimate)),
-        tuple(frame_ms),
+        tuple(1e3 * answer.cost_s for answer in answers if answer.cost_s is not None),
         has_sigma,
         tuple(_reported(clip, answers)),
     )
@@ -81,19 +80,6 @@ def _together(runs: Sequence[ClipRun]) -> ClipScore:
     frame_ms = [ms for run in runs for ms in run.frame_ms]
     contacts = [contact for run in runs for contact in run.contacts]
     return score(labels, frame_ms, any(run.has_sigma for run in runs), contacts)
-
-
-def _timed(clip: LabelledClip, estimator: TactileEstimator) -> tuple[list[Answer], list[float]]:
-    answers: list[Answer] = []
-    frame_ms: list[float] = []
-    for frame in clip.series:
-        sample = SlipSample(frame.time.time_ns, State.LOST)
-        if frame.image is not None:
-            began = time.perf_counter()
-            sample = estimator.update(frame.image, frame.time.time_ns)
-            frame_ms.append(1e3 * (time.perf_counter() - began))
-        answers.append(Answer(frame.time, sample))
-    return answers, frame_ms
 
 
 def _judged(clip: LabelledClip, estimate: Estimate) -> Iterator[JudgedLabel]:

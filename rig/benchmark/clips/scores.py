@@ -7,7 +7,7 @@ import numpy as np
 
 from rig.benchmark.clips.labelled import ClipLabel
 from rig.benchmark.harness import column
-from rig.benchmark.wrong_answers import is_confidently_wrong
+from rig.results.scores import is_confidently_wrong
 
 CLOSE_DEG, LABEL_SIGMAS = 3.0, 2.0
 """Within 3 degrees; an error below 2 label sigmas is no evidence of a fault."""

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from time import perf_counter
 
 import cv2
 import numpy as np
@@ -10,7 +11,7 @@ from drivers.types import Image
 from rig.tactile.contact.finder import Contact, ContactFinder
 from rig.tactile.estimators import DEFAULT_ESTIMATOR, MATCHERS, PUBLISHED, choose_estimator
 from rig.tactile.paper.axis import METHODS
-from rig.tactile.paper.estimator import AxisEstimator
+from rig.tactile.paper.estimator import AxisEstimator, FindsContact
 from rig.tactile.paper.published import ANGLES, ScriptAngle, ScriptError, ScriptFilter, stretched
 from rig.tactile.paper.window import WindowMean
 from rig.tactile.sample import SlipSample, State, TactileEstimator
@@ -40,7 +41,7 @@ def unfiltered(
 
     A published one gives the script's own angle of the frame (clockwise, signed), None without contact.
     """
-    finder = SharedContact(background)
+    finder = SharedContact(ContactFinder(background))
     return {name: _unfiltered(name, background, aspect, finder, sign) for name in names}
 
 
@@ -64,18 +65,24 @@ def _published(sample: SlipSample, script: ScriptFilter) -> SlipSample:
     return sample if sample.state is State.NO_CONTACT else replace(sample, angle_deg=angle_deg)
 
 
-class SharedContact(ContactFinder):
-    """A contact finder that several estimators share: it searches each frame once."""
+class SharedContact:
+    """The contacts of a finder, found once per frame for several estimators.
 
-    def __init__(self, background: Image) -> None:
-        super().__init__(background)
+    cost_s: wall time of each search.
+    """
+
+    def __init__(self, finder: FindsContact) -> None:
+        self._finder = finder
         self._of: Image | None = None
         self._found: Contact | None = None
+        self.cost_s: list[float] = []
 
     def find(self, image: Image) -> Contact:
         """Return the contact in a frame; the same array is not searched twice in a row."""
         if self._found is None or image is not self._of:
-            self._of, self._found = image, super().find(image)
+            began = perf_counter()
+            self._of, self._found = image, self._finder.find(image)
+            self.cost_s.append(perf_counter() - began)
         return self._found
 
 
@@ -83,7 +90,7 @@ class SharedContact(ContactFinder):
 class ScriptPass(TactileEstimator):
     """The published script's angle of each frame before its filter, on our contact mask."""
 
-    finder: ContactFinder
+    finder: FindsContact
     angle: ScriptAngle
 
     def update(self, image: Image, time_ns: int) -> SlipSample:
@@ -110,7 +117,7 @@ class _Replayed(TactileEstimator):
 
 
 def _unfiltered(
-    name: str, background: Image, aspect: float | None, finder: ContactFinder, sign: int
+    name: str, background: Image, aspect: float | None, finder: FindsContact, sign: int
 ) -> TactileEstimator:
     if name in PAPER and name.endswith(PUBLISHED):
         return ScriptPass(finder, ANGLES[name.removesuffix(PUBLISHED)])

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import partial
 
 import cv2
 import numpy as np
@@ -14,7 +13,6 @@ from drivers.types import Image
 from fakes.studio.clips import Clip
 
 Disturbance = Callable[[Clip, np.random.Generator], Clip]
-Filter = Callable[[Image], Image]
 LED_PATTERN = (1.0, -1.0, 0.5)
 """Which way red, green and blue go wrong when LEDs do."""
 GAP_S = 0.25
@@ -26,49 +24,68 @@ def nothing(clip: Clip, rng: np.random.Generator) -> Clip:
 
 
 def noise(sigma_grey: float) -> Disturbance:
-    """Add white noise to every frame, on top of the sensor's own."""
-    return partial(_noisy, sigma_grey)
+    """Add white noise to every frame, on top of the sensor's own.
+
+    A field larger than the frame, shifted at random, is as good as fresh noise and costs little.
+    """
+
+    def noisy(clip: Clip, rng: np.random.Generator) -> Clip:
+        height, width = clip.background.shape[:2]
+        field = rng.normal(0.0, sigma_grey, (height + 64, width + 64, 3)).astype(np.float32)
+
+        def disturbed(image: Image) -> Image:
+            down, across = rng.integers(0, 64, 2)
+            return _grey(image + field[down : down + height, across : across + width])
+
+        return replace(clip, frames=tuple(map(disturbed, clip.frames)))
+
+    return noisy
 
 
 def blur(sigma_px: float) -> Disturbance:
     """Defocus frames and background alike."""
-    return partial(_each, partial(_blurred, sigma_px), True)
+    return _each(lambda image: np.asarray(cv2.GaussianBlur(image, (0, 0), sigma_px), np.uint8))
 
 
 def jpeg(quality: int) -> Disturbance:
     """Encode and decode every frame; the background is kept as it was."""
-    return partial(_each, partial(_recoded, quality), False)
+    return _each(lambda image: decode_stored(encode_jpeg(image, quality)), background=False)
 
 
 def resized(width: int, height: int) -> Disturbance:
     """Bring frames and background to another size."""
-    return partial(_each, partial(_resized, (width, height)), True)
+
+    def change(image: Image) -> Image:
+        way = cv2.INTER_AREA if width < image.shape[1] else cv2.INTER_CUBIC
+        return np.asarray(cv2.resize(image, (width, height), interpolation=way), np.uint8)
+
+    return _each(change)
 
 
 def landscape(clip: Clip, rng: np.random.Generator) -> Clip:
-    """Turn frames and background by a quarter, as a sensor mounted lying down."""
-    lying = _each(lambda image: np.ascontiguousarray(np.rot90(image)), True, clip, rng)
+    """Turn frames and background by a quarter, as of a sensor that is mounted lying down."""
+    lying = _each(lambda image: np.ascontiguousarray(np.rot90(image)))(clip, rng)
     return replace(lying, aspect=None if clip.aspect is None else 1.0 / clip.aspect)
 
 
 def uncalibrated(clip: Clip, rng: np.random.Generator) -> Clip:
-    """Do not tell the pixels' aspect."""
+    """Remove the aspect of the pixels."""
     return replace(clip, aspect=None)
 
 
 def gains(error: float, pattern: Sequence[float] = LED_PATTERN) -> Disturbance:
     """Scale the channels by 1 + error * pattern since the background was taken."""
-    return partial(_lit, (1.0, 1.0), error, np.asarray(pattern, float), 0.0)
+    return _lit((1.0, 1.0), error, pattern)
 
 
 def drift(error: float, pattern: Sequence[float] = LED_PATTERN) -> Disturbance:
     """Let the channels' gains drift from 1 to 1 + error * pattern over the clip."""
-    return partial(_lit, (0.0, 1.0), error, np.asarray(pattern, float), 0.0)
+    return _lit((0.0, 1.0), error, pattern)
 
 
 def offset(grey: float) -> Disturbance:
     """Add a constant to every frame but the background: stray light."""
-    return partial(_lit, (0.0, 0.0), 0.0, np.zeros(3), grey)
+    return _lit((0.0, 0.0), grey=grey)
 
 
 def dropped(clip: Clip, rng: np.random.Generator) -> Clip:
@@ -114,54 +131,31 @@ def late(clip: Clip, rng: np.random.Generator) -> Clip:
     return _in_order(clip, order)
 
 
-def _noisy(sigma_grey: float, clip: Clip, rng: np.random.Generator) -> Clip:
-    # A field larger than the frame, moved about, is as good as fresh noise and costs little.
-    height, width = clip.background.shape[:2]
-    field = rng.normal(0.0, sigma_grey, (height + 64, width + 64, 3)).astype(np.float32)
-
-    def disturbed(image: Image) -> Image:
-        down, across = rng.integers(0, 64, 2)
-        return _grey(image + field[down : down + height, across : across + width])
-
-    return replace(clip, frames=tuple(map(disturbed, clip.frames)))
-
-
-def _each(change: Filter, background: bool, clip: Clip, rng: np.random.Generator) -> Clip:
-    return replace(
+def _each(change: Callable[[Image], Image], background: bool = True) -> Disturbance:
+    """Change every frame, and the background if asked."""
+    return lambda clip, rng: replace(
         clip,
         background=change(clip.background) if background else clip.background,
         frames=tuple(change(frame) for frame in clip.frames),
     )
 
 
-def _blurred(sigma_px: float, image: Image) -> Image:
-    return np.asarray(cv2.GaussianBlur(image, (0, 0), sigma_px), np.uint8)
-
-
-def _recoded(quality: int, image: Image) -> Image:
-    return decode_stored(encode_jpeg(image, quality))
-
-
-def _resized(size: tuple[int, int], image: Image) -> Image:
-    way = cv2.INTER_AREA if size[0] < image.shape[1] else cv2.INTER_CUBIC
-    return np.asarray(cv2.resize(image, size, interpolation=way), np.uint8)
-
-
 def _lit(
-    share: tuple[float, float],
-    error: float,
-    pattern: NDArray[np.float64],
-    grey: float,
-    clip: Clip,
-    rng: np.random.Generator,
-) -> Clip:
+    share: tuple[float, float], error: float = 0.0, pattern: Sequence[float] = (0.0,) * 3, grey: float = 0.0
+) -> Disturbance:
     """Change the light by a share of the error that goes linearly from the first frame to the last."""
-    shares = np.linspace(*share, len(clip.frames))
-    frames = (
-        _grey(frame * (1.0 + s * error * pattern).astype(np.float32) + np.float32(grey))
-        for s, frame in zip(shares, clip.frames, strict=True)
-    )
-    return replace(clip, frames=tuple(frames))
+
+    def lit(clip: Clip, rng: np.random.Generator) -> Clip:
+        shares = np.linspace(*share, len(clip.frames))
+        frames = (
+            _grey(
+                frame * (1.0 + s * error * np.asarray(pattern, float)).astype(np.float32) + np.float32(grey)
+            )
+            for s, frame in zip(shares, clip.frames, strict=True)
+        )
+        return replace(clip, frames=tuple(frames))
+
+    return lit
 
 
 def _grey(values: NDArray[np.float32]) -> Image:

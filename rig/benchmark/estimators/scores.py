@@ -1,44 +1,18 @@
-"""Errors of estimated angles: the figures of one lift or clip, and of many (contract, metrics)."""
+"""Errors of estimated angles over many lifts or clips (contract, metrics)."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from rig.results.metrics import ErrorSummary, Mare, hold_last, mare_of, summarize
+from rig.results.metrics import Mare, mare_of
+from rig.results.scores import SeriesScore
 
-Floats = NDArray[np.float64]
 ELONGATED = ("t1", "t2", "t3", "t4", "t6", "t7")
 """Objects whose contacts are long (contract, objects)."""
 ONSET_WITHIN_S = 0.05
 EARLY_S = 0.1
 """An onset that is reported earlier than this before the true one is a false alarm."""
-
-
-@dataclass(frozen=True, slots=True)
-class SeriesScore:
-    """One lift, or one clip, of one contender: errors in degrees, None without an answer.
-
-    re: over all frames (B and C), re_b over B, re_held with refused frames held, re_unsigned of the
-    angle's size alone. answered: share of frames. sure: answered frames with a sigma; within: those
-    of them whose error is at most two sigma. Onsets in s since the lift began, None without one:
-    true, found afterwards, and reported online (by a contender that has rates).
-    """
-
-    key: str
-    re: ErrorSummary | None
-    re_b: ErrorSummary | None
-    re_held: ErrorSummary | None
-    re_unsigned: ErrorSummary | None
-    frames: int
-    answered: float
-    sure: int
-    within: int
-    onset_truth_s: float | None = None
-    onset_estimate_s: float | None = None
-    onset_event_s: float | None = None
-    has_rates: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,8 +36,8 @@ class ContenderScore:
     """Many lifts or clips of one contender.
 
     worst_deg: the largest mean error of one of them, whose key is `worst`. within_two_sigma: share of
-    answered frames, None without sigmas. onset: found afterwards; event: reported online, None for a
-    contender without rates.
+    answered frames, None without sigmas. wrong_lifts: those with a confidently wrong answer. onset: found
+    afterwards; event: reported online, None for a contender without rates.
     """
 
     mare: Mare | None
@@ -75,6 +49,7 @@ class ContenderScore:
     worst: str
     answered: float
     within_two_sigma: float | None
+    wrong_lifts: int
     onset: OnsetScore
     event: OnsetScore | None
 
@@ -82,36 +57,6 @@ class ContenderScore:
     def worst_text(self) -> str:
         """The largest mean error, and whose it is."""
         return "-" if self.worst_deg is None else f"{self.worst_deg:.2f} ({self.worst})"
-
-
-def score_series(
-    key: str,
-    angles_deg: Sequence[float | None],
-    sigmas_deg: Sequence[float | None],
-    true_deg: Sequence[float | None],
-    in_b: NDArray[np.bool_] | None = None,
-    onsets_s: tuple[float | None, float | None, float | None] = (None, None, None),
-    has_rates: bool = False,
-) -> SeriesScore:
-    """Score angles (N), None if refused, against the truth (N), None if unknown, in degrees."""
-    angles, truth, sigmas = _floats(angles_deg), _floats(true_deg), _floats(sigmas_deg)
-    errors = np.abs(angles - truth)
-    sure = np.isfinite(errors) & np.isfinite(sigmas)
-    return SeriesScore(
-        key=key,
-        re=_summary(errors),
-        re_b=_summary(errors if in_b is None else errors[in_b]),
-        re_held=_summary(np.abs(hold_last(angles_deg) - truth)),
-        re_unsigned=_summary(np.abs(np.abs(angles) - np.abs(truth))),
-        frames=len(angles),
-        answered=float(np.isfinite(angles).mean()) if len(angles) else 0.0,
-        sure=int(sure.sum()),
-        within=int((errors[sure] <= 2.0 * sigmas[sure]).sum()),
-        onset_truth_s=onsets_s[0],
-        onset_estimate_s=onsets_s[1],
-        onset_event_s=onsets_s[2],
-        has_rates=has_rates,
-    )
 
 
 def score_all(series: Sequence[SeriesScore]) -> ContenderScore:
@@ -131,6 +76,7 @@ def score_all(series: Sequence[SeriesScore]) -> ContenderScore:
         worst=worst,
         answered=sum(s.answered * s.frames for s in series) / frames if frames else 0.0,
         within_two_sigma=sum(s.within for s in series) / sure if sure else None,
+        wrong_lifts=sum(s.wrong > 0 for s in series),
         onset=_onsets([(s.onset_truth_s, s.onset_estimate_s) for s in series]),
         event=_onsets([(s.onset_truth_s, s.onset_event_s) for s in series])
         if any(s.has_rates for s in series)
@@ -150,11 +96,3 @@ def _onsets(onsets_s: Sequence[tuple[float | None, float | None]]) -> OnsetScore
         missed=true - len(errors),
         false_alarms=unfounded + sum(e < -EARLY_S for e in errors),
     )
-
-
-def _floats(values: Sequence[float | None]) -> Floats:
-    return np.array([np.nan if value is None else value for value in values], np.float64)
-
-
-def _summary(errors_deg: Floats) -> ErrorSummary | None:
-    return summarize(errors_deg[np.isfinite(errors_deg)])

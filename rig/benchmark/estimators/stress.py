@@ -8,11 +8,14 @@ from typing import Any
 import cv2
 import numpy as np
 
+from drivers.types import Frame
 from fakes.studio.clips import TWO_BALLS, Clip, Scene, opposite, render_clip
 from rig.benchmark.estimators import disturbances as d
 from rig.benchmark.estimators.contenders import unfiltered
-from rig.benchmark.estimators.scores import ContenderScore, SeriesScore, score_all, score_series
+from rig.benchmark.estimators.scores import ContenderScore, score_all
 from rig.experiments.seeds import derived_seed
+from rig.frames.estimates import estimate_frames
+from rig.results.scores import SeriesScore, score_series
 from rig.tactile.sample import SlipSample
 
 CONTACTS = ("t1:1", "t3:2", "5:1", "t5:2")
@@ -123,8 +126,8 @@ def stress_rows(scores: Sequence[StressedClip], full: bool = False) -> list[Stre
 
 def _scored(condition: Condition, task: StressTask, scene: Scene, name: str, clip: Clip) -> StressedClip:
     estimator = unfiltered(clip.background, clip.aspect, (name,))[name]
-    pairs = zip(clip.frames, clip.time_ns, strict=True)
-    samples = [estimator.update(frame, time_ns) for frame, time_ns in pairs]
+    shown = [Frame(*of, 0, "") for of in zip(clip.frames, clip.time_ns, strict=True)]
+    samples = [of.sample for of in estimate_frames(estimator, shown)]
     key = f"{task.contact.partition(':')[0]}/{task.contact} {scene.angle_deg:+.0f} deg"
     return StressedClip(condition.name, name, _series_score(key, samples, clip))
 

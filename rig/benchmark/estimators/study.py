@@ -4,28 +4,25 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
-
-import typer
+from typing import Any
 
 from protocols.grasps import TRIAL_OBJECTS
 from rig.benchmark.estimators.contenders import CONTENDERS
-from rig.benchmark.estimators.endurance import Endurance, measure_endurance
-from rig.benchmark.estimators.lifts import LiftScores, score_lift, session_lifts
-from rig.benchmark.estimators.limits import judge
+from rig.benchmark.estimators.lifts import LiftScores, score_lift
 from rig.benchmark.estimators.picture import draw
 from rig.benchmark.estimators.scores import score_all
 from rig.benchmark.estimators.stress import NAMES, run_stress, stress_rows, stress_tasks
 from rig.benchmark.estimators.tables import (
     EstimatorsResult,
     estimator_table,
+    judge,
     notes,
     readme_section,
     stress_table,
     time_table,
 )
-from rig.benchmark.estimators.timing import time_lifts
-from rig.benchmark.harness import Report, Run, Study, limit_table, machine
+from rig.benchmark.estimators.timing import Endurance, measure_endurance, time_lifts
+from rig.benchmark.harness import Report, Run, Study, limit_table, machine, option
 from rig.config import BenchConfig, load_bench
 from rig.experiments.lift_plan import TrialSettings
 from rig.experiments.stored_trial import stored_trial
@@ -33,6 +30,7 @@ from rig.experiments.trial import run_trial
 from rig.pages.page import render
 from rig.sessions.manifest import is_session
 from rig.sessions.records import FinishedLift, LiftRow
+from rig.sessions.rows import read_finished_lifts
 from rig.tactile.estimators import DEFAULT_ESTIMATOR, EstimatorChoice, choose_estimator
 from rig.tactile.foreign import EstimatorFaults, together
 
@@ -46,20 +44,11 @@ PICTURE, PAGE, TABLE = "pareto.png", "index.html", "table.md"
 class EstimatorsOptions:
     """Options of `rig benchmark estimators`."""
 
-    full: Annotated[
-        bool, typer.Option("--full", help="More lifts, seeds and steps: about an hour on two cores.")
-    ] = False
-    session: Annotated[
-        Path | None,
-        typer.Option("--session", help="Use the lifts of this trial instead of recording 45 simulated ones."),
-    ] = None
-    estimator: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--estimator",
-            help="One more beside those that are always compared, as package.module:Class; repeat for more.",
-        ),
-    ] = None
+    full: bool = option(False, "More lifts, seeds and steps: about an hour on two cores.")
+    session: Path | None = option(None, "Use the lifts of this trial instead of recording 45 simulated ones.")
+    estimator: list[str] | None = option(
+        None, "One more beside those that are always compared, as package.module:Class; repeat for more."
+    )
 
 
 def measure(options: EstimatorsOptions, run: Run) -> Report:
@@ -79,7 +68,8 @@ def measure(options: EstimatorsOptions, run: Run) -> Report:
       rig benchmark estimators --estimator my_lab.rotation:MyEstimator --out benchmark
 
     """
-    return report_of(compare(options, run), _endurance(run) if options.full else None)
+    result = compare(options, run)
+    return report_of(result, measure_endurance(run.seed, progress=run.progress) if options.full else None)
 
 
 def compare(options: EstimatorsOptions, run: Run) -> EstimatorsResult:
@@ -96,11 +86,13 @@ def compare(options: EstimatorsOptions, run: Run) -> EstimatorsResult:
     folder = options.session or record(
         run, "session", load_bench("fake"), choose_estimator(), TRIAL_OBJECTS, recorded
     )
-    tips, rows = session_lifts(folder)
+    rows = read_finished_lifts(folder)
     # Timed first and alone: worker processes beside it would share its core.
     timed = _spread_out(rows, FULL_TIMED_LIFTS if options.full else TIMED_LIFTS)
-    timing = time_lifts(folder, tips, timed, run.progress, names)
-    lifts = run.each(partial(score_lift, folder, tips, names), rows, _name)
+    timing = time_lifts(folder, timed, run.progress, names)
+    lifts = run.each(
+        partial(score_lift, folder, names), rows, lambda row: f"estimators on {row.object}/{row.lift}"
+    )
     clips = run.each(run_stress, stress_tasks(options.full, run.seed, stressed))
     return EstimatorsResult(
         session=folder,
@@ -116,8 +108,7 @@ def compare(options: EstimatorsOptions, run: Run) -> EstimatorsResult:
 
 def report_of(result: EstimatorsResult, endurance: Endurance | None = None) -> Report:
     """Return tables, limits and files. endurance: measured in a long run only."""
-    gap_deg, apart = result.skip_gap_deg, result.skip_apart
-    limits = judge(result.scores, result.timing, gap_deg, apart, result.stress, endurance)
+    limits = judge(result, endurance)
     whose, section = f"'{DEFAULT_ESTIMATOR}'", readme_section(result, limits)
     tables = (time_table(result), stress_table(result), estimator_table(result))
     picture, chart = draw(result)
@@ -182,13 +173,6 @@ def record(
     return folder
 
 
-def _endurance(run: Run) -> Endurance:
-    def show(done: int, total: int) -> None:
-        run.progress(done, total, f"an hour at rest: frame {done}")
-
-    return measure_endurance(run.seed, progress=show)
-
-
 def _faults(lifts: Sequence[LiftScores]) -> dict[str, EstimatorFaults]:
     names = dict.fromkeys(name for lift in lifts for name in lift.faults)
     return {name: together([lift.faults[name] for lift in lifts if name in lift.faults]) for name in names}
@@ -204,10 +188,6 @@ def _by_window(result: EstimatorsResult, name: str, window: int) -> dict[str, An
     cost = result.timing.contenders[name].contact
     score = asdict(result.scores[name, window])
     return {"estimator": name, "window": window, **score, "p50_ms": cost.p50_ms, "p99_ms": cost.p99_ms}
-
-
-def _name(row: FinishedLift) -> str:
-    return f"estimators on {row.object}/{row.lift}"
 
 
 STUDY = Study(

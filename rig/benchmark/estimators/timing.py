@@ -1,4 +1,4 @@
-"""Run time per frame and stage: every contender on the same frames, one after the other, one thread."""
+"""Run time per frame and stage of every contender in one thread, and an hour of a contact at rest."""
 
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -9,16 +9,21 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from drivers.types import Image
+from drivers.clock import NS_PER_S, to_ns
+from drivers.types import Frame, Image
+from fakes.studio.clips import Scene, resting_frames
 from rig.benchmark.estimators.contenders import CONTENDERS, NO_SKIP, complete
-from rig.benchmark.estimators.lifts import RecordedLift, Tips, open_lift
+from rig.benchmark.estimators.lifts import RecordedLift, open_lift
 from rig.benchmark.harness import column
+from rig.frames.estimates import TimedSample, estimate_frames
+from rig.frames.of_session import SessionSeries
 from rig.sessions.records import FinishedLift
 from rig.tactile.contact.finder import ContactFinder
 from rig.tactile.estimators import DEFAULT_ESTIMATOR
 from rig.tactile.paper.axis import largest_contour
 from rig.tactile.paper.published import skeleton_angle, stretched
-from rig.tactile.sample import SlipSample, State
+from rig.tactile.sample import State
+from rig.tactile.slip.estimator import SlipEstimator
 
 PERCENTILES = (50, 90, 95, 99)
 FRAMES_PER_LIFT = 600
@@ -87,7 +92,6 @@ class TimingReport:
 
 def time_lifts(
     folder: Path,
-    tips: Tips,
     rows: Sequence[FinishedLift],
     progress: Callable[[int, int, str], None] = lambda done, total, note: None,
     names: Sequence[str] = CONTENDERS,
@@ -100,15 +104,15 @@ def time_lifts(
     before = cv2.getNumThreads()
     cv2.setNumThreads(1)
     try:
-        samples: dict[str, list[tuple[SlipSample, float]]] = {name: [] for name in names}
+        samples: dict[str, list[TimedSample]] = {name: [] for name in names}
         stage: dict[str, list[float]] = {"stage": [], "thinning": [], "cropped": []}
-        lift = open_lift(folder, tips, rows[0])
+        lift = open_lift(folder, rows[0])
         for number, row in enumerate(rows):
-            lift = open_lift(folder, tips, row)
-            serial = list(tips)[number % len(tips)]
-            _time_tip(lift, serial, samples, stage)
+            lift = open_lift(folder, row)
+            tips = list(lift.tips.values())
+            _time_tip(tips[number % len(tips)], samples, stage)
             progress(number + 1, len(rows), f"timed on lift {row.object}/{row.lift}")
-        height, width = next(iter(lift.backgrounds.values())).shape[:2]
+        height, width = next(iter(lift.tips.values())).background.shape[:2]
         contenders = {name: _timing(timed) for name, timed in samples.items()}
         published = PublishedStage(**{name: spread(values) for name, values in stage.items()})
         ours, whole = contenders[DEFAULT_ESTIMATOR].total_s, contenders[NO_SKIP].total_s
@@ -125,26 +129,23 @@ def spread(durations_s: Sequence[float]) -> Spread:
 
 
 def _time_tip(
-    lift: RecordedLift,
-    serial: str,
-    samples: Mapping[str, list[tuple[SlipSample, float]]],
+    tip: SessionSeries,
+    samples: Mapping[str, list[TimedSample]],
     stage: Mapping[str, list[float]],
 ) -> None:
-    background, tip, names = lift.backgrounds[serial], lift.tips[serial], list(samples)
-    estimators = {name: complete(name, background, tip.pixel_aspect, tip.sign) for name in names}
-    finder = ContactFinder(background)
-    frames = islice(lift.frames(serial), FRAMES_PER_LIFT)
+    names = list(samples)
+    estimators = {name: complete(name, tip.background, tip.aspect, tip.sign) for name in names}
+    finder = ContactFinder(tip.background)
+    frames = islice(tip.frames, FRAMES_PER_LIFT)
     for number in count():
         turn = list(islice(frames, TURN_FRAMES))
         if not turn:
             return
         first = number % len(names)
         for name in names[first:] + names[:first]:
-            for frame in turn:
-                began = time.perf_counter()
-                sample = estimators[name].update(frame.image, frame.time_ns)
-                samples[name].append((sample, time.perf_counter() - began))
-        _time_published(finder.find(turn[0].image).mask, stage)
+            samples[name].extend(estimate_frames(estimators[name], turn))
+        if turn[0].image is not None:
+            _time_published(finder.find(turn[0].image).mask, stage)
 
 
 def _time_published(mask: Image | None, stage: Mapping[str, list[float]]) -> None:
@@ -172,33 +173,83 @@ def _time_published(mask: Image | None, stage: Mapping[str, list[float]]) -> Non
     stage["cropped"].append(time.perf_counter() - began)
 
 
-def _timing(timed: Sequence[tuple[SlipSample, float]]) -> Timing:
-    touching = [(s, cost) for s, cost in timed if s.state is not State.NO_CONTACT]
-    names = dict.fromkeys(stage for s, _ in touching for stage in s.stage_s)
+def _timing(timed: Sequence[TimedSample]) -> Timing:
+    touching = [of for of in timed if of.sample.state is not State.NO_CONTACT]
+    stages = [of.sample.stage_s for of in touching]
+    names = dict.fromkeys(name for of in stages for name in of)
     return Timing(
-        contact=spread([cost for _, cost in touching]),
-        stages={n: spread([s.stage_s[n] for s, _ in touching if n in s.stage_s]) for n in names},
+        contact=spread([of.cost_s or 0.0 for of in touching]),
+        stages={name: spread([of[name] for of in stages if name in of]) for name in names},
         frames=len(timed),
-        total_s=sum(cost for _, cost in timed),
+        total_s=sum(of.cost_s or 0.0 for of in timed),
     )
 
 
 def _threads(lift: RecordedLift) -> Threads:
     """Run the default estimator on one fingertip's frames with one OpenCV thread and with two."""
-    serial = next(iter(lift.tips))
-    costs: dict[int, list[float]] = {1: [], 2: []}
-    angles: dict[int, list[float]] = {1: [], 2: []}
+    tip = next(iter(lift.tips.values()))
+    passes = []
     for threads in (1, 2):
         cv2.setNumThreads(threads)
-        estimator = complete(DEFAULT_ESTIMATOR, lift.backgrounds[serial], lift.tips[serial].pixel_aspect)
-        for frame in islice(lift.frames(serial), FRAMES_PER_LIFT):
-            began = time.perf_counter()
-            sample = estimator.update(frame.image, frame.time_ns)
-            if sample.state is not State.NO_CONTACT:
-                costs[threads].append(1e3 * (time.perf_counter() - began))
-            angles[threads].append(np.nan if sample.angle_deg is None else sample.angle_deg)
+        estimator = complete(DEFAULT_ESTIMATOR, tip.background, tip.aspect)
+        passes.append(list(estimate_frames(estimator, islice(tip.frames, FRAMES_PER_LIFT))))
     cv2.setNumThreads(1)
-    apart = np.abs(np.subtract(angles[1], angles[2]))
+    apart = np.abs(np.subtract(*(np.array([of.sample.angle_deg for of in timed], float) for timed in passes)))
     gap = float(np.nanmax(apart)) if np.isfinite(apart).any() else 0.0
-    one, two = (float(np.median(costs[threads])) if costs[threads] else 0.0 for threads in (1, 2))
-    return Threads(one, two, gap, len(angles[1]))
+    one, two = (_timing(timed).contact.p50_ms for timed in passes)
+    return Threads(one, two, gap, len(passes[0]))
+
+
+RATE_HZ = 60.0
+FRAMES = 216_000
+WARM_UP_S = 1.0
+"""The angle counts from here on, its mean over the next second being its zero."""
+CONTACT = "t1:0"
+_STATM = Path("/proc/self/statm")
+_PAGE_MB = 4096 / 2**20
+
+
+@dataclass(frozen=True, slots=True)
+class Endurance:
+    """What an hour came to.
+
+    wander_deg: largest distance of an angle from its zero. answered: share of frames. grown_mb:
+    resident memory at the end over that after a tenth of the frames, None where the system does not tell.
+    """
+
+    frames: int
+    wander_deg: float
+    answered: float
+    grown_mb: float | None
+
+
+def measure_endurance(
+    seed: int = 0, frames: int = FRAMES, progress: Callable[[int, int, str], None] = lambda *_: None
+) -> Endurance:
+    """Show `slip` a contact at rest under fresh noise and drifting light, skipping nothing."""
+    background, stream = resting_frames(Scene(CONTACT, rate_hz=RATE_HZ, seed=seed))
+    tracker = SlipEstimator(background, skip=False)
+    angles, before = np.full(frames, np.nan), None
+    shown = (Frame(next(stream), to_ns(i / RATE_HZ) + NS_PER_S, i, "") for i in range(frames))
+    for i, of in enumerate(estimate_frames(tracker, shown)):
+        angles[i] = np.nan if of.sample.angle_deg is None else of.sample.angle_deg
+        if i == frames // 10:
+            before = _resident_mb()
+        if i % (frames // 100 or 1) == 0:
+            progress(i, frames, f"an hour at rest: frame {i}")
+    after = _resident_mb()
+    first = round(WARM_UP_S * RATE_HZ)
+    angles = angles[first:]
+    zero = np.nanmean(angles[: round(RATE_HZ)])
+    return Endurance(
+        frames=frames,
+        wander_deg=float(np.nanmax(np.abs(angles - zero))),
+        answered=float(np.isfinite(angles).mean()),
+        grown_mb=None if before is None or after is None else after - before,
+    )
+
+
+def _resident_mb() -> float | None:
+    if not _STATM.exists():
+        return None
+    return int(_STATM.read_text().split()[1]) * _PAGE_MB

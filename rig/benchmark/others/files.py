@@ -3,7 +3,6 @@
 import contextlib
 import importlib
 import shutil
-import subprocess
 import sys
 import tempfile
 from collections import Counter
@@ -11,19 +10,21 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from rig.benchmark.others.rows import Row, Say, installed, skipped
+from rig.benchmark.harness import Run
+from rig.benchmark.others.clients import Row, installed, output, skipped
 from rig.export.formats import export_session
 
 PART = "files"
-_LIMIT_S = 120.0
+Reader = Callable[[Path, Path], tuple[bool, str]]
+"""Reads a recording, with a folder for exports; returns whether it is as expected, and what was read."""
 
 
-def run_files(session: Path | None, say: Say) -> list[Row]:
+def run_files(session: Path | None, run: Run) -> list[Row]:
     """Return a row for each reader. They need a session of `rig trial`."""
     if session is None:
         return [skipped(PART, "recordings and exports", "rig trial --lifts 1 --out S, then --session S")]
     recording = sorted((session / "lifts").glob("*.mcap"))[0]
-    readers: list[tuple[str, str, Callable[[Path, Path], tuple[bool, str]]]] = [
+    readers: list[tuple[str, str, Reader]] = [
         ("mcap and foxglove's schemas", "mcap", _foxglove), ("rerun", "rerun-sdk", _rerun),
         ("pandas, of Parquet", "pandas", _pandas), ("duckdb, of Parquet", "duckdb", _duckdb),
         ("pycocotools, of COCO", "pycocotools", _coco), ("labelme, of LabelMe's files", "labelme", _labelme),
@@ -35,12 +36,12 @@ def run_files(session: Path | None, say: Say) -> list[Row]:
         if version is None:
             rows.append(skipped(PART, name, f"pip install {package}"))
             continue
-        say(f"{name} {version}")
+        run.say(f"{name} {version}")
         rows.append(_read(name, version, read, recording))
     return rows
 
 
-def _read(name: str, version: str, read: Callable[[Path, Path], tuple[bool, str]], recording: Path) -> Row:
+def _read(name: str, version: str, read: Reader, recording: Path) -> Row:
     # the output of a reader must not mix with the table or with --json
     with tempfile.TemporaryDirectory() as folder, contextlib.redirect_stdout(sys.stderr):
         try:
@@ -57,16 +58,9 @@ def _doctor(recording: Path) -> Row:
     tool = shutil.which("mcap")
     if tool is None:
         return skipped(PART, "mcap doctor", "the program mcap is not on the PATH (github.com/foxglove/mcap)")
-    version = _output([tool, "version"])[1]
-    code, output = _output([tool, "doctor", str(recording)])
-    return Row(PART, "mcap doctor", version, output or "no complaint", met=code == 0)
-
-
-def _output(command: list[str]) -> tuple[int, str]:
-    done = subprocess.run(  # noqa: S603 - the reader's own program
-        command, capture_output=True, text=True, timeout=_LIMIT_S, check=False
-    )
-    return done.returncode, (done.stdout + done.stderr).strip()[-160:]
+    _, version = output([tool, "version"])
+    code, said = output([tool, "doctor", str(recording)])
+    return Row(PART, "mcap doctor", version, said or "no complaint", met=code == 0)
 
 
 def _foxglove(recording: Path, folder: Path) -> tuple[bool, str]:

@@ -3,37 +3,26 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
-
-import typer
 
 from drivers.errors import RigError, unknown_name
-from rig.benchmark.harness import Report, Run, Study, Table, table_of
+from rig.benchmark.harness import Report, Run, Study, Table, option, table_of
 from rig.benchmark.measured import at_most
-from rig.benchmark.others.clients import run_clients
+from rig.benchmark.others.clients import Row, run_clients
 from rig.benchmark.others.files import run_files
-from rig.benchmark.others.rows import Row, Say
 
 
 @dataclass(frozen=True, slots=True)
 class OthersOptions:
     """Options of `rig benchmark others`: where clients and readers find their input."""
 
-    part: Annotated[
-        list[str] | None, typer.Option("--part", help="clients or files; repeat. Default: both.")
-    ] = None
-    clones: Annotated[
-        Path | None,
-        typer.Option("--clones", help="Folder with clones of public repositories, as OWNER/NAME."),
-    ] = None
-    session: Annotated[
-        Path | None, typer.Option("--session", help="A session of rig trial, whose files are opened.")
-    ] = None
+    part: list[str] | None = option(None, "clients or files; repeat. Default: both.")
+    clones: Path | None = option(None, "Folder with clones of public repositories, as OWNER/NAME.")
+    session: Path | None = option(None, "A session of rig trial, whose files are opened.")
 
 
-PARTS: dict[str, Callable[[OthersOptions, Say], list[Row]]] = {
-    "clients": lambda options, say: run_clients(options.clones, say),
-    "files": lambda options, say: run_files(options.session, say),
+PARTS: dict[str, Callable[[OthersOptions, Run], list[Row]]] = {
+    "clients": lambda options, run: run_clients(options.clones, run),
+    "files": lambda options, run: run_files(options.session, run),
 }
 
 
@@ -56,7 +45,7 @@ def measure(options: OthersOptions, run: Run) -> Report:
             raise unknown_name("part", part, PARTS)
     for part in options.part or PARTS:
         try:
-            rows += PARTS[part](options, run.say)
+            rows += PARTS[part](options, run)
         except RigError as error:
             rows.append(Row(part, "the part itself", "", str(error), met=False))
     table = others_table(rows)

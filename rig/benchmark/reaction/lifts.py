@@ -1,21 +1,32 @@
-"""One simulated lift, with or without a reaction, beside the ground truth of its simulated world."""
+"""Simulated lifts that react to slip: beside the ground truth in this process, and over the wire."""
 
-from collections.abc import Callable
+import tempfile
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing
 from dataclasses import dataclass, replace
+from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import cv2
+import numpy as np
 
-from drivers.clock import to_ns
+from drivers.clock import NS_PER_S, to_ns
 from protocols.grasps import find_grasp_file
-from protocols.observer import Phase
+from protocols.observer import Phase, ReactionStep
 from protocols.reaction import ReactionKind
-from rig.bench.source import FreshBenches
-from rig.config import BenchConfig
+from rig.bench.fakes_process import started_fakes
+from rig.bench.operators import ConsoleOperator
+from rig.bench.source import FreshBenches, StandingBench
+from rig.benchmark.measured import Measured, at_most, informative
+from rig.config import BenchConfig, load_bench
 from rig.experiments.lift_attempt import attempt_lift
 from rig.experiments.lift_plan import LiftTask, TrialSettings
+from rig.experiments.trial import run_trial
 from rig.lift.slip_watch import CAUGHT_DEG
-from rig.sessions.records import FinishedLift, LiftOutcome
+from rig.sessions.reading import recorded_reactions
+from rig.sessions.records import FinishedLift, LiftOutcome, LiftRow
+from rig.sessions.rows import read_finished_lifts
 
 GRIPPER_PERIOD_S = 0.01
 """Period at which the real gripper's driver reads its state; the registers are refreshed every 5 ms."""
@@ -127,3 +138,65 @@ def _reactions(row: FinishedLift, slipped: Callable[[int, int], bool]) -> tuple[
         reactions.append(Reaction(latency_s, command_s, r.counts_added, moved))
         since_s = r.command_s if r.rest_s is None else r.rest_s
     return tuple(reactions)
+
+
+OBJECT = "t1"
+"""The wrench: it slips at any grip, so that each of its lifts has several reactions."""
+MOST_COMMAND_MS = 20.0
+MS_PER_S = 1e3
+ARM = (ReactionStep.STOP, ReactionStep.STANDS)
+FINGERS = (ReactionStep.CLOSE, ReactionStep.CLOSED)
+
+
+def times_over_wire(
+    settings: TrialSettings, lifts: int, progress: Callable[[int, int, str], None] = lambda *_: None
+) -> list[Measured]:
+    """Carry out lifts that react as soon as a slip is detected; return how long that took.
+
+    SIMULATED devices, in real time. Raises what `run_trial` raises.
+    """
+
+    def show(done: int, total: int, row: LiftRow) -> None:
+        progress(done, total, f"behind wires, {row.object}/{row.lift}")
+
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        started_fakes(load_bench("wire")) as config,
+        closing(StandingBench(config, ConsoleOperator(lambda _: True), "")) as benches,
+    ):
+        session = Path(folder) / "session"
+        trial = replace(settings, bench=config, slip=replace(settings.slip, max_turn_deg=None))
+        run_trial(session, trial, [OBJECT], lifts, benches=benches, progress=show)
+        return times_of(session, settings.react)
+
+
+def times_of(session: Path, react: ReactionKind) -> list[Measured]:
+    """Return the times of a session's reactions: from capture to command, and then to standstill."""
+    rows = read_finished_lifts(session)
+    reactions = [r for row in rows for r in row.reactions or ()]
+    late_ms = [MS_PER_S * (r.command_s - r.event_s) for r in reactions if r.event_s is not None]
+    steps = [recorded_reactions(session / row.recording) for row in rows]
+    moved = {"arm": ARM, "fingers": FINGERS} if react is ReactionKind.TIGHTEN else {"arm": ARM}
+    took_ms = {who: [ms for lift in steps for ms in _took_ms(lift, both)] for who, both in moved.items()}
+    return [
+        at_most(
+            f"behind wires, capture of the frame that told to command, 99 % of {len(late_ms)}, ms",
+            np.percentile(late_ms, 99) if late_ms else None,
+            MOST_COMMAND_MS,
+        ),
+        *(
+            informative(f"behind wires, command to standstill of {who}, {of} %, ms", np.percentile(ms, of))
+            for who, ms in took_ms.items()
+            if ms
+            for of in (50, 99)
+        ),
+    ]
+
+
+def _took_ms(
+    steps: Sequence[tuple[ReactionStep, int]], both: tuple[ReactionStep, ReactionStep]
+) -> Iterator[float]:
+    """Yield the time between two steps, wherever the second follows the first directly."""
+    for (first, began_ns), (second, ended_ns) in pairwise(steps):
+        if (first, second) == both:
+            yield MS_PER_S * (ended_ns - began_ns) / NS_PER_S

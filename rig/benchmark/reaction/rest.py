@@ -5,7 +5,7 @@ composed of random short pieces of these, so that no frame is drawn or estimated
 """
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import cv2
@@ -16,7 +16,8 @@ from drivers.clock import NS_PER_S, to_ns
 from drivers.types import Pose
 from protocols.observer import Phase, ReactionStep
 from protocols.pump import Pump
-from protocols.slip_trial import GRASP_S, REFERENCE_S
+from protocols.reaction import ReactionKind
+from protocols.slip_trial import GRASP_S, REFERENCE_S, SETTLE_S
 from protocols.steps import approach, close_to_contact, start_watching, tighten
 from rig.bench.source import FreshBenches
 from rig.benchmark.measured import Measured, at_most
@@ -50,9 +51,8 @@ class Rest:
 def watch_at_rest(settings: TrialSettings, task: LiftTask) -> Rest:
     """Grasp an object without lifting it, and return the fingertips' answers."""
     cv2.setNumThreads(1)
-    measurement = new_measurement(settings)
-    kept = _AnswerKeeper()
-    measurement.watch = kept
+    measurement = new_measurement(replace(settings, react=ReactionKind.NONE))
+    tips = measurement.angle.tips
     seed = derived_seed(settings.seed, task.object_id, task.lift, attempt=0)
     plan = plan_lift(settings, task, Pose(settings.bench.table.position_m))
     with FreshBenches(settings.bench).for_lift(seed, task.name) as (bench, operator):
@@ -62,9 +62,18 @@ def watch_at_rest(settings: TrialSettings, task: LiftTask) -> Rest:
         pump: Pump = start_watching(bench, measurement, REFERENCE_S)
         tighten(bench, pump, measurement, close_to_contact(bench, pump, measurement), plan.grip_steps)
         pump.run_for(GRASP_S)
-        measurement.phase(Phase.LIFT, pump.seen_ns)
+        lift_ns = pump.seen_ns
+        measurement.phase(Phase.LIFT, lift_ns)
+        before = {serial: len(tip.samples) for serial, tip in tips.items()}
         pump.run_for(RESTS_S)
-    return Rest(kept.learnt, kept.after)
+    since_ns = lift_ns - to_ns(SETTLE_S)
+    return Rest(
+        {
+            n: [tip.answer(s) for s in tip.samples if since_ns <= s.time_ns < lift_ns]
+            for n, tip in tips.items()
+        },
+        {n: [_bare(tip.answer(s)) for s in tip.samples[before[n] :]] for n, tip in tips.items()},
+    )
 
 
 def at_rest(rests: Sequence[Rest], hours: float) -> list[Measured]:
@@ -140,23 +149,6 @@ class _Drift:
         angle_deg = answer.angle_deg + self.size_deg * math.sin(at)
         rate_deg_s = answer.rate_deg_s + self.size_deg * self.rad_s * math.cos(at)
         return replace(answer, sample=sample, angle_deg=angle_deg, rate_deg_s=rate_deg_s)
-
-
-class _AnswerKeeper(SlipWatch):
-    """Keeps the answers and raises no event."""
-
-    def __init__(self) -> None:
-        super().__init__(SlipSettings())
-        self.learnt: Answers = {}
-        self.after: Answers = {}
-
-    def begin(self, at_rest: Mapping[str, Sequence[TipAnswer]]) -> None:
-        """Keep the answers from which noise is learnt."""
-        self.learnt = {serial: list(answers) for serial, answers in at_rest.items()}
-
-    def update(self, serial: str, answer: TipAnswer) -> None:
-        """Keep an answer."""
-        self.after.setdefault(serial, []).append(_bare(answer))
 
 
 def _bare(answer: TipAnswer) -> TipAnswer:

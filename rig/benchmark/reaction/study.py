@@ -6,17 +6,21 @@ from dataclasses import asdict, dataclass, replace
 from functools import partial
 from operator import attrgetter
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Literal
 
 import numpy as np
-import typer
 
 from protocols.reaction import ReactionKind
-from rig.benchmark.harness import Report, Run, Study, Table, column, table_of
+from rig.benchmark.harness import Report, Run, Study, Table, column, option, table_of
 from rig.benchmark.measured import Measured, at_least, at_most, informative
-from rig.benchmark.reaction.lifts import ReactedLift, as_late_as_real, lift_both_ways, lift_once
+from rig.benchmark.reaction.lifts import (
+    ReactedLift,
+    as_late_as_real,
+    lift_both_ways,
+    lift_once,
+    times_over_wire,
+)
 from rig.benchmark.reaction.rest import at_rest, watch_at_rest
-from rig.benchmark.reaction.wire import times_over_wire
 from rig.benchmark.wire.fault_cases import CASES
 from rig.benchmark.wire.fault_lifts import IN_REACTION, FaultRow, run_faults
 from rig.config import load_bench
@@ -43,26 +47,13 @@ Pair = tuple[ReactedLift, ReactedLift]
 class ReactionOptions:
     """Options of `rig benchmark reaction`."""
 
-    react: Annotated[
-        Literal["stop", "tighten", "lower"], typer.Option("--react", help="What is done on a slip.")
-    ] = "tighten"
-    objects: Annotated[
-        list[str] | None, typer.Option("--object", help="By id or name; repeat. Default: the trial's nine.")
-    ] = None
-    lifts: Annotated[int, typer.Option("--lifts", min=1, max=100, help="Of each object.")] = 5
-    false_alarms_per_hour: Annotated[
-        float, typer.Option("--false-alarms-per-hour", help="Reactions at rest that are accepted.")
-    ] = 10.0
-    max_turn_deg: Annotated[
-        float | None,
-        typer.Option("--max-turn-deg", min=0.5, max=90.0, help="React when it would turn further."),
-    ] = None
-    wire_lifts: Annotated[
-        int, typer.Option("--wire-lifts", min=0, max=100, help="Further lifts behind wires, in real time.")
-    ] = 4
-    full: Annotated[
-        bool, typer.Option("--full", help="Also lifts that hold, two hours at rest, faults in a reaction.")
-    ] = False
+    react: Literal["stop", "tighten", "lower"] = option("tighten", "What is done on a slip.")
+    objects: list[str] | None = option(None, "By id or name; repeat. Default: the trial's nine.", "--object")
+    lifts: int = option(5, "Of each object.", min=1, max=100)
+    false_alarms_per_hour: float = option(10.0, "Reactions at rest that are accepted.")
+    max_turn_deg: float | None = option(None, "React when it would turn further.", min=0.5, max=90.0)
+    wire_lifts: int = option(4, "Further lifts behind wires, in real time.", min=0, max=100)
+    full: bool = option(False, "Also lifts that hold, two hours at rest, faults in a reaction.")
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,16 +1,190 @@
-"""Lifts of the second renderer: two fingertips that see an object rest, turn by fits and starts, and rest."""
+"""Lifts of the second renderer: an object rests, turns by fits and starts, and rests, seen by two fingertips.
+
+A fingertip is a gel seen from behind by a camera. The film on the gel is stretched over the face as a
+membrane on an elastic ground; its picture is what lamps of an area shed on its slope, dull and a little
+glossy, scattered in the gel, through a camera's tone curve, with noise.
+"""
 
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from drivers.clock import NS_PER_S
-from drivers.types import Image
-from rig.benchmark.renderer.sensor import GelCamera
-from rig.benchmark.renderer.shapes import KINDS, Random, draw_face
+from drivers.types import Frame, Image
+from rig.benchmark.renderer.shapes import (
+    AWAY_MM,
+    KINDS,
+    PATCH_MM,
+    PATCH_PX_MM,
+    Face,
+    Plane,
+    Random,
+    draw_face,
+)
+
+SIZE_PX = (240, 320)
+PITCH_MM = 0.058
+COARSE = 2
+"""Pixels of the picture per point of the film."""
+STRETCH_PX, STRETCHES = 2.6, 14
+"""The film's stiffness: it is smoothed so far, so often, and held up by the face after each."""
+SINKS = 0.985
+"""What is left of the film's depth after each smoothing: the ground pulls it back."""
+LAMPS = 5
+"""Points that stand for a row of lamps."""
+HEIGHT_MM, AWAY_FROM_MIDDLE_MM = 3.0, 15.0
+GLOSS, GLOSS_POWER = 0.10, 12.0
+SPREAD_PX, SPREAD_SHARE = 9.0, 0.18
+TONE = 1.0 / 1.6
+BLOCK_PX = 16
+
+
+class GelCamera:
+    """One sensor: its lamps, gel and camera, drawn from a seed."""
+
+    def __init__(self, seed: int) -> None:
+        rng = np.random.default_rng((seed, 2))
+        columns, rows = SIZE_PX[0] // COARSE, SIZE_PX[1] // COARSE
+        across = (np.arange(columns) - (columns - 1) / 2.0) * PITCH_MM * COARSE
+        down = (np.arange(rows) - (rows - 1) / 2.0) * PITCH_MM * COARSE
+        self._x, self._y = (np.asarray(m, np.float32) for m in np.meshgrid(across, -down))
+        self._dome = (self._x**2 + self._y**2) / np.float32(2.0 * rng.uniform(40.0, 90.0))
+        self._lamps = _lamps(rng)
+        self._mix = np.eye(3) * rng.uniform(0.8, 1.2, 3) + rng.uniform(0.02, 0.18, (3, 3))
+        self._glow = rng.uniform(0.1, 0.4)
+        self._patchy = _patches((rows, columns), rng)
+        self._specks = _specks(rng)
+        self._gain = float(rng.uniform(95.0, 150.0))
+        self._read_noise, self._shot = float(rng.uniform(0.6, 1.6)), float(rng.uniform(0.02, 0.08))
+        self._quality = int(rng.integers(60, 92))
+        self._blocks, self._taken = np.zeros((*SIZE_PX[::-1], 3), np.float32), 0
+        self._refresh, self._block_levels = int(rng.integers(15, 60)), float(rng.uniform(0.0, 1.0))
+        self._level = 1.0
+        flat = self._lit(np.zeros_like(self._dome))
+        self._level = float(1.0 / np.percentile(flat, 90))
+
+    def picture(
+        self,
+        face: Face | None,
+        angle_rad: float,
+        middle_mm: tuple[float, float],
+        depth_mm: float,
+        rng: Random,
+    ) -> Image:
+        """Return a frame, (320, 240, 3) uint8 RGB, as a camera delivers it.
+
+        angle_rad: counter-clockwise as seen. middle_mm: where the face's middle is, right and up. depth_mm:
+        how far it is pushed in.
+        """
+        depth = np.zeros_like(self._dome)
+        if face is not None:
+            depth = self._stretched(self._pressed(face, angle_rad, middle_mm, depth_mm))
+        light = self._lit(depth) * self._level
+        wide = cv2.resize(light.astype(np.float32), SIZE_PX, interpolation=cv2.INTER_CUBIC)
+        seen = cv2.resize(depth, SIZE_PX, interpolation=cv2.INTER_LINEAR)
+        wide = wide * (1.0 - self._specks * (0.6 + 0.8 * np.minimum(seen, 0.5)))[..., None]
+        grey = self._gain * np.maximum(wide, 0.0) ** TONE
+        sigma = np.sqrt(self._read_noise**2 + self._shot * grey)
+        grey = grey + sigma * rng.standard_normal(grey.shape, np.float32) + self._coded(rng)
+        frame = np.clip(grey, 0, 255).astype(np.uint8)
+        _, data = cv2.imencode(".jpg", frame[..., ::-1], (cv2.IMWRITE_JPEG_QUALITY, self._quality))
+        return np.asarray(cv2.imdecode(data, cv2.IMREAD_COLOR), np.uint8)[..., ::-1].copy()
+
+    def _coded(self, rng: Random) -> NDArray[np.float32]:
+        """Return how far a video's blocks are off until its next refresh, (H, W, 3) grey levels."""
+        if self._taken % self._refresh == 0:
+            coarse = (SIZE_PX[1] // BLOCK_PX, SIZE_PX[0] // BLOCK_PX, 3)
+            levels = rng.normal(0.0, self._block_levels, coarse).astype(np.float32)
+            self._blocks = levels.repeat(BLOCK_PX, axis=0).repeat(BLOCK_PX, axis=1)
+        self._taken += 1
+        return self._blocks
+
+    def _pressed(
+        self, face: Face, angle_rad: float, middle_mm: tuple[float, float], depth_mm: float
+    ) -> Plane:
+        """Return how far the face stands below the resting gel, mm, 0 where it does not reach it."""
+        x, y = self._x - np.float32(middle_mm[0]), self._y - np.float32(middle_mm[1])
+        cos, sin = np.float32(math.cos(angle_rad)), np.float32(math.sin(angle_rad))
+        column = (x * cos + y * sin + np.float32(PATCH_MM)) / np.float32(PATCH_PX_MM) - np.float32(0.5)
+        row = (np.float32(PATCH_MM) - (y * cos - x * sin)) / np.float32(PATCH_PX_MM) - np.float32(0.5)
+        relief = cv2.remap(
+            face.relief_mm, column, row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=AWAY_MM
+        )
+        away = np.asarray(relief, np.float32) + self._dome
+        if face.bulge_mm is not None:
+            turn = math.radians(face.bulge_deg)
+            along = x * np.float32(math.cos(turn)) + y * np.float32(math.sin(turn))
+            across = y * np.float32(math.cos(turn)) - x * np.float32(math.sin(turn))
+            away = away + along**2 / np.float32(2 * face.bulge_mm[0])
+            away = away + across**2 / np.float32(2 * face.bulge_mm[1])
+        return np.maximum(np.float32(depth_mm) - away, np.float32(0.0))
+
+    @staticmethod
+    def _stretched(pressed: Plane) -> Plane:
+        """Return the film's depth: never less than the face, smooth beside it."""
+        film = pressed
+        for _ in range(STRETCHES):
+            smooth = np.asarray(cv2.GaussianBlur(film, (0, 0), STRETCH_PX), np.float32)
+            film = np.maximum(pressed, np.float32(SINKS) * smooth)
+        return np.asarray(cv2.GaussianBlur(film, (0, 0), 0.7), np.float32)
+
+    def _lit(self, depth: Plane) -> NDArray[np.float64]:
+        """Return the light that leaves the film towards the camera, (h, w, 3)."""
+        step = COARSE * PITCH_MM
+        right = -cv2.Sobel(depth, cv2.CV_32F, 1, 0, scale=1 / (8 * step))
+        up = cv2.Sobel(depth, cv2.CV_32F, 0, 1, scale=1 / (8 * step))
+        # The film is seen from inside the gel: what is pressed in comes nearer to the camera.
+        norm = np.sqrt(1.0 + right**2 + up**2)
+        colours = np.empty((*depth.shape, 3))
+        for colour, lamps in enumerate(self._lamps):
+            light = np.zeros_like(depth)
+            for x, y, power in lamps:
+                to_x, to_y = np.float32(x) - self._x, np.float32(y) - self._y
+                far = np.sqrt(to_x**2 + to_y**2 + np.float32(HEIGHT_MM**2))
+                facing = (right * to_x + up * to_y + np.float32(HEIGHT_MM)) / (norm * far)
+                half = np.maximum(2.0 * facing / norm - np.float32(HEIGHT_MM) / far, 0.0)
+                shed = np.maximum(facing, 0.0) + np.float32(GLOSS) * half ** np.float32(GLOSS_POWER)
+                light += np.float32(power) * shed / far**2
+            colours[..., colour] = light
+        colours = (colours * 1000.0) @ self._mix * self._patchy + self._glow
+        spread = cv2.GaussianBlur(colours, (0, 0), SPREAD_PX)
+        return (1.0 - SPREAD_SHARE) * colours + SPREAD_SHARE * spread
+
+
+def _lamps(rng: Random) -> list[list[tuple[float, float, float]]]:
+    """Return three rows of lamps around the gel: places in mm and powers, a colour each."""
+    first = rng.uniform(0.0, 2.0 * math.pi)
+    rows = []
+    for colour in range(3):
+        middle = first + colour * 2.0 * math.pi / 3.0 + rng.normal(0.0, 0.2)
+        around = middle + np.linspace(-0.45, 0.45, LAMPS)
+        away = AWAY_FROM_MIDDLE_MM * rng.uniform(0.9, 1.3)
+        power = rng.uniform(0.7, 1.3) / LAMPS
+        rows.append([(away * math.cos(a), away * math.sin(a), power * rng.uniform(0.7, 1.3)) for a in around])
+    return rows
+
+
+def _patches(shape: tuple[int, int], rng: Random) -> NDArray[np.float64]:
+    """Return a slowly changing factor, (h, w, 3): paint and gel are not even."""
+    coarse = rng.normal(0.0, 0.12, (5, 4, 3)).astype(np.float32)
+    return np.exp(cv2.resize(coarse, shape[::-1], interpolation=cv2.INTER_CUBIC)).astype(np.float64)
+
+
+def _specks(rng: Random) -> NDArray[np.float64]:
+    """Return how much light specks and a scratch keep, (H, W), 0 to 1: more where the film is pressed."""
+    dark = np.zeros((SIZE_PX[1], SIZE_PX[0]), np.float32)
+    for _ in range(int(rng.integers(2, 9))):
+        place = int(rng.integers(SIZE_PX[0])), int(rng.integers(SIZE_PX[1]))
+        cv2.circle(dark, place, int(rng.integers(1, 4)), float(rng.uniform(0.1, 0.5)), -1)
+    if rng.random() < 0.4:
+        ends = [(int(rng.integers(SIZE_PX[0])), int(rng.integers(SIZE_PX[1]))) for _ in range(2)]
+        cv2.line(dark, ends[0], ends[1], float(rng.uniform(0.05, 0.2)), 1)
+    return cv2.GaussianBlur(dark, (0, 0), 0.8).astype(np.float64)
+
 
 RATE_HZ = 60.0
 REST_S, TURN_S, END_S = 1.0, 1.6, 0.6
@@ -56,20 +230,21 @@ def draw_course(seed: int) -> Course:
     return Course(turn_deg, start + moved * share[:, None], depth_mm)
 
 
-def frames(seed: int, tip: int) -> Iterator[tuple[int | None, Image]]:
-    """Yield a fingertip's frames: those of the empty gel first, with None, then times in ns and frames."""
+def frames(seed: int, tip: int) -> Iterator[Frame]:
+    """Yield a fingertip's frames: first `BACKGROUND_FRAMES` of the empty gel, at time 0, then the lift's."""
     course, camera = draw_course(seed), GelCamera(10 * seed + tip)
     face = draw_face(seed, seed, tip)
     rng = np.random.default_rng((seed, 4, tip))
     placed_rad = float(np.random.default_rng((seed, 5)).uniform(-math.pi, math.pi))
-    for _ in range(BACKGROUND_FRAMES):
-        yield None, camera.picture(None, 0.0, (0.0, 0.0), 0.0, rng)
-    for frame, (turn, shift, depth) in enumerate(
+    for number in range(BACKGROUND_FRAMES):
+        yield Frame(camera.picture(None, 0.0, (0.0, 0.0), 0.0, rng), 0, number, str(tip))
+    for number, (turn, shift, depth) in enumerate(
         zip(course.turn_deg, course.shift_mm, course.depth_mm, strict=True)
     ):
         angle = SIGNS[tip] * (placed_rad + math.radians(turn))
         middle = (SIGNS[tip] * float(shift[0]), float(shift[1]))
-        yield course.time_ns(frame), camera.picture(face, angle, middle, float(depth), rng)
+        image = camera.picture(face, angle, middle, float(depth), rng)
+        yield Frame(image, course.time_ns(number), BACKGROUND_FRAMES + number, str(tip))
 
 
 def kind_of(seed: int) -> int:

@@ -1,24 +1,30 @@
 """`rig benchmark renderer`: estimators on lifts that the second renderer drew, scored as a trial scores."""
 
-import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Annotated, Any
+from itertools import islice
 
 import cv2
 import numpy as np
-import typer
 
 from drivers.clock import NS_PER_S
-from drivers.types import Image
-from rig.benchmark.estimators.scores import ContenderScore, SeriesScore, score_all, score_series
-from rig.benchmark.harness import Report, Run, Study, Table, column, table_of
+from rig.benchmark.estimators.scores import ContenderScore, score_all
+from rig.benchmark.harness import Report, Run, Study, Table, column, option, table_of
 from rig.benchmark.measured import Measured, at_least, at_most, between
-from rig.benchmark.renderer.lifts import LIFT_NS, SIGNS, TURN_S, draw_course, frames, kind_of
+from rig.benchmark.renderer.lifts import (
+    BACKGROUND_FRAMES,
+    LIFT_NS,
+    SIGNS,
+    TURN_S,
+    draw_course,
+    frames,
+    kind_of,
+)
 from rig.benchmark.renderer.shapes import KIND_NAMES
-from rig.benchmark.wrong_answers import is_confidently_wrong
+from rig.frames.estimates import estimate_together
 from rig.lift.object_angle import object_angle
+from rig.results.scores import SeriesScore, score_angles
 from rig.tactile.contact.background import mean_background
 from rig.tactile.estimators import EstimatorChoice, choose_estimator
 from rig.tactile.foreign import EstimatorFaults, faults_of, together
@@ -37,28 +43,19 @@ LIFTS_PER_SEED = 1000
 class RendererOptions:
     """Options of `rig benchmark renderer`."""
 
-    estimator: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--estimator",
-            help="Repeat for more, also your own as package.module:Class; limits are for the first. "
-            "Default: slip.",
-        ),
-    ] = None
-    lifts: Annotated[int, typer.Option("--lifts", min=1, max=1000, help="How many are drawn.")] = 45
+    estimator: list[str] | None = option(
+        None,
+        "Repeat for more, also your own as package.module:Class; limits are for the first. Default: slip.",
+    )
+    lifts: int = option(45, "How many are drawn.", min=1, max=1000)
 
 
 @dataclass(frozen=True, slots=True)
 class DrawnLift:
-    """One lift of one estimator.
-
-    wrong: share of its answers that are confidently wrong. faults: failures of an estimator that is not the
-    rig's own.
-    """
+    """One lift of one estimator. faults: failures of an estimator that is not the rig's own."""
 
     kind: str
     score: SeriesScore
-    wrong: float
     ms: tuple[float, ...]
     faults: EstimatorFaults | None = None
 
@@ -110,23 +107,15 @@ def answer_lift(choices: Sequence[EstimatorChoice], lift: int) -> dict[str, Draw
     """Draw one lift and return the scored answers of each estimator. Runs in a worker process."""
     cv2.setNumThreads(1)
     samples: dict[str, dict[str, list[SlipSample]]] = {choice.name: {} for choice in choices}
-    spent: dict[str, list[float]] = {choice.name: [] for choice in choices}
+    spent_ms: dict[str, list[float]] = {choice.name: [] for choice in choices}
     for tip, sign in TIPS.items():
-        empty: list[Image] = []
-        estimators: dict[str, Any] = {}
-        for time_ns, image in frames(lift, int(tip)):
-            if time_ns is None:
-                empty.append(image)
-                continue
-            if not estimators:
-                background = mean_background(empty)
-                estimators = {c.name: c.make(background, 1.0, sign) for c in choices}
-                samples = {name: {**of, tip: []} for name, of in samples.items()}
-            for name, estimator in estimators.items():
-                began = time.perf_counter()
-                samples[name][tip].append(estimator.update(image, time_ns))
-                spent[name].append((time.perf_counter() - began) * 1e3)
-    return {name: _scored(lift, of, spent[name]) for name, of in samples.items()}
+        drawn = frames(lift, int(tip))
+        background = mean_background([frame.image for frame in islice(drawn, BACKGROUND_FRAMES)])
+        estimators = {choice.name: choice.make(background, 1.0, sign) for choice in choices}
+        for name, timed in estimate_together(estimators, drawn).items():
+            samples[name][tip] = [of.sample for of in timed]
+            spent_ms[name] += [1e3 * (of.cost_s or 0.0) for of in timed]
+    return {name: _scored(lift, of, spent_ms[name]) for name, of in samples.items()}
 
 
 def face_table(by_estimator: Mapping[str, Sequence[DrawnLift]]) -> Table:
@@ -146,31 +135,18 @@ def judge_lifts(lifts: Sequence[DrawnLift]) -> tuple[Measured, ...]:
         at_most("worst lift, degrees", overall.worst_deg, MOST_WORST_DEG),
         at_least("share of frames answered", overall.answered, LEAST_ANSWERED),
         between("share of answers within two sigma", overall.within_two_sigma, LEAST_WITHIN, MOST_WITHIN),
-        at_most("lifts with an answer that is confidently wrong", _wrong_lifts(overall, lifts), 0),
+        at_most("lifts with an answer that is confidently wrong", _wrong_lifts(overall), 0),
     )
 
 
 def _scored(lift: int, samples: Mapping[str, list[SlipSample]], ms: list[float]) -> DrawnLift:
     fused = object_angle(TIPS, samples, LIFT_NS).fused
-    course = draw_course(lift)
+    course, kind = draw_course(lift), KIND_NAMES[kind_of(lift)]
     times = np.array([course.time_ns(i) for i in range(len(course.turn_deg))])
     truth = np.interp([s.time_ns for s in fused], times, course.turn_deg) - course.turn_deg[0]
-    angles, sigmas = [s.angle_deg for s in fused], [s.sigma_deg for s in fused]
-    score = score_series(
-        f"{KIND_NAMES[kind_of(lift)]}/{lift}",
-        angles,
-        sigmas,
-        truth.tolist(),
-        np.array([s.time_ns < HOLD_NS for s in fused], bool),
-    )
-    off = [
-        is_confidently_wrong(angle - true, sigma)
-        for angle, sigma, true in zip(angles, sigmas, truth, strict=True)
-        if angle is not None
-    ]
-    wrong = float(np.mean(off)) if off else 0.0
+    score = score_angles(f"{kind}/{lift}", fused, truth.tolist(), HOLD_NS)
     faults = faults_of(sample for tip in samples.values() for sample in tip)
-    return DrawnLift(KIND_NAMES[kind_of(lift)], score, wrong, tuple(ms), faults)
+    return DrawnLift(kind, score, tuple(ms), faults)
 
 
 def _row(name: str, face: str, lifts: Sequence[DrawnLift]) -> FaceRow:
@@ -184,14 +160,14 @@ def _row(name: str, face: str, lifts: Sequence[DrawnLift]) -> FaceRow:
         worst_deg=score.worst_deg,
         answered=score.answered,
         within_two_sigma=score.within_two_sigma,
-        confidently_wrong=_wrong_lifts(score, lifts),
+        confidently_wrong=_wrong_lifts(score),
         ms=(float(median_ms), float(p99_ms)),
     )
 
 
-def _wrong_lifts(overall: ContenderScore, lifts: Sequence[DrawnLift]) -> int | None:
+def _wrong_lifts(overall: ContenderScore) -> int | None:
     """Lifts with a confidently wrong answer; None for an estimator without sigma."""
-    return None if overall.within_two_sigma is None else sum(lift.wrong > 0 for lift in lifts)
+    return None if overall.within_two_sigma is None else overall.wrong_lifts
 
 
 STUDY = Study(name="renderer", options=RendererOptions, measure=measure, cases="lifts")

@@ -4,22 +4,21 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
-from typing import Annotated, Any
+from typing import Any
 
 import cv2
 import numpy as np
-import typer
 
 from drivers.errors import InputError
-from drivers.images import encode_png
+from drivers.images import read_image
 from drivers.types import Image
 from fakes.studio.training_frames import hard_frames
-from rig.benchmark.harness import Report, Run, Study, column, table_of
+from rig.benchmark.harness import Report, Run, Study, column, option, table_of
 from rig.benchmark.measured import Measured, at_least, at_most, data_folder, not_there
-from rig.benchmark.segmentation.panels import panels_picture, read_panels
 from rig.benchmark.segmentation.paper_table import NETWORKS, OURS, MeanStd, table_two
 from rig.frames.masks import CLASSICAL, FrameSegmenter, SegmentChoice, make_segmenter, segmenter_maker
 from rig.labels.polygons import agreement
+from rig.tactile.contact.background import auto_background
 from rig.tactile.contact.network import SHIPPED, load_network
 from rig.tactile.contact.network_input import NetworkInput, compared_planes, frame_planes
 from rig.tactile.contact.relative import RelativeDifference
@@ -35,22 +34,29 @@ MOST_MS, MOST_SHARE, MOST_LOSS = 3.0, 0.1, 0.005
 TIMED_FRAMES, WARM_UP_FRAMES, TURN_FRAMES = 200, 20, 10
 RANDOMISED, FAMILY = "SIMULATED, units unlike one another", "SIMULATED, units of the bench"
 HARD, REAL = "SIMULATED, hard lifts", "nine real frames"
-PICTURE = "real_frames.png"
+PANELS, PANEL_COUNT = Path("aurova_figures") / "panels", 9
+"""Real DIGIT frames of one sensor with human labels, for scoring only."""
 
 
 @dataclass(frozen=True, slots=True)
 class SegmentationOptions:
     """Options of `rig benchmark segmentation`."""
 
-    model: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--model",
-            help="NAME=FILE: a network of rig train or rig model import beside the shipped ones, or instead "
-            "(pspnet, deeplabv3plus, unetplusplus, ours); repeat for more.",
-        ),
-    ] = None
-    frames: Annotated[int, typer.Option("--frames", min=24, help="Simulated frames to score on.")] = 360
+    model: list[str] | None = option(
+        None,
+        "NAME=FILE: a network of rig train or rig model import beside the shipped ones, or instead "
+        "(pspnet, deeplabv3plus, unetplusplus, ours); repeat for more.",
+    )
+    frames: int = option(360, "Simulated frames to score on.", min=24)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Panels:
+    """Frames (H, W, 3) uint8 RGB, their labels (H, W) uint8, 0 or 255, and a background made from them."""
+
+    frames: list[Image]
+    labels: list[Image]
+    background: Image
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,17 +108,16 @@ def measure(options: SegmentationOptions, run: Run) -> Report:
         FAMILY: simulated_examples(HELD_OUT, half, run.seed + 2, FRAME_SIZE, family=True),
         HARD: examples_of(hard_frames(HELD_OUT, run.seed + 3), half, FRAME_SIZE),
     }
-    masks: dict[str, list[Image]] = {}
 
     def score(method: str) -> list[MethodScore]:
         scores = [score_examples(method, models[method], title, of) for title, of in sets.items()]
         if panels is not None:
             segmenter = make_segmenter(SegmentChoice(models[method]), panels.background)
-            masks[method] = [_mask(segmenter, frame) for frame in panels.frames]
-            scores.append(_scored(method, REAL, masks[method], panels.labels))
+            masks = [_mask(segmenter, frame) for frame in panels.frames]
+            scores.append(_scored(method, REAL, masks, panels.labels))
         return scores
 
-    # in this process: what a method answers for the real frames is drawn afterwards
+    # in this process: the simulated frames are there already
     scores = [row for of in run.each(score, list(models), workers=1) for row in of]
     run.say("measuring: run time, methods turn about, one thread")
     times = measure_times(models, sets[RANDOMISED])
@@ -125,8 +130,23 @@ def measure(options: SegmentationOptions, run: Run) -> Report:
         ),
         limits=(*_limits(scores, times), _threads_agree(models[OURS], sets[RANDOMISED])),
         limits_of="the shipped networks",
-        files={} if panels is None else {PICTURE: encode_png(panels_picture(panels, masks))},
     )
+
+
+def read_panels(data: Path) -> Panels | None:
+    """Read the frames in a folder of real recordings; return None if it has none.
+
+    Raises `InputError` for damaged ones.
+    """
+    folder = data / PANELS
+    if not folder.is_dir():
+        return None
+    frames = [read_image(folder / f"{number}_raw.png") for number in range(1, PANEL_COUNT + 1)]
+    read = [read_image(folder / f"{number}_label.png").max(axis=2) for number in range(1, PANEL_COUNT + 1)]
+    labels = [np.where(label > 127, 255, 0).astype(np.uint8) for label in read]
+    if any(frame.shape[:2] != label.shape for frame, label in zip(frames, labels, strict=True)):
+        raise InputError(f"{folder}: a label's size is not its frame's: copy the folder again")
+    return Panels(frames, labels, auto_background(frames))
 
 
 def parse_models(texts: Sequence[str], known: Sequence[str]) -> dict[str, Path]:

@@ -3,25 +3,24 @@
 A network segments each frame once for all angle methods, and windows are applied afterwards.
 """
 
-from collections import deque
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from time import perf_counter
 
 import cv2
 
 from drivers.clock import to_ns
-from drivers.types import ArmState, Frame, Image
+from drivers.types import Image
 from protocols.observer import Phase
-from rig.benchmark.estimators.contenders import filtered
-from rig.benchmark.estimators.lifts import RecordedLift, Tips, open_lift, truth_at
-from rig.benchmark.estimators.scores import SeriesScore, score_series
-from rig.config.models import TactileConfig
+from rig.benchmark.estimators.contenders import SharedContact, filtered
+from rig.benchmark.estimators.lifts import RecordedLift, open_lift, truth_at
+from rig.frames.estimates import TimedSample, estimate_frames, estimate_together
+from rig.frames.of_session import SessionSeries
+from rig.frames.series import TimedFrame
 from rig.lift.object_angle import ZERO_S, object_angle
+from rig.results.scores import SeriesScore, score_series
 from rig.sessions.reading import recorded_arm_states
 from rig.sessions.records import FinishedLift
-from rig.tactile.contact.finder import Contact
 from rig.tactile.contact.network import load_network
 from rig.tactile.contact.segmenter import Segmenter
 from rig.tactile.estimators import ANGLENET, DEFAULT_ESTIMATOR, KOLAMURI, TOSKOV, choose_estimator
@@ -54,6 +53,9 @@ TITLES = {
     STILL: "none: 0 all the time",
 }
 
+Passes = dict[str, list[TimedSample]]
+"""Samples by system."""
+
 
 @dataclass(frozen=True, slots=True)
 class TrialPass:
@@ -64,40 +66,20 @@ class TrialPass:
     frames: int
 
 
-class NetworkContact:
-    """A network's contacts, found once per frame for several angle methods. cost_s: of the last one."""
-
-    def __init__(self, segmenter: Segmenter) -> None:
-        self._segmenter = segmenter
-        self._of: Image | None = None
-        self._found: Contact | None = None
-        self.cost_s = 0.0
-
-    def find(self, image: Image) -> Contact:
-        """Return the contact in a frame; the same array is not segmented twice in a row."""
-        if self._found is None or image is not self._of:
-            began = perf_counter()
-            self._of, self._found = image, self._segmenter.find(image)
-            self.cost_s = perf_counter() - began
-        return self._found
-
-
 def title(system: str) -> str:
     """Return what tables call a system."""
     return TITLES.get(system, system)
 
 
-def make_system(
-    name: str, files: Mapping[str, Path], background: Image, tip: TactileConfig
-) -> TactileEstimator:
+def make_system(name: str, files: Mapping[str, Path], tip: SessionSeries) -> TactileEstimator:
     """Make a system for one fingertip, without a window. files: networks of `PEER_FILES` by system."""
     if name == STILL:
         return _Still()
     if name in (ANGLENET, ANGLENET_ON_TEST):
-        return AngleNetEstimator(background, load_image_network(files.get(name)))
+        return AngleNetEstimator(tip.background, load_image_network(files.get(name)))
     if name == TOSKOV:
-        return ToskovEstimator(background, tip.sign, load_wrench_network(files.get(name)))
-    return choose_estimator(name, 1).make(background, tip.pixel_aspect, tip.sign)
+        return ToskovEstimator(tip.background, tip.sign, load_wrench_network(files.get(name)))
+    return choose_estimator(name, 1).make(tip.background, tip.aspect, tip.sign)
 
 
 class _Still(TactileEstimator):
@@ -113,7 +95,6 @@ def combination(network: str, method: str) -> str:
 
 def pass_lift(
     folder: Path,
-    tips: Tips,
     networks: Mapping[str, str],
     systems: Sequence[str],
     files: Mapping[str, Path],
@@ -125,25 +106,27 @@ def pass_lift(
     for a network that cannot be loaded, `SessionError` for a damaged recording.
     """
     cv2.setNumThreads(1)
-    serial = next(iter(tips))
-    lift = open_lift(folder, tips, row)
-    background, frames = lift.backgrounds[serial], list(thinned(_until_hold(lift, serial)))
+    lift = open_lift(folder, row)
+    tip = next(iter(lift.tips.values()))
+    frames = list(thinned(f for f in tip.frames if f.time_ns < lift.phases[Phase.HOLD]))
     states = [s for s in recorded_arm_states(lift.recording) if s.time_ns >= lift.phases[Phase.GRASP]]
-    passes = {n: _timed(make_system(n, files, background, tips[serial]), frames, states) for n in systems}
+    made = {name: make_system(name, files, tip) for name in systems}
+    passes: Passes = {name: list(estimate_frames(of, frames, states)) for name, of in made.items()}
     late = [f for f in frames if f.time_ns >= lift.phases[Phase.LIFT] - to_ns(ZERO_S)]
     for title, file in networks.items():
-        passes |= _network_passes(title, Segmenter(load_network(file), background), late)
-    truth = truth_at(lift, {n: samples for n, (samples, _) in passes.items()})
+        passes |= _network_passes(title, Segmenter(load_network(file), tip.background), late)
+    samples = {name: [of.sample for of in timed] for name, timed in passes.items()}
+    truth = truth_at(lift, samples)
     scores = {
-        (name, window): _scored(lift, tips[serial].sign, filtered(name, samples, window), truth)
-        for name, (samples, _) in passes.items()
+        (name, window): _scored(lift, tip.sign, filtered(name, of, window), truth)
+        for name, of in samples.items()
         for window in WINDOWS
     }
     in_b = sum(f.time_ns >= lift.phases[Phase.LIFT] for f in frames)
-    return TrialPass(scores, {name: cost_s for name, (_, cost_s) in passes.items()}, in_b)
+    return TrialPass(scores, {n: [of.cost_s or 0.0 for of in timed] for n, timed in passes.items()}, in_b)
 
 
-def thinned(frames: Iterator[Frame]) -> Iterator[Frame]:
+def thinned(frames: Iterable[TimedFrame]) -> Iterator[TimedFrame]:
     """Yield frames that are at least about a thirtieth of a second apart."""
     last_ns: int | None = None
     for frame in frames:
@@ -152,40 +135,22 @@ def thinned(frames: Iterator[Frame]) -> Iterator[Frame]:
             yield frame
 
 
-def _until_hold(lift: RecordedLift, serial: str) -> Iterator[Frame]:
-    return (f for f in lift.frames(serial) if f.time_ns < lift.phases[Phase.HOLD])
+def _network_passes(title: str, segmenter: Segmenter, frames: Sequence[TimedFrame]) -> Passes:
+    """Run all angle methods on a network's contacts; the network's time counts for each of them."""
+    finder = SharedContact(segmenter)
+    estimators = {combination(title, m): AxisEstimator(finder, METHODS[m]) for m in METHODS}
 
+    def segmented() -> Iterator[TimedFrame]:
+        for frame in frames:
+            if frame.image is not None:
+                finder.find(frame.image)
+            yield frame
 
-def _timed(
-    estimator: TactileEstimator, frames: Sequence[Frame], states: Sequence[ArmState]
-) -> tuple[list[SlipSample], list[float]]:
-    """Run an estimator on the frames; before each frame it gets the arm's states until then."""
-    samples, cost_s, waiting = [], [], deque(states)
-    for frame in frames:
-        began = perf_counter()
-        while waiting and waiting[0].time_ns <= frame.time_ns:
-            estimator.arm(waiting.popleft())
-        samples.append(estimator.update(frame.image, frame.time_ns))
-        cost_s.append(perf_counter() - began)
-    return samples, cost_s
-
-
-def _network_passes(
-    title: str, segmenter: Segmenter, frames: Sequence[Frame]
-) -> dict[str, tuple[list[SlipSample], list[float]]]:
-    finder = NetworkContact(segmenter)
-    estimators = {m: AxisEstimator(finder, METHODS[m]) for m in METHODS}
-    passes: dict[str, tuple[list[SlipSample], list[float]]] = {
-        combination(title, method): ([], []) for method in METHODS
+    passes = estimate_together(estimators, segmented())
+    return {
+        name: [replace(of, cost_s=(of.cost_s or 0.0) + s) for of, s in zip(timed, finder.cost_s, strict=True)]
+        for name, timed in passes.items()
     }
-    for frame in frames:
-        finder.find(frame.image)
-        for method, estimator in estimators.items():
-            samples, cost_s = passes[combination(title, method)]
-            began = perf_counter()
-            samples.append(estimator.update(frame.image, frame.time_ns))
-            cost_s.append(finder.cost_s + perf_counter() - began)
-    return passes
 
 
 def _scored(
@@ -196,7 +161,7 @@ def _scored(
     tip = object_angle({"": sign}, {"": samples}, lift_ns).tips[""]
     answers = [tip.answer(s) for s in samples if s.time_ns >= lift_ns]
     return score_series(
-        f"{lift.row.object}/{lift.row.lift}",
+        lift.name,
         [a.angle_deg for a in answers],
         [a.sigma_deg for a in answers],
         [truth[s.time_ns] for s in samples if s.time_ns >= lift_ns],

@@ -5,24 +5,45 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
-from typing import Annotated
 
-import typer
+from markupsafe import Markup
+from matplotlib.axes import Axes
 
-from rig.benchmark.estimators.lifts import session_lifts
+from rig.benchmark.estimators.picture import label_points
 from rig.benchmark.estimators.study import record
-from rig.benchmark.harness import Report, Run, Study, machine
+from rig.benchmark.harness import Report, Run, Study, machine, option
 from rig.benchmark.segmentation.paper_table import NETWORKS, OURS
 from rig.benchmark.segmentation.study import parse_models
-from rig.benchmark.trials.paper_tables import notes, summarize, table_four, table_three
-from rig.benchmark.trials.passes import ANGLENET_ON_TEST, PEER_FILES, PLAIN, TrialPass, pass_lift
-from rig.benchmark.trials.picture import draw
+from rig.benchmark.trials.paper_tables import (
+    TrialsResult,
+    head,
+    notes,
+    summarize,
+    systems,
+    table_four,
+    table_three,
+    usual_window,
+)
+from rig.benchmark.trials.passes import (
+    ANGLENET_ON_TEST,
+    PEER_FILES,
+    PLAIN,
+    STILL,
+    TrialPass,
+    combination,
+    pass_lift,
+    title,
+)
 from rig.config import load_bench
 from rig.config.models import BenchConfig
 from rig.experiments.trial import resolve_objects
+from rig.pages.figure import drawing, png, svg
 from rig.pages.page import render
+from rig.pages.palette import ESTIMATE, FIRST, MUTED, WARNING
 from rig.sessions.records import FinishedLift
+from rig.sessions.rows import read_finished_lifts
 from rig.tactile.estimators import DEFAULT_ESTIMATOR, KOLAMURI, choose_estimator
+from rig.tactile.paper.axis import METHODS
 
 PICTURE, PAGE = "trials.png", "index.html"
 PLAIN_SESSION, MARKED_SESSION = "session", "session-markers"
@@ -32,18 +53,13 @@ PLAIN_SESSION, MARKED_SESSION = "session", "session-markers"
 class TrialsOptions:
     """Options of `rig benchmark trials`."""
 
-    model: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--model",
-            help="NAME=FILE: a network of rig train (pspnet, deeplabv3plus, unetplusplus, ours) or rig "
-            "train-angle (anglenet, anglenet-on-test, toskov) beside the shipped ones; repeat for more.",
-        ),
-    ] = None
-    lifts: Annotated[int, typer.Option("--lifts", min=1, max=100, help="Lifts of each object.")] = 5
-    objects: Annotated[
-        list[str] | None, typer.Option("--object", help="Only this object; repeat for more.")
-    ] = None
+    model: list[str] | None = option(
+        None,
+        "NAME=FILE: a network of rig train (pspnet, deeplabv3plus, unetplusplus, ours) or rig "
+        "train-angle (anglenet, anglenet-on-test, toskov) beside the shipped ones; repeat for more.",
+    )
+    lifts: int = option(5, "Lifts of each object.", min=1, max=100)
+    objects: list[str] | None = option(None, "Only this object; repeat for more.", "--object")
 
 
 def measure(options: TrialsOptions, run: Run) -> Report:
@@ -76,8 +92,8 @@ def measure(options: TrialsOptions, run: Run) -> Report:
     marked = record(run, MARKED_SESSION, with_markers(bench), choose_estimator(KOLAMURI), *what)
 
     def passes(folder: Path, networks: dict[str, str], systems: Sequence[str]) -> list[TrialPass]:
-        tips, rows = session_lifts(folder)
-        work = partial(pass_lift, folder, tips, networks, systems, peers)
+        work = partial(pass_lift, folder, networks, systems, peers)
+        rows = read_finished_lifts(folder)
         return run.each(work, rows, _name, workers=1)  # one process, so that times can be compared
 
     missing = tuple(name for name, title in NETWORKS.items() if title not in networks)
@@ -123,3 +139,54 @@ STUDY = Study(
     shared=("out", "jobs", "seed"),
     keeps_results=True,
 )
+
+
+_LABEL_GAP = 0.034
+_DPI = 130
+WIDTH_PX, HEIGHT_PX = 760, 520
+# of Okabe and Ito, distinct with any colour vision; the shapes differ, too
+_OURS, _NETWORKS, _OTHERS = (ESTIMATE.light, "o"), (WARNING.light, "s"), (FIRST.light, "^")
+
+
+def draw(result: TrialsResult) -> tuple[bytes, Markup]:
+    """Return the picture as PNG, and as SVG in a page's colours."""
+    with drawing(HEIGHT_PX, WIDTH_PX) as figure:
+        _draw(figure.subplots(), result)
+        return png(figure, _DPI), svg(figure, "Run time against error of every system")
+
+
+def _draw(axes: Axes, result: TrialsResult) -> None:
+    shown = [
+        (name, result.ms[name], mare.mean_deg)
+        for name in systems(result)
+        if name != STILL and (mare := result.scores[name, usual_window(name)].mare)
+    ]
+    for name, ms, error in shown:
+        colour, marker = _look(name)
+        axes.plot([ms], [error], marker, color=colour, markersize=8)
+    _still(axes, result)
+    axes.set(
+        xscale="log", yscale="log", xlabel="frame in to angle out, median, ms (one thread)",
+        ylabel="MARE over phase B, degrees", title=head(result),
+    )  # fmt: skip
+    axes.margins(x=0.05, y=0.06)
+    points = [(title(name), ms, error, _look(name)[0]) for name, ms, error in shown]
+    label_points(axes, points, _LABEL_GAP, 1.03, {"linewidth": 0.7, "alpha": 0.6, "relpos": (0.0, 0.5)})
+
+
+def _look(name: str) -> tuple[str, str]:
+    if name == DEFAULT_ESTIMATOR:
+        return _OURS
+    by_network = {combination(network, m) for network in (*NETWORKS.values(), OURS) for m in METHODS}
+    return _NETWORKS if name in by_network else _OTHERS
+
+
+def _still(axes: Axes, result: TrialsResult) -> None:
+    """Draw the error of always reporting 0."""
+    still = result.scores[STILL, 1].mare
+    if still is not None:
+        axes.axhline(still.mean_deg, color=MUTED.light, linestyle=":", zorder=1)
+        axes.text(
+            0.01, still.mean_deg, title(STILL), transform=axes.get_yaxis_transform(), va="bottom",
+            fontsize=10.5, color=MUTED.light,
+        )  # fmt: skip

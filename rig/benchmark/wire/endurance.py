@@ -5,17 +5,20 @@ contact, and its memory, threads and open files must not grow. Everything is rec
 per minute.
 """
 
+import os
 import tempfile
 from collections.abc import Callable, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import closing
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Annotated
 
 import numpy as np
-import typer
+from numpy.typing import NDArray
 
-from drivers.types import Pose
+from drivers.clock import NS_PER_S, Clock
+from drivers.types import ArmState, Frame, GripperState, Pose
+from protocols.observer import LiftObserver, Phase
 from protocols.readiness import make_ready
 from protocols.safe_end import safe_end
 from protocols.slip_trial import REFERENCE_S, SETTLE_S
@@ -23,12 +26,189 @@ from protocols.steps import approach, close_to_contact, open_and_rise, start_wat
 from rig.bench.fakes_process import started_fakes
 from rig.bench.operators import ConsoleOperator
 from rig.bench.source import StandingBench
-from rig.benchmark.harness import Report, Run, Study
+from rig.benchmark.harness import Report, Run, Study, option
 from rig.benchmark.measured import Measured, at_least, at_most
-from rig.benchmark.wire.still_contact import Minute, MinuteRecordings, StillContact
 from rig.config import BenchConfig, load_bench
-from rig.experiments.lift_plan import LiftTask, TrialSettings, plan_lift
+from rig.experiments.lift_plan import LiftTask, TrialSettings, new_measurement, plan_lift
+from rig.lift.measurement import LiftMeasurement
+from rig.sessions.recorder import LiftRecorder
+from rig.sessions.unfinished import BackgroundFile
 from rig.tactile.estimators import choose_estimator
+
+CHILDREN = b"drivers."
+"""Part of the command line of every process that a driver starts."""
+
+
+@dataclass(frozen=True, slots=True)
+class Minute:
+    """Measurements of one minute.
+
+    frames, dropped: counts over both fingertips and the camera. jumped: tactile frames whose times jumped,
+    which are not estimated. p50_ms, p99_ms: percentiles of the time from capture to angle, of the
+    slower fingertip. wander_deg: largest difference of an angle from the mean of the first minute. answered:
+    share of tactile frames with an angle. recorded_mb: size of the minute's recording. memory_mb, threads,
+    files: of this program and of the drivers' processes, at the end of the minute.
+    """
+
+    frames: int
+    dropped: int
+    jumped: int
+    p50_ms: float
+    p99_ms: float
+    wander_deg: float
+    answered: float
+    recorded_mb: float
+    memory_mb: float
+    threads: int
+    files: int
+
+    def __str__(self) -> str:
+        return (
+            f"{self.frames} frames, {self.dropped} dropped; angle after {self.p50_ms:.1f} ms, 99 % "
+            f"{self.p99_ms:.1f} ms; at most {self.wander_deg:.2f} deg off; "
+            f"{self.recorded_mb:.0f} MB recorded; {self.memory_mb:.0f} MB, "
+            f"{self.threads} threads, {self.files} files"
+        )
+
+
+class MinuteRecordings:
+    """Records into one file per minute below a folder, and deletes each file once it is complete.
+
+    A completed file is flushed to the disk by a background thread, so that the control loop does not wait.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._folder, self._number = folder, 0
+        self._closer = ThreadPoolExecutor(1)
+        self._closing: Future[None] | None = None
+        self._open()
+
+    def _open(self) -> None:
+        self._number += 1
+        self._file = BackgroundFile([self._folder / f"{self._number:06d}.mcap"])
+        self.recorder = LiftRecorder(self._file)
+
+    def next_file(self) -> int:
+        """Complete the current file, begin the next, and return the size of the completed one in bytes.
+
+        Raises `RecordingError` if this or an earlier file could not be written.
+        """
+        if self._closing is not None:
+            self._closing.result()
+        self.recorder.close()
+        size = self._file.tell()
+        self._closing = self._closer.submit(_flush_and_delete, self._file)
+        self._open()
+        return size
+
+    def close(self) -> None:
+        """Complete and delete the last file."""
+        try:
+            self.next_file()
+        finally:
+            self._closer.shutdown()
+
+
+def _flush_and_delete(file: BackgroundFile) -> None:
+    file.close()
+    file.path.unlink()
+
+
+class StillContact(LiftObserver):
+    """Records and measures a lift until phase B, and keeps the angles of the current minute only.
+
+    clock: of the bench, which also gives the capture times.
+    """
+
+    def __init__(self, measurement: LiftMeasurement, clock: Clock, recordings: MinuteRecordings) -> None:
+        self._measurement, self._tips = measurement, measurement.angle.tips
+        self._clock, self._recordings = clock, recordings
+        self._late_ns: dict[str, list[int]] = {serial: [] for serial in self._tips}
+        self._zero_deg: dict[str, float] = {}
+        self._counted = (0, 0, 0)
+
+    def phase(self, phase: Phase, time_ns: int) -> None:
+        """Record and begin a phase."""
+        self._recordings.recorder.phase(phase, time_ns)
+        self._measurement.phase(phase, time_ns)
+
+    def frame(self, frame: Frame) -> None:
+        """Record a frame and estimate its angle."""
+        self._recordings.recorder.frame(frame)
+        self._measurement.frame(frame)
+        if frame.serial in self._tips and self._tips[frame.serial].samples:
+            self._late_ns[frame.serial].append(self._clock.now_ns() - frame.time_ns)
+
+    def arm(self, state: ArmState) -> None:
+        """Record the arm's state. The measurement does not get it, so that it looks for no markers."""
+        self._recordings.recorder.arm(state)
+
+    def gripper(self, state: GripperState) -> None:
+        """Record the gripper's state."""
+        self._recordings.recorder.gripper(state)
+
+    def touching(self, serial: str) -> bool:
+        """Return whether a fingertip has shown contact in its last frames."""
+        return self._measurement.touching(serial)
+
+    def begin_minute(self) -> int:
+        """Begin a minute and a recording; discard earlier angles. Return the recorded size in bytes.
+
+        A contact that has just been closed still turns a little, so angles before the first minute are
+        not used.
+        """
+        for serial, tip in self._tips.items():
+            tip.samples.clear()
+            self._late_ns[serial].clear()
+        self._counted = self._counts()
+        return self._recordings.next_file()
+
+    def minute(self) -> Minute:
+        """Return the measurements since `begin_minute`, and begin the next minute."""
+        resources = _resources()
+        frames, dropped, jumped = np.subtract(self._counts(), self._counted).tolist()
+        late_ms = [np.percentile(late, (50, 99)) * 1e3 / NS_PER_S for late in self._late_ns.values()]
+        off_deg = np.concatenate([self._off_deg(serial) for serial in self._tips])
+        recorded = self.begin_minute()
+        known = np.isfinite(off_deg)
+        return Minute(
+            frames,
+            dropped,
+            jumped,
+            *(float(max(values)) for values in zip(*late_ms, strict=True)),
+            wander_deg=float(np.nanmax(off_deg)) if known.any() else float("nan"),
+            answered=float(known.mean()),
+            recorded_mb=recorded / 1e6,
+            **resources,
+        )
+
+    def _counts(self) -> tuple[int, int, int]:
+        """Return the numbers of frames so far: all, dropped, and tactile ones whose time jumped."""
+        tallies = self._measurement.tallies
+        jumped = sum(tallies[serial].jumped for serial in self._tips)
+        return sum(of.frames for of in tallies.values()), sum(of.dropped for of in tallies.values()), jumped
+
+    def _off_deg(self, serial: str) -> NDArray[np.float64]:
+        """Return the distances of this minute's angles from the mean of the first minute with an angle."""
+        angles = np.array([sample.angle_deg for sample in self._tips[serial].samples], float)
+        if serial not in self._zero_deg and np.isfinite(angles).any():
+            self._zero_deg[serial] = float(np.nanmean(angles))
+        return np.abs(angles - self._zero_deg.get(serial, np.nan))
+
+
+def _resources() -> dict[str, float | int]:
+    """Return memory, threads and open files of this program and of its drivers' processes."""
+    processes = [Path("/proc/self")]
+    for children in Path("/proc/self/task").glob("*/children"):
+        all_children = [Path("/proc") / pid for pid in children.read_text().split()]
+        processes += [child for child in all_children if CHILDREN in (child / "cmdline").read_bytes()]
+    page_mb = os.sysconf("SC_PAGE_SIZE") / 2**20
+    return {
+        "memory_mb": sum(int((p / "statm").read_text().split()[1]) for p in processes) * page_mb,
+        "threads": sum(len(list((p / "task").iterdir())) for p in processes),
+        "files": sum(len(list((p / "fd").iterdir())) for p in processes),
+    }
+
 
 OBJECT = "t1"
 MINUTE_S = 60.0
@@ -39,7 +219,7 @@ WANDER_DEG, GROWN_MB, ANSWERED = 0.3, 10.0, 0.95
 class EnduranceOptions:
     """Options of `rig benchmark endurance`."""
 
-    hours: Annotated[float, typer.Option("--hours", min=0.01, max=100, help="Duration, in real time.")] = 1.0
+    hours: float = option(1.0, "Duration, in real time.", min=0.01, max=100)
 
 
 def measure(options: EnduranceOptions, run: Run) -> Report:
@@ -106,7 +286,7 @@ def measure_endurance(
         settings = TrialSettings(config, 0, choose_estimator())
         plan = plan_lift(settings, LiftTask(1, OBJECT, 1), Pose(config.table.position_m))
         operator.place(plan.object_id, plan.object_name)
-        observer = StillContact(config, bench.clock, recordings)
+        observer = StillContact(new_measurement(settings), bench.clock, recordings)
         with safe_end(bench):
             approach(bench, plan.base_T_grasp, plan.width_m, plan.object_name)
             pump = start_watching(bench, observer, REFERENCE_S)

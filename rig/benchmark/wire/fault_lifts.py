@@ -25,8 +25,7 @@ from rig.bench.operators import ConsoleOperator
 from rig.bench.source import StandingBench
 from rig.benchmark.harness import column
 from rig.benchmark.wire.fault_cases import FaultCase
-from rig.benchmark.wire.moments import Moment, Stage, wait_for
-from rig.benchmark.wire.true_track import dropped, read_track, standstill
+from rig.benchmark.wire.world import Moment, Stage, dropped, read_track, standstill, wait_for
 from rig.config import BenchConfig, load_bench
 from rig.experiments.lift_plan import TrialSettings
 from rig.experiments.trial import run_trial

@@ -1,51 +1,141 @@
-"""`rig benchmark faults`: devices fail during lifts over the wire protocols, and the rig has to recover."""
+"""`rig benchmark faults`: devices fail during lifts over the wire protocols, and the rig has to recover.
 
+With `--full` every fault comes alone and with another, at random moments of every stage. Lifts are done in
+parts of ten, each a trial on a bench of its own. The rows of a part are stored and its recordings are
+deleted, except that of the worst fault so far. A part that was interrupted is run again.
+"""
+
+import random
+import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Annotated
+from functools import partial
+from pathlib import Path
 
 import numpy as np
-import typer
 
 from drivers.errors import InputError, counted
-from rig.benchmark.harness import Report, Run, Study, Table, table_of
+from rig.benchmark.harness import Report, Run, Study, Table, option, table_of
 from rig.benchmark.measured import Measured, at_most
-from rig.benchmark.wire.campaign import count_faults, plan_campaign, run_campaign, worst
-from rig.benchmark.wire.fault_cases import CASES
-from rig.benchmark.wire.fault_lifts import MID_LIFT, FaultRow, run_faults
+from rig.benchmark.wire.fault_cases import CASES, FaultCase, both
+from rig.benchmark.wire.fault_lifts import MID_LIFT, FaultRow, Planned, run_faults
+from rig.benchmark.wire.world import Stage, random_moment, tried
 from rig.config import BenchConfig, load_bench
+from rig.sessions.files import recording_file
+
+PART = 10
+TWO_AT_ONCE = 1 / 3
+"""Share of the lifts in which two faults come at once."""
+PART_FOLDER, WORST = "part", "worst.mcap"
+
+
+def plan_campaign(seed: int, count: int) -> list[Planned]:
+    """Draw the lifts of `count` faults: each in each stage equally often, a third with another device's."""
+    rng = random.Random(seed)  # noqa: S311 - moments, no secrets
+    plan: list[Planned] = []
+    while count_faults(plan) < count:
+        cells = [(case, stage) for case in CASES for stage in Stage]
+        rng.shuffle(cells)
+        plan += [(_maybe_two(case, rng), random_moment(stage, rng)) for case, stage in cells]
+    while count_faults(plan[:-1]) >= count:
+        plan.pop()
+    return plan
+
+
+def count_faults(plan: Sequence[Planned]) -> int:
+    """Return how many faults a plan has; two at once are two."""
+    return sum(case.faults for case, _ in plan)
+
+
+def _maybe_two(case: FaultCase, rng: random.Random) -> FaultCase:
+    others = [other for other in CASES if other.name.partition(":")[0] != case.name.partition(":")[0]]
+    return both(case, rng.choice(others)) if rng.random() < TWO_AT_ONCE else case
+
+
+@dataclass(frozen=True, slots=True)
+class _Part:
+    """Lifts that are next to each other in the plan. first: the number of the first one, from 1."""
+
+    first: int
+    planned: Sequence[Planned]
+
+    def __str__(self) -> str:
+        return f"lifts {self.first} to {self.first + len(self.planned) - 1}"
+
+    @property
+    def folder(self) -> str:
+        """Folder of its lifts, within that of the campaign."""
+        return f"{PART_FOLDER}_{self.first}"
+
+
+@dataclass(frozen=True, slots=True)
+class PartRows:
+    """The faults of a part."""
+
+    rows: tuple[FaultRow, ...]
+
+
+def run_campaign(run: Run, plan: Sequence[Planned], bench: BenchConfig) -> list[FaultRow]:
+    """Run the parts that are not in the run's folder yet; return the rows of all, in the plan's order.
+
+    run.jobs: benches side by side, each in real time. Raises `InputError` for a folder with faults of another
+    plan, bench or seed, and what `Run.each` and `run_faults` raise.
+    """
+    folder, common = run.results_folder, f"bench '{bench.name}', seed {run.seed}, "
+    parts = [_Part(i + 1, plan[i : i + PART]) for i in range(0, len(plan), PART)]
+    stored = run.stored(PartRows, common)
+    for part in parts:
+        rows = stored[common + str(part)].rows if common + str(part) in stored else ()
+        if rows and [row.fault for row in rows] != [case.name for case, _ in part.planned]:
+            raise InputError(f"{folder}: its {part} have the faults of another version; give another folder")
+    known = [row for of in stored.values() for row in of.rows]
+
+    def finish(part: _Part, new: PartRows) -> str:
+        last = worst([*known, *new.rows])
+        if last in new.rows:
+            recording = recording_file(1 + last.number - part.first, 0)
+            shutil.copy(folder / part.folder / recording, folder / WORST)
+        shutil.rmtree(folder / part.folder)
+        known.extend(new.rows)
+        return "\n  ".join([f"{part}:", *(row.line for row in new.rows)])
+
+    work = partial(_run_part, folder, bench)
+    done = run.each(work, parts, lambda part: common + str(part), PartRows, common=common, finish=finish)
+    return [row for of in done for row in of.rows]
+
+
+def _run_part(folder: Path, bench: BenchConfig, part: _Part) -> PartRows:
+    """Run a part, and again if no lift runs any more although every device is mended."""
+
+    def run_once() -> list[FaultRow]:
+        shutil.rmtree(folder / part.folder, ignore_errors=True)
+        return run_faults(folder / part.folder, part.planned, bench=bench)
+
+    return PartRows(tuple(replace(row, number=part.first + row.number - 1) for row in tried(run_once)))
+
+
+def worst(rows: Sequence[FaultRow]) -> FaultRow | None:
+    """Return the fault with the longest time until the tool stood; a failed one comes before all others."""
+    seen = [row for row in rows if row.outcomes]
+    return max(seen, key=lambda row: (not row.passed, row.still_s), default=None)
 
 
 @dataclass(frozen=True, slots=True)
 class FaultsOptions:
     """Options of `rig benchmark faults`."""
 
-    cases: Annotated[
-        list[str] | None,
-        typer.Option("--case", help="Only cases whose name contains this; repeat for more."),
-    ] = None
-    full: Annotated[
-        bool, typer.Option("--full", help="Every fault, also two at once, at random moments: hours.")
-    ] = False
-    count: Annotated[
-        int,
-        typer.Option("--count", min=1, max=100_000, help="How many faults with --full, two at once as two."),
-    ] = 1000
-    bench: Annotated[
-        str,
-        typer.Option("--bench", help="wire, or the path of a bench file whose \\[fakes] are started for it."),
-    ] = "wire"
-    jobs: Annotated[
-        int,
-        typer.Option("--jobs", min=1, max=64, help="Benches side by side with --full; about a core each."),
-    ] = 1
+    cases: list[str] | None = option(None, "Only cases whose name contains this; repeat for more.", "--case")
+    full: bool = option(False, "Every fault, also two at once, at random moments: hours.")
+    count: int = option(1000, "How many faults with --full, two at once as two.", min=1, max=100_000)
+    bench: str = option("wire", "wire, or the path of a bench file whose \\[fakes] are started for it.")
+    jobs: int = option(1, "Benches side by side with --full; about a core each.", min=1, max=64)
 
 
 def measure(options: FaultsOptions, run: Run) -> Report:
     """Let each device fail in mid-lift over the wire protocols; print how the rig recovers.
 
     Runs in real time, about 25 s a lift. The lifts are stored as a session in the folder of the results. With
-    --full they are deleted, the worst case is filmed, into worst.avi, and --readme takes the table. Exit code
+    --full they are deleted except that of the worst case, worst.mcap, and --readme takes the table. Exit code
     4 if a fault was not seen, not named or not made safe within a second, if an object was dropped, or if the
     next lift did not run.
 

@@ -9,10 +9,9 @@ from collections.abc import Iterator, Mapping
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
-import typer
 
 from drivers.bench import Bench
 from drivers.clock import NS_PER_S
@@ -21,15 +20,13 @@ from protocols.operator import Operator
 from rig.bench.fakes_process import fakes_control, started_fakes
 from rig.bench.operators import ConsoleOperator
 from rig.bench.source import StandingBench
-from rig.benchmark.harness import Report, Run, Study, column, table_of
+from rig.benchmark.harness import Report, Run, Study, column, option, table_of
 from rig.benchmark.measured import Measured, at_least, at_most
 from rig.config import BenchConfig, load_bench
 from rig.experiments.lift_attempt import attempt_lift
 from rig.experiments.lift_plan import LiftTask, TrialSettings
 from rig.experiments.trial import run_trial
-from rig.live.feed import NOBODY, LiveFeed
 from rig.live.screen import begin_phase
-from rig.live.session import viewer_feed
 from rig.sessions.files import TIMING
 from rig.sessions.reading import recorded_frames
 from rig.sessions.records import FinishedLift, finished
@@ -48,13 +45,8 @@ SPREADS = 2.0
 class WireOptions:
     """Options of `rig benchmark wire`."""
 
-    object_name: Annotated[str, typer.Option("--object", help="Object id or name.")] = "wrench"
-    seeds: Annotated[
-        int, typer.Option("--seeds", min=20, max=100, help="Lifts in this process whose spread is printed.")
-    ] = 20
-    live_to: Annotated[
-        Path | None, typer.Option("--live-to", help="Record what the live view shows into FILE.rrd.")
-    ] = None
+    object_name: str = option("wrench", "Object id or name.", "--object")
+    seeds: int = option(20, "Lifts in this process whose spread is printed.", min=20, max=100)
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,12 +103,9 @@ def measure(options: WireOptions, run: Run) -> Report:
 
       rig benchmark wire --object spam --json
 
-      rig benchmark wire --live-to lift.rrd
-
     """
     object_id = find_grasp_file(options.object_name).id
-    with viewer_feed(options.live_to) as feed:
-        lift = measure_wire(run.results_folder, object_id, options.seeds, feed)
+    lift = measure_wire(run.results_folder, object_id, options.seeds)
     return Report(
         tables=(table_of("SIMULATED bench 'wire': frames of one lift", StreamRow, lift.streams),),
         limits=judge_wire(lift),
@@ -169,19 +158,17 @@ def measure_wire(
     folder: Path,
     object_id: str,
     seeds: int = 20,
-    live: LiveFeed = NOBODY,
     bench: BenchConfig | None = None,
 ) -> WireLift:
     """Do one lift over the wire protocols, and the lifts of the seeds in this process.
 
-    folder: of the first lift's session. live: feed of the live view. bench: whose fakes are started, by
-    default `wire`.
+    folder: of the first lift's session. bench: whose fakes are started, by default `wire`.
     """
     choice = choose_estimator()
     with started_fakes(bench or load_bench("wire")) as config, closing(_CountedBench(config)) as benches:
         began = time.perf_counter()
         begin_phase("lifting over the wire in real time")
-        run_trial(folder, TrialSettings(config, 0, choice), [object_id], 1, benches=benches, live=live)
+        run_trial(folder, TrialSettings(config, 0, choice), [object_id], 1, benches=benches)
         wall_s = time.perf_counter() - began
         status = fakes_control(config).call("status")
     row = read_finished_lifts(folder)[0]
@@ -240,5 +227,4 @@ STUDY = Study(
     cases="lifts",
     shared=("out",),
     keeps_results=True,
-    written=("live_to",),
 )

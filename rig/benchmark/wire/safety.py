@@ -1,16 +1,223 @@
-"""`rig benchmark safety`: an event at a random moment of a lift, on a bench that counts as real."""
+"""`rig benchmark safety`: an event at a random moment of a lift, on a bench that counts as real.
 
-from collections.abc import Sequence
+The trial is a program of its own, as a person starts it with `--yes` and nobody at a terminal. What moves is
+judged by the track of the simulated world. After each run the bench is put in order, as a person would.
+"""
+
+import os
+import shutil
+import signal
+import subprocess
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass
-from typing import Annotated
+from functools import cache, partial
+from pathlib import Path
 
-import typer
-
-from rig.benchmark.harness import Report, Run, Study, Table
+from drivers.errors import DeviceError, InputError, RigError
+from protocols.readiness import make_ready
+from rig.bench.fakes_process import fakes_control, started_fakes
+from rig.bench.operators import ConsoleOperator
+from rig.bench.source import StandingBench
+from rig.benchmark.harness import Report, Run, Study, Table, option
 from rig.benchmark.measured import Measured, at_most
-from rig.benchmark.wire.moments import Stage
-from rig.benchmark.wire.safety_events import BY_NAME, EVENTS, After, plan_runs
-from rig.benchmark.wire.safety_runs import SafetyRun, run_safety
+from rig.benchmark.wire.safety_events import (
+    BY_NAME,
+    EVENTS,
+    After,
+    PlannedRun,
+    as_real,
+    judge,
+    plan_runs,
+    start_trial,
+    strike,
+    switch_on,
+    wait_for_end,
+)
+from rig.benchmark.wire.world import Stage, read_track, tried, wait_for
+from rig.config import BenchConfig, load_bench
+from rig.config.write import write_bench
+from rig.sessions.records import finished
+from rig.sessions.rows import read_lifts, read_usable_lifts
+
+OBJECT = "t1"
+STATE = "XDG_STATE_HOME"
+STOPPED_S = 1.5
+"""Time for which a stopped program stays stopped."""
+END_S = 90.0
+SETTLE_S = 0.5
+"""After the end of the program: motions that a killed program left running end within this time."""
+
+
+@dataclass(frozen=True, slots=True)
+class SafetyRun:
+    """Result of an event.
+
+    still_s, way_mm: from the event to the first standstill. unasked: see `Judged`. kept: whether the lift
+    finished before is whole on disk. ended: the program's exit code, negative for a signal. said: its last
+    line. ready: why the bench could not be put in order, if so.
+    """
+
+    number: int
+    event: str
+    stage: Stage
+    still_s: float
+    way_mm: float
+    dropped: bool
+    unasked: str
+    kept: bool
+    ended: int
+    said: str
+    ready: str = ""
+
+    @property
+    def ended_well(self) -> bool:
+        """Whether the program ended with a line and a code that say why; killed, it prints nothing."""
+        if BY_NAME[self.event].signals == (signal.SIGKILL,):
+            return self.ended == -signal.SIGKILL
+        return self.ended in (0, 1, 2, 3) and self.said.startswith("rig: ") == bool(self.ended)
+
+    @property
+    def line(self) -> str:
+        """A line for the progress."""
+        wrong = [
+            *(["DROPPED"] if self.dropped else []),
+            *([f"UNASKED: {self.unasked}"] if self.unasked else []),
+            *([] if self.kept else ["FINISHED LIFT LOST"]),
+            *([] if self.ended_well else [f"ended with {self.ended}: {self.said}"]),
+            *([f"not in order: {self.ready}"] if self.ready else []),
+        ]
+        stood = f"stood after {self.still_s:.2f} s, {self.way_mm:.1f} mm"
+        return "; ".join([f"{self.event}, {self.stage}: {stood}", *wrong])
+
+
+def run_safety(run: Run, plan: Sequence[PlannedRun], bench: BenchConfig | None = None) -> list[SafetyRun]:
+    """Carry out the runs that are not in the folder yet, one after the other; return all.
+
+    bench: whose fakes are started, by default `wire`. Raises what `Run.each` does, and `DeviceError` if a
+    program does not get to its moment.
+    """
+    common = f"seed {run.seed}, {len(plan)} runs, "
+    with ExitStack() as stack:
+        place = cache(lambda: stack.enter_context(_served(run.results_folder, bench or load_bench("wire"))))
+        return run.each(
+            lambda planned: tried(partial(place().run, planned), place().put_in_order),
+            plan,
+            lambda planned: common + str(planned),
+            SafetyRun,
+            workers=1,
+            common=common,
+            finish=lambda _, done: done.line,
+        )
+
+
+@contextmanager
+def _served(folder: Path, bench: BenchConfig) -> "Iterator[_Place]":
+    """Start a bench's fakes, with a memory of its hand of their own, and finish a first lift there."""
+    before = os.environ.get(STATE)
+    os.environ[STATE] = str(folder / "state")
+    try:
+        with started_fakes(bench) as config:
+            place = _Place(folder, config)
+            tried(place.finish_a_lift, place.put_in_order)
+            yield place
+    finally:
+        os.environ.pop(STATE)
+        os.environ.update({} if before is None else {STATE: before})
+
+
+class _Place:
+    """A served bench, its two files, and a session with one finished lift."""
+
+    def __init__(self, folder: Path, config: BenchConfig) -> None:
+        self._config, self._control = config, fakes_control(config)
+        self._grasp_m = config.table.position_m[2]
+        self._real = folder / "real.toml"
+        self._one, self._session = folder / "one", folder / "session"
+        write_bench(self._real, as_real(config))
+
+    def finish_a_lift(self) -> None:
+        """Make the session that every run continues: one lift of two is done."""
+        shutil.rmtree(self._one, ignore_errors=True)
+        with self._trial(self._one) as program:
+            while not finished(read_lifts(self._one)):
+                if program.poll() is not None:
+                    raise DeviceError(f"safety: the trial ended too early: {wait_for_end(program, END_S)}")
+                time.sleep(0.1)
+            program.send_signal(signal.SIGINT)
+            wait_for_end(program, END_S)
+        if reason := self.put_in_order():
+            raise DeviceError(f"safety: the bench cannot be put in order: {reason}")
+
+    def run(self, planned: PlannedRun) -> SafetyRun:
+        """Start the second lift, let the event happen, and judge what moved.
+
+        After SIGSTOP what moves before the program is continued is judged.
+        """
+        shutil.rmtree(self._session, ignore_errors=True)
+        shutil.copytree(self._one, self._session)
+        event, call = planned.event, self._control.call
+        with self._trial(self._session) as program:
+            stage = wait_for(
+                planned.moment, self._grasp_m, lambda: call("world"), lambda: program.poll() is not None
+            )
+            if stage is None:
+                raise DeviceError(f"safety: {planned} ended too early: {wait_for_end(program, END_S)}")
+            event_ns = strike(event, program, call)
+            if signal.SIGSTOP in event.signals:
+                time.sleep(STOPPED_S)
+                track = read_track(call, event_ns)
+                program.send_signal(signal.SIGCONT)
+                said = wait_for_end(program, END_S)
+            else:
+                said = wait_for_end(program, END_S)
+                time.sleep(SETTLE_S)
+                track = read_track(call, event_ns)
+        judged = judge(event, stage, track, event_ns, self._grasp_m)
+        return SafetyRun(
+            number=planned.number,
+            event=event.name,
+            stage=stage,
+            still_s=round(judged.stop.after_s, 4),
+            way_mm=round(1e3 * judged.stop.way_m, 2),
+            dropped=judged.dropped,
+            unasked=judged.unasked,
+            kept=self._kept(),
+            ended=program.returncode,
+            said=said,
+            ready=self.put_in_order(),
+        )
+
+    @contextmanager
+    def _trial(self, session: Path) -> Iterator[subprocess.Popen[str]]:
+        self._control.call("place", object=OBJECT, seed=1)
+        with start_trial(self._real, session, OBJECT) as program:
+            try:
+                yield program
+            finally:
+                program.kill()
+
+    def _kept(self) -> bool:
+        """Whether the first lift can be read, its recording by its checksums."""
+        try:
+            usable = read_usable_lifts(self._session, checked=True)
+        except RigError:
+            return False
+        return any(row.lift == 1 for row in usable.lifts)
+
+    def put_in_order(self) -> str:
+        """Do what a person would who agrees to what the rig asks. Return the reason if it cannot be done."""
+        self._control.call("fault", device="all", kind="clear")
+        switch_on(self._config.arm.host or "")
+        benches = StandingBench(self._config, ConsoleOperator(lambda _: True), "")
+        try:
+            with closing(benches), benches.for_lift(1, "in order") as (bench, operator):
+                make_ready(bench, operator, after_fault=True)
+        except (DeviceError, InputError) as error:
+            return f"{type(error).__name__}: {error}"
+        return ""
+
 
 STILL_S = 0.5
 APPROACH_MM = 20.0
@@ -23,9 +230,7 @@ COLUMNS = ("event", "runs", *(f"{stage}: s, mm" for stage in Stage), "dropped", 
 class SafetyOptions:
     """Options of `rig benchmark safety`."""
 
-    full: Annotated[
-        bool, typer.Option("--full", help="Each event once in every stage: 102 runs, about 30 minutes.")
-    ] = False
+    full: bool = option(False, "Each event once in every stage: 102 runs, about 30 minutes.")
 
 
 def measure(options: SafetyOptions, run: Run) -> Report:

@@ -1,16 +1,36 @@
-"""The events of `rig benchmark safety`, what may move after each, and whether more than that moved."""
+"""The events of `rig benchmark safety`: the program that they happen to, and what may move after each."""
 
 import math
+import os
 import random
+import resource
 import signal
-from collections.abc import Sequence
+import socket
+import subprocess
+import time
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from enum import StrEnum
+from pathlib import Path
+from typing import Any
 
+from drivers.children import python_command
+from drivers.errors import DeviceError
 from protocols.safe_end import REACH_M
 from protocols.steps import CLEARANCE_M
-from rig.benchmark.wire.moments import Moment, Stage, random_moment
-from rig.benchmark.wire.true_track import Standstill, TrueState, at, carried, dropped, standstill
+from rig.benchmark.wire.world import (
+    Moment,
+    Stage,
+    Standstill,
+    TrueState,
+    at,
+    carried,
+    dropped,
+    random_moment,
+    standstill,
+)
+from rig.config import BenchConfig
 
 MOVED_M = 0.001
 LINE_M = 0.002
@@ -168,3 +188,99 @@ def _left_the_line(later: Sequence[TrueState], grasp_m: float) -> str:
     if any(state.tool_m[2] < grasp_m - MOVED_M for state in low):
         return "the arm moved below the grasp"
     return ""
+
+
+TABLE_M = 0.02
+TWICE_S = 0.15
+"""Between two signals: the first has begun to work."""
+DASHBOARD_PORT = 29999
+POWER_S = 6.0
+
+
+def as_real(bench: BenchConfig) -> BenchConfig:
+    """Return a bench without [fakes], which counts as real and so must have the height of its table."""
+    table = bench.table.model_copy(update={"top_m": TABLE_M})
+    return bench.model_copy(update={"fakes": None, "table": table})
+
+
+def start_trial(bench: Path, session: Path, object_id: str) -> subprocess.Popen[str]:
+    """Start a trial of two lifts that continues with the second one.
+
+    bench: file of a bench that counts as real.
+    """
+    command = python_command("-m", "rig", "trial", "--lifts", 2, "--object", object_id)
+    command += ["--bench", str(bench), "--out", str(session), "--resume", "--yes", "--no-report"]
+    return subprocess.Popen(  # noqa: S603 - our own program, no shell
+        command,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,  # no file: messages must arrive although the disk is full
+        text=True,
+        errors="replace",
+        start_new_session=True,  # a Ctrl-C at the benchmark's terminal is the benchmark's
+        preexec_fn=_reset_signals,
+    )
+
+
+def wait_for_end(program: subprocess.Popen[str], limit_s: float) -> str:
+    """Wait for the end of a program and its children; after the time limit kill them.
+
+    Return its last line on stderr, or everything from a traceback on; after the time limit, a line that says
+    so. Its few lines fit into the pipe.
+    """
+    try:
+        lines = program.communicate(timeout=limit_s)[1].splitlines()
+    except subprocess.TimeoutExpired:
+        with suppress(ProcessLookupError):
+            os.killpg(program.pid, signal.SIGKILL)
+        lines = [*program.communicate()[1].splitlines(), f"did not end within {limit_s:.0f} s"]
+    lines = [line.rstrip() for line in lines if line.strip()]
+    first = next((i for i, line in enumerate(lines) if "Traceback" in line), -1)
+    return "\n".join(lines[first:])
+
+
+def _reset_signals() -> None:
+    """Let the program receive every signal, also if this benchmark was started to outlive its terminal."""
+    for number in (signal.SIGINT, signal.SIGHUP, signal.SIGQUIT, signal.SIGTERM):
+        with suppress(OSError):
+            signal.signal(number, signal.SIG_DFL)
+
+
+def strike(event: Event, program: subprocess.Popen[str], call: Callable[..., Mapping[str, Any]]) -> int:
+    """Let an event happen to a program; return the time of its last part, monotonic ns.
+
+    call: the fakes' side channel's. On a full disk the process cannot write another byte to any file.
+    """
+    for number in event.signals[:-1]:
+        program.send_signal(number)
+        time.sleep(TWICE_S)
+    event_ns = time.monotonic_ns()
+    for number in event.signals[-1:]:
+        program.send_signal(number)
+    if event.fault is not None:
+        device, kind = event.fault
+        call("fault", device=device, kind=kind)
+    if event.disk_full:
+        _, hard = resource.prlimit(program.pid, resource.RLIMIT_FSIZE)
+        resource.prlimit(program.pid, resource.RLIMIT_FSIZE, (0, hard))
+    return event_ns
+
+
+def switch_on(host: str) -> None:
+    """Switch an arm on and release its brakes at the pendant, if an emergency stop took its power."""
+    if _dashboard(host, "robotmode").endswith("RUNNING"):
+        return
+    _dashboard(host, "brake release")
+    deadline = time.monotonic() + POWER_S
+    while not _dashboard(host, "robotmode").endswith("RUNNING"):
+        if time.monotonic() > deadline:
+            raise DeviceError("safety: the simulated arm cannot be switched on again")
+        time.sleep(0.1)
+
+
+def _dashboard(host: str, request: str) -> str:
+    with socket.create_connection((host, DASHBOARD_PORT), timeout=2.0) as connection:
+        lines = connection.makefile("rb")
+        lines.readline()  # its greeting
+        connection.sendall(f"{request}\n".encode())
+        return lines.readline().decode().strip()

@@ -54,8 +54,6 @@ def _carry_out(study: "Study[Any]", options: Any, shared: SharedOptions) -> None
 
     began = time.perf_counter()
     section = study.name
-    for name in study.written:
-        file_place(getattr(options, name))
     if shared.readme is not None:
         section = study.section(options) if study.section else section
         check_readme(shared.readme, section)

@@ -30,8 +30,9 @@ from drivers.errors import RigError
 from drivers.types import Pose
 from fakes.studio.calibration_scenes import MM_PER_PX, MarkerPictures, SimulatedGel
 from rig.benchmark.calibration import motion_scenes
-from rig.benchmark.calibration.board_scenes import BOARD, CAMERA, board_pose, exact_view, render_target
+from rig.benchmark.calibration.board_scenes import BOARD, CAMERA, board_pose, render_target
 from rig.benchmark.calibration.motion_scenes import general_scene, wiggle_scene
+from support.board_views import exact_view
 
 Image = NDArray[Any]
 PICTURES = MarkerPictures()

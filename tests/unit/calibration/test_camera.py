@@ -14,7 +14,8 @@ from calibration.verdict import Verdict
 from drivers.errors import InputError
 from drivers.images import read_image
 from drivers.types import Pose
-from rig.benchmark.calibration.board_scenes import BOARD, CAMERA, board_pose, exact_view, render_target
+from rig.benchmark.calibration.board_scenes import BOARD, CAMERA, board_pose, render_target
+from support.board_views import exact_view
 
 
 def views(

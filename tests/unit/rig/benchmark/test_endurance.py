@@ -14,11 +14,14 @@ from drivers.errors import RecordingError
 from drivers.images import with_jpeg
 from drivers.types import Frame, Image
 from protocols.observer import Phase
-from rig.benchmark.wire.endurance import judge_endurance
-from rig.benchmark.wire.still_contact import Minute, MinuteRecordings, StillContact
+from rig.benchmark.wire.endurance import Minute, MinuteRecordings, StillContact, judge_endurance
 from rig.config import load_bench
+from rig.experiments.lift_plan import TrialSettings, new_measurement
+from rig.tactile.estimators import choose_estimator
+from rig.tactile.sample import SlipSample, State
 
 LATE, FAR = "capture to angle, 99th percentile, ms", "farthest angle from the first minute, deg"
+SETTINGS = TrialSettings(load_bench("wire"), 0, choose_estimator())
 MINUTE = Minute(9000, 0, 0, 5.0, 9.0, 0.1, 1.0, 280.0, 300.0, 20, 40)
 
 
@@ -52,7 +55,7 @@ def recordings(tmp_path: Path) -> Iterator[MinuteRecordings]:
 def test_minute_counts_its_own_frames_only(recordings: MinuteRecordings) -> None:
     bench, rng = load_bench("wire"), np.random.default_rng(0)
     clock = SystemClock()
-    contact = StillContact(bench, clock, recordings)
+    contact = StillContact(new_measurement(SETTINGS), clock, recordings)
     serials = [tactile.serial for tactile in bench.tactile]
 
     def show(numbers: list[int]) -> None:
@@ -96,12 +99,17 @@ def test_unwritable_recording_ends_the_measurement(tmp_path: Path) -> None:
 
 def test_wander_is_measured_from_the_first_minute(recordings: MinuteRecordings) -> None:
     """Angles from before the first minute, while the contact settles, do not count."""
-    bench = load_bench("wire")
-    contact = StillContact(bench, SystemClock(), recordings)
-    for tip in contact._tips.values():
-        tip.angles_deg, tip.late_ns = [0.0, 3.0], [1_000_000]
+    measurement = new_measurement(SETTINGS)
+    contact = StillContact(measurement, SystemClock(), recordings)
+
+    def turn(*angles_deg: float) -> None:
+        for tip in measurement.angle.tips.values():
+            tip.samples += [SlipSample(0, State.TRACKING, angle) for angle in angles_deg]
+        for late in contact._late_ns.values():
+            late.append(1_000_000)
+
+    turn(0.0, 3.0)
     contact.begin_minute()
     for angles, wander in (([1.0, 1.2], 0.1), ([1.1, 1.6], 0.5)):
-        for tip in contact._tips.values():
-            tip.angles_deg, tip.late_ns = list(angles), [1_000_000]
+        turn(*angles)
         assert contact.minute().wander_deg == pytest.approx(wander)

@@ -6,22 +6,12 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from drivers.clock import to_ns
 from drivers.errors import DeviceError, InputError
-from drivers.types import Frame
 from rig.benchmark.harness import Run
-from rig.benchmark.wire import campaign, faults
-from rig.benchmark.wire.campaign import (
-    PART,
-    _pictures,
-    count_faults,
-    plan_campaign,
-    run_campaign,
-    worst,
-)
+from rig.benchmark.wire import faults
 from rig.benchmark.wire.fault_cases import CASES
 from rig.benchmark.wire.fault_lifts import (
     FaultRow,
@@ -31,9 +21,21 @@ from rig.benchmark.wire.fault_lifts import (
     _run_to_the_end,
     row_of,
 )
-from rig.benchmark.wire.faults import FaultsOptions, campaign_table, judge_faults, measure
-from rig.benchmark.wire.moments import Stage
+from rig.benchmark.wire.faults import (
+    PART,
+    WORST,
+    FaultsOptions,
+    campaign_table,
+    count_faults,
+    judge_faults,
+    measure,
+    plan_campaign,
+    run_campaign,
+    worst,
+)
+from rig.benchmark.wire.world import Stage
 from rig.config import load_bench
+from rig.sessions.files import recording_file
 
 
 def trial_that_fails(at: list[int], attempts: list[FaultyLift]) -> Callable[[bool], None]:
@@ -155,19 +157,18 @@ def test_a_fault_passes_only_when_it_is_seen_named_safe_and_recovered_from() -> 
 
 
 class Parts:
-    """Stands for the lifts of a campaign: keeps what is run and what is filmed."""
+    """Stands for the lifts of a campaign: keeps what is run. Each recording holds the name of its fault."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.run: list[str] = []
-        self.filmed: list[int] = []
-        monkeypatch.setattr(campaign, "run_faults", self._run)
-        monkeypatch.setattr(
-            campaign, "_film", lambda folder, part, row, bench: self.filmed.append(row.number)
-        )
+        monkeypatch.setattr(faults, "run_faults", self._run)
 
     def _run(self, folder: Path, cases: list[Planned], bench: object) -> list[FaultRow]:
-        folder.mkdir()
         self.run.append(folder.name)
+        for i, (case, _) in enumerate(cases):
+            path = folder / recording_file(i + 1, 0)
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text(case.name)
         still_s = {"part_1": 0.5, "part_11": 0.3, "part_21": 0.7}[folder.name]
         return [
             replace(row(), number=i + 1, fault=case.name, still_s=still_s)
@@ -183,15 +184,17 @@ def parts(monkeypatch: pytest.MonkeyPatch) -> Parts:
 PLAN, WIRE = plan_campaign(0, 100)[: 2 * PART + 5], load_bench("wire")
 
 
-def test_campaign_runs_parts_of_ten_and_films_only_the_worst_so_far(tmp_path: Path, parts: Parts) -> None:
+def test_campaign_runs_parts_of_ten_and_keeps_the_recording_of_the_worst(
+    tmp_path: Path, parts: Parts
+) -> None:
     notes: list[str] = []
     rows = run_campaign(Run(0, 1, tmp_path, progress=lambda *of: notes.append(of[2])), PLAN, WIRE)
     assert [(row.number, row.fault) for row in rows] == [
         (i, c.name) for i, (c, _) in enumerate(PLAN, start=1)
     ]
     assert parts.run == ["part_1", "part_11", "part_21"]
-    assert parts.filmed == [1, 21]
-    assert [path.name for path in tmp_path.iterdir()] == ["results.jsonl"]
+    assert (tmp_path / WORST).read_text() == PLAN[20][0].name
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["results.jsonl", WORST]
     assert notes[1].splitlines()[0] == "lifts 11 to 20:"
     assert f"11 {PLAN[10][0].name}, lift: seen after 0.20 s, stood after 0.30 s; passed" in notes[1]
 
@@ -204,7 +207,7 @@ def test_interrupted_campaign_continues_with_its_missing_parts(tmp_path: Path, p
     rows = run_campaign(replace(run, resume=True), PLAN, WIRE)
     assert rows[:PART] == first
     assert parts.run == ["part_1", "part_11", "part_21"]
-    assert parts.filmed == [1, 21]
+    assert (tmp_path / WORST).read_text() == PLAN[20][0].name
 
 
 @pytest.mark.parametrize(("seed", "bench"), [(1, "wire"), (0, "other")])
@@ -233,16 +236,6 @@ def test_the_worst_case_is_the_one_that_failed_or_stood_last() -> None:
     assert worst([row(), slow]) == slow
     assert worst([slow, failed]) == failed
     assert worst([row(faults=[], detected_ns=0)]) is None
-
-
-def test_a_film_shows_all_sources_side_by_side() -> None:
-    def stream(width: int, height: int) -> list[Frame]:
-        image = np.full((height, width, 3), 90, np.uint8)
-        return [Frame(image, to_ns(i / 30), i, "serial") for i in range(30)]
-
-    pictures = list(_pictures([stream(24, 32), stream(24, 32), stream(64, 48)], "SIMULATED"))
-    assert 27 <= len(pictures) <= 30
-    assert {picture.shape for picture in pictures} == {(360, 270 + 270 + 480, 3)}
 
 
 def test_the_table_has_a_row_for_each_fault() -> None:

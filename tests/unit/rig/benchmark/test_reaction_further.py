@@ -10,7 +10,7 @@ from rig.benchmark.reaction.rest import Rest, at_rest, false_reactions
 from rig.benchmark.reaction.study import SPARE_STEPS, judge_faults, just_holding
 from rig.benchmark.wire.fault_cases import CASES
 from rig.benchmark.wire.fault_lifts import IN_REACTION, FaultyLift, row_of
-from rig.benchmark.wire.moments import Stage, StageWatch
+from rig.benchmark.wire.world import Stage, StageWatch
 from rig.config import BenchConfig
 from rig.experiments.lift_plan import LiftTask, TrialSettings, plan_lift
 from rig.lift.fusion import TipAnswer

@@ -4,8 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from rig.benchmark.renderer.lifts import LIFT_NS, draw_course, frames
-from rig.benchmark.renderer.sensor import GelCamera
+from rig.benchmark.renderer.lifts import LIFT_NS, GelCamera, draw_course, frames
 from rig.benchmark.renderer.shapes import KIND_NAMES, draw_face
 from rig.benchmark.renderer.study import DrawnLift, answer_lift, face_table
 from rig.tactile.estimators import choose_estimator
@@ -49,7 +48,7 @@ def test_blocks_of_a_video_rest_until_its_refresh() -> None:
 
 
 def test_a_lift_is_drawn_from_its_seed_and_begins_at_rest() -> None:
-    one, again, other = (next(image for _, image in frames(seed, 0)) for seed in (1, 1, 2))
+    one, again, other = (next(frames(seed, 0)).image for seed in (1, 1, 2))
     np.testing.assert_array_equal(one, again)
     assert (one != other).any()
     course = draw_course(1)
@@ -68,7 +67,7 @@ def test_a_lift_is_answered_and_scored_as_a_trial_scores(told: DrawnLift) -> Non
     assert told.score.answered > 0.95
     assert told.score.re is not None
     assert told.score.re.mean_deg < 1.0
-    assert told.wrong == 0.0
+    assert told.score.wrong == 0
 
 
 def test_table_has_a_row_for_each_kind_of_face(told: DrawnLift) -> None:

@@ -14,11 +14,16 @@ import rig.benchmark.estimators.study as study
 import rig.benchmark.estimators.timing as timing
 from drivers.errors import InputError, SessionError
 from rig.benchmark.estimators.contenders import CONTENDERS, NO_SKIP, WINDOWS
-from rig.benchmark.estimators.limits import judge
 from rig.benchmark.estimators.picture import Point, pareto, spread_labels
 from rig.benchmark.estimators.stress import StressTask, run_stress, stress_rows
 from rig.benchmark.estimators.study import PAGE, PICTURE, TABLE, EstimatorsOptions, compare, report_of
-from rig.benchmark.estimators.tables import README_COLUMNS, EstimatorsResult, estimator_table, stress_table
+from rig.benchmark.estimators.tables import (
+    README_COLUMNS,
+    EstimatorsResult,
+    estimator_table,
+    judge,
+    stress_table,
+)
 from rig.benchmark.harness import Report, Run
 from rig.benchmark.readme import check_readme, markers
 from rig.experiments.replay import replay_with_angles
@@ -104,7 +109,7 @@ def test_limits_are_judged_and_nothing_to_measure_is_no_success(
     assert limits["share of frames answered"].met
     refused = limits["share of frames refused on smooth round contacts"]
     assert (refused.value, refused.met) == (None, False)  # this run has no stress part
-    bad = judge(result.scores, result.timing, 0.5, 3, [])
+    bad = judge(replace(result, lifts=[replace(result.lifts[0], skip_gap_deg=0.5, skip_apart=3)]))
     assert "largest difference of skipping and --no-skip, deg" in {v.name for v in bad if not v.met}
 
 

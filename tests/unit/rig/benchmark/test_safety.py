@@ -16,13 +16,10 @@ import pytest
 from drivers.clock import to_ns
 from drivers.errors import InputError
 from rig.benchmark.harness import Run
-from rig.benchmark.wire import safety, safety_runs
-from rig.benchmark.wire.moments import Stage
-from rig.benchmark.wire.safety import SafetyOptions, judge_runs, measure, safety_table
-from rig.benchmark.wire.safety_events import BY_NAME, EVENTS, PlannedRun, judge, plan_runs
-from rig.benchmark.wire.safety_program import wait_for_end
-from rig.benchmark.wire.safety_runs import SafetyRun, run_safety
-from rig.benchmark.wire.true_track import TrueState
+from rig.benchmark.wire import safety
+from rig.benchmark.wire.safety import SafetyOptions, SafetyRun, judge_runs, measure, run_safety, safety_table
+from rig.benchmark.wire.safety_events import BY_NAME, EVENTS, PlannedRun, judge, plan_runs, wait_for_end
+from rig.benchmark.wire.world import Stage, TrueState
 
 GRASP_M = 0.06
 
@@ -184,7 +181,7 @@ def starts(monkeypatch: pytest.MonkeyPatch) -> list[Path]:
         served.append(folder)
         yield Place()
 
-    monkeypatch.setattr(safety_runs, "_served", serve)
+    monkeypatch.setattr(safety, "_served", serve)
     return served
 
 

@@ -1,6 +1,7 @@
 """The benchmark's figures: errors, windows, onsets and limits, from angles written down by hand."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -17,8 +18,10 @@ from rig.benchmark.estimators.contenders import (
     filtered,
     unfiltered,
 )
-from rig.benchmark.estimators.scores import score_all, score_series
+from rig.benchmark.estimators.scores import score_all
 from rig.benchmark.estimators.timing import spread
+from rig.results.scores import is_confidently_wrong, score_series
+from rig.tactile.contact.finder import ContactFinder
 from rig.tactile.paper.published import ANGLES
 from rig.tactile.sample import SlipSample, State
 
@@ -34,7 +37,6 @@ def test_a_lift_is_scored_as_the_contract_says() -> None:
         [0.1, 0.6, None, 0.5],
         [0.0, 2.0, 3.0, None],
         np.array([True, True, False, False]),
-        (0.2, 0.23, None),
     )
     assert score.re is not None
     assert score.re.mean_deg == pytest.approx(0.5)
@@ -59,7 +61,13 @@ def test_many_lifts_give_the_papers_mean_of_means_and_the_worst() -> None:
 def test_onsets_are_counted_missed_late_or_unfounded() -> None:
     told = [(0.2, 0.21), (0.2, 0.4), (0.2, None), (None, 0.3), (None, None), (0.5, 0.1)]
     lifts = [
-        score_series(f"t1/{i}", [0.0], [None], [0.0], None, (true, found, found), True)
+        replace(
+            score_series(f"t1/{i}", [0.0], [None], [0.0]),
+            onset_truth_s=true,
+            onset_estimate_s=found,
+            onset_event_s=found,
+            has_rates=True,
+        )
         for i, (true, found) in enumerate(told)
     ]
     score = score_all(lifts)
@@ -71,6 +79,31 @@ def test_onsets_are_counted_missed_late_or_unfounded() -> None:
 
 def test_a_contender_without_rates_tells_no_event() -> None:
     assert score_all([score_series("t1/1", [0.0], [None], [0.0])]).event is None
+
+
+@pytest.mark.parametrize(
+    ("error_deg", "sigma_deg", "wrong"),
+    [
+        (15.0, 4.0, True),  # a sigma above 3 degrees, but more than 3 sigma off
+        (-15.0, 4.0, True),
+        (15.0, 6.0, False),
+        (9.0, 0.1, False),
+        (10.0, 0.0, False),
+        (10.1, 0.0, True),
+        (90.0, None, False),
+    ],
+)
+def test_more_than_10_degrees_and_3_sigma_off_is_confidently_wrong(
+    error_deg: float, sigma_deg: float | None, wrong: bool
+) -> None:
+    assert is_confidently_wrong(error_deg, sigma_deg) is wrong
+
+
+@pytest.mark.parametrize(("sigma_deg", "count"), [(4.0, 5), (6.0, 0)])
+def test_answers_of_any_sigma_that_are_3_sigma_off_are_counted(sigma_deg: float, count: int) -> None:
+    score = score_series("t1/1", [15.0] * 5, [sigma_deg] * 5, [0.0] * 5)
+    assert score.wrong == count
+    assert score_all([score, score]).wrong_lifts == (2 if count else 0)
 
 
 @pytest.mark.parametrize("name", CONTENDERS)
@@ -88,12 +121,12 @@ def test_windows_after_one_pass_equal_the_estimator_run_with_that_window(
 
 
 def test_estimators_that_share_a_contact_find_what_they_find_alone(press: Press, blank: Image) -> None:
-    finder = SharedContact(blank)
+    finder = SharedContact(ContactFinder(blank))
     for turn in (10, 20):
         frame = press(turn)
         shared = [ScriptPass(finder, angle).update(frame, 0).angle_deg for angle in ANGLES.values()]
         alone = [
-            ScriptPass(SharedContact(blank), angle).update(frame, 0).angle_deg for angle in ANGLES.values()
+            ScriptPass(ContactFinder(blank), angle).update(frame, 0).angle_deg for angle in ANGLES.values()
         ]
         assert shared == alone
 

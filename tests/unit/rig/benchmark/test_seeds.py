@@ -6,15 +6,15 @@ from pathlib import Path
 import pytest
 
 from drivers.errors import InputError
-from rig.benchmark.estimators.scores import score_series
 from rig.benchmark.harness import RESULTS, Run
 from rig.benchmark.seeds import SeedLift, SeedsOptions, judge_lifts, measure
+from rig.results.scores import score_series
 
 
-def lift(error_deg: float, sigma_deg: float, wrong: int = 0) -> SeedLift:
+def lift(error_deg: float, sigma_deg: float) -> SeedLift:
     truth = [10.0 * i for i in range(4)]
     angles = [true + error_deg for true in truth]
-    return SeedLift(0, score_series("7/1", angles, [sigma_deg] * 4, truth), 30.0, wrong)
+    return SeedLift(0, score_series("7/1", angles, [sigma_deg] * 4, truth), 30.0)
 
 
 @pytest.mark.slow
@@ -41,11 +41,7 @@ def test_seeds_reject_bench_outside_this_process(tmp_path: Path) -> None:
 
 def test_confidently_wrong_lift_misses_limits() -> None:
     assert all(limit.met for limit in judge_lifts("easy", [lift(0.1, 1.0)]))
-    missed = [
-        limit.name
-        for limit in judge_lifts("easy", [lift(0.1, 1.0), lift(15.0, 1.0, wrong=4)])
-        if not limit.met
-    ]
+    missed = [limit.name for limit in judge_lifts("easy", [lift(0.1, 1.0), lift(15.0, 1.0)]) if not limit.met]
     assert "lifts with an answer that is confidently wrong" in missed
     assert "worst lift, degrees" in missed
     assert all(limit.met for limit in judge_lifts("hard", [lift(0.5, 1.0)]))

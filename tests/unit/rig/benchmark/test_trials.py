@@ -8,10 +8,11 @@ import pytest
 import rig.benchmark.trials.study as study
 from drivers.errors import InputError
 from drivers.types import Frame
+from rig.benchmark.estimators.contenders import SharedContact
 from rig.benchmark.harness import Report, Run
 from rig.benchmark.segmentation.paper_table import NETWORKS
 from rig.benchmark.segmentation.study import parse_models
-from rig.benchmark.trials.passes import NetworkContact, combination, thinned, title
+from rig.benchmark.trials.passes import combination, thinned, title
 from rig.benchmark.trials.study import PAGE, PICTURE, TrialsOptions, measure, with_markers
 from rig.config import load_bench
 from rig.tactile.contact.finder import NO_CONTACT, Contact
@@ -40,7 +41,7 @@ class Counted:
 
 def test_network_segments_each_frame_once() -> None:
     counted = Counted()
-    finder = NetworkContact(counted)  # type: ignore[arg-type] - only `find` is called
+    finder = SharedContact(counted)
     other = IMAGE.copy()
     for image in (IMAGE, IMAGE, other, other, IMAGE):
         finder.find(image)

@@ -6,8 +6,19 @@ from itertools import pairwise
 import pytest
 
 from drivers.clock import to_ns
-from rig.benchmark.wire.moments import LASTS_S, Moment, Stage, StageWatch, random_moment, wait_for
-from rig.benchmark.wire.true_track import TrueState, at, dropped, read_track, standstill
+from rig.benchmark.wire.world import (
+    LASTS_S,
+    Moment,
+    Stage,
+    StageWatch,
+    TrueState,
+    at,
+    dropped,
+    random_moment,
+    read_track,
+    standstill,
+    wait_for,
+)
 
 STEP_S = 0.004
 

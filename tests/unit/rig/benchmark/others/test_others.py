@@ -6,7 +6,7 @@ import pytest
 
 from drivers.errors import InputError
 from rig.benchmark.harness import Run
-from rig.benchmark.others.rows import Row, commit_of, skipped
+from rig.benchmark.others.clients import Row, commit_of, skipped
 from rig.benchmark.others.study import OthersOptions, measure, others_table
 
 
@@ -36,11 +36,6 @@ def test_table_marks_unexpected_results() -> None:
     assert "| a | b / c | 1 | x | NO |" in table.markdown()
 
 
-def test_commit_of_a_clone_is_read_without_git(tmp_path: Path) -> None:
+def test_clone_without_git_folder_has_an_unknown_commit(tmp_path: Path) -> None:
     assert commit_of(tmp_path) == "unknown"
-    (tmp_path / ".git").mkdir()
-    (tmp_path / ".git" / "HEAD").write_text("ref: refs/heads/main\n")
-    (tmp_path / ".git" / "packed-refs").write_text("# pack-refs\n0123456789abcdef refs/heads/main\n")
-    assert commit_of(tmp_path) == "0123456"
-    (tmp_path / ".git" / "HEAD").write_text("fedcba9876543210\n")
-    assert commit_of(tmp_path) == "fedcba9"
+    assert commit_of(tmp_path / "missing") is None

@@ -1,4 +1,6 @@
-"""The camera on a bench: a board on the tool shown to it from many poses, and markers at rest."""
+"""The camera on a bench: a board shown to it by the arm or by hand in many poses, and markers at rest."""
+
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +22,7 @@ from rig.calibrate.bench_hand_eye import visits
 from rig.calibrate.camera import camera_from_folder, markers_from_folder
 from rig.calibrate.result import CalibrationResult
 from rig.config import BenchConfig
+from rig.config.fields import ArmLimitsConfig
 
 FEWEST_VIEWS = 3
 _CANDIDATES = 400
@@ -32,11 +35,14 @@ _STILL_FRAMES = 60
 def collect_camera(station: Station, target: Target, count: int) -> CalibrationResult:
     """Show the board, firm on the tool, to the camera from `count` poses, and fit the camera.
 
-    Raises `OperatorStopError` unless the operator agrees to the motion, `DeviceError`, `InputError`.
+    Where no arm can be moved, a person holds the board in `count` places. Raises `OperatorStopError` unless
+    the operator agrees to the motion or holds the board, `DeviceError`, `InputError`.
     """
     config = station.config
     raw = station.raw("camera")
     poses = board_poses(config, target, station.seed, count)
+    if not config.moves:
+        poses = [poses[i % len(poses)] if poses else Pose((0.0, 0.0, 0.0)) for i in range(count)]
     if len(poses) < FEWEST_VIEWS:
         raise InputError(
             f"the workspace of [arm.limits] holds {len(poses)} places where the whole of {target.spec} "
@@ -52,16 +58,46 @@ def collect_camera(station: Station, target: Target, count: int) -> CalibrationR
         kept.append(capture.id)
         station.note(f"{capture.id}: kept", len(kept), len(poses))
 
+    show = _show_on_tool if config.moves else _show_by_hand
+    show(station, target, left, keep)
+    result = camera_from_folder(raw, "*.png", target, config.camera.serial, keep_all=False)
+    return result.marked(config.gives_simulated(config.camera.serial))
+
+
+def _show_by_hand(
+    station: Station, target: Target, left: list[tuple[str, Pose]], keep: Callable[[HandEyeCapture], None]
+) -> None:
+    """Have a person hold the board before the camera, once for each pose.
+
+    They choose where; the poses are for a simulated person.
+    """
     with station.connected(
-        f"The arm will visit {len(poses)} poses before the camera at up to {SPEED_M_S} m/s, tilted by up to "
+        f"Nothing moves. You hold the board {target.spec} before the camera, {len(left)} times."
+    ) as (bench, operator):
+        for name, pose in left:
+            operator.hold(
+                f"{name} of {len(left)}: hold the board {target.spec} still, all of it in the picture, each "
+                "time elsewhere in the picture and tilted another way by 10 to 40 degrees. Is it still?",
+                f"{target.spec}@tool",
+                pose,
+                None,
+            )
+            keep(HandEyeCapture(name, pose, capture_still(bench, bench.camera, 1)[0]))
+
+
+def _show_on_tool(
+    station: Station, target: Target, left: list[tuple[str, Pose]], keep: Callable[[HandEyeCapture], None]
+) -> None:
+    """Have the arm show the board, firm on the tool, from each pose; `left` is empty afterwards."""
+    count = len(left)
+    with station.connected(
+        f"The arm will visit {count} poses before the camera at up to {SPEED_M_S} m/s, tilted by up to "
         f"{_TILTS_DEG[1]:g} degrees, with the board {target.spec} on the tool.",
         motions=visits(left),
     ) as (bench, operator):
         agree_to_carry(bench, operator)
         operator.place(f"{target.spec}@tool", f"board {target.spec}, firm on the tool, facing the camera")
         capture_hand_eye(bench, lambda: left.pop(0) if left else None, keep, station.left_out)
-    result = camera_from_folder(raw, "*.png", target, config.camera.serial, keep_all=False)
-    return result.marked(config.gives_simulated(config.camera.serial))
 
 
 def board_poses(config: BenchConfig, target: Target, seed: int, count: int) -> list[Pose]:
@@ -77,7 +113,8 @@ def board_poses(config: BenchConfig, target: Target, seed: int, count: int) -> l
 
 def _candidates(config: BenchConfig, rng: np.random.Generator) -> list[Pose]:
     """Poses all over the picture, from near to where the camera looks, inside the workspace."""
-    low, high = np.array(config.arm.limits.workspace_min_m), np.array(config.arm.limits.workspace_max_m)
+    limits = config.arm.limits if config.has("arm") else ArmLimitsConfig()
+    low, high = np.array(limits.workspace_min_m), np.array(limits.workspace_max_m)
     base_T_camera = config.base_T_camera()  # noqa: N806
     half = np.divide(config.camera.size_px, 2.0 * config.camera.focal_px)
     farthest_m = config.object_distance_m()

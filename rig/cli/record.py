@@ -61,8 +61,7 @@ def record(
 
     The paper's objects have 3 positions x 5 orientations; one of your own may have fewer.
 
-    --by hand needs no arm and no gripper: you press the object onto each gel and confirm each pose, which
-    --yes does not. The session is the same, without the grips, which nobody measures.
+    --by hand needs no arm and no gripper: you press the object onto each gel, and confirm each pose.
 
     Simulated recordings keep the true contacts under truth/masks, apart from what the rig sees: labels
     for rig train.
@@ -76,8 +75,6 @@ def record(
 
       rig record --object 7 --poses 5 --images 50 --randomise --seed 3 --out training/07_3
 
-      rig record --object 7 --by hand --poses 3 --images 12
-
       rig record --object 7 --watch-at 127.0.0.1:8080
 
     """
@@ -87,12 +84,11 @@ def record(
     folder, settings = _prepare(context, what, bench, session)
     if bench.dry:
         dry_run(settings.bench, recording_plan(settings), session.json)
-    began, simulated = time.perf_counter(), mark(settings.bench.simulated)
+    began = time.perf_counter()
     rows = _record_all(context, folder, settings, remarks, session, watch, agreed=bench.yes)
     wall_s = round(time.perf_counter() - began, 2)
-    say(f"{simulated}{_images_text(rows)}, {wall_s:.1f} s")
-    page = report_after(folder, session.no_report)
-    figures = {**_figures(rows), "wall_s": wall_s, "report": page}
+    say(f"{mark(settings.bench.simulated)}{_images_text(rows)}, {wall_s:.1f} s")
+    figures = {**_figures(rows), "wall_s": wall_s, "report": report_after(folder, session.no_report)}
     print_result(session.json, {"session": str(folder), **figures}, folder)
 
 

@@ -218,8 +218,12 @@ class BenchConfig(BenchParts):
         return 0.0 if found is None else found.turn_sigma_rad
 
     def object_distance_m(self) -> float:
-        """Distance from the camera (`base_T_camera`) to an object at its place, m."""
-        return float(np.linalg.norm(np.subtract(self.base_T_camera().position_m, self.table.position_m)))
+        """Distance from the camera (`base_T_camera`) to an object at its place, m.
+
+        Without [table] to where the camera looks.
+        """
+        place = self.table.position_m if self.has("table") else self.camera.look_at_m
+        return float(np.linalg.norm(np.subtract(self.base_T_camera().position_m, place)))
 
     def without_passwords(self) -> "BenchConfig":
         """A copy without the passwords in its addresses, as it is stored in sessions."""

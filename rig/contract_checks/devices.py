@@ -11,9 +11,10 @@ EVERY = frozenset({"arm", "gripper", "frames"})
 FIRST_FRAME_S, FRAME_S = 5.0, 1.0
 
 
-def of_test(module: ModuleType) -> frozenset[str]:
-    """Return what a module of checks is about, as its `ABOUT` says: "arm", "gripper", "frames"."""
-    return frozenset(getattr(module, "ABOUT", EVERY))
+def of_test(module: ModuleType, bench: Bench) -> frozenset[str]:
+    """Return what a module of checks is about and a bench has: "arm", "gripper", "frames", as in `ABOUT`."""
+    there = {"arm": bench.has("arm"), "gripper": bench.has("gripper"), "frames": bool(bench.frame_sources)}
+    return frozenset(name for name in getattr(module, "ABOUT", EVERY) if there[name])
 
 
 def reconnect(bench: Bench, needed: frozenset[str] = EVERY) -> None:

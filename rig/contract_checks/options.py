@@ -62,14 +62,19 @@ def real_bench(real_config: BenchConfig) -> Iterator[Bench]:
     """The devices, made and not yet reached; let go of in the end."""
     bench = build_real_bench(real_config)
     yield bench
-    for device in (bench.arm, bench.gripper, *bench.frame_sources):
+    for device in (*bench.actuators, *bench.frame_sources):
         device.disconnect()
 
 
 @pytest.fixture
 def bench(real_bench: Bench, real_config: BenchConfig, request: pytest.FixtureRequest) -> Bench:
-    """A bench whose devices that this test is about are connected; for tests that move, ready to."""
-    needed = of_test(request.module)
+    """A bench whose devices that this test is about are connected; for tests that move, ready to.
+
+    Tests of devices that the bench file lacks are skipped.
+    """
+    needed = of_test(request.module, real_bench)
+    if not needed:
+        pytest.skip("the bench file has no such device")
     moves = request.node.get_closest_marker("moves") is not None
     if moves and not request.config.getoption("--moves"):
         pytest.skip("moves the hardware: add --moves where somebody stands at the bench")

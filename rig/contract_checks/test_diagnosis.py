@@ -7,7 +7,7 @@ from drivers.bench import Bench
 
 def test_what_a_device_tells_of_itself_can_be_so(bench: Bench) -> None:
     """Texts, counts, durations below a second, a finite offset or none."""
-    for device in (bench.arm, bench.gripper, *bench.frame_sources):
+    for device in (*bench.actuators, *bench.frame_sources):
         assert all(isinstance(text, str) for text in device.identity().values())
         assert all(count >= 0 for count in device.counters().values())
         assert all(0.0 < taken_s < 1.0 for taken_s in device.round_trips_s())

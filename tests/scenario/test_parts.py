@@ -9,10 +9,13 @@ import cv2
 import numpy as np
 import pytest
 
+from calibration.targets.boards import parse_target
 from drivers.errors import OperatorStopError
 from protocols.grasps import find_grasp_file
 from rig.bench.operators import ConsoleOperator
 from rig.bench.source import session_bench
+from rig.calibrate.bench import Station
+from rig.calibrate.bench_camera import collect_camera
 from rig.config import BENCHES, load_bench
 from rig.experiments.pose_attempt import RecordSettings
 from rig.experiments.record import run_record
@@ -22,6 +25,18 @@ from support.command_line import rig
 from support.own_estimators import forget
 
 DESK = 'name = "desk"\n[[tactile]]\ndriver = "fake"\nserial = "SIM-D0001"\n'
+EYE = """
+name = "eye"
+[camera]
+driver = "fake"
+serial = "SIM-C0001"
+rate_hz = 30
+size_px = [640, 480]
+focal_px = 640.0
+marker_dictionary = "DICT_4X4_50"
+marker_ids = [0, 1]
+marker_side_m = 0.04
+"""
 GEL = '''
 import time
 from pathlib import Path
@@ -168,6 +183,22 @@ def test_by_hand_is_refused_behind_wires(tmp_path: Path) -> None:
     assert "simulated behind wires, where no hand reaches them" in shown.stderr
 
 
+def test_simulated_calibration_is_refused_for_a_real_sensor_of_that_serial(
+    desk: Path, real_gel: Path, tmp_path: Path
+) -> None:
+    assert rig("calibrate", "tactile", "--bench", desk, "--json").returncode == 0
+    made = next((tmp_path / "calibrations").glob("*.yaml"))
+    made.rename(made.with_name("tactile-SIM-D0001.yaml"))  # as that of a gel's scale is called
+    head, first, rest = (BENCHES / "fake.toml").read_text().split("[[tactile]]")
+    tips = [tip.replace('driver = "fake"', 'driver = "desk_gel:Gel"', 1) for tip in (first, rest)]
+    mixed = tmp_path / "mixed.toml"
+    mixed.write_text("[[tactile]]".join([head, *tips]))
+    for file in (real_gel, mixed):
+        shown = rig("record", "--object", "7", "--by", "hand", "--bench", file, "--out", tmp_path / "s")
+        assert shown.returncode == 2
+        assert "tactile-SIM-D0001.yaml: was made on simulated devices" in shown.stderr
+
+
 @pytest.mark.real_time
 def test_doctor_and_calibration_work_with_one_sensor(desk: Path, tmp_path: Path) -> None:
     common = ["--bench", desk, "--json"]
@@ -179,11 +210,30 @@ def test_doctor_and_calibration_work_with_one_sensor(desk: Path, tmp_path: Path)
     assert {finding["device"] for finding in findings} == {
         "computer", "bench", "disk", "calibration", "SIM-D0001",
     }  # fmt: skip
-    made = json.loads(rig("calibrate", "tactile", *common, "--out", tmp_path / "c").stdout)
+    made = json.loads(rig("calibrate", "tactile", *common).stdout)
     assert len(made["calibrations"]) == 1
-    # the doctor reads the new file's age
     found = json.loads(rig("doctor", *common, "--seconds", 0.5, "--disk", tmp_path).stdout)["findings"]
-    assert all(finding["device"] != "camera" for finding in found)
+    of_file = next(finding for finding in found if finding["device"] == "calibration")
+    assert of_file["verdict"] == "good"
+    assert of_file["figures"]["age_days"] < 0.1
+
+
+def test_camera_alone_is_calibrated_with_a_board_held_by_hand(tmp_path: Path) -> None:
+    file = tmp_path / "eye.toml"
+    file.write_text(EYE)
+    asked = []
+    config = load_bench(str(file))
+
+    def ask(question: str) -> bool:
+        asked.append(question)
+        return True
+
+    at = Station(config, 0, tmp_path / "c", ConsoleOperator(ask), lambda text: None)
+    result = collect_camera(at, parse_target("charuco:8x6:25:18:DICT_5X5_100"), 8)
+    assert asked == [], "the simulated person holds the board"
+    assert result.simulated
+    assert len(list((tmp_path / "c" / "camera-samples").glob("*.png"))) == 8
+    assert result.value["camera_matrix"]["data"][0] == pytest.approx(640.0, abs=5.0)
 
 
 @pytest.mark.parametrize(
@@ -195,7 +245,7 @@ def test_doctor_and_calibration_work_with_one_sensor(desk: Path, tmp_path: Path)
         (["calibrate", "gripper"], "rig calibrate gripper needs [arm]"),
         (["calibrate", "hand-eye"], "rig calibrate hand-eye needs [arm], [gripper] and [camera]"),
         (["calibrate", "tcp"], "rig calibrate tcp needs [arm] and [gripper]"),
-        (["calibrate", "camera"], "rig calibrate camera needs [arm], [gripper] and [camera]"),
+        (["calibrate", "camera"], "rig calibrate camera needs [camera]"),
         (["calibrate", "markers"], "rig calibrate markers needs [camera]"),
         (["calibrate", "sync"], "rig calibrate sync needs [arm], [gripper], two [[tactile]] and [camera]"),
         (["teach", "7"], "rig teach needs [arm], [gripper], two [[tactile]] and [camera]"),

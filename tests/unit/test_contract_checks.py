@@ -52,6 +52,15 @@ def test_device_checks_are_skipped_without_a_bench_file(lab: Path) -> None:
     assert "passed" not in done.stdout
 
 
+def test_checks_of_devices_that_the_bench_file_lacks_are_skipped(lab: Path) -> None:
+    (lab / "desk.toml").write_text('name = "desk"\n[[tactile]]\ndriver = "digit"\nserial = "D1"\n')
+    words = ("--bench", "desk.toml", "--moves", "-k", "test_arm or test_gripper", "-rs")
+    done = pytest_of(lab, *PLUGIN, *CHECKS, *words)
+    assert done.returncode == 0, done.stdout
+    assert "the bench file has no such device" in done.stdout
+    assert "passed" not in done.stdout
+
+
 def test_missing_plugin_prints_the_option_to_add(lab: Path) -> None:
     done = pytest_of(lab, *CHECKS)
     assert done.returncode == 4

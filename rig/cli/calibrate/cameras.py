@@ -39,7 +39,8 @@ class CameraOptions:
 def camera(context: typer.Context, common: StationOptions, options: CameraOptions) -> None:
     """Fit a camera to views of a board; the lens model is the one that predicts unseen views best.
 
-    On a bench the arm holds the board and shows it from --poses places and tilts.
+    On a bench the arm holds the board and shows it from --poses places and tilts; without an arm you do, and
+    confirm each picture.
 
     The folder of --from holds pictures of one board by one camera, at one focus and zoom: 10 to 20,
     tilted by 30 degrees each way, over the whole picture. --target says which board; lens, outliers

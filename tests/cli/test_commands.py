@@ -179,19 +179,6 @@ def test_unwritable_session_folder_is_rejected(command: tuple[str, ...], tmp_pat
         one_line(rig(*command, "--out", out), 2, "--out")
 
 
-def test_a_bench_file_with_a_slip_of_the_pen_names_the_key(tmp_path: Path) -> None:
-    from rig.config import BENCHES
-
-    text = (BENCHES / "fake.toml").read_text()
-    wrong = tmp_path / "bench.toml"
-    wrong.write_text(text.replace("rate_hz = 30.0", "rate_hz = -30.0"))
-    one_line(rig("trial", "--bench", str(wrong)), 2, "camera.rate_hz")
-    wrong.write_text(text.replace("home_m", "hom_m"))
-    one_line(rig("trial", "--bench", str(wrong)), 2, "hom_m")
-    wrong.write_text(text.replace('driver = "fake"                      # fake | ur5e', 'driver = "ur5e"'))
-    one_line(rig("trial", "--bench", str(wrong), "--yes"), 2, "line 7", "needs host")
-
-
 def test_the_doctor_prints_one_json_object_and_saves_frames(tmp_path: Path) -> None:
     done = rig("doctor", "--seconds", "0.5", "--json", "--snapshot", str(tmp_path / "today"))
     assert done.returncode == 0, done.stderr

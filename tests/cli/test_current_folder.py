@@ -71,7 +71,9 @@ def test_trial_in_several_processes_with_page_and_viewer(folder: Path, light_ben
 
 
 @pytest.mark.real_time(beside=True)
-@pytest.mark.parametrize("program", [RIG, MODULE], ids=["script", "module"])
+@pytest.mark.parametrize(
+    "program", [RIG, pytest.param(MODULE, marks=pytest.mark.long)], ids=["script", "module"]
+)
 def test_doctor_over_the_wire_protocol(folder: Path, program: tuple[str, ...]) -> None:
     if program == MODULE:  # Python itself imports some modules from the current folder before it runs ours
         for name in SHADOWED:

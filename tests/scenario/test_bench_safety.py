@@ -71,7 +71,7 @@ def wait_until(so: Callable[[], bool], process: subprocess.Popen[str]) -> None:
         time.sleep(0.005)
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGQUIT])
+@pytest.mark.parametrize("number", [signal.SIGINT, pytest.param(signal.SIGQUIT, marks=pytest.mark.long)])
 def test_trial_stopped_on_its_way_down_stays_there(
     served: Served, tmp_path: Path, number: signal.Signals
 ) -> None:

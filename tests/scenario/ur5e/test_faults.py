@@ -76,7 +76,7 @@ def test_a_program_that_ends_before_the_tool_is_known_is_started_again(
     [
         ("program_killed", {}, "control program is stopped"),
         ("stream_frozen", {}, "state is unknown"),
-        ("stream_frozen", {"repeat": True}, "state is unknown"),
+        pytest.param("stream_frozen", {"repeat": True}, "state is unknown", marks=pytest.mark.long),
         ("socket_dropped", {}, "connection lost"),
         ("silent", {}, "state is unknown"),
         ("emergency_stop", {}, "emergency stop"),
@@ -108,7 +108,7 @@ def test_a_fault_in_mid_motion_is_named_and_the_arm_stops(
     ("kind", "arguments", "said"),
     [
         ("silent", {}, "does not answer"),
-        ("stream_frozen", {}, "does not answer"),
+        pytest.param("stream_frozen", {}, "does not answer", marks=pytest.mark.long),
         ("stream_frozen", {"repeat": True}, "time stands still|does not answer"),
         ("remote_control_off", {}, "remote control is off"),
         ("recipe_refused", {"reply": "IN_USE"}, "already in use"),

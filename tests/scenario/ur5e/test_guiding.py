@@ -69,7 +69,7 @@ def place(controller: URController) -> np.ndarray:
     return np.array(controller.snapshot()["tcp_m"])
 
 
-def test_the_arm_is_led_to_a_place_and_stays_there(controller: URController, arm: UR5e) -> None:
+def test_guided_arm_stays_where_it_was_led(controller: URController, arm: UR5e) -> None:
     controller.guide(ASIDE, 0.5)
     time.sleep(0.7)
     assert np.allclose(place(controller), HOME.position_m, atol=1e-6), "in position control it gives no way"
@@ -89,8 +89,15 @@ def test_the_arm_is_led_to_a_place_and_stays_there(controller: URController, arm
     assert np.allclose(place(controller), HOME.position_m, atol=1e-3)
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGHUP, signal.SIGTERM, signal.SIGQUIT])
-def test_a_stop_and_a_lost_terminal_leave_it_held_and_standing(
+@pytest.mark.parametrize(
+    "number",
+    [
+        signal.SIGINT,
+        signal.SIGHUP,
+        *(pytest.param(n, marks=pytest.mark.long) for n in (signal.SIGTERM, signal.SIGQUIT)),
+    ],
+)
+def test_signal_ends_guiding_with_the_arm_held_at_rest(
     controller: URController, number: signal.Signals
 ) -> None:
     with guided(controller) as rig:
@@ -104,7 +111,7 @@ def test_a_stop_and_a_lost_terminal_leave_it_held_and_standing(
     assert "ArmMode.RUNNING" in said
 
 
-def test_program_that_was_suspended_ends_when_it_goes_on(controller: URController) -> None:
+def test_guiding_ends_with_an_error_after_its_program_was_suspended(controller: URController) -> None:
     with guided(controller, limit_s=60.0) as rig:
         until(lambda: place(controller)[0] > HOME.position_m[0] + 0.005, 30.0)
         rig.send_signal(signal.SIGSTOP)
@@ -116,7 +123,7 @@ def test_program_that_was_suspended_ends_when_it_goes_on(controller: URControlle
         assert stands(controller)
 
 
-def test_it_ends_after_its_time(controller: URController) -> None:
+def test_guiding_ends_at_its_time_limit(controller: URController) -> None:
     with guided(controller, limit_s=2.0) as rig:
         assert rig.stdout is not None
         said = rig.stdout.read()
@@ -126,20 +133,20 @@ def test_it_ends_after_its_time(controller: URController) -> None:
         assert stands(controller)
 
 
-def test_a_program_that_hangs_does_not_leave_it_free(controller: URController) -> None:
+def test_guiding_ends_if_its_program_hangs(controller: URController) -> None:
     with guided(controller, "hangs"):
         until(lambda: not controller.snapshot()["freedrive"], 3.0)
         assert stands(controller)
 
 
-def test_a_killed_program_does_not_leave_it_free(controller: URController) -> None:
+def test_guiding_ends_if_its_program_is_killed(controller: URController) -> None:
     with guided(controller) as rig:
         rig.kill()
         until(lambda: not controller.snapshot()["freedrive"], 3.0)
         assert stands(controller)
 
 
-def test_a_protective_stop_ends_it(controller: URController, arm: UR5e) -> None:
+def test_protective_stop_ends_guiding(controller: URController, arm: UR5e) -> None:
     arm.begin_guiding()
     controller.inject("protective_stop")
     until(lambda: not controller.snapshot()["freedrive"])
@@ -149,7 +156,7 @@ def test_a_protective_stop_ends_it(controller: URController, arm: UR5e) -> None:
     assert stands(controller)
 
 
-def test_a_tool_that_is_not_the_bench_files_is_not_carried_by_hand(controller: URController) -> None:
+def test_guiding_is_rejected_if_the_payload_differs_from_the_bench_file(controller: URController) -> None:
     arm = make_arm(controller.host, payload_kg=1.0)
     arm.connect()
     with pytest.raises(DeviceError, match="payload"):

@@ -127,35 +127,6 @@ def test_the_viewer_s_parts_say_that_they_are_simulated() -> None:
     assert simulated == [f"SIMULATED {name}" for name in real]
 
 
-def test_the_time_left_counts_lifts_in_progress_and_never_stands_still(
-    tmp_path: Path, lift_row: Callable[..., FinishedLift]
-) -> None:
-    inbox = Inbox(str(tmp_path / "a"))
-    sender = Sender(LiveFeed((Listener(inbox.address, False),)))
-    view = TrialView(5, inbox, lift_note, done=3)
-    clock = SimulatedClock()
-    view._time_left = TimeLeft(5, 3, clock)
-
-    def shown(at_s: float, **lift: int) -> str:
-        clock.sleep_until(to_ns(at_s))
-        sender.send("phase", {**LIFT, **lift, "phase": "A", "time_ns": to_ns(at_s)})
-        deadline = time.monotonic() + 20.0
-        while view._lifts.get(7) is None or view._lifts[7].newest_ns < to_ns(at_s):
-            view._read()
-            assert time.monotonic() < deadline
-        return "\n".join(view.lines()).partition("dropped 0")[2]
-
-    # a lift is seen for 8 s until one has been seen: half of one of two after 4 s, so 12 s more
-    assert shown(0.0) == ""
-    assert shown(4.0) == "; about 12 s left"
-    assert shown(6.0) == "; about 10 s left"
-    view(4, 5, lift_row(3))
-    assert shown(9.0, number=4) == "; about 9 s left"
-    assert shown(12.0, number=4) == "; about 4 s left"
-    sender.close()
-    inbox.close()
-
-
 def test_time_left_excludes_start_up_and_pieces_of_the_earlier_run() -> None:
     clock = SimulatedClock()
     left = TimeLeft(10, clock=clock)
@@ -167,6 +138,7 @@ def test_time_left_excludes_start_up_and_pieces_of_the_earlier_run() -> None:
     assert left.counting_down() == pytest.approx(30.0)
     clock.sleep_until(to_ns(75.0))
     assert left.counting_down() == pytest.approx(25.0)
+    assert left_text(11.8) == "about 12 s left"
     assert left_text(79.6) == "about 1 min 20 s left"
     assert left_text(7200) == "about 2.0 h left"
 

@@ -117,7 +117,9 @@ def test_modes_change_only_on_request_and_motions_keep_them(
     assert bytes.fromhex(server.snapshot()["status"])[13] == 90
 
 
-@pytest.mark.parametrize("after_s", [0.0, 0.01, 0.02, 0.03, 0.05, 0.3])
+@pytest.mark.parametrize(
+    "after_s", [0.0, 0.02, 0.3, *(pytest.param(s, marks=pytest.mark.long) for s in (0.01, 0.03, 0.05))]
+)
 def test_stop_ends_an_activation_at_any_moment(world: World, after_s: float, written: Written) -> None:
     slow = GripperServer(world, SystemClock(), activation_s=60.0)
     slow.start()

@@ -187,8 +187,8 @@ def test_the_bench_file_that_is_printed_reads_back_with_the_addresses(transport:
 @pytest.mark.parametrize(
     "gripper",
     [
-        {"fingers": ("A", "B")},
-        {"fingers": ("C", "A"), "preset": "tcp-2014"},
+        pytest.param({"fingers": ("A", "B")}, marks=pytest.mark.long),
+        pytest.param({"fingers": ("C", "A"), "preset": "tcp-2014"}, marks=pytest.mark.long),
         {"fingers": ("A", "C"), "transport": "rtu"},
     ],
 )

@@ -16,7 +16,7 @@ from fakes.objects.surfaces import build_surface, depth_for_force
 from rig.benchmark.segmentation.study import Panels, read_panels
 from rig.frames.masks import SegmentChoice, make_segmenter, shipped_cards
 from rig.labels.polygons import agreement, contact_label
-from rig.tactile.contact.finder import ContactFinder
+from rig.tactile.contact.finder import Contact, ContactFinder
 from rig.tactile.contact.model_files import MODELS
 from rig.tactile.contact.network import SHIPPED, load_network
 from rig.tactile.contact.segmenter import FrameState, Segmenter, moved_outline
@@ -33,6 +33,14 @@ def pressed() -> tuple[Image, Image, Image]:
     surface = build_surface(load_catalogue()["2"].sites[2], 1, 5)
     imprint = Imprint(surface, 25.0, (0.5, -0.8), depth_for_force(surface, 0.9))
     return unit.render(None, 0.0, rng), unit.render(imprint, 3.0, rng), contact_label(unit.touching(imprint))
+
+
+def test_network_mask_has_the_call_of_the_classical_mask(pressed: tuple[Image, Image, Image]) -> None:
+    background, frame, _ = pressed
+    for model in (*SHIPPED, "classical"):
+        segmentation = make_segmenter(SegmentChoice(model), background).segment(frame)
+        assert isinstance(segmentation.contact, Contact)
+        assert segmentation.state is FrameState.CONTACT
 
 
 @pytest.mark.parametrize("model", ["ours", "ours-full"])

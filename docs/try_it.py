@@ -23,6 +23,7 @@ _INDENTED = re.compile(r"^ {4}rig .*$", re.MULTILINE)
 _FENCE = re.compile(r"^```sh$(.*?)^```$", re.DOTALL | re.MULTILINE)
 NEEDS = {
     r"^rig (?!objects).*--bench my_bench\.toml": "needs hardware",
+    r"^rig live (?!.*--seconds)": "needs somebody who ends it",
     r"HOST:PORT": "needs a cluster",
     r"^rig label-angle|^rig label ": "needs somebody who draws",
     r"^rig model import|authors\.onnx|--data|old/|--model \w+=": "needs files of yours",

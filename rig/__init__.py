@@ -1,8 +1,8 @@
 """The slip rig: the product over the neighbours `protocols`, `fakes` and `calibration`, and `drivers`.
 
-For programs, `import rig` offers the names of `__all__`: sessions as arrays, estimators over frames, scores,
-and calibrations solved from arrays. Each is imported when it is first asked for, so that `import rig` costs
-nothing.
+For programs, `import rig` offers the names of `__all__`: sessions as arrays, estimators over frames and over
+live streams, scores, and calibrations solved from arrays. Each is imported when it is first used, so that
+`import rig` costs nothing.
 
 From the top: commands (`cli`), measured figures (`benchmark`), what programs use (`python`), pages and tools
 that look at sessions (`report`, `export`, `training`, `doctor`, `calibrate`, `contract_checks`), experiments,
@@ -13,20 +13,29 @@ what is measured in a lift, results, the bench, sessions, configuration, percept
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from rig.frames.streaming import AngleSample, StreamingEstimator
     from rig.python.angles import Angles
     from rig.python.calibrating import CameraSolution, HandEyeSolution, solve_camera, solve_hand_eye
-    from rig.python.estimating import Score, estimate, score
+    from rig.python.estimating import Score, estimate, estimator, score
     from rig.python.session import Lift, SensorFrame, Session, open_session
+    from rig.python.tracks import ArmTrack, GripperTrack, MarkerTrack, WrenchTrack
 
 __all__ = [
+    "AngleSample",
     "Angles",
+    "ArmTrack",
     "CameraSolution",
+    "GripperTrack",
     "HandEyeSolution",
     "Lift",
+    "MarkerTrack",
     "Score",
     "SensorFrame",
     "Session",
+    "StreamingEstimator",
+    "WrenchTrack",
     "estimate",
+    "estimator",
     "open_session",
     "score",
     "solve_camera",
@@ -34,12 +43,14 @@ __all__ = [
 ]
 
 _HOMES = {
-    "angles": ("Angles",),
-    "calibrating": ("CameraSolution", "HandEyeSolution", "solve_camera", "solve_hand_eye"),
-    "estimating": ("Score", "estimate", "score"),
-    "session": ("Lift", "SensorFrame", "Session", "open_session"),
+    "frames.streaming": ("AngleSample", "StreamingEstimator"),
+    "python.angles": ("Angles",),
+    "python.calibrating": ("CameraSolution", "HandEyeSolution", "solve_camera", "solve_hand_eye"),
+    "python.estimating": ("Score", "estimate", "estimator", "score"),
+    "python.session": ("Lift", "SensorFrame", "Session", "open_session"),
+    "python.tracks": ("ArmTrack", "GripperTrack", "MarkerTrack", "WrenchTrack"),
 }
-"""Which module of `rig.python` each name is in."""
+"""Which module of `rig` each name is in."""
 
 
 def __getattr__(name: str) -> Any:
@@ -48,7 +59,7 @@ def __getattr__(name: str) -> Any:
     home = next((module for module, names in _HOMES.items() if name in names), None)
     if home is None:
         raise AttributeError(f"module 'rig' has no attribute '{name}'")
-    value = getattr(import_module(f"rig.python.{home}"), name)
+    value = getattr(import_module(f"rig.{home}"), name)
     globals()[name] = value
     return value
 

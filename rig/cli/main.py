@@ -20,6 +20,7 @@ from rig.cli.export import export
 from rig.cli.fakes import fakes
 from rig.cli.helping import Commands
 from rig.cli.label_angle import label_angle
+from rig.cli.live import live
 from rig.cli.model import estimators, model
 from rig.cli.own_files import bench, new, objects
 from rig.cli.play import play
@@ -67,7 +68,7 @@ def _program(
 
 for command in (record, trial, teach, sessions, report, compare, play, export, replay, results):
     app.command()(command)
-for command in (estimate, explain, estimators, segment, label, label_angle):
+for command in (live, estimate, explain, estimators, segment, label, label_angle):
     app.command()(command)
 for command in (train, train_angle, train_turning, doctor, new):
     app.command()(command)

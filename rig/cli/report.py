@@ -7,6 +7,7 @@ from rig.cli.common import print_result, say
 from rig.cli.declared import argument, option
 from rig.cli.options import JsonOption
 from rig.cli.places import file_place
+from rig.live.onlookers import report_written
 from rig.live.screen import begin_phase
 
 
@@ -26,6 +27,7 @@ def report_after(folder: Path, unwanted: bool) -> str | None:
         say(f"note: no report ({type(error).__name__}: {error}); try again: rig report {folder}")
         return None
     say(f"report: {path}")
+    report_written(Path(path))
     return str(path)
 
 

@@ -9,7 +9,7 @@ import typer
 
 from rig.cli.common import say
 from rig.cli.options import WatchOptions
-from rig.live.onlookers import looking_on
+from rig.live.onlookers import looking_on, report_to
 
 if TYPE_CHECKING:
     from rig.live.feed import Listener
@@ -29,7 +29,7 @@ class Work:
 def watched(context: typer.Context, work: Work, options: WatchOptions) -> "Iterator[tuple[Listener, ...]]":
     """Serve the page and start the command that were asked for; yield the listeners of lifts and poses.
 
-    The page stays until the command has ended, its report written. Raises `InputError`.
+    The page stays until the command has ended, and ends on its report. Raises `InputError`.
     """
     with ExitStack() as stack:
         listeners: tuple[Listener, ...] = ()
@@ -44,6 +44,7 @@ def watched(context: typer.Context, work: Work, options: WatchOptions) -> "Itera
             at = watch_address(options.watch_at)
             page = WatchPage(at, work.title, work.what, work.done, work.total)
             context.call_on_close(page.close)
+            context.call_on_close(report_to(page.show_report))
             stack.enter_context(looking_on(page.tell))
             say(f"watch it at {page.address}")
             listeners = (page.listener,)

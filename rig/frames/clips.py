@@ -20,7 +20,7 @@ from drivers.images import SUFFIXES
 from drivers.types import Image
 from rig.sessions.files import RESULTS, first_bytes, is_recording, is_ros_file
 
-FRAMES, BACKGROUND, LABELS = "frames", "background", "labels.csv"
+FRAMES, BACKGROUND, LABELS, TIMES = "frames", "background", "labels.csv", "timestamps.csv"
 VIDEO_ENDINGS = {
     ".avi", ".mp4", ".mov", ".mkv", ".webm", ".m4v", ".mpg", ".mpeg", ".ts", ".wmv", ".flv", ".ogv",
     ".mjpeg", ".mjpg",

@@ -139,6 +139,15 @@ class EstimatedSeries:
     sign: int = 1
 
 
+def require_frames_suffice(choice: EstimatorChoice) -> None:
+    """Raise `InputError` for an estimator that needs the arm's states beside the frames."""
+    if choice.name == TOSKOV:
+        raise InputError(
+            f"the estimator '{TOSKOV}' feels at the arm's wrist and frames do not tell that: use it in "
+            f"lifts, with rig trial, or rig replay SESSION --estimator {TOSKOV}"
+        )
+
+
 class Estimation:
     """Settings that apply to every series.
 
@@ -154,11 +163,7 @@ class Estimation:
         lift_from: str | None = None,
         aspect: float | None = None,
     ) -> None:
-        if choice.name == TOSKOV:
-            raise InputError(
-                f"the estimator '{TOSKOV}' feels at the arm's wrist and frames do not tell that: use it in "
-                f"lifts, with rig trial, or rig replay SESSION --estimator {TOSKOV}"
-            )
+        require_frames_suffice(choice)
         self.choice, self._background, self._aspect = choice, background, aspect
         self._published = choice.name.endswith(PUBLISHED) and choice.name in ESTIMATORS
         self._reference = _time("--reference-time", reference_time)

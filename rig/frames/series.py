@@ -18,9 +18,12 @@ from drivers.images import SUFFIXES, check_video_size, image_flaw, load_image, r
 from drivers.types import Image
 from rig.frames.clips import (
     ARRAY_SUFFIXES,
+    FRAMES,
+    TIMES,
     VIDEO_ENDINGS,
     array_frames,
     array_shape,
+    clip_background,
     is_ros_bag,
     require_clip,
 )
@@ -88,12 +91,15 @@ def read_frames(
 ) -> FrameSeries:
     """Open a clip of one sensor: a folder of images (sorted by name, numbers by value), an image, a video.
 
+    A folder with a folder `frames` is a clip with its background and times, as `rig live` records it.
     Also an array (`rig.frames.clips`), a ROS bag (`rig.frames.ros_bags`), a trial of TactileTracking,
     and a finger of a sequence of digit-pose-estimation (`bag_00.pkl:ring`; the index finger by default), see
     `rig.frames.public_sets`. timestamps: CSV with `frame,t_s`, see `times_from_table`. fps: frame rate in Hz;
     by default a video's own and 60 for images. topic: of a ROS bag; by default its only topic of images.
     Raises `InputError` for anything else.
     """
+    if (path / FRAMES).is_dir():
+        return _clip_series(path, timestamps, fps, topic)
     if is_ros_bag(path):
         if timestamps is not None or fps is not None:
             raise InputError(f"{path}: a ROS bag has its own times: leave --timestamps and --fps out")
@@ -185,6 +191,15 @@ def evenly_spread(images: Iterable[Image], least: int = MAX_FRAMES) -> list[Imag
         if len(kept) > 2 * least:
             kept, step = kept[::2], 2 * step
     return kept
+
+
+def _clip_series(folder: Path, timestamps: Path | None, fps: float | None, topic: str | None) -> FrameSeries:
+    own = folder / TIMES
+    if timestamps is None and fps is None and own.exists():
+        timestamps = own
+    series, background = read_frames(folder / FRAMES, timestamps, fps, topic), clip_background(folder)
+    empty = None if background is None else partial(read_image, background)
+    return replace(series, name=str(folder), empty=empty)
 
 
 def _image_series(path: Path, timestamps: Path | None, fps: float | None) -> FrameSeries:

@@ -1,8 +1,8 @@
-"""The slip alarm over a recording. It is armed by the lift, as in a trial, not by the grasp.
+"""The slip alarm over the frames of one sensor. It is armed by the lift, as in a trial, not by the grasp.
 
-While fingers close, a contact grows and shifts, and what turns then is no slip. In a trial the arm's lift
-arms the alarm. A recording may say when that was; where it does not, the grasp is over once the contact
-has stopped growing, and a contact that was gone for a while is a new grasp.
+While fingers close, a contact grows and shifts, and a rotation during that time is no slip. In a trial the
+arm's lift arms the alarm. If the time of the lift is not known, the grasp is over once the contact has
+stopped growing, and a contact that was gone for a while is a new grasp.
 """
 
 from collections import deque
@@ -23,12 +23,44 @@ NEW_GRASP_NS = NS_PER_S // 2
 def slips(samples: Sequence[SlipSample], lift_ns: int | None = None) -> list[bool | None]:
     """Return for each frame whether the slip alarm has been raised in this grasp.
 
-    lift_ns: when the lift began; None where that is not known. None throughout for an estimator that
-    tells no rate: the alarm asks for it.
+    lift_ns: when the lift began; None if that is not known. None throughout for an estimator that reports no
+    rate: the alarm needs it.
     """
     if all(sample.rate_deg_s is None for sample in samples):
         return [None] * len(samples)
-    return list(_by_lift(samples, lift_ns) if lift_ns is not None else _by_contact(samples))
+    if lift_ns is not None:
+        return list(_by_lift(samples, lift_ns))
+    alarm = SlipAlarm()
+    return [alarm.update(sample) for sample in samples]
+
+
+class SlipAlarm:
+    """The slip alarm of one sensor, frame by frame: armed by `arm`, or when the contact stops growing."""
+
+    def __init__(self) -> None:
+        self._grasp, self._growth = _Grasp(), Steadiness(STABLE_FRAMES)
+        self._armed = False
+        self._seen_ns: int | None = None
+
+    @property
+    def settled(self) -> bool:
+        """Whether the contact of this grasp has stopped growing."""
+        return self._growth.settled
+
+    def update(self, sample: SlipSample) -> bool:
+        """Take the next frame's sample; return whether the alarm has been raised in this grasp."""
+        if sample.contact_area_px > 0.0:
+            if self._seen_ns is not None and sample.time_ns - self._seen_ns > NEW_GRASP_NS:
+                self._grasp, self._growth, self._armed = _Grasp(), Steadiness(STABLE_FRAMES), False
+            self._seen_ns = sample.time_ns
+            if not self._growth.settled:
+                self._growth.update((sample.contact_area_px,))
+        self._grasp.update(sample, self._armed or self._growth.settled)
+        return self._grasp.slipped
+
+    def arm(self) -> None:
+        """Arm the alarm at the next angle, whether or not it was raised before."""
+        self._grasp, self._armed = _Grasp(), True
 
 
 def _by_lift(samples: Sequence[SlipSample], lift_ns: int) -> Iterator[bool]:
@@ -38,21 +70,8 @@ def _by_lift(samples: Sequence[SlipSample], lift_ns: int) -> Iterator[bool]:
         yield grasp.slipped
 
 
-def _by_contact(samples: Sequence[SlipSample]) -> Iterator[bool]:
-    grasp, growth, seen_ns = _Grasp(), Steadiness(STABLE_FRAMES), None
-    for sample in samples:
-        if sample.contact_area_px > 0.0:
-            if seen_ns is not None and sample.time_ns - seen_ns > NEW_GRASP_NS:
-                grasp, growth = _Grasp(), Steadiness(STABLE_FRAMES)
-            seen_ns = sample.time_ns
-            if not growth.settled:
-                growth.update((sample.contact_area_px,))
-        grasp.update(sample, growth.settled)
-        yield grasp.slipped
-
-
 class _Grasp:
-    """One grasp's alarm. Its zero is what was answered last before it is armed, or first thereafter."""
+    """One grasp's alarm. Its zero: the mean of the last angles before it is armed, else the first after."""
 
     def __init__(self) -> None:
         self._alarm = OnsetAlarm()

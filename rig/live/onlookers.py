@@ -6,6 +6,7 @@ One list per process, which has one terminal and runs one command. By default it
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Literal, TypeVar
 
 from rig.live.screen import set_aside
@@ -25,6 +26,8 @@ Row = TypeVar("Row")
 Tell = Callable[[Event], None]
 """Takes an event; never blocks, never raises."""
 _onlookers: list[Tell] = []
+_report_pages: list[Callable[[Path], None]] = []
+"""Each shows the report of the command that has just written it."""
 
 
 def tell(event: Event) -> None:
@@ -59,6 +62,18 @@ def looking_on(onlooker: Tell) -> Iterator[None]:
         raise
     finally:
         _onlookers.remove(onlooker)
+
+
+def report_to(page: Callable[[Path], None]) -> Callable[[], None]:
+    """Pass the path of the command's report to a page once it is written; return what ends that."""
+    _report_pages.append(page)
+    return lambda: _report_pages.remove(page)
+
+
+def report_written(file: Path) -> None:
+    """Pass the path of the command's report on."""
+    for page in _report_pages:
+        page(file)
 
 
 @contextmanager

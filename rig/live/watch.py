@@ -1,155 +1,42 @@
-"""The page of `--watch`: read-only, in a process of its own, so that no browser is ever waited for."""
+"""The page of `--watch` and of `rig live`, in a process of its own, so that no browser is ever waited for.
+
+The page of `--watch` is read-only. That of `rig live` also passes on what a person asks for by its buttons.
+"""
 
 import json
 import socket
 import tempfile
 import time
-from collections import deque
-from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, field, replace
-from datetime import datetime
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import asdict, replace
 from functools import partial
 from ipaddress import ip_address
-from typing import Any
+from pathlib import Path
 from urllib.parse import unquote
 
-from drivers.clock import NS_PER_S
-from drivers.errors import InputError
-from rig.live.feed import Inbox, Listener, Message
+from drivers.errors import InputError, RigError
+from rig.live.feed import Inbox, Listener
 from rig.live.onlookers import Event
-from rig.live.terminal import LiftInView
+from rig.live.watch_state import Progress, StateNews, WatchState
 from rig.pages.page import render
-from rig.pages.serving import LOOPBACK, NOT_ALLOWED, NOT_FOUND, Answer, PageProcess, Request
+from rig.pages.serving import (
+    FORBIDDEN,
+    LOOPBACK,
+    NOT_ALLOWED,
+    NOT_FOUND,
+    Answer,
+    PageProcess,
+    Request,
+)
 
-KEPT_FAULTS, MOST_CHARACTERS = 20, 2000
-KEPT_LIFTS = 16
-"""Processes whose newest lift is shown."""
-POINTS_APART_S, KEPT_POINTS = 0.05, 600
-"""Of the curve of a lift's angles: no more than a screen shows, and the newest half minute of them."""
-SILENT_S = 3.0
-"""Pictures are those of one process; after so long without any, those of another."""
-
-
-Curve = deque[tuple[float, float | None]]
-"""Times in s from a lift's first frame, angles in degrees, None where there was no answer."""
-
-
-@dataclass(slots=True)
-class LiftOnPage:
-    """A lift in progress, with its angles so far."""
-
-    lift: LiftInView
-    estimate: Curve = field(default_factory=lambda: deque(maxlen=KEPT_POINTS))
-    truth: Curve = field(default_factory=lambda: deque(maxlen=KEPT_POINTS))
-
-    def take(self, message: Message) -> None:
-        """Bring it up to date."""
-        self.lift.take(message)
-        if message.kind == "figures":
-            for curve, points in ((self.estimate, "estimate"), (self.truth, "truth")):
-                for time_ns, angle_deg, *_ in message.values[points]:
-                    self._add(curve, time_ns, angle_deg)
-
-    def values(self) -> dict[str, Any]:
-        """Return it as the page takes it."""
-        return {
-            "title": self.lift.title,
-            "phase": self.lift.phase,
-            "estimate_deg": self.lift.estimate_deg,
-            "truth_deg": self.lift.truth_deg,
-            "frames": self.lift.frames(),
-            "estimate": list(self.estimate),
-            "truth": list(self.truth),
-        }
-
-    def _add(self, curve: Curve, time_ns: int, angle_deg: float | None) -> None:
-        time_s = round((time_ns - (self.lift.began_ns or 0)) / NS_PER_S, 2)
-        answered = angle_deg is not None
-        if curve and time_s < curve[-1][0] + POINTS_APART_S and answered == (curve[-1][1] is not None):
-            return
-        curve.append((time_s, None if angle_deg is None else round(angle_deg, 2)))
-
-
-@dataclass(frozen=True, slots=True)
-class Progress:
-    """State of a command for the page. title: its name. what: name of its pieces of work, as "lifts".
-
-    newest: about the piece finished last. question: that waits for an answer. ended: how the command ended.
-    faults: newest first, with the time of day.
-    """
-
-    title: str
-    what: str
-    done: int
-    total: int
-    newest: str = ""
-    question: str = ""
-    ended: str = ""
-    faults: Sequence[str] = ()
-
-    def after(self, event: Event) -> "Progress":
-        """Return the progress after an event."""
-        text = event.text[:MOST_CHARACTERS]
-        if event.kind == "progress":
-            return replace(self, newest=text, done=event.done, total=event.total)
-        if event.kind == "fault":
-            faults = (f"{datetime.now():%H:%M:%S} {text}", *self.faults)
-            return replace(self, faults=faults[:KEPT_FAULTS])
-        if event.kind == "end":
-            return replace(self, ended=text, question="")
-        return replace(self, question=text)
-
-
-@dataclass(slots=True)
-class WatchState:
-    """What is shown now. take: returns the messages of lifts since the last call, oldest first."""
-
-    progress: Progress
-    take: Callable[[], list[Message]]
-    _lifts: dict[int, LiftOnPage] = field(default_factory=dict)
-    _pictures: dict[str, tuple[int, bytes]] = field(default_factory=dict)
-    _followed: int | None = None
-    _followed_at_s: float = 0.0
-
-    def values(self) -> dict[str, Any]:
-        """Return everything but the pictures, as JSON takes it."""
-        self._read()
-        lifts = sorted(self._lifts.values(), key=lambda each: each.lift.number)
-        return {
-            **asdict(self.progress),
-            "lifts": [lift.values() for lift in lifts],
-            "pictures": {serial: number for serial, (number, _) in self._pictures.items()},
-        }
-
-    def picture(self, serial: str) -> bytes | None:
-        """Return the newest JPEG of a source; None where there is none."""
-        self._read()
-        return self._pictures.get(serial, (0, None))[1]
-
-    def _read(self) -> None:
-        for message in self.take():
-            if message.picture:
-                self._keep_picture(message)
-            elif "number" in message.values:
-                self._keep_lift(message)
-
-    def _keep_picture(self, message: Message) -> None:
-        now_s, sender, serial = time.monotonic(), message.values["sender"], message.values["serial"]
-        if sender != self._followed and self._followed is not None and now_s < self._followed_at_s + SILENT_S:
-            return
-        self._followed, self._followed_at_s = sender, now_s
-        self._pictures[serial] = (self._pictures.get(serial, (0, b""))[0] + 1, message.picture)
-
-    def _keep_lift(self, message: Message) -> None:
-        values = message.values
-        known = self._lifts.get(values["sender"])
-        if known is None or known.lift.number != values["number"]:
-            self._lifts.pop(values["sender"], None)
-            title = f"{values['object']} {values['name']} lift {values['lift']}"
-            known = self._lifts[values["sender"]] = LiftOnPage(LiftInView(values["number"], title))
-            if len(self._lifts) > KEPT_LIFTS:
-                self._lifts.pop(next(iter(self._lifts)))
-        known.take(message)
+ACTING = "x-rig"
+"""Header of a request that changes something. A site elsewhere cannot send it: browsers ask first."""
+MOST_ACTION_BYTES = 200
+REPORT_WAIT_S = 1.5
+"""A browser that looks on is given this much time to fetch the report before the page ends."""
+LOOKING, REPORT_SHOWN = b"looking", b"report shown"
+"""What the page's process reports: a browser has opened the page, and a browser has the report."""
 
 
 def watch_address(at: str | None) -> tuple[str, int]:
@@ -168,16 +55,26 @@ def watch_address(at: str | None) -> tuple[str, int]:
 class WatchPage:
     """Serves what happens at `address` until it is closed. `listener`: lifts and poses send to it.
 
-    at: host and port. title, what, done, total: as `Progress`. Raises `InputError` for an address that
+    at: host and port. title, what, done, total: as `Progress`. estimators: names to choose from on a page
+    with buttons, see `asked`; a page without them is read-only. Raises `InputError` for an address that
     cannot be served.
     """
 
-    def __init__(self, at: tuple[str, int], title: str, what: str, done: int, total: int) -> None:
+    def __init__(
+        self,
+        at: tuple[str, int],
+        title: str,
+        what: str = "",
+        done: int = 0,
+        total: int = 0,
+        estimators: Sequence[str] = (),
+    ) -> None:
         self._progress = Progress(title, what, done, total)
         self._folder = tempfile.TemporaryDirectory(prefix="rig-watch-")
         self.listener = Listener(f"{self._folder.name}/page", pictures=True)
         try:
-            self.process = PageProcess(partial(Watched, self._progress, self.listener.address), at)
+            made = partial(Watched, self._progress, self.listener.address, tuple(estimators))
+            self.process = PageProcess(made, at)
         except (OSError, UnicodeError) as error:
             self._folder.cleanup()
             why = getattr(error, "strerror", None) or error
@@ -192,17 +89,42 @@ class WatchPage:
         self._progress = self._progress.after(event)
         self.process.send(json.dumps(asdict(self._progress)).encode())
 
+    def show_report(self, file: Path) -> None:
+        """Let browsers that look on show a report from now on; it is one file."""
+        self._progress = replace(self._progress, report=str(file.absolute()))
+        self.process.send(json.dumps(asdict(self._progress)).encode())
+
+    def asked(self) -> str | None:
+        """Return what a person asked for by a button, None if nothing; never blocks. Raises `RigError`."""
+        report = self.process.receive(0.0)
+        return None if report in (None, LOOKING) else str(report, errors="replace")
+
     def close(self) -> None:
-        """Stop serving."""
+        """Stop serving, once a browser that looks on has the report, if there is one."""
+        if self._progress.report:
+            with suppress(RigError):
+                self._wait_until_shown()
         self.process.close()
         self._folder.cleanup()
 
+    def _wait_until_shown(self) -> None:
+        """Wait until a browser that looks on has the report; not at all if none does. Raises `RigError`."""
+        looking = False
+        while report := self.process.receive(REPORT_WAIT_S if looking else 0.0):
+            if report == REPORT_SHOWN:
+                return
+            looking = True
+
 
 class Watched:
-    """The page, in its own process. progress: of the command so far. address: lifts and poses send there."""
+    """The page, in its own process.
 
-    def __init__(self, progress: Progress, address: str) -> None:
-        self._html = render("rig.live", "watch.html", title=progress.title).encode()
+    progress: of the command so far. address: lifts, poses and sensors send there. estimators: as `WatchPage`.
+    """
+
+    def __init__(self, progress: Progress, address: str, estimators: tuple[str, ...] = ()) -> None:
+        self._acting = bool(estimators)
+        self._html = render("rig.live", "watch.html", title=progress.title, estimators=estimators).encode()
         self._inbox = Inbox(address)
         self._state = WatchState(progress, self._inbox.take)
 
@@ -211,18 +133,39 @@ class Watched:
         self._state.progress = Progress(**json.loads(message))
 
     def answer(self, request: Request) -> Answer:
-        """Answer a request; nothing can be changed from the page."""
+        """Answer a request."""
+        if request.method == "POST" and request.path == "/do" and self._acting:
+            return self._passed_on(request)
         if request.method != "GET":
             return NOT_ALLOWED
         if request.path == "/":
             return Answer(self._html, "text/html; charset=utf-8")
         if request.path == "/state.json":
             return Answer(json.dumps(self._state.values()).encode(), "application/json")
+        if request.path == "/clock":  # a browser finds the offset of its own clock by this
+            return Answer(str(time.monotonic()).encode(), "application/json")
+        if request.path == "/stream":
+            return Answer(b"", "application/octet-stream", report=LOOKING, news=StateNews(self._state))
+        if request.path == "/report.html":
+            return self._report()
         return self._picture(request.path)
 
     def close(self) -> None:
         """Stop receiving."""
         self._inbox.close()
+
+    def _passed_on(self, request: Request) -> Answer:
+        """Pass on what a person asked for by a button, as text."""
+        if not request.header(ACTING) or not 0 < len(request.body) <= MOST_ACTION_BYTES:
+            return FORBIDDEN
+        return Answer(b"{}", "application/json", report=request.body)
+
+    def _report(self) -> Answer:
+        try:
+            html = Path(self._state.progress.report).read_bytes()
+        except OSError:
+            return NOT_FOUND
+        return Answer(html, "text/html; charset=utf-8", report=REPORT_SHOWN)
 
     def _picture(self, path: str) -> Answer:
         name = unquote(path.removeprefix("/picture/").removesuffix(".jpg"))

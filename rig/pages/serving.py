@@ -1,6 +1,7 @@
 """A local page over HTTP: requests are read, checked and answered, all on one thread and at a bounded rate.
 
-An idle or slow client occupies a socket for at most `WAIT_S`, and no thread.
+An idle or slow client occupies a socket for at most `WAIT_S`, and no thread. An answer with news is sent
+until its browser has gone.
 """
 
 import asyncio
@@ -31,6 +32,10 @@ Further connections wait in the kernel, where they cost no processor time.
 MOST_HEAD_BYTES = MOST_BODY_BYTES = 16_384
 MOST_MESSAGE_BYTES = 200_000
 """A message of the program has to fit into a socket's send buffer, 208 KiB by default (socket(7))."""
+NEWS_EVERY_S = 0.008
+"""How often there may be news: at each frame of two sensors at 60 frames per second."""
+UNSENT_BYTES = 65_536
+"""News wait while more than this is on its way to a browser."""
 RETRY_S = 0.1
 GIVE_WAY = 10
 """Niceness of the process (nice(2)): the program gets about 10 times its share of a core."""
@@ -52,21 +57,30 @@ class Request:
         return self.headers.get(name, "")
 
 
+News = Callable[[], bytes]
+"""Returns what a browser has not been sent yet, b"" if there is nothing new. It has to return soon."""
+
+
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """The answer to a request. report: sent to the program once the browser has the answer."""
+    """The answer to a request. report: sent to the program once the browser has the answer.
+
+    news: if given, the answer has no end: what it returns follows the body, until the browser or the program
+    has gone. A slow browser is sent less often.
+    """
 
     body: bytes
     kind: str = "text/plain"
     status: HTTPStatus = HTTPStatus.OK
     report: bytes = b""
+    news: News | None = None
 
     def packed(self) -> bytes:
         """Return the answer as it is sent."""
         lines = [
             f"HTTP/1.1 {self.status.value} {self.status.phrase}",
             f"Content-Type: {self.kind}",
-            f"Content-Length: {len(self.body)}",
+            *([] if self.news else [f"Content-Length: {len(self.body)}"]),
             "Cache-Control: no-store",
             "X-Content-Type-Options: nosniff",
             "Cross-Origin-Resource-Policy: same-origin",
@@ -163,14 +177,28 @@ async def _converse(
         async with asyncio.timeout(WAIT_S):
             answer = _answer(page, await _read(reader), names)
             writer.write(answer.packed())
-            writer.close()
-            await writer.wait_closed()
+            if answer.news is None:
+                writer.close()
+                await writer.wait_closed()
         if answer.report:
             program.send(answer.report)
+        if answer.news is not None:
+            await _keep_sending(writer, answer.news)
     except (TimeoutError, OSError, EOFError):
         pass
     finally:
         writer.transport.abort()
+
+
+async def _keep_sending(writer: asyncio.StreamWriter, news: News) -> None:
+    """Send news until the browser has gone, or takes none for `WAIT_S`."""
+    writer.transport.set_write_buffer_limits(high=UNSENT_BYTES)
+    while not writer.transport.is_closing():
+        if data := news():
+            writer.write(data)
+            async with asyncio.timeout(WAIT_S):
+                await writer.drain()
+        await asyncio.sleep(NEWS_EVERY_S)
 
 
 def _answer(page: Page, request: Request | None, names: frozenset[str]) -> Answer:

@@ -1,4 +1,4 @@
-"""Run an estimator on frames, and score its angles against ground truth."""
+"""Run an estimator on frames, all at once or as they come, and score its angles against ground truth."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -9,10 +9,13 @@ from numpy.typing import ArrayLike
 
 from drivers.clock import NS_PER_S
 from drivers.errors import InputError
+from drivers.realtime import compute_in_one_thread
 from drivers.types import Image
 from drivers.values import short_repr
 from rig.frames.estimates import estimate_series, zeroed
+from rig.frames.estimation import require_frames_suffice
 from rig.frames.series import FrameSeries, TimedFrame, evenly_spread, find_background
+from rig.frames.streaming import StreamingEstimator
 from rig.frames.times import MAX_TIME_S, FrameTime, times_at_rate
 from rig.python.angles import Angles
 from rig.report.curves import Curve, truth_at
@@ -86,6 +89,27 @@ def estimate(
     return Angles(seconds, _floats(found.angles_deg), _floats(found.sigmas_deg), states)
 
 
+def estimator(
+    name: str | type[TactileEstimator] = "slip",
+    *,
+    background: Image,
+    window: int | None = None,
+    pixel_aspect: float | None = None,
+    sign: int = 1,
+) -> StreamingEstimator:
+    """Make an estimator for the frames of one sensor as they are captured: the one that the rig runs online.
+
+    name, window, pixel_aspect: as for `estimate`. background: a frame without contact, (H, W, 3) uint8 RGB,
+    best the mean of several. sign: -1 for a fingertip that sees the object from behind. From then on OpenCV
+    and BLAS of this program compute in one thread, as on the command line: otherwise the last digits of the
+    angles depend on the number of cores. Raises `InputError`, and `EstimatorError` if it cannot be made.
+    """
+    check_frame(background)
+    compute_in_one_thread()
+    background = background.copy()
+    return StreamingEstimator(_made(name, background, window, pixel_aspect, sign), background.shape, sign)
+
+
 def score(estimate: Angles, truth: Angles) -> Score:
     """Compare angles with the truth, which is interpolated to their times over gaps of at most 50 ms."""
     known = truth_at(
@@ -103,14 +127,20 @@ def score(estimate: Angles, truth: Angles) -> Score:
 
 
 def _made(
-    estimator: str | type[TactileEstimator], background: Image, window: int | None, aspect: float | None
+    estimator: str | type[TactileEstimator],
+    background: Image,
+    window: int | None,
+    aspect: float | None,
+    sign: int = 1,
 ) -> TactileEstimator:
     if isinstance(estimator, str):
-        return choose_estimator(estimator, window).make(background, aspect)
+        choice = choose_estimator(estimator, window)
+        require_frames_suffice(choice)
+        return choice.make(background, aspect, sign)
     if not isinstance(estimator, type):
-        raise InputError(f"estimate: estimator is a {type(estimator).__name__}: give a name or a class")
+        raise InputError(f"the estimator is a {type(estimator).__name__}: give a name or a class")
     choice = choose_estimator(None, window)  # checks the window
-    made = ForeignEstimator(estimator.__name__, background, aspect, 1, estimator)
+    made = ForeignEstimator(estimator.__name__, background, aspect, sign, estimator)
     return WindowMean(made, choice.window) if choice.window > 1 else made
 
 

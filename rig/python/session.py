@@ -1,4 +1,4 @@
-"""A stored trial as arrays: its lifts, their angles, the truth, and the fingertips' frames."""
+"""A stored trial as arrays: its lifts, their angles, the truth, the frames, and what else was recorded."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -8,12 +8,23 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from calibration.markers.tracker import MarkerTracker
 from drivers.clock import NS_PER_S
 from drivers.errors import counted, unknown_name
 from drivers.types import Image
 from drivers.values import short_repr
 from protocols.observer import Phase
 from rig.python.angles import Angles, Floats, data_frame
+from rig.python.tracks import (
+    ArmTrack,
+    GripperTrack,
+    MarkerTrack,
+    WrenchTrack,
+    read_arm,
+    read_gripper,
+    read_markers,
+    read_wrench,
+)
 from rig.report.curves import Curve, LiftCurves, signed_errors, truth_at
 from rig.report.session import read_curves
 from rig.sessions.manifest import TrialManifest, read_manifest_of
@@ -123,6 +134,28 @@ class Lift:
     def error_deg(self) -> Floats:
         """(N,) estimate minus truth at the estimate's times, NaN where either is missing."""
         return signed_errors(self._curves)
+
+    @cached_property
+    def arm(self) -> ArmTrack:
+        """Poses of the tool centre point, and joints."""
+        return read_arm(self._recording, self._zero_s)
+
+    @cached_property
+    def wrench(self) -> WrenchTrack:
+        """Force and torque at the tool centre point, in the base's axes."""
+        return read_wrench(self._recording, self._zero_s)
+
+    @cached_property
+    def gripper(self) -> GripperTrack:
+        """Opening, motor current, and whether the fingers move."""
+        return read_gripper(self._recording, self._zero_s)
+
+    @cached_property
+    def markers(self) -> MarkerTrack:
+        """The markers' corners in the camera's frames, detected when first used; `truth` is their angle."""
+        camera = self._manifest.config.camera
+        tracker = MarkerTracker(camera.marker_ids, camera.marker_dictionary)
+        return read_markers(self._recording, self._zero_s, camera.serial, tracker)
 
     def tip(self, serial: str) -> Angles:
         """Return one fingertip's angle. Raises `InputError` for a serial that is not there."""

@@ -16,7 +16,7 @@ from drivers.errors import InputError
 from drivers.formats import read_csv_rows, shown
 from drivers.images import read_image
 from drivers.types import Image
-from rig.frames.clips import LABELS, clip_background, clip_frames
+from rig.frames.clips import LABELS, TIMES, clip_background, clip_frames
 from rig.frames.public_sets import (
     BAG_STRIDE,
     BAG_SUFFIX,
@@ -29,7 +29,7 @@ from rig.frames.public_sets import (
 )
 from rig.frames.series import FrameSeries, make_background, read_frames
 
-TIMES, GROUPS, CONTACTS = "timestamps.csv", "groups.csv", "contacts.csv"
+GROUPS, CONTACTS = "groups.csv", "contacts.csv"
 NO_GROUP = "-"
 LABEL_EVERY_NS = NS_PER_S // 2
 _NEEDED = ("reference_frame", "keyframe", "angle_deg", "sigma_deg")

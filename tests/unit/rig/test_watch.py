@@ -7,6 +7,7 @@ import signal
 import socket
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -14,6 +15,7 @@ from functools import partial
 from http.client import HTTPConnection
 from multiprocessing.process import BaseProcess
 from pathlib import Path
+from typing import Any
 from urllib.parse import urlsplit
 
 import numpy as np
@@ -23,7 +25,8 @@ from drivers.errors import InputError, OperatorStopError
 from drivers.images import encode_jpeg
 from rig.live.feed import Inbox, Listener, LiveFeed, Message, Sender
 from rig.live.onlookers import Event, asked, looking_on, tell, telling
-from rig.live.watch import KEPT_FAULTS, KEPT_POINTS, Progress, WatchPage, WatchState, watch_address
+from rig.live.watch import WatchPage, watch_address
+from rig.live.watch_state import KEPT_FAULTS, KEPT_POINTS, RECORD_HEAD, Progress, StateNews, WatchState
 from rig.pages.serving import BURST, MOST_PER_S
 from support import waiting
 from support.browser import NEEDS_CHROMIUM, Browser
@@ -146,6 +149,10 @@ def test_a_browser_shows_it_as_it_comes(page: WatchPage, tmp_path: Path, width: 
         page.tell(Event("end", "done"))
         until(lambda: not shown("Place it. Ready?") and shown("It has ended"))
         assert browser.value("document.documentElement.scrollWidth - innerWidth") <= 0
+        report = tmp_path / "report.html"
+        report.write_text("<!doctype html><title>t</title><p>the report</p>")
+        page.show_report(report)
+        until(lambda: browser.value("document.body.innerText") == "the report")
         assert browser.said() == []
     finally:
         browser.close()
@@ -155,6 +162,107 @@ def test_a_browser_shows_it_as_it_comes(page: WatchPage, tmp_path: Path, width: 
 @pytest.mark.parametrize("method", ["POST", "PUT", "DELETE", "PATCH", "HEAD"])
 def test_nothing_can_be_changed_from_the_page(still_page: WatchPage, method: str) -> None:
     assert get(still_page, "/state.json", method)[0] == 405
+
+
+def test_stream_sends_each_reading_and_picture_once() -> None:
+    came: list[Message] = []
+    state = WatchState(Progress("a", "", 0, 0), lambda: [came.pop(0) for _ in range(len(came))])
+
+    def reading(time_s: float, picture: bytes) -> Message:
+        values = {"sender": 1, "sensor": "D1", "t_s": time_s, "angle_deg": 1.5, "sigma_deg": 0.1}
+        return Message("sensor", values, picture)
+
+    def record(news: StateNews) -> tuple[dict[str, Any], bytes] | None:
+        data = news()
+        if not data:
+            return None
+        head, pictures = RECORD_HEAD.unpack(data[:8])
+        assert len(data) == 8 + head + pictures
+        return json.loads(data[8 : 8 + head]), data[8 + head :]
+
+    news = StateNews(state)
+    came += [reading(0.1 * n, JPEG + bytes([n])) for n in range(5)]
+    came.append(Message("notice", {"sender": 1, "text": "reference taken"}))
+    first = record(news)
+    assert first is not None
+    assert first[0]["notice"] == "reference taken"
+    (sensor,) = first[0]["sensors"]
+    assert [point[0] for point in sensor["points"]] == pytest.approx([0.0, 0.1, 0.2, 0.3, 0.4])
+    assert (sensor["bytes"], first[1]) == (len(JPEG) + 1, JPEG + bytes([4]))
+    assert record(news) is None, "nothing is new"
+    state.progress = state.progress.after(Event("end", "done"))
+    ended = record(news)
+    assert ended is not None
+    assert (ended[0]["ended"], ended[0]["sensors"][0]["points"], ended[1]) == ("done", [], b"")
+    came.append(reading(0.5, JPEG))
+    later = record(news)
+    assert later is not None
+    assert len(later[0]["sensors"][0]["points"]) == 1
+    assert later[1] == JPEG
+    other = record(StateNews(state))
+    assert other is not None
+    assert len(other[0]["sensors"][0]["points"]) == 6, "a page opened later has the curve so far"
+
+
+def test_only_a_page_with_buttons_passes_on_what_they_ask(still_page: WatchPage) -> None:
+    acting = WatchPage(watch_address(None), "rig live fake", estimators=("slip", "ellipse"))
+
+    def post(page: WatchPage, body: bytes, **headers: str) -> int:
+        at = urlsplit(page.address)
+        connection = HTTPConnection(str(at.hostname), at.port, timeout=20)
+        connection.request("POST", "/do", body, {name.replace("_", "-"): v for name, v in headers.items()})
+        status = connection.getresponse().status
+        connection.close()
+        return status
+
+    assert post(still_page, b"reference", x_rig="live") == 405
+    assert post(acting, b"reference") == 403
+    assert post(acting, b"", x_rig="live") == 403
+    assert post(acting, b"x" * 300, x_rig="live") == 403
+    assert post(acting, b"reference", x_rig="live", origin="http://evil.example") == 403
+    assert acting.asked() is None
+    assert post(acting, b"estimator ellipse", x_rig="live") == 200
+    until(lambda: acting.asked() == "estimator ellipse")
+    acting.close()
+
+
+def test_report_is_served_and_browsers_get_it_before_the_page_ends(tmp_path: Path) -> None:
+    made = WatchPage(watch_address(None), "a", "lifts", 0, 1)
+    assert get(made, "/report.html")[0] == 404
+    report = tmp_path / "report.html"
+    report.write_bytes(b"<!doctype html><p>the report</p>")
+    made.show_report(report)
+    until(lambda: values(made)["report"] == str(report))
+    at = urlsplit(made.address)
+    with socket.create_connection((str(at.hostname), at.port or 0), timeout=20) as client:
+        client.sendall(b"GET /stream HTTP/1.0\r\nHost: localhost\r\n\r\n")
+        assert client.recv(15) == b"HTTP/1.1 200 OK"
+        fetched: list[tuple[int, bytes]] = []
+        later = threading.Timer(0.2, lambda: fetched.append(get(made, "/report.html")))
+        later.start()
+        made.close()
+        later.join()
+    assert fetched == [(200, report.read_bytes())]
+
+
+def test_finished_pieces_are_listed(page: WatchPage) -> None:
+    for done in (2, 3):
+        page.tell(Event("progress", f"lift {done}", done, 5))
+    until(lambda: values(page)["finished"] == ["3/5 lift 3", "2/5 lift 2"])
+
+
+def test_stream_ends_when_the_page_is_closed() -> None:
+    made = WatchPage(watch_address(None), "a")
+    at = urlsplit(made.address)
+    with socket.create_connection((str(at.hostname), at.port or 0), timeout=20) as client:
+        client.sendall(b"GET /stream HTTP/1.0\r\nHost: localhost\r\n\r\n")
+        received = client.recv(65_536)
+        while b"\r\n\r\n" not in received or not received.endswith(b"}"):
+            received += client.recv(65_536)
+        assert b"Content-Length" not in received
+        made.close()
+        while client.recv(65_536):
+            pass
 
 
 @pytest.mark.parametrize(

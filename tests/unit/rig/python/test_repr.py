@@ -18,6 +18,11 @@ EXAMPLES = {
     ),
     "SensorFrame": rig.SensorFrame(0.25, IMAGE, IMAGE[:, :, 0]),
     "Angles": rig.Angles(CURVE, CURVE, CURVE, ("tracking",) * 500),
+    "AngleSample": rig.AngleSample(1 / 3, 1 / 7, 2 / 3, "tracking", 1 / 3, (1.5, -0.25), 9000.0, False),
+    "ArmTrack": rig.ArmTrack(CURVE, np.zeros((500, 4, 4)), np.zeros((500, 6))),
+    "WrenchTrack": rig.WrenchTrack(CURVE, np.zeros((500, 3)), np.zeros((500, 3))),
+    "GripperTrack": rig.GripperTrack(CURVE, CURVE, CURVE, CURVE > 0.5),
+    "MarkerTrack": rig.MarkerTrack(CURVE, np.zeros((500, 2, 4, 2))),
     "Score": rig.Score(1 / 3, 1 / 7, 2 / 3, 500, 1.0, 0.95),
     "CameraSolution": rig.CameraSolution(
         (640, 480), np.eye(3), np.zeros(8), {f"k{i}": i / 7 for i in range(12)}, 1 / 3, 2 / 3, "weak",

@@ -62,6 +62,25 @@ def test_each_fingertip_has_angles_and_frames_with_masks(session: rig.Session) -
     assert next(iter(lift.frames("camera"))).image.shape == (180, 240, 3)
 
 
+def test_arm_wrench_gripper_and_markers_are_arrays(session: rig.Session) -> None:
+    (lift,) = session
+    arm, wrench, gripper, markers = lift.arm, lift.wrench, lift.gripper, lift.markers
+    states = len(arm.time_s)
+    assert arm.base_T_tcp.shape == (states, 4, 4)
+    assert arm.joints_rad.shape == (states, 6)
+    assert wrench.force_n.shape == wrench.torque_nm.shape == (states, 3)
+    assert (np.diff(arm.time_s) >= 0).all()
+    rise = arm.base_T_tcp[arm.time_s > 0, 2, 3].max() - arm.base_T_tcp[0, 2, 3]
+    assert rise > 0.01
+    assert gripper.opening_m.shape == gripper.moving.shape == gripper.time_s.shape
+    assert len(markers.time_s) == len(list(lift.frames("camera")))
+    assert markers.corners_px.shape == (len(markers.time_s), 2, 4, 2)
+    seen = np.isfinite(markers.corners_px).all(axis=(1, 2, 3))
+    assert seen.mean() > 0.5
+    assert markers.corners_px[seen].min() > 0.0
+    assert lift.arm is arm, "a recording is read once"
+
+
 def test_an_estimator_over_frames_finds_the_turn(session: rig.Session) -> None:
     (lift,) = session
     serial = lift.serials[0]

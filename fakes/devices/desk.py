@@ -1,0 +1,93 @@
+"""A simulated DIGIT on a desk: again and again an object is pressed on its gel, turns, and is taken off."""
+
+import math
+from functools import lru_cache
+
+import numpy as np
+
+from drivers.clock import NS_PER_S, Clock
+from drivers.interfaces import TactileSensor
+from drivers.types import Image
+from fakes.devices.camera import FakeSource, Shutter
+from fakes.faults import FaultScript
+from fakes.gel.sensor import GelSensor, Imprint
+from fakes.objects.catalogue import find_object
+from fakes.objects.surfaces import Surface, build_surface, depth_for_force
+
+RATE_HZ = 60.0
+CYCLE_S = 16.0
+"""One object pressed, turned twice and taken off."""
+TOUCH_S, HELD_S, TURNS_S, OFF_S = 3.0, 3.5, (6.0, 11.0), 15.5
+"""Times in a cycle: first touch, full force, the two turns, taken off."""
+TURN_RATE_DEG_S = 15.0
+FORCE_N = 0.8
+PIVOT_MM = (1.5, -2.0)
+"""Point about which the contact turns, from the contact's middle."""
+TILT = (0.008, -0.006)
+
+
+class DeskDigit(FakeSource, TactileSensor):
+    """A simulated fingertip on a desk.
+
+    side: +1, or -1 for a second one that sees the same object from behind. start_ns: when the first cycle
+    begins, by the clock.
+    """
+
+    def __init__(self, serial: str, side: int, start_ns: int, clock: Clock) -> None:
+        shutter = Shutter(RATE_HZ, phase_s=0.002 + 0.002 * (1 - side))
+        super().__init__((serial,), shutter, self.draw, clock, FaultScript(()), 8 + side)
+        self._side, self._start_ns = side, start_ns
+
+    def set_light(self, red: float, green: float, blue: float) -> None:
+        """Do nothing: the light of this unit is fixed."""
+
+    def draw(self, time_ns: int, rng: np.random.Generator) -> Image:
+        """Return what the sensor sees at a time, (H, W, 3) uint8 RGB."""
+        time_s = (time_ns - self._start_ns) / NS_PER_S
+        share = _pressed(time_s % CYCLE_S)
+        return _gel(self._side).render(self._imprint(time_s, share) if share > 0.0 else None, time_s, rng)
+
+    def turn_deg(self, time_ns: int) -> float | None:
+        """Return how far the object has turned since its touch, counter-clockwise as this sensor sees it.
+
+        None without contact.
+        """
+        time_s = (time_ns - self._start_ns) / NS_PER_S
+        return self._side * _turned_deg(time_s) if _pressed(time_s % CYCLE_S) > 0.0 else None
+
+    def _imprint(self, time_s: float, share: float) -> Imprint:
+        surface, depth_mm = _pressed_surface(self._side)
+        angle_deg = self._side * _turned_deg(time_s)
+        cos, sin = math.cos(math.radians(angle_deg)), math.sin(math.radians(angle_deg))
+        px, py = self._side * PIVOT_MM[0], PIVOT_MM[1]
+        centre_mm = (px - (cos * px + sin * py), py - (cos * py - sin * px))
+        return Imprint(surface, angle_deg, centre_mm, share * depth_mm, TILT)
+
+
+def _pressed(in_cycle_s: float) -> float:
+    """Return the share of the full depth, 0 without contact."""
+    if in_cycle_s >= OFF_S:
+        return 0.0
+    return min(max((in_cycle_s - TOUCH_S) / (HELD_S - TOUCH_S), 0.0), 1.0)
+
+
+def _turned_deg(time_s: float) -> float:
+    cycle, in_cycle_s = divmod(time_s, CYCLE_S)
+    sizes_deg = np.random.default_rng(int(max(cycle, 0))).uniform(8.0, 25.0, len(TURNS_S))
+    turned = 0.0
+    for place, (begins_s, size_deg) in enumerate(zip(TURNS_S, sizes_deg, strict=True)):
+        done = min(max((in_cycle_s - begins_s) * TURN_RATE_DEG_S, 0.0), float(size_deg))
+        turned += done if place % 2 == 0 else -done
+    return turned
+
+
+@lru_cache(maxsize=2)
+def _gel(side: int) -> GelSensor:
+    return GelSensor(20 + side)
+
+
+@lru_cache(maxsize=2)
+def _pressed_surface(side: int) -> tuple[Surface, float]:
+    """Return the touched face of a wrench, and its depth in mm at the full force."""
+    surface = build_surface(find_object("t1").sites[0], side, 0)
+    return surface, depth_for_force(surface, FORCE_N, TILT, 0.0, (0.0, 0.0))

@@ -1,0 +1,170 @@
+"""Sources of live frames by what a person types: a serial, a device, an address, a file, or `fake`."""
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from drivers.clock import Clock, SystemClock
+from drivers.errors import DeviceError, InputError
+from drivers.formats import without_passwords
+from drivers.interfaces import FrameSource
+from drivers.types import Frame, Image
+from drivers.video.digit import Digit
+from drivers.video.external_camera import ExternalCamera
+from drivers.video.v4l2 import VideoNode, list_video_nodes
+from fakes.devices.desk import DeskDigit
+
+SENSORS = ("digit", "gelsight-mini", "plain")
+FAKE = "fake"
+FILE_RATE_HZ = 60.0
+"""Of a folder of images, as `rig estimate` assumes."""
+MINI_MODE_PX, MINI_RATE_HZ = (640, 480), 25.0
+"""Mode asked of a GelSight Mini's camera. Not tried on a device."""
+MINI_BORDER = 1 / 7
+"""Share of each side that shows no gel; GelSight's own software (gsrobotics) cuts off the same."""
+MINI_PX = (320, 240)
+"""Width and height at which GelSight's own software, and published frames, are."""
+
+
+class CroppedMini(FrameSource):
+    """A GelSight Mini: the gel alone, of the frames of its camera, 320 x 240 px."""
+
+    def __init__(self, camera: FrameSource) -> None:
+        self._camera = camera
+
+    @property
+    def serial(self) -> str:
+        """Serial number of the camera."""
+        return self._camera.serial
+
+    @property
+    def rate_hz(self) -> float:
+        """Requested frame rate."""
+        return self._camera.rate_hz
+
+    def connect(self) -> None:
+        """Start capturing."""
+        self._camera.connect()
+
+    def disconnect(self) -> None:
+        """Stop capturing."""
+        self._camera.disconnect()
+
+    def next_frame(self, timeout_s: float) -> Frame:
+        """Oldest frame not read yet."""
+        return self._cropped(self._camera.next_frame(timeout_s))
+
+    def newest_frame(self, max_age_s: float) -> Frame:
+        """Newest frame."""
+        return self._cropped(self._camera.newest_frame(max_age_s))
+
+    def _cropped(self, frame: Frame) -> Frame:
+        return Frame(crop_mini(frame.image), frame.time_ns, frame.sequence, frame.serial)
+
+
+def crop_mini(image: Image) -> Image:
+    """Cut the border off a GelSight Mini's frame; return (240, 320, 3). Frames of that size are unchanged."""
+    height, width = image.shape[:2]
+    if (width, height) == MINI_PX:
+        return image
+    down, across = int(height * MINI_BORDER), int(width * MINI_BORDER)
+    gel = image[down : height - down, across : width - across]
+    return np.asarray(cv2.resize(gel, MINI_PX, interpolation=cv2.INTER_AREA), np.uint8)
+
+
+def live_sources(
+    texts: Sequence[str], sensor: str | None, rate_hz: float | None, clock: Clock | None = None
+) -> list[FrameSource]:
+    """Return the source of each text; they are not connected yet.
+
+    sensor: what the frames are of; None: a DIGIT for a serial or a device, frames as they come otherwise.
+    rate_hz: asked of devices, pace of files; None: the sensor's own, a video's own, 60 for images. Raises
+    `InputError` for what can never be opened, `DeviceError` for a device that is not there.
+    """
+    clock = clock or SystemClock()
+    start_ns = clock.now_ns()
+    made: list[FrameSource] = []
+    for place, text in enumerate(texts):
+        if text == FAKE:
+            side = 1 if place == 0 else -1
+            made.append(DeskDigit(f"SIM-DESK{place + 1}", side, start_ns, clock))
+        else:
+            made.append(_source(text, sensor, rate_hz, clock))
+    names = [source.serial for source in made]
+    if len(set(names)) < len(names):
+        raise InputError(f"{names[0]}: named twice: give two different sources")
+    return made
+
+
+def _source(text: str, sensor: str | None, rate_hz: float | None, clock: Clock) -> FrameSource:
+    if text.isdecimal():
+        text = f"/dev/video{text}"
+    is_address, is_device, path = "://" in text, text.startswith("/dev/"), Path(text)
+    if is_device:
+        _check_device(path)
+    if is_address or path.is_file() or path.is_dir():
+        kind = sensor or "plain"
+        rate_hz = rate_hz or (FILE_RATE_HZ if is_address else _own_rate(path))
+        name = without_passwords(text) if is_address else path.name
+        if kind == "digit":
+            return Digit(name, rate_hz, address=text, clock=clock)
+        camera = ExternalCamera(name, text, rate_hz, clock=clock)
+        return CroppedMini(camera) if kind == "gelsight-mini" else camera
+    if not is_device and ("/" in text or path.suffix):
+        raise InputError(
+            f"{text}: there is no such file or folder: give a DIGIT's serial, /dev/videoN or its number, an "
+            f"MJPEG address (http://HOST:PORT/PATH), a video, a folder of images, or {FAKE}"
+        )
+    return _device(text, sensor or "digit", rate_hz, is_device, clock)
+
+
+def _device(text: str, kind: str, rate_hz: float | None, is_node: bool, clock: Clock) -> FrameSource:
+    """Return the source of a device node or of a serial."""
+    address = text if is_node else None  # which finds it again by its serial when it is plugged in again
+    if not is_node:
+        _check_device(Path(_node_of(text).device))
+    if kind == "digit":
+        return Digit(text, rate_hz or 60.0, address=address, clock=clock)
+    size = MINI_MODE_PX if kind == "gelsight-mini" else None
+    camera = ExternalCamera(text, address, rate_hz or MINI_RATE_HZ, size, clock=clock)
+    return CroppedMini(camera) if kind == "gelsight-mini" else camera
+
+
+def _node_of(serial: str) -> VideoNode:
+    """Return the device with a serial. Raises `InputError` with the list of those found."""
+    nodes = list_video_nodes()
+    found = [node for node in nodes if node.serial == serial]
+    if len(found) == 1:
+        return found[0]
+    listed = ", ".join(f"{node.serial or 'no serial'} at {node.device}" for node in nodes) or "none"
+    raise InputError(
+        f"{serial}: {len(found) or 'no'} video devices have this serial; found: {listed}. Check the cable "
+        f"and the serial, or give /dev/videoN, an MJPEG address, a file, or {FAKE}"
+    )
+
+
+def _check_device(node: Path) -> None:
+    """Raise `DeviceError` with the cure for a device node that is missing or may not be read."""
+    if not node.exists():
+        there = ", ".join(sorted(str(each) for each in Path("/dev").glob("video*"))) or "none"
+        raise DeviceError(f"{node}: there is no such device (found: {there}); check the cable and the number")
+    if not os.access(node, os.R_OK | os.W_OK):
+        raise DeviceError(
+            f"{node}: you may not read it: install the rules that rig bench udev prints, or join the group "
+            "'video' (sudo usermod -aG video $USER, then log in again)"
+        )
+
+
+def _own_rate(path: Path) -> float:
+    """Return a video's own frame rate in Hz, that of a folder of images else."""
+    if path.is_dir():
+        return FILE_RATE_HZ
+    capture = cv2.VideoCapture(str(path))
+    try:
+        rate_hz = float(capture.get(cv2.CAP_PROP_FPS))
+    finally:
+        capture.release()
+    return rate_hz if 0.0 < rate_hz <= 1000.0 else FILE_RATE_HZ

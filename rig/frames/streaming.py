@@ -1,0 +1,141 @@
+"""Angles of one sensor frame by frame, as the frames are captured."""
+
+import math
+from dataclasses import dataclass
+
+from drivers.clock import NS_PER_S, to_ns
+from drivers.errors import InputError
+from drivers.types import Image
+from drivers.values import short_repr
+from rig.frames.slip_alarm import SlipAlarm
+from rig.frames.times import MAX_TIME_S
+from rig.lift.object_angle import ZERO_S, TipTrack
+from rig.tactile.sample import SlipSample, TactileEstimator, check_frame
+
+
+@dataclass(frozen=True, slots=True)
+class AngleSample:
+    """The angle in one frame.
+
+    time_s: the frame's time. angle_deg: from the reference, counter-clockwise positive as seen (times the
+    sign), None if the estimator refuses. Before the first reference its zero is the estimator's own, for
+    `slip` the first contact. sigma_deg: one standard deviation, None if the estimator has none. state:
+    "no_contact", "tracking", "rekeyed", "unobservable" or "lost". rate_deg_s: None if unknown. shift_px: x
+    right, y down, since the estimator's own reference, None if unknown. contact_area_px: 0 without contact.
+    slip: whether the slip alarm has been raised since the reference or in this grasp. fault: error of an
+    estimator that is not the rig's own.
+    """
+
+    time_s: float
+    angle_deg: float | None
+    sigma_deg: float | None
+    state: str
+    rate_deg_s: float | None
+    shift_px: tuple[float, float] | None
+    contact_area_px: float
+    slip: bool
+    fault: str | None = None
+
+    __repr__ = short_repr
+
+
+class StreamingEstimator:
+    """An estimator for the frames of one sensor, one call per frame.
+
+    It drives the estimator and sets the reference as a lift of the rig does: the same frames, times and
+    reference give the same angles bit for bit. estimator: made for this sensor. shape: of its frames,
+    (H, W, 3). sign: +1, or -1 for a fingertip that sees the object from behind.
+    """
+
+    def __init__(self, estimator: TactileEstimator, shape: tuple[int, ...], sign: int = 1) -> None:
+        if sign not in (1, -1):
+            raise InputError(
+                f"sign is {sign!r}: give 1, or -1 for a fingertip that sees the object from behind"
+            )
+        self._estimator, self._shape = estimator, shape
+        self._track, self._alarm = TipTrack(sign), SlipAlarm()
+        self._newest_ns: int | None = None
+
+    @property
+    def track(self) -> TipTrack:
+        """The newest samples, their sign and their zero, as `rig.lift.fusion` takes them."""
+        return self._track
+
+    @property
+    def settled(self) -> bool:
+        """Whether the contact of this grasp has stopped growing."""
+        return self._alarm.settled
+
+    def update(self, image: Image, time_s: float) -> AngleSample:
+        """Estimate the angle in the next frame.
+
+        image: (H, W, 3) uint8 RGB, of the background's size; it is copied. time_s: when it was captured, in s
+        of any clock. A frame with the time of the one before gets the same answer again. Raises `InputError`,
+        which changes nothing, for another shape or type, and for a time that is not finite or goes back.
+        """
+        check_frame(image, self._shape)
+        return self.update_at(image.copy(), self._time_ns(time_s))
+
+    def update_at(self, image: Image, time_ns: int) -> AngleSample:
+        """Do the same for a time in ns and an image that nobody changes later."""
+        self._newest_ns = time_ns
+        sample = self._estimator.update(image, time_ns)
+        kept = self._track.samples
+        kept.append(sample)
+        while kept[0].time_ns < time_ns - to_ns(2 * ZERO_S):
+            del kept[0]
+        return self._answer(sample, self._alarm.update(sample))
+
+    def set_reference(self, time_s: float | None = None) -> None:
+        """Make the mean angle of the last 0.4 s before a time the zero, and arm the slip alarm.
+
+        time_s: at most 0.4 s before the newest frame; by default just after it. Raises `InputError` if no
+        frame in that time has an angle; the reference stays as it was then.
+        """
+        now_ns = (self._newest_ns or 0) + 1 if time_s is None else _finite_ns(time_s)
+        before = self._track.zero_deg, self._track.zero_sample
+        self._track.set_zero(now_ns)
+        if self._track.zero_deg is None:
+            self._track.zero_deg, self._track.zero_sample = before
+            raise InputError(
+                f"reference: no frame in the {ZERO_S:g} s before it has an angle: press an object on the "
+                "gel, and set the reference while it rests"
+            )
+        self._alarm.arm()
+
+    def _answer(self, sample: SlipSample, slip: bool) -> AngleSample:
+        sign, answer = self._track.sign, self._track.answer(sample)
+        angle, sigma = answer.angle_deg, answer.sigma_deg
+        if self._track.zero_deg is None and sample.angle_deg is not None:
+            angle, sigma = sign * sample.angle_deg, sample.sigma_deg
+        return AngleSample(
+            sample.time_ns / NS_PER_S,
+            angle,
+            sigma,
+            sample.state.value,
+            None if sample.rate_deg_s is None else sign * sample.rate_deg_s,
+            sample.shift_px,
+            sample.contact_area_px,
+            slip,
+            sample.fault,
+        )
+
+    def _time_ns(self, time_s: float) -> int:
+        time_ns = _finite_ns(time_s)
+        if self._newest_ns is not None and time_ns < self._newest_ns:
+            newest_s = self._newest_ns / NS_PER_S
+            raise InputError(
+                f"the frame's time {time_s:.6f} s is before the last one's, {newest_s:.6f} s: give frames in "
+                "order, or make another estimator for another recording"
+            )
+        return time_ns
+
+
+def _finite_ns(time_s: float) -> int:
+    try:
+        seconds = float(time_s)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"the time {time_s!r} is not a number: give s") from error
+    if not (math.isfinite(seconds) and abs(seconds) < MAX_TIME_S):
+        raise InputError(f"the time is {seconds} s: give a finite time in s, below {MAX_TIME_S:g}")
+    return round(seconds * NS_PER_S)

@@ -1,0 +1,55 @@
+"""Writes a clip of one sensor while its frames come: frames, their times, and the frame without contact."""
+
+from datetime import datetime
+from pathlib import Path
+
+from drivers.clock import NS_PER_S
+from drivers.errors import RecordingError
+from drivers.images import encode_jpeg, encode_png
+from drivers.types import Frame, Image
+from rig.frames.clips import BACKGROUND, FRAMES, TIMES
+
+
+class ClipWriter:
+    """A clip as `rig label-angle`, `rig estimate` and `rig benchmark clips` read it.
+
+    folder: of the clip, made here. background: the frame without contact. Raises `RecordingError` if
+    something cannot be written.
+    """
+
+    def __init__(self, folder: Path, background: Image) -> None:
+        self.folder, self.count = folder, 0
+        self._first_ns = 0
+        try:
+            (folder / FRAMES).mkdir(parents=True)
+            (folder / f"{BACKGROUND}.png").write_bytes(encode_png(background))
+            self._times = (folder / TIMES).open("w", encoding="utf-8")
+            self._times.write("frame,t_s\n")
+        except OSError as error:
+            raise self._failed(error) from error
+
+    def add(self, frame: Frame) -> None:
+        """Write a frame: its JPEG as received, if it has one."""
+        name = f"{self.count:06d}.jpg"
+        self._first_ns = frame.time_ns if self.count == 0 else self._first_ns
+        try:
+            (self.folder / FRAMES / name).write_bytes(frame.jpeg or encode_jpeg(frame.image))
+            self._times.write(f"{name},{(frame.time_ns - self._first_ns) / NS_PER_S:.9f}\n")
+        except OSError as error:
+            raise self._failed(error) from error
+        self.count += 1
+
+    def close(self) -> None:
+        """Complete the table of times."""
+        self._times.close()
+
+    def _failed(self, error: OSError) -> RecordingError:
+        return RecordingError(
+            f"{error.filename or self.folder}: the clip cannot be written ({error.strerror})"
+        )
+
+
+def clip_folder(clips: Path, serial: str) -> Path:
+    """Return the folder of a new clip, named by date, time and sensor."""
+    name = "".join(c if c.isalnum() or c in "-_." else "_" for c in serial)
+    return clips / f"{datetime.now():%Y-%m-%dT%H%M%S}_{name}"

@@ -1,0 +1,247 @@
+"""One or two sensors on a desk: a live angle without a bench.
+
+A thread per sensor waits for its frames; one thread estimates, records and sends to viewers. Nothing here
+moves anything.
+"""
+
+import os
+import queue
+import threading
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+from drivers.clock import NS_PER_S, Clock, SystemClock, to_ns
+from drivers.errors import DeviceError, DeviceTimeoutError, InputError, RigError, StaleFrameError, counted
+from drivers.images import with_jpeg
+from drivers.interfaces import FrameSource
+from drivers.types import Frame, Image
+from rig.frames.estimation import require_frames_suffice
+from rig.frames.streaming import AngleSample
+from rig.lift.fusion import FusedSample, fuse
+from rig.live.clip_writer import ClipWriter, clip_folder
+from rig.live.desk_sensor import DeskSensor, Reading
+from rig.live.feed import Sender
+from rig.live.observer import PICTURE_LONG_SIDE_PX, small_jpeg
+from rig.tactile.estimators import EstimatorChoice, choose_estimator
+
+LATEST_S = 0.3
+"""Frames that wait longer are skipped and counted as dropped, so that the angle stays a live one."""
+FRAME_TIMEOUT_S = 1.0
+OBJECT = "object"
+"""Name of the fused angle among the sensors."""
+REFERENCE, TAKE_BACKGROUND, RECORD, ESTIMATOR = "reference", "background", "record", "estimator"
+"""What a person can ask for while it runs; `estimator` is followed by a name."""
+
+
+@dataclass(frozen=True, slots=True)
+class DeskSettings:
+    """How a desk runs.
+
+    signs: of each sensor's angle in the object's, +1 or -1. background, aspect: as `DeskSensor`. clips:
+    folder in which clips are recorded.
+    """
+
+    choice: EstimatorChoice
+    signs: tuple[int, ...] = (1, -1)
+    background: Image | None = None
+    aspect: float | None = None
+    clips: Path = Path("clips")
+
+
+class Desk:
+    """Sensors on a desk, from `start` to `close`. A context manager.
+
+    sources: one or two, not connected. sender: to viewers. Raises `DeviceError` if a source cannot be opened.
+    """
+
+    def __init__(
+        self,
+        sources: Sequence[FrameSource],
+        settings: DeskSettings,
+        sender: Sender,
+        clock: Clock | None = None,
+    ) -> None:
+        self._sources, self._settings, self._sender = sources, settings, sender
+        self._clock = clock or SystemClock()
+        self.sensors = {
+            source.serial: DeskSensor(
+                source.serial, settings.choice, sign, settings.background, settings.aspect
+            )
+            for source, sign in zip(sources, settings.signs, strict=False)
+        }
+        self.notice = ""
+        self._frames: queue.Queue[tuple[str, Frame | DeviceError]] = queue.Queue(maxsize=len(sources))
+        self._stopping = threading.Event()
+        self._threads = [threading.Thread(target=self._wait, args=(s,), daemon=True) for s in sources]
+        self._open = len(sources)
+
+    def __enter__(self) -> "Desk":
+        self._settings.choice.try_making()  # which takes seconds the first time; no frame waits for it
+        with_frames: list[FrameSource] = []
+        try:
+            for source in self._sources:
+                source.connect()
+                with_frames.append(source)
+        except RigError:
+            for source in with_frames:
+                source.disconnect()
+            raise
+        for thread in self._threads:
+            thread.start()
+        if self._settings.background is None:
+            self._say("taking the background: nothing may touch the gel")
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stopping.set()
+        for source in self._sources:
+            source.disconnect()
+        for thread in self._threads:
+            while thread.is_alive():
+                with suppress(queue.Empty):
+                    self._frames.get_nowait()
+                thread.join(0.01)
+        self._end_clips()
+
+    @property
+    def ended(self) -> bool:
+        """Whether all sources have ended, as files do."""
+        return self._open == 0
+
+    @property
+    def recording(self) -> bool:
+        """Whether a clip is being recorded."""
+        return any(sensor.clip is not None for sensor in self.sensors.values())
+
+    def step(self, timeout_s: float = 0.1) -> list[Reading]:
+        """Take the next frame of any sensor; return its reading, and the object's with two sensors.
+
+        Nothing is returned if none came in time, or a source ended, see `ended`. Raises `DeviceError` for a
+        sensor that fails.
+        """
+        try:
+            name, frame = self._frames.get(timeout=timeout_s)
+        except queue.Empty:
+            return []
+        if isinstance(frame, DeviceError):
+            self._open -= not isinstance(frame, DeviceTimeoutError)
+            self._say(str(frame))
+            return []
+        frame = with_jpeg(frame)
+        sensor, known = self.sensors[name], self._backgrounds()
+        reading = sensor.take(frame, self._clock)
+        if self._backgrounds() > known:
+            self._say(f"{name}: background taken; press an object on the gel")
+        self._show(reading, frame)
+        fused = self._fused(reading)
+        if fused is None:
+            return [reading]
+        self._show(fused, None)
+        return [reading, fused]
+
+    def act(self, text: str) -> None:
+        """Do what a person asks for, see `REFERENCE`; `notice` then says what was done, or why it was not."""
+        what, _, name = text.partition(" ")
+        try:
+            self._say(self._done(what, name))
+        except RigError as error:
+            self._say(str(error))
+
+    def _backgrounds(self) -> int:
+        """Return how many sensors have a background."""
+        return sum(not sensor.collecting for sensor in self.sensors.values())
+
+    def _done(self, what: str, name: str) -> str:
+        sensors = self.sensors.values()
+        if what == REFERENCE:
+            for sensor in sensors:
+                sensor.set_reference()
+            return "reference taken: the angle counts from here"
+        if what == TAKE_BACKGROUND:
+            for sensor in sensors:
+                sensor.take_background()
+            return "taking the background: nothing may touch the gel"
+        if what == ESTIMATOR:
+            choice = choose_estimator(name)
+            require_frames_suffice(choice)
+            for sensor in sensors:
+                sensor.choose(choice)
+            return f"estimator {name}"
+        if what == RECORD:
+            return self._end_clips() if self.recording else self._begin_clips()
+        raise InputError(f"'{what}' is not known: reload the page")
+
+    def _begin_clips(self) -> str:
+        for name, sensor in self.sensors.items():
+            if sensor.background is None:
+                raise InputError("record: wait until the background is taken")
+            sensor.clip = ClipWriter(clip_folder(self._settings.clips, name), sensor.background)
+        return f"recording to {', '.join(str(s.clip.folder) for s in self.sensors.values() if s.clip)}"
+
+    def _end_clips(self) -> str:
+        done = []
+        for sensor in self.sensors.values():
+            if sensor.clip is not None:
+                sensor.clip.close()
+                done.append(f"{sensor.clip.folder}: {counted(sensor.clip.count, 'frame')}")
+                sensor.clip = None
+        return f"recorded {'; '.join(done)}"
+
+    def _fused(self, now: Reading) -> Reading | None:
+        """Return the object's angle at a sensor's newest frame; None with one sensor."""
+        if len(self.sensors) < 2 or now.sample is None:
+            return None
+        streams = {n: s.stream for n, s in self.sensors.items() if s.stream is not None}
+        tracks = {n: stream.track for n, stream in streams.items() if stream.track.samples}
+        slip = any(sensor.slip for sensor in self.sensors.values())
+        others = [track.newest() for n, track in tracks.items() if n != now.name]
+        fused = fuse(tracks[now.name].newest(), others)
+        return Reading(
+            OBJECT,
+            now.time_ns,
+            fused.disagreement or fused.state.value,
+            _as_sample(fused, now.sample.time_s, slip),
+            now.fps,
+            (self._clock.now_ns() - now.time_ns) / NS_PER_S,
+            sum(sensor.dropped for sensor in self.sensors.values()),
+        )
+
+    def _show(self, reading: Reading, frame: Frame | None) -> None:
+        values = {"sender": os.getpid(), **reading.values(), "recording": self.recording}
+        if frame is None:
+            self._sender.send("sensor", values)
+            return
+        scale, jpeg = 1.0, frame.jpeg or b""
+        if max(frame.image.shape[:2]) > PICTURE_LONG_SIDE_PX:
+            jpeg, scale = small_jpeg(frame.image)
+        # the middle of a pixel is at whole numbers in OpenCV, at halves in browsers
+        outline = ((reading.outline + 0.5) * scale).round(1).tolist()
+        self._sender.send("sensor", {**values, "outline": outline}, jpeg)
+
+    def _say(self, notice: str) -> None:
+        self.notice = notice
+        self._sender.send("notice", {"sender": os.getpid(), "text": notice})
+
+    def _wait(self, source: FrameSource) -> None:
+        """Hand a source's frames on, in its own thread, until it ends or the desk is closed."""
+        while not self._stopping.is_set():
+            try:
+                frame = source.next_frame(FRAME_TIMEOUT_S)
+                if self._clock.now_ns() - frame.time_ns > to_ns(LATEST_S):
+                    frame = source.newest_frame(FRAME_TIMEOUT_S)
+            except StaleFrameError:
+                continue
+            except DeviceError as error:
+                self._frames.put((source.serial, error))
+                if not isinstance(error, DeviceTimeoutError):  # after that the source is opened again
+                    return
+            else:
+                self._frames.put((source.serial, frame))
+
+
+def _as_sample(fused: FusedSample, time_s: float, slip: bool) -> AngleSample:
+    return AngleSample(
+        time_s, fused.angle_deg, fused.sigma_deg, fused.state.value, fused.rate_deg_s, None, 0.0, slip
+    )

@@ -1,0 +1,160 @@
+"""One sensor on a desk, frame by frame: its background, estimator, reference and clip."""
+
+from collections import deque
+from contextlib import suppress
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.clock import NS_PER_S, Clock, to_ns
+from drivers.errors import InputError
+from drivers.tally import FrameTally
+from drivers.types import Frame, Image
+from rig.frames.streaming import AngleSample, StreamingEstimator
+from rig.live.clip_writer import ClipWriter
+from rig.tactile.contact.background import mean_background
+from rig.tactile.contact.finder import ContactFinder
+from rig.tactile.estimators import EstimatorChoice
+from rig.tactile.sample import State, check_frame
+
+BACKGROUND_FRAMES = 15
+"""Frames whose mean becomes the background."""
+OUTLINE_EVERY_S = 0.05
+OUTLINE_STEP = 4
+"""The points of an outline are 1 px apart; every 4th point is shown."""
+RATE_FRAMES = 61
+"""Frames from whose times the frame rate is computed: one second of a DIGIT."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Reading:
+    """What is known after one frame of a sensor, or of the fused object.
+
+    sample: None while the background is taken. fps: of capture times, None at first. latency_s: from capture
+    to the angle. dropped: frames that never came or were skipped. outline: (N, 2) px, x right and y down.
+    """
+
+    name: str
+    time_ns: int
+    state: str
+    sample: AngleSample | None = None
+    fps: float | None = None
+    latency_s: float = 0.0
+    dropped: int = 0
+    outline: NDArray[np.float32] = field(default_factory=lambda: np.empty((0, 2), np.float32))
+
+    def values(self) -> dict[str, object]:
+        """Return the reading as JSON takes it."""
+        sample = self.sample
+        return {
+            "sensor": self.name,
+            "t_s": self.time_ns / NS_PER_S,
+            "state": self.state,
+            "angle_deg": sample and sample.angle_deg,
+            "sigma_deg": sample and sample.sigma_deg,
+            "rate_deg_s": sample and sample.rate_deg_s,
+            "slip": bool(sample and sample.slip),
+            "fps": None if self.fps is None else round(self.fps, 1),
+            "latency_ms": round(1e3 * self.latency_s, 2),
+            "dropped": self.dropped,
+        }
+
+
+class DeskSensor:
+    """One sensor: its background, estimator and clip.
+
+    sign: of its image angle in the object's. background: None takes it from the first frames. aspect: width
+    over height of a pixel on the gel, if known.
+    """
+
+    def __init__(
+        self, name: str, choice: EstimatorChoice, sign: int, background: Image | None, aspect: float | None
+    ) -> None:
+        self.name = name
+        self.stream: StreamingEstimator | None = None
+        self.clip: ClipWriter | None = None
+        self.background = background
+        self.slip = False
+        """Whether the slip alarm was raised at the newest frame."""
+        self._choice, self._sign, self._aspect = choice, sign, aspect
+        self._tally, self._times = FrameTally(), deque[int](maxlen=RATE_FRAMES)
+        self._empty: list[Image] | None = [] if background is None else None
+        self._finder: ContactFinder | None = None
+        self._outline = np.empty((0, 2), np.float32)
+        self._outlined_ns = 0
+        self._referenced = False
+
+    @property
+    def collecting(self) -> bool:
+        """Whether the background is being taken."""
+        return self._empty is not None
+
+    @property
+    def dropped(self) -> int:
+        """Frames that never came or were skipped."""
+        return self._tally.dropped
+
+    def take(self, frame: Frame, clock: Clock) -> Reading:
+        """Estimate a frame, write it to the clip, return what is known now. Raises `InputError`."""
+        self._tally.add(frame)
+        self._times.append(frame.time_ns)
+        if self.clip is not None:
+            self.clip.add(frame)
+        sample, state = None, "taking the background"
+        if self.collecting:
+            self._collect(frame.image)
+        else:
+            sample = self._estimated(frame)
+            state, self.slip = sample.state, sample.slip
+        late_s = (clock.now_ns() - frame.time_ns) / NS_PER_S
+        span_s = (self._times[-1] - self._times[0]) / NS_PER_S
+        fps = (len(self._times) - 1) / span_s if span_s > 0 else None
+        return Reading(self.name, frame.time_ns, state, sample, fps, late_s, self.dropped, self._outline)
+
+    def choose(self, choice: EstimatorChoice) -> None:
+        """Change the estimator; the reference is set again when the contact has settled."""
+        self._choice, self.stream = choice, None
+
+    def take_background(self) -> None:
+        """Make the next frames the background."""
+        self._empty, self.stream = [], None
+        self._outline = self._outline[:0]
+
+    def set_reference(self) -> None:
+        """Set the reference now. Raises `InputError` without a contact."""
+        if self.stream is None:
+            raise InputError("reference: wait until the background is taken")
+        self.stream.set_reference()
+
+    def _collect(self, image: Image) -> None:
+        self._empty = [*(self._empty or []), image]
+        if len(self._empty) >= BACKGROUND_FRAMES:
+            self.background, self._empty = mean_background(self._empty), None
+
+    def _estimated(self, frame: Frame) -> AngleSample:
+        stream = self.stream or self._made(frame)
+        sample = stream.update_at(frame.image, frame.time_ns)
+        if not stream.settled:
+            self._referenced = False
+        elif not self._referenced:
+            self._referenced = True
+            with suppress(InputError):
+                stream.set_reference()
+        self._find_outline(frame, sample)
+        return sample
+
+    def _made(self, frame: Frame) -> StreamingEstimator:
+        background = frame.image if self.background is None else self.background
+        check_frame(frame.image, background.shape)
+        estimator = self._choice.make(background, self._aspect, self._sign)
+        self.stream = StreamingEstimator(estimator, background.shape, self._sign)
+        self._finder, self._referenced = ContactFinder(background), False
+        return self.stream
+
+    def _find_outline(self, frame: Frame, sample: AngleSample) -> None:
+        if sample.state == State.NO_CONTACT or self._finder is None:
+            self._outline = self._outline[:0]
+        elif frame.time_ns - self._outlined_ns >= to_ns(OUTLINE_EVERY_S):
+            self._outlined_ns = frame.time_ns
+            self._outline = self._finder.find(frame.image).contour.reshape(-1, 2)[::OUTLINE_STEP]

@@ -1,0 +1,235 @@
+"""What the page of `--watch` and of `rig live` shows, and what of it a browser has not been sent yet."""
+
+import json
+import struct
+import time
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from datetime import datetime
+from typing import Any
+
+from drivers.clock import NS_PER_S
+from rig.live.feed import Message
+from rig.live.onlookers import Event
+from rig.live.terminal import LiftInView
+
+RECORD_HEAD = struct.Struct(">II")
+"""Before each record of `/stream`: length of its JSON, then of all its pictures, which follow in order."""
+WATCH_EVERY_S = 0.5
+"""How often a page without live sensors is brought up to date."""
+KEPT_FAULTS, MOST_CHARACTERS = 20, 2000
+KEPT_FINISHED = 60
+KEPT_LIFTS = 16
+"""Processes whose newest lift is shown."""
+POINTS_APART_S, KEPT_POINTS = 0.05, 600
+"""Of the curve of a lift's angles: no more than a screen shows, and the newest half minute of them."""
+SILENT_S = 3.0
+"""Pictures are those of one process; after so long without any, those of another."""
+
+Curve = deque[tuple[float, float | None]]
+"""Times in s from a lift's first frame, angles in degrees, None where there was no answer."""
+
+
+@dataclass(slots=True)
+class SensorOnPage:
+    """A live sensor, or the fused object: its newest reading, its picture and the curve of its angle.
+
+    points: time in s of the bench's clock, angle and sigma in degrees. added: how many there ever were.
+    """
+
+    reading: dict[str, Any] = field(default_factory=dict)
+    picture: bytes = b""
+    points: deque[tuple[float, float | None, float | None]] = field(
+        default_factory=lambda: deque(maxlen=KEPT_POINTS)
+    )
+    added: int = 0
+
+    def take(self, message: Message) -> None:
+        """Bring it up to date."""
+        self.reading, self.picture = message.values, message.picture
+        time_s, angle_deg = message.values["t_s"], message.values["angle_deg"]
+        last = self.points[-1] if self.points else None
+        if last is None or time_s >= last[0] + POINTS_APART_S or (angle_deg is None) != (last[1] is None):
+            self.points.append((time_s, angle_deg, message.values["sigma_deg"]))
+            self.added += 1
+
+    def since(self, known: int) -> dict[str, Any]:
+        """Return the reading, and the points after the first `known`, as JSON takes it."""
+        new = min(self.added - known, len(self.points))
+        points = list(self.points)[len(self.points) - new :]
+        return {**self.reading, "points": points, "bytes": len(self.picture)}
+
+
+@dataclass(slots=True)
+class LiftOnPage:
+    """A lift in progress, with its angles so far."""
+
+    lift: LiftInView
+    estimate: Curve = field(default_factory=lambda: deque(maxlen=KEPT_POINTS))
+    truth: Curve = field(default_factory=lambda: deque(maxlen=KEPT_POINTS))
+
+    def take(self, message: Message) -> None:
+        """Bring it up to date."""
+        self.lift.take(message)
+        if message.kind == "figures":
+            for curve, points in ((self.estimate, "estimate"), (self.truth, "truth")):
+                for time_ns, angle_deg, *_ in message.values[points]:
+                    self._add(curve, time_ns, angle_deg)
+
+    def values(self) -> dict[str, Any]:
+        """Return it as the page takes it."""
+        return {
+            "title": self.lift.title,
+            "phase": self.lift.phase,
+            "estimate_deg": self.lift.estimate_deg,
+            "truth_deg": self.lift.truth_deg,
+            "frames": self.lift.frames(),
+            "estimate": list(self.estimate),
+            "truth": list(self.truth),
+        }
+
+    def _add(self, curve: Curve, time_ns: int, angle_deg: float | None) -> None:
+        time_s = round((time_ns - (self.lift.began_ns or 0)) / NS_PER_S, 2)
+        answered = angle_deg is not None
+        if curve and time_s < curve[-1][0] + POINTS_APART_S and answered == (curve[-1][1] is not None):
+            return
+        curve.append((time_s, None if angle_deg is None else round(angle_deg, 2)))
+
+
+@dataclass(frozen=True, slots=True)
+class Progress:
+    """State of a command for the page. title: its name. what: name of its pieces of work, as "lifts".
+
+    newest: about the piece finished last. finished: about all pieces finished while the page was served,
+    newest first. question: that waits for an answer. ended: how the command ended. faults: newest first, with
+    the time of day. report: path of the report, once it is written.
+    """
+
+    title: str
+    what: str
+    done: int
+    total: int
+    newest: str = ""
+    question: str = ""
+    ended: str = ""
+    faults: Sequence[str] = ()
+    finished: Sequence[str] = ()
+    report: str = ""
+
+    def after(self, event: Event) -> "Progress":
+        """Return the progress after an event."""
+        text = event.text[:MOST_CHARACTERS]
+        if event.kind == "progress":
+            finished = (f"{event.done}/{event.total} {text}", *self.finished)[:KEPT_FINISHED]
+            return replace(self, newest=text, done=event.done, total=event.total, finished=finished)
+        if event.kind == "fault":
+            faults = (f"{datetime.now():%H:%M:%S} {text}", *self.faults)
+            return replace(self, faults=faults[:KEPT_FAULTS])
+        if event.kind == "end":
+            return replace(self, ended=text, question="")
+        return replace(self, question=text)
+
+
+@dataclass(slots=True)
+class WatchState:
+    """What is shown now. take: returns the messages of lifts since the last call, oldest first."""
+
+    progress: Progress
+    take: Callable[[], list[Message]]
+    version: int = 0
+    """Counts the changes by messages of lifts and sensors."""
+    notice: str = ""
+    sensors: dict[str, SensorOnPage] = field(default_factory=dict)
+    _lifts: dict[int, LiftOnPage] = field(default_factory=dict)
+    _pictures: dict[str, tuple[int, bytes]] = field(default_factory=dict)
+    _followed: int | None = None
+    _followed_at_s: float = 0.0
+
+    def values(self) -> dict[str, Any]:
+        """Return everything but the pictures, as JSON takes it."""
+        self.read()
+        lifts = sorted(self._lifts.values(), key=lambda each: each.lift.number)
+        return {
+            **asdict(self.progress),
+            "lifts": [lift.values() for lift in lifts],
+            "pictures": {serial: number for serial, (number, _) in self._pictures.items()},
+            "notice": self.notice,
+        }
+
+    def picture(self, serial: str) -> bytes | None:
+        """Return the newest JPEG of a source; None where there is none."""
+        self.read()
+        return self._pictures.get(serial, (0, None))[1]
+
+    def read(self) -> None:
+        """Take the messages that have come."""
+        for message in self.take():
+            self.version += 1
+            if message.kind == "notice":
+                self.notice = str(message.values["text"])[:MOST_CHARACTERS]
+            elif message.kind == "sensor":
+                self.sensors.setdefault(message.values["sensor"], SensorOnPage()).take(message)
+            elif message.picture:
+                self._keep_picture(message)
+            elif "number" in message.values:
+                self._keep_lift(message)
+
+    def _keep_picture(self, message: Message) -> None:
+        now_s, sender, serial = time.monotonic(), message.values["sender"], message.values["serial"]
+        if sender != self._followed and self._followed is not None and now_s < self._followed_at_s + SILENT_S:
+            return
+        self._followed, self._followed_at_s = sender, now_s
+        self._pictures[serial] = (self._pictures.get(serial, (0, b""))[0] + 1, message.picture)
+
+    def _keep_lift(self, message: Message) -> None:
+        values = message.values
+        known = self._lifts.get(values["sender"])
+        if known is None or known.lift.number != values["number"]:
+            self._lifts.pop(values["sender"], None)
+            title = f"{values['object']} {values['name']} lift {values['lift']}"
+            known = self._lifts[values["sender"]] = LiftOnPage(LiftInView(values["number"], title))
+            if len(self._lifts) > KEPT_LIFTS:
+                self._lifts.pop(next(iter(self._lifts)))
+        known.take(message)
+
+
+class StateNews:
+    """What one browser has not been sent yet, record by record: see `RECORD_HEAD`.
+
+    A record is the state as `state.json` has it, with the live sensors: each one's newest reading, its new
+    points, and its picture unless the browser has it already.
+    """
+
+    def __init__(self, state: WatchState) -> None:
+        self._state = state
+        self._known: dict[str, int] = {}
+        self._times: dict[str, float] = {}
+        self._version: tuple[int, Progress] | None = None
+        self._sent_s = 0.0
+
+    def __call__(self) -> bytes:
+        """Return the next record, b"" if nothing has changed."""
+        now_s = time.monotonic()
+        if not self._state.sensors and now_s < self._sent_s + WATCH_EVERY_S:
+            self._state.read()
+            return b""
+        values = self._state.values()
+        version = (self._state.version, self._state.progress)
+        if version == self._version:
+            return b""
+        self._version, self._sent_s = version, now_s
+        sensors, pictures = [], b""
+        for name, sensor in sorted(
+            self._state.sensors.items(), key=lambda item: (not item[1].picture, item[0])
+        ):
+            shown = sensor.since(self._known.get(name, 0))
+            self._known[name] = sensor.added
+            if self._times.get(name) == sensor.reading["t_s"]:
+                shown["bytes"] = 0
+            else:
+                pictures += sensor.picture
+            self._times[name] = sensor.reading["t_s"]
+            sensors.append(shown)
+        head = json.dumps({**values, "sensors": sensors}).encode()
+        return RECORD_HEAD.pack(len(head), len(pictures)) + head + pictures

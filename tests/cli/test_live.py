@@ -1,0 +1,94 @@
+"""`rig live` without a page: text, a JSON object per frame, files to their end, and errors with the cure."""
+
+import json
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from drivers.images import encode_png
+from drivers.types import Image
+from support.command_line import rig
+from support.desk_frames import desk_frames
+
+
+@pytest.fixture(scope="module")
+def clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Frames of a fingertip: half a second without contact, then the touch and the turn."""
+    folder = tmp_path_factory.mktemp("desk") / "frames"
+    folder.mkdir()
+    for frame in desk_frames(7.5, from_s=2.0):
+        (folder / f"{frame.sequence}.jpg").write_bytes(frame.jpeg or b"")
+    return folder
+
+
+def test_json_has_an_object_per_frame_until_the_file_ends(clip: Path) -> None:
+    done = rig("live", clip, "--fps", "30", "--json")
+    assert done.returncode == 0, done.stderr
+    lines = [json.loads(line) for line in done.stdout.splitlines()]
+    assert len(lines) + lines[-1]["dropped"] == len(list(clip.iterdir()))
+    assert {"t_s", "angle_deg", "sigma_deg", "state", "rate_deg_s", "latency_ms"} <= set(lines[0])
+    assert (lines[0]["sensor"], lines[0]["state"], lines[0]["angle_deg"]) == (
+        "frames", "taking the background", None,
+    )  # fmt: skip
+    assert {line["state"] for line in lines} >= {"no_contact", "tracking"}
+    assert "all 165 images have been played" in done.stderr
+
+
+def test_terminal_shows_a_line_now_and_then(clip: Path) -> None:
+    done = rig("live", clip, "--fps", "30", "--terminal", "--seconds", "4")
+    assert done.returncode == 0, done.stderr
+    lines = done.stdout.splitlines()
+    assert lines[0].startswith("frames: angle     -    , taking the background; - frames/s, 0 dropped")
+    assert 2 <= len(lines) <= 6
+
+
+def test_two_fakes_are_fused() -> None:
+    done = rig("live", "fake", "fake", "--json", "--seconds", "3")
+    assert done.returncode == 0, done.stderr
+    sensors = {json.loads(line)["sensor"] for line in done.stdout.splitlines()}
+    assert sensors == {"SIM-DESK1", "SIM-DESK2", "object"}
+
+
+@pytest.mark.parametrize("waits", ["taking the background", "SIM-DESK1"])
+def test_ctrl_c_ends_it_wherever_it_is(waits: str) -> None:
+    command = [sys.executable, "-P", "-u", "-m", "rig", "live", "fake", "fake", "--terminal"]
+    both = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
+    with subprocess.Popen(command, **both) as process:
+        assert process.stdout is not None
+        for line in process.stdout:
+            if line.startswith(waits):
+                break
+        process.send_signal(signal.SIGINT)
+        rest = process.stdout.read()
+        assert process.wait(30) == 0, rest
+        assert rest.endswith("ended\n")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "match"),
+    [
+        (["nowhere.avi"], 2, "there is no such file or folder"),
+        (["/dev/video77"], 1, "there is no such device"),
+        (["http://127.0.0.1:9/x"], 1, "nobody listens there"),
+        (["fake", "fake", "fake"], 2, "3 sources: give one, or two"),
+        (["fake", "--sensor", "eye"], 2, "--sensor eye: choose one of digit, gelsight-mini, plain"),
+        (["fake", "--estimator", "toskov"], 2, "feels at the arm's wrist"),
+    ],
+)
+def test_wrong_source_or_option_is_one_line(arguments: list[str], code: int, match: str) -> None:
+    done = rig("live", *arguments, "--terminal")
+    assert done.returncode == code
+    assert match in done.stderr
+
+
+def test_background_may_be_given(clip: Path, tmp_path: Path) -> None:
+    empty: Image = next(iter(desk_frames(2.1))).image
+    (tmp_path / "empty.png").write_bytes(encode_png(empty))
+    done = rig(
+        "live", clip, "--fps", "30", "--json", "--background", tmp_path / "empty.png", "--seconds", "1"
+    )
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout.splitlines()[0])["state"] == "no_contact"

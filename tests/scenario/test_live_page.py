@@ -1,0 +1,126 @@
+"""`rig live` on two MJPEG streams of 60 frames per second, seen in a browser.
+
+With `-s` it prints the figures: delay from a frame's capture to the screen, dropped frames, share of a core.
+"""
+
+import os
+import re
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from statistics import median
+
+import pytest
+
+from support.browser import NEEDS_CHROMIUM, Browser
+from support.desk_streams import desk_streams
+from support.waiting import until
+
+MEASURED_S = 10.0
+MOST_DELAY_MS = 100.0
+LIMIT_S = 120.0
+"""Longer than anything takes on a loaded host."""
+
+
+@contextmanager
+def live(folder: Path, *arguments: str) -> Iterator[tuple[str, int]]:
+    """Run `rig live`; yield its page's address and its process id."""
+    command = [sys.executable, "-P", "-m", "rig", "live", *arguments, "--no-browser"]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, cwd=folder) as process:
+        assert process.stderr is not None
+        lines = iter(process.stderr.readline, "")
+        try:
+            address = next(found[0] for line in lines if (found := re.search(r"http://\S+/(?=;)", line)))
+            yield address, process.pid
+        finally:
+            process.terminate()
+            said = process.stderr.read()
+        assert process.wait(60) == 0, said
+
+
+def cpu_s(pid: int) -> float:
+    """Processor time of a process and its children so far."""
+    total = 0
+    for stat in Path("/proc").glob("[0-9]*/stat"):
+        with suppress(OSError):
+            fields = stat.read_text().rpartition(")")[2].split()
+            if pid in (int(stat.parent.name), int(fields[1])):
+                total += int(fields[11]) + int(fields[12])
+    return total / os.sysconf("SC_CLK_TCK")
+
+
+@NEEDS_CHROMIUM
+@pytest.mark.real_time
+def test_two_streams_reach_the_screen_in_time_without_a_drop(tmp_path: Path) -> None:
+    browser = Browser(tmp_path / "profile")
+    try:
+        with desk_streams() as urls, live(tmp_path, *urls, "--sensor", "digit") as (address, pid):
+            browser.open(address, 1280)
+            until(lambda: browser.value("Object.keys(live.cards).length") == 3, LIMIT_S)
+            time.sleep(3.0)
+            before = cpu_s(pid), browser.value(STATE)
+            delays = []
+            for _ in range(int(MEASURED_S)):
+                time.sleep(1.0)
+                delays += browser.value("live.delays")
+            after = cpu_s(pid), browser.value(STATE)
+            dropped = {n: after[1]["dropped"][n] - before[1]["dropped"][n] for n in after[1]["dropped"]}
+            rate_hz = (after[1]["records"] - before[1]["records"]) / MEASURED_S
+            print(
+                f"\ncapture to screen: median {median(delays):.0f} ms, highest {max(delays):.0f} ms; page "
+                f"{rate_hz:.0f} updates per second; dropped {dropped}; "
+                f"rig live {100 * (after[0] - before[0]) / MEASURED_S:.0f} % of a core"
+            )
+            assert set(dropped.values()) == {0}
+            assert median(delays) <= MOST_DELAY_MS
+            assert rate_hz >= 30.0
+            assert browser.said() == []
+    finally:
+        browser.close()
+
+
+STATE = (
+    "({records: live.records, dropped: Object.fromEntries(Object.entries(live.cards)"
+    ".map(([name, one]) => [name, +/(\\d+) dropped/.exec(one.more.textContent)[1]]))})"
+)
+
+
+@NEEDS_CHROMIUM
+@pytest.mark.real_time
+def test_page_shows_the_angle_and_its_buttons_act(tmp_path: Path) -> None:
+    browser = Browser(tmp_path / "profile")
+    try:
+        with live(tmp_path, "fake") as (address, _):
+            browser.open(address, 1280)
+
+            def shown(what: str) -> bool:
+                return what in browser.value("document.body.innerText")
+
+            until(lambda: shown("SIMULATED rig live fake") and shown("no contact"), LIMIT_S)
+            browser.value("document.querySelector('[data-do=reference]').click()")
+            until(lambda: shown("press an object on the gel") or shown("reference taken"), LIMIT_S)
+            until(lambda: shown("tracking"), LIMIT_S)
+            until(lambda: shown("\u00b1"), LIMIT_S)
+            assert browser.value("document.querySelector('#sensors canvas').height") == 320
+            until(
+                lambda: browser.value("document.querySelector('#sensors .curve path.band') !== null"), LIMIT_S
+            )
+            browser.value("document.querySelector('[data-do=record]').click()")
+            until(lambda: shown("recording to clips") and shown("Stop recording"), LIMIT_S)
+            browser.value("document.querySelector('[data-do=record]').click()")
+            until(lambda: shown("recorded clips"), LIMIT_S)
+            browser.value(
+                "(chosen => { chosen.value = 'ellipse'; chosen.dispatchEvent(new Event('change')); })"
+                "(document.getElementById('estimator'))"
+            )
+            until(lambda: shown("estimator ellipse"), LIMIT_S)
+            assert browser.value("document.documentElement.scrollWidth - innerWidth") <= 0
+            assert browser.said() == []
+            assert browser.fetched() == [url for url in browser.fetched() if url.startswith(address)]
+        (clip,) = (tmp_path / "clips").iterdir()
+        assert {path.name for path in clip.iterdir()} == {"frames", "background.png", "timestamps.csv"}
+    finally:
+        browser.close()

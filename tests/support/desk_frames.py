@@ -1,0 +1,59 @@
+"""Frames of a simulated fingertip on a desk, drawn at chosen times, and a source of given frames."""
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from drivers.clock import SystemClock, to_ns
+from drivers.errors import DeviceError
+from drivers.images import with_jpeg
+from drivers.interfaces import FrameSource
+from drivers.types import Frame
+from fakes.devices.desk import DeskDigit
+
+RATE_HZ = 30.0
+
+
+def desk_digit(side: int = 1) -> DeskDigit:
+    """Return a fingertip whose first cycle begins at 0."""
+    return DeskDigit(f"DESK{side}", side, 0, SystemClock())
+
+
+def desk_frames(until_s: float, side: int = 1, from_s: float = 2.0) -> Iterator[Frame]:
+    """Yield frames at 30 per second; the first touch is at 3 s, the first turn at 6 s."""
+    digit = desk_digit(side)
+    for number in range(round((until_s - from_s) * RATE_HZ)):
+        time_ns = to_ns(from_s + number / RATE_HZ)
+        image = digit.draw(time_ns, np.random.default_rng(number))
+        yield with_jpeg(Frame(image, time_ns, number, digit.serial))
+
+
+class GivenFrames(FrameSource):
+    """Hands out frames at once, each as if captured just now, and then ends as a file does."""
+
+    def __init__(self, frames: Sequence[Frame], serial: str = "GIVEN", rate_hz: float = RATE_HZ) -> None:
+        self._frames, self._serial, self._rate_hz = list(frames), serial, rate_hz
+        self.connected = False
+
+    @property
+    def serial(self) -> str:
+        return self._serial
+
+    @property
+    def rate_hz(self) -> float:
+        return self._rate_hz
+
+    def connect(self) -> None:
+        self.connected = True
+
+    def disconnect(self) -> None:
+        self.connected = False
+
+    def next_frame(self, timeout_s: float) -> Frame:
+        if not self._frames:
+            raise DeviceError(f"{self.serial}: all images have been played; start again")
+        frame = self._frames.pop(0)
+        return Frame(frame.image, SystemClock().now_ns(), frame.sequence, self.serial, frame.jpeg)
+
+    def newest_frame(self, max_age_s: float) -> Frame:
+        return self.next_frame(max_age_s)

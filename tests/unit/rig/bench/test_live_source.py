@@ -1,0 +1,125 @@
+"""What `rig live` opens by what is typed, and the errors that name the cure."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from drivers.errors import DeviceError, InputError, RigError
+from drivers.images import encode_png
+from drivers.video.digit import Digit
+from drivers.video.external_camera import ExternalCamera
+from drivers.video.v4l2 import VideoNode
+from fakes.devices.desk import DeskDigit
+from rig.bench import live_source
+from rig.bench.live_source import MINI_PX, CroppedMini, crop_mini, live_sources
+
+
+@pytest.fixture
+def plugged(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
+    def plug(*nodes: VideoNode) -> None:
+        monkeypatch.setattr(live_source, "list_video_nodes", lambda: list(nodes))
+
+    return plug
+
+
+def test_fake_fingertips_see_one_object_from_both_sides() -> None:
+    one, other = live_sources(["fake", "fake"], None, None)
+    assert isinstance(one, DeskDigit)
+    assert isinstance(other, DeskDigit)
+    assert one.serial != other.serial
+    one.connect()
+    frame = one.next_frame(1.0)
+    assert frame.image.shape == (320, 240, 3)
+    turn = one.turn_deg(frame.time_ns + 8 * 10**9)
+    assert turn
+    assert other.turn_deg(frame.time_ns + 8 * 10**9) == -turn
+
+
+def test_serial_and_device_are_a_digit(plugged: Callable[..., None], tmp_path: Path) -> None:
+    node = tmp_path / "video2"
+    node.touch()
+    plugged(VideoNode(str(node), "D20641"))
+    (digit,) = live_sources(["D20641"], None, None)
+    assert isinstance(digit, Digit)
+    assert (digit.serial, digit.rate_hz) == ("D20641", 60.0)
+    (mini,) = live_sources(["D20641"], "gelsight-mini", None)
+    assert isinstance(mini, CroppedMini)
+
+
+@pytest.mark.parametrize(
+    ("text", "kind", "match"),
+    [
+        ("D1", InputError, "no video devices have this serial; found: D20641 at .*video2"),
+        ("0", DeviceError, r"/dev/video0: there is no such device \(found: none\)"),
+        ("/dev/video7", DeviceError, "there is no such device"),
+        ("nothing.avi", InputError, "no such file or folder: give a DIGIT's serial"),
+        ("http://:9", InputError, "not an address of the form"),
+    ],
+)
+def test_missing_source_is_rejected_with_the_cure(
+    text: str, kind: type[RigError], match: str, plugged: Callable[..., None]
+) -> None:
+    plugged(VideoNode("/dev/video2", "D20641"))
+    with pytest.raises(kind, match=match):
+        live_sources([text], None, None)
+
+
+def test_unreadable_device_names_the_group(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    node = tmp_path / "video2"
+    node.touch()
+    monkeypatch.setattr(live_source.os, "access", lambda *_: False)
+    monkeypatch.setattr(live_source, "list_video_nodes", lambda: [VideoNode(str(node), "D20641")])
+    with pytest.raises(DeviceError, match="join the group 'video'"):
+        live_sources(["D20641"], None, None)
+
+
+def test_address_is_taken_as_its_frames_come() -> None:
+    (camera,) = live_sources(["http://127.0.0.1:9/stream.mjpg"], None, None)
+    assert isinstance(camera, ExternalCamera)
+    (digit,) = live_sources(["http://127.0.0.1:9/stream.mjpg"], "digit", 30.0)
+    assert isinstance(digit, Digit)
+    assert digit.rate_hz == 30.0
+
+
+def test_video_and_folder_run_at_their_own_pace(tmp_path: Path) -> None:
+    video, folder = tmp_path / "clip.avi", tmp_path / "images"
+    writer = cv2.VideoWriter(str(video), cv2.VideoWriter.fourcc(*"MJPG"), 25.0, (64, 48))
+    for _ in range(3):
+        writer.write(np.zeros((48, 64, 3), np.uint8))
+    writer.release()
+    folder.mkdir()
+    (folder / "1.png").write_bytes(encode_png(np.zeros((48, 64, 3), np.uint8)))
+    assert [source.rate_hz for source in live_sources([str(video), str(folder)], None, None)] == [25.0, 60.0]
+    assert live_sources([str(folder)], None, 10.0)[0].rate_hz == 10.0
+
+
+def test_video_of_a_gelsight_mini_is_cropped(tmp_path: Path) -> None:
+    video = tmp_path / "mini.avi"
+    writer = cv2.VideoWriter(str(video), cv2.VideoWriter.fourcc(*"MJPG"), 25.0, (640, 480))
+    for _ in range(3):
+        writer.write(np.full((480, 640, 3), 90, np.uint8))
+    writer.release()
+    (source,) = live_sources([str(video)], "gelsight-mini", None)
+    source.connect()
+    frame = source.next_frame(2.0)
+    source.disconnect()
+    assert frame.image.shape == (MINI_PX[1], MINI_PX[0], 3)
+    assert (frame.serial, source.rate_hz) == ("mini.avi", 25.0)
+
+
+def test_one_source_twice_is_rejected(tmp_path: Path) -> None:
+    (tmp_path / "1.png").write_bytes(encode_png(np.zeros((48, 64, 3), np.uint8)))
+    with pytest.raises(InputError, match="named twice"):
+        live_sources([str(tmp_path)] * 2, None, None)
+
+
+def test_border_of_a_gelsight_mini_is_cut_off() -> None:
+    image = np.zeros((480, 640, 3), np.uint8)
+    image[68:412, 91:549] = 200
+    cropped = crop_mini(image)
+    assert cropped.shape == (MINI_PX[1], MINI_PX[0], 3)
+    assert cropped.min() == 200
+    assert crop_mini(cropped) is cropped, "published frames are cropped already"

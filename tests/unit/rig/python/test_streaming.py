@@ -1,0 +1,122 @@
+"""`rig.estimator`: one frame after the other, its reference, and what it rejects."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import rig
+from drivers.errors import InputError
+from rig.contract_checks.test_estimator import gel, pressed_bar
+from rig.tactile.sample import SlipSample, State
+
+RATE_HZ = 30.0
+
+
+def streamed(estimator: rig.StreamingEstimator, turns: list[float], first: int = 0) -> list[rig.AngleSample]:
+    """Give the frames of a bar turned by these angles, after those before `first`."""
+    return [
+        estimator.update(pressed_bar(20.0 + turn, first + i), (first + i) / RATE_HZ)
+        for i, turn in enumerate(turns)
+    ]
+
+
+def test_angle_counts_from_the_reference() -> None:
+    estimator = rig.estimator("slip", background=gel(320, 240))
+    assert estimator.update(gel(320, 240, 1), -1.0).state == "no_contact"
+    streamed(estimator, [0.0] * 12 + [float(n) for n in range(1, 9)] + [8.0] * 12)
+    estimator.set_reference()
+    *_, last = streamed(estimator, [8.0] * 3 + [8.0 + n for n in range(1, 6)], first=32)
+    assert last.angle_deg == pytest.approx(5.0, abs=1.5)
+    assert last.sigma_deg is not None
+    assert last.slip
+    assert last.time_s == pytest.approx(39 / RATE_HZ)
+
+
+def test_sign_turns_angle_and_rate_around() -> None:
+    turns = [0.0] * 12 + [float(n) for n in range(1, 9)]
+    plain, turned = (
+        streamed(rig.estimator(background=gel(320, 240), sign=sign), turns)[-1] for sign in (1, -1)
+    )
+    assert plain.angle_deg
+    assert turned.angle_deg == -plain.angle_deg
+    assert plain.rate_deg_s
+    assert turned.rate_deg_s == -plain.rate_deg_s
+
+
+def test_reference_without_contact_is_rejected_and_the_old_one_stays() -> None:
+    estimator = rig.estimator("ellipse", background=gel(320, 240))
+    with pytest.raises(InputError, match="press an object on the gel"):
+        estimator.set_reference()
+    streamed(estimator, [0.0] * 12)
+    estimator.set_reference()
+    last = streamed(estimator, [3.0] * 4, first=12)[-1].angle_deg
+    for number in range(40):
+        estimator.update(gel(320, 240, number), 1.0 + number / RATE_HZ)
+    with pytest.raises(InputError, match=r"no frame in the 0\.4 s before"):
+        estimator.set_reference()
+    again = [estimator.update(pressed_bar(23.0, n), 3.0 + n / RATE_HZ) for n in range(4)][-1]
+    assert again.angle_deg == pytest.approx(last, abs=1.0)
+
+
+def test_memory_stays_bounded() -> None:
+    estimator = rig.estimator("ellipse", background=gel(80, 60))
+    for number in range(300):
+        estimator.update(gel(80, 60, number % 3), number / 60.0)
+    assert len(estimator.track.samples) < 60
+
+
+def test_given_image_may_be_reused_and_mirrored_views_are_taken() -> None:
+    class Keeps:
+        def __init__(self, background: np.ndarray) -> None:
+            self.kept: list[np.ndarray] = []
+
+        def update(self, image: np.ndarray, time_ns: int) -> SlipSample:
+            self.kept.append(image)
+            return SlipSample(time_ns, State.TRACKING, float(self.kept[0].mean()), contact_area_px=1.0)
+
+    estimator = rig.estimator(Keeps, background=gel(80, 60))
+    buffer = np.full((80, 60, 3), 7, np.uint8)
+    assert estimator.update(buffer[..., ::-1], 0.0).angle_deg == 7.0
+    buffer[...] = 9
+    assert estimator.update(buffer, 1.0).angle_deg == 7.0
+
+
+@pytest.mark.parametrize(
+    ("image", "time_s", "match"),
+    [
+        (np.zeros((80, 60), np.uint8), 1.0, r"give \(H, W, 3\)"),
+        (np.zeros((60, 80, 3), np.uint8), 1.0, "use one size"),
+        (np.zeros((80, 60, 3), np.float32), 1.0, "give uint8 RGB"),
+        ([[1]], 1.0, "give uint8 RGB"),
+        (gel(80, 60), 0.4, "before the last one's, 0.5"),
+        (gel(80, 60), float("nan"), "finite"),
+        (gel(80, 60), float("inf"), "finite"),
+        (gel(80, 60), 1e12, "finite"),
+        (gel(80, 60), "soon", "is not a number"),
+        (gel(80, 60), None, "is not a number"),
+    ],
+)
+def test_invalid_frame_or_time_is_rejected_and_changes_nothing(image: Any, time_s: Any, match: str) -> None:
+    estimator = rig.estimator(background=gel(80, 60))
+    first = estimator.update(gel(80, 60, 1), 0.5)
+    with pytest.raises(InputError, match=match):
+        estimator.update(image, time_s)
+    assert estimator.update(gel(80, 60, 1), 0.5) == first
+    assert estimator.update(gel(80, 60, 2), 0.6).time_s == 0.6
+
+
+@pytest.mark.parametrize(
+    ("arguments", "match"),
+    [
+        ({"background": None}, "give uint8 RGB"),
+        ({"sign": 2}, "sign is 2"),
+        ({"name": "toskov"}, "feels at the arm's wrist"),
+        ({"name": "no such"}, "unknown estimator"),
+        ({"name": 3}, "give a name or a class"),
+        ({"window": 0}, "out of range"),
+    ],
+)
+def test_invalid_argument_is_rejected(arguments: dict[str, Any], match: str) -> None:
+    with pytest.raises(InputError, match=match):
+        rig.estimator(**{"background": gel(80, 60), **arguments})

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 COMMAND_GROUPS = {
     "Run": ("trial", "record", "replay", "teach"),
     "Look": ("sessions", "report", "play", "compare", "results", "export"),
-    "Own images": ("live", "estimate", "explain", "segment", "label", "label-angle"),
+    "Own images": ("live", "bridge", "estimate", "explain", "segment", "label", "label-angle"),
     "Bench": ("doctor", "bench", "objects", "fakes"),
     "Calibrate": ("calibrate",),
     "Advanced": ("benchmark", "estimators", "new", "model", "train", "train-angle", "train-turning"),

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from rig.live.desk_sensor import Reading
     from rig.live.watch import WatchPage
 
+CLIPS = Path("clips")
 TERMINAL_EVERY_S = 0.1
 PLAIN_EVERY_S = 1.0
 """Away from a terminal: a line per sensor this often."""
@@ -70,7 +71,7 @@ class LiveViewOptions:
         "The page at HOST:PORT; 0.0.0.0:8080 lets other computers look on and press its buttons. Default: a "
         "free port of this computer alone.",
     )
-    clips: Path = option(Path("clips"), "Folder in which clips are recorded.")
+    clips: Path = option(CLIPS, "Folder in which clips are recorded.")
     seconds: float | None = option(None, "End after this time. Default: Ctrl-C ends it.", min=0.0)
 
 
@@ -100,11 +101,11 @@ def live(source: LiveSourceOptions, how: LiveAngleOptions, view: LiveViewOptions
     from drivers.realtime import compute_in_one_thread
 
     with ExitStack() as stack:
-        stopped = stack.enter_context(_stopped_by_person())
+        stopped = stack.enter_context(stopped_by_person())
         page = None if view.terminal or view.json else _page(source.sources, how.estimator, view, stack)
         compute_in_one_thread()
-        desk = stack.enter_context(_desk(source, how, view, page, stack))
-        _run(desk, page, _shown(view, stack), view.seconds, stopped)
+        desk = stack.enter_context(desk_of(source, how, stack, page, view.clips))
+        run_desk(desk, _shown(view, stack), view.seconds, stopped, page)
     say("ended")
 
 
@@ -128,13 +129,14 @@ def _page(sources: list[str], estimator: str | None, view: LiveViewOptions, stac
     return page
 
 
-def _desk(
+def desk_of(
     source: LiveSourceOptions,
     how: LiveAngleOptions,
-    view: LiveViewOptions,
-    page: "WatchPage | None",
     stack: ExitStack,
+    page: "WatchPage | None" = None,
+    clips: Path = CLIPS,
 ) -> "Desk":
+    """Return the sensors of the options, not connected yet. Raises `InputError`."""
     from rig.bench.live_source import SENSORS, live_sources
     from rig.live.desk import Desk
     from rig.live.feed import LiveFeed, Sender
@@ -143,13 +145,13 @@ def _desk(
         raise InputError(f"{len(source.sources)} sources: give one, or two that touch the same object")
     if source.sensor not in (None, *SENSORS):
         raise InputError(f"--sensor {source.sensor}: choose one of {', '.join(SENSORS)}")
-    settings = _settings(source, how, view)
+    settings = _settings(source, how, clips)
     sender = Sender(LiveFeed(() if page is None else (page.listener,)))
     stack.callback(sender.close)
     return Desk(live_sources(source.sources, source.sensor, source.fps), settings, sender)
 
 
-def _settings(source: LiveSourceOptions, how: LiveAngleOptions, view: LiveViewOptions) -> "DeskSettings":
+def _settings(source: LiveSourceOptions, how: LiveAngleOptions, clips: Path) -> "DeskSettings":
     from drivers.images import read_image
     from rig.frames.estimation import require_frames_suffice
     from rig.live.desk import DeskSettings
@@ -159,11 +161,11 @@ def _settings(source: LiveSourceOptions, how: LiveAngleOptions, view: LiveViewOp
     require_frames_suffice(choice)
     background = None if how.background is None else read_image(how.background)
     signs = (1, 1) if source.same_side else (1, -1)
-    return DeskSettings(choice, signs, background, how.pixel_aspect, view.clips)
+    return DeskSettings(choice, signs, background, how.pixel_aspect, clips)
 
 
 @contextmanager
-def _stopped_by_person() -> Iterator[threading.Event]:
+def stopped_by_person() -> Iterator[threading.Event]:
     """Yield an event that is set by Ctrl-C, a polite kill or a lost terminal; a second one ends the program.
 
     An error that is raised wherever the program is just then would leave the threads' locks in disorder.
@@ -184,12 +186,12 @@ def _stopped_by_person() -> Iterator[threading.Event]:
             signal.signal(number, handler)
 
 
-def _run(
+def run_desk(
     desk: "Desk",
-    page: "WatchPage | None",
     show: "Callable[[Reading], None]",
     seconds: float | None,
     stopped: threading.Event,
+    page: "WatchPage | None" = None,
 ) -> None:
     """Step until a person stops it, the time is over, or, without a page, all sources have ended."""
     from drivers.clock import SystemClock, to_ns

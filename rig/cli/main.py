@@ -10,6 +10,7 @@ import typer
 
 from drivers.errors import RigError
 from rig.cli.benchmark.commands import benchmark
+from rig.cli.bridge import bridge
 from rig.cli.calibrate.commands import calibrate
 from rig.cli.common import STOPS, Exit, begin_answer, emit_error, exit_code, say, stop_on_signals
 from rig.cli.compare import compare
@@ -78,6 +79,7 @@ app.add_typer(objects, name="objects")
 app.add_typer(fakes, name="fakes")
 app.add_typer(benchmark, name="benchmark")
 app.add_typer(calibrate, name="calibrate")
+app.add_typer(bridge, name="bridge")
 
 
 def main() -> None:

@@ -134,11 +134,11 @@ class Desk:
         reading = sensor.take(frame, self._clock)
         if self._backgrounds() > known:
             self._say(f"{name}: background taken; press an object on the gel")
-        self._show(reading, frame)
+        self._show(reading)
         fused = self._fused(reading)
         if fused is None:
             return [reading]
-        self._show(fused, None)
+        self._show(fused)
         return [reading, fused]
 
     def act(self, text: str) -> None:
@@ -208,7 +208,8 @@ class Desk:
             sum(sensor.dropped for sensor in self.sensors.values()),
         )
 
-    def _show(self, reading: Reading, frame: Frame | None) -> None:
+    def _show(self, reading: Reading) -> None:
+        frame = reading.frame
         values = {"sender": os.getpid(), **reading.values(), "recording": self.recording}
         if frame is None:
             self._sender.send("sensor", values)

@@ -33,6 +33,7 @@ class Reading:
 
     sample: None while the background is taken. fps: of capture times, None at first. latency_s: from capture
     to the angle. dropped: frames that never came or were skipped. outline: (N, 2) px, x right and y down.
+    frame: with its JPEG; None for the fused object.
     """
 
     name: str
@@ -43,6 +44,7 @@ class Reading:
     latency_s: float = 0.0
     dropped: int = 0
     outline: NDArray[np.float32] = field(default_factory=lambda: np.empty((0, 2), np.float32))
+    frame: Frame | None = None
 
     def values(self) -> dict[str, object]:
         """Return the reading as JSON takes it."""
@@ -110,7 +112,9 @@ class DeskSensor:
         late_s = (clock.now_ns() - frame.time_ns) / NS_PER_S
         span_s = (self._times[-1] - self._times[0]) / NS_PER_S
         fps = (len(self._times) - 1) / span_s if span_s > 0 else None
-        return Reading(self.name, frame.time_ns, state, sample, fps, late_s, self.dropped, self._outline)
+        return Reading(
+            self.name, frame.time_ns, state, sample, fps, late_s, self.dropped, self._outline, frame
+        )
 
     def choose(self, choice: EstimatorChoice) -> None:
         """Change the estimator; the reference is set again when the contact has settled."""

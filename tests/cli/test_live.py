@@ -92,3 +92,14 @@ def test_background_may_be_given(clip: Path, tmp_path: Path) -> None:
     )
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout.splitlines()[0])["state"] == "no_contact"
+
+
+def test_bridge_publishes_until_the_file_ends(clip: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    loopback = "<Interfaces><NetworkInterface name='lo' multicast='true'/></Interfaces>"
+    uri = f"<CycloneDDS><Domain><General>{loopback}</General></Domain></CycloneDDS>"
+    monkeypatch.setenv("CYCLONEDDS_URI", uri)
+    done = rig("bridge", "ros2", clip, "--fps", "60", "--domain", "99")
+    assert done.returncode == 0, done.stderr
+    assert "publishing in domain 99: /frames/image_raw/compressed, /angle/frames, /slip/frames" in done.stderr
+    messages = int(done.stderr.split("ended: ")[1].split()[0])
+    assert 150 < messages <= 3 * len(list(clip.iterdir()))

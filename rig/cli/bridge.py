@@ -1,0 +1,62 @@
+"""`rig bridge`: live angles for the nodes of other robot software."""
+
+from contextlib import ExitStack
+from dataclasses import dataclass
+from importlib.util import find_spec
+
+from drivers.errors import InputError
+from rig.cli.common import mark, say
+from rig.cli.declared import option
+from rig.cli.helping import Commands
+from rig.cli.live import LiveAngleOptions, LiveSourceOptions, desk_of, run_desk, stopped_by_person
+
+bridge = Commands(no_args_is_help=True, help="Live angles, alarms and images for other robot software.")
+
+
+@dataclass(frozen=True, slots=True)
+class BridgeOptions:
+    """Where the topics are published."""
+
+    # 232: the highest domain whose ports fit into 16 bits (RTPS 2.5, section 9.6.2)
+    domain: int = option(
+        0, "ROS_DOMAIN_ID of the nodes. Default: the environment's.", min=0, max=232, envvar="ROS_DOMAIN_ID"
+    )
+    seconds: float | None = option(None, "End after this time. Default: Ctrl-C ends it.", min=0.0)
+
+
+@bridge.command("ros2")
+def ros2(source: LiveSourceOptions, how: LiveAngleOptions, to: BridgeOptions) -> None:
+    """Publish the images, angle and slip alarm of one or two sensors for ROS 2 nodes. ROS is not needed here.
+
+    Topics of each sensor: /NAME/image_raw/compressed (CompressedImage), /angle/NAME (JointState: angle,
+    angle_sigma, angle_rate in rad and rad/s; NaN if unknown) and /slip/NAME (Bool). Two sensors also give
+    /angle/object and /slip/object. Stamps are capture times. The angle is that of rig live.
+
+    Messages go to all computers on the network interface that Cyclone DDS chooses; its environment variable
+    CYCLONEDDS_URI chooses another. Nothing is moved. Ctrl-C ends it.
+
+    Examples:
+      rig bridge ros2 fake
+
+      rig bridge ros2 D20641 D20642 --domain 7
+
+      rig bridge ros2 http://127.0.0.1:8080/stream.mjpg --background empty.png
+
+    """
+    from drivers.clock import SystemClock
+    from drivers.realtime import compute_in_one_thread
+
+    if find_spec("cyclonedds") is None or find_spec("rosbags") is None:
+        raise InputError('the bridge needs cyclonedds and rosbags: pip install "visuotactile-slip-rig[ros2]"')
+    from rig.bench.live_source import FAKE
+    from rig.live.ros2_bridge import Ros2Bridge
+
+    with ExitStack() as stack:
+        stopped = stack.enter_context(stopped_by_person())
+        compute_in_one_thread()
+        desk = stack.enter_context(desk_of(source, how, stack))
+        publisher = Ros2Bridge(to.domain, SystemClock())
+        topics = ", ".join(publisher.topics([*desk.sensors]))
+        say(f"{mark(FAKE in source.sources)}publishing in domain {to.domain}: {topics}; Ctrl-C ends it")
+        run_desk(desk, publisher.publish, to.seconds, stopped)
+    say(f"ended: {publisher.published} messages")

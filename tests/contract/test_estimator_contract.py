@@ -10,6 +10,8 @@ from rig.contract_checks.test_estimator import *  # noqa: F403
 from rig.tactile.estimators import ESTIMATORS, TOSKOV, choose_estimator
 from support.own_estimators import MODULE, own_estimators
 
+pytestmark = pytest.mark.slow
+
 OWN = f"{MODULE}:Mine"
 NAMES = [name for name in ESTIMATORS if name != TOSKOV]
 """Toskov's network asks for the arm's states too."""

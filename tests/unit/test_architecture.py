@@ -65,6 +65,7 @@ def _installed(name: str) -> bool:
         return False
 
 
+@pytest.mark.slow
 def test_the_arm_library_is_imported_by_nothing_here() -> None:
     """Everything but the arm works where ur-rtde has no wheel; a whole real bench can be made."""
     code = (

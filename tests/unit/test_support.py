@@ -25,12 +25,14 @@ def suite(*arguments: str) -> "subprocess.CompletedProcess[str]":
     return subprocess.run(command, cwd=ROOT, env=alone, capture_output=True, text=True, check=False)
 
 
+@pytest.mark.slow
 def test_two_workers_at_hardware_are_refused() -> None:
     done = suite("tests/contract", "-n", "2")
     assert done.returncode == pytest.ExitCode.USAGE_ERROR
     assert "two workers must not drive one arm" in done.stderr
 
 
+@pytest.mark.slow
 def test_at_hardware_there_are_no_workers() -> None:
     done = suite("tests/contract", "-k", "motions_outside and fake")
     assert done.returncode == 0, done.stdout + done.stderr

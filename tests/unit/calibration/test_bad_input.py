@@ -137,6 +137,7 @@ def test_wrong_or_cut_board_is_refused(made: str, read: str, x_m: float, reason:
     assert reason in refusal(lambda: parse_target(read).find(picture, "board"))
 
 
+@pytest.mark.slow
 def test_part_of_a_charuco_board_is_found() -> None:
     picture = render_target(BOARD, CAMERA, FACING, rng())
     picture[:, :560] = 120

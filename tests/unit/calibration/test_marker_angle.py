@@ -33,6 +33,7 @@ def _still(pictures: MarkerPictures, count: int, seed: int = 0) -> list[np.ndarr
     return [pictures.draw(0.0, rng) for _ in range(count)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("refine", [refine_edges, refine_quick])
 @pytest.mark.parametrize("side_px", [24.0, 40.0, 80.0])
 def test_edges_find_corners_better_than_windows(side_px: float, refine: Refine) -> None:
@@ -52,6 +53,7 @@ def test_edges_find_corners_better_than_windows(side_px: float, refine: Refine) 
     assert np.std(by_edges) < 0.12
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("turn_deg", [0.0, 0.1, -0.1, 15.0, -30.0, 90.0, 179.9, -179.9, 180.0])
 def test_a_turn_is_measured_with_its_sign_at_every_size(turn_deg: float) -> None:
     angle = angle_of(NEAR)

@@ -72,6 +72,7 @@ def test_confidence_region_holds_the_truth_as_often_as_stated(setup: Setup) -> N
     assert np.mean(held) >= 0.85
 
 
+@pytest.mark.slow
 def test_flipped_targets_are_left_out_by_name() -> None:
     truth, samples = scene(3)
     flip = Rotation.from_euler("x", 30, degrees=True)
@@ -85,6 +86,7 @@ def test_flipped_targets_are_left_out_by_name() -> None:
     assert holds(result, truth)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", [0.97, 1.05, 2.0])
 def test_a_target_of_another_size_is_refused_for_it(size: float) -> None:
     _, samples = scene(4, 30, size=size, noise=0.5)
@@ -118,6 +120,7 @@ def test_motions_about_one_axis_and_too_few_pairs_are_refused() -> None:
     assert "usable pairs" in str(calibrate_pose_pairs(samples[:4], Setup.EYE_TO_HAND).assessment)
 
 
+@pytest.mark.slow
 def test_errors_that_neighbours_share_widen_sigma() -> None:
     truth, samples = scene(8, 60)
     rng = np.random.default_rng(1)

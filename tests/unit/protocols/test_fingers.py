@@ -154,6 +154,7 @@ def test_operator_is_asked_again_after_the_fingers_opened(lift_of: LiftOf) -> No
     assert (lift.pose, lift.held) == (pose, True)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", MOTIONLESS[:2])
 def test_agreed_release_that_fails_moves_no_arm(lift_of: LiftOf, kind: str) -> None:
     lift = lift_of()
@@ -182,6 +183,7 @@ def test_failed_opening_of_a_free_hand_makes_it_unknown(lift_of: LiftOf) -> None
     assert lift.bench.hand.state.holding is Holding.UNKNOWN
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("step_m", [0.0002, 0.001])
 def test_grips_are_distances_whatever_the_resolution_of_the_gripper(lift_of: LiftOf, step_m: float) -> None:
     """The wrench's file says 1.9 to 3.7 mm; the fingers close in steps of another gripper."""

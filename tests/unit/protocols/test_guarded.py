@@ -48,6 +48,7 @@ def test_the_limit_is_the_bench_files(lift_of: Callable[[], Any], monkeypatch: p
     assert lift.run() == "done"
 
 
+@pytest.mark.slow
 def test_an_object_that_is_set_down_is_nothing_met(lift_of: Callable[..., Any]) -> None:
     for object_id in ("t1", "7", "9"):
         assert lift_of(object_id).run() == "done"

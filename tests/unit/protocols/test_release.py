@@ -24,6 +24,7 @@ def untouched() -> Imprint:
     return np.mean([imprint(gel(seed=seed)) for seed in range(1, 9)], axis=0)
 
 
+@pytest.mark.slow
 @given(
     light=st.floats(0.7, 1.3),
     drift=st.floats(-0.2, 0.2),

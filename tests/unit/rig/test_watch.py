@@ -115,6 +115,7 @@ def test_a_question_waits_until_it_is_answered_and_faults_stay(page: WatchPage) 
     assert len(values(page)["faults"]) == 1  # type: ignore[arg-type]
 
 
+@pytest.mark.slow
 @NEEDS_CHROMIUM
 @pytest.mark.parametrize(("width", "scheme"), [(1280, "light"), (390, "dark")])
 def test_a_browser_shows_it_as_it_comes(page: WatchPage, tmp_path: Path, width: int, scheme: str) -> None:

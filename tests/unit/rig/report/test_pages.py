@@ -70,6 +70,7 @@ def edited(session: Path, number: int, **changes: Any) -> None:
     (session / "lifts.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rows))
 
 
+@pytest.mark.slow
 def test_a_trial_s_page_has_its_figures_and_figures_have_names_of_their_own(page: Page) -> None:
     titles = " ".join(page.figures)
     for title in (

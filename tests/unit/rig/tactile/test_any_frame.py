@@ -61,6 +61,7 @@ CONTENT = st.one_of(
 """Noise, one grey, one bright value, and a bright rectangle in a corner."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ESTIMATORS)
 @given(background=CONTENT, frames=st.lists(CONTENT, min_size=1, max_size=6))
 def test_any_content_is_answered_or_refused(name: str, background: Image, frames: Sequence[Image]) -> None:

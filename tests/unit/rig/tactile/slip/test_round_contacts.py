@@ -8,6 +8,8 @@ from fakes.objects.surfaces import build_surface
 from rig.tactile.sample import SlipSample, State
 from support.presses import followed_presses
 
+pytestmark = pytest.mark.slow
+
 FORCE_N, STILL, TURNS_DEG = 4.0, 12, np.arange(0.0, 20.1, 0.8)
 
 

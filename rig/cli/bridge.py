@@ -2,9 +2,7 @@
 
 from contextlib import ExitStack
 from dataclasses import dataclass
-from importlib.util import find_spec
 
-from drivers.errors import InputError
 from rig.cli.common import mark, say
 from rig.cli.declared import option
 from rig.cli.helping import Commands
@@ -45,9 +43,10 @@ def ros2(source: LiveSourceOptions, how: LiveAngleOptions, to: BridgeOptions) ->
     """
     from drivers.clock import SystemClock
     from drivers.realtime import compute_in_one_thread
+    from rig.config.extras import require_extra
 
-    if find_spec("cyclonedds") is None or find_spec("rosbags") is None:
-        raise InputError('the bridge needs cyclonedds and rosbags: pip install "visuotactile-slip-rig[ros2]"')
+    for package in ("cyclonedds", "rosbags"):
+        require_extra(package, "ros2", "the bridge needs")
     from rig.bench.live_source import FAKE
     from rig.live.ros2_bridge import Ros2Bridge
 

@@ -10,7 +10,17 @@ ESTIMATOR_NAMES = (
     "slip", "skeleton", "ellipse", "pca", "skeleton-published", "ellipse-published", "pca-published", "ecc",
     "polar", "kolamuri", "anglenet", "toskov",
 )  # fmt: skip
-FORMAT_NAMES = ("csv", "parquet", "coco", "labelme", "lerobot", "rosbag2")
+FORMAT_NAMES = (
+    "csv",
+    "parquet",
+    "coco",
+    "labelme",
+    "lerobot",
+    "rosbag2",
+    "rerun",
+    "zarr",
+    "mlflow",
+)
 PACKAGE = Path(__file__).parents[2]
 
 

@@ -14,11 +14,12 @@ class ExportOptions:
     """The session, the format, and the folder."""
 
     session: Path = argument(..., "Session folder of a trial or a recording.")
-    to: str = option(..., "csv, parquet, coco, labelme, lerobot or rosbag2.")
+    to: str = option(..., "csv, parquet, coco, labelme, lerobot, rosbag2, rerun, zarr or mlflow.")
     out: Path | None = option(
         None, "New folder; default: export/FORMAT in the session.", callback=folder_place
     )
     every: int = option(10, "coco, labelme: every Nth tactile frame of a trial.", min=1)
+    mlflow: str | None = option(None, "mlflow: tracking URI, as http://localhost:5000.")
     json: JsonOption = False
 
 
@@ -33,6 +34,12 @@ def export(options: ExportOptions) -> None:
     lerobot: a LeRobotDataset v3.0, an episode per lift.
 
     rosbag2: a ROS 2 bag per lift (MCAP), with standard messages.
+
+    rerun: one .rrd file of all lifts for the viewer rerun.
+
+    zarr: arrays for training, in the layout of Open-X-Tactile.
+
+    mlflow: a run with the figures, settings and report of a trial, at --mlflow URI.
 
     The recordings themselves, lifts/NNN.mcap, open in MCAP viewers as they are.
 
@@ -52,7 +59,7 @@ def export(options: ExportOptions) -> None:
     began = time.perf_counter()
     folder = options.out or options.session / "export" / options.to
     begin_phase(f"exporting to {options.to}")
-    exported = export_session(options.session, options.to, folder, options.every)
+    exported = export_session(options.session, options.to, folder, options.every, options.mlflow)
     wall_s = round(time.perf_counter() - began, 2)
     counts = ", ".join(f"{count} {name}" for name, count in exported.counts.items())
     say(f"{counts}, {wall_s:.1f} s")

@@ -46,7 +46,7 @@ OPTION_GROUPS = {
     ),
     "Session": ("--name", "--note", "--tag", "--operator", "--no-report"),
     "Bench": ("--dry-run", "--yes", "--objects", "--serial", "--seed", "--realtime", "--jobs", "--randomise"),
-    "Watch": ("--watch", "--watch-at", "--notify", "--live", "--live-to"),
+    "Watch": ("--watch", "--watch-at", "--notify", "--live", "--live-to", "--foxglove", "--foxglove-at"),
 }  # fmt: skip
 """Options that are shown together, the common ones first; all others are under `REST`."""
 REST = "Further options"

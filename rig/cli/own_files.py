@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 bench = Commands(no_args_is_help=True, help="Bench files: what a bench is made of.")
 objects = Commands(help="The objects that are grasped: the package's and your own.")
-Kind = Literal["estimator", "sensor", "camera", "arm", "gripper"]
+Kind = Literal["estimator", "sensor", "camera", "arm", "gripper", "lerobot"]
 
 
 @bench.callback()
@@ -134,6 +134,8 @@ def new(
 ) -> None:
     """Write a small package of your own: an estimator, sensor, camera, arm or gripper that runs as it is.
 
+    lerobot: tactile sensors as LeRobot cameras, their angle as an observation.
+
     It holds one module of some 40 lines to change, a pyproject.toml and a README that says how to install it,
     name it and check it.
 
@@ -141,6 +143,8 @@ def new(
       rig new estimator my_rotation
 
       rig new sensor my_gel
+
+      rig new lerobot lerobot_camera_my_gel
 
     """
     from rig.config.new_package import write_package

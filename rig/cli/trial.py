@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from rig.bench.plan import Plan
     from rig.config import BenchConfig
     from rig.experiments.lift_plan import TrialSettings
+    from rig.live.session import FoxgloveServer
     from rig.results.summary import TrialSummary
     from rig.sessions.remarks import Remarks
 
@@ -98,11 +99,26 @@ class ReactionOptions:
 
 
 @dataclass(frozen=True, slots=True)
-class RerunOptions:
-    """The viewer rerun."""
+class ViewerOptions:
+    """The viewers rerun and Foxglove."""
 
     live: bool = option(False, "Open rerun: pictures, markers, angles, arm (extra 'live').")
     live_to: Path | None = option(None, "The same into FILE.rrd, without a display.", callback=file_place)
+    foxglove: bool = option(False, "Serve it to Foxglove on this computer (extra 'foxglove').")
+    foxglove_at: str | None = option(None, "The same at HOST:PORT, by default 127.0.0.1:8765.")
+
+    def server(self, bench: "BenchConfig") -> "FoxgloveServer | None":
+        """Return the server that was asked for, and say how to look at it. Raises `InputError`."""
+        if not self.foxglove and self.foxglove_at is None:
+            return None
+        from rig.live.session import FOXGLOVE_LAYOUT, FOXGLOVE_PORT, FoxgloveServer
+        from rig.live.watch import watch_address
+
+        host, port = watch_address(self.foxglove_at, "--foxglove-at", FOXGLOVE_PORT)
+        server = FoxgloveServer(host, port, {t.serial: f"finger_{t.finger.lower()}" for t in bench.tactile})
+        server.check()
+        say(f"Foxglove: open the connection ws://{host}:{port}, import the layout {FOXGLOVE_LAYOUT}")
+        return server
 
 
 def trial(
@@ -112,7 +128,7 @@ def trial(
     reaction: ReactionOptions,
     bench: BenchOptions,
     session: SessionOptions,
-    rerun: RerunOptions,
+    viewers: ViewerOptions,
     watch: WatchOptions,
 ) -> None:
     """Lift each object several times and measure its rotation from both fingertips.
@@ -138,11 +154,13 @@ def trial(
 
       rig trial --lifts 5 --watch --notify notify-send
 
+      rig trial --lifts 5 --foxglove
+
     """
     lifting = _prepare(context, what, estimator, reaction, bench, session)
     if bench.dry:
         dry_run(lifting.settings.bench, lifting.plan(), session.json)
-    summary = _lift_all(context, lifting, session, rerun, watch, agreed=bench.yes)
+    summary = _lift_all(context, lifting, session, viewers, watch, agreed=bench.yes)
     _finish(lifting, summary, session)
     _check_limit(summary, what.max_mare)
 
@@ -238,7 +256,7 @@ def _lift_all(
     context: typer.Context,
     trial: _Trial,
     session: SessionOptions,
-    rerun: RerunOptions,
+    viewers: ViewerOptions,
     watch: WatchOptions,
     agreed: bool,
 ) -> "TrialSummary":
@@ -251,6 +269,7 @@ def _lift_all(
     from rig.results.notes import lift_fault, lift_note
 
     folder, settings = trial.folder, trial.settings
+    server = viewers.server(settings.bench)
     title = f"{trial.simulated}trial on bench '{settings.bench.name}', {folder}"
     work = Work(title, "lifts", trial.wanted, trial.done)
     question = f"{trial.plan().text()}\nBegin?"
@@ -259,7 +278,7 @@ def _lift_all(
         may_be_continued(folder, session, lambda: _show_partial(trial, session.json)),
         watched(context, work, watch) as others,
         session_bench(settings.bench, person, question, settings.realtime) as benches,
-        live_session(rerun.live, rerun.live_to, others) as (feed, inbox),
+        live_session(viewers.live, viewers.live_to, others, server) as (feed, inbox),
         TrialView(trial.wanted, inbox, message, trial.done, trial.usual_s) as view,
     ):
         return run_trial(

@@ -1,4 +1,4 @@
-"""A new package of a lab's own, from a template: an estimator or a driver."""
+"""A new package of a lab's own, from a template: an estimator, a driver, or a plug-in for LeRobot."""
 
 import keyword
 from importlib.util import find_spec
@@ -7,21 +7,26 @@ from pathlib import Path
 from drivers.errors import InputError
 
 TEMPLATES = Path(__file__).parents[1] / "templates"
+PREFIXES = {"lerobot": "lerobot_camera_"}
+"""How the name of a package begins, by kind: LeRobot finds plug-ins by it."""
 
 
 def write_package(kind: str, folder: Path) -> None:
     """Write the template of a kind into a new folder; its module, class and package get the folder's name.
 
-    Raises `InputError` if the name is no module name or is taken, or the folder cannot be written.
+    Raises `InputError` if the name is no module name, does not begin as its kind needs or is taken, or the
+    folder cannot be written.
     """
-    _check_name(folder)
+    _check_name(folder, PREFIXES.get(kind, ""))
     _write(TEMPLATES / kind, folder, f"my_{kind}")
 
 
-def _check_name(folder: Path) -> None:
+def _check_name(folder: Path, prefix: str) -> None:
     name = folder.name
     if not name.isidentifier() or keyword.iskeyword(name) or name != name.lower():
         raise InputError(f"{folder}: '{name}' is no name of a module: give one of a-z, 0-9 and _, as my_gel")
+    if not name.startswith(prefix) or name == prefix:
+        raise InputError(f"{folder}: the name has to begin with {prefix}, as {prefix}my_gel")
     if find_spec(name) is not None:
         raise InputError(
             f"{folder}: a module '{name}' is here already, and would hide this one: give another"

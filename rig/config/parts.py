@@ -16,6 +16,7 @@ CARRIES = ("[arm]", "[gripper]")
 """The arm moves only after the gripper has been read: something may be in the hand."""
 NEEDS: Mapping[str, tuple[str, ...]] = {
     "rig doctor": (),
+    "rig live": (),
     "rig record --by hand": (FINGERTIP,),
     "rig calibrate tactile": (FINGERTIP,),
     "rig calibrate camera": ("[camera]",),

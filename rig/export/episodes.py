@@ -1,6 +1,7 @@
 """A lift in equal time steps: the latest value of each source at each step."""
 
 from bisect import bisect_right
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -11,10 +12,12 @@ from numpy.typing import NDArray
 from drivers.clock import NS_PER_S
 from drivers.errors import SessionError
 from protocols.observer import Phase
+from rig.export.csv_parquet import POSE, WRENCH
 from rig.sessions.reading import (
     phase_times,
     recorded_angle,
     recorded_gripper,
+    recorded_joints,
     recorded_jpeg,
     recorded_pose,
 )
@@ -23,27 +26,38 @@ from rig.sessions.recorder import (
     FUSED_TOPIC,
     GRIPPER_TOPIC,
     IMAGE_PREFIX,
+    JOINTS_TOPIC,
     TRUTH_TOPIC,
     image_topic,
 )
 from rig.sessions.recording_file import recorded_messages
+
+WRENCH_TRACK = "wrench"
+UNKNOWN_SIGMA_DEG = 180.0
+"""Sigma of an angle that is not known: a number, because NaN would spoil the statistics of a data set."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Episode:
     """A lift from the grasp until it is set down, N steps of 1/rate.
 
-    images: by serial, N stored JPEGs. state: (N, 8) float32, TCP position in m, quaternion xyzw,
-    position of the gripper, which `gripper` names with its unit. estimate_deg, truth_deg: (N,) float32, the
-    last answer (0 before the first); estimate_known, truth_known: (N,) bool, whether there was one at that
-    step.
+    images: by serial, per step the window of its newest stored JPEGs, the newest first. ages_s: by serial,
+    (N, K) float32, how long before the step each of them was taken; a window that reaches back before the
+    first frame repeats that frame. state: (N, K) float32, TCP position in m, quaternion xyzw, position of the
+    gripper, and the wrench in the base's axes (N, N m) if recorded; names: of its components. commanded:
+    number of leading components of the state that are positions. joints_rad: (N, 6) float32. angle: (N, 3)
+    float32, the last estimate (deg, 0 before the first), its sigma (deg, `UNKNOWN_SIGMA_DEG` if unknown),
+    and 1 if the newest message has an angle, else 0. truth_deg: (N,) float32, the last true angle (0 before
+    the first); truth_known: (N,) bool, whether the newest message has one.
     """
 
-    images: dict[str, list[bytes]]
+    images: dict[str, list[list[bytes]]]
+    ages_s: dict[str, NDArray[np.float32]]
     state: NDArray[np.float32]
-    gripper: str
-    estimate_deg: NDArray[np.float32]
-    estimate_known: NDArray[np.bool_]
+    names: tuple[str, ...]
+    commanded: int
+    joints_rad: NDArray[np.float32]
+    angle: NDArray[np.float32]
     truth_deg: NDArray[np.float32]
     truth_known: NDArray[np.bool_]
 
@@ -66,20 +80,31 @@ class _Track:
 
     def at(self, time_ns: int) -> Any:
         """Return the latest value up to a time, None before the first."""
-        place = bisect_right(self.time_ns, time_ns)
-        return self.values[place - 1] if place else None
+        window = self.window(time_ns, 1)
+        return window[0][1] if window else None
+
+    def window(self, time_ns: int, size: int) -> list[tuple[int, Any]]:
+        """Return the `size` latest values up to a time, newest first, with their times.
+
+        Before the first value of the track, that value is repeated.
+        """
+        end = bisect_right(self.time_ns, time_ns)
+        places = [max(end - 1 - back, 0) for back in range(size)] if end else []
+        return [(self.time_ns[place], self.values[place]) for place in places]
 
 
-def read_episode(recording: Path, rate_hz: int) -> Episode:
-    """Read a recorded lift at `rate_hz` steps a second. Raises `SessionError` when it is damaged."""
+def read_episode(recording: Path, rate_hz: int, windows: Mapping[str, int]) -> Episode:
+    """Read a recorded lift at `rate_hz` steps a second. Raises `SessionError` when it is damaged.
+
+    windows: number of frames in the window of each serial, 1 by default.
+    """
     phases = phase_times(recording)
     tracks: dict[str, _Track] = {}
     for topic, time_ns, _, data in recorded_messages(recording):
-        value = _value(topic, data, recording)
-        if value is not None:
-            tracks.setdefault(topic, _Track()).add(time_ns, value)
-    serials = [topic.removeprefix(IMAGE_PREFIX) for topic in tracks if topic.startswith(IMAGE_PREFIX)]
-    needed = [tracks.get(topic) for topic in (ARM_TOPIC, GRIPPER_TOPIC)]
+        for name, value in _values(topic, data, recording):
+            tracks.setdefault(name, _Track()).add(time_ns, value)
+    serials = sorted(topic.removeprefix(IMAGE_PREFIX) for topic in tracks if topic.startswith(IMAGE_PREFIX))
+    needed = [tracks.get(topic) for topic in (ARM_TOPIC, JOINTS_TOPIC, GRIPPER_TOPIC)]
     if None in needed or not serials:
         raise SessionError(f"{recording}: holds no arm, gripper or image; the session is damaged")
     seen = [track for topic, track in tracks.items() if topic not in (FUSED_TOPIC, TRUTH_TOPIC)]
@@ -88,34 +113,54 @@ def read_episode(recording: Path, rate_hz: int) -> Episode:
     if count < 1:
         raise SessionError(f"{recording}: holds no step from its grasp to its end; the session is damaged")
     times = [start + step * NS_PER_S // rate_hz for step in range(count)]
+    frames = {s: [tracks[image_topic(s)].window(t, windows.get(s, 1)) for t in times] for s in serials}
+    gripper = tracks[GRIPPER_TOPIC].at(start)[0]
+    wrenches = tracks.get(WRENCH_TRACK)
+    state = [
+        (*tracks[ARM_TOPIC].at(t), tracks[GRIPPER_TOPIC].at(t)[1], *(wrenches.at(t) if wrenches else ()))
+        for t in times
+    ]
     estimate, estimate_known = _angles(tracks.get(FUSED_TOPIC), times)
     truth, truth_known = _angles(tracks.get(TRUTH_TOPIC), times)
-    state = [(*tracks[ARM_TOPIC].at(t), tracks[GRIPPER_TOPIC].at(t)[1]) for t in times]
     return Episode(
-        {serial: [tracks[image_topic(serial)].at(t) for t in times] for serial in sorted(serials)},
+        {serial: [[jpeg for _, jpeg in window] for window in seen] for serial, seen in frames.items()},
+        {serial: _ages_s(seen, times) for serial, seen in frames.items()},
         np.array(state, np.float32),
-        tracks[GRIPPER_TOPIC].at(start)[0],
-        estimate,
-        estimate_known,
+        (*POSE, gripper, *(WRENCH if wrenches else ())),
+        len(POSE) + 1,
+        np.array([tracks[JOINTS_TOPIC].at(t) for t in times], np.float32),
+        np.column_stack([estimate, _sigmas(tracks.get(FUSED_TOPIC), times), estimate_known]).astype(
+            np.float32
+        ),
         truth,
         truth_known,
     )
 
 
-def _value(topic: str, data: bytes, path: Path) -> Any:
+def _values(topic: str, data: bytes, path: Path) -> Iterator[tuple[str, Any]]:
+    """Yield what a message holds, by the name of its track."""
     if topic.startswith(IMAGE_PREFIX):
-        return recorded_jpeg(data, path)
-    if topic == ARM_TOPIC:
+        yield topic, recorded_jpeg(data, path)
+    elif topic == ARM_TOPIC:
         pose = recorded_pose(data, path)
-        return (*pose.position_m, *pose.quaternion_xyzw)
-    if topic == GRIPPER_TOPIC:
+        yield topic, (*pose.position_m, *pose.quaternion_xyzw)
+    elif topic == JOINTS_TOPIC:
+        arm = recorded_joints(data, path)
+        yield topic, arm.joints_rad
+        if arm.wrench is not None:
+            yield WRENCH_TRACK, arm.wrench
+    elif topic == GRIPPER_TOPIC:
         kept = recorded_gripper(data, path)
-        if kept.position_counts is None:
-            return "gripper_opening_m", kept.opening_m
-        return "gripper_counts", kept.position_counts
-    if topic in (FUSED_TOPIC, TRUTH_TOPIC):
-        return (recorded_angle(data, path, 0).angle_deg,)
-    return None
+        counts = kept.position_counts
+        yield topic, ("gripper_opening_m", kept.opening_m) if counts is None else ("gripper_counts", counts)
+    elif topic in (FUSED_TOPIC, TRUTH_TOPIC):
+        angle = recorded_angle(data, path, 0)
+        yield topic, (angle.angle_deg, angle.sigma_deg)
+
+
+def _ages_s(windows: list[list[tuple[int, bytes]]], times: list[int]) -> NDArray[np.float32]:
+    taken = np.array([[time_ns for time_ns, _ in window] for window in windows], np.int64)
+    return ((np.array(times, np.int64)[:, None] - taken) / NS_PER_S).astype(np.float32)
 
 
 def _angles(track: _Track | None, times: list[int]) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
@@ -126,3 +171,9 @@ def _angles(track: _Track | None, times: list[int]) -> tuple[NDArray[np.float32]
         last = last if angle is None else angle
         held[step] = last
     return held, np.array([angle is not None for angle in latest], bool)
+
+
+def _sigmas(track: _Track | None, times: list[int]) -> list[float]:
+    """Return the sigma of the newest message at each time, deg."""
+    found = [(track.at(t) or (None, None)) if track else (None, None) for t in times]
+    return [UNKNOWN_SIGMA_DEG if angle is None or sigma is None else sigma for angle, sigma in found]

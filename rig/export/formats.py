@@ -1,23 +1,29 @@
 """Export formats by name; an export is written completely or not at all."""
 
 from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from drivers.errors import InputError, RecordingError, unknown_name
+from rig.config.extras import require_extra
 from rig.export.csv_parquet import export_csv, export_parquet
 from rig.export.labels import export_coco, export_labelme
 from rig.export.lerobot import export_lerobot
 from rig.export.result import Exported, Exporter, ExportRequest, export_request
-from rig.frames.ros_bags import require_rosbags
 
 
-def _export_rosbag2(request: ExportRequest) -> Exported:
-    """Write ROS 2 bags. Raises `SessionError` for a recording, `InputError` without rosbags."""
-    require_rosbags()
-    from rig.export.rosbag2 import export_rosbag2
+def _needs(package: str, extra: str, to: str) -> Exporter:
+    """Return the exporter `export_TO` of `rig.export.TO`, imported when it is first used.
 
-    return export_rosbag2(request)
+    It raises `InputError` if the extra's package is not installed.
+    """
+
+    def export(request: ExportRequest) -> Exported:
+        require_extra(package, extra, f"--to {to} needs")
+        return getattr(import_module(f"rig.export.{to}"), f"export_{to}")(request)
+
+    return export
 
 
 FORMATS: dict[str, Exporter] = {
@@ -26,14 +32,17 @@ FORMATS: dict[str, Exporter] = {
     "coco": export_coco,
     "labelme": export_labelme,
     "lerobot": export_lerobot,
-    "rosbag2": _export_rosbag2,
+    "rosbag2": _needs("rosbags", "ros2", "rosbag2"),
+    "rerun": _needs("rerun", "live", "rerun"),
+    "zarr": _needs("zarr", "zarr", "zarr"),
+    "mlflow": _needs("mlflow", "mlflow", "mlflow"),
 }
 
 
-def export_session(session: Path, to: str, out: Path, every: int = 10) -> Exported:
+def export_session(session: Path, to: str, out: Path, every: int = 10, uri: str | None = None) -> Exported:
     """Export a session into the new folder `out`; the session stays as it is.
 
-    to: one of `FORMATS`. every: see `ExportRequest`. Raises `InputError` when the folder is taken or
+    to: one of `FORMATS`. every, uri: see `ExportRequest`. Raises `InputError` when the folder is taken or
     the session has nothing of the kind, `SessionError` when it is damaged, `RecordingError` when
     nothing can be written. Nothing is left in `out` then.
     """
@@ -50,7 +59,7 @@ def export_session(session: Path, to: str, out: Path, every: int = 10) -> Export
             # a folder in it, with the permissions that a folder has here
             whole = Path(aside) / out.name
             whole.mkdir()
-            exported = FORMATS[to](replace(request, out=whole))
+            exported = FORMATS[to](replace(request, out=whole, uri=uri))
             whole.replace(out)
     except OSError as error:
         raise RecordingError(

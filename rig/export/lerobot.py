@@ -1,10 +1,14 @@
 """A trial as a LeRobotDataset, format 3.0: an episode per lift, a file per episode.
 
+A row is a step of the camera. The format has one image per row and feature, so the tactile frames since
+the step before, if fingertips are faster than the camera, are further features of type "image".
+
 Format: huggingface/lerobot, `datasets/lerobot_dataset.py` and `datasets/utils.py` of version 0.4.
 Images stay the stored JPEGs, inside the Parquet files (feature type "image"): a video codec would
 change the shades that the estimators live on.
 """
 
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, TypedDict
@@ -27,13 +31,8 @@ from rig.sessions.manifest import TrialManifest, require_kind
 from rig.sessions.records import FinishedLift
 from rig.sessions.table_files import Line, pyarrow_modules
 
-STATE_NAMES = ("x_m", "y_m", "z_m", "qx", "qy", "qz", "qw")
-SCALARS = {
-    "angle.estimate_deg": "float32",
-    "angle.estimate_known": "bool",
-    "angle.truth_deg": "float32",
-    "angle.truth_known": "bool",
-}
+ANGLE_NAMES = ["angle_deg", "sigma_deg", "known"]
+SCALARS = {"angle.truth_deg": "float32", "angle.truth_known": "bool"}
 COUNTERS = {
     "timestamp": "float32",
     **dict.fromkeys(("frame_index", "episode_index", "index", "task_index"), "int64"),
@@ -56,16 +55,17 @@ def export_lerobot(request: ExportRequest) -> Exported:
     pyarrow_modules()
     fps, lifts = round(manifest.config.camera.rate_hz), request.finished_lifts
     tasks = sorted({_task(lift) for lift in lifts})
+    windows = {tip.serial: math.ceil(tip.rate_hz / fps) for tip in manifest.config.tactile}
     statistics = FeatureStatistics()
     episodes: list[Line] = []
     features: dict[str, Feature] = {}
     first = 0
     for number, lift in enumerate(lifts):
-        episode = read_episode(request.session / lift.recording, fps)
-        keys = {s: f"observation.images.{source_name(s, manifest.config)}" for s in episode.images}
-        features = features or _features(episode, keys)
-        columns = _columns(episode, number, first, tasks.index(_task(lift)), fps)
-        pictures = {key: _pictures(episode, serial, number) for serial, key in keys.items()}
+        episode = read_episode(request.session / lift.recording, fps, windows)
+        names = {serial: source_name(serial, manifest.config) for serial in episode.images}
+        features = features or _features(episode, names)
+        columns = _columns(episode, names, number, first, tasks.index(_task(lift)), fps)
+        pictures = _pictures(episode, names, number)
         _write_data(request.out, number, {**pictures, **columns}, features)
         _count(statistics, pictures, columns)
         episodes.append(_episode_line(number, first, episode.steps, _task(lift)))
@@ -79,34 +79,59 @@ def _task(lift: FinishedLift) -> str:
     return f"lift the {lift.name} and feel it turn"
 
 
-def _features(episode: Episode, keys: Mapping[str, str]) -> dict[str, Feature]:
-    """Return the features as `meta/info.json` lists them. keys: of the images by serial."""
+def image_key(name: str, back: int) -> str:
+    """Return the feature of a source's images. back: number of frames before the newest one."""
+    return f"observation.tactile.{name}.{back}" if back else f"observation.images.{name}"
+
+
+def _features(episode: Episode, names: Mapping[str, str]) -> dict[str, Feature]:
+    """Return the features as `meta/info.json` lists them. names: of the sources by serial."""
     features: dict[str, Feature] = {}
-    for serial, pictures in episode.images.items():
-        height, width = decode_stored(pictures[0]).shape[:2]
-        features[keys[serial]] = Feature("image", [height, width, 3], ["height", "width", "channels"])
-    names = [*STATE_NAMES, episode.gripper]
-    vector = Feature("float32", [len(names)], names)
-    features |= {"observation.state": vector, "action": vector}
+    for serial, windows in episode.images.items():
+        height, width = decode_stored(windows[0][0]).shape[:2]
+        for back in range(len(windows[0])):
+            key = image_key(names[serial], back)
+            features[key] = Feature("image", [height, width, 3], ["height", "width", "channels"])
+    for key, ages in _ages(episode, names).items():
+        features[key] = Feature(
+            "float32", [ages.shape[1]], [f"frame_{back}" for back in range(ages.shape[1])]
+        )
+    state, commanded = list(episode.names), list(episode.names[: episode.commanded])
+    features["observation.state"] = Feature("float32", [len(state)], state)
+    features["action"] = Feature("float32", [len(commanded)], commanded)
+    features["observation.angle"] = Feature("float32", [len(ANGLE_NAMES)], ANGLE_NAMES)
     return features | {name: Feature(dtype, [1], None) for name, dtype in {**SCALARS, **COUNTERS}.items()}
 
 
-def _pictures(episode: Episode, serial: str, number: int) -> list[StoredJpeg]:
-    """Return a source's stored images, one per step."""
-    return [
-        {"bytes": jpeg, "path": f"{serial}-{number:03d}-{step:06d}.jpg"}
-        for step, jpeg in enumerate(episode.images[serial])
-    ]
+def _ages(episode: Episode, names: Mapping[str, str]) -> dict[str, NDArray[np.float32]]:
+    """Return the ages of the frames, s, of each source with more than one per step."""
+    windows = {f"observation.tactile.{names[s]}.age_s": ages for s, ages in episode.ages_s.items()}
+    return {key: ages for key, ages in windows.items() if ages.shape[1] > 1}
 
 
-def _columns(episode: Episode, number: int, first: int, task: int, fps: int) -> dict[str, NDArray[Any]]:
+def _pictures(episode: Episode, names: Mapping[str, str], number: int) -> dict[str, list[StoredJpeg]]:
+    """Return the stored images of each feature, one per step."""
+    return {
+        image_key(names[serial], back): [
+            {"bytes": window[back], "path": f"{serial}-{number:03d}-{step:06d}-{back}.jpg"}
+            for step, window in enumerate(windows)
+        ]
+        for serial, windows in episode.images.items()
+        for back in range(len(windows[0]))
+    }
+
+
+def _columns(
+    episode: Episode, names: Mapping[str, str], number: int, first: int, task: int, fps: int
+) -> dict[str, NDArray[Any]]:
     """Return an episode's numbers, each with one value per step."""
     steps = np.arange(episode.steps)
+    commanded = episode.state[:, : episode.commanded]
     return {
+        **_ages(episode, names),
         "observation.state": episode.state,
-        "action": np.concatenate([episode.state[1:], episode.state[-1:]]),
-        "angle.estimate_deg": episode.estimate_deg,
-        "angle.estimate_known": episode.estimate_known,
+        "action": np.concatenate([commanded[1:], commanded[-1:]]),
+        "observation.angle": episode.angle,
         "angle.truth_deg": episode.truth_deg,
         "angle.truth_known": episode.truth_known,
         "timestamp": (steps / fps).astype(np.float32),

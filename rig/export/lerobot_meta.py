@@ -21,14 +21,19 @@ CARD = """# {session}
 
 {mark}slip trial, an episode per lift: from the grasp until the object is set down again.
 
-- `observation.state`: TCP in the base frame (m, quaternion xyzw) and the gripper's counts, or
-  its opening in m if it has none.
-- `action`: the state one step later. Commands are not recorded, so this is where the rig went.
-- `angle.estimate_deg`, `angle.truth_deg`: the object's turn since the grasp, estimated from the
-  fingertips and measured from its markers, degrees, counter-clockwise as the camera sees it. Where
-  `..._known` is false there was no answer at that step, and the last one stands.
-- Images are the stored JPEGs, each the latest at its step ({fps} steps a second), by what took them:
-  {sources}.
+- `observation.state`: TCP in the base frame (m, quaternion xyzw); the gripper's counts, or its opening in
+  m if it has none; force (N) and torque (N m) at the TCP in the base's axes, if the arm measures them.
+- `action`: pose and gripper one step later. Commands are not recorded, so this is where the rig went.
+- `observation.angle`: the object's turn since the grasp, estimated from the fingertips: `angle_deg`, degrees,
+  counter-clockwise as the camera sees it; `sigma_deg`, its standard deviation; `known`, 1 or 0. If `known` is
+  0, the estimator gave no answer at that step: the last angle stands, and the sigma is 180.
+- `angle.truth_deg`: the same turn, measured from the object's markers: a label, no observation. If
+  `angle.truth_known` is false, the markers were not seen at that step, and the last angle stands.
+- `observation.images.*`: the stored JPEGs, each the newest at its step ({fps} steps a second), by what took
+  them: {sources}.
+- `observation.tactile.NAME.1`, `.2`, ...: the frames of fingertip NAME before the newest one, if fingertips
+  are faster than {fps} frames a second; `observation.tactile.NAME.age_s`: seconds from each frame to the
+  step, the newest first.
 """
 
 

@@ -18,7 +18,8 @@ class ExportRequest:
     """A session and the folder of its export, which exists and is empty.
 
     lifts: all attempts of a trial. poses: all attempts of a recording. every: every Nth frame of a trial
-    becomes a labelled image. left_out: unreadable parts of the session, with reasons.
+    becomes a labelled image. left_out: unreadable parts of the session, with reasons. uri: MLflow's tracking
+    URI, None if none was given.
     """
 
     session: Path
@@ -28,6 +29,7 @@ class ExportRequest:
     poses: tuple[PoseRow, ...] = ()
     every: int = 10
     left_out: tuple[str, ...] = ()
+    uri: str | None = None
 
     @property
     def finished_lifts(self) -> list[FinishedLift]:

@@ -7,7 +7,6 @@ would generate code from them.
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from importlib.util import find_spec
 from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,6 +19,7 @@ from drivers.errors import InputError, RigError, counted, unknown_name
 from drivers.formats import MOST_PIXELS, reason, shown
 from drivers.images import decode_image
 from drivers.types import Image
+from rig.config.extras import require_extra
 from rig.sessions.files import ROS_BEGINNINGS, first_bytes
 
 if TYPE_CHECKING:
@@ -52,8 +52,7 @@ Names: sensor_msgs/image_encodings.hpp, in lower case. 8UC3 is BGR, as OpenCV's 
 
 def require_rosbags() -> None:
     """Raise `InputError` if rosbags is not installed, with the command that installs it."""
-    if find_spec("rosbags") is None:
-        raise InputError('ROS bags need rosbags: pip install "visuotactile-slip-rig[ros2]"')
+    require_extra("rosbags", "ros2", "ROS bags need")
 
 
 def find_topic(path: Path, topic: str | None) -> str:

@@ -1,157 +1,40 @@
-"""The viewer's own process: `python -m rig.live.viewer ADDRESS [FILE.rrd]`.
+"""A viewer's own process: `python -m rig.live.viewer rerun|foxglove ADDRESS [ARGUMENT...]`.
 
-It says "ready" when it listens and ends when its standard input ends, so also when the process
-that started it is killed; the file is then complete up to there.
+It prints "ready" when it listens and ends when its standard input ends, so also when the process
+that started it is killed; a file is then complete up to there.
 """
 
 import os
 import sys
 import threading
-from pathlib import Path
-from typing import Any
-
-import rerun as rr
-import rerun.blueprint as rrb
+from importlib import import_module
+from typing import Protocol
 
 from drivers.children import leave_signals_to_parent
-from drivers.clock import NS_PER_S
 from rig.live.feed import Inbox, Message
-from rig.pages.palette import ESTIMATE, TRUTH
 
-APPLICATION = "slip_rig"
-TIMELINE = "bench_time"
-MEMORY_LIMIT = "1GB"
-"""What the viewer may use before it forgets the oldest data."""
-BETWEEN_LIFTS_S = 1.0
-# The viewer is dark; hex as a list of red, green, blue.
-ESTIMATE_RGB, TRUTH_RGB = (list(bytes.fromhex(colour.dark[1:])) for colour in (ESTIMATE, TRUTH))
 EVERY_S = 0.05
 GIVE_WAY = 10
 """How much later than the lifts the viewer gets the processor (nice(2))."""
 
 
-class RerunScene:
-    """Shows messages in the rerun viewer, or writes them to a file for it. Only this module imports rerun.
-
-    If lifts run side by side in several processes, only those of one process are shown.
-
-    save: the .rrd file; None opens the viewer.
-    """
-
-    def __init__(self, save: Path | None) -> None:
-        self._stream = rr.RecordingStream(APPLICATION)
-        if save is None:
-            self._stream.spawn(memory_limit=MEMORY_LIMIT, default_blueprint=layout([]))
-        else:
-            self._stream.save(save, default_blueprint=layout([]))
-        for name, colour in (("estimate", ESTIMATE_RGB), ("markers", TRUTH_RGB)):
-            self._stream.log(
-                f"angle/{name}", rr.SeriesLines(colors=[colour], names=[f"{name}, deg"]), static=True
-            )
-        self._sender: int | None = None
-        self._lift: tuple[int, int] | None = None
-        self._serials: list[str] = []
-        self._began_ns: int | None = None
-        self._offset_s = 0.0
-        self._latest_s = 0.0
-        self._mark = ""
+class Scene(Protocol):
+    """A view of lifts, opened by `open_scene` of `rig.live.rerun` or `rig.live.foxglove`."""
 
     def show(self, message: Message) -> None:
-        """Show a message of the process that is followed: the first that says anything."""
-        values = message.values
-        self._sender = values["sender"] if self._sender is None else self._sender
-        if values["sender"] != self._sender:
-            return
-        if (values["number"], values["attempt"]) != self._lift:
-            self._mark = "SIMULATED " if values.get("simulated") else ""
-            self._begin((values["number"], values["attempt"]), values["name"])
-        show = {"frame": self._frame, "arm": self._arm, "phase": self._phase, "figures": self._figures}
-        if message.kind in show:
-            show[message.kind](values, message.picture)
+        """Show a message."""
 
     def close(self) -> None:
         """Write what is left."""
-        self._stream.flush()
-        self._stream.disconnect()
-
-    def _begin(self, lift: tuple[int, int], name: str) -> None:
-        self._lift, self._began_ns = lift, None
-        self._offset_s = self._latest_s + BETWEEN_LIFTS_S if self._latest_s else 0.0
-        self._stream.set_time(TIMELINE, duration=self._offset_s)
-        self._stream.log("events", rr.TextLog(f"{self._mark}lift {lift[0]}: {name}"))
-
-    def _at(self, time_ns: int) -> None:
-        """Set the time: the lifts' own, one after the other."""
-        self._began_ns = time_ns if self._began_ns is None else self._began_ns
-        now_s = self._offset_s + (time_ns - self._began_ns) / NS_PER_S
-        self._latest_s = max(self._latest_s, now_s)
-        self._stream.set_time(TIMELINE, duration=now_s)
-
-    def _frame(self, values: dict[str, Any], picture: bytes) -> None:
-        self._at(values["time_ns"])
-        image = rr.EncodedImage(contents=picture, media_type="image/jpeg")
-        if values.get("source") != "camera":
-            self._lay_out(values["serial"])
-            self._stream.log(f"tactile/{values['serial']}", image)
-            return
-        self._stream.log("camera", image)
-        corners = values["markers_px"]
-        if corners is None:
-            self._stream.log("camera/markers", rr.Clear(recursive=False))
-        else:
-            outlines = [[*marker, marker[0]] for marker in corners]
-            self._stream.log("camera/markers", rr.LineStrips2D(outlines, colors=[TRUTH_RGB], radii=1.5))
-
-    def _lay_out(self, serial: str) -> None:
-        """Give a fingertip that was not seen before its place."""
-        if serial not in self._serials:
-            self._serials = sorted([*self._serials, serial])
-            self._stream.send_blueprint(layout(self._serials, self._mark))
-
-    def _arm(self, values: dict[str, Any], _: bytes) -> None:
-        self._at(values["time_ns"])
-        pose = rr.Transform3D(
-            translation=values["position_m"], quaternion=rr.Quaternion(xyzw=values["quaternion_xyzw"])
-        )
-        self._stream.log("arm/tcp", pose, rr.TransformAxes3D(axis_length=0.1))
-        self._stream.log("arm/base", rr.TransformAxes3D(axis_length=0.2), static=True)
-
-    def _phase(self, values: dict[str, Any], _: bytes) -> None:
-        self._at(values["time_ns"])
-        self._stream.log("events", rr.TextLog(f"phase {values['phase']}"))
-
-    def _figures(self, values: dict[str, Any], _: bytes) -> None:
-        for time_ns, angle, _sigma in values["estimate"]:
-            self._curve("angle/estimate", time_ns, angle)
-        for time_ns, angle in values["truth"]:
-            self._curve("angle/markers", time_ns, angle)
-
-    def _curve(self, path: str, time_ns: int, angle_deg: float | None) -> None:
-        if angle_deg is not None:
-            self._at(time_ns)
-            self._stream.log(path, rr.Scalars(angle_deg))
-
-
-def layout(serials: list[str], mark: str = "") -> rrb.Blueprint:
-    """Pictures above, angles below, the arm and what happened beside them. mark: before each view's name."""
-    fingertips = [rrb.Spatial2DView(origin=f"tactile/{serial}", name=f"{mark}{serial}") for serial in serials]
-    pictures = rrb.Horizontal(
-        rrb.Spatial2DView(origin="camera", name=f"{mark}camera and markers"), *fingertips
-    )
-    angles = rrb.TimeSeriesView(origin="angle", name=f"{mark}angle, deg")
-    arm = rrb.Spatial3DView(origin="arm", name=f"{mark}arm")
-    events = rrb.TextLogView(origin="events", name=f"{mark}events")
-    sides = rrb.Horizontal(rrb.Vertical(pictures, angles), rrb.Vertical(arm, events), column_shares=[3, 1])
-    return rrb.Blueprint(sides, collapse_panels=True)
 
 
 def main(arguments: list[str]) -> None:
-    """Show what arrives until the input ends. arguments: address, and the file to write to if any."""
+    """Show what arrives until the input ends. arguments: viewer, address, and those of its `open_scene`."""
     # Ctrl-C is for the trial; what it then still sends is to be seen.
     leave_signals_to_parent()
     os.nice(GIVE_WAY)
-    scene = RerunScene(Path(arguments[1]) if len(arguments) > 1 else None)
-    inbox = Inbox(arguments[0])
+    scene: Scene = import_module(f"rig.live.{arguments[0]}").open_scene(arguments[2:])
+    inbox = Inbox(arguments[1])
     over = threading.Event()
     threading.Thread(target=_wait_for_end, args=(over,), daemon=True).start()
     print("ready", flush=True)
@@ -162,7 +45,7 @@ def main(arguments: list[str]) -> None:
     scene.close()
 
 
-def _show(inbox: Inbox, scene: RerunScene) -> None:
+def _show(inbox: Inbox, scene: Scene) -> None:
     for message in inbox.take():
         scene.show(message)
 

@@ -39,17 +39,18 @@ LOOKING, REPORT_SHOWN = b"looking", b"report shown"
 """What the page's process reports: a browser has opened the page, and a browser has the report."""
 
 
-def watch_address(at: str | None) -> tuple[str, int]:
-    """Return host and port of the page; port 0 is a free one.
+def watch_address(at: str | None, option: str = "--watch-at", port: int = 0) -> tuple[str, int]:
+    """Return host and port to serve at; port 0 is a free one.
 
-    at: as typed, HOST:PORT, None for this computer alone. Raises `InputError` for anything else.
+    at: as typed for the option, HOST:PORT, None for `port` on this computer alone. Raises `InputError` for
+    anything else.
     """
     if at is None:
-        return LOOPBACK, 0
-    host, _, port = at.rpartition(":")
-    if not host or not (port.isascii() and port.isdecimal()) or len(port) > 5 or int(port) > 65535:
-        raise InputError(f"--watch-at {at}: write host and port, as {LOOPBACK}:8080")
-    return host, int(port)
+        return LOOPBACK, port
+    host, _, typed = at.rpartition(":")
+    if not host or not (typed.isascii() and typed.isdecimal()) or len(typed) > 5 or int(typed) > 65535:
+        raise InputError(f"{option} {at}: write host and port, as {LOOPBACK}:{port or 8080}")
+    return host, int(typed)
 
 
 class WatchPage:

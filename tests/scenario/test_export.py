@@ -1,7 +1,9 @@
 """Exports, opened by the libraries of the tools they are for."""
 
+import importlib
 import json
 import shutil
+from collections import Counter
 from pathlib import Path
 from typing import Any
 
@@ -20,11 +22,12 @@ from drivers.types import Pose
 from protocols.grasps import find_grasp_file
 from protocols.observer import Phase
 from rig.cli.main import app
-from rig.config import load_bench
+from rig.config import extras, load_bench
+from rig.experiments.lift_plan import TrialSettings
 from rig.experiments.pose_attempt import RecordSettings
 from rig.experiments.record import run_record
+from rig.experiments.trial import run_trial
 from rig.export.formats import export_session
-from rig.frames import ros_bags
 from rig.frames.series import read_frames
 from rig.sessions.about import SIMULATED_EPOCH_NS
 from rig.sessions.files import TRUE_MASKS
@@ -33,6 +36,7 @@ from rig.sessions.reading import recorded_angles, recorded_arm_states, recorded_
 from rig.sessions.recorder import FUSED_TOPIC, TRUTH_TOPIC
 from rig.sessions.rows import read_finished_lifts, read_poses
 from rig.sessions.table_files import read_csv
+from rig.tactile.estimators import choose_estimator
 from support.recordings import written_again
 
 
@@ -159,13 +163,23 @@ def test_a_lerobot_data_set_has_its_parts_and_the_stored_images(one_lift: Path, 
     assert set(data.column_names) == set(info["features"])
     assert len(data) == info["total_frames"] > 100
     np.testing.assert_allclose(np.diff(data["timestamp"].to_numpy()), 1 / 30, atol=1e-5)
-    assert data["observation.state"][0].as_py() == pytest.approx(data["action"][0].as_py(), abs=0.05)
-    assert data["observation.state"][1].as_py() == data["action"][0].as_py()
+    action, names = data["action"][0].as_py(), info["features"]["observation.state"]["names"]
+    assert info["features"]["action"]["names"] == names[:8]
+    assert data["observation.state"][0].as_py()[:8] == pytest.approx(action, abs=0.05)
+    assert data["observation.state"][1].as_py()[:8] == action
     stored = {frame.jpeg for frame in recorded_frames(one_lift / "lifts/001.mcap", "SIM-D0001")}
     kept = [image["bytes"] for image in data["observation.images.finger_b"].to_pylist()]
     assert set(kept) <= stored
     assert len(set(kept)) == len(kept)
+    last = [arm.wrench for arm in recorded_arm_states(one_lift / "lifts/001.mcap") if arm.wrench][-1]
+    assert names[8:] == ["force_x_n", "force_y_n", "force_z_n", "torque_x_nm", "torque_y_nm", "torque_z_nm"]
+    assert data["observation.state"][-1].as_py()[10] == pytest.approx(last[2], abs=1.0)
     row = read_finished_lifts(one_lift)[0]
+    angles = np.array(data["observation.angle"].to_pylist())
+    assert info["features"]["observation.angle"]["names"] == ["angle_deg", "sigma_deg", "known"]
+    assert angles[-1, 0] == pytest.approx(row.final_estimate_deg, abs=1.0)
+    assert set(angles[:, 2]) <= {0.0, 1.0}
+    assert (angles[angles[:, 2] == 0.0, 1] == 180.0).all()
     assert data["angle.truth_deg"][-1].as_py() == pytest.approx(row.final_truth_deg, abs=1.0)
     episode = parquet.read_table(out / "meta/episodes/chunk-000/file-000.parquet").to_pylist()[0]
     assert (episode["dataset_from_index"], episode["dataset_to_index"]) == (0, len(data))
@@ -178,6 +192,27 @@ def test_a_lerobot_data_set_has_its_parts_and_the_stored_images(one_lift: Path, 
     assert "SIMULATED" in card
     assert "`finger_b` SIM-D0001 (sign +1), `finger_c` SIM-D0002 (sign -1), `camera` SIM-C0001" in card
     assert not any("SIM-D" in name for name in info["features"])
+
+
+def test_a_lerobot_data_set_has_the_tactile_frames_between_its_steps(tmp_path: Path) -> None:
+    parquet = pytest.importorskip("pyarrow.parquet")
+    session = tmp_path / "trial"
+    run_trial(session, TrialSettings(load_bench("fake"), 0, choose_estimator("pca")), ["t2"], lifts=1)
+    export_session(session, "lerobot", tmp_path / "out")
+    data = parquet.read_table(tmp_path / "out/data/chunk-000/file-000.parquet")
+    ages = np.array(data["observation.tactile.finger_b.age_s"].to_pylist())
+    assert ages.shape == (len(data), 2)
+    newest, before = (
+        [image["bytes"] for image in data[key].to_pylist()]
+        for key in ("observation.images.finger_b", "observation.tactile.finger_b.1")
+    )
+    frames = {frame.jpeg: frame.time_ns for frame in recorded_frames(session / "lifts/001.mcap", "SIM-D0001")}
+    times = np.array([[frames[a], frames[b]] for a, b in zip(newest, before, strict=True)]) / NS_PER_S
+    np.testing.assert_allclose(times[:, 0] - times[:, 1], ages[:, 1] - ages[:, 0], atol=1e-5)
+    used = sorted({*newest, *before}, key=frames.__getitem__)
+    during = [jpeg for jpeg, taken in frames.items() if frames[used[0]] <= taken <= frames[used[-1]]]
+    assert len(used) >= 0.98 * len(during)
+    assert "observation.tactile.camera.1" not in data.column_names
 
 
 def test_lerobots_own_loader_reads_the_data_set(one_lift: Path, tmp_path: Path) -> None:
@@ -315,13 +350,93 @@ def test_stamps_after_2038_are_rejected(one_lift: Path, tmp_path: Path) -> None:
         export_session(session, "rosbag2", tmp_path / "out")
 
 
-def test_missing_rosbags_is_named_with_the_command_that_installs_it(
-    one_lift: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(
+    ("to", "says"),
+    [
+        ("rosbag2", r"needs rosbags: pip install .*\[ros2\]"),
+        ("rerun", r"needs rerun: pip install .*\[live\]"),
+        ("zarr", r"needs zarr: pip install .*\[zarr\]"),
+        ("mlflow", r"needs mlflow: pip install .*\[mlflow\]"),
+    ],
+)
+def test_missing_extra_is_named_with_the_command_that_installs_it(
+    to: str, says: str, one_lift: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(ros_bags, "find_spec", lambda name: None)
-    with pytest.raises(InputError, match=r'pip install "visuotactile-slip-rig\[ros2\]"'):
-        export_session(one_lift, "rosbag2", tmp_path / "out")
+    monkeypatch.setattr(extras, "find_spec", lambda name: None)
+    with pytest.raises(InputError, match=says):
+        export_session(one_lift, to, tmp_path / "out")
     assert not (tmp_path / "out").exists()
+
+
+def test_rerun_file_has_every_image_and_angle_of_a_lift(one_lift: Path, tmp_path: Path) -> None:
+    pytest.importorskip("rerun", reason="rerun is not installed: extra 'live'")
+    reader: Any = importlib.import_module("rerun.chunk")
+    exported = export_session(one_lift, "rerun", tmp_path / "out")
+    assert exported.notes == ("SIMULATED rerun lifts.rrd",)
+    rows: Counter[str] = Counter()
+    for chunk in reader.RrdReader(tmp_path / "out/lifts.rrd").stream().to_chunks():
+        rows[str(chunk.entity_path)] += chunk.num_rows
+    recording = one_lift / "lifts/001.mcap"
+    for entity, serial in (("/tactile/SIM-D0001", "SIM-D0001"), ("/camera", "SIM-C0001")):
+        assert rows[entity] == len(list(recorded_frames(recording, serial)))
+    truth = [value for value in recorded_angles(recording, TRUTH_TOPIC)[TRUTH_TOPIC] if value.angle_deg]
+    assert rows["/angle/markers"] >= len(truth) > 50
+
+
+def test_mlflow_run_has_figures_settings_and_files(
+    one_lift: Path, recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    mlflow: Any = pytest.importorskip("mlflow", reason="mlflow is not installed: extra 'mlflow'")
+    monkeypatch.setenv("MLFLOW_ALLOW_FILE_STORE", "true")
+    uri = (tmp_path / "runs").as_uri()
+    with pytest.raises(InputError, match="--to mlflow needs --mlflow URI"):
+        export_session(one_lift, "mlflow", tmp_path / "out")
+    with pytest.raises(InputError, match="the run cannot be logged"):
+        export_session(one_lift, "mlflow", tmp_path / "out", uri="nonsense://here")
+    with pytest.raises(InputError, match="is for trials"):
+        export_session(recording, "mlflow", tmp_path / "out", uri=uri)
+    exported = export_session(one_lift, "mlflow", tmp_path / "out", uri=uri)
+    named = json.loads((tmp_path / "out/run.json").read_text())
+    assert exported.notes[0].startswith(f"SIMULATED MLflow run {named['run_id']}")
+    client = mlflow.MlflowClient(tracking_uri=uri)
+    run, row = client.get_run(named["run_id"]), read_finished_lifts(one_lift)[0]
+    assert run.data.metrics["lifts_accepted"] == 1.0
+    assert run.data.metrics["lift.re_mean_deg"] == pytest.approx(row.re.mean_deg if row.re else None)
+    assert (run.data.params["estimator"], run.data.params["objects"]) == ("pca", "t2")
+    assert (run.data.tags["simulated"], run.info.status) == ("SIMULATED", "FINISHED")
+    assert {file.path for file in client.list_artifacts(named["run_id"])} >= {"session.json", "lifts.csv"}
+
+
+def test_zarr_has_the_keys_and_shapes_of_open_x_tactile(one_lift: Path, tmp_path: Path) -> None:
+    zarr: Any = pytest.importorskip("zarr", reason="zarr is not installed: extra 'zarr'")
+    exported = export_session(one_lift, "zarr", tmp_path / "out")
+    root = zarr.open_group(tmp_path / "out/t2.zarr", mode="r")
+    data, steps = root["data"], exported.counts["steps"]
+    assert (root["meta/episode_ends"][:].tolist(), root.attrs["simulated"]) == ([steps], "SIMULATED")
+    assert {array.shape[0] for _, array in data.arrays()} == {steps}
+    tactile = data["right_tactile_data_gripper"]
+    assert (tactile.shape[1:], tactile.chunks) == ((2, 320, 240, 3), (1, 2, 320, 240, 3))
+    assert data["right_tactile_area_gripper"][0].tolist() == [0, 1]
+    assert (data["right_tactile_sensor_gripper"][0], data["right_tactile_type_gripper"][0]) == (
+        "DIGIT",
+        "image",
+    )
+    assert data["camera_main_rgb"].shape[1:] == (240, 320, 3)
+    assert data["right_hand_joints_idx"][0].tolist() == [28]
+    recording = one_lift / "lifts/001.mcap"
+    stored = [frame.image for frame in recorded_frames(recording, "SIM-D0002")]
+    assert any(np.array_equal(tactile[steps // 2, 1], image) for image in stored)
+    poses = [state.base_T_tcp for state in recorded_arm_states(recording)]
+    positions, pose = np.array([each.position_m for each in poses]), data["right_wrist_pose"][-1]
+    assert np.abs(positions - pose[:3]).max(axis=1).min() < 1e-4
+    assert np.linalg.norm(pose[3:]) == pytest.approx(poses[-1].rotation.magnitude(), abs=0.05)
+    wrench = data["right_tactile_data_wrist"]
+    assert (wrench.shape[1:], data["right_tactile_area_wrist"][0].tolist()) == ((1, 6), [15])
+    assert data["timestamps"].attrs["unit"] == "s"
+    truth = data["object_angle_truth_deg"][:]
+    assert truth[np.isfinite(truth)][-1] == pytest.approx(
+        read_finished_lifts(one_lift)[0].final_truth_deg, abs=1
+    )
 
 
 def test_an_export_is_whole_or_not_there(one_lift: Path, recording: Path, tmp_path: Path) -> None:
@@ -334,8 +449,9 @@ def test_an_export_is_whole_or_not_there(one_lift: Path, recording: Path, tmp_pa
             export_session(broken, to, tmp_path / "out")
     with pytest.raises(InputError, match="no episodes"):
         export_session(recording, "lerobot", tmp_path / "out")
-    with pytest.raises(InputError, match="no lifts; use --to coco"):
-        export_session(recording, "rosbag2", tmp_path / "out")
+    for to in ("rosbag2", "rerun", "zarr"):
+        with pytest.raises(InputError, match="no lifts; use --to coco"):
+            export_session(recording, to, tmp_path / "out")
     with pytest.raises(InputError, match="choose one of csv"):
         export_session(one_lift, "excel", tmp_path / "out")
     with pytest.raises(InputError, match="no such session"):

@@ -4,6 +4,7 @@ import json
 import os
 import subprocess
 import sys
+from importlib.metadata import distributions
 from pathlib import Path
 
 import pytest
@@ -16,18 +17,20 @@ pytestmark = pytest.mark.slow
 
 ROOT = Path(__file__).resolve().parents[2]
 KINDS = ("estimator", "sensor", "camera", "arm", "gripper")
+LEROBOT = "lerobot_camera_lab"
 
 
 @pytest.fixture(scope="module")
 def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with the five packages, `lab_arm` and the like, installed without a network."""
+    """A folder with a package of each kind, `lab_arm` and the like, installed without a network."""
     sources, target = tmp_path_factory.mktemp("sources"), tmp_path_factory.mktemp("site")
-    for kind in KINDS:
-        done = rig("new", kind, sources / f"lab_{kind}")
+    names = {f"lab_{kind}": kind for kind in KINDS} | {LEROBOT: "lerobot"}
+    for name, kind in names.items():
+        done = rig("new", kind, sources / name)
         assert done.returncode == 0, done.stderr
     pip = [sys.executable, "-m", "pip", "install", "-q", "--no-index", "--no-deps", "--no-build-isolation"]
     made = subprocess.run(
-        [*pip, "--target", str(target), *(str(sources / f"lab_{kind}") for kind in KINDS)],
+        [*pip, "--target", str(target), *(str(sources / name) for name in names)],
         capture_output=True, text=True, check=False,
     )  # fmt: skip
     assert made.returncode == 0, made.stderr
@@ -52,6 +55,71 @@ def test_new_packages_install_and_are_listed(installed: Path, tmp_path: Path) ->
         "from": "lab-estimator 0.1",
         "class": "lab_estimator:LabEstimator",
     } in listed
+
+
+def test_lerobot_package_is_found_by_its_name(installed: Path) -> None:
+    found = {each.metadata["Name"] for each in distributions(path=[str(installed)])}
+    assert LEROBOT in found
+    assert (installed / f"{LEROBOT}.py").is_file()
+
+
+SENSOR_IN_LEROBOT = """
+from lerobot.cameras import CameraConfig, make_cameras_from_configs
+from lerobot.robots import Robot, RobotConfig, make_robot_from_config
+from lerobot.utils.import_utils import register_third_party_plugins
+from dataclasses import dataclass
+import draccus
+
+@RobotConfig.register_subclass("still")
+@dataclass(kw_only=True)
+class StillConfig(RobotConfig):
+    pass
+
+class Still(Robot):
+    config_class, name = StillConfig, "still"
+    observation_features = action_features = {"joint.pos": float}
+    is_connected = is_calibrated = True
+    def connect(self, calibrate=True): pass
+    def calibrate(self): pass
+    def configure(self): pass
+    def disconnect(self): pass
+    def get_observation(self): return {"joint.pos": 1.0}
+    def send_action(self, action): return action
+
+StillConfig.__module__ = "still"
+import sys, types
+sys.modules["still"] = types.SimpleNamespace(Still=Still)
+register_third_party_plugins()
+camera = make_cameras_from_configs({"tip": draccus.decode(CameraConfig, {"type": "tactile"})})["tip"]
+with camera:
+    image, again = camera.async_read(2000.0), camera.read_latest(2000)
+    assert image.shape == again.shape == (camera.height, camera.width, 3), image.shape
+    assert camera.fps == 60, camera.fps
+assert not camera.is_connected
+robot = make_robot_from_config(draccus.decode(RobotConfig, {
+    "type": "with_touch", "robot": {"type": "still"}, "touch": {"left": {"type": "tactile", "finger": "C"}}}))
+robot.connect()
+observed = robot.get_observation()
+assert observed.keys() == robot.observation_features.keys(), observed.keys()
+assert (observed["joint.pos"], observed["left.angle_deg"], observed["left.sigma_deg"]) == (1.0, 0.0, 180.0)
+robot.disconnect()
+from lerobot.scripts.lerobot_teleoperate import TeleoperateConfig
+typed = draccus.parse(TeleoperateConfig, args=[
+    "--robot.type=with_touch", "--robot.robot={type: so101_follower, port: none}",
+    "--robot.touch={left: {type: tactile, finger: C}}", "--teleop.type=so101_leader", "--teleop.port=none"])
+assert typed.robot.touch["left"].fps == 60
+assert draccus.decode(RobotConfig, typed.robot.robot).port == "none"
+print("done")
+"""
+
+
+def test_sensors_and_angles_reach_lerobot(installed: Path, tmp_path: Path) -> None:
+    pytest.importorskip("lerobot", reason="lerobot (with torch) is not installed")
+    done = subprocess.run(
+        [sys.executable, "-c", SENSOR_IN_LEROBOT], cwd=tmp_path, capture_output=True, text=True, check=False,
+        env={**os.environ, "PYTHONPATH": str(installed), "HF_HOME": str(tmp_path)}, timeout=240,
+    )  # fmt: skip
+    assert done.stdout == "done\n", done.stderr
 
 
 @pytest.mark.real_time
@@ -100,3 +168,9 @@ def test_invalid_package_name_is_rejected(tmp_path: Path, name: str, says: str) 
     done = rig("new", "sensor", tmp_path / name)
     assert done.returncode == 2
     assert says in done.stderr
+
+
+def test_lerobot_package_under_another_name_is_rejected(tmp_path: Path) -> None:
+    done = rig("new", "lerobot", tmp_path / "my_gel")
+    assert done.returncode == 2
+    assert "has to begin with lerobot_camera_" in done.stderr

@@ -23,6 +23,7 @@ from rig.sessions.records import FinishedLift
 LIFT = {"number": 3, "attempt": 0, "object": "t1", "name": "wrench", "lift": 2, "sender": 7}
 FIGURES = {
     "time_ns": 5, "phase": "B", "estimate": [(4, -3.0, 0.2), (5, -3.14, 0.2)], "truth": [(5, -3.06)],
+    "slip": False,
     "rates_hz": {"D1": 60.0, "D2": 59.5, "camera": None}, "dropped": {"D1": 0, "D2": 2, "camera": 1},
 }  # fmt: skip
 
@@ -116,7 +117,7 @@ def test_the_viewer_is_found_though_the_environment_is_not_activated(monkeypatch
 
 def test_the_viewer_s_parts_say_that_they_are_simulated() -> None:
     pytest.importorskip("rerun", reason="the live view's library is not installed: extra 'live'")
-    from rig.live.viewer import layout
+    from rig.live.rerun import layout
 
     def names(part: Any) -> list[str]:
         own = [part.name] if getattr(part, "name", None) else []
@@ -188,11 +189,11 @@ def test_impossible_viewer_is_rejected_first(tmp_path: Path, monkeypatch: pytest
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
     with pytest.raises(InputError, match="choose one"):
         check_viewer(True, tmp_path / "x.rrd")
-    monkeypatch.setattr("rig.live.session.find_spec", lambda _: object())
+    monkeypatch.setattr("rig.config.extras.find_spec", lambda _: object())
     with pytest.raises(InputError, match="no display"):
         check_viewer(True, None)
     with pytest.raises(InputError, match="no folder"):
         check_viewer(False, tmp_path / "nowhere" / "x.rrd")
-    monkeypatch.setattr("rig.live.session.find_spec", lambda _: None)
+    monkeypatch.setattr("rig.config.extras.find_spec", lambda _: None)
     with pytest.raises(InputError, match=r"\[live\]"):
         check_viewer(False, tmp_path / "x.rrd")

@@ -1,0 +1,14 @@
+"""Packages that only some commands need: extras of this package."""
+
+from importlib.util import find_spec
+
+from drivers.errors import InputError
+
+
+def require_extra(module: str, extra: str, needs: str) -> None:
+    """Raise `InputError` with the command that installs an extra if its module is missing.
+
+    needs: the beginning of the message, as "ROS bags need".
+    """
+    if find_spec(module) is None:
+        raise InputError(f'{needs} {module}: pip install "visuotactile-slip-rig[{extra}]"')

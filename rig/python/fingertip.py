@@ -1,0 +1,182 @@
+"""A tactile sensor of a bench, read and estimated in a thread: for programs with a loop of their own."""
+
+import threading
+from contextlib import ExitStack
+from dataclasses import dataclass
+
+from drivers.bench import Fingertip
+from drivers.clock import NS_PER_S, Clock
+from drivers.errors import DeviceError, DeviceTimeoutError, InputError, NotConnectedError, StaleFrameError
+from drivers.types import Frame
+from rig.bench.source import unconnected_bench
+from rig.config import load_bench
+from rig.tactile.contact.background import mean_background
+from rig.tactile.estimators import DEFAULT_ESTIMATOR, EstimatorChoice
+from rig.tactile.sample import SlipSample, State, TactileEstimator
+
+BACKGROUND_FRAMES = 10
+"""Frames after connecting whose mean is the background."""
+LATE_NS = NS_PER_S // 10
+FRAME_S, STOP_S = 2.0, 5.0
+"""Longest wait for a frame, and for the thread to end."""
+
+
+@dataclass(frozen=True, slots=True)
+class FingertipAngle:
+    """The turn of the object since the contact began, by one fingertip.
+
+    angle_deg: degrees, with the fingertip's sign applied: counter-clockwise as the bench's camera sees it.
+    sigma_deg: its standard deviation. Both are None where unknown. state: of the estimator, as "tracking".
+    """
+
+    angle_deg: float | None = None
+    sigma_deg: float | None = None
+    state: str = State.NO_CONTACT.value
+
+
+class LiveFingertip:
+    """A tactile sensor of a bench file; no other device of the bench is connected.
+
+    bench: as for `--bench`. finger: as in the bench file. estimator: a name, None if no angle is wanted.
+    Raises `InputError` for an invalid bench or a finger without a sensor.
+    """
+
+    def __init__(self, bench: str, finger: str, estimator: str | None = DEFAULT_ESTIMATOR) -> None:
+        self._bench = load_bench(bench)
+        sensors = {sensor.finger: sensor for sensor in self._bench.tactile}
+        if finger not in sensors:
+            raise InputError(
+                f"bench '{bench}' has no sensor on finger '{finger}', only on {', '.join(sensors)}"
+            )
+        self.serial, self.rate_hz = sensors[finger].serial, sensors[finger].rate_hz
+        self.size_px = sensors[finger].size_px
+        self._finger, self._estimator = finger, estimator
+        self._opened: ExitStack | None = None
+        self._changed = threading.Condition()
+        self._frame: Frame | None = None
+        self._unread = False
+        self._failure: DeviceError | None = None
+        self._angle = FingertipAngle()
+
+    @property
+    def connected(self) -> bool:
+        """Whether it is between `connect` and `disconnect`."""
+        return self._opened is not None
+
+    def connect(self) -> None:
+        """Open the sensor. Nothing may touch the gel: the first frames are the estimator's background.
+
+        Raises `DeviceError` if the sensor cannot be opened or gives no frames, `EstimatorError`.
+        """
+        self.disconnect()
+        self._frame, self._unread, self._failure, self._angle = None, False, None, FingertipAngle()
+        with ExitStack() as stack:
+            bench = stack.enter_context(unconnected_bench(self._bench))
+            tip = next(tip for tip in bench.fingertips if tip.finger == self._finger)
+            self._clock: Clock = bench.clock
+            stack.callback(tip.sensor.disconnect)
+            tip.sensor.connect()
+            untouched = mean_background(
+                [tip.sensor.next_frame(FRAME_S).image for _ in range(BACKGROUND_FRAMES)]
+            )
+            stopping = threading.Event()
+            work = [threading.Thread(target=self._read, args=(tip, stopping), daemon=True)]
+            if self._estimator is not None:
+                choice = EstimatorChoice(self._estimator, window=1)
+                choice.try_making()
+                estimator = choice.make(untouched, sign=tip.sign)
+                estimate = threading.Thread(
+                    target=self._estimate, args=(estimator, tip.sign, stopping), daemon=True
+                )
+                work.append(estimate)
+            for thread in work:
+                stack.callback(thread.join, STOP_S)
+            stack.callback(stopping.set)
+            for thread in work:
+                thread.start()
+            with self._changed:
+                self._changed.wait_for(lambda: self._frame is not None or self._failure is not None, FRAME_S)
+            self._opened = stack.pop_all()
+
+    def disconnect(self) -> None:
+        """Stop reading and let the sensor go. Safe to call twice."""
+        opened, self._opened = self._opened, None
+        if opened is not None:
+            opened.close()
+
+    def newest(self, max_age_s: float) -> Frame:
+        """Return the newest frame, returned before or not. Raises `StaleFrameError` if it is older."""
+        with self._changed:
+            self._require_running()
+            if self._frame is None or self._clock.now_ns() - self._frame.time_ns > max_age_s * NS_PER_S:
+                raise StaleFrameError(f"{self.serial}: no frame of the last {max_age_s:.3g} s")
+            self._unread = False
+            return self._frame
+
+    def next(self, timeout_s: float) -> Frame:
+        """Return the newest frame that was not returned yet; wait for it if necessary.
+
+        Raises `DeviceTimeoutError` if none comes in time.
+        """
+        with self._changed:
+            self._changed.wait_for(lambda: self._unread or self._failure is not None, timeout_s)
+            self._require_running()
+            if self._frame is None or not self._unread:
+                raise DeviceTimeoutError(f"{self.serial}: no new frame within {timeout_s:.3g} s")
+            self._unread = False
+            return self._frame
+
+    def angle(self) -> FingertipAngle:
+        """Return the newest angle, 0 at the beginning of each contact."""
+        with self._changed:
+            self._require_running()
+            return self._angle
+
+    def _require_running(self) -> None:
+        """Raise `NotConnectedError` before `connect`, and the sensor's `DeviceError` after a failure."""
+        if self._opened is None:
+            raise NotConnectedError(f"{self.serial}: read before connect; connect the fingertip first")
+        if self._failure is not None:
+            raise self._failure
+
+    def _read(self, tip: Fingertip, stopping: threading.Event) -> None:
+        """Read each frame until stopped or the sensor fails; skip the backlog if reading is late."""
+        while not stopping.is_set():
+            try:
+                frame = tip.sensor.next_frame(FRAME_S)
+                if self._clock.now_ns() - frame.time_ns > LATE_NS:
+                    frame = tip.sensor.newest_frame(FRAME_S)
+            except DeviceError as error:
+                with self._changed:
+                    self._failure = error
+                    self._changed.notify_all()
+                return
+            with self._changed:
+                self._frame, self._unread = frame, True
+                self._changed.notify_all()
+
+    def _estimate(self, estimator: TactileEstimator, sign: int, stopping: threading.Event) -> None:
+        """Estimate from the newest frame until stopped; frames are left out if the estimator is slower."""
+        zero: SlipSample | None = None
+        done: Frame | None = None
+        while not stopping.is_set():
+            with self._changed:
+                self._changed.wait_for(lambda done=done: self._frame is not done, FRAME_S / 10)
+                frame = self._frame
+            if frame is None or frame is done:
+                continue
+            done = frame
+            sample = estimator.update(frame.image, frame.time_ns)
+            if sample.state == State.NO_CONTACT:
+                zero = None
+            elif zero is None and sample.angle_deg is not None:
+                zero = sample
+            with self._changed:
+                self._angle = _since(zero, sample, sign)
+
+
+def _since(zero: SlipSample | None, sample: SlipSample, sign: int) -> FingertipAngle:
+    if zero is None or zero.angle_deg is None or sample.angle_deg is None:
+        return FingertipAngle(state=sample.state.value)
+    turn = sign * (sample.angle_deg - zero.angle_deg)
+    return FingertipAngle(turn, sample.sigma_since(zero), sample.state.value)

@@ -10,7 +10,7 @@ FILES = (
     ("compare", "a", "b", "--out"), ("report", "s", "--out"), ("play", "s", "--lift", "1", "--out"),
     ("calibrate", "board", "--out"), ("model", "import", "x.pth", "--out"), ("fakes", "serve", "--write"),
     ("benchmark", "clips", "c", "--readme"), ("benchmark", "safety", "--readme"),
-    ("benchmark", "estimators", "--readme"), ("benchmark", "wire", "--live-to"),
+    ("benchmark", "estimators", "--readme"),
     ("trial", "--live-to"),
 )  # fmt: skip
 FOLDERS = (

@@ -258,7 +258,7 @@ def test_command_that_needs_more_says_what_and_what_works(
     assert shown.returncode == 2
     assert needs in shown.stderr
     assert shown.stderr.strip().endswith(
-        "Without, these work: rig doctor, rig record --by hand, rig calibrate tactile"
+        "Without, these work: rig doctor, rig live, rig record --by hand, rig calibrate tactile"
     )
 
 

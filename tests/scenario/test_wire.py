@@ -4,7 +4,6 @@ import json
 import signal
 import subprocess
 import sys
-from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
@@ -13,7 +12,6 @@ from rig.benchmark.wire.fault_cases import CASES
 from rig.benchmark.wire.fault_lifts import MID_LIFT, run_faults
 from rig.benchmark.wire.lift import judge_wire, measure_wire
 from rig.config import BenchConfig
-from rig.live.session import viewer_feed
 from rig.sessions.manifest import TrialManifest, read_manifest_of
 from rig.sessions.rows import read_finished_lifts
 from support.benches import lighter
@@ -25,14 +23,11 @@ SOME = ("gripper: power lost", "fingertip: unplugged")
 pytestmark = pytest.mark.real_time
 
 
-def test_watched_wire_lift_agrees_with_the_in_process_bench_and_loses_no_frame(
+def test_wire_lift_agrees_with_the_in_process_bench_and_loses_no_frame(
     tmp_path: Path, unhurried_bench: BenchConfig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("rig.benchmark.wire.lift.load_bench", lighter)  # of the seeds' lifts
-    shown = tmp_path / "lift.rrd" if find_spec("rerun") else None
-    with viewer_feed(shown) as feed:
-        report = measure_wire(tmp_path / "s", "t1", seeds=2, live=feed, bench=unhurried_bench)
-    assert shown is None or shown.stat().st_size > 100_000
+    report = measure_wire(tmp_path / "s", "t1", seeds=2, bench=unhurried_bench)
     assert judge_wire(report)[0].met, report.streams
     assert {stream.serial for stream in report.streams} == {"SIM-D0001", "SIM-D0002", "SIM-C0001"}
     assert min(stream.recorded for stream in report.streams) > 100

@@ -122,6 +122,9 @@ def test_a_client_that_connects_gets_the_messages() -> None:
         while True:
             data = await client.read_message()
             if isinstance(data, bytes):
+                client.close()
+                while await client.read_message() is not None:
+                    pass
                 return json.loads(data[13:])
             for channel in json.loads(data).get("channels", ()):
                 if channel["topic"] == "/angle/estimate":

@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from drivers.errors import InputError
-from rig.frames import ros_bags
 from rig.frames.ros_bags import ENCODINGS, bag_images
 from rig.frames.series import read_frames
 from support.fuzz import answered, changed, fuzzed
@@ -140,7 +139,7 @@ def test_missing_rosbags_is_named_with_the_command_that_installs_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = write_bag(tmp_path / "bag", {TOPIC: FRAMES})
-    monkeypatch.setattr(ros_bags, "find_spec", lambda name: None)
+    monkeypatch.setattr("rig.config.extras.find_spec", lambda name: None)
     with pytest.raises(InputError, match=r'pip install "visuotactile-slip-rig\[ros2\]"'):
         read_frames(path)
 

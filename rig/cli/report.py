@@ -6,7 +6,7 @@ from pathlib import Path
 from rig.cli.common import print_result, say
 from rig.cli.declared import argument, option
 from rig.cli.options import JsonOption
-from rig.cli.places import file_place
+from rig.cli.places import file_place, folder_place
 from rig.live.onlookers import report_written
 from rig.live.screen import begin_phase
 
@@ -47,6 +47,11 @@ class ReportOptions:
     picture: Path | None = option(
         None, "Also a .png of the page's top, as Chromium shows it.", callback=file_place
     )
+    figures: Path | None = option(
+        None,
+        "Folder for each figure as .pdf, .svg and .png, 88.9 mm wide, and the table as .tex and .csv.",
+        callback=folder_place,
+    )
     json: JsonOption = False
 
 
@@ -71,6 +76,8 @@ def report(options: ReportOptions) -> None:
 
       rig report sessions/old_trial --picture trial.png
 
+      rig report sessions/old_trial --figures paper/figures
+
     """
     from rig.report.picture import picture_of, require_picture
     from rig.report.write import write_report
@@ -78,7 +85,7 @@ def report(options: ReportOptions) -> None:
     if options.picture is not None:
         require_picture(options.picture)
     begin_phase("writing the report")
-    written = write_report(options.sources, options.out, options.beside)
+    written = write_report(options.sources, options.out, options.beside, options.figures)
     if options.picture is not None:
         picture_of(written.path, options.picture)
     for problem in written.problems:

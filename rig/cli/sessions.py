@@ -49,6 +49,10 @@ class ListOptions:
     wear: Path | None = option(
         None, "Also write a page of noise, contact and error over time.", callback=file_place
     )
+    page: Path | None = option(
+        None, "Also write a page of them: search, filters, MARE over time, links to reports.",
+        callback=file_place,
+    )  # fmt: skip
     json: JsonOption = False
 
 
@@ -68,6 +72,8 @@ def sessions(options: ListOptions) -> None:
 
       rig sessions --tag gel-7 --wear gel-7.html
 
+      rig sessions /data/2026 --page sessions.html
+
     """
     from rig.live.tables import table_console
 
@@ -81,9 +87,15 @@ def sessions(options: ListOptions) -> None:
         if entry.problem:
             console.print(f"broken: {entry.problem}", highlight=False, soft_wrap=True)
     page = None if options.wear is None else _wear_page(entries, options.wear)
+    if options.page is not None:
+        from rig.report.sessions_page import write_sessions
+
+        write_sessions(options.page, folder, entries, _columns(entries))
+        say(f"page: {options.page}")
     if options.json:
         listed = {"folder": str(folder), "sessions": [entry.as_json() for entry in entries]}
-        emit_json({**listed, "wear": page} if page else listed)
+        pages = {"wear": page, "page": options.page and str(options.page)}
+        emit_json({**listed, **{name: path for name, path in pages.items() if path}})
     broken = sum(entry.state == "broken" for entry in entries)
     if options.check and broken:
         raise SessionError(
@@ -142,8 +154,8 @@ def _wear_page(entries: "list[SessionEntry]", page: Path) -> str:
     return str(written.path)
 
 
-def _table(folder: Path, entries: "list[SessionEntry]") -> "Table":
-    from rig.live.tables import console_table
+def _columns(entries: "list[SessionEntry]") -> dict[str, list[str]]:
+    """Return the texts of the listing by heading; without remarks that no session has."""
     from rig.results.metrics import mare_text
 
     columns: dict[str, Callable[[SessionEntry], str]] = {
@@ -160,9 +172,14 @@ def _table(folder: Path, entries: "list[SessionEntry]") -> "Table":
         "MB": lambda entry: f"{entry.size_bytes / MB:.1f}",
         "state": lambda entry: entry.state.value,
     }
-    unused = [name for name in ("name", "tags", "operator") if not any(map(columns[name], entries))]
-    names = [name for name in columns if name not in unused]
-    rows = [[columns[name](entry) for name in names] for entry in entries]
-    left = [i for i, name in enumerate(names) if name not in ("done", "MB")]
+    found = {name: [text(entry) for entry in entries] for name, text in columns.items()}
+    return {n: texts for n, texts in found.items() if any(texts) or n not in ("name", "tags", "operator")}
+
+
+def _table(folder: Path, entries: "list[SessionEntry]") -> "Table":
+    from rig.live.tables import console_table
+
+    columns = _columns(entries)
+    left = [i for i, name in enumerate(columns) if name not in ("done", "MB")]
     title = f"sessions in {folder}; MARE over phases B and C, degrees"
-    return console_table(names, rows, left, title)
+    return console_table(list(columns), list(map(list, zip(*columns.values(), strict=True))), left, title)

@@ -16,7 +16,12 @@ import matplotlib as mpl
 import numpy as np
 from markupsafe import Markup
 from matplotlib.axes import Axes
+from matplotlib.collections import Collection, PathCollection
 from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from matplotlib.text import Text
 from numpy.typing import NDArray
 
 from rig.pages.palette import INK, LINE, MUTED, PAPER, by_light_hex
@@ -59,6 +64,30 @@ _STYLE: dict[Any, Any] = {
     "path.simplify_threshold": 0.3,
 }
 _number = count()
+COLUMN_IN = 88.9 / 25.4
+"""Width of a column of a paper in IEEE's format, 88.9 mm."""
+_NO_DATE: dict[str, None] = {"CreationDate": None, "Creator": None, "Producer": None}
+_PAPER: dict[str, dict[str, Any]] = {
+    "pdf": {"metadata": _NO_DATE},
+    "svg": {"metadata": {"Date": None, "Creator": None}},
+    "png": {"dpi": 600, "facecolor": PAPER.light, "metadata": {"Software": None}},
+}
+"""How a figure for a paper is saved, by format; the same bytes each time."""
+_TICKS = ("xtick.labelsize", "xtick.major.pad", "xtick.major.size")
+_PAD_IN = 0.04167
+"""Matplotlib's own margin around arranged axes."""
+
+
+@contextmanager
+def _styled() -> Iterator[None]:
+    """Draw in the pages' style.
+
+    A character that matplotlib's font lacks (in a name, for example) causes no warning: text stays text in
+    SVG, and the browser has the character.
+    """
+    with mpl.rc_context(_STYLE), warnings.catch_warnings():
+        warnings.filterwarnings("ignore", r"Glyph \d+ .* missing from font")
+        yield
 
 
 @contextmanager
@@ -66,11 +95,8 @@ def drawing(height_px: float, width_px: float = WIDTH_PX, arranged: bool = True)
     """Give an empty figure of this size in CSS pixels, in the pages' style.
 
     arranged: find room for all labels, which takes as long as drawing; else the caller places its axes.
-    A character that matplotlib's font lacks (in a name, for example) causes no warning: text stays text in
-    SVG, and the browser has the character.
     """
-    with mpl.rc_context(_STYLE), warnings.catch_warnings():
-        warnings.filterwarnings("ignore", r"Glyph \d+ .* missing from font")
+    with _styled():
         size = (width_px / PX_PER_INCH, height_px / PX_PER_INCH)
         yield Figure(figsize=size, layout="constrained" if arranged else None)
 
@@ -103,7 +129,7 @@ def band(axes: Axes, x: Floats, middle: Floats, half: Floats, colour: str) -> No
 def svg(figure: Figure, alt: str) -> Markup:
     """Return a figure as inline SVG whose colours are the page's. alt: what it shows, for screen readers."""
     buffer = io.StringIO()
-    with mpl.rc_context(_STYLE):
+    with _styled():
         figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None, "Type": None})
     text = buffer.getvalue()
     text = text[text.index("<svg") :].replace("\n", " ")
@@ -120,9 +146,47 @@ def svg(figure: Figure, alt: str) -> Markup:
 def png(figure: Figure, dpi: float) -> bytes:
     """Return a figure as PNG on white paper."""
     buffer = io.BytesIO()
-    with mpl.rc_context(_STYLE):
+    with _styled():
         figure.savefig(buffer, format="png", dpi=dpi, facecolor=PAPER.light, metadata={"Software": None})
     return buffer.getvalue()
+
+
+def column_files(figure: Figure) -> dict[str, bytes]:
+    """Return a figure at the width of a paper's column as PDF, SVG and PNG, by ending.
+
+    The figure is scaled as a whole, labels and lines with it, and keeps that size.
+    """
+    _scale(figure, COLUMN_IN / float(figure.get_size_inches()[0]))
+    found = {}
+    with _styled(), mpl.rc_context({"svg.fonttype": "path", "pdf.fonttype": 42}):
+        for kind, values in _PAPER.items():
+            buffer = io.BytesIO()
+            figure.savefig(buffer, format=kind, **values)
+            found[kind] = buffer.getvalue()
+    return found
+
+
+def _scale(figure: Figure, factor: float) -> None:
+    figure.set_size_inches(*(figure.get_size_inches() * factor))
+    layout = figure.get_layout_engine()
+    if isinstance(layout, ConstrainedLayoutEngine):
+        layout.set(w_pad=_PAD_IN * factor, h_pad=_PAD_IN * factor)
+    for artist in figure.findobj():
+        if isinstance(artist, Text):
+            artist.set_fontsize(float(artist.get_fontsize()) * factor)
+        elif isinstance(artist, Line2D):
+            artist.set_markersize(artist.get_markersize() * factor)
+            artist.set_linewidth(artist.get_linewidth() * factor)
+        elif isinstance(artist, Patch):
+            artist.set_linewidth(artist.get_linewidth() * factor)
+        elif isinstance(artist, Collection):
+            artist.set_urls([])  # places in the page
+            if isinstance(artist, PathCollection):
+                artist.set_sizes(artist.get_sizes() * factor**2)
+            artist.set_linewidth([float(width) * factor for width in np.ravel(artist.get_linewidth())])
+    for axes in figure.axes:  # labels of ticks, also of those that are made later
+        size, pad, length = (factor * float(_STYLE.get(key, mpl.rcParams[key])) for key in _TICKS)
+        axes.tick_params(which="both", labelsize=size, pad=pad, length=length)
 
 
 def legend_above(axes: Axes, columns: int = 3) -> None:
@@ -146,6 +210,6 @@ _TAG, _DIGITS = re.compile(r"<[^>]+>"), re.compile(r"\.(\d\d)\d+")
 
 
 def _own_ids(text: str, prefix: str) -> str:
-    """Make a figure's ids its own: several stand in one page."""
+    """Make a figure's ids its own: several stand in one page. Links to a lift of the page are kept."""
     text = re.sub(r'\bid="', f'id="{prefix}', text)
-    return re.sub(r"(url\(|href=\")#", rf"\1#{prefix}", text)
+    return re.sub(r"(url\(|href=\")#(?!lift-)", rf"\1#{prefix}", text)

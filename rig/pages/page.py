@@ -35,10 +35,15 @@ def render(package: str, template: str, **values: Any) -> str:
         extensions=["jinja2.ext.loopcontrols"],
     )
     environment.filters["data"] = data_uri
-    style = variables() + "\n" + files("rig.pages").joinpath("style.css").read_text(encoding="utf-8")
-    # The style is this package's own text and holds no input.
-    html = environment.get_template(template).render(style=Markup(style), **values)  # noqa: S704
-    return with_contents(html)
+    environment.globals["asset"] = asset
+    environment.policies["json.dumps_kwargs"] = {"separators": (",", ":"), "allow_nan": False}
+    style = Markup(f"{variables()}\n") + asset("style.css")  # noqa: S704 - colours of this package
+    return with_contents(environment.get_template(template).render(style=style, **values))
+
+
+def asset(name: str) -> Markup:
+    """Return a style or program of this package, which holds no input."""
+    return Markup(files("rig.pages").joinpath(name).read_text(encoding="utf-8"))  # noqa: S704
 
 
 def with_contents(html: str) -> str:
@@ -57,6 +62,7 @@ def with_contents(html: str) -> str:
 
 
 def data_uri(image: bytes) -> str:
-    """Return PNG or JPEG bytes as an address that holds the picture itself."""
-    kind = "png" if image.startswith(b"\x89PNG") else "jpeg"
+    """Return PNG, JPEG or WebP bytes as an address that holds the picture itself."""
+    kinds = {b"\x89PNG": "png", b"RIFF": "webp"}
+    kind = kinds.get(image[:4], "jpeg")
     return f"data:image/{kind};base64,{base64.b64encode(image).decode('ascii')}"

@@ -1,16 +1,18 @@
 """The page of a comparison, with its one picture."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from datetime import UTC, datetime
 from textwrap import fill
 
 import numpy as np
 from matplotlib.axes import Axes
 
-from rig.pages.figure import drawing, svg
+from rig.pages.figure import drawing
 from rig.pages.page import render
 from rig.pages.palette import FIRST, INK, MUTED, SECOND, TRUTH
 from rig.report.compare import ERROR, Comparison, Paired, differences, verdict
+from rig.report.explored import explored, pair_panels
 from rig.report.lift_chart import pair_chart
 from rig.report.parts import Chart, Table
 from rig.report.session import object_label
@@ -76,7 +78,7 @@ def difference_chart(comparison: Comparison) -> Chart:
             axes.text(x, 1.01, text, transform=axes.transAxes, ha=side, va="bottom", color=MUTED.light)
         title = "Who is closer to the markers, and where"
         caption = "A dot per lift; the tick is the mean of the differences, the bar its 95 % interval."
-        return Chart(title, svg(figure, f"{title}: {first} and {second}"), caption)
+        return Chart(title, figure, caption, f"{title}: {first} and {second}")
 
 
 def lift_charts(comparison: Comparison) -> list[Chart]:
@@ -93,7 +95,10 @@ def lift_charts(comparison: Comparison) -> list[Chart]:
             + ("no answer" if error is None else f"mean error {error.mean_deg:.2f}\u00b0")
             for name, error in zip(comparison.names, errors, strict=True)
         ]
-        charts.append((rank, pair_chart(first.curves, second.curves, "; ".join(parts))))
+        chart = pair_chart(first.curves, second.curves, "; ".join(parts))
+        panels = pair_panels(comparison.names, first.curves, second.curves)
+        anchor = f"lift-{len(charts) + 1}"
+        charts.append((rank, replace(chart, anchor=anchor, explored=explored(first.curves, panels))))
     return [chart for _, chart in sorted(charts, key=lambda entry: -entry[0])]
 
 

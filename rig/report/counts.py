@@ -6,6 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from rig.report.parts import Table
+from rig.results.metrics import Floats
 from rig.sessions.records import FinishedLift
 from rig.sessions.timing import LiftTiming, StageTimes
 
@@ -47,25 +48,34 @@ def counts_table(rows: Sequence[FinishedLift]) -> Table | None:
     return Table(("source", "frames", "dropped"), cells)
 
 
-def onset_table(rows: Sequence[FinishedLift]) -> Table | None:
-    """How much later than the markers' onset the estimate's, and the event raised in the lift, came."""
-    slips = sum(row.onset_truth_s is not None for row in rows)
-    if not slips:
-        return None
+def onset_delays_ms(rows: Sequence[FinishedLift]) -> dict[str, Floats]:
+    """How much later than the markers' onset the estimate's, and the event raised in the lift, came; (N,)."""
     seen = {
         "estimated curve": [(row.onset_estimate_s, row.onset_truth_s) for row in rows],
         "slip event": [(row.onset_alarm_s, row.onset_truth_s) for row in rows],
     }
+    return {
+        name: np.array([(s - t) * 1e3 for s, t in onsets if s is not None and t is not None], float)
+        for name, onsets in seen.items()
+    }
+
+
+def onset_table(rows: Sequence[FinishedLift]) -> Table | None:
+    """Medians and 90 % ranges of `onset_delays_ms`; None where no markers slipped."""
+    slips = sum(row.onset_truth_s is not None for row in rows)
+    if not slips:
+        return None
+    still = [row for row in rows if row.onset_truth_s is None]
+    unasked = (
+        sum(row.onset_estimate_s is not None for row in still),
+        sum(row.onset_alarm_s is not None for row in still),
+    )
+    cells = []
+    for (name, late_ms), false in zip(onset_delays_ms(rows).items(), unasked, strict=True):
+        spread = [f"{v:+.0f}" for v in np.percentile(late_ms, [50, 5, 95])] if late_ms.size else ["-"] * 3
+        cells.append([name, f"{late_ms.size} of {slips}", *spread, str(false)])
     columns = ("onset by", "slips seen", "median, ms", "5 %, ms", "95 %, ms", "in lifts without a slip")
-    return Table(columns, [_onset_cells(name, onsets, slips) for name, onsets in seen.items()])
-
-
-def _onset_cells(name: str, onsets: list[tuple[float | None, float | None]], slips: int) -> list[str]:
-    """onsets: seen and true, s since the start of phase B, None where there is none."""
-    late_ms = [(seen - true) * 1e3 for seen, true in onsets if seen is not None and true is not None]
-    spread = [f"{v:+.0f}" for v in np.percentile(late_ms, [50, 5, 95])] if late_ms else ["-"] * 3
-    unasked = sum(seen is not None and true is None for seen, true in onsets)
-    return [name, f"{len(late_ms)} of {slips}", *spread, str(unasked)]
+    return Table(columns, cells)
 
 
 def state_table(rows: Sequence[FinishedLift]) -> Table | None:

@@ -1,5 +1,6 @@
 """The report of lifts that come as plain tables: old data, or somebody else's."""
 
+from dataclasses import replace
 from datetime import UTC, datetime
 
 import numpy as np
@@ -9,8 +10,9 @@ from rig.pages.page import render
 from rig.report.coverage import sigma_notices
 from rig.report.csv_lifts import CsvLift, Tables
 from rig.report.curves import signed_errors
+from rig.report.explored import angle_panels, explored
 from rig.report.lift_chart import key, lift_chart
-from rig.report.parts import Chart, Notice, Table
+from rig.report.parts import Chart, Notice, ReportPage, Table, linked
 from rig.report.text import angle_text, made_text, mare_tile
 from rig.report.trial_charts import (
     boxes,
@@ -22,31 +24,38 @@ from rig.report.trial_charts import (
 from rig.results.metrics import FEWEST_LIFTS, INTERVAL, Mare, mare_of, mare_text
 
 
-def curves_page(tables: Tables) -> str:
+def curves_page(tables: Tables) -> ReportPage:
     """Return the report of such lifts as one HTML page."""
     value = mare_of(lift.errors for lift in tables.lifts)
-    return render(
+    charts, table = _charts(tables), _table(tables, value)
+    lifts = [_chart_of_lift(number, lift) for number, lift in enumerate(tables.lifts, start=1)]
+    page = render(
         "rig.report",
         "curves.html",
         tiles=_tiles(tables, value),
         warnings=_notices(tables),
-        table=_table(tables, value),
-        charts=_charts(tables),
-        lifts=[lift_chart(lift.curves, _caption(lift)) for lift in tables.lifts],
+        table=table,
+        charts=charts,
+        lifts=lifts,
         key=key(states=False),
         interval=INTERVAL,
         title=f"Rotation of {counted(len(tables.lifts), 'lift')}",
         made=made_text(datetime.now(UTC)),
     )
+    return ReportPage(page, [*charts, *lifts], table)
+
+
+def _chart_of_lift(number: int, lift: CsvLift) -> Chart:
+    data = explored(lift.curves, angle_panels(lift.curves))
+    return replace(lift_chart(lift.curves, _caption(lift)), anchor=f"lift-{number}", explored=data)
 
 
 def _charts(tables: Tables) -> list[Chart]:
     curves = [lift.curves for lift in tables.lifts]
     errors = {lift.curves.name: np.abs(signed_errors(lift.curves)) for lift in tables.lifts}
     finals = [
-        (lift.final_estimate_deg, lift.final_truth_deg)
-        for lift in tables.lifts
-        if lift.final_estimate_deg is not None and lift.final_truth_deg is not None
+        (lift.final_estimate_deg, lift.final_truth_deg, f"lift-{number}")
+        for number, lift in enumerate(tables.lifts, start=1)
     ]
     charts = [
         boxes(
@@ -73,7 +82,7 @@ def _tiles(tables: Tables, value: Mare | None) -> list[tuple[str, str]]:
 def _table(tables: Tables, value: Mare | None) -> Table:
     rows = [
         [
-            lift.curves.name,
+            linked(lift.curves.name, {lift.curves.name: f"lift-{number}"}),
             f"{lift.errors.mean_deg:.2f} ± {lift.errors.std_deg:.2f}" if lift.errors else "no answer",
             f"{lift.errors.max_deg:.1f}" if lift.errors else "",
             angle_text(lift.final_estimate_deg),
@@ -82,14 +91,14 @@ def _table(tables: Tables, value: Mare | None) -> Table:
             f"{_answered(lift):.0%}",
             f"{np.ptp(lift.curves.truth.time_s):.2f}",
         ]
-        for lift in tables.lifts
+        for number, lift in enumerate(tables.lifts, start=1)
     ]
     rows.append(["all", mare_text(value), "", "", "", "", "", ""])
     columns = (
         "lift", "mean error, °", "largest, °", "final estimate", "final reference",
         "onset after the first row, s", "answered", "duration, s",
     )  # fmt: skip
-    return Table(columns, rows, total=True)
+    return Table(columns, rows, total=True, filters={1: "least"})
 
 
 def _notices(tables: Tables) -> list[Notice]:

@@ -13,6 +13,8 @@ from rig.report.session import Lift, object_label
 from rig.report.trial_charts import boxes
 from rig.results.metrics import Floats
 
+PAPER_MARE_DEG = 1.85
+"""Castano-Amoros and Gil 2023, Table III: MARE of 45 lifts of its nine objects."""
 SURFACES = ("edge", "flat", "cylinder", "ball")
 
 
@@ -32,7 +34,10 @@ def object_chart(lifts: Sequence[Lift]) -> Chart:
     return boxes(
         errors_by(lifts, lambda lift: object_label(lift.row)),
         "Rotational error per object",
-        "All frames of phase B, as in the paper's figure: median, quartiles, whiskers from least to most.",
+        "All frames of phase B, as in the paper's figure: median, quartiles, whiskers from least to most. "
+        f"Dashed: {PAPER_MARE_DEG}°, the paper's mean over all objects on its real bench; it prints no "
+        "number per object.",
+        mark=PAPER_MARE_DEG,
     )
 
 

@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from rig.pages.figure import PX_PER_INCH, WIDTH_PX, band, drawing, limits, placed, svg
+from rig.pages.figure import PX_PER_INCH, WIDTH_PX, band, drawing, limits, placed
 from rig.pages.palette import ESTIMATE, FIRST, INK, MUTED, PHASE, SECOND, STATES, TRUTH
 from rig.report.curves import Curve, LiftCurves
 from rig.report.parts import Chart
@@ -34,7 +34,7 @@ def lift_chart(
     with drawing(height_px, width_px, arranged=False) as figure:
         draw_lift(figure, lift)
         what = "estimated and marker angle" if lift.truth.time_s.size else "estimated angle"
-        return Chart(lift.name, svg(figure, f"{lift.name}: {what} over time"), caption)
+        return Chart(lift.name, figure, caption, f"{lift.name}: {what} over time")
 
 
 def pair_chart(first: LiftCurves, second: LiftCurves, caption: str) -> Chart:
@@ -56,7 +56,7 @@ def pair_chart(first: LiftCurves, second: LiftCurves, caption: str) -> Chart:
         axes.set_ylabel("angle, degrees")
         axes.yaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]))
         axes.set_xlabel(first.time_label, labelpad=1.0)
-        return Chart(first.name, svg(figure, f"{first.name}: both estimates and the marker angle"), caption)
+        return Chart(first.name, figure, caption, f"{first.name}: both estimates and the marker angle")
 
 
 def draw_lift(figure: Figure, lift: LiftCurves, until_s: float = np.inf) -> Axes:

@@ -1,9 +1,14 @@
 """What pages are made of: notices, charts and tables."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
 
-from markupsafe import Markup
+from markupsafe import Markup, escape
+from matplotlib.figure import Figure
+
+from rig.pages.figure import svg
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,21 +25,49 @@ class Notice:
 
 @dataclass(frozen=True, slots=True)
 class Chart:
-    """A figure with its title and what it shows."""
+    """A figure with its title and what it shows.
+
+    alt: for screen readers, default the title. anchor: its id in the page, "" without one. explored: what the
+    page's program shows instead where JavaScript runs, see `rig.report.explored`.
+    """
 
     title: str
-    svg: Markup
+    figure: Figure
     caption: str
+    alt: str = ""
+    anchor: str = ""
+    explored: Mapping[str, Any] | None = None
+
+    @property
+    def svg(self) -> Markup:
+        """The figure as inline SVG."""
+        return svg(self.figure, self.alt or self.title)
 
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """A table of ready text. text: columns that hold words; total: whether the last row sums up."""
+    """A table of ready text.
+
+    text: columns that hold words. total: whether the last row sums up. filters: columns that the reader
+    filters by where JavaScript runs, "choose" one of the values or give the "least" number; with one the
+    columns also sort.
+    """
 
     columns: Sequence[str]
     rows: Sequence[Sequence[str]]
     text: Sequence[int] = (0,)
     total: bool = False
+    filters: Mapping[int, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class ReportPage:
+    """A page, and its figures and main table for a paper. simulated: whether the lifts are."""
+
+    html: str
+    charts: Sequence[Chart] = ()
+    table: Table | None = None
+    simulated: bool = False
 
 
 def joined(items: Sequence[str], most: int = 4) -> str:
@@ -43,3 +76,13 @@ def joined(items: Sequence[str], most: int = 4) -> str:
     if len(items) > most:
         shown.append(f"{len(items) - most} more")
     return shown[0] if len(shown) == 1 else ", ".join(shown[:-1]) + f" and {shown[-1]}" if shown else ""
+
+
+def linked(text: str, anchors: Mapping[str, str]) -> Markup:
+    """Return a text as HTML, with each name of a lift in it as a link. anchors: ids in the page, by name."""
+    if not anchors:
+        return escape(text)
+    names = "|".join(map(re.escape, sorted(anchors, key=len, reverse=True)))
+    link = Markup('<a href="#{}">{}</a>')
+    parts = re.split(rf"({names})(?!\d)", text)
+    return Markup("").join(link.format(anchors[part], part) if part in anchors else part for part in parts)

@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.patheffects import Normal, Stroke
 from numpy.typing import NDArray
 
-from rig.pages.figure import drawing, legend_above, svg
+from rig.pages.figure import drawing, legend_above
 from rig.pages.palette import FIRST, INK, SECOND
 from rig.report.parts import Chart
 from rig.report.recording import Taken
@@ -41,7 +41,7 @@ def place_map(serial: str, taken: Sequence[Taken]) -> Chart:
         axes.grid(False)
         title = f"Where contacts fell on {serial}"
         caption = "Dots: centres of the contacts; strokes: their long axes; round ones have none."
-        return Chart(title, svg(figure, title), caption)
+        return Chart(title, figure, caption)
 
 
 def axis_histogram(by_serial: dict[str, list[Taken]]) -> Chart:
@@ -65,7 +65,7 @@ def axis_histogram(by_serial: dict[str, list[Taken]]) -> Chart:
         caption = (
             "Counter-clockwise from the image's x; -90 and 90 are the same axis. Without round contacts."
         )
-        return Chart(title, svg(figure, title), caption)
+        return Chart(title, figure, caption)
 
 
 def share_touched(taken: Sequence[Taken]) -> NDArray[np.float64]:

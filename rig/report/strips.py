@@ -4,6 +4,7 @@ Gaps of a recording are passed over: `rig.report.session` names them, once for e
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -13,20 +14,22 @@ from numpy.typing import NDArray
 
 from drivers.clock import NS_PER_S
 from drivers.errors import SessionError
-from drivers.images import encode_jpeg
+from drivers.images import decode_stored, encode_jpeg
 from drivers.types import Frame, Image
 from rig.pages.palette import ESTIMATE, TRUTH
 from rig.report.curves import Curve, LiftCurves, truth_at
 from rig.report.text import angle_text
 from rig.results.metrics import Floats
-from rig.sessions.reading import recorded_frames
+from rig.sessions.reading import recorded_frames, recorded_jpeg
+from rig.sessions.recorder import image_topic
+from rig.sessions.recording_file import recorded_messages
 from rig.tactile.contact.background import mean_background
 from rig.tactile.contact.finder import Contact, ContactFinder
 from rig.tactile.paper.axis import ellipse_axis
 
 FRAMES = 6
 JPEG_QUALITY = 85
-CAMERA_LONG_SIDE_PX = 320
+LONG_SIDE_PX = 320
 _WHITE = (255, 255, 255)
 _ARM_SHARE = 0.30
 """Half length of the drawn axes, as a share of the frame's height."""
@@ -56,38 +59,52 @@ class TipFrames:
     frames: tuple[Frame, ...] = ()
 
 
-def strip(path: Path, lift: LiftCurves, zero_ns: int, serial: str, sign: int) -> list[Still]:
-    """Draw a fingertip's frames over a lift: at the zero, through the slip, at the end.
+def pictures(
+    path: Path, lift: LiftCurves, zero_ns: int, serial: str, sign: int | None, times_s: Sequence[float]
+) -> list[tuple[Image, str]]:
+    """Return a source's pictures nearest to some times and what they show; only these are decoded.
 
-    zero_ns: start of phase B by the recording's clock. Raises `SessionError` for a recording
-    without this fingertip's frames.
+    zero_ns: start of phase B by the recording's clock. sign: of a fingertip, into whose pictures the contact
+    and both angles are drawn; None for the camera. Raises `SessionError` for a recording without them.
     """
-    wanted_ns = [zero_ns + round(t * NS_PER_S) for t in moments(lift)]
-    tip = read_tip(path, lift, zero_ns, serial, sign, wanted_ns)
-    stills = []
-    for frame in tip.frames:
-        time_s = (frame.time_ns - zero_ns) / NS_PER_S
-        estimate, truth = angles_at(lift, serial, time_s)
-        picture = drawn(frame.image, tip, estimate, truth)
-        stills.append(still(picture, caption(time_s, estimate, truth)))
-    return stills
+    messages = [
+        (time_ns, data) for _, time_ns, _, data in recorded_messages(path, image_topic(serial), gaps=[])
+    ]
+    grasp_ns = zero_ns + round(lift.phases_s.get("A", 0.0) * NS_PER_S)
+    untouched = [data for time_ns, data in messages if time_ns < grasp_ns]
+    if sign is not None:
+        messages = messages[len(untouched) :]
+    if not messages or (sign is not None and not untouched):
+        raise SessionError(f"{path}: holds no frames of {serial} before and after the grasp")
+
+    def nearest(time_s: float) -> tuple[float, Image]:
+        time_ns, data = min(messages, key=lambda message: abs(message[0] - zero_ns - time_s * NS_PER_S))
+        return (time_ns - zero_ns) / NS_PER_S, decode_stored(recorded_jpeg(data, path))
+
+    tip, found = None, []
+    if sign is not None:
+        finder = ContactFinder(mean_background([decode_stored(recorded_jpeg(d, path)) for d in untouched]))
+        tip = tip_at_zero(serial, sign, finder, nearest(0.0)[1])
+    for time_s in times_s:
+        seen_s, image = nearest(time_s)
+        estimate, truth = angles_at(lift, serial, seen_s)
+        if tip is None:
+            found.append((image, f"{round(seen_s, 2) + 0.0:.2f} s: {angle_text(truth)}"))
+        else:
+            found.append((drawn(image, tip, estimate, truth), caption(seen_s, estimate, truth)))
+    return found
 
 
-def camera_strip(path: Path, lift: LiftCurves, zero_ns: int, serial: str) -> list[Still]:
-    """The camera's pictures at the same moments, smaller. Raises `SessionError` where there are none."""
-    frames = list(recorded_frames(path, serial, gaps=[]))
-    if not frames:
-        raise SessionError(f"{path}: holds no pictures of the camera {serial}")
+def strip(path: Path, lift: LiftCurves, zero_ns: int, serial: str, sign: int | None) -> list[Still]:
+    """Return small pictures of a source over a lift: at the zero, through the slip, at the end.
+
+    Arguments and errors are those of `pictures`.
+    """
     stills = []
-    for time_s in moments(lift):
-        frame = _nearest(frames, zero_ns + round(time_s * NS_PER_S))
-        seen_s = (frame.time_ns - zero_ns) / NS_PER_S
-        scale = min(1.0, CAMERA_LONG_SIDE_PX / max(frame.image.shape[:2]))
-        small = cv2.resize(frame.image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
-        truth = float(truth_at(lift.truth, np.array([seen_s]))[0])
-        stills.append(
-            still(np.asarray(small, np.uint8), f"{round(seen_s, 2) + 0.0:.2f} s: {angle_text(truth)}")
-        )
+    for picture, text in pictures(path, lift, zero_ns, serial, sign, moments(lift)):
+        scale = min(1.0, LONG_SIDE_PX / max(picture.shape[:2]))
+        small = cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+        stills.append(still(np.asarray(small, np.uint8), text))
     return stills
 
 
@@ -110,19 +127,17 @@ def moments(lift: LiftCurves, count: int = FRAMES) -> list[float]:
     return [start, *np.linspace(onset, settled, count - 1)[1:].tolist(), max(end - 0.05, start)]
 
 
-def read_tip(
-    path: Path, lift: LiftCurves, zero_ns: int, serial: str, sign: int, wanted_ns: list[int] | None = None
-) -> TipFrames:
-    """Read a fingertip's frames: those nearest to the wanted times, or all from phase A on."""
+def read_tip(path: Path, lift: LiftCurves, zero_ns: int, serial: str, sign: int) -> TipFrames:
+    """Read a fingertip's frames from phase A on."""
     grasp_ns = zero_ns + round(lift.phases_s.get("A", 0.0) * NS_PER_S)
     frames = list(recorded_frames(path, serial, gaps=[]))
     reference = [f.image for f in frames if f.time_ns < grasp_ns]
     frames = [f for f in frames if f.time_ns >= grasp_ns]
     if not reference or not frames:
         raise SessionError(f"{path}: holds no frames of {serial} before and after the grasp")
+    zero = min(frames, key=lambda frame: abs(frame.time_ns - zero_ns))
     finder = ContactFinder(mean_background(reference))
-    chosen = frames if wanted_ns is None else [_nearest(frames, t) for t in wanted_ns]
-    return replace(tip_at_zero(serial, sign, finder, _nearest(frames, zero_ns).image), frames=tuple(chosen))
+    return replace(tip_at_zero(serial, sign, finder, zero.image), frames=tuple(frames))
 
 
 def tip_at_zero(serial: str, sign: int, finder: ContactFinder, zero: Image | None) -> TipFrames:
@@ -173,10 +188,6 @@ def _axis(
     arm = _ARM_SHARE * picture.shape[0] * np.array([math.cos(turn), -math.sin(turn)])
     ends = [tuple(np.rint(middle + side * arm).astype(int).tolist()) for side in (-1, 1)]
     cv2.line(picture, ends[0], ends[1], colour, thick, cv2.LINE_AA)
-
-
-def _nearest(frames: list[Frame], time_ns: int) -> Frame:
-    return min(frames, key=lambda f: abs(f.time_ns - time_ns))
 
 
 def _value_at(curve: Curve, time_s: float) -> float:

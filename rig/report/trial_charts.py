@@ -6,25 +6,43 @@ from textwrap import fill
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.ticker import MaxNLocator
 
-from rig.pages.figure import drawing, legend_above, svg
-from rig.pages.palette import ESTIMATE, INK, MUTED, TRUTH
+from rig.pages.figure import drawing, legend_above
+from rig.pages.palette import BAD, ESTIMATE, GOOD, INK, MUTED, SECOND, TRUTH
 from rig.report.curves import LiftCurves, rates_deg_s, signed_errors, truth_at
 from rig.report.parts import Chart
 from rig.results.metrics import Floats
+from rig.sessions.records import FinishedLift, LiftOutcome
 
 FEWEST_FRAMES = 30
 """Fewer frames than this make no percentile worth drawing."""
 ANGLE_EDGES_DEG = (0.0, 2.0, 5.0, 10.0, 15.0, 20.0, 30.0, 45.0, 90.0)
 RATE_EDGES_DEG_S = (0.0, 2.0, 5.0, 10.0, 20.0, 40.0, 80.0, 200.0)
+TIME_EDGES_S = (0.0, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 5.0)
+_OUTCOMES = {
+    LiftOutcome.SLIPPED: ESTIMATE,
+    LiftOutcome.HELD: GOOD,
+    LiftOutcome.CAUGHT: SECOND,
+    LiftOutcome.FALLEN: BAD,
+}
 _ROW_PX = 27
 _LABEL_CHARACTERS = 22
 
 
-def boxes(groups: dict[str, Floats], title: str, caption: str, label: str = "|RE|, degrees") -> Chart:
+def boxes(
+    groups: dict[str, Floats],
+    title: str,
+    caption: str,
+    label: str = "|RE|, degrees",
+    least: float | None = 0.0,
+    mark: float | None = None,
+) -> Chart:
     """A box per group from the first to the third quartile, the median, and whiskers to least and most.
 
-    groups: absolute errors (N,) deg by name; empty groups are written, not drawn.
+    groups: values (N,) by name, absolute errors in deg unless `label` says otherwise; empty groups are
+    written, not drawn. least: beginning of the scale, None for that of the values. mark: value at which a
+    dashed line is drawn.
     """
     names = list(groups)
     with drawing(70 + _ROW_PX * max(len(names), 2)) as figure:
@@ -37,10 +55,12 @@ def boxes(groups: dict[str, Floats], title: str, caption: str, label: str = "|RE
                 axes.text(0.0, i, " no answer", va="center", color=MUTED.light)
         axes.set_yticks(range(len(names)), [fill(name, _LABEL_CHARACTERS) for name in names])
         axes.set_ylim(len(names) - 0.4, -0.6)
-        axes.set_xlim(left=0.0)
+        axes.set_xlim(left=least)
+        if mark is not None:
+            axes.axvline(mark, color=TRUTH.light, dashes=(4, 2), zorder=1)
         axes.grid(False, axis="y")
         axes.set_xlabel(label)
-        return Chart(title, svg(figure, title), caption)
+        return Chart(title, figure, caption)
 
 
 def _draw_boxes(axes: Axes, filled: Sequence[tuple[int, Floats]]) -> None:
@@ -60,6 +80,33 @@ def error_against_angle(lifts: Sequence[LiftCurves]) -> Chart:
         lifts, sizes, ANGLE_EDGES_DEG, "Error against angle", "marker angle, degrees",
         "Absolute error by how far the markers had turned since the zero.",
     )  # fmt: skip
+
+
+def error_over_time(lifts: Sequence[LiftCurves]) -> Chart:
+    """Error over the time in a lift."""
+    return _against(
+        lifts, [lift.estimate.time_s for lift in lifts], TIME_EDGES_S, "Error over time",
+        "time from the start of the lift, s", "Absolute error by the time since phase B began.",
+    )  # fmt: skip
+
+
+def grip_chart(rows: Sequence[FinishedLift]) -> Chart | None:
+    """True turn of each lift over its grip, by outcome; None if no lift has a true turn."""
+    known = [(row.grip_counts, abs(row.final_truth_deg), row.outcome) for row in rows if row.final_truth_deg]
+    if not known:
+        return None
+    with drawing(250) as figure:
+        axes = figure.subplots()
+        for (outcome, colour), marker in zip(_OUTCOMES.items(), "osD^", strict=True):
+            own = [(grip, turn) for grip, turn, ended in known if ended is outcome]
+            if own:
+                axes.plot(*zip(*own, strict=True), marker, color=colour.light, markersize=5, alpha=0.75,
+                          label=outcome.value)  # fmt: skip
+        axes.set(xlabel="grip, steps past first contact", ylabel="true turn at the end, degrees")
+        axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+        legend_above(axes, 4)
+        caption = "One sign per lift: how far it had turned at the end, without its direction."
+        return Chart("Grip and outcome", figure, caption)
 
 
 def error_against_rate(lifts: Sequence[LiftCurves]) -> Chart:
@@ -95,7 +142,7 @@ def coverage_chart(lifts: Sequence[LiftCurves]) -> Chart | None:
         legend_above(axes, 2)
         title = "Does sigma cover the error?"
         caption = "Below the dashed line sigma is too small, above it too large. Frames of B and C."
-        return Chart(title, svg(figure, title), caption)
+        return Chart(title, figure, caption)
 
 
 def sigma_ratios(lifts: Sequence[LiftCurves]) -> Floats:
@@ -108,33 +155,28 @@ def sigma_ratios(lifts: Sequence[LiftCurves]) -> Floats:
     return np.concatenate(parts)
 
 
-def finals_chart(pairs: Sequence[tuple[float, float]]) -> Chart | None:
-    """Final estimate against final marker angle of each lift. pairs: (estimate, truth), deg."""
-    if not pairs:
+def finals_chart(lifts: Sequence[tuple[float | None, float | None, str]]) -> Chart | None:
+    """Final estimate against final marker angle, deg, of each lift that has both; last its id in the page."""
+    known = [(estimate, truth, anchor) for estimate, truth, anchor in lifts if None not in (estimate, truth)]
+    if not known:
         return None
-    estimates, truths = np.array(pairs, float).T
+    pairs = np.array([values for *values, _ in known], float)
+    estimates, truths = pairs.T
     with drawing(290) as figure:
         axes = figure.subplots()
         low, high = min(0.0, float(np.min(pairs))), max(0.0, float(np.max(pairs)))
         room = 0.05 * max(high - low, 2.0)
         reach = (low - room, high + room)
         axes.plot(reach, reach, color=TRUTH.light, dashes=(4, 1.2), label="marker angle")
-        axes.plot(
-            truths,
-            estimates,
-            "o",
-            color=ESTIMATE.light,
-            markersize=5,
-            alpha=0.75,
-            label="estimate, one per lift",
-        )
+        axes.scatter(
+            truths, estimates, s=25, color=ESTIMATE.light, alpha=0.75, label="estimate, one per lift",
+            urls=[f"#{anchor}" for _, _, anchor in known],
+        )  # fmt: skip
         axes.set(xlabel="final marker angle, degrees", ylabel="final estimate, degrees", aspect="equal")
         axes.set(xlim=reach, ylim=reach)
         legend_above(axes, 2)
         title = "Where the lifts ended"
-        return Chart(
-            title, svg(figure, title), "Both angles over the last moments of C; on the line they agree."
-        )
+        return Chart(title, figure, "Both angles over the last moments of C; on the line they agree.")
 
 
 def _against(
@@ -156,7 +198,7 @@ def _against(
         axes.set(xlabel=label, ylabel="|RE|, degrees")
         axes.set_ylim(bottom=0.0)
         caption = f"{what} Median with the middle half and the middle 90 % of the frames; their number above."
-        return Chart(title, svg(figure, title), caption)
+        return Chart(title, figure, caption)
 
 
 def _percentiles(axes: Axes, errors: Floats, values: Floats, edges: tuple[float, ...]) -> None:

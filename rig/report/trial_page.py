@@ -1,5 +1,7 @@
 """The report of a trial."""
 
+from collections.abc import Sequence
+from dataclasses import replace
 from datetime import UTC, datetime
 
 import numpy as np
@@ -8,49 +10,62 @@ from drivers.errors import counted
 from rig.pages.page import render
 from rig.report.advice import trial_notices
 from rig.report.calibrations import calibration_table
-from rig.report.counts import counts_table, onset_table, stage_table, state_table
-from rig.report.curves import LiftCurves
+from rig.report.counts import counts_table, onset_delays_ms, onset_table, stage_table, state_table
+from rig.report.curves import LiftCurves, signed_errors
+from rig.report.explored import FILM_BYTES, LEAST_FILM_BYTES, angle_panels, explored, recorded_lift
 from rig.report.groups import object_chart, surface_chart
 from rig.report.header import header
 from rig.report.lift_chart import key, lift_chart
-from rig.report.parts import Chart, Notice, Table
+from rig.report.parts import Chart, Notice, ReportPage, Table, linked
 from rig.report.reacted import beside
 from rig.report.session import UNREADABLE, Lift, Trial, curves_of, object_label
-from rig.report.strips import Still, camera_strip, strip
+from rig.report.strips import Still, strip
 from rig.report.text import made_text, mare_tile
 from rig.report.trial_charts import (
+    boxes,
     coverage_chart,
     error_against_angle,
     error_against_rate,
+    error_over_time,
     finals_chart,
+    grip_chart,
     sigma_ratios,
 )
-from rig.results.metrics import INTERVAL, mare_text
+from rig.results.metrics import INTERVAL, mare_of, mare_text, summarize
 from rig.results.summary import ObjectSummary, TrialSummary, summarize_trial
+from rig.sessions.records import ErrorSummary, FinishedLift
 
 WORST_LIFTS = 3
 
 
-def trial_page(trial: Trial, now: datetime | None = None, other: Trial | None = None) -> str:
+def trial_page(trial: Trial, now: datetime | None = None, other: Trial | None = None) -> ReportPage:
     """Return the report of a trial as one HTML page.
 
     other: the same lifts without a reaction to slip, or with one. Raises `InputError` for any other.
     """
     now = now or datetime.now(UTC)
     summary = summarize_trial(trial.rows)
-    return render(
+    anchors = {lift.name: _anchor(lift) for lift in trial.lifts if lift.curves is not None}
+    charts, lifts = _charts(trial), _charts_of_lifts(trial)
+    objects = object_table(summary) if summary.objects else None
+    page = render(
         "rig.report",
         "trial.html",
         trial=trial,
         manifest=trial.manifest,
         head=header(trial.manifest, "Slip trial"),
         tiles=_tiles(trial, summary),
-        warnings=trial_notices(trial, now),
-        objects=object_table(summary) if summary.objects else None,
+        warnings=[
+            replace(notice, what=linked(notice.what, anchors), advice=linked(notice.advice, anchors))
+            for notice in trial_notices(trial, now)
+        ],
+        objects=objects,
+        fingertips=fingertip_table(trial.lifts) if lifts else None,
         reacted=None if other is None else beside(trial, other),
-        charts=_charts(trial),
+        charts=charts,
         worst=_worst(trial),
-        groups=_by_object(trial),
+        lifts=lifts,
+        lift_table=lift_table(trial.lifts),
         key=key(),
         interval=INTERVAL,
         stages=stage_table(trial.timing),
@@ -60,6 +75,7 @@ def trial_page(trial: Trial, now: datetime | None = None, other: Trial | None = 
         calibrations=calibration_table(trial.manifest, now),
         made=made_text(now),
     )
+    return ReportPage(page, [*charts, *lifts], objects, trial.manifest.simulated)
 
 
 def object_table(summary: TrialSummary) -> Table:
@@ -112,20 +128,48 @@ def _charts(trial: Trial) -> list[Chart]:
     lifts = curves_of(trial.lifts)
     if not lifts:
         return []
-    finals = [
-        (row.final_estimate_deg, row.final_truth_deg)
-        for row in (lift.row for lift in trial.lifts)
-        if row.final_estimate_deg is not None and row.final_truth_deg is not None
-    ]
+    rows = [lift.row for lift in trial.lifts]
+    finals = [(lift.row.final_estimate_deg, lift.row.final_truth_deg, _anchor(lift)) for lift in trial.lifts]
     charts = [
         object_chart(trial.lifts),
         finals_chart(finals),
         coverage_chart(lifts),
+        error_over_time(lifts),
         error_against_angle(lifts),
         error_against_rate(lifts),
+        grip_chart(rows),
+        _onset_chart(rows),
         surface_chart(trial.lifts, trial.manifest.config.objects),
     ]
     return [chart for chart in charts if chart is not None]
+
+
+def _onset_chart(rows: Sequence[FinishedLift]) -> Chart | None:
+    delays = onset_delays_ms(rows)
+    if not any(late_ms.size for late_ms in delays.values()):
+        return None
+    caption = "By how much later than the markers' onset each was seen, over the lifts in which both were."
+    return boxes(delays, "Onset latency", caption, "later than the markers' onset, ms", least=None)
+
+
+def fingertip_table(lifts: Sequence[Lift]) -> Table:
+    """MARE of the fused angle and of each fingertip's own, from the recorded curves."""
+    curves = curves_of(lifts)
+    serials = dict.fromkeys(serial for lift in curves for serial in lift.tips)
+    sources = {"both, fused": curves}
+    sources |= {s: [replace(c, estimate=c.tips[s]) for c in curves if s in c.tips] for s in serials}
+    rows = []
+    for name, own in sources.items():
+        mares = (mare_text(mare_of(_errors(lift, phases) for lift in own)) for phases in ("B", "BC"))
+        known = [np.isfinite(c.estimate.angle_deg[c.within("B", "C")]) for c in own]
+        answered = [frames.mean() for frames in known if frames.size]
+        rows.append([name, *mares, f"{np.mean(answered):.1%}" if answered else "-"])
+    return Table(("angle of", "MARE in B, °", "MARE in B and C, °", "answered"), rows)
+
+
+def _errors(lift: LiftCurves, phases: str) -> ErrorSummary | None:
+    errors = np.abs(signed_errors(lift)[lift.within(*phases)])
+    return summarize(errors[np.isfinite(errors)])
 
 
 def _worst(trial: Trial) -> list[dict[str, object]]:
@@ -140,22 +184,56 @@ def _with_strips(trial: Trial, lift: Lift, curves: LiftCurves) -> dict[str, obje
     problem: Notice | None = None
     path, signs = trial.folder / lift.row.recording, trial.manifest.signs
     for serial in trial.manifest.serials:
+        name = serial if serial in signs else f"camera {serial}, marker angle"
         try:
-            if serial in signs:
-                strips[serial] = strip(path, curves, lift.zero_ns, serial, signs[serial])
-            else:
-                strips[f"camera {serial}, marker angle"] = camera_strip(path, curves, lift.zero_ns, serial)
+            strips[name] = strip(path, curves, lift.zero_ns, serial, signs.get(serial))
         except UNREADABLE as error:
             problem = Notice("bad", f"The frames of {serial} cannot be shown.", str(error))
     return {"chart": lift_chart(curves, _lift_caption(lift)), "strips": strips, "problem": problem}
 
 
-def _by_object(trial: Trial) -> list[dict[str, object]]:
-    groups: dict[str, list[Chart]] = {}
-    for lift in trial.lifts:
-        if lift.curves is not None:
-            groups.setdefault(object_label(lift.row), []).append(lift_chart(lift.curves, _lift_caption(lift)))
-    return [{"title": title, "charts": charts} for title, charts in groups.items()]
+def _charts_of_lifts(trial: Trial) -> list[Chart]:
+    shown = [(lift, lift.curves) for lift in trial.lifts if lift.curves is not None]
+    film_bytes = max(FILM_BYTES // max(len(shown), 1), LEAST_FILM_BYTES)
+    return [_chart_of_lift(trial, lift, curves, film_bytes) for lift, curves in shown]
+
+
+def _chart_of_lift(trial: Trial, lift: Lift, curves: LiftCurves, film_bytes: int) -> Chart:
+    try:
+        path = trial.folder / lift.row.recording
+        data = recorded_lift(path, curves, lift.zero_ns, trial.manifest, film_bytes)
+    except UNREADABLE:  # the recording's damage is named above
+        data = explored(curves, angle_panels(curves))
+    return replace(lift_chart(curves, _lift_caption(lift)), anchor=_anchor(lift), explored=data)
+
+
+def _anchor(lift: Lift) -> str:
+    return f"lift-{lift.row.number}"
+
+
+def lift_table(lifts: Sequence[Lift]) -> Table:
+    """A row per lift, with a link to its figure."""
+    columns = (
+        "lift", "object", "outcome", "grasp", "grip", "mean error, °", "largest, °", "true turn, °",
+        "answered", "onset seen, ms later",
+    )  # fmt: skip
+    rows = [_lift_row(lift) for lift in lifts]
+    return Table(columns, rows, text=(0, 1, 2, 3), filters={1: "choose", 2: "choose", 5: "least"})
+
+
+def _lift_row(lift: Lift) -> list[str]:
+    row, late = lift.row, _onset_delay(lift.curves)
+    return [
+        linked(lift.name, {lift.name: _anchor(lift)} if lift.curves else {}),
+        object_label(row),
+        row.outcome.value,
+        row.position,
+        str(row.grip_counts),
+        *((f"{row.re.mean_deg:.2f}", f"{row.re.max_deg:.1f}") if row.re else ("no answer", "")),
+        "" if row.final_truth_deg is None else f"{row.final_truth_deg:+.1f}",
+        f"{row.answered:.0%}",
+        "" if late is None else f"{late * 1e3:+.0f}",
+    ]
 
 
 def _lift_caption(lift: Lift) -> str:

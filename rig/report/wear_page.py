@@ -8,14 +8,14 @@ from matplotlib.axes import Axes
 from matplotlib.dates import AutoDateLocator, ConciseDateFormatter, date2num
 
 from drivers.errors import counted
-from rig.pages.figure import drawing, legend_above, svg
+from rig.pages.figure import drawing, legend_above
 from rig.pages.page import render
 from rig.pages.palette import ESTIMATE, SERIES
 from rig.report.parts import Chart, Notice, Table, joined
 from rig.report.text import made_text
 from rig.report.wear import SessionWear, TipWear, read_wear
 from rig.report.write import Written, write_page
-from rig.results.metrics import INTERVAL, mare_text
+from rig.results.metrics import INTERVAL, Mare, mare_text
 from rig.sessions.manifest import TrialManifest
 
 MARKERS = ("o", "s", "^", "D")
@@ -80,7 +80,7 @@ def _charts(sessions: Sequence[SessionWear], serials: Sequence[str]) -> list[Cha
             by_serial(lambda tip: tip.contact_px), "Contact", "area, px",
             "Median area of the contacts of a session. Other objects and grips change it, too.",
         ),
-        _error_chart(sessions),
+        error_chart([(session.began, session.mare) for session in sessions if session.mare]),
     ]  # fmt: skip
     return [chart for chart in charts if chart is not None]
 
@@ -96,14 +96,13 @@ def _chart(series: dict[str, Points], title: str, unit: str, caption: str) -> Ch
             axes.plot(dates, values, marker=marker, markersize=4, color=colour.light, label=serial)
         _dated(axes, unit)
         legend_above(axes, 2)
-        return Chart(title, svg(figure, title), caption)
+        return Chart(title, figure, caption)
 
 
-def _error_chart(sessions: Sequence[SessionWear]) -> Chart | None:
-    known = [(session.began, session.mare) for session in sessions if session.mare]
+def error_chart(known: Sequence[tuple[datetime, Mare]], title: str = "Error") -> Chart | None:
+    """MARE of sessions over their dates, with its interval; None without sessions."""
     if not known:
         return None
-    title = "Error"
     with drawing(250) as figure:
         axes = figure.subplots()
         for when, mare in known:
@@ -117,7 +116,7 @@ def _error_chart(sessions: Sequence[SessionWear]) -> Chart | None:
         )  # fmt: skip
         _dated(axes, "MARE in B and C, degrees")
         caption = f"Mean over the lifts of a session, with the {INTERVAL}."
-        return Chart(title, svg(figure, title), caption)
+        return Chart(title, figure, caption)
 
 
 def _dated(axes: Axes, unit: str) -> None:

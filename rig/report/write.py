@@ -7,7 +7,7 @@ from pathlib import Path
 
 from drivers.errors import InputError
 from rig.pages.page import render
-from rig.report.parts import Notice
+from rig.report.parts import Notice, ReportPage, Table
 from rig.report.session import UNREADABLE
 from rig.report.text import made_text
 from rig.sessions.files import write_file
@@ -25,11 +25,14 @@ class Written:
     problems: tuple[str, ...] = ()
 
 
-def write_report(sources: Sequence[Path], out: Path | None = None, beside: Path | None = None) -> Written:
+def write_report(
+    sources: Sequence[Path], out: Path | None = None, beside: Path | None = None, figures: Path | None = None
+) -> Written:
     """Write the report of one session, or of CSV files (or folders of them) with two angle curves.
 
     out: the page's file; default `report.html` in the session or folder, in the current folder
     for single files. beside: another session of the same lifts, where one reacts to slip and one does not.
+    figures: folder for the figures and the table of a trial, or of CSV files, as files for a paper.
     Raises `InputError` for sources that are neither, `RecordingError` when the page cannot be written.
     """
     for source in sources:
@@ -39,8 +42,8 @@ def write_report(sources: Sequence[Path], out: Path | None = None, beside: Path 
     if session is not None:
         if len(sources) > 1:
             raise InputError(f"{session} is a session: one report is of one session; rig compare takes two")
-        html, problems = _session_page(session) if beside is None else _pair_page(session, beside)
-        return _written(out or session / REPORT, html, problems)
+        page, problems = _session_page(session) if beside is None else _pair_page(session, beside)
+        return _written(out or session / REPORT, page, problems, figures)
     if beside is not None:
         raise InputError(f"--beside {beside}: only a trial's session has another beside it")
     from rig.report.csv_lifts import read_tables
@@ -48,10 +51,10 @@ def write_report(sources: Sequence[Path], out: Path | None = None, beside: Path 
 
     found = read_tables(sources)
     default = sources[0] / REPORT if len(sources) == 1 and sources[0].is_dir() else Path(REPORT)
-    return _written(out or default, curves_page(found), found.notes)
+    return _written(out or default, curves_page(found), found.notes, figures)
 
 
-def _session_page(folder: Path) -> tuple[str, tuple[str, ...]]:
+def _session_page(folder: Path) -> tuple[ReportPage, tuple[str, ...]]:
     try:
         manifest = read_manifest_of(folder, WITH_REPORT, "trials and recordings have reports")
         if isinstance(manifest, TrialManifest):
@@ -64,12 +67,12 @@ def _session_page(folder: Path) -> tuple[str, tuple[str, ...]]:
         from rig.report.recording_page import recording_page
 
         recording = read_recording(folder, manifest)
-        return recording_page(recording), tuple(notice.what for notice in recording.problems)
+        return ReportPage(recording_page(recording)), tuple(notice.what for notice in recording.problems)
     except UNREADABLE as error:
-        return _broken_page(folder, error), (str(error),)
+        return ReportPage(_broken_page(folder, error)), (str(error),)
 
 
-def _pair_page(folder: Path, beside: Path) -> tuple[str, tuple[str, ...]]:
+def _pair_page(folder: Path, beside: Path) -> tuple[ReportPage, tuple[str, ...]]:
     """The page of a trial with another beside it. Raises `InputError`, `SessionError` for what cannot be."""
     from rig.report.session import read_trial
     from rig.report.trial_page import trial_page
@@ -78,8 +81,8 @@ def _pair_page(folder: Path, beside: Path) -> tuple[str, tuple[str, ...]]:
         read_trial(each, read_manifest_of(each, TrialManifest, "only trials react to slip"))
         for each in (folder, beside)
     )
-    html = trial_page(trial, other=other)
-    return html, tuple(notice.what for each in (trial, other) for notice in each.problems)
+    page = trial_page(trial, other=other)
+    return page, tuple(notice.what for each in (trial, other) for notice in each.problems)
 
 
 def _broken_page(folder: Path, error: BaseException) -> str:
@@ -91,7 +94,7 @@ def _broken_page(folder: Path, error: BaseException) -> str:
         "broken.html",
         folder=folder,
         notice=Notice("bad", "This session cannot be shown.", str(error)),
-        files=rows,
+        files=Table(("file", "MB"), rows) if rows else None,
         more=max(len(files) - len(rows), 0),
         made=made_text(datetime.now(UTC)),
     )
@@ -106,6 +109,12 @@ def write_page(path: Path, html: str) -> None:
     write_file(path, html.encode("utf-8"))
 
 
-def _written(path: Path, html: str, problems: Sequence[str]) -> Written:
-    write_page(path, html)
+def _written(path: Path, page: ReportPage, problems: Sequence[str], figures: Path | None) -> Written:
+    if figures is not None and not page.charts:
+        raise InputError(f"--figures {figures}: only trials that can be read, and CSV files, have them")
+    write_page(path, page.html)
+    if figures is not None:
+        from rig.report.paper_figures import write_paper
+
+        write_paper(figures, page)
     return Written(path, tuple(problems))

@@ -134,6 +134,21 @@ def test_many_sessions_are_listed_side_by_side_with_the_same_answer(tmp_path: Pa
     assert len(json.loads(answers[1].stdout)["sessions"]) == 45
 
 
+def test_page_of_sessions_links_to_reports_and_escapes_names(named: Path, tmp_path: Path) -> None:
+    both = tmp_path / "both # 2"
+    shutil.copytree(named, both)
+    (both / "s0").rename(both / "<i>")
+    (both / "s1" / "report.html").write_text("a report")
+    done = rig("sessions", both, "--page", tmp_path / "all.html", "--json")
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["page"] == str(tmp_path / "all.html")
+    text = (tmp_path / "all.html").read_text()
+    assert '<a href="both%20%23%202/s1/report.html">s1</a>' in text
+    assert "&lt;i&gt;</td>" in text
+    assert "SIMULATED benches" in text
+    assert 'data-filter="choose"' in text
+
+
 def test_wear_is_shown_over_time(named: Path, tmp_path: Path) -> None:
     both = tmp_path / "both"
     shutil.copytree(named, both / "trials")

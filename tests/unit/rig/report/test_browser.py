@@ -1,6 +1,7 @@
 """Pages in a real browser: desktop and phone, light and dark, nothing fetched, nothing cut or overlapping."""
 
 import json
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,8 @@ from rig.calibrate import figures
 from rig.calibrate.result import CalibrationResult, Picture, file_result
 from rig.report.compare import compare_lifts
 from rig.report.compare_page import compare_page
+from rig.report.parts import Table
+from rig.report.sessions_page import sessions_page
 from rig.report.sides import session_side
 from rig.report.write import write_report
 from support.browser import NEEDS_CHROMIUM, Browser
@@ -25,8 +28,9 @@ SEEN = """(() => {
   const out = {figures: 0, cut: [], overlap: [], small: [], wide: document.documentElement.scrollWidth};
   for (const svg of document.querySelectorAll('svg')) {
     const frame = svg.getBoundingClientRect();
-    if (frame.width > 100 && frame.height > 60) out.figures++;
-    const texts = [...svg.querySelectorAll('text')].filter(t => t.textContent.trim());
+    if (frame.width > 50 && frame.height > 30) out.figures++;
+    const texts = [...svg.querySelectorAll('text')].filter(
+      t => t.textContent.trim() && t.getBoundingClientRect().width > 0);  // thumbnails hide theirs
     const boxes = texts.map(t => t.getBoundingClientRect());
     texts.forEach((t, i) => {
       const b = boxes[i], name = svg.getAttribute('aria-label') + ': ' + t.textContent;
@@ -42,6 +46,27 @@ SEEN = """(() => {
       }
     });
   }
+  const parts = text => text.match(/[\\d.]+/g).map(Number);
+  const bright = rgb => {
+    const linear = c => c <= .04045 ? c / 12.92 : ((c + .055) / 1.055) ** 2.4;
+    const [r, g, b] = rgb.slice(0, 3).map(c => linear(c / 255));
+    return .2126 * r + .7152 * g + .0722 * b;
+  };
+  const ground = element => {
+    for (let at = element; at; at = at.parentElement) {
+      const colour = parts(getComputedStyle(at).backgroundColor);
+      if (colour.length < 4 || colour[3] > 0) return colour;
+    }
+    return [255, 255, 255];
+  };
+  out.faint = [...document.body.querySelectorAll('*')].filter(element => {
+    const own = [...element.childNodes].some(node => node.nodeType === 3 && node.textContent.trim());
+    if (!own || !element.getClientRects().length || element.closest('script, style, option')) return false;
+    const style = getComputedStyle(element);
+    const text = parts(element instanceof SVGElement ? style.fill : style.color);
+    const [low, high] = [bright(text), bright(ground(element))].sort((a, b) => a - b);
+    return (high + .05) / (low + .05) < 4.5;
+  }).map(element => element.textContent.slice(0, 40));
   out.pictures = [...document.images].every(i => i.complete && i.naturalWidth > 0);
   out.paper = getComputedStyle(document.body).backgroundColor;
   return JSON.stringify(out);
@@ -125,11 +150,11 @@ POSES = [
     )
     for i in range(12)
 ]
-FIGURES = {"trial": 9, "recording": 3, "table": 5, "comparison": 3, "broken": 0, "calibration": 6}
+FIGURES = {"trial": 12, "recording": 3, "table": 5, "comparison": 3, "broken": 0, "calibration": 6}
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
-@pytest.mark.parametrize("width", [1280, 390])
+@pytest.mark.parametrize("width", [1400, 390])
 @pytest.mark.parametrize("kind", FIGURES)
 def test_page_opens_without_messages_and_with_readable_labels(
     browser: Browser, pages: dict[str, Path], kind: str, width: int, scheme: str
@@ -142,9 +167,93 @@ def test_page_opens_without_messages_and_with_readable_labels(
     assert seen["cut"] == []
     assert seen["overlap"] == []
     assert seen["small"] == []
+    assert seen["faint"] == []
     assert seen["wide"] <= width
     bright = sum(int(part) for part in seen["paper"].removeprefix("rgb(").removesuffix(")").split(","))
     assert (bright > 600) == (scheme == "light")
+
+
+def lift_shown(browser: Browser) -> str:
+    return browser.value("document.querySelector('#explorer h3').textContent")
+
+
+def test_hover_links_plots_slider_and_film(browser: Browser, pages: dict[str, Path]) -> None:
+    browser.open(f"{pages['trial'].as_uri()}#lift-2", 1400)
+    assert lift_shown(browser) == "wrench, lift 2"
+    browser.value("new Promise(done => setTimeout(done, 200))")
+    box = browser.value("JSON.stringify(document.querySelector('.u-over').getBoundingClientRect())")
+    over = json.loads(box)
+    moved = {"x": over["left"] + 0.9 * over["width"], "y": over["top"] + 0.5 * over["height"]}
+    browser.call("Input.dispatchMouseEvent", type="mouseMoved", **moved)
+    values = browser.value(
+        "[...document.querySelectorAll('.u-series')].map(row => row.textContent).join('; ')"
+    )
+    assert re.search(r"estimate - markers:?-?\d\.\d\d", values), values
+    slider = browser.value("document.querySelector('#explorer input').valueAsNumber")
+    ends = "['min', 'max'].map(end => Number(document.querySelector('#explorer input')[end]))"
+    first, last = browser.value(ends)
+    assert slider == pytest.approx(first + 0.9 * (last - first), abs=0.1)
+    at_end = browser.value("document.querySelector('.screen').style.backgroundPositionY")
+    assert float(at_end.removesuffix("%")) > 60.0
+    browser.value("document.querySelector('[data-step=\"1\"]').click()")
+    browser.value("new Promise(done => setTimeout(done, 200))")
+    assert lift_shown(browser) == "wrench, lift 1"
+    assert browser.said() == []
+
+
+def test_table_of_lifts_sorts_and_filters_with_its_thumbnails(
+    browser: Browser, pages: dict[str, Path]
+) -> None:
+    names = "[...document.querySelectorAll('table.explored tbody tr')].map(row => row.cells[0].textContent)"
+    browser.open(pages["trial"].as_uri(), 1400)
+    assert browser.value(names) == ["wrench, lift 1", "wrench, lift 2"]
+    for wanted in (["wrench, lift 2", "wrench, lift 1"], ["wrench, lift 1", "wrench, lift 2"]):
+        browser.value("document.querySelectorAll('table.explored th button')[7].click()")  # true turn
+        assert browser.value(names) == wanted
+    browser.value(
+        "(() => { const search = document.querySelector('.filter input[type=search]');"
+        "search.value = 'lift 2'; search.form.dispatchEvent(new Event('input')); })()"
+    )
+    assert browser.value("document.querySelector('.filter output').textContent") == "1 of 2"
+    assert browser.value("document.querySelectorAll('.thumbs figure[hidden]').length") == 1
+
+
+def test_page_without_javascript_shows_every_figure_at_full_width(
+    browser: Browser, pages: dict[str, Path]
+) -> None:
+    browser.call("Emulation.setScriptExecutionDisabled", value=True)
+    try:
+        seen = seen_of(browser, pages["trial"], 1400, "light")
+        narrowest = "Math.min(...[...document.querySelectorAll('.thumbs svg')].map(svg => svg.clientWidth))"
+        assert browser.value(narrowest) > 300
+        assert browser.value("document.querySelector('#explorer').hidden")
+    finally:
+        browser.call("Emulation.setScriptExecutionDisabled", value=False)
+    assert (seen["figures"], seen["cut"], seen["overlap"]) == (FIGURES["trial"], [], [])
+
+
+def test_names_in_a_table_of_lifts_stay_text(browser: Browser, tmp_path: Path) -> None:
+    table = tmp_path / "<img src=x onerror=alert(1)><script>alert(2)<!--.csv"
+    table.write_text("t_s,estimate_deg,truth_deg\n0,0,0\n1,2,2\n2,3,3\n")
+    page = write_report([table], tmp_path / "page.html").path
+    browser.open(page.as_uri(), 1400)
+    assert lift_shown(browser).startswith("<img src=x onerror=alert(1)>")
+    assert browser.value("document.querySelectorAll('img, body > script:not([type])').length") == 2
+    assert browser.said() == []
+
+
+@pytest.mark.real_time(beside=True)
+def test_a_page_of_a_thousand_sessions_opens_within_five_seconds(browser: Browser, tmp_path: Path) -> None:
+    cells = [["t1 wrench", "0.50 ± 0.20", "12.0", "complete"] for _ in range(1000)]
+    links = [[f"session_{i:04d}", *row] for i, row in enumerate(cells)]
+    table = Table(("session", "objects", "MARE", "MB", "state"), links, text=(0, 1, 4), filters={4: "choose"})
+    page = tmp_path / "sessions.html"
+    page.write_text(sessions_page("a folder", table, []))
+    browser.open(page.as_uri(), 1400)
+    timing = "performance.getEntriesByType('navigation')[0].loadEventEnd"
+    assert browser.value(timing) < 5000.0
+    assert browser.value("document.querySelector('.filter output').textContent") == "1000 of 1000"
+    assert browser.said() == []
 
 
 def test_long_pages_have_contents_whose_links_lead_there(browser: Browser, pages: dict[str, Path]) -> None:

@@ -1,5 +1,6 @@
 """Reports: what stands on the pages, and what they say of sessions that are damaged."""
 
+import hashlib
 import json
 import re
 from dataclasses import replace
@@ -11,16 +12,21 @@ import numpy as np
 import pytest
 
 from drivers.errors import InputError
-from rig.report.curves import Curve
+from rig.pages.page import asset
+from rig.report.curves import Curve, signed_errors
 from rig.report.lift_chart import angle_range, before_lift, shown_range
+from rig.report.parts import linked
 from rig.report.recording import read_recording
 from rig.report.recording_page import LABEL_PX, THUMB_PX, montage
 from rig.report.session import read_trial
-from rig.report.trial_page import object_table
+from rig.report.trial_page import fingertip_table, object_table
 from rig.report.write import write_report
 from rig.results.summary import summarize_trial
 from rig.sessions.manifest import RecordManifest, TrialManifest, read_manifest_of
 from rig.sessions.rows import read_finished_lifts
+
+UPLOT_SHA256 = "19c8d4c6ad88929a79f4ae49d6f7161566dfd0ba3d15cc495e974f787eb78f1f"
+"""Of dist/uPlot.iife.min.js in uplot-1.6.32.tgz of the npm registry."""
 
 
 class Page(HTMLParser):
@@ -77,6 +83,9 @@ def test_a_trial_s_page_has_its_figures_and_figures_have_names_of_their_own(page
         "per object",
         "against angle",
         "against rate",
+        "over time",
+        "Grip and outcome",
+        "Onset latency",
         "sigma cover",
         "wrench, lift 1",
         "wrench, lift 2",
@@ -103,7 +112,34 @@ def test_lifts_are_shown_from_the_beginning_of_phase_a(trial: Path) -> None:
 
 def test_a_page_needs_nothing_from_elsewhere(page: Page) -> None:
     assert all(link.startswith(("data:", "#")) for link in page.links)
-    assert not re.search(r"@import|url\((?!#)|<script|<link(?! rel=\"icon\")", page.html)
+    programs = re.findall(r"<script>.*?</script>", page.html, re.DOTALL)
+    assert (
+        len(programs) == 2
+    )  # of this package, see test_vendored_program_is_the_released_file_with_its_license
+    for program in programs:
+        page.html = page.html.replace(program, "")
+    assert not re.search(
+        r"@import|url\((?!#)|<script(?! type=\"application/json\")|<link(?! rel=\"icon\")", page.html
+    )
+    assert not re.search(r"<script[^>]* src", page.html)
+
+
+def test_warnings_and_rows_link_to_the_figure_of_their_lift(page: Page, trial: Path) -> None:
+    assert {"lift-1", "lift-2"} <= set(page.ids)
+    assert page.links.count("#lift-1") >= 1
+    anchors = {"knife, lift 1": "lift-1", "knife, lift 12": "lift-12"}
+    text = linked("<b> knife, lift 12 and knife, lift 1, knife, lift 123", anchors)
+    assert text == (
+        '&lt;b&gt; <a href="#lift-12">knife, lift 12</a> and <a href="#lift-1">knife, lift 1</a>, '
+        "knife, lift 123"
+    )
+
+
+def test_vendored_program_is_the_released_file_with_its_license(page: Page) -> None:
+    program = asset("uplot/uPlot.iife.min.js")
+    assert program.startswith("/*! https://github.com/leeoniya/uPlot (v1.6.32) */")
+    assert hashlib.sha256(program.encode()).hexdigest() == UPLOT_SHA256
+    assert "MIT License" in asset("uplot/LICENSE")
 
 
 def test_page_begins_with_simulated_and_has_the_errors_of_the_session(page: Page, trial: Path) -> None:
@@ -125,6 +161,29 @@ def test_each_column_of_the_paper_s_table_stands_under_its_heading(trial: Path) 
     for heading, part in (("MARE in B, °", "re_b"), ("MARE in B and C, °", "re")):
         assert first[heading].startswith(f"{np.mean([getattr(row, part).mean_deg for row in rows]):.2f} ±")
     assert len(table.rows[-1]) == len(table.columns)
+
+
+def test_errors_from_the_curves_are_those_of_the_rows(trial: Path) -> None:
+    for lift in read_trial(trial, read_manifest_of(trial, TrialManifest, "no trial")).lifts:
+        assert lift.curves is not None
+        errors = np.abs(signed_errors(lift.curves))[lift.curves.within("B", "C")]
+        assert np.nanmean(errors) == pytest.approx(lift.row.re.mean_deg, abs=0.01)
+
+
+def test_fingertip_table_agrees_with_the_recorded_curves(trial: Path) -> None:
+    lifts = read_trial(trial, read_manifest_of(trial, TrialManifest, "no trial")).lifts
+    table = fingertip_table(lifts)
+    assert [row[0] for row in table.rows] == ["both, fused", *lifts[0].curves.tips]
+    fused = np.mean([lift.row.re.mean_deg for lift in lifts])
+    assert table.rows[0][2].startswith(f"{fused:.2f} ±")
+    for serial, row in zip(lifts[0].curves.tips, table.rows[1:], strict=True):
+        own = [replace(lift.curves, estimate=lift.curves.tips[serial]) for lift in lifts]
+        means = [np.nanmean(np.abs(signed_errors(curves)[curves.within("B")])) for curves in own]
+        assert row[1].startswith(f"{np.mean(means):.2f} ±")
+
+
+def test_points_of_final_angles_link_to_their_lifts(page: Page) -> None:
+    assert page.links.count("#lift-2") == 2  # from its row, and from its point
 
 
 def test_a_real_bench_is_named_and_not_called_simulated(drawn_trial: Any, tmp_path: Path) -> None:

@@ -1,0 +1,208 @@
+"use strict";
+// Exploring a page: tables that sort and filter, and one lift with linked plots and its film. Without this
+// program the page shows the same figures one below the other. Text reaches the page as text, never as HTML.
+(() => {
+  const all = (selector, within = document) => [...within.querySelectorAll(selector)];
+  const colour = name => getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
+  const made = (tag, values = {}) => Object.assign(document.createElement(tag), values);
+  const number = text => parseFloat(text.replace("%", "").replace("−", "-"));
+  const root = document.documentElement;
+  root.classList.add("explorable");
+
+  // --- tables -------------------------------------------------------------------------------------------
+  function sortable(table) {
+    const body = table.tBodies[0];
+    all("thead th", table).forEach((head, column) => {
+      const button = made("button", {type: "button", textContent: head.textContent, title: "Sort"});
+      head.replaceChildren(button);
+      button.onclick = () => {
+        const falling = head.getAttribute("aria-sort") === "ascending";
+        all("th", table).forEach(th => th.removeAttribute("aria-sort"));
+        head.setAttribute("aria-sort", falling ? "descending" : "ascending");
+        const rows = all("tr:not(.total)", body).map(row => [row, row.cells[column].textContent.trim()]);
+        const numeric = rows.some(([, text]) => !isNaN(number(text))) && !head.classList.contains("text");
+        const order = ([, a], [, b]) => numeric
+          ? (isNaN(number(a)) - isNaN(number(b)) || number(a) - number(b))
+          : a.localeCompare(b, undefined, {numeric: true});
+        rows.sort((a, b) => falling ? order(b, a) : order(a, b));
+        body.prepend(...rows.map(([row]) => row));
+      };
+    });
+  }
+
+  function filterable(table) {
+    const rows = all("tbody tr:not(.total)", table);
+    const form = made("form", {className: "filter", onsubmit: () => false});
+    const tests = all("thead th", table).flatMap((head, column) => {
+      const name = head.textContent, cell = row => row.cells[column].textContent.trim();
+      const label = made("label", {textContent: `${name} `});
+      if (head.dataset.filter === "choose") {
+        const select = made("select");
+        select.append(made("option", {value: "", textContent: "all"}));
+        new Set(rows.map(cell)).forEach(value => select.append(made("option", {value, textContent: value})));
+        label.append(select);
+        form.append(label);
+        return [row => !select.value || cell(row) === select.value];
+      }
+      if (head.dataset.filter === "least") {
+        const least = made("input", {type: "number", step: "any", min: 0});
+        label.append("at least ", least);
+        form.append(label);
+        return [row => !least.value || number(cell(row)) >= least.valueAsNumber];
+      }
+      return [];
+    });
+    const search = made("input", {type: "search"});
+    const label = made("label", {textContent: "search "});
+    label.append(search);
+    const count = made("output");
+    form.append(label, count);
+    form.oninput = () => {
+      const wanted = search.value.trim().toLowerCase();
+      rows.forEach(row => {
+        row.hidden = !tests.every(test => test(row)) || !row.textContent.toLowerCase().includes(wanted);
+        const link = row.querySelector("a[href^='#']");
+        const figure = link && document.querySelector(link.getAttribute("href"));
+        if (figure) figure.hidden = row.hidden;
+      });
+      count.textContent = `${rows.filter(row => !row.hidden).length} of ${rows.length}`;
+    };
+    form.oninput();
+    table.parentElement.before(form);
+  }
+
+  all("table.explored").forEach(table => { filterable(table); sortable(table); });
+
+  // --- one lift -----------------------------------------------------------------------------------------
+  const place = document.getElementById("explorer");
+  const lifts = all(".thumbs figure").filter(figure => document.getElementById(`${figure.id}-data`));
+  if (!place || !lifts.length) return;
+  const part = selector => place.querySelector(selector);
+  const screen = part(".screen"), scrubber = part("input"), play = part(".play"), said = part("output");
+  let shown = null, lift = null, plots = [], timer = 0;
+
+  function phases(u) {
+    const left = u.bbox.left, right = left + u.bbox.width, names = lift.phases.filter(([name]) => name);
+    u.ctx.save();
+    u.ctx.font = `${12 * devicePixelRatio}px sans-serif`;
+    names.forEach(([name, begins], i) => {
+      const x = time => Math.min(Math.max(u.valToPos(time, "x", true), left), right);
+      const from = x(begins), to = i + 1 < names.length ? x(names[i + 1][1]) : right;
+      if (name === "B") {
+        u.ctx.fillStyle = colour("phase");
+        u.ctx.fillRect(from, u.bbox.top, to - from, u.bbox.height);
+      }
+      u.ctx.fillStyle = colour("muted");
+      if (u === plots[0] && "ABC".includes(name) && to > from) {
+        u.ctx.fillText(name, (from + to) / 2 - 4, u.bbox.top - 4);
+      }
+    });
+    lift.marks.forEach(([name, time]) => {
+      u.ctx.fillStyle = colour(name);
+      const x = u.valToPos(time, "x", true);
+      if (x >= left && x <= right) u.ctx.fillRect(x, u.bbox.top, devicePixelRatio, u.bbox.height);
+    });
+    u.ctx.restore();
+  }
+
+  function plotted(panel, last) {
+    const series = [{label: "time, s", value: (u, v) => v == null ? "" : v.toFixed(3)}], bands = [];
+    const tables = panel.series.map(of => {
+      const [times, values, half] = of.table, stroke = colour(of.colour);
+      series.push({label: of.label, stroke, width: of.width, dash: of.dash || [], points: {show: false},
+        value: (u, v) => v == null ? "" : v.toFixed(2)});
+      if (!half) return of.table;
+      bands.push({series: [series.length + 1, series.length], fill: `${stroke}38`});
+      const unseen = {stroke: "transparent", points: {show: false}, class: "unseen"};
+      series.push({...unseen}, {...unseen});
+      const edge = side => values.map((v, i) => v == null ? null : v + side * half[i]);
+      return [times, values, edge(-1), edge(1)];
+    });
+    const axis = {stroke: colour("ink"), grid: {stroke: colour("line"), width: 1}, ticks: {show: false}};
+    const u = new uPlot({
+      width: part(".plots").clientWidth, height: (last ? 40 : 18) + panel.height, series, bands,
+      scales: {x: {time: false, range: (u, low, high) => [low, high]}, ...(panel.limits && {y: {range: panel.limits}})},
+      axes: [{...axis, show: last, size: 30}, {...axis, label: panel.label, labelSize: 18, size: 42}],
+      padding: [18, 8, 0, 0],
+      cursor: {y: false, sync: {key: "lift", scales: ["x", null]}, drag: {x: true, y: false}, points: {size: 6}},
+      hooks: {drawClear: [phases], setCursor: [u => { if (u === plots[0]) follow(u); }]},
+    }, uPlot.join([[lift.range], ...tables]), part(".plots"));
+    return u;
+  }
+
+  function follow(u) {
+    if (u.cursor.left >= 0) filmed(u.posToVal(u.cursor.left, "x"));
+  }
+
+  function filmed(time) {
+    scrubber.value = time;
+    said.textContent = `${time.toFixed(2)} s`;
+    const film = lift.film;
+    if (!film) return;
+    let frame = film.times.findIndex(t => t > time);
+    frame = frame < 0 ? film.times.length - 1 : Math.max(frame - 1, 0);
+    screen.style.backgroundPositionY = `${100 * frame / Math.max(film.times.length - 1, 1)}%`;
+  }
+
+  function moveTo(time) {
+    plots.forEach(u => u.setCursor({left: u.valToPos(time, "x"), top: u.over.clientHeight / 2}));
+    filmed(time);
+  }
+
+  function show(figure) {
+    clearInterval(timer);
+    shown = figure;
+    lift = JSON.parse(document.getElementById(`${figure.id}-data`).textContent);
+    place.hidden = false;
+    part("h3").textContent = figure.querySelector("h3").textContent;
+    part(".about").textContent = figure.querySelector("figcaption").textContent;
+    lifts.forEach(each => each.classList.toggle("current", each === figure));
+    const film = lift.film;
+    part(".film").hidden = !film;
+    if (film) {
+      screen.style.aspectRatio = film.size.join("/");
+      screen.style.backgroundImage = `url(${film.sheet})`;
+      screen.style.backgroundSize = `100% ${100 * film.times.length}%`;
+      screen.setAttribute("aria-label", film.label);
+      part(".names").textContent = `From left to right: ${film.label}`;
+    }
+    [scrubber.min, scrubber.max] = lift.range;
+    draw();
+    const start = Math.min(Math.max(0, lift.range[0]), lift.range[1]);
+    filmed(start);
+    setTimeout(() => moveTo(start));  // the plots are laid out after this turn of the event loop
+  }
+
+  function draw() {
+    plots.forEach(u => u.destroy());
+    plots = [];
+    lift.panels.forEach((panel, i) => plots.push(plotted(panel, i === lift.panels.length - 1)));
+  }
+
+  const named = () => lifts.find(figure => `#${figure.id}` === location.hash);
+  const step = by => {
+    const seen = lifts.filter(figure => !figure.hidden), at = seen.indexOf(shown);
+    if (seen.length) location.hash = seen[(at + by + seen.length) % seen.length].id;
+  };
+  addEventListener("hashchange", () => {
+    const figure = named();
+    if (figure) { show(figure); place.scrollIntoView({block: "start"}); }
+  });
+  lifts.forEach(figure => figure.addEventListener("click", () => { location.hash = figure.id; }));
+  all("[data-step]", place).forEach(button => { button.onclick = () => step(+button.dataset.step); });
+  scrubber.oninput = () => moveTo(scrubber.valueAsNumber);
+  play.onclick = () => {
+    clearInterval(timer);
+    let time = scrubber.valueAsNumber >= +scrubber.max - 0.05 ? +scrubber.min : scrubber.valueAsNumber;
+    timer = setInterval(() => {
+      moveTo(time += 0.05);
+      if (time >= +scrubber.max) clearInterval(timer);
+    }, 50);
+  };
+  new ResizeObserver(() => plots.forEach(u => u.setSize({width: part(".plots").clientWidth, height: u.height})))
+    .observe(part(".plots"));
+  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => { if (lift) draw(); });
+  const first = named();
+  show(first || lifts[0]);
+  if (first) addEventListener("load", () => setTimeout(() => place.scrollIntoView({block: "start"})));
+})();

@@ -1,0 +1,216 @@
+"""Data of one lift for the page's program: linked plots and a film. JavaScript in `rig/pages/explore.js`.
+
+Times are in s from the start of phase B, angles in deg. A refused value is null. Colours are names of the
+page's palette.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import cycle
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from drivers.clock import NS_PER_S
+from drivers.types import Image
+from rig.pages.page import data_uri
+from rig.pages.palette import ESTIMATE, FIRST, INK, MUTED, SECOND, TRUTH, Colour
+from rig.report.curves import LiftCurves, signed_errors
+from rig.report.lift_chart import SIGMAS, angle_range, shown_range
+from rig.report.strips import pictures
+from rig.results.metrics import Floats
+from rig.sessions.manifest import TrialManifest
+from rig.sessions.reading import recorded_gripper, recorded_joints
+from rig.sessions.recorder import GRIPPER_TOPIC, JOINTS_TOPIC
+from rig.sessions.recording_file import recorded_messages
+
+FRAMES_BEFORE, FRAMES_OF_LIFT, FILM_HEIGHT_PX = 4, 20, 144
+"""Pictures of a film in phase A, in which nothing turns, and from phase B on."""
+FILM_BYTES, LEAST_FILM_BYTES = 1_700_000, 15_000
+"""Of all films of a page together, and of one: base64 adds a third, and 45 lifts have to stay below 6 MB."""
+_QUALITIES = (35, 12)
+_ANGLE_PX, _SMALL_PX = 230, 90
+
+Messages = list[tuple[int, bytes]]
+"""Time in ns by the bench's clock, and data."""
+
+
+@dataclass(frozen=True, slots=True)
+class Series:
+    """Values over time, (N,) each. half: half the width of a band around them. dash: px drawn, and left."""
+
+    label: str
+    colour: Colour
+    time_s: Floats
+    values: Floats
+    half: Floats | None = None
+    dash: tuple[int, int] | None = None
+    width_px: int = 2
+
+
+@dataclass(frozen=True, slots=True)
+class Panel:
+    """A plot over the time of a lift.
+
+    label: of its vertical axis, with the unit. limits: of that axis, None to fit the values.
+    """
+
+    label: str
+    series: Sequence[Series]
+    height_px: int = _SMALL_PX
+    limits: tuple[float, float] | None = None
+
+
+def explored(
+    lift: LiftCurves, panels: Sequence[Panel], film: Mapping[str, object] | None = None
+) -> dict[str, Any]:
+    """Return what the page's program needs of a lift, ready for JSON."""
+    start, end = shown_range(lift)
+    panels_shown = [
+        {
+            "label": panel.label,
+            "height": panel.height_px,
+            "limits": panel.limits,
+            "series": [_shown(one, start, end) for one in panel.series],
+        }
+        for panel in panels
+    ]
+    onsets = ((TRUTH, lift.onset_truth_s), (ESTIMATE, lift.onset_estimate_s))
+    others = [(MUTED, time_s) for time_s in lift.other_phases_s.values()]
+    return {
+        "range": [round(start, 3), round(end, 3)],
+        "phases": sorted(lift.paper_phases_s.items(), key=lambda phase: phase[1]),
+        "marks": [(colour.name, time_s) for colour, time_s in (*onsets, *others) if time_s is not None],
+        "panels": panels_shown,
+        "film": film,
+    }
+
+
+def _shown(one: Series, start_s: float, end_s: float) -> dict[str, Any]:
+    inside = (one.time_s >= start_s) & (one.time_s <= end_s)
+    shown = {"label": one.label, "colour": one.colour.name, "dash": one.dash, "width": one.width_px}
+    columns = (one.values,) if one.half is None else (one.values, one.half)
+    return {**shown, "table": [_numbers(one.time_s[inside], 3), *(_numbers(c[inside], 2) for c in columns)]}
+
+
+def angle_panels(lift: LiftCurves) -> list[Panel]:
+    """Angles of the markers, of the estimate with its band, of each fingertip; and the estimate's error."""
+    estimate = lift.estimate
+    half = SIGMAS * estimate.sigma_deg if np.isfinite(estimate.sigma_deg).any() else None
+    colours = zip(lift.tips.items(), cycle((FIRST, SECOND)), strict=False)
+    angles = [
+        Series(serial, colour, tip.time_s, tip.angle_deg, width_px=1)
+        for (serial, tip), colour in colours
+        if tip is not estimate
+    ]
+    if lift.truth.time_s.size:
+        angles.append(Series("markers", TRUTH, lift.truth.time_s, lift.truth.angle_deg, dash=(6, 4)))
+    angles.append(Series("estimate", ESTIMATE, estimate.time_s, estimate.angle_deg, half))
+    panels = [Panel("angle, °", angles, _ANGLE_PX, angle_range(lift))]
+    if lift.truth.time_s.size:
+        error = Series("estimate - markers", INK, estimate.time_s, signed_errors(lift))
+        panels.append(Panel("error, °", [error]))
+    return panels
+
+
+def pair_panels(names: tuple[str, str], first: LiftCurves, second: LiftCurves) -> list[Panel]:
+    """Angles and errors of one lift as both sides of a comparison estimate it."""
+    sides = list(zip(names, (FIRST, SECOND), (first, second), strict=True))
+    angles = [
+        Series(name, colour, lift.estimate.time_s, lift.estimate.angle_deg) for name, colour, lift in sides
+    ]
+    errors = [Series(name, colour, lift.estimate.time_s, signed_errors(lift)) for name, colour, lift in sides]
+    truth = Series("markers", TRUTH, first.truth.time_s, first.truth.angle_deg, dash=(6, 4))
+    return [Panel("angle, °", [truth, *angles], _ANGLE_PX), Panel("error, °", errors)]
+
+
+def recorded_lift(
+    path: Path, lift: LiftCurves, zero_ns: int, manifest: TrialManifest, film_bytes: int
+) -> dict[str, Any]:
+    """Return the data of a recorded lift, with the wrench, the grip and a film.
+
+    zero_ns: start of phase B by the recording's clock. film_bytes: at most, where the quality allows it.
+    Gaps of the recording are passed over. Raises `SessionError` and others of `UNREADABLE`.
+    """
+    messages: dict[str, Messages] = {JOINTS_TOPIC: [], GRIPPER_TOPIC: []}
+    for topic, time_ns, _, data in recorded_messages(path, *messages, gaps=[]):
+        messages[topic].append((time_ns, data))
+    panels = angle_panels(lift)
+    panels += _wrench(messages[JOINTS_TOPIC], path, zero_ns) + _grip(messages[GRIPPER_TOPIC], path, zero_ns)
+    return explored(lift, panels, _film(path, lift, zero_ns, manifest, film_bytes))
+
+
+def _wrench(messages: Messages, path: Path, zero_ns: int) -> list[Panel]:
+    """Force at the hand in the base's axes."""
+    known = [
+        (time_ns, joints.wrench)
+        for time_ns, data in messages
+        if (joints := recorded_joints(data, path)).wrench is not None
+    ]
+    if not known:
+        return []
+    times = _seconds([time_ns for time_ns, _ in known], zero_ns)
+    forces = np.array([wrench[:3] for _, wrench in known], float)
+    upward = Series("upward force", FIRST, times, forces[:, 2])
+    sideways = Series("sideways force", SECOND, times, np.hypot(forces[:, 0], forces[:, 1]))
+    return [Panel("force, N", [upward, sideways])]
+
+
+def _grip(messages: Messages, path: Path, zero_ns: int) -> list[Panel]:
+    """Opening of the gripper, in counts for recordings of versions without an opening."""
+    states = [recorded_gripper(data, path) for _, data in messages]
+    if not states:
+        return []
+    times = _seconds([time_ns for time_ns, _ in messages], zero_ns)
+    if any(state.opening_m is None for state in states):
+        counts = np.array([state.position_counts for state in states], float)
+        return [Panel("grip, counts", [Series("gripper's position", INK, times, counts)])]
+    opening = np.array([state.opening_m for state in states], float) * 1e3
+    return [Panel("grip, mm", [Series("gripper's opening", INK, times, opening)])]
+
+
+def _film(
+    path: Path, lift: LiftCurves, zero_ns: int, manifest: TrialManifest, most_bytes: int
+) -> dict[str, object]:
+    """Return a film as one WebP sheet, a row per picture: fingertips and camera side by side."""
+    start, end = shown_range(lift)
+    before = np.linspace(start, 0.0, FRAMES_BEFORE, endpoint=False)
+    times = np.concatenate([before, np.linspace(0.0, end, FRAMES_OF_LIFT)])
+    columns = []
+    for serial in manifest.serials:
+        found = pictures(path, lift, zero_ns, serial, manifest.signs.get(serial), times.tolist())
+        columns.append(np.concatenate([_small(picture) for picture, _ in found]))
+    sheet = np.concatenate(columns, axis=1)
+    return {
+        "sheet": data_uri(_webp(sheet, most_bytes)),
+        "times": _numbers(times, 3),
+        "size": [sheet.shape[1], FILM_HEIGHT_PX],
+        "label": ", ".join(manifest.serials),
+    }
+
+
+def _small(picture: Image) -> Image:
+    width = round(picture.shape[1] * FILM_HEIGHT_PX / picture.shape[0])
+    return np.asarray(cv2.resize(picture, (width, FILM_HEIGHT_PX), interpolation=cv2.INTER_AREA), np.uint8)
+
+
+def _webp(sheet: Image, most_bytes: int) -> bytes:
+    data = b""
+    for quality in _QUALITIES:
+        _, encoded = cv2.imencode(
+            ".webp", cv2.cvtColor(sheet, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_WEBP_QUALITY, quality]
+        )
+        data = encoded.tobytes()
+        if len(data) <= most_bytes:
+            break
+    return data
+
+
+def _seconds(times_ns: Sequence[int], zero_ns: int) -> Floats:
+    return (np.array(times_ns, np.int64) - zero_ns) / NS_PER_S
+
+
+def _numbers(values: Floats, digits: int) -> list[float | None]:
+    return [round(v, digits) if np.isfinite(v) else None for v in values.tolist()]

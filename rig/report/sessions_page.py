@@ -1,0 +1,66 @@
+"""The page of the sessions in a folder: a table that is searched, errors over time, links to the reports."""
+
+import os
+from collections.abc import Mapping, Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+from urllib.parse import quote
+
+from markupsafe import Markup
+
+from rig.pages.page import render
+from rig.report.parts import Chart, Table
+from rig.report.text import made_text
+from rig.report.wear_page import error_chart
+from rig.report.write import REPORT, write_page
+from rig.results.listing import SessionEntry
+
+CHOSEN = ("kind", "bench", "objects", "tags", "operator", "state")
+"""Columns of which the reader chooses a value."""
+
+
+def write_sessions(
+    page: Path, folder: Path, entries: Sequence[SessionEntry], columns: Mapping[str, Sequence[str]]
+) -> None:
+    """Write the page of some sessions.
+
+    columns: texts of the listing by heading, one for each entry; the first names the sessions. Raises
+    `InputError` for a place it cannot have, `RecordingError` when writing fails.
+    """
+    names = [_link(text, entry.folder, page) for text, entry in zip(columns["session"], entries, strict=True)]
+    rows = [list(row) for row in zip(names, *list(columns.values())[1:], strict=True)]
+    text = [number for number, name in enumerate(columns) if name not in ("done", "MB", "MARE")]
+    chosen = {number: "choose" for number, name in enumerate(columns) if name in CHOSEN}
+    charts = []
+    for simulated, what in ((False, "real benches"), (True, "SIMULATED benches")):
+        known = [
+            (began, entry.mare)
+            for entry in entries
+            if entry.mare and entry.bench_manifest and entry.bench_manifest.simulated == simulated
+            if (began := _began(entry)) is not None
+        ]
+        if chart := error_chart(sorted(known, key=lambda point: point[0]), f"Error on {what}"):
+            charts.append(chart)
+    write_page(page, sessions_page(str(folder), Table(list(columns), rows, text, filters=chosen), charts))
+
+
+def sessions_page(folder: str, table: Table, charts: Sequence[Chart]) -> str:
+    """Return the page as HTML. charts: errors over time."""
+    made = made_text(datetime.now(UTC))
+    return render("rig.report", "sessions.html", folder=folder, table=table, charts=charts, made=made)
+
+
+def _began(entry: SessionEntry) -> datetime | None:
+    try:
+        return datetime.fromisoformat(entry.started).astimezone(UTC)
+    except ValueError:
+        return None
+
+
+def _link(text: str, folder: Path, page: Path) -> str:
+    """Return the name of a session, as a link to its report if it has one."""
+    report = folder / REPORT
+    if not report.is_file():
+        return text
+    place = Path(os.path.relpath(report, page.parent)).as_posix()
+    return Markup('<a href="{}">{}</a>').format(quote(place), text)

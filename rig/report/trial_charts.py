@@ -52,7 +52,8 @@ def boxes(
             _draw_boxes(axes, filled)
         for i, values in enumerate(groups.values()):
             if not values.size:
-                axes.text(0.0, i, " no answer", va="center", color=MUTED.light)
+                beside = axes.get_yaxis_transform()
+                axes.text(0.0, i, " no answer", va="center", color=MUTED.light, transform=beside)
         axes.set_yticks(range(len(names)), [fill(name, _LABEL_CHARACTERS) for name in names])
         axes.set_ylim(len(names) - 0.4, -0.6)
         axes.set_xlim(left=least)

@@ -15,6 +15,7 @@ import numpy as np
 
 from drivers.clock import NS_PER_S
 from drivers.types import Image
+from rig.tactile.blas_threads import one_blas_thread
 from rig.tactile.contact.gate import ContactGate
 from rig.tactile.contact.relative import Light, RelativeDifference, full_area, work_size
 from rig.tactile.sample import FreshFrameEstimator, SlipSample, State
@@ -78,6 +79,10 @@ class SlipEstimator(FreshFrameEstimator):
         self._follower.gripped_further()
 
     def _estimate(self, image: Image, time_ns: int) -> SlipSample:
+        with one_blas_thread():
+            return self._estimated(image, time_ns)
+
+    def _estimated(self, image: Image, time_ns: int) -> SlipSample:
         watch = Stopwatch()
         work = self._light.reduced(image)
         if self._last is not None and self._work is not None and np.array_equal(work, self._work):

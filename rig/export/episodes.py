@@ -32,7 +32,7 @@ from rig.sessions.recorder import (
 )
 from rig.sessions.recording_file import recorded_messages
 
-WRENCH_TRACK = "wrench"
+WRENCH_TRACK, COUNTS_NAME = "wrench", "gripper_counts"
 UNKNOWN_SIGMA_DEG = 180.0
 """Sigma of an angle that is not known: a number, because NaN would spoil the statistics of a data set."""
 
@@ -152,7 +152,7 @@ def _values(topic: str, data: bytes, path: Path) -> Iterator[tuple[str, Any]]:
     elif topic == GRIPPER_TOPIC:
         kept = recorded_gripper(data, path)
         counts = kept.position_counts
-        yield topic, ("gripper_opening_m", kept.opening_m) if counts is None else ("gripper_counts", counts)
+        yield topic, ("gripper_opening_m", kept.opening_m) if counts is None else (COUNTS_NAME, counts)
     elif topic in (FUSED_TOPIC, TRUTH_TOPIC):
         angle = recorded_angle(data, path, 0)
         yield topic, (angle.angle_deg, angle.sigma_deg)

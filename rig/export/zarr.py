@@ -17,10 +17,12 @@ from scipy.spatial.transform import Rotation
 
 from drivers.errors import InputError
 from drivers.images import decode_stored
+from rig.config import BenchConfig
 from rig.export.csv_parquet import POSE, WRENCH
-from rig.export.episodes import UNKNOWN_SIGMA_DEG, Episode, read_episode
+from rig.export.episodes import COUNTS_NAME, UNKNOWN_SIGMA_DEG, Episode, read_episode
 from rig.export.result import Exported, ExportRequest, simulated_mark
 from rig.sessions.manifest import TrialManifest, require_kind
+from rig.sessions.records import FinishedLift
 
 ZARR_FORMAT = 2
 """The format of the published stores; zarr 3 reads both."""
@@ -32,6 +34,7 @@ UNITS = {
     "timestamps": "s",
     "right_wrist_pose": "m, rotation vector in rad; base_T_tcp",
     "right_arm_joints": "rad",
+    "right_hand_joints": "m, the gripper's opening",
     "right_tactile_data_wrist": "N, N m; force and torque at the TCP in the base's axes",
     "object_angle_deg": "deg, counter-clockwise as the camera sees it, since the grasp; NaN where unknown",
     "object_angle_sigma_deg": "deg, standard deviation of object_angle_deg",
@@ -53,8 +56,10 @@ def export_zarr(request: ExportRequest) -> Exported:
         data, ends = root.create_group("data"), list[int]()
         for lift in lifts:
             episode = read_episode(request.session / lift.recording, fps, {})
-            for key, values in _numbers(episode, fps, f"lift the {lift.name} and feel it turn", len(sensors)):
-                _append(data, key, values, episode.names)
+            _append(data, "sub_task_instruction", np.full(episode.steps, _task(lift), "<U128"))
+            _append(data, "right_hand_joints", _openings_m(episode, manifest.config))
+            for key, values in _numbers(episode, fps, len(sensors)):
+                _append(data, key, values)
             _append_images(data, "camera_main_rgb", [episode.images[manifest.config.camera.serial]])
             _append_images(data, "right_tactile_data_gripper", [episode.images[each] for each in sensors])
             ends.append(episode.steps + (ends[-1] if ends else 0))
@@ -64,15 +69,27 @@ def export_zarr(request: ExportRequest) -> Exported:
     return Exported(counts, (f"{mark} Zarr, Open-X-Tactile (FTP-1), {fps} steps a second".strip(),))
 
 
-def _numbers(episode: Episode, fps: int, task: str, sensors: int) -> Iterator[tuple[str, NDArray[Any]]]:
-    """Yield each array but the images, one row per step."""
+def _task(lift: FinishedLift) -> str:
+    return f"lift the {lift.name} and feel it turn"
+
+
+def _openings_m(episode: Episode, bench: BenchConfig) -> NDArray[np.float32]:
+    """Return the gripper's opening, (N, 1). The loader takes values above 100, as counts, for glitches."""
+    place = len(POSE)
+    values = episode.state[:, place]
+    if episode.names[place] == COUNTS_NAME:
+        gripper, first = bench.gripper_spec(), bench.gripper.limits.min_counts
+        values = [gripper.opening_at(float(counts) - first) for counts in values]
+    return np.array(values, np.float32)[:, None]
+
+
+def _numbers(episode: Episode, fps: int, sensors: int) -> Iterator[tuple[str, NDArray[Any]]]:
+    """Yield the arrays that need no other knowledge than the episode's, one row per step."""
     count, pose = episode.steps, len(POSE)
     rotation = Rotation.from_quat(episode.state[:, 3:pose]).as_rotvec()
     yield "timestamps", np.arange(count) / fps
-    yield "sub_task_instruction", np.full(count, task, "<U64")
     yield "right_wrist_pose", np.column_stack([episode.state[:, :3], rotation]).astype(np.float32)
     yield "right_arm_joints", episode.joints_rad
-    yield "right_hand_joints", episode.state[:, pose : pose + 1]
     yield "right_hand_joints_idx", np.full((count, 1), GRIPPER_SLOT, np.int32)
     yield from _described("gripper", "DIGIT", "image", list(range(sensors)), count)
     if episode.names[-1] == WRENCH[-1]:
@@ -105,10 +122,10 @@ def _append_images(data: Any, name: str, sources: list[list[list[bytes]]]) -> No
         if len(shapes) != 1:
             raise InputError(f"{name}: the images have different sizes, {sorted(shapes)}; use --to lerobot")
         whole = np.stack([np.stack(block) for block in blocks], axis=1)
-        _append(data, name, whole if name.startswith("right_tactile") else whole[:, 0], ())
+        _append(data, name, whole if name.startswith("right_tactile") else whole[:, 0])
 
 
-def _append(data: Any, name: str, values: NDArray[Any], state_names: tuple[str, ...]) -> None:
+def _append(data: Any, name: str, values: NDArray[Any]) -> None:
     """Append to an array, which is made with its unit when it is first used.
 
     Images are in chunks of one step.
@@ -118,6 +135,5 @@ def _append(data: Any, name: str, values: NDArray[Any], state_names: tuple[str, 
         return
     chunk = 1 if values.dtype == np.uint8 else max(len(values), 1)
     array = data.create_array(name, data=values, chunks=(chunk, *values.shape[1:]))
-    unit = state_names[len(POSE)] if name == "right_hand_joints" else UNITS.get(name)
-    if unit is not None:
-        array.attrs["unit"] = unit
+    if name in UNITS:
+        array.attrs["unit"] = UNITS[name]

@@ -32,8 +32,9 @@ from rig.frames.series import read_frames
 from rig.sessions.about import SIMULATED_EPOCH_NS
 from rig.sessions.files import TRUE_MASKS
 from rig.sessions.manifest import TrialManifest, read_manifest_of
-from rig.sessions.reading import recorded_angles, recorded_arm_states, recorded_frames
-from rig.sessions.recorder import FUSED_TOPIC, TRUTH_TOPIC
+from rig.sessions.reading import recorded_angles, recorded_arm_states, recorded_frames, recorded_gripper
+from rig.sessions.recorder import FUSED_TOPIC, GRIPPER_TOPIC, TRUTH_TOPIC
+from rig.sessions.recording_file import recorded_messages
 from rig.sessions.rows import read_finished_lifts, read_poses
 from rig.sessions.table_files import read_csv
 from rig.tactile.estimators import choose_estimator
@@ -424,6 +425,13 @@ def test_zarr_has_the_keys_and_shapes_of_open_x_tactile(one_lift: Path, tmp_path
     assert data["camera_main_rgb"].shape[1:] == (240, 320, 3)
     assert data["right_hand_joints_idx"][0].tolist() == [28]
     recording = one_lift / "lifts/001.mcap"
+    openings = [
+        recorded_gripper(sent, recording).opening_m
+        for *_, sent in recorded_messages(recording, GRIPPER_TOPIC)
+    ]
+    assert data["right_hand_joints"][steps // 2, 0] == pytest.approx(
+        sorted(openings)[len(openings) // 2], abs=2e-3
+    )
     stored = [frame.image for frame in recorded_frames(recording, "SIM-D0002")]
     assert any(np.array_equal(tactile[steps // 2, 1], image) for image in stored)
     poses = [state.base_T_tcp for state in recorded_arm_states(recording)]

@@ -238,6 +238,9 @@ def test_report_is_served_and_browsers_get_it_before_the_page_ends(tmp_path: Pat
     with socket.create_connection((str(at.hostname), at.port or 0), timeout=20) as client:
         client.sendall(b"GET /stream HTTP/1.0\r\nHost: localhost\r\n\r\n")
         assert client.recv(15) == b"HTTP/1.1 200 OK"
+        received = b""
+        while b"report.html" not in received:  # the first news: by then the page knows that a browser looks
+            received += client.recv(4096)
         fetched: list[tuple[int, bytes]] = []
         later = threading.Timer(0.2, lambda: fetched.append(get(made, "/report.html")))
         later.start()

@@ -102,23 +102,32 @@ def live(source: LiveSourceOptions, how: LiveAngleOptions, view: LiveViewOptions
 
     with ExitStack() as stack:
         stopped = stack.enter_context(stopped_by_person())
-        page = None if view.terminal or view.json else _page(source.sources, how.estimator, view, stack)
+        page = None if view.terminal or view.json else _page(source, how.estimator, view, stack)
         compute_in_one_thread()
+        if page is None:
+            say(f"{_name(source)}; Ctrl-C ends it")
         desk = stack.enter_context(desk_of(source, how, stack, page, view.clips))
         run_desk(desk, _shown(view, stack), view.seconds, stopped, page)
     say("ended")
 
 
-def _page(sources: list[str], estimator: str | None, view: LiveViewOptions, stack: ExitStack) -> "WatchPage":
-    """Serve the page and open it, before anything that takes time."""
+def _name(source: LiveSourceOptions) -> str:
+    """Return the command with its sensors, marked as simulated if one is."""
     from rig.bench.live_source import FAKE
+
+    return f"{mark(FAKE in source.sources)}rig live {' '.join(source.sources)}"
+
+
+def _page(
+    source: LiveSourceOptions, estimator: str | None, view: LiveViewOptions, stack: ExitStack
+) -> "WatchPage":
+    """Serve the page and open it, before anything that takes time."""
     from rig.live.watch import WatchPage, watch_address
     from rig.tactile.estimators import DEFAULT_ESTIMATOR, ESTIMATORS, TOSKOV
 
     names = dict.fromkeys([estimator or DEFAULT_ESTIMATOR, *ESTIMATORS])
     choices = [name for name in names if name != TOSKOV]
-    title = f"{mark(FAKE in sources)}rig live {' '.join(sources)}"
-    page = WatchPage(watch_address(view.watch_at), title, estimators=choices)
+    page = WatchPage(watch_address(view.watch_at), _name(source), estimators=choices)
     stack.callback(page.close)
     say(f"live at {page.address}; Ctrl-C ends it")
     if view.browser:

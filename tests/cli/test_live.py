@@ -103,3 +103,9 @@ def test_bridge_publishes_until_the_file_ends(clip: Path, monkeypatch: pytest.Mo
     assert "publishing in domain 99: /frames/image_raw/compressed, /angle/frames, /slip/frames" in done.stderr
     messages = int(done.stderr.split("ended: ")[1].split()[0])
     assert 150 < messages <= 3 * len(list(clip.iterdir()))
+
+
+def test_simulated_sensor_is_marked_at_the_terminal() -> None:
+    done = rig("live", "fake", "--json", "--seconds", "0.5")
+    assert done.returncode == 0, done.stderr
+    assert "SIMULATED rig live fake" in done.stderr

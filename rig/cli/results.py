@@ -85,7 +85,7 @@ def trial_table(summary: "TrialSummary", simulated: str, wall_s: float, to_stder
 
 
 def object_table(summary: "TrialSummary", simulated: str, react: str = "none") -> "Table":
-    """Return the paper's table per object. react: what was done about slip."""
+    """Return the paper's table per object. react: the reaction to slip."""
     from rig.live.tables import console_table
     from rig.results.metrics import HEADING, mare_text
 

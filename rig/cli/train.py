@@ -146,7 +146,7 @@ def _settings(options: TrainOptions, networks: NetworkOptions) -> "TrainSettings
 
 
 def train_angle(options: AngleOptions, run: RunOptions) -> None:
-    """Train a network of the paper's peers (its Table IV) that tells an angle, and export it to ONNX.
+    """Train a network of the paper's peers (its Table IV) that estimates an angle, and export it to ONNX.
 
     OUT gets model.onnx and card.json; rig benchmark trials takes it with --model anglenet=FILE or
     toskov=FILE. Needs the extra `train`.

@@ -96,7 +96,7 @@ class WatchPage:
         self.process.send(json.dumps(asdict(self._progress)).encode())
 
     def asked(self) -> str | None:
-        """Return what a person asked for by a button, None if nothing; never blocks. Raises `RigError`."""
+        """Return the action of a pressed button, None if there is none; never blocks. Raises `RigError`."""
         report = self.process.receive(0.0)
         return None if report in (None, LOOKING) else str(report, errors="replace")
 

@@ -1,4 +1,4 @@
-"""What `rig live` opens by what is typed, and the errors that name the cure."""
+"""The sources that `rig live` opens for each argument, and errors that name the cure."""
 
 from collections.abc import Callable
 from pathlib import Path

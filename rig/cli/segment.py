@@ -85,7 +85,7 @@ def segment(options: SegmentOptions) -> None:
     rows = [_write_mask(names[done.file], done) for done in segment_groups(groups, choice)]
     states, median_ms = mask_figures(rows)
     if list(states) == ["unreadable"]:
-        raise InputError(f"{options.images[0]}: not one complete image: copy it anew")
+        raise InputError(f"{options.images[0]}: not one complete image: copy it again")
     counts = ", ".join(f"{count} {state}" for state, count in states.items())
     say(f"{options.model}: {counts}; {median_ms} ms per image (median); masks in {options.out}")
     if options.json:

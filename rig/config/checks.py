@@ -143,7 +143,7 @@ def _address(device: DeviceConfig) -> Iterator[KeyFault]:
 
 
 def _parts(config: BenchConfig) -> Iterator[KeyFault]:
-    """Yield what is missing beside the devices that are there."""
+    """Yield the keys and sections that the devices of the bench require."""
     if not any(True for _ in config.devices):
         yield (), "names no device: a bench has [arm], [gripper], [[tactile]] or [camera], at least one"
     if config.has("arm") and not config.has("table"):
@@ -193,7 +193,7 @@ def _places(arm: ArmConfig, table: TableConfig) -> Iterator[KeyFault]:
 def _kinds(config: BenchConfig) -> Iterator[KeyFault]:
     """Yield which devices must not be simulated, or real, beside the others.
 
-    A simulated bench asks nobody before it moves, has the limits of the simulated cell by default, and may
+    A simulated bench moves without confirmation, has the simulated cell's limits by default, and may
     react to slip; a real arm or gripper beside a simulated device would do the same.
     """
     if config.mixed:

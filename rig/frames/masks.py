@@ -275,4 +275,4 @@ def _card(name: str) -> dict[str, Any]:
                 "name": name,
                 "shipped": {**facts, "file": f"{name}.onnx", "precision": precision},
             }
-    raise InputError(f"the shipped network '{name}' is not the one its card describes: install anew")
+    raise InputError(f"the shipped network '{name}' is not the one its card describes: install again")

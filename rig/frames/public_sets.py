@@ -90,7 +90,7 @@ def trial_turns_deg(folder: Path, frames: int) -> NDArray[np.float64]:
     poses = _matrices(path, _array(path))
     if len(poses) != frames:
         raise InputError(
-            f"{path}: {counted(len(poses), 'pose')} for {counted(frames, 'frame')}: copy the trial anew"
+            f"{path}: {counted(len(poses), 'pose')} for {counted(frames, 'frame')}: copy the trial again"
         )
     about_z = np.radians([_about_z_deg(np.linalg.inv(poses[0]) @ pose) for pose in poses])
     return np.degrees(np.unwrap(about_z))
@@ -103,7 +103,7 @@ def trial_background(folder: Path, images: Iterator[Image]) -> Image:
     """
     masks = _array(folder / TRIAL_MASKS)
     if masks.ndim != 3:
-        raise InputError(f"{folder / TRIAL_MASKS}: has shape {masks.shape}, not (N, h, w): copy it anew")
+        raise InputError(f"{folder / TRIAL_MASKS}: has shape {masks.shape}, not (N, h, w): copy it again")
     total: NDArray[np.float64] | None = None
     seen: NDArray[np.float64] | None = None
     step = max(1, len(masks) // MASKS_USED)
@@ -172,13 +172,13 @@ def _array(path: Path) -> NDArray[Any]:
             raise InputError(f"{path}: is larger than any file of TactileTracking")
         return np.load(path, mmap_mode="r", allow_pickle=False)
     except (OSError, ValueError, EOFError) as error:
-        raise InputError(f"{path}: cannot be read as an array ({reason(error)}): copy it anew") from error
+        raise InputError(f"{path}: cannot be read as an array ({reason(error)}): copy it again") from error
 
 
 def _matrices(path: Path, values: NDArray[Any]) -> Matrices:
     """Return rigid motions, (N, 4, 4). Raises `InputError`."""
     if values.ndim != 3 or values.shape[1:] != (4, 4) or not len(values) or values.dtype.kind not in "fiu":
-        raise InputError(f"{path}: poses have shape {values.shape}, not (N, 4, 4): copy it anew")
+        raise InputError(f"{path}: poses have shape {values.shape}, not (N, 4, 4): copy it again")
     matrices = np.asarray(values, np.float64)
     turns = matrices[:, :3, :3]
     off = (
@@ -187,7 +187,7 @@ def _matrices(path: Path, values: NDArray[Any]) -> Matrices:
         else math.inf
     )
     if not off < NOT_A_TURN or (np.linalg.det(turns) < 0).any():
-        raise InputError(f"{path}: holds a matrix that is no rigid motion: copy it anew")
+        raise InputError(f"{path}: holds a matrix that is no rigid motion: copy it again")
     return matrices
 
 

@@ -57,7 +57,7 @@ class TimedFrame:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FrameSeries:
-    """Frames in order; iterating reads them anew each time.
+    """Frames in order; iterating reads them again each time.
 
     notes: what was assumed or amiss. empty: makes their frame without contact, where the set they are of
     tells.
@@ -129,7 +129,7 @@ def make_background(spec: str | None, series: FrameSeries) -> tuple[Image, str]:
     """
     first = next(series.images(), None)
     if first is None:
-        raise InputError(f"{series.name}: no frame can be read: copy it anew")
+        raise InputError(f"{series.name}: no frame can be read: copy it again")
     if spec is None and series.empty is not None and (empty := series.empty()) is not None:
         return empty, "background: the set's own"
     if spec is None:
@@ -206,7 +206,7 @@ def _image_series(path: Path, timestamps: Path | None, fps: float | None) -> Fra
     files = _image_files(path) if path.is_dir() else [path]
     if not any(load_image(file) is not None for file in files):
         why = image_flaw(files[0]) or "is damaged"
-        raise InputError(f"{path}: not one complete image ({files[0].name} {why}): copy it anew")
+        raise InputError(f"{path}: not one complete image ({files[0].name} {why}): copy it again")
     if not path.is_dir() and (pages := cv2.imcount(str(path))) > 1:
         raise InputError(
             f"{path}: holds {pages} pictures, of which one would be read: give a folder of images"

@@ -86,7 +86,7 @@ def load_clip(name: str, series: FrameSeries, background: Image, choice: FrameCh
     wanted = set(choice.frames)
     frames = {n: f.image for n, f in enumerate(series) if n in wanted and f.image is not None}
     if missing := sorted(wanted - set(frames)):
-        raise InputError(f"{series.name}: frame {missing[0]} cannot be read: copy the clip anew")
+        raise InputError(f"{series.name}: frame {missing[0]} cannot be read: copy the clip again")
     return ClipToLabel(name, choice, background, frames)
 
 

@@ -167,11 +167,11 @@ def read_drawn(path: Path) -> DrawnLines | None:
     try:
         drawn = _FILE.parsed(read_bounded(path, MOST_BYTES))
     except ValueError as error:
-        raise InputError(f"{path}: {error}: move the file away to begin anew") from error
+        raise InputError(f"{path}: {error}: move the file away to begin again") from error
     if drawn.schema != SCHEMA:
         raise InputError(f"{path}: its schema is {drawn.schema}, this version reads {SCHEMA}: update the rig")
     if drawn.choice.reference not in drawn.choice.frames:
-        raise InputError(f"{path}: the reference is none of its frames: move the file away to begin anew")
+        raise InputError(f"{path}: the reference is none of its frames: move the file away to begin again")
     return drawn
 
 
@@ -217,7 +217,7 @@ class LineLog:
 
     def __init__(self, file: Path, clip: ClipToLabel, drawn: DrawnLines | None = None) -> None:
         if drawn is not None and drawn.size_px != clip.size_px:
-            raise InputError(f"{file}: is of frames of another size: move it away to begin anew")
+            raise InputError(f"{file}: is of frames of another size: move it away to begin again")
         self.file, self._clip = file, clip
         self._clicks = () if drawn is None else drawn.clicks
         for click in self._clicks:
@@ -256,9 +256,9 @@ class LineLog:
         width, height = self._clip.size_px
         if click.drawn_in not in range(PASSES) or click.frame not in self._clip.frames:
             raise InputError(
-                f"a click on frame {click.frame}, which is not labelled here: load the page anew"
+                f"a click on frame {click.frame}, which is not labelled here: load the page again"
             )
         if not (-1.0 <= click.x <= width and -1.0 <= click.y <= height):
             raise InputError(f"a click at {click.x:g}, {click.y:g} is outside the frame: click inside")
         if len(self._clicks) > MOST_CLICKS:
-            raise InputError(f"more than {MOST_CLICKS} clicks: begin anew")
+            raise InputError(f"more than {MOST_CLICKS} clicks: begin again")

@@ -115,7 +115,7 @@ class AnglePage:
         """Do what the page asks for: `click`, `undo` or `write`."""
         try:
             if len(sent) > MOST_BYTES:
-                raise InputError("what was sent is too long: load the page anew")
+                raise InputError("what was sent is too long: load the page again")
             if what == "write":
                 return self._write()
             if what == "click":
@@ -147,4 +147,4 @@ def _click(sent: bytes) -> Click:
     try:
         return Click(int(value["drawn_in"]), int(value["frame"]), float(value["x"]), float(value["y"]))
     except (ValueError, KeyError, TypeError) as error:
-        raise InputError(f"the click cannot be read ({error}): load the page anew") from error
+        raise InputError(f"the click cannot be read ({error}): load the page again") from error

@@ -153,7 +153,7 @@ def _voc_files(folder: Path) -> list[LabelledFile]:
     for label in sorted((folder / "SegmentationClassPNG").glob("*.png")):
         image = _beside(folder / "JPEGImages" / label.stem)
         if image is None:
-            raise InputError(f"{label}: no image of that name in {folder / 'JPEGImages'}: copy it anew")
+            raise InputError(f"{label}: no image of that name in {folder / 'JPEGImages'}: copy it again")
         files.append(_file(image, owner, lambda shape, path=label: _png_label(path, shape)))
     return files
 

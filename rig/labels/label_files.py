@@ -64,7 +64,7 @@ def labelme_mask(document: dict[str, Any], shape: tuple[int, int], where: str) -
     """
     drawn_on = document.get("imageWidth") or shape[1], document.get("imageHeight") or shape[0]
     if not all(isinstance(side, int | float) and side > 0 for side in drawn_on):
-        raise InputError(f"{where}: its image's size is {shown(drawn_on)}: save it anew in LabelMe")
+        raise InputError(f"{where}: its image's size is {shown(drawn_on)}: save it again in LabelMe")
     polygons = [
         _scaled(_corners(entry, f"{where}, shape {number}"), drawn_on, shape, f"{where}, shape {number}")
         for number, entry in enumerate(document["shapes"], start=1)

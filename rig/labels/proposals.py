@@ -63,7 +63,7 @@ def read_label(path: Path) -> dict[str, Any]:
     try:
         document = read_json(path)
     except FormatError as error:
-        raise InputError(f"{error}: save it anew in LabelMe") from error
+        raise InputError(f"{error}: save it again in LabelMe") from error
     if not isinstance(document, dict) or not isinstance(document.get("shapes"), list):
-        raise InputError(f"{path}: is no LabelMe file (no 'shapes'): remove it, and label anew")
+        raise InputError(f"{path}: is no LabelMe file (no 'shapes'): remove it, and label again")
     return document

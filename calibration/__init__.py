@@ -1,5 +1,5 @@
-"""Calibrations: what turns pixels and counts into metres and radians, each with its uncertainty.
+"""Calibrations: convert pixels and counts into metres and radians, each with its uncertainty.
 
-A package or module for each thing that is calibrated; below them `targets` (what cameras look at), then files
-and verdicts. Imports nothing of the rig but the vocabulary of `drivers`.
+One package or module per calibrated quantity; they use `targets` (markers and boards that cameras observe),
+and below that calibration files and verdicts. Imports nothing of the rig but the shared modules of `drivers`.
 """

@@ -1,8 +1,8 @@
-"""Finger opening over gripper counts: a measured, monotone table for each direction.
+"""Finger opening as a function of gripper counts: a measured, monotone table for each direction.
 
-The Robotiq manual calls the relation nonlinear and approximate, and its ends are software limits; a
-straight line through it is wrong by millimetres. The bench uses the table of closing fingers; the other
-direction shows how far both differ (hysteresis).
+The Robotiq manual calls the relation nonlinear and approximate, and its ends are software limits; a straight
+line is wrong by millimetres. The bench uses the table of closing fingers. The table of opening fingers shows
+the difference between both directions (hysteresis).
 """
 
 from collections.abc import Sequence
@@ -19,7 +19,9 @@ from drivers.errors import counted
 Array = NDArray[np.floating]
 
 MOST_COUNTS = 255
+"""Largest position that the gripper reports (one byte)."""
 FEWEST_COUNTS = 3
+"""Fewest different positions that are needed for a table."""
 
 
 class Direction(StrEnum):
@@ -31,7 +33,7 @@ class Direction(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class OpeningSample:
-    """A measured opening in m at the counts the gripper reported, and the direction of the motion before."""
+    """A measured opening in m, the gripper's counts, and the direction of the motion before it."""
 
     id: str
     counts: float
@@ -49,9 +51,9 @@ class OpeningTable:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GripperResult:
-    """The fitted tables by direction; none where refused.
+    """The fitted tables by direction; empty if refused.
 
-    hysteresis_m: largest difference between both tables; None if it is unknown.
+    hysteresis_m: largest difference between both tables; None if unknown.
     """
 
     assessment: Assessment
@@ -61,7 +63,7 @@ class GripperResult:
 
 
 def calibrate_opening(samples: Sequence[OpeningSample]) -> GripperResult:
-    """Fit a monotone table for each direction that was measured; closing is required, opening is not."""
+    """Fit a monotone table for each measured direction; closing is required, opening is optional."""
     good, rejected = sift(samples, lambda sample: sample.id, lambda sample, _: _fault(sample))
     tables, missed = {}, []
     for direction in Direction:
@@ -94,7 +96,7 @@ def calibrate_opening(samples: Sequence[OpeningSample]) -> GripperResult:
 
 
 def _table(samples: list[OpeningSample]) -> tuple[OpeningTable, Array]:
-    """Isotonic regression over the mean at each count, and the residual of each measurement in m."""
+    """Return the isotonic regression over the mean at each count, and the residual of each sample in m."""
     counts = np.array([s.counts for s in samples], np.float64)
     openings = np.array([s.opening_m for s in samples])
     places, where, repeats = np.unique(counts, return_inverse=True, return_counts=True)
@@ -104,7 +106,7 @@ def _table(samples: list[OpeningSample]) -> tuple[OpeningTable, Array]:
 
 
 def _hysteresis_m(tables: dict[Direction, OpeningTable]) -> float | None:
-    """Largest difference between both tables; None if they have no counts in common."""
+    """Return the largest difference between both tables in m; None if their counts do not overlap."""
     if len(tables) < 2:
         return None
     one, other = tables.values()
@@ -116,7 +118,7 @@ def _hysteresis_m(tables: dict[Direction, OpeningTable]) -> float | None:
 
 def _fault(sample: OpeningSample) -> str | None:
     if not (np.isfinite(sample.counts) and np.isfinite(sample.opening_m)):
-        return "a number is not finite"
+        return "a value is NaN or infinite"
     if not 0 <= sample.counts <= MOST_COUNTS:
         return f"{sample.counts:g} counts; the gripper counts 0 to {MOST_COUNTS}"
     if not 0.0 <= sample.opening_m < 0.2:

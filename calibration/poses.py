@@ -1,4 +1,4 @@
-"""Poses from matrices, quaternions or rotation vectors, each checked first."""
+"""Create poses from matrices, quaternions or rotation vectors, after checking the values."""
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -10,11 +10,13 @@ from drivers.types import Pose
 Array = NDArray[np.float64]
 
 _NOT_ORTHONORMAL = 2e-3
+"""Largest accepted deviation of R^T R from the identity."""
 _LARGEST_M = 20.0
+"""Largest accepted coordinate; larger ones are probably mm."""
 
 
 def pose_from_matrix(matrix: ArrayLike, name: str) -> Pose:
-    """Make a pose of a (4, 4) matrix. Raises `CalibrationError` unless it is a rigid motion in m."""
+    """Create a pose from a (4, 4) matrix. Raises `CalibrationError` unless it is a rigid transform in m."""
     values = finite(matrix, (4, 4), name)
     turn = values[:3, :3]
     if np.abs(values[3] - (0.0, 0.0, 0.0, 1.0)).max() > 1e-9:
@@ -35,7 +37,7 @@ def pose_matrix(pose: Pose) -> Array:
 
 
 def pose_from_quaternion(position_m: ArrayLike, quaternion_xyzw: ArrayLike, name: str) -> Pose:
-    """Make a pose; either sign of a quaternion is the same turn. Raises `CalibrationError`."""
+    """Create a pose; both signs of a quaternion give the same rotation. Raises `CalibrationError`."""
     values = finite(quaternion_xyzw, (4,), name)
     length = float(np.linalg.norm(values))
     if abs(length - 1.0) > 0.01:
@@ -44,7 +46,7 @@ def pose_from_quaternion(position_m: ArrayLike, quaternion_xyzw: ArrayLike, name
 
 
 def pose_from_rotation_vector(position_m: ArrayLike, rotation_vector_rad: ArrayLike, name: str) -> Pose:
-    """Make a pose of a UR pose (x, y, z in m, rotation vector in rad). Raises `CalibrationError`."""
+    """Create a pose from a UR pose (x, y, z in m, rotation vector in rad). Raises `CalibrationError`."""
     values = finite(rotation_vector_rad, (3,), name)
     if np.linalg.norm(values) > 2.0 * np.pi + 1e-6:
         raise CalibrationError(
@@ -54,7 +56,7 @@ def pose_from_rotation_vector(position_m: ArrayLike, rotation_vector_rad: ArrayL
 
 
 def pose_fault(pose: Pose, name: str) -> str | None:
-    """Say what is wrong with a pose made elsewhere, or None."""
+    """Return why a pose from another source is invalid; None if it is valid."""
     try:
         pose_from_quaternion(pose.position_m, pose.quaternion_xyzw, name)
     except CalibrationError as error:
@@ -63,7 +65,7 @@ def pose_fault(pose: Pose, name: str) -> str | None:
 
 
 def finite(values: ArrayLike, shape: tuple[int, ...], name: str) -> Array:
-    """The values as float64 of a shape. Raises `CalibrationError` for another shape, NaN or inf."""
+    """Convert to a float64 array of a shape. Raises `CalibrationError` for another shape, NaN or infinity."""
     try:
         array = np.asarray(values, np.float64)
     except (TypeError, ValueError) as error:
@@ -71,13 +73,13 @@ def finite(values: ArrayLike, shape: tuple[int, ...], name: str) -> Array:
     if array.shape != shape:
         raise CalibrationError(f"{name}: numbers of shape {shape} are needed, got {array.shape}")
     if not np.isfinite(array).all():
-        raise CalibrationError(f"{name}: holds a number that is not finite")
+        raise CalibrationError(f"{name}: contains NaN or an infinite value")
     return array
 
 
 def _pose(position_m: Array, rotation: Rotation, name: str) -> Pose:
     if np.abs(position_m).max() > _LARGEST_M:
         raise CalibrationError(
-            f"{name}: lies {np.abs(position_m).max():.0f} m away; are these mm? m are needed"
+            f"{name}: is {np.abs(position_m).max():.0f} m away; are these mm? m are needed"
         )
     return Pose.from_rotation(position_m, rotation)

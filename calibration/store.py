@@ -1,7 +1,7 @@
-"""Calibration files: plain YAML, versioned, with the serials of the devices they belong to.
+"""Read and write calibration files: plain YAML, versioned, with the serials of their devices.
 
-The value stands at the top level in the layout its field reads (a camera's is ROS `camera_info`);
-everything known about the value stands under `calibration`.
+The value is at the top level, in the layout that is usual in its field (for a camera: ROS `camera_info`).
+Information about the value is under the key `calibration`.
 """
 
 from collections.abc import Mapping
@@ -26,9 +26,9 @@ KINDS = ("camera", "hand-eye", "markers", "tactile", "gripper", "tcp", "sync")
 class CalibrationFile:
     """One calibration.
 
-    kind: one of `KINDS`. serials: of the devices it belongs to, by role ("camera", "tactile").
-    value: what is used. quality: covariance, held-out error, observability, by name. created: ISO
-    8601 with zone. inputs: hash and place of the samples, and how many were used.
+    kind: one of `KINDS`. serials: of the devices it belongs to, by role ("camera", "tactile"). value: the
+    calibrated value. quality: covariance, held-out error, observability, by name. created: ISO 8601 with time
+    zone. inputs: hash and path of the samples, and how many were used.
     """
 
     kind: str
@@ -43,18 +43,18 @@ class CalibrationFile:
 
 
 def age_days(created: str, now: datetime) -> float:
-    """Days since an ISO 8601 time; UTC where it names no zone. Raises `ValueError`."""
+    """Return the days since an ISO 8601 time, taken as UTC if it has no zone. Raises `ValueError`."""
     made = datetime.fromisoformat(created)
     return (now - (made if made.tzinfo else made.replace(tzinfo=UTC))).total_seconds() / 86400.0
 
 
 def age_text(days: float) -> str:
-    """An age in words."""
+    """Return an age as text: in days, or below two days in hours."""
     return f"{days:.0f} days" if days >= 2 else counted(round(max(days, 0.0) * 24), "hour")
 
 
 def save(file: CalibrationFile, path: Path) -> None:
-    """Write a calibration atomically. Raises `RecordingError`, `CalibrationError` for a NaN in it."""
+    """Write a calibration atomically. Raises `RecordingError`, and `CalibrationError` for NaN or infinity."""
     about = {
         "schema": SCHEMA, "kind": file.kind, "serials": file.serials, "created": file.created,
         "verdict": str(file.assessment.verdict), "refusals": file.assessment.refusals,
@@ -68,7 +68,7 @@ def save(file: CalibrationFile, path: Path) -> None:
 
 
 def write_bytes(path: Path, content: bytes) -> None:
-    """Write a file, and its folder, whole or not at all. Raises `RecordingError`."""
+    """Write a file atomically, and create its folder. Raises `RecordingError`."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         write_whole(path, content)
@@ -81,13 +81,16 @@ def load(
 ) -> CalibrationFile:
     """Read a calibration of a kind.
 
-    serials: of the devices at hand; a file that names others is refused. Raises `CalibrationError`
-    saying what is wrong with the file, or which device it belongs to.
+    serials: of the connected devices; a file of other devices is rejected. allow_refused: also return a
+    calibration with the verdict refused. Raises `CalibrationError` with what is wrong with the file, or with
+    the device that it belongs to.
     """
     content = read_yaml(path)
     about = content.pop("calibration", None)
     if not isinstance(about, dict) or about.get("schema") != SCHEMA:
-        raise CalibrationError(f"{path}: no calibration file of schema {SCHEMA}; make it with rig calibrate")
+        raise CalibrationError(
+            f"{path}: not a calibration file of schema {SCHEMA}; make it with rig calibrate"
+        )
     if about.get("kind") != kind:
         raise CalibrationError(f"{path}: holds a calibration of '{about.get('kind')}', '{kind}' is needed")
     try:
@@ -102,7 +105,7 @@ def load(
 
 
 def check_serials(path: Path, written: Mapping[str, str], at_hand: Mapping[str, str]) -> None:
-    """Raise `CalibrationError` where a device at hand is not the one of the file."""
+    """Raise `CalibrationError` if a connected device is not the device of the file."""
     for role, serial in at_hand.items():
         if written.get(role) != serial:
             raise CalibrationError(
@@ -112,20 +115,21 @@ def check_serials(path: Path, written: Mapping[str, str], at_hand: Mapping[str, 
 
 
 def read_yaml(path: Path) -> dict[str, Any]:
-    """Read a YAML mapping, OpenCV's dialect included. Raises `CalibrationError`."""
+    """Read a YAML mapping, also in OpenCV's dialect. Raises `CalibrationError`."""
     try:
         content = formats.read_yaml(path)
     except FormatError as error:
         raise CalibrationError(str(error)) from error
     if not isinstance(content, dict):
-        raise CalibrationError(f"{path}: holds no mapping; is this a calibration file?")
+        raise CalibrationError(f"{path}: contains no mapping; is this a calibration file?")
     return content
 
 
 def plain(value: Any, where: str) -> Any:
-    """Turn arrays, numpy numbers and tuples into plain lists and numbers.
+    """Convert arrays, numpy numbers and tuples to plain lists and numbers.
 
-    Raises `CalibrationError` for a number that is not finite: a file never holds a NaN.
+    where: name of the value in errors. Raises `CalibrationError` for NaN or infinity, which a calibration
+    file never contains.
     """
     if isinstance(value, Mapping):
         return {str(key): plain(item, f"{where}: {key}") for key, item in value.items()}
@@ -135,7 +139,7 @@ def plain(value: Any, where: str) -> Any:
         return [plain(item, where) for item in value]
     if isinstance(value, float | np.floating):
         if not np.isfinite(value):
-            raise CalibrationError(f"{where}: a number is not finite; this result is not written")
+            raise CalibrationError(f"{where}: NaN or an infinite value; this result is not written")
         return float(value)
     if isinstance(value, np.integer | np.bool_):
         return value.item()
@@ -143,7 +147,7 @@ def plain(value: Any, where: str) -> Any:
 
 
 class _Dumper(yaml.SafeDumper):
-    """Numbers on one line, mappings on many."""
+    """Writes lists of numbers on one line, mappings on several lines."""
 
     def ignore_aliases(self, data: Any) -> bool:
         return True
@@ -174,5 +178,5 @@ def _from_about(about: Mapping[str, Any], value: Mapping[str, Any]) -> Calibrati
 def _mapping(about: Mapping[str, Any], name: str) -> Mapping[str, Any]:
     value = about.get(name, {})
     if not isinstance(value, Mapping):
-        raise ValueError(f"'{name}' is no mapping")
+        raise ValueError(f"'{name}' is not a mapping")
     return value

@@ -1,6 +1,6 @@
-"""Offset and drift between two clocks, from one motion that both streams recorded.
+"""Estimate offset and drift between two clocks from one motion that both streams recorded.
 
-Convention: `offset_s` is added to the times of the second stream to get those of the first; with a drift
+Convention: `offset_s` is added to the times of the second stream to get those of the first. With a drift
 `d` (ppm) the offset holds at the middle of the overlap and grows by d microseconds per second.
 """
 
@@ -17,20 +17,25 @@ from drivers.errors import CalibrationError, counted
 Array = NDArray[np.floating]
 
 FEWEST = 20
+"""Fewest samples of a stream, and of the overlap."""
 _LEAST_EXPLAINED = 0.5
 _WELL_EXPLAINED = 0.85
+"""Fractions of explained variance: below the first the result is refused; see `_NOT_NOISE` for the second."""
 _NOT_NOISE = 0.6
-"""Lag-1 autocorrelation of the residual above which it is not noise, whose own is near zero. Below
-`_WELL_EXPLAINED` it shows a wrong minimum; above, sensors that smooth differently, and it widens sigma."""
+"""Lag-1 autocorrelation above which the residual is not noise, whose own is near zero. If less than
+`_WELL_EXPLAINED` is explained, it indicates a wrong minimum; otherwise sensors with different smoothing, and
+it increases sigma."""
 _GRID_S = 0.002
+"""Step of the grid search."""
 _HILL = 1.05
+"""Two minima are distinct if the cost between them exceeds the higher one by this factor."""
 _ROUNDS = 30
 _DRIFT_FROM_S = 60.0
-"""A drift is fitted to streams that overlap for a minute and more."""
+"""Shortest overlap for which a drift is fitted."""
 _SPAN_NS = 100_000_000
-"""A turning rate is measured over this time: over less it is noise, over more the motion is smoothed away."""
+"""Interval over which an angular speed is measured: shorter is noisy, longer smooths the motion away."""
 _AROUND = 15
-"""Samples of the running median: the spikes of half a span at both ends of a flip are the minority in it."""
+"""Samples of the running median: more than twice the spikes that one flip of a detector causes."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,9 +48,9 @@ class TimedSignal:
 
 @dataclass(frozen=True, slots=True)
 class TimeOffset:
-    """The answer. sigma_s, drift_sigma_ppm: one sigma. gain: second's values over first's, signed.
+    """The result. sigma_s, drift_sigma_ppm: one sigma. gain: second signal over first, signed.
 
-    explained: share of the second signal's variance that the first explains. offset_s is None where refused;
+    explained: fraction of the second signal's variance that the first explains. offset_s is None if refused;
     drift_ppm is None for a short overlap.
     """
 
@@ -60,10 +65,10 @@ class TimeOffset:
 
 
 def make_stream(time_ns: NDArray[np.int64], values: Array, name: str) -> TimedSignal:
-    """Sort samples by time and leave out repeated times and values that are not finite.
+    """Sort samples by time; remove repeated times, and values that are NaN or infinite.
 
-    Raises `CalibrationError` for times that are no integers, shapes that differ, a clock that jumps
-    by more than an hour, or fewer than 20 samples.
+    name: of the stream, for errors. Raises `CalibrationError` for times that are not integers, shapes that
+    differ, a clock that jumps by more than an hour, or fewer than 20 samples.
     """
     times, signal = np.asarray(time_ns), np.asarray(values, np.float64)
     if times.dtype.kind not in "iu" or times.ndim != 1 or times.shape != signal.shape:
@@ -72,7 +77,7 @@ def make_stream(time_ns: NDArray[np.int64], values: Array, name: str) -> TimedSi
     usable = _in_order(times, np.isfinite(signal))
     if len(usable) < FEWEST:
         raise CalibrationError(
-            f"sync: {name}: {counted(len(usable), 'usable sample')}, {FEWEST} are the least"
+            f"sync: {name}: {counted(len(usable), 'usable sample')}; at least {FEWEST} are needed"
         )
     longest_s = float(np.diff(times[usable]).max()) / 1e9
     if longest_s > 3600.0:
@@ -83,16 +88,16 @@ def make_stream(time_ns: NDArray[np.int64], values: Array, name: str) -> TimedSi
 def turning_rate(
     time_ns: NDArray[np.int64], quaternions_xyzw: NDArray[np.floating], name: str
 ) -> TimedSignal:
-    """Return the angular speed in rad/s over 0.1 s around each time; orientations between samples by slerp.
+    """Return the angular speed in rad/s over 0.1 s around each time; orientations are interpolated by slerp.
 
-    A robot and a camera on it see the same speed whatever their frames, so no hand-eye transform is needed
-    (Furrer et al. 2017 correlate speeds). time_ns: (N,) int64; quaternions_xyzw: (N, 4), invalid ones are
-    left out. Raises `CalibrationError` if too few valid orientations are left, and as `make_stream` does.
+    A robot and a camera on it have the same speed in any frame, so no hand-eye transform is needed (Furrer et
+    al. 2017 correlate speeds). time_ns: (N,) int64; quaternions_xyzw: (N, 4), invalid ones are skipped.
+    Raises `CalibrationError` if too few valid orientations remain, and as `make_stream` does.
     """
     times, values = np.asarray(time_ns), np.asarray(quaternions_xyzw, np.float64)
     if values.shape != (len(times), 4):
         raise CalibrationError(f"sync: {name}: (N, 4) quaternions for N times are needed, got {values.shape}")
-    # the comparison is false for NaN
+    # the comparison is False for NaN
     usable = _in_order(times, np.abs(np.linalg.norm(values, axis=1) - 1.0) < 0.01)
     times, values = times[usable], values[usable]
     middle = times[_inside(times)] if len(times) else times
@@ -107,14 +112,14 @@ def turning_rate(
 
 
 def _in_order(times: NDArray[np.int64], usable: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """Indices of usable samples in the order of their times, repeated times left out."""
+    """Return the indices of usable samples, sorted by time, without repeated times."""
     found = np.flatnonzero(usable)
     found = found[np.argsort(times[found], kind="stable")]
     return found[np.diff(times[found], prepend=times[found[:1]] - 1) > 0]
 
 
 def _inside(times: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """(N,) whether there are samples up to half a span on either side, and none is far from the next."""
+    """(N,) whether there are samples up to half a span on each side, without a large gap."""
     half = _SPAN_NS // 2
     first, last = np.searchsorted(times, times - half, "right") - 1, np.searchsorted(times, times + half)
     whole = (first >= 0) & (last < len(times))
@@ -124,9 +129,9 @@ def _inside(times: NDArray[np.int64]) -> NDArray[np.bool_]:
 
 
 def _spikes(rates: NDArray[np.floating]) -> NDArray[np.bool_]:
-    """(N,) whether a rate stands out from its neighbours, as where a detector mirrors the target.
+    """(N,) whether a rate is an outlier among its neighbours, as when a detector mirrors the target.
 
-    Hampel's filter: more than five robust deviations from the running median.
+    Hampel filter: more than five robust standard deviations from the running median.
     """
     middle = median_filter(rates, _AROUND, mode="nearest")
     away = np.abs(rates - middle)
@@ -135,10 +140,10 @@ def _spikes(rates: NDArray[np.floating]) -> NDArray[np.bool_]:
 
 
 def time_offset(first: TimedSignal, second: TimedSignal, search_s: float = 0.5) -> TimeOffset:
-    """Find the offset within +- `search_s`, or say why these streams do not determine it.
+    """Find the offset within +- `search_s`, or report why these streams do not determine it.
 
-    Least squares on the second signal against the first, interpolated, with free gain and level;
-    a grid search finds the minimum, Gauss-Newton refines it.
+    Least squares of the second signal against the interpolated first one, with free gain and level. A grid
+    search finds the minimum, Gauss-Newton refines it.
     """
     zero = first.time_ns[0]
     t1, t2 = ((s.time_ns - zero).astype(np.float64) / 1e9 for s in (first, second))
@@ -177,7 +182,7 @@ def _refined(
     fewer = np.sqrt((1.0 + alike) / (1.0 - alike)) if 0.0 < alike < 0.999 else 1.0
     sigma = noise * _unit_sigmas(system) * fewer
     explained = 1.0 - cost / float(((wanted - wanted.mean()) ** 2).sum())
-    # of many samples, the second-best minimum has to be less worse than of few
+    # with many samples, a smaller difference to the second-best minimum is significant
     distinct = _rival(grid, costs, best) >= np.clip(1.0 + 25.0 / max(len(t2) / fewer**2, 1.0), 1.15, 1.5)
     assessment = _assess(explained, alike, float(sigma[0]), offset, search_s, bool(distinct))
     if assessment.refusals:
@@ -190,10 +195,10 @@ def _assess(
     explained: float, autocorrelation: float, sigma_s: float, offset_s: float, search_s: float, distinct: bool
 ) -> Assessment:
     if not explained >= _LEAST_EXPLAINED or not np.isfinite(sigma_s):
-        share = f"the signals share {max(explained, 0.0):.0%} of their motion only"
+        share = f"the signals share only {max(explained, 0.0):.0%} of their motion"
         reason = f"{share}: wiggle by several degrees"
     elif explained < _WELL_EXPLAINED and autocorrelation > _NOT_NOISE:
-        reason = "what the best offset leaves is no noise: the offset may lie beyond the end of the search"
+        reason = "the residual at the best offset is not noise: the offset may lie outside the search range"
     elif abs(offset_s) > search_s - 2 * _GRID_S:
         reason = f"the offset lies at the end of the search (+-{search_s:g} s): search wider"
     elif not distinct:
@@ -206,13 +211,13 @@ def _assess(
 
 
 def _autocorrelation(rest: Array) -> float:
-    """Lag-1 autocorrelation of a series; 0 for a series of zeros."""
+    """Return the lag-1 autocorrelation of a series; 0 for a series of zeros."""
     power = float(rest @ rest)
     return float(rest[1:] @ rest[:-1]) / power if power > 0.0 else 0.0
 
 
 def _explained(t1: Array, signal: Array, at: Array, wanted: Array) -> tuple[float, float, float]:
-    """Residual sum of squares, gain, and one sigma of the residual, at the best gain and level."""
+    """Return the residual sum of squares, the gain, and one sigma of the residual, at the best fit."""
     seen = np.interp(at, t1, signal)
     centred, goal = seen - seen.mean(), wanted - wanted.mean()
     power = float(centred @ centred)
@@ -225,7 +230,7 @@ def _explained(t1: Array, signal: Array, at: Array, wanted: Array) -> tuple[floa
 def _linearised(
     t1: Array, signal: Array, at: Array, wanted: Array, from_middle: Array, with_drift: bool
 ) -> tuple[Array, Array]:
-    """Derivatives by offset, gain, level (and drift), and the (N,) residual at the best gain and level."""
+    """Return derivatives by offset, gain, level (and drift), and the (N,) residual at the best fit."""
     _, gain, _ = _explained(t1, signal, at, wanted)
     seen = np.interp(at, t1, signal)
     half = max(float(np.median(np.diff(t1))), 2e-3)
@@ -237,7 +242,7 @@ def _linearised(
 
 
 def _unit_sigmas(system: Array) -> Array:
-    """One sigma of each parameter for noise of one, by SVD; infinite where nothing determines it."""
+    """Return one sigma of each parameter for unit noise, by SVD; infinite if undetermined."""
     scale = np.linalg.norm(system, axis=0)
     if (scale < 1e-12).any():
         return np.full(system.shape[1], np.inf)
@@ -246,9 +251,10 @@ def _unit_sigmas(system: Array) -> Array:
 
 
 def _rival(grid: Array, costs: Array, best: int) -> float:
-    """Cost of the second-best valley over that of the best one; 1 means equally good.
+    """Return the ratio of the costs of the second-best and the best minimum; 1 means equally good.
 
-    Between valleys is a hill; noise makes many small minima in one.
+    Two minima count as different only if there is a hill between them, because noise creates many small
+    minima.
     """
     inner = (costs[1:-1] < costs[:-2]) & (costs[1:-1] <= costs[2:])
     others = [
@@ -260,7 +266,7 @@ def _rival(grid: Array, costs: Array, best: int) -> float:
 
 
 def _measured(t1: Array, t2: Array, search_s: float) -> NDArray[np.bool_]:
-    """Samples of the second stream around which the first one has no gap."""
+    """(N,) whether the first stream has no gap around each sample of the second."""
     gap = np.diff(t1)
     allowed = max(10.0 * float(np.median(gap)), 0.02)
     starts = t1[:-1][gap > allowed] - search_s

@@ -1,4 +1,4 @@
-"""The tool tip in the flange or TCP frame, from poses in which it rests on one fixed point (pivoting)."""
+"""Estimate the tool tip in the flange or TCP frame from poses with the tip on one fixed point (pivoting)."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,15 +15,16 @@ from drivers.types import Pose
 Array = NDArray[np.floating]
 
 FEWEST = 4
+"""Fewest usable poses."""
 _HINT = "tilt the tool by 30 degrees and more, about two axes, with the tip in its hole"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PivotResult:
-    """tip_m: (3,) in the tool's frame; None where refused.
+    """The result. tip_m: (3,) in the tool's frame; None if refused.
 
-    covariance: (3, 3) m^2 of the tip, the larger of fit and leave-one-out. residual_m: per pose used.
-    cone_deg: largest turn between two poses.
+    covariance: (3, 3) m^2 of the tip, the larger of fit and leave-one-out. residual_m: per used pose.
+    cone_deg: largest rotation between two poses.
     """
 
     assessment: Assessment
@@ -35,10 +36,10 @@ class PivotResult:
 
 
 def calibrate_pivot(poses: Sequence[tuple[str, Pose]]) -> PivotResult:
-    """Least squares of R_i tip + p_i = point over named `base_T_tool` poses, bad ones left out."""
+    """Solve R_i tip + p_i = point by least squares over named `base_T_tool` poses, without outliers."""
     good, rejected = sift(poses, lambda named: named[0], _fault)
     if len(good) < FEWEST:
-        text = f"{counted(len(good), 'usable distinct pose')}, {FEWEST} are the least and 10 are good"
+        text = f"{counted(len(good), 'usable distinct pose')}; at least {FEWEST} are needed, 10 are good"
         return PivotResult(Assessment((text,)), tuple(rejected))
     names = [name for name, _ in good]
     turns = np.array([pose.rotation.as_matrix() for _, pose in good])
@@ -47,13 +48,13 @@ def calibrate_pivot(poses: Sequence[tuple[str, Pose]]) -> PivotResult:
     if gate.refusals:
         return PivotResult(gate, tuple(rejected), cone_deg)
     kept = _inliers(turns, moves)
-    rejected += [Rejected(names[i], "its tip is off the others' point") for i in np.flatnonzero(~kept)]
+    rejected += [Rejected(names[i], "its tip misses the point of the others") for i in np.flatnonzero(~kept)]
     names = [name for name, used in zip(names, kept, strict=True) if used]
     return _finish(names, turns[kept], moves[kept], tuple(rejected))
 
 
 def solve_pivot(turns: Array, moves: Array) -> tuple[Array, Array]:
-    """Tip and fixed point, (3,) m each, from (N, 3, 3) and (N, 3) m."""
+    """Return tip and fixed point, (3,) m each, from rotations (N, 3, 3) and positions (N, 3) m."""
     both, *_ = np.linalg.lstsq(_system(turns), -moves.reshape(-1), rcond=None)
     return both[:3], both[3:]
 
@@ -61,7 +62,7 @@ def solve_pivot(turns: Array, moves: Array) -> tuple[Array, Array]:
 def _finish(names: list[str], turns: Array, moves: Array, rejected: tuple[Rejected, ...]) -> PivotResult:
     cone_deg, assessment = _gate(turns)
     if len(names) < FEWEST and not assessment.refusals:
-        assessment = Assessment((f"{counted(len(names), 'agreeing pose')}, {FEWEST} are the least",))
+        assessment = Assessment((f"{counted(len(names), 'agreeing pose')}; at least {FEWEST} are needed",))
     if assessment.refusals:
         return PivotResult(assessment, rejected, cone_deg)
     tip, point = solve_pivot(turns, moves)
@@ -73,7 +74,7 @@ def _finish(names: list[str], turns: Array, moves: Array, rejected: tuple[Reject
         "the tip misses its point by {value:.2f} mm: did it leave the hole, or the robot still move?",
     )  # fmt: skip
     assessment += limit(
-        1e3 * float(np.sqrt(np.trace(covariance))), 1.0, 20.0, "the tip is known to {value:.2f} mm only"
+        1e3 * float(np.sqrt(np.trace(covariance))), 1.0, 20.0, "the tip is known only to {value:.2f} mm"
     )
     assessment += floor(len(names), 8, FEWEST, f"{counted(len(names), 'pose')} used; 10 are good")
     if assessment.refusals:
@@ -83,7 +84,7 @@ def _finish(names: list[str], turns: Array, moves: Array, rejected: tuple[Reject
 
 
 def _spread(turns: Array, moves: Array, tip: Array, missed: Array) -> Array:
-    """Covariance of the tip: the larger of fit and jackknife."""
+    """Return the covariance of the tip: the larger of fit and jackknife."""
     _, strengths, directions = np.linalg.svd(_system(turns), full_matrices=False)
     count = len(turns)
     noise = float((missed**2).sum()) / max(3 * count - 6, 1)
@@ -96,7 +97,7 @@ def _spread(turns: Array, moves: Array, tip: Array, missed: Array) -> Array:
 
 
 def _inliers(turns: Array, moves: Array) -> NDArray[np.bool_]:
-    """Drop the worst pose while it stands out by three medians and more than a millimetre."""
+    """Remove the worst pose while it exceeds three medians and one millimetre."""
     kept = np.ones(len(turns), bool)
     while kept.sum() > FEWEST:
         tip, point = solve_pivot(turns[kept], moves[kept])
@@ -124,17 +125,17 @@ def _same(pose: Pose, other: Pose) -> bool:
 
 
 def _gate(turns: Array) -> tuple[float, Assessment]:
-    """Largest turn between two poses in degrees, and whether the turns determine the tip."""
+    """Return the largest rotation between poses, deg, and whether the rotations determine the tip."""
     first, second = np.triu_indices(len(turns), 1)
     relative = Rotation.from_matrix(turns[second] @ turns[first].transpose(0, 2, 1))
     cone_deg = float(np.degrees(relative.magnitude()).max())
     strengths = np.linalg.svd(_system(turns), compute_uv=False)
     if cone_deg < 10.0:
-        return cone_deg, Assessment((f"the tool turned by {cone_deg:.1f} degrees at most: {_HINT}",))
+        return cone_deg, Assessment((f"the tool rotated by at most {cone_deg:.1f} degrees: {_HINT}",))
     if strengths[-1] < 0.02 * strengths[0]:
-        reason = f"all turns are about one axis, so the tip along it is free: {_HINT}"
+        reason = f"all rotations are about one axis, so the tip is undetermined along it: {_HINT}"
         return cone_deg, Assessment((reason,))
-    return cone_deg, floor(cone_deg, 30.0, 10.0, "the tool turned by {value:.0f} degrees at most: " + _HINT)
+    return cone_deg, floor(cone_deg, 30.0, 10.0, "the tool rotated by at most {value:.0f} degrees: " + _HINT)
 
 
 def _system(turns: Array) -> Array:

@@ -1,4 +1,4 @@
-"""The verdict on a calibration, good, weak or refused, with its reasons."""
+"""The verdict on a calibration: good, weak or refused, with its reasons."""
 
 import math
 import re
@@ -20,7 +20,7 @@ class Verdict(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Check:
-    """A number that was compared with its limits. what: the number in words; good, usable: the limits."""
+    """A value compared with its limits. what: the value in words; good, usable: the limits as text."""
 
     what: str
     good: str
@@ -30,7 +30,7 @@ class Check:
 
 @dataclass(frozen=True, slots=True)
 class Assessment:
-    """Refusals and doubts; each says what was seen and what to do about it. checks: all numbers compared."""
+    """Reasons for a verdict: refusals and doubts, each with advice. checks: all compared values."""
 
     refusals: tuple[str, ...] = ()
     doubts: tuple[str, ...] = ()
@@ -38,30 +38,30 @@ class Assessment:
 
     @property
     def verdict(self) -> Verdict:
-        """Refused if there is a refusal, else weak if there is a doubt, else good."""
+        """Refused if there is a refusal; otherwise weak if there is a doubt; otherwise good."""
         if self.refusals:
             return Verdict.REFUSED
         return Verdict.WEAK if self.doubts else Verdict.GOOD
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """All reasons, the worst first."""
+        """All reasons, refusals first."""
         return self.refusals + self.doubts
 
     def __add__(self, other: "Assessment") -> "Assessment":
-        """The reasons and checks of both."""
+        """Combine the reasons and checks of both."""
         return Assessment(
             self.refusals + other.refusals, self.doubts + other.doubts, self.checks + other.checks
         )
 
     def __str__(self) -> str:
-        """Verdict and reasons in one line."""
+        """Return verdict and reasons in one line."""
         return str(self.verdict) + (": " + "; ".join(self.reasons) if self.reasons else "")
 
 
 @dataclass(frozen=True, slots=True)
 class Rejected:
-    """A sample that was left out, by its id, and why."""
+    """A rejected sample: its id, and the reason."""
 
     id: str
     reason: str
@@ -70,9 +70,9 @@ class Rejected:
 def sift(
     samples: Iterable[T], name: Callable[[T], str], fault: Callable[[T, list[T]], str | None]
 ) -> tuple[list[T], list[Rejected]]:
-    """Separate good samples from faulty ones; return the good ones, and id and reason of the others.
+    """Separate usable samples from faulty ones; return the usable ones, and id and reason of the others.
 
-    fault: given a sample and the samples kept so far, says what is wrong with it, or None.
+    fault: receives a sample and the samples accepted so far; returns what is wrong with it, or None.
     """
     kept: list[T] = []
     rejected: list[Rejected] = []
@@ -86,16 +86,16 @@ def sift(
 
 
 def limit(value: float, weak_above: float, refuse_above: float, text: str, what: str = "") -> Assessment:
-    """Assess a number that should be small; NaN is refused.
+    """Assess a value that should be small; NaN is refused.
 
-    text: the reason, with `{value}` in it. what: the number in words, with `{value}` in it; by default the
+    text: the reason, containing `{value}`. what: the value in words, containing `{value}`; by default the
     text up to its first colon, semicolon or "only".
     """
     return _compared(value, weak_above, refuse_above, text, what, "at most")
 
 
 def floor(value: float, weak_below: float, refuse_below: float, text: str, what: str = "") -> Assessment:
-    """Assess a number that should be large; NaN is refused. text, what: as `limit` has them."""
+    """Assess a value that should be large; NaN is refused. text, what: see `limit`."""
     return _compared(value, weak_below, refuse_below, text, what, "at least")
 
 
@@ -111,7 +111,7 @@ def _compared(value: float, good: float, usable: float, text: str, what: str, bo
 
 
 def rests_on(what: str, doubts: tuple[str, ...]) -> Assessment:
-    """A verdict is never better than what it rests on: one doubt that names the input and its doubts."""
+    """Return one doubt that names an input and its doubts: a verdict is never better than its inputs."""
     if not doubts:
         return Assessment()
-    return Assessment(doubts=(f"rests on a {what} that is not good ({'; '.join(doubts)})",))
+    return Assessment(doubts=(f"depends on a {what} that is not good ({'; '.join(doubts)})",))

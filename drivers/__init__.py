@@ -1,7 +1,7 @@
-"""What the bench's hardware can do, and the real devices doing it.
+"""Device interfaces of the bench, and the drivers of the real devices.
 
-The modules here are the vocabulary that everything above shares: interfaces, values, errors, the
-clock, motions, images as bytes, the readers of formats (`formats`), and the count of a source's frames.
-The devices stand in packages of their own (`ur5e`, `robotiq_3f`, `video`), which `rig.bench` alone
-names. Imports nothing of the rig.
+The modules at this level are shared by all packages above: interfaces, values, errors, the clock, motions,
+encoded images, readers of file formats (`formats`), and the frame counters of a source. The drivers are in
+`ur5e`, `robotiq_3f` and `video`; only `rig.bench` imports them by name. This package imports nothing of the
+rig.
 """

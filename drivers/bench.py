@@ -1,4 +1,4 @@
-"""The bench: its devices in one value, connected and let go in order."""
+"""The bench: all its devices in one value, connected and disconnected in order."""
 
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
@@ -14,7 +14,7 @@ NOT_LOOKED_AT = HandState(Holding.UNKNOWN, "not looked at yet")
 
 
 class MissingDevice:
-    """Stands for a device that a bench lacks: whatever is asked of it raises `InputError`."""
+    """Placeholder for a device that a bench lacks: any use of it raises `InputError`."""
 
     def __init__(self, section: str) -> None:
         self._section = section
@@ -25,7 +25,7 @@ class MissingDevice:
 
 
 def missing_device(section: Literal["arm", "gripper", "camera"]) -> Any:
-    """Return what stands for a device that a bench lacks, in the place of the device."""
+    """Return the placeholder for a device that a bench lacks; its type checks as any device."""
     return MissingDevice(section)
 
 
@@ -33,8 +33,8 @@ def missing_device(section: Literal["arm", "gripper", "camera"]) -> Any:
 class Fingertip:
     """A tactile sensor on a grasping finger.
 
-    `sign` (+1 or -1) turns the sensor's image angle into the object's angle as the external
-    camera sees it: the two fingers look at the object from opposite sides.
+    `sign` (+1 or -1) converts the sensor's image angle to the object's angle as the external camera sees
+    it: the two fingers see the object from opposite sides.
     """
 
     sensor: TactileSensor
@@ -43,9 +43,9 @@ class Fingertip:
 
 
 class Hand:
-    """What is known of the hand of a bench: whoever moves it says so here, before it becomes so.
+    """The known state of the hand. Code that moves the hand updates it here before the state changes.
 
-    keep: is given each change, where it outlives this program.
+    keep: called with each new state, to store it beyond the end of this program.
     """
 
     def __init__(
@@ -55,11 +55,11 @@ class Hand:
 
     @property
     def state(self) -> HandState:
-        """What is known."""
+        """The current known state."""
         return self._state
 
     def note(self, state: HandState) -> None:
-        """Know something else from now on."""
+        """Replace the known state."""
         if state != self._state:
             self._state = state
             self._keep(state)
@@ -67,12 +67,12 @@ class Hand:
 
 @dataclass(frozen=True, slots=True)
 class Bench:
-    """All devices of one bench; a `MissingDevice` stands for one that it lacks.
+    """All devices of one bench; a `MissingDevice` stands in for each device that it lacks.
 
-    `base_T_camera` places the external camera (x right, y down, z forward) in the arm's base.
-    `base_T_table` is where an operator places objects: its origin is the object's centre of
-    mass when placed, x along the object, z up from the table top. `base_T_home` is where the TCP is
-    while the arm waits. `hand`: what it is known to do.
+    `base_T_camera` is the pose of the external camera (x right, y down, z forward) in the arm's base frame.
+    `base_T_table` is the pose at which an operator places objects: its origin is the placed object's centre
+    of mass, x points along the object, z up from the table top. `base_T_home` is the TCP pose in which the
+    arm waits. `hand` is the known state of the hand.
     """
 
     name: str
@@ -95,7 +95,7 @@ class Bench:
 
     @property
     def actuators(self) -> tuple[Gripper | Arm, ...]:
-        """What can move."""
+        """The devices that can move: gripper and arm, as far as the bench has them."""
         return tuple(device for device in (self.gripper, self.arm) if not isinstance(device, MissingDevice))
 
     def has(self, device: Literal["arm", "gripper", "camera"]) -> bool:
@@ -104,7 +104,7 @@ class Bench:
 
     @contextmanager
     def connected(self) -> Iterator["Bench"]:
-        """Connect all devices, sensors before actuators, and let go in reverse order."""
+        """Connect all devices, sensors before actuators; disconnect in reverse order at the end."""
         with ExitStack() as stack:
             for device in (*self.frame_sources, *self.actuators):
                 stack.callback(device.disconnect)

@@ -1,8 +1,8 @@
-"""Python processes that this program starts: none of them imports from the current folder.
+"""Start Python child processes that import nothing from the current folder.
 
-Python puts the current folder first on `sys.path` for `-c` and `-m`, which is how `multiprocessing` and we
-ourselves start a process. A file `threading.py` there, as in a session of somebody else, would be run. Every
-process of ours is therefore started with the command or the context given here.
+Python puts the current folder first on `sys.path` for `-c` and `-m`; `multiprocessing` and this program start
+processes that way. A file such as `threading.py` there, for example in another user's session folder, would
+be executed. All child processes are therefore started with the command or the context of this module.
 """
 
 import multiprocessing
@@ -17,14 +17,14 @@ from multiprocessing import resource_tracker
 from multiprocessing.context import SpawnContext, SpawnProcess
 
 SAFE_PATH = "PYTHONSAFEPATH"
-"""Environment variable that keeps the current folder off `sys.path`, as the option -P does."""
+"""Environment variable that excludes the current folder from `sys.path`, as the option -P does."""
 FROM_TERMINAL = (signal.SIGINT, signal.SIGHUP, signal.SIGQUIT)
-"""Signals that a terminal sends to all processes started from it."""
+"""Signals that a terminal sends to all processes that were started from it."""
 _environment = threading.RLock()
 
 
 def python_command(*arguments: object) -> list[str]:
-    """Return the command line of this Python that imports nothing from the current folder."""
+    """Return a command line for this Python interpreter that imports nothing from the current folder."""
     return [sys.executable, "-P", *map(str, arguments)]
 
 
@@ -41,8 +41,8 @@ class _SafeContext(SpawnContext):
 def spawn_context() -> SpawnContext:
     """Return the `multiprocessing` context in which this program starts processes.
 
-    Processes, and the resource tracker that `multiprocessing` starts beside them, inherit `PYTHONSAFEPATH`:
-    `multiprocessing` writes their command lines itself and takes no further option.
+    The processes, and the resource tracker of `multiprocessing`, inherit `PYTHONSAFEPATH`. An option on the
+    command line is not possible, because `multiprocessing` composes the command lines itself.
     """
     with _safe_path():
         resource_tracker.ensure_running()
@@ -50,7 +50,7 @@ def spawn_context() -> SpawnContext:
 
 
 def leave_signals_to_parent() -> None:
-    """Ignore signals of the terminal in a child: the parent makes the bench safe and then ends the child."""
+    """Ignore terminal signals in a child: the parent first makes the bench safe, then ends the child."""
     for number in FROM_TERMINAL:
         signal.signal(number, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
@@ -70,7 +70,7 @@ def _watch(sentinel: int) -> None:
 
 @contextmanager
 def _safe_path() -> Iterator[None]:
-    """Set the variable for the children that are started meanwhile, and for no program of other people."""
+    """Set the variable while children are started; other programs started later do not inherit it."""
     with _environment:
         before = os.environ.get(SAFE_PATH)
         os.environ[SAFE_PATH] = "1"

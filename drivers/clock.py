@@ -15,7 +15,7 @@ class Clock(Protocol):
         ...
 
     def sleep_until(self, time_ns: int) -> None:
-        """Return when `now_ns() >= time_ns`; at once when that is already so."""
+        """Return when `now_ns() >= time_ns`; immediately if that time has passed."""
         ...
 
 
@@ -39,7 +39,7 @@ def to_ns(duration_s: float) -> int:
 
 
 def wait_until(clock: Clock, met: Callable[[], bool], timeout_s: float, poll_s: float) -> bool:
-    """Ask until a condition is met, every `poll_s`; return False when `timeout_s` pass before that."""
+    """Poll `met` every `poll_s` until it is true; return False if `timeout_s` pass first."""
     deadline = clock.now_ns() + to_ns(timeout_s)
     while not met():
         if clock.now_ns() >= deadline:

@@ -1,4 +1,4 @@
-"""The one error tree of the rig.
+"""The exception hierarchy of the rig.
 
 Every message names the device or file, what was seen, and what to do about it. The command
 line maps the branches to exit codes (0 done, 1 rig fault, 2 usage or input, 3 stopped by the
@@ -10,7 +10,7 @@ from difflib import get_close_matches
 
 
 class RigError(Exception):
-    """Base of every error this product raises on purpose."""
+    """Base class of every error that this product raises on purpose."""
 
 
 class DeviceError(RigError):
@@ -26,7 +26,7 @@ class DeviceTimeoutError(DeviceError):
 
 
 class InvalidStateError(DeviceError):
-    """A driver reported a value that no state can have: NaN, infinity, a wrong type, length or range."""
+    """A driver reported an invalid value in a device state: NaN, infinity, a wrong type, length or range."""
 
 
 class StaleFrameError(DeviceError):
@@ -34,15 +34,15 @@ class StaleFrameError(DeviceError):
 
 
 class DamagedFrameError(DeviceError):
-    """An image arrived cut short or garbled; the stream it came in may still be good."""
+    """An image arrived truncated or corrupted; the rest of its stream may still be good."""
 
 
 class ProtectiveStopError(DeviceError):
-    """The arm stopped itself; a person has to look before it moves again."""
+    """The arm stopped itself; a person has to inspect it before it moves again."""
 
 
 class ContactForceError(DeviceError):
-    """The arm met something on its way down, and was stopped."""
+    """The arm met an obstacle while it moved down, and was stopped."""
 
 
 class GripperFaultError(DeviceError):
@@ -57,7 +57,7 @@ class GripperFaultError(DeviceError):
 
 
 class OutOfLimitsError(DeviceError):
-    """A command was refused before it was sent because it exceeds a stated limit."""
+    """A command was rejected before it was sent because it exceeds a stated limit."""
 
 
 class GraspError(DeviceError):
@@ -77,7 +77,7 @@ class InputError(RigError):
 
 
 class FormatError(InputError):
-    """A file is not what its format demands, or larger than any of its kind."""
+    """A file does not follow its format, or exceeds the size limit of that format."""
 
 
 class SessionError(InputError):
@@ -85,7 +85,7 @@ class SessionError(InputError):
 
 
 class EstimatorError(InputError):
-    """An estimator of somebody's own cannot be made, or answers what cannot be."""
+    """A user-defined estimator cannot be created, or returns an invalid value."""
 
 
 class CalibrationError(InputError):
@@ -97,12 +97,12 @@ class OperatorStopError(RigError):
 
 
 def counted(number: int, noun: str) -> str:
-    """Return a number with its noun, in the plural unless it is one: "1 lift", "3 lifts"."""
+    """Return a number with its noun, in the plural unless the number is 1: "1 lift", "3 lifts"."""
     return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
 
 
 def nearest(name: str, known: Iterable[str]) -> str:
-    """Return " (did you mean 'x'?)" with the known name that is most like `name`, or an empty text."""
+    """Return " (did you mean 'x'?)" with the known name closest to `name`, or an empty string."""
     by_lower_case = {each.lower(): each for each in known}
     near = get_close_matches(name.lower(), by_lower_case, n=1)
     return f" (did you mean '{by_lower_case[near[0]]}'?)" if near else ""
@@ -111,10 +111,10 @@ def nearest(name: str, known: Iterable[str]) -> str:
 def unknown_name(
     what: str, name: str, known: Iterable[str], also: str = "", listed: str | None = None
 ) -> InputError:
-    """Return the error for an unknown name, with the nearest known name and a list of all.
+    """Return the error for an unknown name, with the nearest known name and a list of all names.
 
-    what: the kind of name, such as "estimator". also: further advice, behind the list. listed: the list as
-    it is shown, if not the known names themselves.
+    what: the kind of name, such as "estimator". also: further advice, after the list. listed: text to print
+    as the list; default: the known names.
     """
     names = list(known)
     listed = listed or ", ".join(names)

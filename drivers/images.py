@@ -1,4 +1,4 @@
-"""Images as bytes: the one set of encoders and decoders outside the fakes, which keep their own."""
+"""Image encoders and decoders, shared by everything except the fakes, which keep their own."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -12,18 +12,18 @@ from drivers.formats import MOST_PIXELS, picture_flaw, read_bounded
 from drivers.types import Frame, Image
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
-"""Endings of the image files that are read, lower case."""
+"""File name suffixes of the supported image formats, lower case."""
 MOST_BYTES = 200_000_000
-"""Of an image file: four bytes of each pixel that is decoded."""
+"""Size limit of an image file in bytes: four bytes per pixel of the largest image that is decoded."""
 JPEG_QUALITY = 95
-"""Of what is kept; a camera's own JPEG is kept as received instead."""
+"""JPEG quality of stored images. A camera's own JPEG is stored as received instead."""
 
 
 def decode_image(data: bytes, grey: bool = False) -> Image | None:
-    """Decode to (H, W, 3) uint8 RGB, or (H, W) where `grey`, upright by an orientation header.
+    """Decode to (H, W, 3) uint8 RGB, or (H, W) if `grey`, rotated upright by the orientation header.
 
-    None where that cannot be done, and where `picture_flaw` says why it is not to be; damage inside a JPEG
-    goes unnoticed.
+    Return None if decoding fails, or if `picture_flaw` rejects the data. Damage inside the coded data of a
+    JPEG is not detected.
     """
     if picture_flaw(data) is not None:
         return None
@@ -44,7 +44,7 @@ def decode_stored(data: bytes) -> Image:
 
 
 def load_image(path: Path, grey: bool = False) -> Image | None:
-    """Read an image file as `decode_image` does; None where it is missing, damaged or cut short."""
+    """Read an image file as `decode_image` does; None if it is missing, damaged or truncated."""
     try:
         return decode_image(read_bounded(path, MOST_BYTES), grey)
     except FormatError:
@@ -55,13 +55,13 @@ def read_image(path: Path, grey: bool = False) -> Image:
     """Read an image file as `load_image` does. Raises `InputError` naming it."""
     image = load_image(path, grey)
     if image is None:
-        why = image_flaw(path) or "is no complete picture"
-        raise InputError(f"{path}: {why}: copy it anew or leave it out")
+        why = image_flaw(path) or "is not a complete picture"
+        raise InputError(f"{path}: {why}: copy it again or leave it out")
     return image
 
 
 def image_flaw(path: Path) -> str | None:
-    """Say why an image file is not decoded: where it cannot be read, too, or None."""
+    """Return why an image file cannot be read or decoded; None if it can."""
     try:
         return picture_flaw(read_bounded(path, MOST_BYTES))
     except FormatError as error:
@@ -69,7 +69,7 @@ def image_flaw(path: Path) -> str | None:
 
 
 def check_video_size(capture: cv2.VideoCapture, path: Path) -> None:
-    """Raise `InputError` for a video whose pictures are larger than any that are read."""
+    """Raise `InputError` if the frames of a video exceed the pixel limit."""
     width, height = capture.get(cv2.CAP_PROP_FRAME_WIDTH), capture.get(cv2.CAP_PROP_FRAME_HEIGHT)
     if width * height > MOST_PIXELS:
         raise InputError(f"{path}: is {width:.0f} x {height:.0f} px; at most {MOST_PIXELS:.2g} px are read")
@@ -81,9 +81,9 @@ def encode_jpeg(image: Image, quality: int = JPEG_QUALITY) -> bytes:
 
 
 def with_jpeg(frame: Frame) -> Frame:
-    """Return a frame that has its JPEG, so that a recording and an estimator get the same image.
+    """Return a frame with its JPEG, so that the recording and the estimator use the same image.
 
-    A frame without JPEG is encoded here, once, and its image is replaced by the decoded JPEG. Raises
+    A frame without a JPEG is encoded once, and its image is replaced by the decoded JPEG. Raises
     `RecordingError`.
     """
     if frame.jpeg is not None:

@@ -1,7 +1,7 @@
-"""The vocabulary of the bench: what an arm, a gripper, a tactile sensor and a camera can do.
+"""The device interfaces of the bench: arm, gripper, tactile sensor and camera.
 
-Implementations name these protocols as bases, so they can be found by search and a type
-checker reports a missing member. Verbs act, nouns read. Motions return at once with a handle.
+Drivers name these protocols as base classes, so that a search finds them and a type checker reports missing
+members. Methods with a verb act; nouns only read. Motions return immediately with a handle.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -15,34 +15,34 @@ class Motion(Protocol):
     """A motion in progress."""
 
     def done(self) -> bool:
-        """Whether the motion has ended. Raises the device's error when it ended badly."""
+        """Whether the motion has ended. Raises the device's error if the motion failed."""
         ...
 
     def wait(self, timeout_s: float) -> None:
-        """Block until done. Raises `DeviceTimeoutError` after `timeout_s`, and what `done` raises.
+        """Block until done. Raises `DeviceTimeoutError` after `timeout_s`, and any error of `done`.
 
-        A wait that ends early, also by an interruption, stops the motion.
+        If the wait ends early, also by an interrupt, the motion is stopped.
         """
         ...
 
 
 class Diagnosable(Protocol):
-    """What a device says of itself and its connection; nothing, as here, where it cannot tell."""
+    """Diagnostics of a device and its connection. Default of each method: not supported, returns no data."""
 
     def identity(self) -> Mapping[str, str]:
-        """Model, serial number, firmware and the like by name, as far as they are known."""
+        """Return model, serial number, firmware and the like by name, as far as they are known."""
         return {}
 
     def counters(self) -> Mapping[str, int]:
-        """How often something happened since the driver was made or connected, by name."""
+        """Return event counts since the driver was created or connected, by name."""
         return {}
 
     def round_trips_s(self) -> Sequence[float]:
-        """Durations of the newest answered requests, s."""
+        """Return the durations of the newest answered requests, s."""
         return ()
 
     def clock_offset_s(self) -> float | None:
-        """The device's time minus this computer's monotonic time, s; None where it tells no time."""
+        """Return the device's time minus this computer's monotonic time, s; None without a device clock."""
         return None
 
 
@@ -51,59 +51,59 @@ class Arm(Diagnosable, Protocol):
 
     @property
     def limits(self) -> ArmLimits:
-        """What this arm refuses to exceed."""
+        """The limits that motions are checked against."""
         ...
 
     def connect(self) -> None:
-        """Reach the arm without moving it."""
+        """Connect to the arm without moving it."""
         ...
 
     def disconnect(self) -> None:
-        """Stop any motion and let go of the connection. Safe to call twice."""
+        """Stop any motion and close the connection. Safe to call twice."""
         ...
 
     def state(self) -> ArmState:
-        """Newest state. Raises `DeviceError` when it is stale or the arm is gone."""
+        """Return the newest state. Raises `DeviceError` if it is stale or the connection is lost."""
         ...
 
     def move_linear(self, base_T_tcp: Pose, speed_m_s: float, acceleration_m_s2: float) -> Motion:  # noqa: N803
-        """Start a straight motion and return at once.
+        """Start a straight motion and return immediately.
 
-        Raises `OutOfLimitsError` before anything is sent, `ProtectiveStopError` when stopped.
+        Raises `OutOfLimitsError` before anything is sent, `ProtectiveStopError` if the arm is stopped.
         """
         ...
 
     def stop(self) -> None:
-        """Stop as fast as the arm can, from any thread, at any time, without an error."""
+        """Stop as fast as the arm can. Callable from any thread at any time; raises no error."""
         ...
 
     def begin_guiding(self) -> None:
         """Let a person lead the arm by hand (freedrive), until `end_guiding` or `stop`.
 
-        It carries the tool and payload that it was told of, and nothing else. Ends by itself, the arm
-        standing, where nobody asks for `state` any more; `state` then raises `DeviceError` until
-        `end_guiding`. Raises `DeviceError` where the arm cannot do that.
+        The arm compensates the weight of the configured tool and payload only. If the program stops polling
+        `state`, guiding ends and the arm holds its position; `state` then raises `DeviceError` until
+        `end_guiding`. Raises `DeviceError` if the arm does not support guiding.
         """
-        raise DeviceError("arm: its driver does not let it be led by hand; teach with --by keys")
+        raise DeviceError("arm: its driver does not support guiding by hand; teach with --by keys")
 
     def end_guiding(self) -> None:
         """Hold the arm where it is, in position control, and return when it stands. Safe to call at any time.
 
-        Raises `DeviceError` where that is not certain.
+        Raises `DeviceError` if the arm may still be moving.
         """
 
     def speed_fraction(self) -> float | None:
-        """At which share of their speed motions would run, as `ArmState` has it; also before `connect`.
+        """Return the speed fraction at which motions would run, see `ArmState`; also before `connect`.
 
-        The arm is looked at, no more. Raises `DeviceError` where it cannot be reached.
+        Only reads. Raises `DeviceError` if the arm cannot be reached.
         """
         return None
 
     def recover(self, confirm: Callable[[str], None]) -> None:
-        """Release a protective stop, once a person who has looked at the arm agrees; nothing moves.
+        """Release a protective stop after a person who has inspected the arm agrees; nothing moves.
 
-        confirm: puts a question to that person and raises unless they agree. Does nothing
-        when the arm is running; raises `DeviceError` when it cannot be made to run.
+        confirm: asks that person a question, and raises unless they agree. Does nothing if the arm is
+        running. Raises `DeviceError` if the arm cannot be set running.
         """
         ...
 
@@ -117,27 +117,27 @@ class Gripper(Diagnosable, Protocol):
         ...
 
     def connect(self) -> None:
-        """Reach the gripper without moving it."""
+        """Connect to the gripper without moving it."""
         ...
 
     def disconnect(self) -> None:
-        """Stop any motion and let go of the connection. Safe to call twice."""
+        """Stop any motion and close the connection. Safe to call twice."""
         ...
 
     def activate(self) -> None:
-        """Run the activation sequence: the fingers sweep their range. Only ever on request."""
+        """Run the activation sequence: the fingers sweep their range. Only on explicit request."""
         ...
 
     def state(self) -> GripperState:
-        """Newest state. Raises `DeviceError` when the gripper is gone or in fault."""
+        """Return the newest state. Raises `DeviceError` if the gripper is disconnected or in fault."""
         ...
 
     def move_to(
         self, opening_m: float, speed_m_s: float | None = None, force_n: float | None = None
     ) -> Motion:
-        """Start moving the fingers to the position nearest to an opening and return at once.
+        """Start moving the fingers to the position nearest to an opening, and return immediately.
 
-        speed_m_s, force_n: the gripper's own defaults if None. Raises `OutOfLimitsError` before anything is
+        speed_m_s, force_n: the gripper's defaults if None. Raises `OutOfLimitsError` before anything is
         sent, see `GripperSpec.require_command`.
         """
         ...
@@ -148,11 +148,11 @@ class Gripper(Diagnosable, Protocol):
 
 
 class FrameSource(Diagnosable, Protocol):
-    """Something that captures frames; frames not read in time are counted as dropped."""
+    """A device that captures frames; frames that are not read in time are counted as dropped."""
 
     @property
     def serial(self) -> str:
-        """Serial number, stable over reconnects."""
+        """Serial number, the same after each reconnect."""
         ...
 
     @property
@@ -169,15 +169,15 @@ class FrameSource(Diagnosable, Protocol):
         ...
 
     def next_frame(self, timeout_s: float) -> Frame:
-        """Oldest frame not read yet; waits for one. Raises `DeviceTimeoutError`.
+        """Return the oldest frame that was not read yet; wait if there is none. Raises `DeviceTimeoutError`.
 
-        A source keeps a short backlog, so a reader that is late by a few frames loses none;
-        beyond that the oldest go, and the gap shows in `Frame.sequence`.
+        A source keeps a short backlog, so a reader that is a few frames late loses none. If the backlog is
+        full, the oldest frame is dropped, which leaves a gap in `Frame.sequence`.
         """
         ...
 
     def newest_frame(self, max_age_s: float) -> Frame:
-        """Newest frame; skips the backlog. Raises `StaleFrameError` when it is older."""
+        """Return the newest frame and discard the backlog. Raises `StaleFrameError` if it is too old."""
         ...
 
 

@@ -1,4 +1,4 @@
-"""Motions of any device: the limits checked before one is sent, and the one way to wait for one."""
+"""Motions of any device: limit checks before a motion is sent, and waiting for its end."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -11,8 +11,9 @@ from drivers.interfaces import Motion
 from drivers.types import ArmLimits, Box, Pose, Vector3
 
 UPRIGHT_M = 1e-3
-"""A way whose ends are no further apart across leads straight up or down."""
+"""A path counts as vertical if its ends are at most this far apart horizontally, m."""
 POLL_S = 0.008
+"""Polling interval of a motion; `drivers.ur5e.heartbeat` needs a poll at least every 15 ms."""
 
 
 def check_motion(limits: ArmLimits, target: Pose, speed_m_s: float, acceleration_m_s2: float) -> None:
@@ -21,7 +22,7 @@ def check_motion(limits: ArmLimits, target: Pose, speed_m_s: float, acceleration
         low, high = limits.workspace_min_m, limits.workspace_max_m
         raise OutOfLimitsError(f"arm: target {target.position_m} m leaves the workspace {low} to {high} m")
     if not all(map(math.isfinite, target.quaternion_xyzw)):
-        raise OutOfLimitsError(f"arm: target {target} is no pose")
+        raise OutOfLimitsError(f"arm: target {target} is not a valid pose")
     for what, value, most, unit in (
         ("speed", speed_m_s, limits.max_speed_m_s, "m/s"),
         ("acceleration", acceleration_m_s2, limits.max_acceleration_m_s2, "m/s2"),
@@ -31,22 +32,22 @@ def check_motion(limits: ArmLimits, target: Pose, speed_m_s: float, acceleration
 
 
 def check_way(limits: ArmLimits, way: Sequence[Pose]) -> None:
-    """Raise `OutOfLimitsError` where a way, straight from pose to pose, leads through a box of `limits`.
+    """Raise `OutOfLimitsError` if a path of straight segments crosses a keep-out box of `limits`.
 
-    From inside a box the only way that is not refused is the one straight up.
+    From inside a box, only a segment straight up is permitted.
     """
     for here, there in pairwise(pose.position_m for pose in way):
         for box in limits.keep_out:
             if meets(box, here, there) and not (_inside(box, here) and _straight_up(here, there)):
                 raise OutOfLimitsError(
-                    f"arm: the way from {_text(here)} to {_text(there)} m leads the hand into '{box.name}', "
-                    "which the bench file keeps it out of; see [[keep_out]], top_m of [table], and where the "
-                    "object lies"
+                    f"arm: the path from {_text(here)} to {_text(there)} m leads the hand into '{box.name}', "
+                    "which the bench file keeps it out of; see [[keep_out]], top_m of [table], and the "
+                    "position of the object"
                 )
 
 
 def meets(box: Box, here: Vector3, there: Vector3) -> bool:
-    """Whether the straight line between two points has a point inside a box; its surface is outside."""
+    """Whether the straight line between two points passes through the interior of a box."""
     enters, leaves = 0.0, 1.0
     for a, b, low, high in zip(here, there, box.min_m, box.max_m, strict=True):
         if a == b:
@@ -74,8 +75,8 @@ def _text(point: Vector3) -> str:
 class PolledMotion(Motion):
     """A motion in progress, real or simulated.
 
-    device: for messages. ended: whether the device has ended the motion, raising what is wrong with
-    it. stop: stops the device.
+    device: name for messages. ended: returns whether the device has ended the motion, and raises its error
+    if it failed. stop: stops the device.
     """
 
     def __init__(
@@ -97,7 +98,7 @@ class PolledMotion(Motion):
                 raise DeviceTimeoutError(
                     f"{self._device}: motion not finished after {timeout_s:.1f} s; stopped it"
                 )
-        except BaseException:  # an interruption as well: what nobody watches does not go on
-            with suppress(DeviceError):  # the first error says more
+        except BaseException:  # also an interrupt: a motion that nobody supervises must not continue
+            with suppress(DeviceError):  # the first error is more informative
                 self._stop()
             raise

@@ -1,6 +1,7 @@
-"""Classes of somebody else's, by the name a person gives: `package.module:Class`, or an entry point's.
+"""Load user-defined classes by name: `package.module:Class`, or the name of an entry point.
 
-Nothing is imported before a person names it. What is installed is listed from the packages' own metadata.
+A class is imported only after the user has named it. The list of installed classes comes from package
+metadata alone.
 """
 
 import importlib
@@ -20,7 +21,7 @@ CLASS_NAME = r"[^\W\d]\w*(\.[^\W\d]\w*)*:[^\W\d]\w*"
 
 @dataclass(frozen=True, slots=True)
 class InstalledClass:
-    """A class that an installed package offers. name: to give. target: `package.module:Class`."""
+    """A class of an installed package. name: to give on the command line. target: `package.module:Class`."""
 
     name: str
     target: str
@@ -33,17 +34,17 @@ def is_class_name(name: str) -> bool:
 
 
 def installed_classes(group: str) -> tuple[InstalledClass, ...]:
-    """Return what installed packages offer under an entry-point group, by name; nothing is imported."""
+    """Return the classes that installed packages offer in an entry-point group; nothing is imported."""
     found = sorted(entry_points(group=group), key=lambda point: (point.name, point.value))
     return tuple(InstalledClass(point.name, point.value, _distribution(point)) for point in found)
 
 
 def named_class(name: str, what: str, group: str | None = None) -> type[Any]:
-    """Import the class of that name and return it.
+    """Import a class by its name and return it.
 
-    name: `package.module:Class`, or, with a group, an entry point's. what: for messages, as "estimator".
-    A module that is not installed may lie in the folder the program was started in. Raises `InputError`
-    where there is no such class, or importing it fails.
+    name: `package.module:Class`, or, with a group, the name of an entry point. what: the kind of class for
+    messages, as "estimator". Modules are also looked up in the folder in which the program was started.
+    Raises `InputError` if there is no such class or its import fails.
     """
     return _imported(name if group is None else _target(name, what, group), what)
 
@@ -54,7 +55,7 @@ def _target(name: str, what: str, group: str) -> str:
     targets = {found.target for found in installed_classes(group) if found.name == name}
     if len(targets) > 1:
         raise InputError(
-            f"{what} '{name}': several installed packages offer one of that name; give one of "
+            f"{what} '{name}': several installed packages offer this name; give one of "
             f"{', '.join(sorted(targets))}"
         )
     if not targets:
@@ -68,7 +69,7 @@ def _imported(target: str, what: str) -> type[Any]:
         raise InputError(f"{what} '{target}': give package.module:Class, as my_lab.rotation:MyEstimator")
     module_name, _, class_name = target.partition(":")
     if os.getcwd() not in sys.path:
-        sys.path.append(os.getcwd())  # behind all else: a file there hides nothing that is installed
+        sys.path.append(os.getcwd())  # last, so that a file there does not hide an installed package
     try:
         module = importlib.import_module(module_name)
     except OperatorStopError:

@@ -1,4 +1,4 @@
-"""Keeping deadlines on a loaded host, and in an interpreter that collects garbage."""
+"""Real-time scheduling, so that deadlines are kept on a loaded host and during garbage collection."""
 
 import gc
 import os
@@ -7,15 +7,16 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 
 LOWEST_REAL_TIME = 1
+"""Lowest priority of the Linux policy SCHED_RR (`man 7 sched`)."""
 
 
 def ask_for_realtime() -> None:
-    """Ask for the lowest real-time priority for this process's threads and what they start from now on.
+    """Request the lowest real-time priority for all threads of this process and those they start later.
 
-    All of them: one that has the interpreter and gets no core keeps the others waiting. Granted to root, and
-    to users with an `rtprio` limit (/etc/security/limits.conf); elsewhere nothing changes. Only for threads
-    that sleep most of the time: they run before everything else.
-    Garbage collection no longer looks at the objects that exist now; a pass over them takes up to 0.1 s.
+    It covers all threads, because a thread that holds the interpreter lock and gets no core blocks the
+    others. Granted to root, and to users with an `rtprio` limit (/etc/security/limits.conf); otherwise
+    nothing changes. Use it only for threads that sleep most of the time: they run before everything else.
+    Objects that exist now are excluded from garbage collection, because a pass over them takes up to 0.1 s.
     """
     _come_first()
     _keep_from_collection()
@@ -23,7 +24,7 @@ def ask_for_realtime() -> None:
 
 @contextmanager
 def realtime() -> Iterator[None]:
-    """Run the block at real-time priority, without garbage collection of what exists now."""
+    """Run the block at real-time priority, with existing objects excluded from garbage collection."""
     with before_others():
         _keep_from_collection()
         try:
@@ -34,7 +35,7 @@ def realtime() -> Iterator[None]:
 
 @contextmanager
 def before_others() -> Iterator[None]:
-    """Run the block at real-time priority, where that is granted; threads started in it keep theirs."""
+    """Run the block at real-time priority, if that is granted. Threads started in it keep their priority."""
     before = _come_first()
     try:
         yield
@@ -44,7 +45,7 @@ def before_others() -> Iterator[None]:
 
 
 def _come_first() -> dict[int, int]:
-    """Ask for real-time priority for the threads without it; return them and how they were scheduled."""
+    """Request real-time priority for threads without it; return their previous scheduling policies."""
     threads = _ordinary_threads()
     for thread in threads:
         _schedule(thread, os.SCHED_RR, LOWEST_REAL_TIME)
@@ -57,15 +58,15 @@ def _keep_from_collection() -> None:
 
 
 def _ordinary_threads() -> dict[int, int]:
-    """Return the interpreter's own threads without real-time priority, and how they are scheduled.
+    """Return the native ids of the interpreter's threads without real-time priority, and their policies.
 
-    None where a system has no such priority.
+    Empty if the operating system has no such priority.
     """
     if not hasattr(os, "sched_getscheduler"):
         return {}
     found: dict[int, int] = {}
     for thread in filter(None, (thread.native_id for thread in threading.enumerate())):
-        with suppress(OSError):  # it has ended just now
+        with suppress(OSError):  # the thread has just ended
             policy = os.sched_getscheduler(thread)
             if policy not in (os.SCHED_RR, os.SCHED_FIFO):
                 found[thread] = policy
@@ -73,15 +74,15 @@ def _ordinary_threads() -> dict[int, int]:
 
 
 def _schedule(thread: int, policy: int, priority: int) -> None:
-    with suppress(OSError):  # not allowed, or ended
+    with suppress(OSError):  # not permitted, or the thread has ended
         os.sched_setscheduler(thread, policy, os.sched_param(priority))
 
 
 @contextmanager
 def ordinary() -> Iterator[None]:
-    """Run the block at ordinary priority: for what may wait by computing, as libraries do.
+    """Run the block at ordinary priority. For calls that may busy-wait, as some libraries do.
 
-    At real-time priority such a wait takes a core from everything else, also from what it waits for.
+    At real-time priority a busy-wait takes a core from all other threads, also from the one it waits for.
     """
     policy = os.sched_getscheduler(0) if hasattr(os, "sched_getscheduler") else None
     if policy is None or policy != os.SCHED_RR:
@@ -95,11 +96,11 @@ def ordinary() -> Iterator[None]:
 
 
 def compute_in_one_thread() -> None:
-    """Keep OpenCV and BLAS from starting threads of their own, for the rest of the program.
+    """Keep OpenCV and BLAS from starting threads, for the rest of the program.
 
-    On a loaded host such threads get no core, and a lift waits for them: a frame took up to 3 s. And the last
-    digits of a matrix product depend on how many threads share it: a replay gives the results of its lift bit
-    for bit only with the same number.
+    On a loaded host such threads get no core and a lift waits for them: a frame took up to 3 s. Also, the
+    last digits of a matrix product depend on the number of threads: a replay reproduces the results of its
+    lift bit for bit only with the same number.
     """
     import cv2
     from threadpoolctl import threadpool_limits

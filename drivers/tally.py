@@ -1,4 +1,4 @@
-"""What came of a frame source: how many frames, how many did not come, whether it froze, its times jumped."""
+"""Frame statistics of a source: received, dropped, repeated, frozen, and frames with an invalid time."""
 
 import numpy as np
 
@@ -6,20 +6,20 @@ from drivers.clock import NS_PER_S
 from drivers.types import Frame
 
 LONGEST_STEP_NS, MOST_STEPS = NS_PER_S // 2, 20
-"""A frame is at most this much, or this many steps, later or earlier than the frame before it."""
+"""A frame time is valid if it is at most this far, or MOST_STEPS frame intervals, from the previous one."""
 AGREEING_NS = 2 * NS_PER_S
-"""Two frames in a row that jumped agree if they are at most this much, or MOST_STEPS steps, apart."""
+"""Two successive outliers agree if they are at most this far, or MOST_STEPS frame intervals, apart."""
 
 FROZEN_FRAMES = 20
-"""A live sensor has noise: this many identical frames in a row mean that it froze."""
+"""A live sensor has noise: this many identical frames in a row mean that it has frozen."""
 
 
 class StreamTimes:
-    """Tells a frame's time that can be from one that jumped.
+    """Detects frames whose capture time has jumped.
 
-    A frame whose time is far from that of the one before is set aside; where the next one agrees with it, the
-    stream has paused, or begun anew, and goes on from there. So a wrong time costs its own frame, and a
-    pause the frame after it.
+    The first frame whose time is far from that of the previous frame is an outlier. If the next frame agrees
+    with the outlier, the stream has paused or restarted, and is followed from there. So a single wrong time
+    costs one frame, and a pause costs the first frame after it.
     """
 
     def __init__(self) -> None:
@@ -28,7 +28,7 @@ class StreamTimes:
         self._step_ns: int | None = None
 
     def follows(self, time_ns: int) -> bool:
-        """Take the next frame's time; return whether it can be. A little late or repeated, it can."""
+        """Add the time of the next frame; return whether it is valid. Small delays and repeats are valid."""
         last = self._last_ns
         if last is None or self._step_ns is None:
             jumped = last is not None and time_ns < last - LONGEST_STEP_NS and self._aside_ns is None
@@ -51,10 +51,10 @@ class StreamTimes:
 
 
 class FrameTally:
-    """Takes one source's frames in order; the one place that says what is dropped, repeated, frozen, jumped.
+    """Counts the frames of one source, in order; the only definition of dropped, repeated, frozen, jumped.
 
-    frames: that came. dropped: between the first and the newest, that never came: gaps in `Frame.sequence`.
-    jumped: whose times cannot be, see `StreamTimes`.
+    frames: number received. dropped: number missing between the first and the newest frame, from gaps in
+    `Frame.sequence`. jumped: number with an invalid time, see `StreamTimes`.
     """
 
     def __init__(self) -> None:
@@ -78,22 +78,22 @@ class FrameTally:
 
     @property
     def out_of_time(self) -> bool:
-        """Whether the newest frame's time jumped: what it shows is of another time than it says."""
+        """Whether the newest frame's time jumped, so that it is not the time at which the image was taken."""
         return self._out_of_time
 
     @property
     def repeated(self) -> bool:
-        """Whether the newest frame shows the same image as the one before."""
+        """Whether the newest frame shows the same image as the frame before."""
         return self._repeats > 0
 
     @property
     def frozen(self) -> bool:
-        """Whether the source has repeated its image so often that it must have frozen."""
+        """Whether the source has repeated its image `FROZEN_FRAMES` times, so that it must have frozen."""
         return self._repeats >= FROZEN_FRAMES
 
 
 def _same_image(one: Frame, other: Frame) -> bool:
-    """Whether two images are equal to the last bit; their encoded bytes tell at once."""
+    """Whether two images are bitwise equal; encoded bytes, if both have them, are faster to compare."""
     if one.jpeg is not None and other.jpeg is not None:
         return one.jpeg == other.jpeg
     return np.array_equal(one.image, other.image)

@@ -1,4 +1,4 @@
-"""Frozen values that cross the device interfaces. SI units; other units are in the name."""
+"""Immutable values of the device interfaces. SI units, unless the name states another unit."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -31,7 +31,7 @@ BEYOND_SHARE = 0.02
 LARGEST_OPENING_M = 1.0
 """Largest absolute opening of a valid state; it rejects millimetres and counts in place of metres."""
 _TILT_M = 1e-9
-"""Least change of a measured opening per step, so that each step has an opening of its own."""
+"""Least change of a measured opening per step, so that the table can be inverted."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +51,7 @@ class Pose:
     @property
     def rotation(self) -> "Rotation":
         """The orientation as a scipy rotation."""
-        # takes half of what a program takes to start, and most commands turn nothing
+        # imported here: it takes half of the start time of a program, and most commands rotate nothing
         from scipy.spatial.transform import Rotation
 
         return Rotation.from_quat(self.quaternion_xyzw)
@@ -73,7 +73,7 @@ class Pose:
 
 
 class ArmMode(Enum):
-    """What the arm's safety system allows."""
+    """Safety state of the arm."""
 
     RUNNING = "running"
     PROTECTIVE_STOP = "protective stop"
@@ -119,7 +119,7 @@ class ArmState:
 
 @dataclass(frozen=True, slots=True)
 class Box:
-    """A box along the axes of the base, m, from its lowest to its highest corner."""
+    """An axis-aligned box in the base frame, m, given by its lowest and its highest corner."""
 
     name: str
     min_m: Vector3
@@ -128,7 +128,7 @@ class Box:
 
 @dataclass(frozen=True, slots=True)
 class ArmLimits:
-    """What the arm refuses to exceed: checked before a command is sent."""
+    """Limits of the arm, checked before a command is sent."""
 
     workspace_min_m: Vector3
     workspace_max_m: Vector3
@@ -136,13 +136,13 @@ class ArmLimits:
     max_acceleration_m_s2: float
     max_payload_kg: float
     max_contact_force_n: float | None = 20.0
-    """By how much the force at the tool may change on the way down. None: the arm has no force sensor, its
-    states have no wrench, and the way down is not guarded."""
+    """Change of the force at the tool, N, at which a downward motion is stopped. None: the arm has no force
+    sensor, its states have no wrench, and downward motions are not guarded."""
     keep_out: tuple[Box, ...] = ()
-    """Where the tool centre point must not go, the hand around it reckoned in."""
+    """Boxes that the tool centre point must not enter; they already include the size of the hand."""
 
     def has_inside(self, point_m: Vector3) -> bool:
-        """Whether a point lies in the workspace; one that is no number does not."""
+        """Whether a point lies in the workspace; False for a point with NaN."""
         sides = zip(self.workspace_min_m, point_m, self.workspace_max_m, strict=True)
         return all(low <= value <= high for low, value, high in sides)
 
@@ -151,11 +151,11 @@ class ArmLimits:
 class GripperState:
     """One sample of the gripper. Its constructor raises `InvalidStateError` for any value that is invalid.
 
-    opening_m: distance between the grasping fingertips, m. `gripping`: a grasping finger met something while
-    it closed, by the gripper's own account; a light grip goes unnoticed. `obstructed`: a grasping finger met
-    something while it opened. current_a: motor current, A, None if the gripper does not measure it. raw: the
-    gripper's own readings by name, of which a recording keeps `position_counts` and `current_counts`. There
-    is no force here: the Robotiq 3-Finger gripper cannot measure one (manual, gCU is a current).
+    opening_m: distance between the grasping fingertips, m. `gripping`: a grasping finger met an object while
+    closing, as the gripper reports it; a light grip is not detected. `obstructed`: a grasping finger met an
+    obstacle while opening. current_a: motor current, A; None if the gripper does not measure it. raw: the
+    gripper's own readings by name; recordings keep `position_counts` and `current_counts`. There is no force,
+    because the Robotiq 3-Finger gripper cannot measure one (manual, gCU is a current).
     """
 
     time_ns: int
@@ -183,23 +183,23 @@ class GripperState:
 
 
 class Holding(StrEnum):
-    """What the hand is known to do."""
+    """Relation of the hand to an object."""
 
     FREE = "free"
     """Nothing is held, and the hand is not around anything."""
     AROUND = "around"
-    """The fingers stand open around something that rests on its support, or are on their way there."""
+    """The fingers stand open around an object that rests on its support, or are on their way there."""
     HELD = "held"
     UNKNOWN = "unknown"
 
 
 @dataclass(frozen=True, slots=True)
 class HandState:
-    """What is known of the hand, from before it comes about until after it is over.
+    """The known state of the hand, set before an action begins and valid until after the action ends.
 
-    what: around what, or holding what. base_T_grasp: TCP when the fingers closed, or will, None
-    where nothing is. finger_opening_m: of the fingers when this became known, None if unknown.
-    Its constructor raises `InvalidStateError` for any value that is invalid.
+    what: name of the object that is held or surrounded. base_T_grasp: TCP pose at which the fingers closed or
+    will close, None without an object. finger_opening_m: opening of the fingers when this state was set, None
+    if unknown. The constructor raises `InvalidStateError` for any invalid value.
     """
 
     holding: Holding
@@ -222,12 +222,12 @@ class HandState:
 class GripperSpec:
     """Range and resolution of a gripper.
 
-    max_opening_m: nominal opening of the open fingers. stroke_m: how far they close from there; a nominal
-    stroke may end below an opening of 0, where the fingertips press on each other. resolution_m: the step in
-    which the fingers close on an object. Positions are numbered in these steps, 0 is open.
-    speed_m_s, force_n: lowest and highest that may be commanded.
-    measured: pairs of a position in steps (rising) and its measured opening in m (not rising). Between them
-    openings are interpolated; beyond them they change by the resolution per step.
+    max_opening_m: nominal opening of the open fingers. stroke_m: distance by which they close from there; the
+    nominal stroke may end below an opening of 0, where the fingertips press on each other. resolution_m: step
+    size of the opening. Positions are counted in these steps, 0 is open. speed_m_s, force_n: lowest and
+    highest value that may be commanded. measured: pairs of a position in steps (rising) and its measured
+    opening in m (not rising). Openings are interpolated between them, and extrapolated by resolution_m per
+    step.
     """
 
     max_opening_m: float
@@ -278,7 +278,7 @@ class GripperSpec:
         return self.opening_at(self.step_at(opening_m))
 
     def closer(self, opening_m: float, steps: int = 1) -> float:
-        """Return the opening in m that many steps closer than the position nearest to an opening.
+        """Return the opening in m at `steps` steps closer than the position nearest to `opening_m`.
 
         Negative steps open. The result may be beyond the range.
         """
@@ -291,9 +291,9 @@ class GripperSpec:
     def require_command(
         self, opening_m: float, speed_m_s: float | None = None, force_n: float | None = None
     ) -> None:
-        """Raise `OutOfLimitsError` for a motion beyond the limits; None is the gripper's own default.
+        """Raise `OutOfLimitsError` for a motion outside the limits; None stands for the gripper's default.
 
-        An opening beyond the range by less than half a step is the end of the range.
+        An opening less than half a step outside the range counts as the end of the range.
         """
         spare_m = self.resolution_m / 2
         if not self.closed_m - spare_m < opening_m < self.open_m + spare_m:
@@ -313,7 +313,7 @@ class GripperSpec:
     def require_possible(self, opening_m: float) -> None:
         """Raise `InvalidStateError` for an opening that the fingers cannot have.
 
-        Play and calibration error may take it out of the range by `BEYOND_SHARE` of the stroke.
+        Backlash and calibration error may exceed the range by `BEYOND_SHARE` of the stroke.
         """
         beyond_m = BEYOND_SHARE * self.stroke_m
         require_number("the gripper's opening_m", opening_m, self.closed_m - beyond_m, self.open_m + beyond_m)
@@ -334,10 +334,10 @@ def _require_pose(what: str, pose: object) -> None:
 class Frame:
     """One image of a sensor or camera.
 
-    image: (H, W, 3) uint8 RGB, origin top left, never mirrored; a DIGIT is 320 x 240.
-    time_ns: monotonic capture time. sequence: counts captured frames, so a gap is a drop.
-    serial: of the sensor. jpeg: the encoded bytes that `image` was decoded from, where the
-    source delivers them; they are what the recorder keeps.
+    image: (H, W, 3) uint8 RGB, origin top left, never mirrored; a DIGIT image is 320 x 240.
+    time_ns: monotonic capture time. sequence: number of the captured frame, so a gap is a dropped frame.
+    serial: serial number of the sensor. jpeg: the encoded bytes that `image` was decoded from, if the
+    source delivers JPEG; the recorder stores these bytes.
     """
 
     image: Image

@@ -19,10 +19,11 @@ _LARGEST = sys.float_info.max
 _UNIT_TOLERANCE = 0.01
 """How far from 1 the norm of a quaternion may be."""
 _ROUNDING = 1e-6
+"""Rounding error by which a fraction may exceed 1."""
 _SHOWN = 100
 """Characters of an invalid value in a message."""
 _MOST_SHOWN = 4
-"""`short_repr` shows longer tuples and dicts by their number of values."""
+"""`short_repr` prints longer tuples and dicts as their number of values."""
 
 
 def require_numbers(what: str, values: object, count: int) -> None:
@@ -55,7 +56,7 @@ def require_fraction(what: str, value: object) -> None:
 
 
 def require_integer(what: str, value: object) -> None:
-    """Raise `InvalidStateError` unless a value is an int; a bool is none."""
+    """Raise `InvalidStateError` unless a value is an int; a bool is rejected."""
     if not isinstance(value, int) or isinstance(value, bool):
         raise invalid(what, value, "an int")
 
@@ -67,16 +68,16 @@ def require_type(what: str, value: object, kind: type[object]) -> None:
 
 
 def invalid(what: str, value: object, expected: str) -> InvalidStateError:
-    """Return the error for a value of a state that is not as expected."""
+    """Return the error for an invalid value of a device state."""
     shown = " ".join(repr(value).split())[:_SHOWN]  # an array's has line breaks
     return InvalidStateError(
         f"{what} is {shown}, expected {expected}: the state of the device is unknown; "
-        "look at the device, then check its driver"
+        "inspect the device, then check its driver"
     )
 
 
 def _is_number(value: object) -> bool:
-    # the comparison is false for NaN and infinity, and true for no integer that exceeds a float
+    # False for NaN and infinity; correct also for an int that is too large for a float
     return isinstance(value, float | int) and not isinstance(value, bool) and -_LARGEST <= value <= _LARGEST
 
 

@@ -1,5 +1,6 @@
-"""The experiments, written as they are done at the bench: lifts, grasps to record, calibration samples.
+"""The experiments, step by step as they are done at the bench: lifts, grasps to record, calibration samples.
 
-They know the bench by the interfaces of `drivers` alone, and who watches and who is asked by the small
-ones of `observer.py` and `operator.py`. Imports the vocabulary of `drivers`: no device, nothing of the rig.
+They use the bench only through the interfaces of `drivers`. Observers and the operator have small interfaces
+of their own in `observer.py` and `operator.py`. This package imports the shared modules of `drivers`, but no
+device driver and nothing of the rig.
 """

@@ -1,4 +1,4 @@
-"""Visiting poses for a hand-eye calibration: move, wait until the arm is still, keep pose and picture."""
+"""Capture samples for a hand-eye calibration: move, wait until the arm is still, store pose and picture."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -14,20 +14,21 @@ SPEED_M_S = 0.15
 ACCELERATION_M_S2 = 0.5
 MOTION_TIMEOUT_S = 20.0
 SETTLE_S = 0.4
+"""The arm counts as still if its pose does not change over this time."""
 STILL_TIMEOUT_S = 4.0
 _STILL_M = 5e-5
 _STILL_RAD = 2e-4
 _FRAME_AGE_S = 1.0
-"""A stream whose newest frame is older has stopped; what is kept is in any case captured after that."""
+"""If the newest frame is older, the stream has stopped. The stored frame is captured after this check."""
 _MOST_EARLIER = 300
-"""Frames captured before stillness that are passed over: several seconds of them."""
+"""Most frames from before the standstill that are skipped: several seconds of frames."""
 
 
 @dataclass(frozen=True, slots=True)
 class HandEyeCapture:
-    """One sample: the pose as the arm says it around the picture's time, and the picture.
+    """One sample: the arm's pose at the time of the picture, and the picture.
 
-    id: of pose and picture alike, so that no list out of step can pair them wrongly.
+    id: of both, so that pose and picture cannot be paired wrongly.
     """
 
     id: str
@@ -36,7 +37,7 @@ class HandEyeCapture:
 
 
 NextPose = Callable[[], tuple[str, Pose] | None]
-"""Gives the next pose to visit with its id, None when there are enough."""
+"""Returns the next pose to visit with its id; None when there are enough."""
 
 
 def capture_hand_eye(
@@ -45,10 +46,11 @@ def capture_hand_eye(
     keep: Callable[[HandEyeCapture], None],
     skipped: Callable[[str, str], None],
 ) -> None:
-    """Visit poses one after the other; `keep` gets each sample, `skipped` an id and why there is none.
+    """Visit poses one after the other.
 
-    A pose beyond the arm's limits is skipped before anything moves. On any other error, and on a
-    stop, the arm stops where it is, and the error is raised; nothing is held that could fall.
+    keep: receives each sample. skipped: receives the id and the reason of a pose without a sample. A pose
+    beyond the arm's limits is skipped before anything moves. On any other error, and on a stop, the arm stops
+    where it is and the error is raised; the hand holds nothing that could fall.
     """
     try:
         while (target := next_pose()) is not None:
@@ -67,7 +69,7 @@ def capture_hand_eye(
 
 
 def wait_until_still(bench: Bench) -> None:
-    """Return once the arm, if there is one, has stood still for 0.4 s.
+    """Wait until the arm, if there is one, has stood still for 0.4 s.
 
     Raises `DeviceTimeoutError` after 4 s.
     """
@@ -88,19 +90,19 @@ def wait_until_still(bench: Bench) -> None:
 
 
 def _capture(bench: Bench, name: str) -> HandEyeCapture:
-    """A picture captured after stillness, between two readings of the arm that agree."""
+    """Return a picture captured after the standstill, between two readings of the arm that agree."""
     before = bench.arm.state().base_T_tcp
     frame = _captured_since(bench, bench.clock.now_ns())
     after = bench.arm.state().base_T_tcp
     if _moved(before, after):
-        raise DeviceTimeoutError(f"arm: moved while picture {name} was taken; is somebody guiding it?")
+        raise DeviceTimeoutError(f"arm: moved while picture {name} was taken; is a person guiding it?")
     return HandEyeCapture(name, after, frame)
 
 
 def _captured_since(bench: Bench, time_ns: int) -> Frame:
-    """The first frame captured at `time_ns` or later: one that arrives late may show the arm moving.
+    """Return the first frame captured at `time_ns` or later: an earlier one may show the arm moving.
 
-    Raises `DeviceTimeoutError` where a stream's times stay in the past.
+    Raises `DeviceTimeoutError` if all frame times stay before `time_ns`.
     """
     bench.camera.newest_frame(_FRAME_AGE_S)
     for _ in range(_MOST_EARLIER):

@@ -1,7 +1,7 @@
-"""Finding the tool's tip: it is put into one small hole again and again, tilted differently each time.
+"""Capture poses for a tool-tip calibration: the tip is put into one small hole at several tilts.
 
-The arm turns the tool and a person beside it guides the tip in by small steps, because where the
-tip is in the hand is what nobody knows yet.
+The arm turns the tool, and a person guides the tip into the hole in small steps, because the position of the
+tip is not known yet.
 """
 
 from collections.abc import Callable, Sequence
@@ -19,14 +19,15 @@ SPEED_M_S = 0.05
 ACCELERATION_M_S2 = 0.3
 MOTION_TIMEOUT_S = 30.0
 ABOVE_M = 0.015
-"""How far above the hole the tool is turned."""
+"""Height above the hole at which the tool is turned."""
 FIRST_ABOVE_M = 0.12
-"""The same before the first pose: room for a tip of unknown length over a hole near the mark."""
+"""The same before the first pose: clearance for a tip of unknown length over a hole near the mark."""
 LARGEST_NUDGE_M = 0.15
 MOST_NUDGES = 40
+"""Limits of the person's steps: size of one, and number per pose."""
 
 Nudge = Callable[[str], Vector3 | None]
-"""Asks the person at the bench how far the tip has to go, m, base axes; None when it sits."""
+"""Asks the person at the bench for the tip's remaining displacement, m, base axes; None when it sits."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,11 +45,11 @@ def capture_pivot(
     keep: Callable[[PivotCapture], Vector3 | None],
     skipped: Callable[[str, str], None],
 ) -> None:
-    """Seat the tip at each tilt (turns of the tool from where it stands, about the base's axes).
+    """Seat the tip at each tilt (rotations of the tool from its start pose, about the base's axes).
 
-    keep: takes a seated pose and returns where the tip is thought to be in the TCP's frame, m, or
-    None as long as that is unknown; the better it knows, the closer the next turn ends to the hole.
-    skipped: gets an id and why there is no pose of it. On any error, and on a stop, the arm stops.
+    keep: receives a seated pose and returns the estimated tip in the TCP's frame, m, or None while it is
+    unknown; the better the estimate, the closer to the hole the next turn ends. skipped: receives the id and
+    the reason of a pose that was not captured. On any error, and on a stop, the arm stops.
     """
     try:
         start = bench.arm.state().base_T_tcp
@@ -77,9 +78,9 @@ def capture_pivot(
 
 
 def _seat(bench: Bench, name: str, nudge: Nudge) -> None:
-    """Step as the person says until the tip sits. Raises `OutOfLimitsError` for steps beyond reason."""
+    """Step as the person requests until the tip sits. Raises `OutOfLimitsError` for too large a step."""
     for _ in range(MOST_NUDGES):
-        step = nudge(f"pose {name}: how far must the tip go?")
+        step = nudge(f"pose {name}: how far must the tip move?")
         if step is None:
             return
         if float(np.linalg.norm(step)) > LARGEST_NUDGE_M:
@@ -90,7 +91,7 @@ def _seat(bench: Bench, name: str, nudge: Nudge) -> None:
 
 
 def _turn_above(bench: Bench, hole: np.ndarray, turn: Rotation, tip: Vector3) -> None:
-    """Rise straight, turn there, with the tip as far as it is known above the hole."""
+    """Rise straight up and turn there, with the estimated tip above the hole."""
     _rise(bench)
     above = np.add(hole, (0.0, 0.0, ABOVE_M)) - turn.apply(tip)
     _go(bench, Pose.from_rotation(above, turn))

@@ -1,4 +1,4 @@
-"""Pictures of something at rest: nothing moves, frames are taken one after the other."""
+"""Capture frames of a scene at rest: nothing moves, frames are captured one after the other."""
 
 from collections.abc import Callable
 
@@ -8,16 +8,17 @@ from drivers.types import Frame
 from protocols.capture_hand_eye import wait_until_still
 
 FRAME_AGE_S = 0.25
+"""Largest age of the newest frame before the capture starts; an older one means a stopped stream."""
 FRAME_TIMEOUT_S = 1.0
 
 
 def capture_still(
     bench: Bench, source: FrameSource, count: int, shown: Callable[[Frame], None] | None = None
 ) -> list[Frame]:
-    """Take `count` frames of a source once the arm stands still; moves nothing.
+    """Capture `count` frames of a source after the arm has come to rest; moves nothing.
 
-    shown: is given each frame as it comes. Raises `DeviceTimeoutError` where the arm does not come to rest
-    or a frame is late.
+    shown: called with each frame. Raises `DeviceTimeoutError` if the arm does not come to rest or a frame is
+    late.
     """
     wait_until_still(bench)
     source.newest_frame(FRAME_AGE_S)

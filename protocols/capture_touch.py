@@ -1,4 +1,4 @@
-"""Closing gently on something of known size: balls that dent the gels, blocks that tell the opening."""
+"""Close gently on gauges of known size: balls that indent the gels, blocks that calibrate the opening."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -28,16 +28,16 @@ from protocols.steps import (
 REFERENCE_S = 0.2
 SETTLE_S = 0.3
 PAST_CONTACT_M = 0.0019
-"""How far past the first contact the fingers close, m: three steps of a Robotiq 3-Finger. Then both gels are
-surely touched, and the fingers open again."""
+"""Closing beyond the first contact, m: three steps of a Robotiq 3-Finger. Then both gels are certainly
+touched, and the fingers open again."""
 
 
 @dataclass(frozen=True, slots=True)
 class Touch:
-    """One closing. gauge: what the operator lays down, as "ball:6.31"; name: for people.
+    """One closing. gauge: what the operator places, such as "ball:6.31"; name: for people.
 
-    base_T_grasp: TCP where it closes. width_m: of the gauge. grip_m: past the first contact.
-    slack_m: how much wider than the gauge the fingers come down around it, on top of the margin.
+    base_T_grasp: TCP pose of the closing. width_m: of the gauge. grip_m: closing beyond the first contact.
+    slack_m: extra opening, in addition to the margin, with which the fingers come down around the gauge.
     """
 
     id: str
@@ -58,8 +58,8 @@ def capture_presses(
 ) -> None:
     """Press each gauge as planned; `keep` is called while it is pressed and everything stands still.
 
-    A gauge that follows itself stays where it is: the fingers open beside it, and close anew a few mm on.
-    Raises `GraspError` where the fingers meet nothing, and what a device raises, after a safe end.
+    If the same gauge follows, it stays where it is: the fingers open, and close again a few mm further on.
+    Raises `GraspError` if the fingers meet nothing, and the error of a device, after a safe end.
     """
 
     def press(pump: Pump, touch: Touch, contact_m: float) -> None:
@@ -78,12 +78,11 @@ def capture_openings(
     closed: Callable[[Touch, float], None],
     opened: Callable[[Touch, float], None],
 ) -> None:
-    """Close on blocks of known width and open again, step by step of the gripper's resolution.
+    """Close on blocks of known width and open again, in steps of the gripper's resolution.
 
-    Positions are in steps from open. `closed` gets that between the last free one and the first that touches,
-    `opened` that between the last that touches and the first free one: there the opening is the block's
-    width.
-    Raises as `capture_presses` does.
+    Positions are in steps from open. `closed` receives the position between the last step without contact and
+    the first with contact; `opened` the position between the last step with contact and the first without. At
+    both the opening equals the block's width. Raises as `capture_presses` does.
     """
     spec = bench.gripper.spec
 
@@ -102,7 +101,7 @@ def capture_openings(
 
 
 def tighten_by(bench: Bench, pump: Pump, observer: LiftObserver, from_m: float, by_m: float) -> float:
-    """Close in contact by a distance in m, as `tighten` does; return the opening at the end, m."""
+    """Close further in contact by a distance in m, see `tighten`; return the opening at the end, m."""
     steps = bench.gripper.spec.steps_for(by_m) if by_m > 0.0 else 0
     return tighten(bench, pump, observer, from_m, steps)
 
@@ -114,7 +113,7 @@ def _each(
     touches: Sequence[Touch],
     touched: Callable[[Pump, Touch, float], None],
 ) -> None:
-    """Close on each in turn, with a look at the untouched gels before; open, and rise at the end."""
+    """Close on each gauge in turn, with frames of the untouched gels before; open, and rise at the end."""
     make_ready(bench, operator)
     before: Touch | None = None
     pump: Pump | None = None
@@ -123,7 +122,7 @@ def _each(
             if before is None or before.gauge != touch.gauge:
                 _leave(bench, before, pump)
                 operator.place(touch.gauge, touch.name)
-                approach(bench, touch.base_T_grasp, _came_down(bench, touch), touch.name)
+                approach(bench, touch.base_T_grasp, _width_with_slack(bench, touch), touch.name)
             else:
                 _beside(bench, touch, pump)
             before = touch
@@ -132,14 +131,14 @@ def _each(
         _leave(bench, before, pump)
 
 
-def _came_down(bench: Bench, touch: Touch) -> float:
-    """How wide the fingers come down around a gauge, m, less the margin: with its slack, if there is room."""
+def _width_with_slack(bench: Bench, touch: Touch) -> float:
+    """Return the width around which the fingers come down, m: with the slack, if there is room."""
     room_m = bench.gripper.spec.open_m - 2 * MARGIN_M
     return max(touch.width_m, min(touch.width_m + touch.slack_m, room_m))
 
 
 def _beside(bench: Bench, touch: Touch, pump: Pump | None) -> None:
-    """Open the fingers beside the gauge and go on to the next place, along the gels."""
+    """Open the fingers around the gauge and move to the next place, along the gels."""
     open_around(bench, touch.width_m, pump)
     bench.hand.note(HandState(Holding.AROUND, touch.name, touch.base_T_grasp, touch.width_m))
     move(bench, touch.base_T_grasp, LOWER_SPEED_M_S).wait(MOTION_TIMEOUT_S)

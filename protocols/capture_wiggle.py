@@ -1,4 +1,4 @@
-"""Wiggling a held object up and down, so that arm, camera and gels see one motion at their own times."""
+"""Wiggle a held object up and down, so that arm, camera and gels record the same motion on their clocks."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -23,7 +23,7 @@ SETTLE_S = 0.5
 
 @dataclass(frozen=True, slots=True)
 class Stroke:
-    """A straight motion to a height over the grasp, m, at a speed, m/s."""
+    """A straight motion to a height above the grasp, m, at a speed, m/s."""
 
     height_m: float
     speed_m_s: float
@@ -32,10 +32,10 @@ class Stroke:
 def capture_wiggle(
     bench: Bench, operator: Operator, observer: LiftObserver, touch: Touch, strokes: Sequence[Stroke]
 ) -> None:
-    """Grasp, wiggle, set down; the observer sees all of it, the wiggle between LIFT and LOWER.
+    """Grasp, wiggle, set down; the observer receives all of it, the wiggle between LIFT and LOWER.
 
-    Strokes of different heights and speeds: a motion that repeats fits itself at more than one
-    offset. Raises what a device raises after a safe end.
+    strokes: of different heights and speeds, because a periodic motion correlates with itself at several
+    offsets. Raises the error of a device after a safe end.
     """
     make_ready(bench, operator)
     operator.place(touch.gauge, touch.name)

@@ -1,8 +1,8 @@
 """Finger motions whose result is verified before anything else moves.
 
-A gripper that is blocked, that reports success without moving, or that moves too far must never lead to
-an arm that moves with an object in its fingers. So every finger motion ends with a comparison of the
-reached position with the requested one, and every release with a check of the tactile images.
+If a gripper is blocked, reports success without moving, or moves too far, the arm must not move with an
+object in the fingers. So every finger motion ends with a comparison of the reached position with the
+requested one, and every release with a check of the tactile images.
 """
 
 from collections.abc import Callable
@@ -19,11 +19,12 @@ from protocols.pump import Pump
 MOTION_TIMEOUT_S = 15.0
 REACHED_M = 0.002
 """Tolerance of a reached opening, m: a third of the 6 mm by which a release opens wider than the object
-(2 x `steps.MARGIN_M`), so fingers within it do not touch the object. Three steps of a Robotiq 3-Finger."""
+(2 x `steps.MARGIN_M`), so fingers within this tolerance do not touch the object. Three steps of a Robotiq
+3-Finger."""
 _ROUNDING_M = 1e-9
 """Rounding error of an opening, far below any gripper's resolution."""
 RELEASE_S = 1.0
-"""Longest time after an opening until the imprint of the contact has to be gone: a gel recovers slowly."""
+"""Longest time from an opening until the imprint of the contact must be gone: a gel recovers slowly."""
 
 
 def wait_with(pump: Pump | None) -> Callable[[Motion], None]:
@@ -34,14 +35,14 @@ def wait_with(pump: Pump | None) -> Callable[[Motion], None]:
 
 
 def move_fingers(bench: Bench, opening_m: float, pump: Pump | None = None) -> GripperState:
-    """Move the fingers and verify that they arrived; return the gripper's state then.
+    """Move the fingers and verify that they arrived; return the gripper's state at the end.
 
-    opening_m: distance between the fingertips. pump: delivers frames meanwhile. Fingers that close may stop
-    early where an object resists with the gripper's force (`GripperState.gripping`). Raises
-    `FingerMotionError` for any other position outside `REACHED_M`, after a stop: a Robotiq gripper whose
-    finger met something ignores further commands in the same direction until rGTO is cleared (manual, OBJECT
-    STATUS). If an opening failed, a hand that held an object still holds it if the fingers fell short; any
-    other is unknown.
+    opening_m: distance between the fingertips. pump: delivers frames during the motion. Closing fingers may
+    stop early at an object that resists with the gripper's force (`GripperState.gripping`). For any other
+    position outside `REACHED_M`, the gripper is stopped and `FingerMotionError` is raised: a Robotiq gripper
+    whose finger met an obstacle ignores further commands in the same direction until rGTO is cleared (manual,
+    OBJECT STATUS). After a failed opening, a hand that held an object and fell short still holds it; in all
+    other cases its state becomes unknown.
     """
     opens = opening_m > bench.gripper.state().opening_m
     wait_with(pump)(bench.gripper.move_to(opening_m))
@@ -49,14 +50,14 @@ def move_fingers(bench: Bench, opening_m: float, pump: Pump | None = None) -> Gr
     problem = _problem(reached, opening_m, opens, bench.gripper.spec)
     if problem is None:
         return reached
-    with suppress(DeviceError):  # the error below says more
+    with suppress(DeviceError):  # the error below is more informative
         bench.gripper.stop()
     fell_short = opens and reached.opening_m < opening_m
     if opens and not (fell_short and bench.hand.state.holding is Holding.HELD):
         doubt_hand(bench, f"the fingers {problem}")
     raise FingerMotionError(
         f"gripper: the fingers {problem} (tolerance {1e3 * tolerance_m(bench.gripper.spec):.1f} mm): they "
-        "are blocked, or the gripper does not carry out its commands; the arm stays where it is. Look what "
+        "are blocked, or the gripper does not execute its commands; the arm stays where it is. Check what "
         "is between the fingers and around them, then start again"
     )
 
@@ -64,8 +65,8 @@ def move_fingers(bench: Bench, opening_m: float, pump: Pump | None = None) -> Gr
 def release(bench: Bench, opening_m: float, pump: Pump) -> GripperState:
     """Open the fingers as `move_fingers` does, and wait until no fingertip shows the contact any more.
 
-    Raises `FingerMotionError` after `RELEASE_S`; the hand is then unknown: the object may stick to a
-    fingertip, or the gripper may report a position that its fingers do not have.
+    Raises `FingerMotionError` after `RELEASE_S`; the state of the hand is then unknown, because the object
+    may stick to a fingertip, or the gripper may report a position that its fingers do not have.
     """
     contacts = pump.contacts()
     reached = move_fingers(bench, opening_m, pump)
@@ -76,13 +77,13 @@ def release(bench: Bench, opening_m: float, pump: Pump) -> GripperState:
         doubt_hand(bench, where)
         raise FingerMotionError(
             f"gripper: {where}: the object may stick to a finger, or the fingers did not open; the arm stays "
-            "where it is. Look what the fingers hold, free it, then start again"
+            "where it is. Check what the fingers hold, free it, then start again"
         )
     return reached
 
 
 def doubt_hand(bench: Bench, why: str) -> None:
-    """Store that the hand may hold something, and keep where it closed last."""
+    """Set the hand's state to unknown, and keep the pose at which it last closed."""
     bench.hand.note(replace(bench.hand.state, holding=Holding.UNKNOWN, what=why))
 
 
@@ -92,7 +93,7 @@ def tolerance_m(spec: GripperSpec) -> float:
 
 
 def _problem(state: GripperState, opening_m: float, opens: bool, spec: GripperSpec) -> str | None:
-    """Describe how the fingers missed their target; None if they did not."""
+    """Describe how the fingers missed their target; None if they reached it."""
     off_m = state.opening_m - opening_m
     if abs(off_m) > tolerance_m(spec) + _ROUNDING_M:
         short = (off_m < 0) == opens
@@ -101,5 +102,5 @@ def _problem(state: GripperState, opening_m: float, opens: bool, spec: GripperSp
         what = "stopped at" if short else "went too far, to"
         return f"{what} {1e3 * state.opening_m:.1f} instead of {1e3 * opening_m:.1f} mm"
     if opens and state.obstructed:
-        return f"met something while they opened to {1e3 * opening_m:.1f} mm"
+        return f"met an obstacle while opening to {1e3 * opening_m:.1f} mm"
     return None

@@ -1,4 +1,4 @@
-"""Where each object is grasped: the readable files of `protocols/objects`, and those of a lab."""
+"""Object files: where each object is grasped. The package's files are in `protocols/objects`."""
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
@@ -25,9 +25,9 @@ OBJECTS_FOLDER = Path(__file__).parent / "objects"
 TRIAL_OBJECTS = ("1", "7", "t1", "t2", "t3", "t4", "t5", "t6", "t7")
 """The paper's set D_a: two objects of the data set and seven unseen ones."""
 MOST_GRIP_MM = 62.5
-"""Firmest light grip, closing beyond first contact: more than any fingertip is thick."""
+"""Largest light grip, closing beyond first contact, mm; more than the thickness of any fingertip."""
 MOST_COUNTS = 100
-"""The same in counts of a Robotiq 3-Finger."""
+"""The same limit in counts of a Robotiq 3-Finger."""
 COUNT_MM = 155.0 / 249.0
 """Nominal closing of a Robotiq 3-Finger per count (155 mm over 249 counts): object files of earlier versions
 give grips in these counts."""
@@ -38,12 +38,12 @@ class _Strict(BaseModel):
 
 
 class Position(_Strict):
-    """One place to grasp: `offset_m` from the centre of mass along the object, and how wide it is.
+    """One grasp position: `offset_m` from the centre of mass along the object, and the object's width there.
 
-    `lift_height_m`: how far a slip trial lifts here at most (0: not used for trials). `surface`: what
-    the fingers hold there, where it was looked at; reports compare errors by it, and an object without a
-    simulated twin is drawn by it. `height_m`: of the grasp over the mark; `turn_deg`: of the hand there,
-    to which the object's orientations, and what a trial draws, are added. `rig teach` measures both.
+    `lift_height_m`: largest lift height of a slip trial here (0: not used for trials). `surface`: shape of
+    the grasped surface, if it was recorded; reports compare errors by it, and an object without a simulated
+    twin is drawn with it. `height_m`: height of the grasp above the mark. `turn_deg`: angle of the hand here,
+    to which the object's orientations and a trial's random angle are added. `rig teach` measures both.
     """
 
     name: str = Field(min_length=1, max_length=60)
@@ -56,10 +56,10 @@ class Position(_Strict):
 
 
 class PlainBody(_Strict):
-    """What the simulated bench has to know of an object that it has no twin of.
+    """Simulation parameters of an object that has no twin in the simulated bench.
 
-    length_m: of the object, its centre of mass in the middle. height_m: of a flat face that is held.
-    friction: Coulomb, against the gel.
+    length_m: of the object, with its centre of mass in the middle. height_m: of a flat face that is grasped.
+    friction: Coulomb coefficient against the gel.
     """
 
     mass_kg: float = Field(default=0.08, gt=0.0, le=2.0)
@@ -78,25 +78,25 @@ def _at_different_places(positions: "tuple[Position, ...]") -> "tuple[Position, 
 def _rising_counts(counts: tuple[int, int]) -> tuple[int, int]:
     low, high = counts
     if not 1 <= low <= high <= MOST_COUNTS:
-        raise ValueError(f"is no range of 1 to {MOST_COUNTS} counts, the lightest grip first")
+        raise ValueError(f"is not a range within 1 to {MOST_COUNTS} counts, the lightest grip first")
     return counts
 
 
 def _rising_mm(grip_mm: tuple[float, float]) -> tuple[float, float]:
     low, high = grip_mm
     if not 0.0 < low <= high <= MOST_GRIP_MM:
-        raise ValueError(f"is no range of more than 0 to {MOST_GRIP_MM:g} mm, the lightest grip first")
+        raise ValueError(f"is not a range from above 0 to {MOST_GRIP_MM:g} mm, the lightest grip first")
     return grip_mm
 
 
 class GraspFile(_Strict):
-    """One object: where it is grasped, how the hand is turned there, and light grips.
+    """One object: its grasp positions, the orientations of the hand, and its range of light grips.
 
     The paper's objects have three positions and five orientations (section IV-A); a lab's may have fewer.
-    grip_mm: how far the fingers close beyond first contact, mm, least and most. largest_grip_mm: beyond first
-    contact too, the most that a reaction to slip may close to; None if it is unknown what the object takes,
-    and then nothing tightens on it. grip_counts, largest_grip_counts: the same in files of earlier versions,
-    in counts of a Robotiq 3-Finger. simulated: see `PlainBody`.
+    grip_mm: least and largest closing beyond first contact, mm. largest_grip_mm: largest closing beyond first
+    contact in a reaction to slip; None if it is unknown how firmly the object may be gripped, so that no
+    reaction tightens on it. grip_counts, largest_grip_counts: the same in files of earlier versions, in
+    counts of a Robotiq 3-Finger. simulated: see `PlainBody`.
     """
 
     id: str = Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]{0,39}$")
@@ -115,7 +115,7 @@ class GraspFile(_Strict):
 
     @property
     def names(self) -> tuple[str, str]:
-        """What it is found by: its id and its name, in lower case."""
+        """The keys under which the object is found: its id and its name, in lower case."""
         return self.id.lower(), " ".join(self.name.lower().split())
 
     @field_validator("largest_grip_mm", "largest_grip_counts")
@@ -140,7 +140,7 @@ class GraspFile(_Strict):
 
     @property
     def grip_m(self) -> tuple[float, float]:
-        """How far the fingers close beyond first contact, m, least and most."""
+        """Least and largest closing beyond first contact, m."""
         if self.grip_mm is not None:
             least, most = self.grip_mm
             return least / 1e3, most / 1e3
@@ -155,18 +155,19 @@ class GraspFile(_Strict):
         return None if self.largest_grip_mm is None else self.largest_grip_mm / 1e3
 
     def require_largest_grip(self) -> float:
-        """Return `largest_grip_m`. Raises `InputError` if the file does not give it."""
+        """Return `largest_grip_m`. Raises `InputError` if the file does not contain it."""
         if self.largest_grip_m is None:
             raise InputError(
-                f"object {self.id} {self.name}: its file has no largest_grip_mm, so nothing may tighten "
-                f"on it: measure what it takes and add the key in {OBJECTS_FOLDER.name}/, or use --react stop"
+                f"object {self.id} {self.name}: its file has no largest_grip_mm, so no reaction may tighten "
+                f"on it: measure how firmly it may be gripped and add the key in {OBJECTS_FOLDER.name}/, "
+                "or use --react stop"
             )
         return self.largest_grip_m
 
 
 @dataclass(frozen=True, slots=True)
 class GraspPose:
-    """One of an object's poses, numbered from 1: position by position, as in the file."""
+    """A grasp pose of an object, numbered from 1 in the file's order, position by position."""
 
     number: int
     position: Position
@@ -175,7 +176,7 @@ class GraspPose:
 
 @cache
 def load_grasp_files() -> dict[str, GraspFile]:
-    """Read the package's object files, by id. Raises `InputError` naming the file and the key at fault."""
+    """Read the package's object files, by id. Raises `InputError` naming the invalid file and key."""
     files = {}
     for path in sorted(OBJECTS_FOLDER.glob("*.toml")):
         try:
@@ -189,9 +190,9 @@ def load_grasp_files() -> dict[str, GraspFile]:
 
 
 def find_grasp_file(text: str, own: Sequence[GraspFile] = ()) -> GraspFile:
-    """Find an object by id ("7", "t1") or name ("wrench"), of a lab's `own` or the package's.
+    """Find an object by id ("7", "t1") or name ("wrench"), among a lab's `own` files and the package's.
 
-    Raises `InputError` with what exists.
+    Raises `InputError` with a list of the known objects.
     """
     files = [*own, *load_grasp_files().values()]
     name = " ".join(text.lower().split())
@@ -202,7 +203,7 @@ def find_grasp_file(text: str, own: Sequence[GraspFile] = ()) -> GraspFile:
 
 
 def grasp_poses(grasp_file: GraspFile) -> list[GraspPose]:
-    """Return the poses of an object: each orientation at each position."""
+    """Return the grasp poses of an object: each orientation at each position."""
     pairs = [(p, o) for p in grasp_file.position for o in grasp_file.orientations_deg]
     return [GraspPose(n, position, orientation) for n, (position, orientation) in enumerate(pairs, 1)]
 
@@ -212,6 +213,6 @@ def _listed(files: Iterable[GraspFile]) -> str:
 
 
 def _order(grasp_file: GraspFile) -> tuple[bool, bool, int, str]:
-    """The package's by number, those for recording first; a lab's after them."""
+    """Sort key: the package's files by number, those for recording first; a lab's files after them."""
     number = grasp_file.id.removeprefix("t")
     return not number.isdecimal(), number != grasp_file.id, int(number) if number.isdecimal() else 0, number

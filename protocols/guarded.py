@@ -1,7 +1,7 @@
-"""Motions that end where the hand meets something: wrench and gripper are watched on the way down.
+"""Downward motions that stop at contact: force and gripper are monitored.
 
-The constructors of the states reject NaN and other invalid values (`drivers.types`), so no comparison here
-is false because of NaN; their error stops the motion.
+The constructors of the states reject NaN and other invalid values (`drivers.types`), and their error stops
+the motion; so no comparison here is false because of NaN.
 """
 
 import numpy as np
@@ -16,11 +16,11 @@ from drivers.types import ArmState, Holding
 def guarded(bench: Bench, motion: Motion, before: ArmState) -> Motion:
     """Return a motion of the arm that stops if the force changes by more than the arm's limit.
 
-    An arm without a force sensor (no `max_contact_force_n`) is not stopped at contact; the plan says so.
+    An arm without a force sensor (no `max_contact_force_n`) is not stopped at contact; the plan states that.
 
-    before: state of the arm when the motion began; its force contains the sensor's offset and the weight of
-    an object in the fingers. `done` raises `ContactForceError` after stopping the arm. It raises the error of
-    a gripper that is lost, unless the hand holds something: an object is set down in any case.
+    before: state of the arm when the motion began; its force includes the sensor's offset and the weight of
+    an object in the fingers. `done` stops the arm and raises `ContactForceError`. It raises the error of a
+    lost gripper, unless the hand holds an object: that is set down in any case.
     """
     limit_n = bench.arm.limits.max_contact_force_n
 
@@ -42,7 +42,7 @@ def _require_no_contact(arm: Arm, before: ArmState, now: ArmState, limit_n: floa
     arm.stop()
     x, y, z = now.base_T_tcp.position_m
     raise ContactForceError(
-        f"arm: met something on its way down at ({x:.3f}, {y:.3f}, {z:.3f}) m: the force changed by "
-        f"{change_n:.0f} N (max_contact_force_n {limit_n:g}); it was stopped. See what is in the "
+        f"arm: met an obstacle on its way down at ({x:.3f}, {y:.3f}, {z:.3f}) m: the force changed by "
+        f"{change_n:.0f} N (max_contact_force_n {limit_n:g}); it was stopped. Check what is in the "
         "way, and that the table's and the object's heights in the bench file are right"
     )

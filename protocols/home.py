@@ -1,4 +1,4 @@
-"""The way home, where the arm waits while objects are placed: up, across, down; part of every plan."""
+"""Move to the home pose, where the arm waits while objects are placed. Part of every plan."""
 
 from collections.abc import Sequence
 
@@ -11,11 +11,11 @@ from drivers.types import Pose
 from protocols.steps import CLEARANCE_M, MOTION_TIMEOUT_S, TRAVEL_SPEED_M_S, move
 
 _THERE_M, _THERE_RAD = 1e-3, 5e-3
-"""How near to a pose the arm is there."""
+"""Largest distances from a pose at which the arm counts as being there."""
 
 
 def home_plan(base_T_home: Pose, when: str) -> str:  # noqa: N803
-    """Say how the arm goes home, for the plan that is agreed to. when: as "Before each lift"."""
+    """Describe the motion home, for the plan that a person agrees to. when: such as "Before each lift"."""
     x, y, z = base_T_home.position_m
     return (
         f"{when} the arm goes home at up to {TRAVEL_SPEED_M_S} m/s: straight up, across, then down to "
@@ -24,11 +24,11 @@ def home_plan(base_T_home: Pose, when: str) -> str:  # noqa: N803
 
 
 def go_home(bench: Bench) -> None:
-    """Bring a free hand home from wherever it stands: straight up, across, down. At home nothing moves.
+    """Move a free hand home from any pose: straight up, across, down. If the arm is at home, nothing moves.
 
-    The arm goes across at the height of home, or at its own where that is higher, and never lower than
-    `CLEARANCE_M` above the table. Raises `OutOfLimitsError` before anything moves where the way leaves
-    the workspace.
+    The arm moves across at the height of home, or at its own height if that is higher, and never lower than
+    `CLEARANCE_M` above the table. Raises `OutOfLimitsError` before anything moves if the path leaves the
+    workspace.
     """
     here, home = bench.arm.state().base_T_tcp, bench.base_T_home
     if _is_there(here, home):
@@ -53,7 +53,7 @@ def _require_within(bench: Bench, way: Sequence[Pose]) -> None:
         if not limits.has_inside(pose.position_m):
             low, high = limits.workspace_min_m, limits.workspace_max_m
             raise OutOfLimitsError(
-                f"arm: the way home leads through {pose.position_m} m, outside {low} to {high} m; "
+                f"arm: the path home leads through {pose.position_m} m, outside {low} to {high} m; "
                 "bring the arm inside with the pendant, then start again"
             )
 

@@ -1,4 +1,4 @@
-"""The person at the bench: what a protocol asks of them and tells them."""
+"""The person at the bench: questions and requests of a protocol."""
 
 from collections.abc import Callable
 from contextlib import AbstractContextManager
@@ -7,59 +7,60 @@ from typing import Protocol
 from drivers.types import Pose, Vector3
 
 Guidance = AbstractContextManager[Callable[[], bool]]
-"""While it lasts somebody is asked; called, it says whether they say that the tool is there."""
+"""Context in which the person guides the tool; the function returns whether they have confirmed its
+arrival."""
 
 
 class Operator(Protocol):
     """The person at the bench."""
 
     def confirm(self, question: str) -> None:
-        """Ask before something moves. Raises `OperatorStopError` unless agreed."""
+        """Ask before something moves. Raises `OperatorStopError` unless the person agrees."""
         ...
 
     def look(self, question: str) -> None:
-        """Ask what only somebody who looks at the bench can know, so never agreed to beforehand.
+        """Ask a question that only a person looking at the bench can answer; it cannot be agreed beforehand.
 
-        Raises `OperatorStopError` unless agreed.
+        Raises `OperatorStopError` unless the person agrees.
         """
         ...
 
     def place(self, object_id: str, name: str) -> None:
-        """See that an object lies in its place: has it laid there unless it was set down there.
+        """Make sure that an object lies in its place; ask for it to be placed unless it was set down there.
 
         Raises `OperatorStopError`.
         """
         ...
 
     def hold(self, question: str, object_id: str, base_T_tcp: Pose, opening_m: float | None) -> None:  # noqa: N803
-        """Have an object held by a person, not by the arm, until the next question.
+        """Ask a person to hold an object, instead of the arm, until the next question.
 
-        base_T_tcp, opening_m: where a robot hand would hold it so, for a simulated person. The opening is in
-        m, None if no gel is touched. Raises `OperatorStopError` unless the person holds it.
+        base_T_tcp, opening_m: where a robot hand would hold it, for a simulated person. The opening is in m,
+        None if no gel is touched. Raises `OperatorStopError` unless the person holds it.
         """
         ...
 
     def nudge(self, question: str) -> Vector3 | None:
-        """Ask how far the tool has to go, m, base axes; None when it is where it should be.
+        """Ask for the tool's remaining displacement, m, base axes; None when it has arrived.
 
         Raises `OperatorStopError`.
         """
         ...
 
     def guide(self, question: str, where: Pose) -> "Guidance":
-        """Have the arm led by hand to where something is grasped; the arm gives way meanwhile.
+        """Ask a person to lead the compliant arm by hand to the place where an object is grasped.
 
-        where: it is thought to be; people see it. Raises `OperatorStopError` where nobody is there.
+        where: the estimated place, for a simulated person. Raises `OperatorStopError` if nobody is there.
         """
         ...
 
     def key(self, question: str, where: Pose, here: Pose) -> str:
-        """Return the next key that a person presses to step the arm; "enter" where it is there.
+        """Return the next key that a person presses to step the arm; "enter" when it has arrived.
 
-        where, here: the tool is to be, and is, as far as known. Raises `OperatorStopError`.
+        where, here: target pose and present pose of the tool, as far as known. Raises `OperatorStopError`.
         """
         ...
 
     def displaced(self) -> None:
-        """Take note that the object is no longer in its place: it fell, or a fault left it anywhere."""
+        """Note that the object is no longer in its place: it fell, or a fault left it at an unknown place."""
         ...

@@ -1,4 +1,4 @@
-"""Brings every sensor's frames to the observer: the fingertips' in the order they were captured."""
+"""Deliver the frames of all sensors to the observer, those of the fingertips in order of capture."""
 
 from collections import deque
 from collections.abc import Callable, Sequence
@@ -18,26 +18,28 @@ from protocols.release import Contact, Imprint, imprint
 
 FRAME_TIMEOUT_S = 0.25
 JITTER = 0.1
-"""Share of its period by which a frame may be captured before it is due."""
+"""Fraction of its period by which a frame may be captured early."""
 CATCH_UP_S = 3.0
+"""Extra time in which a loaded host may deliver late frames, s."""
 PICTURE_S = 0.004
-"""The time left until a fingertip may capture a frame in which a picture of the camera is begun."""
+"""Least time before the next frame of a fingertip in which processing of a camera picture is started."""
 NEWEST_FRAMES = 3
-"""Frames per fingertip whose median gives the strength of a contact, so that a single bad frame does not."""
+"""Frames per fingertip over which the contact strength is the median, so that one bad frame has no effect."""
 UNTOUCHED_FRAMES = 8
-"""Frames after the start that show the gels untouched: the fingers need longer to close their margin."""
+"""First frames after the start, which show the gels untouched: closing the margin takes the fingers
+longer."""
 PATIENCE_S = 0.04
-"""How old a picture of the camera becomes that waits for such a time, before it is begun anyway."""
+"""Age at which a camera picture is processed even if a fingertip's frame is due."""
 
 
 class Pump:
     """Delivers the frames of all sources one by one.
 
-    Those of the fingertips come in the order in which they were captured: one is held back while
-    the other fingertip may still bring an earlier one. The camera's come when no fingertip's is there
-    and none is due: nobody waits for the marker angle, and an angle from the fingertips must not wait for it.
-    A single reader keeps the order, and with it every result, the same on each run; the sources'
-    backlogs hold what arrives meanwhile.
+    Frames of the fingertips are delivered in order of capture: a frame is held back while the other fingertip
+    may still deliver an earlier one. Camera frames are delivered when no fingertip frame is ready or due,
+    because the marker angle is not urgent, and the fingertips' angles must not wait for it. A single reader
+    keeps the order, and so every result, the same in each run; the sources' backlogs hold the frames that
+    arrive meanwhile.
     """
 
     def __init__(self, bench: Bench, observer: LiftEvents) -> None:
@@ -48,14 +50,14 @@ class Pump:
         self._streams = [*self._tips, *((self._camera,) if self._camera else ())]
 
     def start(self) -> None:
-        """Skip what was captured before now."""
+        """Discard all frames captured before now."""
         self._bench.clock.sleep_until(self._bench.clock.now_ns() + to_ns(0.05))
         for stream in self._streams:
             stream.skip()
 
     @property
     def seen_ns(self) -> int:
-        """The time up to which all that the fingertips captured has been delivered: not later than now."""
+        """The time up to which all frames of the fingertips have been delivered, at most now."""
         return min(self._bench.clock.now_ns(), *(tip.next_ns for tip in self._tips))
 
     def contacts(self) -> list[Contact]:
@@ -74,9 +76,9 @@ class Pump:
         return [contact.serial for tip, contact in pairs if contact.is_in(tip.newest_imprint())]
 
     def run_for(self, duration_s: float, unless: Callable[[], bool] = lambda: False) -> bool:
-        """Deliver all frames captured from now on for a while; returns when the last one is delivered.
+        """Deliver all frames captured in the next `duration_s`; return after the last one is delivered.
 
-        unless: ends it earlier. Returns whether it lasted its time.
+        unless: ends the delivery earlier if true. Returns whether the full time has passed.
         """
         end = self._bench.clock.now_ns() + to_ns(duration_s)
 
@@ -87,7 +89,7 @@ class Pump:
         return not unless()
 
     def run_until(self, done: Callable[[], bool], timeout_s: float) -> None:
-        """Deliver frames until `done`. Raises `DeviceTimeoutError`, or what a source raises."""
+        """Deliver frames until `done`. Raises `DeviceTimeoutError`, or the error of a source."""
         deadline = self._bench.clock.now_ns() + to_ns(timeout_s)
         while not done():
             if self._bench.clock.now_ns() > deadline:
@@ -95,28 +97,28 @@ class Pump:
             self._deliver(*self._next())
 
     def _next(self) -> tuple[FrameSource, Frame]:
-        """Take the fingertips' earliest frame, or the camera's while that is not there yet."""
+        """Return the fingertips' earliest frame, or a camera frame if that one has not arrived yet."""
         while True:
             for tip in self._tips:
-                tip.look()
+                tip.poll()
             first = min(self._tips, key=lambda tip: tip.next_ns)
             if first.waiting is not None:
                 return first.source, first.take()
             if (camera := self._camera) is not None:
-                camera.look()
+                camera.poll()
                 if camera.waiting is not None and self._time_for(camera.waiting, first.next_ns):
                     return camera.source, camera.take()
                 camera.check_alive(self._bench.clock.now_ns())
             first.fetch()
 
     def _time_for(self, picture: Frame, due_ns: int) -> bool:
-        """Whether a picture of the camera keeps no fingertip waiting, or has itself waited too long."""
+        """Whether processing a camera picture delays no fingertip, or the picture has waited too long."""
         now_ns = self._bench.clock.now_ns()
         return due_ns - now_ns >= to_ns(PICTURE_S) or not 0 <= now_ns - picture.time_ns < to_ns(PATIENCE_S)
 
     def _deliver(self, source: FrameSource, frame: Frame) -> None:
         if source is self._bench.camera and self._bench.actuators:
-            # What is wrong with the arm or the gripper shows here, whatever the lift is waiting for.
+            # Errors of the arm or the gripper are raised here, whatever the lift is waiting for.
             state = self._bench.arm.state()
             require_running(state)
             self._observer.arm(state)
@@ -125,7 +127,7 @@ class Pump:
 
 
 class _Stream:
-    """One source: the frame of it that waits to be delivered, and how often it repeated itself."""
+    """One source: its frame that is ready to be delivered, and its statistics."""
 
     def __init__(self, source: FrameSource) -> None:
         self.source = source
@@ -138,55 +140,55 @@ class _Stream:
 
     @property
     def next_ns(self) -> int:
-        """When the next frame was captured; the earliest it can be where it is not here yet."""
+        """Capture time of the next frame; if it has not arrived yet, the earliest possible one."""
         return self.waiting.time_ns if self.waiting is not None else self._earliest_ns
 
     def skip(self) -> None:
-        """Leave out what was captured before now. Raises `StaleFrameError`."""
+        """Discard all frames captured before now. Raises `StaleFrameError`."""
         self.waiting = None
         self._accept(with_jpeg(self.source.newest_frame(max_age_s=FRAME_TIMEOUT_S)))
 
-    def look(self) -> None:
-        """Fetch the next frame if it is there. Raises `StaleFrameError` when it froze."""
+    def poll(self) -> None:
+        """Fetch the next frame if it has arrived. Raises `StaleFrameError` if the sensor froze."""
         if self.waiting is None:
             with suppress(DeviceTimeoutError):
                 self.fetch(0.0)
 
     def check_alive(self, now_ns: int) -> None:
-        """Raise `StaleFrameError` where nothing has come for too long."""
+        """Raise `StaleFrameError` if no frame has arrived for too long."""
         if now_ns - self._earliest_ns > to_ns(FRAME_TIMEOUT_S):
             self._accept(with_jpeg(self.source.newest_frame(FRAME_TIMEOUT_S)))
             self.waiting = self._last
 
     def fetch(self, timeout_s: float = FRAME_TIMEOUT_S) -> None:
-        """Wait for the next frame. Raises `DeviceTimeoutError`, `StaleFrameError` when it froze."""
+        """Wait for the next frame. Raises `DeviceTimeoutError`, `StaleFrameError` if the sensor froze."""
         frame = with_jpeg(self.source.next_frame(timeout_s))
         self._accept(frame)
         self.waiting = frame
 
     def take(self) -> Frame:
-        """Return the waiting frame, which then waits no longer."""
+        """Return the frame that is ready, and clear it."""
         frame, self.waiting = self.waiting, None
         if frame is None:
-            raise StaleFrameError(f"{self.source.serial}: no frame waits to be taken")
+            raise StaleFrameError(f"{self.source.serial}: no frame is ready")
         self._newest.append(frame)
         if len(self._first) < UNTOUCHED_FRAMES:
             self._first.append(imprint(frame.image))
         return frame
 
     def newest_imprint(self) -> Imprint:
-        """Return the fine structure of the newest frame that was delivered. Raises `StaleFrameError`."""
+        """Return the fine structure of the newest delivered frame. Raises `StaleFrameError`."""
         if not self._newest:
             raise StaleFrameError(f"{self.source.serial}: no frame was delivered yet")
         return imprint(self._newest[-1].image)
 
     def contact_energy(self) -> float:
-        """Return the energy of the newest frames' imprint relative to the untouched gel: their median."""
+        """Return the median energy of the newest frames' imprint relative to the untouched gel."""
         untouched = self.untouched_imprint()
         return float(np.median([np.sum((imprint(f.image) - untouched) ** 2) for f in self._newest]))
 
     def untouched_imprint(self) -> Imprint:
-        """Return the mean fine structure of the first frames that were delivered."""
+        """Return the mean fine structure of the first delivered frames."""
         return np.mean(self._first, axis=0)
 
     def _accept(self, frame: Frame) -> None:
@@ -201,8 +203,10 @@ class _Stream:
 
 
 def require_running(state: ArmState) -> None:
-    """Raise `ProtectiveStopError` or `DeviceError` where the arm's safety system has stopped it."""
+    """Raise `ProtectiveStopError` or `DeviceError` if the arm's safety system has stopped it."""
     if state.mode is ArmMode.RUNNING:
         return
     kind = ProtectiveStopError if state.mode is ArmMode.PROTECTIVE_STOP else DeviceError
-    raise kind(f"arm: its safety system says '{state.mode.value}'; look at arm and pendant, clear the cause")
+    raise kind(
+        f"arm: its safety system reports '{state.mode.value}'; inspect arm and pendant, clear the cause"
+    )

@@ -1,4 +1,4 @@
-"""What the hand does about a slip in mid-lift: nothing, stop, tighten, or set the object down."""
+"""React to a slip during a lift: not at all, stop, tighten the grip, or set the object down."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -13,16 +13,16 @@ from protocols.observer import LiftEvents, ReactionStep
 from protocols.pump import Pump
 
 MOST_REACTIONS = 8
-"""In one lift. The last one ends it: what slips on is lifted no higher."""
+"""Most reactions in one lift. The last one ends the lift: an object that still slips is lifted no higher."""
 FIRST_CLOSING_M = 0.0037
-"""The first closing of a lift, m: six steps of a Robotiq 3-Finger. Each one after it is twice as far, so that
-few reach any grip."""
+"""First closing of a lift, m: six steps of a Robotiq 3-Finger. Each further closing is twice as large, so
+that a few of them reach any grip."""
 REST_TIMEOUT_S = 0.5
-"""After so long a closing that has not brought the object to rest is followed by the next."""
+"""If a closing has not brought the object to rest after this time, the next closing follows."""
 
 
 class ReactionKind(StrEnum):
-    """What is done on a slip event. All but the first stop the arm."""
+    """Reaction to a slip event. All but the first stop the arm."""
 
     NONE = "none"
     STOP = "stop"
@@ -31,24 +31,24 @@ class ReactionKind(StrEnum):
 
 
 class SlipSense(Protocol):
-    """Detects slip from the fingertips; its owner also receives the reaction's steps as `LiftEvents`."""
+    """Detects slip from the fingertips. The object also receives the reaction steps as `LiftEvents`."""
 
     def slip_ns(self) -> int | None:
-        """When the frame was captured that told of a slip which asks for a reaction now; else None."""
+        """Return the capture time of the frame that showed a slip to react to now; None if there is none."""
         ...
 
     def at_rest(self) -> bool:
-        """Whether no fingertip has seen a turn for a while."""
+        """Whether no fingertip has detected rotation for a while."""
         ...
 
     def another_is_too_much(self) -> bool:
-        """Whether one more slip, larger than those so far, would turn the object further than it may."""
+        """Whether one more slip, larger than those so far, would exceed the permitted rotation."""
         ...
 
 
 @dataclass(frozen=True, slots=True)
 class Reaction:
-    """What is to be done, and who detects the slip.
+    """The selected reaction, and the slip detector.
 
     largest_grip_steps: for `TIGHTEN`, beyond first contact, in steps of the gripper's resolution.
     """
@@ -59,9 +59,9 @@ class Reaction:
 
 
 class Reflex:
-    """Carries out one lift's reactions.
+    """Executes the reactions of one lift.
 
-    contact_m: opening at which the fingers met the object. grip_steps: how far beyond they stand, in steps of
+    contact_m: opening at which the fingers met the object. grip_steps: initial closing beyond it, in steps of
     the gripper's resolution.
     """
 
@@ -87,7 +87,7 @@ class Reflex:
 
     @property
     def sets_down(self) -> bool:
-        """Whether a lift that ended here is not held any longer either."""
+        """Whether the object is set down right after the reaction, without a hold phase."""
         reaction = self._reaction
         return reaction is not None and reaction.kind is ReactionKind.LOWER
 
@@ -96,9 +96,9 @@ class Reflex:
         return self._left > 0 and self._reaction is not None and self._reaction.sense.slip_ns() is not None
 
     def react(self, rising: Motion | None = None) -> bool:
-        """Stop the arm and do what is to be done; return whether the lift goes on.
+        """Stop the arm and execute the reaction; return whether the lift continues.
 
-        rising: the arm's motion, if any. Frames keep coming meanwhile.
+        rising: the arm's motion, if any. Frames are delivered during the reaction.
         """
         self._left -= 1
         self._stop(rising)
@@ -116,10 +116,11 @@ class Reflex:
         self._report(ReactionStep.STANDS)
 
     def _tighten(self) -> bool:
-        """Close step by step until the object is at rest; return whether it is.
+        """Close step by step until the object is at rest; return whether the lift may continue.
 
-        A grip that is at its largest cannot help, but the slip may be over, or none: an object is then lifted
-        on while one more slip may be borne, at rest or not, as angles are noisier in a firm grip.
+        At its largest grip the hand cannot tighten further, but the slip may have ended, or may have been a
+        false detection. The lift then continues if one more slip is permissible, even if the object does not
+        appear at rest, because angles are noisier in a firm grip.
         """
         if self._reaction is None or self._reaction.kind is not ReactionKind.TIGHTEN:
             return False

@@ -1,8 +1,7 @@
-"""What comes before the first motion: a look at arm, hand and gripper, and questions where they are due.
+"""Prepare the bench before the first motion: check arm, hand and gripper, and ask a person if needed.
 
-What is in the hand is told by whoever moved it last (`Bench.hand`, kept over crashes) and by the
-gripper. Unless both say that it is free, somebody who looks at the bench is asked before fingers
-open or the arm moves.
+The state of the hand comes from the program that moved it last (`Bench.hand`, stored across crashes) and from
+the gripper. Unless both report it free, a person at the bench is asked before fingers open or the arm moves.
 """
 
 from dataclasses import replace
@@ -17,18 +16,18 @@ from protocols.safe_end import is_above, is_around, safe_end
 from protocols.steps import CLEARANCE_M, LOWER_SPEED_M_S, MOTION_TIMEOUT_S, move
 
 OPEN_M = 0.002
-"""Fingers that are closed by no more than this, m, hold nothing: three steps of a Robotiq 3-Finger."""
+"""Fingers closed by at most this from fully open, m, hold nothing: three steps of a Robotiq 3-Finger."""
 CLOSED_M = 0.0015
-"""Fingers that have closed by more, m, since the hand was known to be free were closed by somebody else. It
-lies between two and three steps of a Robotiq 3-Finger."""
+"""If free fingers have closed by more than this since, m, another program or person closed them. It lies
+between two and three steps of a Robotiq 3-Finger."""
 
 
 def make_ready(bench: Bench, operator: Operator, after_fault: bool = False) -> None:
-    """Release a protective stop, free the hand, activate the gripper, go home: each where needed.
+    """Release a protective stop, free the hand, activate the gripper, go home: each if needed.
 
-    What follows a fault, and what concerns an object in the hand, is asked of somebody who looks at
-    the bench; the activation is asked for because the fingers sweep their range; the way home is part
-    of the plan that was agreed to (`protocols.home`). Where it ends early, the arm stays where it is.
+    After a fault, and if an object may be in the hand, a person at the bench is asked. Activation is asked
+    for because the fingers sweep their range. The motion home is part of the agreed plan (`protocols.home`).
+    If it ends early, the arm stays where it is.
     """
     free_hand(bench, operator, after_fault)
     _activate(bench, operator)
@@ -37,34 +36,34 @@ def make_ready(bench: Bench, operator: Operator, after_fault: bool = False) -> N
 
 
 def free_hand(bench: Bench, operator: Operator, after_fault: bool = False) -> None:
-    """See that the arm can move and the hand is free; otherwise ask, then set down or let go, and rise.
+    """Make sure that the arm can move and the hand is free; if not, ask, then set down or open, and rise.
 
-    Raises `OperatorStopError` unless agreed, with nothing moved.
+    Raises `OperatorStopError` unless a person agrees, with nothing moved.
     """
     bench.arm.recover(operator.look)
-    hand = look_at_hand(bench)
+    hand = check_hand(bench)
     if hand.holding is not Holding.FREE:
-        _let_go(bench, operator, hand, "The last lift ended in a fault. " if after_fault else "")
+        _free(bench, operator, hand, "The last lift ended in a fault. " if after_fault else "")
     elif after_fault:
         operator.look("The last lift ended in a fault; nothing is held. Look at the bench: shall it go on?")
     bench.hand.note(HandState(Holding.FREE, finger_opening_m=_finger_opening_m(bench)))
 
 
 def agree_to_carry(bench: Bench, operator: Operator) -> None:
-    """Ask, unless the hand is free, before the arm moves with fingers that stay as they are.
+    """Unless the hand is free, ask before the arm moves with the fingers left as they are.
 
-    Raises `OperatorStopError` unless agreed.
+    Raises `OperatorStopError` unless a person agrees.
     """
     bench.arm.recover(operator.look)
-    hand = look_at_hand(bench)
+    hand = check_hand(bench)
     if hand.holding is not Holding.FREE:
         operator.look(f"{_seen(hand)} The arm will move with it, the fingers stay as they are. Shall it?")
 
 
-def look_at_hand(bench: Bench) -> HandState:
-    """What is known of the hand, once the gripper has been looked at: fingers that are open hold nothing.
+def check_hand(bench: Bench) -> HandState:
+    """Return the known state of the hand, corrected by the gripper's state: open fingers hold nothing.
 
-    A hand known to be free whose fingers have closed meanwhile, or met something, is not known any more.
+    If the hand was free but its fingers have closed or met an object since, its state is unknown.
     """
     known = bench.hand.state
     try:
@@ -80,16 +79,17 @@ def look_at_hand(bench: Bench) -> HandState:
         if not is_around(bench.arm.state().base_T_tcp, known):
             return HandState(Holding.FREE)
     elif not gripper.gripping and opening_m >= bench.gripper.spec.open_m - OPEN_M:
-        # A gripper that lost its power may report wrong positions: not enough to call a held object released.
+        # A gripper that lost its power may report wrong positions, so it must be activated or never have
+        # held.
         if gripper.activated or known.base_T_grasp is None:
             return HandState(Holding.FREE)
     return known
 
 
-def _let_go(bench: Bench, operator: Operator, hand: HandState, why: str) -> None:
+def _free(bench: Bench, operator: Operator, hand: HandState, why: str) -> None:
     """Ask, set the object down if the hand is above its place, open the fingers, ask again, and rise.
 
-    The second question is for what no device can prove: a gripper may report fingers that are not open.
+    The second question covers what no device can verify: a gripper may report open fingers that are closed.
     Raises `OperatorStopError`, and `FingerMotionError` if the fingers do not open, before the arm rises.
     """
     place = hand.base_T_grasp
@@ -102,7 +102,7 @@ def _let_go(bench: Bench, operator: Operator, hand: HandState, why: str) -> None
         move(bench, place, LOWER_SPEED_M_S).wait(MOTION_TIMEOUT_S)
     else:
         operator.look(
-            f"{why}{_seen(hand)} Hold what may be between the fingers: shall they open now, and the arm rise?"
+            f"{why}{_seen(hand)} Hold any object between the fingers: shall they open now, and the arm rise?"
         )
         bench.hand.note(hand)
     opening_m = _open(bench, operator)
@@ -119,7 +119,7 @@ def _seen(hand: HandState) -> str:
         Holding.FREE: "Nothing is held.",
         Holding.AROUND: f"The fingers stand around {what}.",
         Holding.HELD: f"The hand holds {what}.",
-        Holding.UNKNOWN: f"It is not known what the fingers hold ({hand.what}).",
+        Holding.UNKNOWN: f"It is unknown whether the fingers hold something ({hand.what}).",
     }[hand.holding]
 
 
@@ -131,7 +131,7 @@ def _finger_opening_m(bench: Bench) -> float | None:
 
 
 def _open(bench: Bench, operator: Operator) -> float:
-    """Activate the gripper if that is due, open the fingers, and return the opening that they reached, m."""
+    """Activate the gripper if needed, open the fingers, and return the opening that they reached, m."""
     _activate(bench, operator)
     return move_fingers(bench, bench.gripper.spec.open_m).opening_m
 
@@ -142,12 +142,12 @@ def _activate(bench: Bench, operator: Operator) -> None:
             return
         operator.confirm("The gripper is not activated. Activate it now? Its fingers sweep their range.")
     except GripperFaultError as error:
-        operator.look(f"{error}. Activate it now? Its fingers sweep their range and drop what they hold.")
+        operator.look(f"{error}. Activate it now? Its fingers sweep their range and drop any object.")
     bench.gripper.activate()
 
 
 def _rise(bench: Bench) -> None:
-    """Rise straight up to where nothing stands in the way."""
+    """Rise straight up to the clearance height above the table."""
     pose = bench.arm.state().base_T_tcp
     rise = bench.base_T_table.position_m[2] + CLEARANCE_M - pose.position_m[2]
     if rise > 0.0:

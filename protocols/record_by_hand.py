@@ -1,4 +1,4 @@
-"""Recording poses by hand: a person presses the object onto each gel in turn; no arm, no gripper."""
+"""Record poses by hand: a person presses the object onto each gel in turn; no arm, no gripper."""
 
 from dataclasses import dataclass
 from typing import Protocol
@@ -11,18 +11,18 @@ from protocols.pump import Pump
 from protocols.record_grasps import record_reference
 
 CAPTURE_TIMEOUT_S = 20.0
-"""How long a person may take to press so that the gel shows the contact in all images of one question."""
+"""Time for one question in which all its images must show contact."""
 
 
 class HandObserver(LiftEvents, Protocol):
-    """An observer that takes images of one fingertip when asked to."""
+    """An observer that captures images of one fingertip on request."""
 
     def want_of(self, serial: str, images: int) -> None:
-        """Take this many more images of a fingertip that show contact."""
+        """Capture this many more images of a fingertip that show contact."""
         ...
 
     def satisfied(self) -> bool:
-        """Whether all wanted images have been taken."""
+        """Whether all requested images have been captured."""
         ...
 
 
@@ -30,8 +30,9 @@ class HandObserver(LiftEvents, Protocol):
 class HandPose:
     """One pose to record by hand.
 
-    orientation_deg: of the object, counter-clockwise in the images of a fingertip with sign +1. images: of
-    all fingertips. base_T_grasp, opening_m: where a robot hand would hold it, for a simulated person.
+    orientation_deg: of the object, counter-clockwise in the images of a fingertip with sign +1. images:
+    number over all fingertips. base_T_grasp, opening_m: where a robot hand would hold it; for a simulated
+    person.
     """
 
     object_id: str
@@ -43,7 +44,7 @@ class HandPose:
     opening_m: float
 
     def question(self, tip: Fingertip) -> str:
-        """Return what the person is asked to do at a fingertip."""
+        """Return the request to the person at a fingertip."""
         return (
             f"Press object {self.object_id} ({self.object_name}) at '{self.position}', turned by "
             f"{tip.sign * self.orientation_deg:+.0f} deg (counter-clockwise in the image), onto the gel of "
@@ -52,15 +53,15 @@ class HandPose:
 
 
 def record_untouched(bench: Bench, operator: Operator, observer: LiftEvents) -> None:
-    """Show the observer the gels without contact, once the person says that nothing touches them."""
+    """Deliver frames of the gels without contact, after the person confirms that nothing touches them."""
     operator.look("Take everything off the gels. Does nothing touch them?")
     record_reference(bench, observer)
 
 
 def record_pose_by_hand(bench: Bench, operator: Operator, pose: HandPose, observer: HandObserver) -> None:
-    """Have the object pressed onto one gel after the other while images are taken; nothing is moved.
+    """Ask the person to press the object onto one gel after the other, and capture images; nothing is moved.
 
-    Raises `OperatorStopError` unless the person presses it, `DeviceTimeoutError` if no image shows it.
+    Raises `OperatorStopError` if the person declines, `DeviceTimeoutError` if no image shows contact.
     """
     for number, tip in enumerate(bench.fingertips):
         share, rest = divmod(pose.images, len(bench.fingertips))

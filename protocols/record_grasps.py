@@ -1,4 +1,4 @@
-"""Recording grasp poses (paper, section IV-A): reference first, then each pose at several grips."""
+"""Record grasp poses (paper, section IV-A): first the reference, then each pose at several grips."""
 
 from dataclasses import dataclass
 from typing import Protocol
@@ -15,14 +15,14 @@ CAPTURE_TIMEOUT_S = 4.0
 
 
 class CaptureObserver(LiftObserver, Protocol):
-    """An observer that takes images when asked to."""
+    """An observer that captures images on request."""
 
     def want(self, images: int, grip_steps: int) -> None:
-        """Take this many more images, at a grip of that many steps past first contact."""
+        """Capture this many more images, at a grip of `grip_steps` steps beyond first contact."""
         ...
 
     def satisfied(self) -> bool:
-        """Whether all wanted images have been taken."""
+        """Whether all requested images have been captured."""
         ...
 
 
@@ -30,7 +30,7 @@ class CaptureObserver(LiftObserver, Protocol):
 class PosePlan:
     """One grasp pose to record.
 
-    grips: pairs of a grip, in steps of the gripper's resolution past first contact, and images to take.
+    grips: pairs of a grip, in steps of the gripper's resolution beyond first contact, and number of images.
     """
 
     object_id: str
@@ -42,14 +42,14 @@ class PosePlan:
 
 
 def record_reference(bench: Bench, observer: LiftEvents) -> None:
-    """Show the observer what the fingertips see without contact; nothing moves."""
+    """Deliver frames of the fingertips without contact; nothing moves."""
     pump = Pump(bench, observer)
     pump.start()
     pump.run_for(REFERENCE_S)
 
 
 def record_pose(bench: Bench, plan: PosePlan, observer: CaptureObserver) -> None:
-    """Grasp at one pose, grip step by step while images are taken, and set the object free.
+    """Grasp at one pose, tighten step by step while images are captured, and release the object.
 
     Raises the device's error after the safe end, with a note on how it ended.
     """

@@ -1,8 +1,9 @@
-"""Whether a tactile image still shows the contact that it showed while an object was held.
+"""Check whether a tactile image still shows the contact that it showed while an object was held.
 
-The contact detection that stops the closing compares a frame with one from before the grasp; after some
-seconds of drifting light it may report contact on an untouched gel. A release is therefore judged by the
-imprint of this contact: the fine structure that came with it has to go when the fingers open.
+The contact detection that stops the closing compares a frame with one from before the grasp. After several
+seconds of drifting light it may report contact on an untouched gel. A release is therefore verified with the
+imprint of this contact: the fine structure that appeared with the contact must disappear when the fingers
+open.
 """
 
 from dataclasses import dataclass
@@ -14,21 +15,23 @@ from numpy.typing import NDArray
 from drivers.types import Image
 
 Imprint = NDArray[np.float32]
-"""(H, 40, 3) fine structure of a tactile image: its logarithm without structures wider than 5 pixels."""
+"""(H, 40, 3) fine structure of a tactile image: its logarithm, high-pass filtered with SMOOTH_PX."""
 
 WIDTH_PX = 40
+"""Width to which images are reduced before the comparison."""
 SMOOTH_PX = 5.0
+"""Sigma of the Gaussian whose output is subtracted, px of the reduced image."""
 DARK = 10.0
 """Grey levels added before the logarithm, so that noise in dark pixels does not dominate."""
 LEFT_SHARE = 0.6
-"""Largest share of its imprint that a released contact may leave. Measured on hard simulated lifts with
+"""Largest fraction of its imprint that may remain after a release. Measured on hard simulated lifts with
 drifting light and gels that keep a print: at most 0.44 after 45 releases, at least 0.76 in 9 lifts whose
 fingers did not open."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Contact:
-    """A contact of one fingertip. untouched: mean of frames before it. held: before the fingers opened."""
+    """A contact of one fingertip. untouched: mean imprint before it. held: before the fingers opened."""
 
     serial: str
     untouched: Imprint
@@ -48,9 +51,10 @@ def imprint(image: Image) -> Imprint:
 
 
 def share_left(untouched: Imprint, held: Imprint, now: Imprint) -> float:
-    """Return how much of a contact's imprint an image still shows: 1 all of it, 0 nothing (least squares).
+    """Return the fraction of a contact's imprint that an image still shows: 1 all, 0 none (least squares).
 
-    untouched: before the grasp, the mean of some frames. held: the contact, before the fingers opened.
+    untouched: mean imprint of some frames before the grasp. held: imprint before the fingers opened. now:
+    imprint of the image.
     """
     contact, rest = held - untouched, now - untouched
     energy = float(np.sum(contact * contact))

@@ -1,11 +1,11 @@
-"""How a run ends that ends early: by what is known of the hand, not by habit.
+"""End a run early in the way that the known state of the hand requires.
 
     free      stop, and stay there
     around    stop, open the fingers, rise straight up
     held      stop, set the object down where it was taken, open, rise
-    unknown   stop, hold on; who starts next is asked (`protocols.readiness`)
+    unknown   stop, keep the grip; the next program asks a person (`protocols.readiness`)
 
-A second interruption ends that as well: everything stops at once and stays.
+A second interrupt ends that as well: everything stops immediately and stays.
 """
 
 import math
@@ -19,14 +19,14 @@ from protocols.steps import lower_and_release, open_and_rise
 
 BESIDE_M = 0.005
 TURNED_RAD = 0.05
-"""A hand this far from above the place where it closed may not go straight down to it."""
+"""Beyond these distances from above the place where it closed, a hand must not move straight down to it."""
 REACH_M = 0.06
-"""Higher above a grasp than this the fingers are around nothing: no object is that high over its middle."""
+"""Height above a grasp beyond which the fingers surround nothing: no object is that high above its grasp."""
 
 
 @contextmanager
 def safe_end(bench: Bench) -> Iterator[None]:
-    """End whatever goes wrong inside by `make_safe`; the error goes on, with a note on how it ended."""
+    """On any exception inside, call `make_safe`; then re-raise the exception with a note on how it ended."""
     try:
         yield
     except BaseException as error:
@@ -35,9 +35,9 @@ def safe_end(bench: Bench) -> Iterator[None]:
 
 
 def make_safe(bench: Bench) -> str:
-    """End whatever was going on, as what is known of the hand demands. Returns what was reached.
+    """Stop, and end as the known state of the hand requires. Return a description of the result.
 
-    Where the arm or the gripper refuse, the grip stays closed: holding is safer than dropping.
+    If the arm or the gripper fails, the grip stays closed: holding is safer than dropping.
     """
     try:
         bench.arm.stop()
@@ -45,7 +45,7 @@ def make_safe(bench: Bench) -> str:
     except ProtectiveStopError:
         return f"arm in protective stop, fingers left as they are, {_in_hand(bench)}"
     except DeviceError as error:
-        with suppress(DeviceError):  # they may be on their way, and nobody can see where they are
+        with suppress(DeviceError):  # the fingers may be moving, and their position is unknown
             bench.gripper.stop()
         return f"stopped, fingers left as they are, {_in_hand(bench)} ({error})"
     except OperatorStopError:
@@ -56,17 +56,17 @@ def make_safe(bench: Bench) -> str:
 
 
 def halt(bench: Bench) -> str:
-    """Stop all motion at once, and stay. Returns what was reached."""
+    """Stop all motion immediately, and stay. Return a description of the result."""
     try:
         bench.arm.stop()
-    finally:  # also where a driver's stop fails, which none of the rig's does
+    finally:  # also if a driver's stop raises; the rig's own drivers never do
         with suppress(DeviceError):
             bench.gripper.stop()
     return f"all motion stopped at once, {_in_hand(bench)}"
 
 
 def is_above(pose: Pose, base_T_grasp: Pose) -> bool:  # noqa: N803
-    """Whether the TCP stands straight above a grasp, turned as it was there."""
+    """Whether the TCP is straight above a grasp, with the same orientation."""
     (x, y, z), (grasp_x, grasp_y, grasp_z) = pose.position_m, base_T_grasp.position_m
     turn = float((pose.rotation.inv() * base_T_grasp.rotation).magnitude())
     beside = math.hypot(x - grasp_x, y - grasp_y)
@@ -74,7 +74,7 @@ def is_above(pose: Pose, base_T_grasp: Pose) -> bool:  # noqa: N803
 
 
 def is_around(pose: Pose, hand: HandState) -> bool:
-    """Whether open fingers that came down around something have come so far, or are not up again yet."""
+    """Whether open fingers surround the object: they have come down, and have not risen above it again."""
     place = hand.base_T_grasp
     return place is None or pose.position_m[2] - place.position_m[2] <= REACH_M
 
@@ -84,12 +84,12 @@ def _end(bench: Bench, hand: HandState) -> str:
         hand = HandState(Holding.FREE)
         bench.hand.note(hand)
     if hand.holding is Holding.FREE:
-        with suppress(DeviceError):  # nothing depends on where free fingers stand
+        with suppress(DeviceError):  # the position of free fingers does not matter
             bench.gripper.stop()
         return "stopped where it was, nothing held"
     if hand.holding is Holding.UNKNOWN or hand.base_T_grasp is None:
         return f"stopped where it was, {_in_hand(bench)}"
-    bench.gripper.state()  # a gripper that says nothing may hold anything, and cannot let go of it
+    bench.gripper.state()  # a gripper that does not answer may hold an object, and cannot release it
     if hand.holding is Holding.AROUND:
         open_and_rise(bench, hand.base_T_grasp, hand.width_m)
         return "nothing held, fingers open, arm risen"
@@ -100,10 +100,10 @@ def _end(bench: Bench, hand: HandState) -> str:
 
 
 def _in_hand(bench: Bench) -> str:
-    """What is in the hand, as far as it is known."""
+    """Describe what is in the hand, as far as it is known."""
     return {
         Holding.FREE: "nothing held",
         Holding.AROUND: f"fingers around {bench.hand.state.what}",
         Holding.HELD: f"still holding {bench.hand.state.what}",
-        Holding.UNKNOWN: "what the fingers hold is not known",
+        Holding.UNKNOWN: "it is unknown whether the fingers hold something",
     }[bench.hand.state.holding]

@@ -24,16 +24,17 @@ SETTLE_S = 0.8
 LIFT_S = 1.5
 HOLD_S = 1.2
 SEEN_S = 0.3
-"""For so long it is seen how an object hangs that a reaction sets down before its time."""
+"""Observation time before an early set-down after a reaction, so that the final angle is recorded."""
 LIFT_TIMEOUT_S = 8.0
 
 
 @dataclass(frozen=True, slots=True)
 class LiftPlan:
-    """Everything one lift is told.
+    """Parameters of one lift.
 
-    base_T_grasp: TCP when closed on the object. grip_steps: steps of the gripper's resolution beyond the
-    first contact of both fingertips. width_m: of the object at the grasp. lift_height_m: of phase B.
+    base_T_grasp: TCP pose when closed on the object. grip_steps: closing in steps of the gripper's resolution
+    beyond the first contact of both fingertips. width_m: of the object at the grasp. lift_height_m: of phase
+    B.
     """
 
     object_id: str
@@ -46,11 +47,11 @@ class LiftPlan:
 
 
 def run_lift(bench: Bench, plan: LiftPlan, observer: LiftObserver, reaction: Reaction | None = None) -> None:
-    """Carry out one lift; whatever happens, it ends as `protocols.safe_end` says.
+    """Execute one lift. On any error or stop it ends as `protocols.safe_end` describes.
 
-    A phase begins where the frames seen so far end, so that each frame belongs to one phase.
-    reaction: to a slip, nothing when None. Raises the device's error after the safe end, with a note on
-    how it ended; the observer has seen everything until then.
+    A phase begins at the end of the frames delivered so far, so that each frame belongs to one phase.
+    reaction: to a slip; None for no reaction. Raises the device's error after the safe end, with a note on
+    how it ended; the observer has received all events until then.
     """
     rise = plan.base_T_grasp.translated(z_m=plan.lift_height_m)
     check_way(bench.arm.limits, (plan.base_T_grasp, rise))
@@ -71,7 +72,7 @@ def run_lift(bench: Bench, plan: LiftPlan, observer: LiftObserver, reaction: Rea
 
 
 def _grasp(bench: Bench, pump: Pump, observer: LiftObserver, plan: LiftPlan) -> float:
-    """Close to first contact, a few steps further, and wait until phase A has lasted its time.
+    """Close to first contact, a few steps further, and wait until phase A has lasted GRASP_S.
 
     Returns the opening at first contact, m.
     """
@@ -84,7 +85,7 @@ def _grasp(bench: Bench, pump: Pump, observer: LiftObserver, plan: LiftPlan) -> 
 
 
 def _rise(bench: Bench, pump: Pump, plan: LiftPlan, reflex: Reflex) -> bool:
-    """Lift, with reactions on the way; return whether the full height was reached."""
+    """Lift, with reactions if the object slips; return whether the full height was reached."""
     while True:
         rising = lift(bench, plan.base_T_grasp, plan.lift_height_m, LIFT_S)
         pump.run_until(lambda motion=rising: reflex.called() or motion.done(), LIFT_TIMEOUT_S)
@@ -95,7 +96,7 @@ def _rise(bench: Bench, pump: Pump, plan: LiftPlan, reflex: Reflex) -> bool:
 
 
 def _hold(pump: Pump, reflex: Reflex) -> None:
-    """Hold for its time, and after a reaction for as long again."""
+    """Hold for HOLD_S; after each reaction, hold for HOLD_S again."""
     while not pump.run_for(HOLD_S, reflex.called):
         if not reflex.react() and reflex.sets_down:
             pump.run_for(SEEN_S)

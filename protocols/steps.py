@@ -1,4 +1,4 @@
-"""The steps that experiments are made of, each a few driver calls."""
+"""The steps of the experiments, each a few driver calls."""
 
 from dataclasses import replace
 
@@ -16,11 +16,11 @@ TRAVEL_SPEED_M_S = 0.25
 LOWER_SPEED_M_S = 0.10
 ACCELERATION_M_S2 = 1.0
 CLEARANCE_M = 0.10
-"""Height above the grasp from which it is approached and to which the hand retreats."""
+"""Height above the grasp from which the hand approaches, and to which it retreats."""
 LEVEL_M = 0.001
-"""A hand this much too low needs not rise first."""
+"""A hand that is at most this much too low does not rise first."""
 MARGIN_M = 0.003
-"""How much wider than the object the fingers stand before the careful closing begins."""
+"""Gap on each side between finger and object before the step-by-step closing begins."""
 STEP_SETTLE_S = 0.05
 FIRMER = 1.02
 """Smallest ratio of `Pump.contact_strength` after the last step of tightening to before it. Measured in 36
@@ -29,13 +29,13 @@ to 1.01 while the fingers do not move."""
 FIRMER_STEP_M = 0.0006
 """End of the tightening over which that ratio is measured, m: one step of a Robotiq 3-Finger."""
 FIRMER_PARTS = 2
-"""Smallest tightening for which that ratio is required, in such parts: the smallest that was measured."""
+"""Fewest such steps of tightening for which that ratio is required: the smallest that was measured."""
 MOST_CLOSING_M = 0.015
-"""How far the fingers close in search of the object, m, unless the caller asks for more."""
+"""Longest closing in search of the object, m, unless the caller asks for more."""
 
 
 def require_room(spec: GripperSpec, width_m: float) -> None:
-    """Raise `OutOfLimitsError` for an object that the fingers do not open around."""
+    """Raise `OutOfLimitsError` if an object is too wide for the fingers."""
     needed_m = width_m + 2 * MARGIN_M
     if needed_m > spec.open_m:
         raise OutOfLimitsError(
@@ -46,18 +46,18 @@ def require_room(spec: GripperSpec, width_m: float) -> None:
 
 
 def way_to(here: Pose, base_T_grasp: Pose) -> tuple[Pose, ...]:  # noqa: N803
-    """The way on which a hand comes down around an object: up where it is low, across, down."""
+    """Return the path on which a hand comes down around an object: up if it is low, across, down."""
     above = base_T_grasp.translated(z_m=CLEARANCE_M)
     risen = here.translated(z_m=max(0.0, above.position_m[2] - here.position_m[2]))
     return here, risen, above, base_T_grasp
 
 
 def approach(bench: Bench, base_T_grasp: Pose, width_m: float, what: str) -> None:  # noqa: N803
-    """Rise if the hand is low, open the fingers a little wider than the object, and come down around it.
+    """Rise if the hand is low, open the fingers a little wider than the object, and move down around it.
 
-    what: name of the object. Raises `OutOfLimitsError` before anything moves if the fingers do not open that
-    wide, or if the way leads through a keep-out box of the bench file; `FingerMotionError` before the hand
-    comes down if the fingers do not reach that opening.
+    what: name of the object. Raises `OutOfLimitsError` before anything moves if the fingers do not open wide
+    enough, or if the path crosses a keep-out box of the bench file. Raises `FingerMotionError` before the
+    hand moves down if the fingers do not reach that opening.
     """
     require_room(bench.gripper.spec, width_m)
     above = base_T_grasp.translated(z_m=CLEARANCE_M)
@@ -71,7 +71,7 @@ def approach(bench: Bench, base_T_grasp: Pose, width_m: float, what: str) -> Non
 
 
 def start_watching(bench: Bench, observer: LiftObserver, reference_s: float) -> Pump:
-    """Begin to deliver frames: of the untouched gels for so long, then of the grasp."""
+    """Start delivering frames: `reference_s` of the untouched gels, then of the grasp."""
     pump = Pump(bench, observer)
     pump.start()
     observer.phase(Phase.REFERENCE, pump.seen_ns)
@@ -83,11 +83,11 @@ def start_watching(bench: Bench, observer: LiftObserver, reference_s: float) -> 
 def close_to_contact(
     bench: Bench, pump: Pump, observer: LiftObserver, most_m: float = MOST_CLOSING_M
 ) -> float:
-    """Close by steps of the gripper's resolution until both fingertips touch; return the opening there, m.
+    """Close by steps of the gripper's resolution until both fingertips touch; return the opening then, m.
 
-    The lowest force that the Robotiq 3-Finger can be commanded is 15 N (manual, rFR), ten times too much:
-    steps with the tactile image as the stop are the light grip. most_m: how far to close at most.
-    From then on the hand is known to hold. Raises `GraspError` when the fingers meet nothing.
+    The lowest force that the Robotiq 3-Finger can be commanded is 15 N (manual, rFR), ten times too much. A
+    light grip is made by small steps, stopped by the tactile images. most_m: longest closing. After contact,
+    the hand's state is held. Raises `GraspError` if the fingers meet nothing.
     """
     spec = bench.gripper.spec
     opening_m = spec.nearest(bench.gripper.state().opening_m)
@@ -99,16 +99,16 @@ def close_to_contact(
         step_fingers(bench, pump, observer, opening_m)
     raise GraspError(
         f"gripper: no contact on both fingertips, closed step by step to {1e3 * opening_m:.1f} mm; "
-        "check that the object lies in its place and that its width in the object file is right"
+        "check that the object is in its place and that its width in the object file is right"
     )
 
 
 def tighten(bench: Bench, pump: Pump, observer: LiftObserver, from_m: float, steps: int) -> float:
-    """Close in contact from an opening by steps of the gripper's resolution; return the opening then, m.
+    """Close further in contact by steps of the gripper's resolution; return the opening at the end, m.
 
     Raises `FingerMotionError` if the gripper reports the last step but the fingertips show no firmer contact,
-    so an object is never lifted with a grip that exists in the gripper's reports only. The hand is then
-    unknown, because a reported opening could not be relied on either.
+    so that no object is lifted with a grip that only the gripper's reports show. The hand's state is then
+    unknown, because a reported opening would not be reliable either.
     """
     spec = bench.gripper.spec
     compared, before, opening_m = spec.steps_for(FIRMER_STEP_M), 0.0, from_m
@@ -124,16 +124,16 @@ def tighten(bench: Bench, pump: Pump, observer: LiftObserver, from_m: float, ste
             f"gripper: it reports {1e3 * opening_m:.1f} mm, but the fingertips show the contact as it was "
             f"{1e3 * compared * spec.resolution_m:.1f} mm before (strength {before:.2f}, now {after:.2f}, "
             f"required {FIRMER} times as much): the "
-            "fingers may not move as reported; the arm stays where it is. Look at the fingers, then start "
+            "fingers may not move as reported; the arm stays where it is. Check the fingers, then start "
             "again"
         )
     return opening_m
 
 
 def step_fingers(bench: Bench, pump: Pump, observer: LiftObserver, opening_m: float) -> None:
-    """Move the fingers to an opening while frames keep coming, and let the gel settle.
+    """Move the fingers to an opening while frames are delivered, and let the gel settle.
 
-    Raises `FingerMotionError` if they do not get there, as `move_fingers` does.
+    Raises `FingerMotionError` if they do not reach it, see `move_fingers`.
     """
     observer.gripper(move_fingers(bench, opening_m, pump))
     pump.run_for(STEP_SETTLE_S)
@@ -141,7 +141,7 @@ def step_fingers(bench: Bench, pump: Pump, observer: LiftObserver, opening_m: fl
 
 def lift(bench: Bench, base_T_grasp: Pose, height_m: float, duration_s: float) -> Motion:  # noqa: N803
     """Start lifting straight up; return the motion."""
-    speed = height_m / (0.8 * duration_s)  # a fifth of the time each for speeding up and slowing down
+    speed = height_m / (0.8 * duration_s)  # a fifth of the time each for acceleration and deceleration
     acceleration = speed / (0.2 * duration_s)
     return bench.arm.move_linear(base_T_grasp.translated(z_m=height_m), speed, acceleration)
 
@@ -176,17 +176,17 @@ def open_and_rise(
 
 
 def open_around(bench: Bench, width_m: float, pump: Pump | None = None) -> GripperState:
-    """Open the fingers a little wider than an object; return the gripper's state then.
+    """Open the fingers a little wider than an object; return the gripper's state at the end.
 
-    pump: of a grasp, which is then verified to have ended. Raises `FingerMotionError` as `move_fingers` and
-    `release` do.
+    pump: of a grasp, whose release is then verified. Raises `FingerMotionError`, see `move_fingers` and
+    `release`.
     """
     opening_m = bench.gripper.spec.nearest(width_m + 2 * MARGIN_M)
     return move_fingers(bench, opening_m) if pump is None else release(bench, opening_m, pump)
 
 
 def _rise_to(bench: Bench, height_m: float, speed_m_s: float = LOWER_SPEED_M_S) -> None:
-    """Rise straight up to a height of the TCP in the base; a hand that is as high stays."""
+    """Rise straight up to a height of the TCP in the base frame; a hand at that height or above stays."""
     pose = bench.arm.state().base_T_tcp
     rise_m = height_m - pose.position_m[2]
     if rise_m > LEVEL_M:
@@ -194,7 +194,7 @@ def _rise_to(bench: Bench, height_m: float, speed_m_s: float = LOWER_SPEED_M_S) 
 
 
 def move(bench: Bench, target: Pose, speed_m_s: float) -> Motion:
-    """Start a straight motion at the steps' acceleration; return it. On its way down it is guarded."""
+    """Start a straight motion with ACCELERATION_M_S2; return it. Downward motions are guarded."""
     before = bench.arm.state()
     motion = bench.arm.move_linear(target, speed_m_s, ACCELERATION_M_S2)
     if target.position_m[2] >= before.base_T_tcp.position_m[2] - LEVEL_M:

@@ -1,4 +1,4 @@
-"""Teaching where an object is grasped: a person brings the hand there, the fingers say how wide it is."""
+"""Teach where an object is grasped: a person brings the hand there, the fingers measure its width."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -31,19 +31,19 @@ KEYS = (
 
 @dataclass(frozen=True, slots=True)
 class Taught:
-    """What the bench says of one grasp. width_m: between the fingertips when both touch."""
+    """A measured grasp. width_m: distance between the fingertips when both touch."""
 
     base_T_grasp: Pose  # noqa: N815 - frame names keep their case
     width_m: float
 
 
 def lead_by_hand(bench: Bench, operator: Operator, question: str, where: Pose, limit_s: float) -> Pose:
-    """Let the arm be led by hand until somebody says that it is there; return where it then stands.
+    """Let a person lead the arm by hand until they confirm its arrival; return its TCP pose.
 
-    However it ends, an error, a stop and a time-out among others, the arm is held in position control
-    and stands. Raises `OperatorStopError` after `limit_s`, `DeviceError`, `ProtectiveStopError`.
+    At the end, also after an error, a stop or a time-out, the arm is held in position control and stands.
+    Raises `OperatorStopError` after `limit_s`, `DeviceError`, `ProtectiveStopError`.
     """
-    bench.arm.state()  # the first look takes longest, and an arm that is let go has to be looked at at once
+    bench.arm.state()  # the first poll takes longest, and an arm that is being guided must be polled in time
     with operator.guide(question, where) as there:
         try:
             bench.arm.begin_guiding()
@@ -58,25 +58,25 @@ def _wait_led(bench: Bench, there: Callable[[], bool], limit_s: float) -> None:
     while not there():
         if bench.arm.state().mode is not ArmMode.RUNNING:
             raise ProtectiveStopError(
-                "arm: it stopped itself while it was led by hand; look at it, then start again"
+                "arm: it stopped itself while it was guided by hand; inspect it, then start again"
             )
         if bench.clock.now_ns() >= end_ns:
-            raise OperatorStopError(f"stopped: nobody said within {limit_s:g} s that the hand is there")
+            raise OperatorStopError(f"stopped: no confirmation within {limit_s:g} s that the hand is there")
         bench.clock.sleep_until(bench.clock.now_ns() + to_ns(POLL_S))
 
 
 def step_by_keys(bench: Bench, operator: Operator, question: str, where: Pose) -> Pose:
-    """Step the arm as keys say until somebody says that it is there; return where it then stands.
+    """Step the arm by keys until a person confirms its arrival; return its TCP pose.
 
-    Each key is one step, at low speed, guarded by the force at the tool and refused where it would leave the
+    Each key is one step at low speed, guarded by the force at the tool, and rejected if it would leave the
     limits. Raises `OperatorStopError`, `DeviceError`.
     """
-    size, said = "2", f"{question} {KEYS}"
+    size, text = "2", f"{question} {KEYS}"
     with safe_end(bench):
         while True:
             here = bench.arm.state().base_T_tcp
-            key = operator.key(said, where, here)
-            said = ""
+            key = operator.key(text, where, here)
+            text = ""
             if key == "enter":
                 return here
             if key in STEPS_M:
@@ -85,11 +85,11 @@ def step_by_keys(bench: Bench, operator: Operator, question: str, where: Pose) -
                 try:
                     _step(bench, target)
                 except OutOfLimitsError as error:
-                    said = f"refused: {error}"
+                    text = f"refused: {error}"
 
 
 def stepped(here: Pose, key: str, size: str) -> Pose | None:
-    """Return where a key takes the tool; None for one that means nothing. size: "1", "2" or "3"."""
+    """Return the target pose of a key; None for a key without a step. size: "1", "2" or "3"."""
     sign = 1.0 if key == key.lower() else -1.0
     if (axis := AXES.get(key.lower())) is not None:
         x, y, z = sign * STEPS_M[size] * np.array(axis)
@@ -107,15 +107,15 @@ def _step(bench: Bench, target: Pose) -> None:
 
 
 def open_hand(bench: Bench) -> None:
-    """Open a free hand as wide as it goes, before it is brought around something."""
+    """Open a free hand fully, before it is brought around an object."""
     reached = move_fingers(bench, bench.gripper.spec.open_m)
     bench.hand.note(HandState(Holding.FREE, finger_opening_m=reached.opening_m))
 
 
 def measure_width(bench: Bench, observer: LiftObserver, what: str) -> Taught:
-    """Close the fingers where they stand until both fingertips touch, and open them again around it.
+    """Close the fingers in place until both fingertips touch, and open them again around the object.
 
-    Raises `GraspError` where nothing is there, `DeviceError`; the hand ends as `safe_end` says.
+    Raises `GraspError` if nothing is between them, `DeviceError`; the hand then ends as in `safe_end`.
     """
     pose = bench.arm.state().base_T_tcp
     spec = bench.gripper.spec

@@ -1,7 +1,7 @@
-"""How well a camera fit is known: its views, its projection over the picture, and its verdict.
+"""Quality of a camera fit: its views, its projection uncertainty over the picture, and its verdict.
 
-Projection uncertainty over the picture is mrcal's idea (`mrcal-show-projection-uncertainty`): an error that a
-rotation of the camera would undo does not count, so the best rotation is taken out first.
+Projection uncertainty over the picture is mrcal's method (`mrcal-show-projection-uncertainty`): an error that
+a rotation of the camera compensates does not count, so the best rotation is removed first.
 """
 
 import numpy as np
@@ -15,11 +15,11 @@ from calibration.verdict import Assessment, floor, limit
 from drivers.errors import CalibrationError, counted
 
 _GRID = (16, 12)
-"""Columns and rows, evenly over the picture with its border."""
+"""Columns and rows of the grid over the picture, including its border."""
 
 
 def board_tilts_deg(result: CameraFit) -> tuple[float, float]:
-    """Largest angle between the board's normals in two views, and between one and the optical axis."""
+    """Return the largest angle between the board's normals in two views, and to the optical axis, deg."""
     normals = Rotation.from_rotvec(result.fit.rotations).as_matrix()[:, :, 2]
     sines = np.linalg.norm(np.cross(normals[:, None], normals[None]), axis=-1)
     spread = np.degrees(np.arctan2(sines, np.abs(normals @ normals.T))).max()
@@ -28,12 +28,12 @@ def board_tilts_deg(result: CameraFit) -> tuple[float, float]:
 
 
 def covered(result: CameraFit) -> float:
-    """Share of the picture in which corners were seen."""
+    """Return the fraction of the picture in which corners were seen."""
     return float((coverage(result.fit.views) > 0).mean())
 
 
 def projection_sigma_px(result: CameraFit) -> Array:
-    """(12, 16) px: one sigma, in the worst direction, of where a distant point is projected."""
+    """Return one sigma of the projection of a distant point, in the worst direction, (12, 16) px."""
     camera = result.fit.camera
     rays = camera.rays(camera.grid_px(*_GRID))
     _, jacobian = camera.project_from(rays, np.zeros(3), np.zeros(3))
@@ -45,7 +45,7 @@ def projection_sigma_px(result: CameraFit) -> Array:
 
 
 def camera_difference_px(one: CameraModel, other: CameraModel) -> Array:
-    """(12, 16, 2) px: where the other projects what the first sees, the best rotation taken out.
+    """Return the differences in projection between two cameras, (12, 16, 2) px, best rotation removed.
 
     Raises `CalibrationError` for cameras of different picture sizes.
     """
@@ -69,15 +69,15 @@ def assess_camera(result: CameraFit) -> Assessment:
     focal = float(result.sigma[:2].max() / result.fit.camera.matrix[0, 0])
     bent = limit(
         neighbour_correlation(result.fit), 0.4, np.inf,
-        "errors of neighbouring corners are alike ({value:.2f}; noise: 0): focus moved, or board bent?",
+        "errors of neighbouring corners are correlated ({value:.2f}; noise: 0): focus moved, or board bent?",
         "correlation of the errors of neighbouring corners: {value:.2f}",
     )  # fmt: skip
     known = limit(
-        100 * focal, 0.5, 10.0, "the focal length is known to {value:.2g} % only: add tilted, nearer views"
+        100 * focal, 0.5, 10.0, "the focal length is known only to {value:.2g} %: add tilted, nearer views"
     )
     unseen = limit(
         result.held_out_rms_px / max(result.fit.rms_px, 0.02), 2.0, 10.0,
-        "views not fitted are missed {value:.1f} times as far as fitted ones: something moved, or too few",
+        "held-out views have {value:.1f} times the error of fitted ones: something moved, or too few views",
     )  # fmt: skip
     mapped = limit(
         float(projection_sigma_px(result).max()), 0.5, np.inf,
@@ -86,24 +86,24 @@ def assess_camera(result: CameraFit) -> Assessment:
     )  # fmt: skip
     seen = floor(
         covered(result), 0.6, 0.0,
-        "corners cover {value:.0%} of the picture; beyond them the lens is extrapolated: add views there",
+        "corners cover {value:.0%} of the picture; the lens is extrapolated elsewhere: add views there",
     )  # fmt: skip
     enough = floor(views, 10, 3, f"{counted(views, 'distinct view')}; ten to twenty are good")
     noise = limit(
-        result.noise_px, 1.0, 5.0, "corners are found to {value:.2f} px only: is the board in focus?"
+        result.noise_px, 1.0, 5.0, "corners are found only to {value:.2f} px: is the board in focus?"
     )
     tilts = _assess_tilts(*board_tilts_deg(result))
     return bent + tilts + known + unseen + mapped + seen + enough + noise
 
 
 def _assess_tilts(spread_deg: float, largest_deg: float) -> Assessment:
-    """Square-on views do not determine the focal length; views that share one tilt determine it badly."""
+    """Assess tilts: square-on views do not determine the focal length; a single tilt determines it badly."""
     hint = "tilt the board by 30 degrees each way"
     if spread_deg < 10.0 and largest_deg < 15.0:
         return Assessment(
             refusals=(f"all views are square-on (tilted by {largest_deg:.1f} degrees at most): {hint}",)
         )
     return floor(
-        spread_deg, 20.0, 0.0, "the board's tilt hardly changed ({value:.1f} degrees in all): " + hint,
-        "the board's tilt changed by {value:.1f} degrees in all",
+        spread_deg, 20.0, 0.0, "the board's tilt varied only by {value:.1f} degrees: " + hint,
+        "the board's tilt varied by {value:.1f} degrees",
     )  # fmt: skip

@@ -1,4 +1,4 @@
-"""Camera files: ROS `camera_info` written and read, OpenCV's YAML read."""
+"""Camera files: write and read ROS `camera_info`, read OpenCV's YAML."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -13,11 +13,11 @@ from drivers.errors import CalibrationError
 from drivers.formats import reason, shown
 
 TERMS = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
-"""A lens' terms, in OpenCV's order."""
+"""Terms of the lens model, in OpenCV's order."""
 
 
 def camera_info(model: CameraModel, name: str) -> dict[str, Any]:
-    """The value of a camera file in ROS `camera_info` layout (image_proc, camera_calibration_parsers)."""
+    """Return a camera file's content in ROS `camera_info` layout (image_proc, camera_calibration_parsers)."""
     width, height = model.size
     projection = np.column_stack([model.matrix, np.zeros(3)])
     return {
@@ -30,10 +30,10 @@ def camera_info(model: CameraModel, name: str) -> dict[str, Any]:
 
 
 def read_camera(path: Path, serial: str | None = None) -> CameraModel:
-    """Read a camera from our file, ROS `camera_info` or OpenCV YAML.
+    """Read a camera from a file of this product, ROS `camera_info` or OpenCV YAML.
 
-    serial: of the camera at hand; a file of ours that names another, or that was refused when it
-    was made, is refused. Raises `CalibrationError`.
+    serial: of the connected camera; a file of this product for another camera, or with the verdict refused,
+    is rejected. Raises `CalibrationError`.
     """
     content = read_yaml(path)
     if "calibration" in content:
@@ -44,7 +44,7 @@ def read_camera(path: Path, serial: str | None = None) -> CameraModel:
 
 
 def calibrated(file: CalibrationFile, where: str) -> CameraModel:
-    """The camera of a calibration, with its uncertainty. Raises `CalibrationError` naming what is damaged."""
+    """Return a calibration's camera with its uncertainty. Raises `CalibrationError` if it is damaged."""
     quality = file.quality
     if "covariance" not in quality:
         return replace(camera_from(file.value, where), uncertainty=unstated(where))
@@ -60,12 +60,12 @@ def calibrated(file: CalibrationFile, where: str) -> CameraModel:
 
 
 def unstated(where: str) -> CameraUncertainty:
-    """The uncertainty of a camera of which nobody says how well it is known."""
+    """Return the uncertainty of a camera whose file states none."""
     return CameraUncertainty(doubts=(f"{where} states no uncertainty: rig calibrate camera measures it",))
 
 
 def camera_from(content: Mapping[str, Any], where: str) -> CameraModel:
-    """Make a camera of a file's content. Raises `CalibrationError` naming the key at fault."""
+    """Create a camera from a file's content. Raises `CalibrationError` naming the invalid key."""
     try:
         size = int(content["image_width"]), int(content["image_height"])
         matrix = _array(content["camera_matrix"]).reshape(3, 3)
@@ -77,7 +77,7 @@ def camera_from(content: Mapping[str, Any], where: str) -> CameraModel:
     kind = content.get("distortion_model", "plumb_bob")
     if kind not in ("plumb_bob", "rational_polynomial") or len(distortion) > 8:
         raise CalibrationError(
-            f"{where}: lens model {shown(kind)} with {len(distortion)} terms is not known here"
+            f"{where}: lens model {shown(kind)} with {len(distortion)} terms is not supported"
         )
     _check(size, matrix, distortion, where)
     return CameraModel(
@@ -87,9 +87,9 @@ def camera_from(content: Mapping[str, Any], where: str) -> CameraModel:
 
 def _check(size: tuple[int, int], matrix: Array, distortion: Array, where: str) -> None:
     if not (np.isfinite(matrix).all() and np.isfinite(distortion).all()):
-        raise CalibrationError(f"{where}: holds numbers that are not finite")
+        raise CalibrationError(f"{where}: contains NaN or infinite values")
     if min(size) < 1 or min(matrix[0, 0], matrix[1, 1]) <= 0:
-        raise CalibrationError(f"{where}: size {size} and focal length {matrix[0, 0]:.6g} make no camera")
+        raise CalibrationError(f"{where}: size {size} and focal length {matrix[0, 0]:.6g} are not valid")
 
 
 def _matrix(values: Array) -> dict[str, Any]:

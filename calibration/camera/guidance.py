@@ -1,4 +1,4 @@
-"""Which views of a board tell most of a camera, before any is taken."""
+"""Choose the views of a board that determine a camera best, before any is taken."""
 
 from collections.abc import Sequence
 
@@ -13,11 +13,11 @@ Array = NDArray[np.floating]
 
 _BORDER_PX = 8.0
 _LEAST_FACING = 0.6
-"""Cosine of the steepest angle at which a board is still found well."""
+"""Cosine of the largest angle at which a board is still detected reliably."""
 _INTRINSIC = 6
-"""Focal lengths, principal point, two radial terms: the columns behind the view's own pose."""
+"""Number of estimated terms: focal lengths, principal point, two radial terms."""
 _CELLS, _NEW_CELL = (8, 6), 0.1
-"""Of the picture, and what one that no view was in counts, in units of log information."""
+"""Grid cells of the picture, and the gain of a cell without a view so far, in units of log information."""
 Cells = frozenset[tuple[int, int]]
 
 
@@ -27,14 +27,14 @@ def most_telling(
     camera_T_board: Sequence[Pose],  # noqa: N803 - frame names keep their case
     count: int,
 ) -> list[int]:
-    """Choose views, by their numbers, that together determine the camera best; in the order of their worth.
+    """Choose views, by index, that together determine the camera best; the most informative first.
 
     points_m: (N, 3) of the board. Views that do not show all of it, well inside the picture and not too
-    oblique, are not chosen. Each view's own pose is taken to be unknown; where no view was yet, one counts
-    more, because beyond what was seen the lens is extrapolated.
+    oblique, are not chosen. Each view's own pose is treated as unknown. A view in an area without views so
+    far counts more, because the lens is extrapolated outside the observed area.
     """
-    told = {i: _told(camera, points_m, pose) for i, pose in enumerate(camera_T_board)}
-    left = {i: known for i, known in told.items() if known is not None}
+    known_views = {i: _information(camera, points_m, pose) for i, pose in enumerate(camera_T_board)}
+    left = {i: known for i, known in known_views.items() if known is not None}
     whole, covered, chosen = 1e-6 * np.eye(_INTRINSIC), Cells(), []
     while left and len(chosen) < count:
         worth = {
@@ -48,10 +48,10 @@ def most_telling(
     return chosen
 
 
-def _told(camera: CameraModel, points_m: Array, pose: Pose) -> tuple[Array, Cells] | None:
-    """Tell (6, 6) of the camera's terms, the view's pose eliminated, and the cells of the picture it is in.
+def _information(camera: CameraModel, points_m: Array, pose: Pose) -> tuple[Array, Cells] | None:
+    """Return the information (6, 6) on the camera's terms, pose eliminated, and the view's grid cells.
 
-    None where the board is not seen well.
+    None if the board is not seen well.
     """
     in_camera = pose.rotation.apply(points_m) + np.asarray(pose.position_m)
     sight = in_camera.mean(axis=0)

@@ -1,7 +1,7 @@
-"""Intrinsics from views of a board; the lens model is chosen by its error on held-out views.
+"""Estimate intrinsics from views of a board; the lens model is chosen by its error on held-out views.
 
-The error of the fit itself proves nothing (fifteen square-on views fit to 0.06 px and project
-15 px wrong), so every figure here comes from held-out views or from the covariance.
+The residual of the fit itself is no evidence: fifteen square-on views fit to 0.06 px and project with an
+error of 15 px. So every figure here comes from held-out views or from the covariance.
 """
 
 from collections.abc import Sequence
@@ -20,9 +20,10 @@ Array = NDArray[np.floating]
 
 FEWEST_VIEWS = 3
 _BAD_VIEW = 3.0
+"""A view is rejected above this multiple of the median error."""
 _LEAST_BAD_PX = 0.3
 _WORTH = 0.99
-"""A richer lens model must predict unseen views at least this much better."""
+"""A richer lens model must reduce the error on held-out views at least to this fraction."""
 _STOP = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 60, 1e-9)
 
 
@@ -30,8 +31,8 @@ _STOP = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 60, 1e-9)
 class Fit:
     """A camera fitted to views.
 
-    rotations, translations: (V, 3) each, `camera_T_board` as rotation vector and m. view_rms_px:
-    (V,), rms distance of corners per view, as OpenCV counts it.
+    rotations, translations: (V, 3) each, `camera_T_board` as rotation vector (rad) and m. view_rms_px: (V,),
+    rms distance of corners per view, as OpenCV computes it.
     """
 
     lens: LensModel
@@ -45,11 +46,11 @@ class Fit:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CameraFit:
-    """The chosen fit, and its error on held-out views.
+    """The selected fit, and its error on held-out views.
 
-    covariance: (P, P) of the lens' free terms, in the order of `lens.free`, scaled by the corner
-    noise found. noise_px: one sigma of a corner coordinate. held_out_px: rms distance of corners
-    in views the fit had not seen, by lens model tried.
+    covariance: (P, P) of the lens' free terms, in the order of `lens.free`, scaled by the estimated corner
+    noise. noise_px: one sigma of a corner coordinate. held_out_px: rms distance of corners in held-out views,
+    by lens model.
     """
 
     fit: Fit
@@ -60,7 +61,7 @@ class CameraFit:
 
     @property
     def held_out_rms_px(self) -> float:
-        """Held-out error of the chosen lens model."""
+        """Held-out error of the selected lens model."""
         return self.held_out_px[self.fit.lens.name]
 
     @property
@@ -70,18 +71,18 @@ class CameraFit:
 
 
 def calibrate_camera(views: Sequence[View], folds: int = 5, keep_all: bool = False) -> CameraFit:
-    """Fit a camera: leave out bad views, choose the lens model by held-out error, fit, covariance.
+    """Fit a camera: reject bad views, select the lens model by held-out error, fit, compute the covariance.
 
     keep_all: keep views that contradict the others, to see their effect.
 
-    Raises `CalibrationError` with what was left out and why when fewer than three distinct views
-    remain, or when no fit converges.
+    Raises `CalibrationError` with the rejected views and reasons if fewer than three distinct views remain,
+    or if no fit converges.
     """
     good, rejected = usable_views(views)
     if len(good) < FEWEST_VIEWS:
-        why = "; ".join(f"{r.id}: {r.reason}" for r in rejected[:6]) or "none left out"
+        why = "; ".join(f"{r.id}: {r.reason}" for r in rejected[:6]) or "none rejected"
         raise CalibrationError(
-            f"camera: {len(good)} usable distinct views of the board, {FEWEST_VIEWS} are the least and 15 "
+            f"camera: {len(good)} usable distinct views of the board; at least {FEWEST_VIEWS} are needed, 15 "
             f"are good ({why})"
         )
     if not keep_all:
@@ -95,7 +96,7 @@ def calibrate_camera(views: Sequence[View], folds: int = 5, keep_all: bool = Fal
 
 
 def fit_camera(views: Sequence[View], lens: LensModel) -> Fit:
-    """Least squares over lens and all board poses. Raises `CalibrationError` when it fails."""
+    """Least squares over lens and all board poses. Raises `CalibrationError` if it fails."""
     board = [view.board_m.astype(np.float32) for view in views]
     seen = [view.image_px.astype(np.float32) for view in views]
     try:
@@ -109,14 +110,14 @@ def fit_camera(views: Sequence[View], lens: LensModel) -> Fit:
         views[0].size, np.asarray(matrix, np.float64), distortion.reshape(-1)[:terms].astype(np.float64)
     )
     if not (np.isfinite(rms) and np.isfinite(matrix).all() and np.isfinite(distortion).all()):
-        raise CalibrationError(f"camera: the fit of a {lens.name} camera gave no finite numbers")
+        raise CalibrationError(f"camera: the fit of a {lens.name} camera is not finite")
     rotations, translations = (np.array(v, np.float64).reshape(-1, 3) for v in (turns, moves))
     per_view_px = np.asarray(per_view, np.float64).reshape(-1)
     return Fit(lens, camera, tuple(views), rotations, translations, float(rms), per_view_px)
 
 
 def held_out_error(views: Sequence[View], lens: LensModel, folds: int = 5) -> float:
-    """Rms px over views predicted by fits to the others (their poses fitted); inf where none converges."""
+    """Return the rms error in px on held-out views (their poses fitted); infinite if no fit converges."""
     folds = min(folds, len(views))
     if len(views) - -(-len(views) // folds) < FEWEST_VIEWS:
         return float("inf") if lens.name != LENS_MODELS[0].name else fit_camera(views, lens).rms_px
@@ -132,15 +133,15 @@ def held_out_error(views: Sequence[View], lens: LensModel, folds: int = 5) -> fl
 
 
 def predict(camera: CameraModel, views: Sequence[View]) -> float:
-    """Rms px by which a camera misses the corners of views it was not fitted to (poses fitted)."""
+    """Return the rms px by which a camera misses the corners of views it was not fitted to (poses fitted)."""
     return float(np.sqrt(np.concatenate([_missed(camera, view) for view in views]).mean()))
 
 
 def lens_covariance(fit: Fit) -> tuple[Array, float]:
-    """Covariance (P, P) of the free lens terms, board poses marginalised, and the corner noise, px.
+    """Return the covariance (P, P) of the free lens terms, poses marginalised, and the corner noise, px.
 
-    Each view's Jacobian towards the lens is freed from what its pose can explain by QR, and the
-    stacked rest decomposed by SVD: no normal matrix is formed or inverted.
+    By QR, the part that each view's pose can explain is removed from its Jacobian. The stacked rest is
+    decomposed by SVD: no normal matrix is formed or inverted.
     """
     free = [6 + c for c in fit.lens.free]
     rests, squares, count = [], 0.0, 0
@@ -160,10 +161,10 @@ def lens_covariance(fit: Fit) -> tuple[Array, float]:
 
 
 def neighbour_correlation(fit: Fit) -> float:
-    """Correlation of the residuals of neighbouring corners: 0 for noise, 1 for a systematic error.
+    """Return the correlation of the residuals of neighbouring corners: 0 for noise, 1 for a systematic error.
 
-    A board that is not flat, a lens the model does not follow, and a focus that moved all push
-    neighbouring corners the same way, while the error of the fit may still look small.
+    A board that is not flat, an unsuitable lens model, and a moved focus all displace neighbouring corners in
+    the same direction, while the residual of the fit may still look small.
     """
     together, alone = 0.0, 0.0
     for view, turn, move in zip(fit.views, fit.rotations, fit.translations, strict=True):
@@ -178,7 +179,7 @@ def neighbour_correlation(fit: Fit) -> float:
 
 
 def _missed(camera: CameraModel, view: View) -> Array:
-    """(N,) squared distances, px^2, of a view's corners from a camera's with the best pose."""
+    """Return the squared distances (N,), px^2, of a view's corners from their best projection."""
     ok, turn, move = cv2.solvePnP(view.board_m, view.image_px, camera.matrix, camera.distortion)
     if not ok:
         raise CalibrationError(f"camera: no pose fits view {view.id}")
@@ -190,9 +191,9 @@ def _missed(camera: CameraModel, view: View) -> Array:
 
 
 def _without_bad_views(views: list[View]) -> tuple[list[View], list[Rejected]]:
-    """Drop views whose error stands out, one round after the other, and say which.
+    """Reject views with outlying errors, one per round, with their reasons.
 
-    At most a quarter goes: more bad views than that are no exceptions. Raises `CalibrationError`.
+    At most a quarter is rejected: more bad views are no exceptions. Raises `CalibrationError`.
     """
     rejected: list[Rejected] = []
     lens = LENS_MODELS[3] if len(views) >= 6 else LENS_MODELS[1]
@@ -214,7 +215,7 @@ def _without_bad_views(views: list[View]) -> tuple[list[View], list[Rejected]]:
 
 
 def _chosen(held_out: dict[str, float]) -> LensModel:
-    """The simplest lens that predicts unseen views within 1 % of every simpler and richer one."""
+    """Return the simplest lens model whose held-out error is within 1 % of every simpler and richer one."""
     chosen = LENS_MODELS[0]
     for lens in LENS_MODELS[1:]:
         if held_out[lens.name] < _WORTH * held_out[chosen.name]:

@@ -1,4 +1,4 @@
-"""A camera: pinhole with OpenCV's distortion, projecting points and rays; and how well it is known."""
+"""Camera model: pinhole with OpenCV's distortion; projects points and rays, and holds its uncertainty."""
 
 from dataclasses import dataclass, field, replace
 
@@ -13,7 +13,7 @@ Array = NDArray[np.floating]
 class LensModel:
     """A choice of lens terms: which of fx, fy, cx, cy, k1, k2, p1, p2, k3, k4, k5, k6 are free.
 
-    `flags` are OpenCV's, `free` the columns of `cv2.projectPoints`' Jacobian behind the pose.
+    `flags` are OpenCV's; `free` are the columns of `cv2.projectPoints`' Jacobian after those of the pose.
     """
 
     name: str
@@ -34,15 +34,15 @@ LENS_MODELS = (
     _model("plumb_bob", 0, 0, 1, 2, 3, 4),
     _model("rational", cv2.CALIB_RATIONAL_MODEL, 0, 1, 2, 3, 4, 5, 6, 7),
 )
-"""From poor to rich; `plumb_bob` and `rational` are ROS' names."""
+"""From simple to rich; `plumb_bob` and `rational` are ROS' names."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CameraUncertainty:
-    """How well a camera is known, for what rests on it.
+    """Uncertainty of a camera, for results that depend on it.
 
-    terms: which of fx, fy, cx, cy and the eight distortion terms the covariance (P, P) is of, as in
-    `LensModel.free`. doubts: why its calibration is not good; each says what to do.
+    terms: the terms, of fx, fy, cx, cy and the eight distortion terms, to which the covariance (P, P)
+    belongs, as in `LensModel.free`. doubts: why its calibration is not good; each with advice.
     """
 
     terms: tuple[int, ...] = ()
@@ -50,7 +50,7 @@ class CameraUncertainty:
     doubts: tuple[str, ...] = ()
 
     def one_sigma_steps(self) -> Array:
-        """(P, 12): steps of all terms whose outer products sum to the covariance; those of zero left out."""
+        """Return (P, 12) steps of all terms whose outer products sum to the covariance, without zeros."""
         scale = np.sqrt(np.maximum(np.diag(self.covariance), 1e-300))
         values, vectors = np.linalg.eigh(self.covariance / np.outer(scale, scale))
         steps = np.zeros((len(values), 12))
@@ -60,10 +60,10 @@ class CameraUncertainty:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CameraModel:
-    """A pinhole with a lens, the one camera outside the simulator.
+    """A pinhole camera with a lens. All code outside the simulator uses this model.
 
-    size: width and height in px. matrix: (3, 3) px. distortion: (5,) or (8,), OpenCV's order. Pixel
-    centres are whole numbers (OpenCV's convention). uncertainty: None where it is exact, as drawn.
+    size: width and height in px. matrix: (3, 3) px. distortion: (5,) or (8,), OpenCV's order. Pixel centres
+    are integers (OpenCV's convention). uncertainty: None if the camera is exact, as in drawn pictures.
     """
 
     size: tuple[int, int]
@@ -73,28 +73,28 @@ class CameraModel:
 
     @classmethod
     def pinhole(cls, size: tuple[int, int], focal_px: float) -> "CameraModel":
-        """A camera without distortion whose axis goes through the middle of the picture."""
+        """Return a camera without distortion whose axis passes through the middle of the picture."""
         (width, height), f = size, focal_px
         matrix = np.array([[f, 0.0, (width - 1) / 2], [0.0, f, (height - 1) / 2], [0.0, 0.0, 1.0]])
         return cls(size, matrix, np.zeros(5))
 
     @property
     def doubts(self) -> tuple[str, ...]:
-        """Why the camera is not known well; nothing where it is."""
+        """Why the camera is not known well; empty if it is."""
         return () if self.uncertainty is None else self.uncertainty.doubts
 
     def off_by_one_sigma(self) -> list["CameraModel"]:
-        """Cameras as likely as this one, each off along one direction of its uncertainty.
+        """Return equally likely cameras, each wrong by one sigma along one direction of the uncertainty.
 
-        What is worked out with each, less what is worked out with this one, are the columns of a root of
-        the covariance that the camera's uncertainty gives it.
+        For any quantity computed with each of them, the differences to its value with this camera are the
+        columns of a square root of the covariance that the camera's uncertainty causes.
         """
         if self.uncertainty is None:
             return []
         return [self._moved(step) for step in self.uncertainty.one_sigma_steps()]
 
     def _moved(self, step: Array) -> "CameraModel":
-        """The camera with (12,) steps of fx, fy, cx, cy and the distortion added."""
+        """Return the camera with (12,) steps of fx, fy, cx, cy and the distortion added."""
         matrix = self.matrix.copy()
         matrix[[0, 1, 0, 1], [0, 1, 2, 2]] += step[:4]
         terms = 5 if len(self.distortion) <= 5 and not step[9:].any() else 8
@@ -108,8 +108,8 @@ class CameraModel:
     def project_from(self, points: Array, turn: Array, move: Array) -> tuple[Array, Array]:
         """Project (N, 3) points of a body at a pose: (N, 2) px, and their Jacobian (2 N, 18).
 
-        turn: rotation vector, rad; move: m. Columns: turn, move, then fx, fy, cx, cy and the eight
-        distortion terms; those the camera does not have are zero.
+        turn: rotation vector, rad; move: translation, m. Columns: turn, move, then fx, fy, cx, cy and the
+        eight distortion terms; columns of terms that the camera lacks are zero.
         """
         seen, jacobian = cv2.projectPoints(points, turn, move, self.matrix, self.distortion)
         missing = max(0, 18 - jacobian.shape[1])
@@ -117,13 +117,13 @@ class CameraModel:
         return np.asarray(seen, np.float64).reshape(-1, 2), padded
 
     def undistorted(self, points_px: Array) -> Array:
-        """Map (..., 2) px to where a camera of the same matrix without distortion sees them, px."""
+        """Map (..., 2) px to the position in a camera of the same matrix without distortion, px."""
         flat = np.ascontiguousarray(points_px.reshape(-1, 1, 2), dtype=np.float64)
         ideal = cv2.undistortPoints(flat, self.matrix, self.distortion, P=self.matrix)
         return ideal.reshape(points_px.shape).astype(np.float64)
 
     def rays(self, points_px: Array) -> Array:
-        """Unit vectors (N, 3) towards (N, 2) px, camera axes."""
+        """Return unit vectors (N, 3) towards (N, 2) px, camera axes."""
         stop = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 60, 1e-12)
         flat = np.ascontiguousarray(points_px, np.float64).reshape(-1, 1, 2)
         undistort = getattr(cv2, "undistortPointsIter", None)
@@ -135,7 +135,7 @@ class CameraModel:
         return rays / np.linalg.norm(rays, axis=1, keepdims=True)
 
     def grid_px(self, columns: int = 16, rows: int = 12) -> Array:
-        """(rows * columns, 2) px: evenly spread over the picture, its border included."""
+        """Return points evenly spaced over the picture, border included, (rows * columns, 2) px."""
         width, height = self.size
         x, y = np.meshgrid(np.linspace(0, width - 1, columns), np.linspace(0, height - 1, rows))
         return np.column_stack([x.ravel(), y.ravel()])

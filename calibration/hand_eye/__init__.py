@@ -1,4 +1,4 @@
-"""Where a camera stands relative to the robot, from pictures of a target at known robot poses.
+"""Estimate the pose of a camera relative to the robot from pictures of a target at known robot poses.
 
 Imports `calibration.camera` and `calibration.targets`.
 """

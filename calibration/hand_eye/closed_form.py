@@ -1,7 +1,8 @@
-"""Closed forms for A Z = X B, in numpy because OpenCV 5.0 lacks them in Python (opencv #29565).
+"""Closed-form solutions of A Z = X B, in numpy because OpenCV 5.0 lacks them in Python (opencv #29565).
 
-Each takes (N, 3, 3) and (N, 3) arrays of A and B, and gives X and Z. They start the
-refinement. Their own answers weigh errors in depth like errors across, which a picture does not.
+Each takes (N, 3, 3) and (N, 3) arrays of A and B, and returns X and Z. They initialise the refinement. They
+are not final results, because they weight errors in depth and across the view equally, although a picture
+measures depth much worse.
 """
 
 from dataclasses import dataclass
@@ -45,7 +46,7 @@ def kronecker(a_R: Array, a_t: Array, b_R: Array, b_t: Array) -> Transforms:  # 
 
 
 def shah(a_R: Array, a_t: Array, b_R: Array, b_t: Array) -> Transforms:  # noqa: N803
-    """Shah 2013: rotations of X and Z from one SVD of the sum of Kronecker products, then both t."""
+    """Shah 2013: rotations of X and Z from one SVD of the sum of Kronecker products, then translations."""
     total = np.einsum("nij,nkl->ikjl", a_R, b_R).reshape(9, 9)
     left, _, right = np.linalg.svd(total)
     x, z = left[:, 0].reshape(3, 3), right[0].reshape(3, 3)
@@ -60,21 +61,21 @@ CLOSED_FORMS = {"park": park, "kronecker": kronecker, "shah": shah}
 
 
 def nearest_rotation(matrix: Array) -> Array:
-    """The rotation nearest to a (3, 3) matrix; never a reflection, whatever comes in."""
+    """Return the rotation nearest to a (3, 3) matrix; never a reflection."""
     left, _, right = np.linalg.svd(matrix)
     mirror = np.diag([1.0, 1.0, np.sign(np.linalg.det(left @ right)) or 1.0])
     return left @ mirror @ right
 
 
 def motions(turns: Array, moves: Array) -> tuple[Array, Array]:
-    """Motions between all pairs of poses: T_j T_i^-1."""
+    """Return the motions between all pairs of poses: T_j T_i^-1."""
     first, second = pair_indices(len(turns))
     relative = turns[second] @ turns[first].transpose(0, 2, 1)
     return relative, moves[second] - (relative @ moves[first][..., None])[..., 0]
 
 
 def _with_translations(x_R: Array, a_R: Array, a_t: Array, b_R: Array, b_t: Array) -> Transforms:  # noqa: N803
-    """Translation of X from (R_A - I) t = X t_B - t_A over all pairs; Z as the mean over the samples."""
+    """Solve the translation of X from (R_A - I) t = X t_B - t_A over all pairs; Z is the sample mean."""
     pa_R, pa_t = motions(a_R, a_t)  # noqa: N806
     _, pb_t = motions(b_R, b_t)
     x_t, *_ = np.linalg.lstsq(

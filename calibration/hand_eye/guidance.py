@@ -1,4 +1,4 @@
-"""The next pose to visit: the candidate that most reduces the predicted uncertainty."""
+"""Choose the next robot pose: the candidate that most reduces the predicted uncertainty."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -19,26 +19,27 @@ Array = NDArray[np.floating]
 
 _BORDER_PX = 10.0
 _LARGEST_TILT = np.cos(np.radians(60.0))
+"""Cosine of the largest angle between the target's normal and the line of sight."""
 _LEVER_M = 0.3
-"""Rotation counts as the displacement it causes at this distance from the camera."""
+"""A rotation counts as the displacement that it causes at this distance from the camera."""
 
 
 @dataclass(frozen=True, slots=True)
 class NextPose:
-    """A candidate's number, and the predicted one sigma (m, at 0.3 m from the camera) after it."""
+    """Index of a candidate, and the predicted one sigma (m, at 0.3 m from the camera) after adding it."""
 
     index: int
     sigma_m: float
 
 
 def next_pose(result: HandEyeResult, camera: CameraModel, candidates: Sequence[Pose]) -> NextPose | None:
-    """Choose among reachable `base_T_tcp`; None where no candidate shows the target to the camera.
+    """Choose among reachable `base_T_tcp`; None if no candidate shows the target to the camera.
 
-    Raises `CalibrationError` before there is a first answer.
+    Raises `CalibrationError` if there is no first estimate yet.
     """
     if result.problem is None or result.refined is None or result.pose is None or result.target is None:
         raise CalibrationError(
-            "hand-eye: no answer yet to improve; visit poses turned by 30 degrees about two axes"
+            "hand-eye: no estimate yet to improve; visit poses rotated by 30 degrees about two axes"
         )
     camera_T_base_or_tcp, at = result.pose.inverse(), result.refined.transforms  # noqa: N806
     points = np.unique(result.problem.points_m, axis=0)
@@ -58,7 +59,7 @@ def next_pose(result: HandEyeResult, camera: CameraModel, candidates: Sequence[P
 
 
 def _predicted_view(camera: CameraModel, points_m: Array, camera_T_target: Pose) -> View | None:  # noqa: N803
-    """What the camera would see; None where the target is out of the picture or too oblique."""
+    """Return what the camera would see; None if the target is outside the picture or too oblique."""
     in_camera = camera_T_target.rotation.apply(points_m) + np.asarray(camera_T_target.position_m)
     normal = camera_T_target.rotation.as_matrix()[:, 2]
     sight = np.asarray(camera_T_target.position_m) / np.linalg.norm(camera_T_target.position_m)
@@ -70,7 +71,7 @@ def _predicted_view(camera: CameraModel, points_m: Array, camera_T_target: Pose)
 
 
 def _information(problem: Problem, at: Transforms) -> Array:
-    """(12, 12) of X and Z: J^T J, in px^-2."""
+    """Return the information matrix (12, 12) of X and Z: J^T J, in px^-2."""
     _, jacobian = linearised(problem, at)
     rows = jacobian.reshape(-1, 12)
     return rows.T @ rows

@@ -1,4 +1,4 @@
-"""Whether robot motions determine a hand-eye transform: three numbers, none of which suffices alone."""
+"""Measure whether robot motions determine a hand-eye transform: three numbers, none sufficient alone."""
 
 from dataclasses import dataclass
 
@@ -15,11 +15,11 @@ _HINT = "turn the tool by 30 degrees and more about two axes at least, between s
 
 @dataclass(frozen=True, slots=True)
 class Observability:
-    """The three numbers, and the smallest turn.
+    """The three numbers, and the smallest rotation.
 
-    max_angle_deg: largest turn between two poses. least_angle_deg: smallest turn of a pair that
-    turns at all. translation_ratio: smallest over largest singular value of the stacked (R - I).
-    rotation_gap: second smallest over largest eigenvalue of the rotation system R X = X R.
+    max_angle_deg: largest rotation between two poses. least_angle_deg: smallest rotation among pairs that
+    rotate. translation_ratio: smallest over largest singular value of the stacked (R - I). rotation_gap:
+    second smallest over largest eigenvalue of the rotation system R X = X R.
     """
 
     max_angle_deg: float
@@ -29,13 +29,13 @@ class Observability:
 
 
 def pair_indices(count: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Indices (i, j), i < j, of all pairs."""
+    """Return the indices (i, j), i < j, of all pairs."""
     first, second = np.triu_indices(count, 1)
     return first, second
 
 
 def observability(a_R: Array) -> Observability:  # noqa: N803
-    """Measure the motions of (N, 3, 3) robot orientations, over all pairs."""
+    """Measure the motions between all pairs of (N, 3, 3) robot orientations."""
     first, second = pair_indices(len(a_R))
     if len(first) == 0:
         return Observability(0.0, 0.0, 0.0, 0.0)
@@ -52,33 +52,36 @@ def observability(a_R: Array) -> Observability:  # noqa: N803
 def assess_motion(seen: Observability) -> Assessment:
     """Refuse motions that leave a degree of freedom undetermined; doubt those that nearly do.
 
-    All three numbers are needed: a pure translation passes two of them, half turns the other two.
+    All three numbers are needed: a pure translation passes two of them, rotations by 180 degrees the other
+    two.
     """
     if seen.max_angle_deg < 5.0:
-        reason = f"the tool turned by {seen.max_angle_deg:.2f} degrees at most: {_HINT}"
+        reason = f"the tool rotated by at most {seen.max_angle_deg:.2f} degrees: {_HINT}"
     elif seen.rotation_gap < 1e-4 and seen.least_angle_deg > 150.0:
-        reason = "all turns between poses are near 180 degrees, which leaves mirror answers: use 30 to 120"
+        reason = (
+            "all rotations between poses are near 180 degrees, which allows mirror solutions: use 30 to 120"
+        )
     elif seen.translation_ratio < 0.01 or seen.rotation_gap < 1e-4:
-        reason = f"all turns are about parallel axes: {_HINT}"
+        reason = f"all rotations are about parallel axes: {_HINT}"
     else:
         return (
-            floor(seen.max_angle_deg, 20.0, 5.0, "the tool turned by {value:.1f} degrees at most: " + _HINT)
+            floor(seen.max_angle_deg, 20.0, 5.0, "the tool rotated by at most {value:.1f} degrees: " + _HINT)
             + floor(
                 seen.translation_ratio, 0.2, 0.01,
-                "turns are about nearly parallel axes (ratio {value:.2f}): " + _HINT,
-                "how far the axes of the turns differ, as a ratio: {value:.2f}",
+                "rotations are about nearly parallel axes (ratio {value:.2f}): " + _HINT,
+                "how far the axes of rotation differ, as a ratio: {value:.2f}",
             )
             + floor(
                 seen.rotation_gap, 1e-2, 1e-4,
                 "the rotation is weakly determined (gap {value:.2g}): " + _HINT,
-                "how well the turns determine the rotation, as a gap of eigenvalues: {value:.2g}",
+                "how well the rotations determine the orientation, as a gap of eigenvalues: {value:.2g}",
             )
         )  # fmt: skip
     return Assessment((reason,))
 
 
 def rotation_system(a_R: Array, b_R: Array) -> Array:  # noqa: N803
-    """(9 K, 9): R_A X - X R_B = 0 for row-major vec(X), over K pairs."""
+    """Return (9 K, 9): R_A X - X R_B = 0 for row-major vec(X), over K pairs."""
     eye = np.eye(3)
     blocks = [np.kron(a, eye) - np.kron(eye, b.T) for a, b in zip(a_R, b_R, strict=True)]
     return np.vstack(blocks)

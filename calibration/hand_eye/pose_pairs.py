@@ -1,9 +1,9 @@
-"""Pairs of poses: the robot's, and the target's as a detector gave it instead of pixels; and their noise.
+"""Pairs of robot pose and target pose from a detector (instead of pixels), and a model of their noise.
 
-A target's pose is known well across the view and badly in depth and tilt; a robot's turn moves a far
-target far. Which of both counts more differs from set to set by a factor of a hundred, so six standard
-deviations of robot and detector are estimated from the residuals (restricted maximum likelihood of Gaussian
-residuals), with a wide prior that decides where few poses do not.
+A detector measures a target's position well across the view, but badly in depth and tilt. A rotation error of
+the robot displaces a distant target by much. Which of both dominates differs between data sets by a factor of
+a hundred. So six standard deviations of robot and detector are estimated from the residuals (restricted
+maximum likelihood of Gaussian residuals), with a wide prior that matters only for few poses.
 """
 
 from collections.abc import Sequence
@@ -23,15 +23,16 @@ from drivers.types import Pose
 Array = NDArray[np.floating]
 
 USUAL_NOISE = np.array([np.radians(0.03), 3e-4, np.radians(0.2), np.radians(0.2), 1e-3, 3e-3])
-"""Robot: turn (rad), place (m). Detector: tilt, turn about the axis (rad), across, depth (m)."""
+"""Robot: rotation (rad), position (m). Detector: tilt, rotation about the axis (rad), across, depth (m)."""
 _WIDE = np.array([1.2, 1.2, 2.5, 2.5, 2.5, 2.5])
-"""One sigma of the prior of each one's logarithm."""
+"""One sigma of the prior of each logarithm."""
 _LEAST, _MOST = 1e-3, 1e3
+"""Limits of the estimated noise, as multiples of `USUAL_NOISE`."""
 
 
 @dataclass(frozen=True, slots=True)
 class PoseSample:
-    """One moment: `base_T_tcp` as the robot says, and `camera_T_target` as somebody's detector says."""
+    """One moment: `base_T_tcp` from the robot, and `camera_T_target` from a detector."""
 
     id: str
     base_T_tcp: Pose  # noqa: N815 - frame names keep their case
@@ -40,7 +41,7 @@ class PoseSample:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PosePairs:
-    """The samples as arrays. Both setups read A_i Z = X B_i, as in `samples.Problem`.
+    """The samples as arrays. Both setups satisfy A_i Z = X B_i, as in `samples.Problem`.
 
     a_R, b_R: (N, 3, 3); a_t, b_t: (N, 3) m. B is camera_T_target.
     """
@@ -53,7 +54,7 @@ class PosePairs:
     setup: Setup
 
     def subset(self, rows: NDArray[np.int64]) -> "PosePairs":
-        """These pairs only, in this order."""
+        """Return only these pairs, in this order."""
         ids = tuple(self.ids[i] for i in rows)
         return PosePairs(ids, self.a_R[rows], self.a_t[rows], self.b_R[rows], self.b_t[rows], self.setup)
 
@@ -74,16 +75,17 @@ def make_pairs(samples: Sequence[PoseSample], setup: Setup) -> PosePairs:
 
 
 def sample_fault(sample: PoseSample, others: list[PoseSample]) -> str | None:
-    """Say why a sample cannot be used, or None; others: those kept so far."""
+    """Return why a sample cannot be used, or None. others: the samples accepted so far."""
     if any(other.id == sample.id for other in others[-1:]):
         return f"a second sample with the id {sample.id}"
     return pose_fault(sample.base_T_tcp, "robot pose") or pose_fault(sample.camera_T_target, "target's pose")
 
 
 def pair_residuals(pairs: PosePairs, at: Transforms) -> tuple[Array, Array]:
-    """(N, 6) turn (rad) and move (m) from measured to predicted target, in camera axes; (N, 6, 12) by steps.
+    """Return residuals (N, 6) and their derivatives (N, 6, 12).
 
-    Columns as of `refine.linearised`: turn and move of X, then of Z.
+    A residual is the rotation (rad) and displacement (m) from the measured to the predicted target, in camera
+    axes. Columns as in `refine.linearised`: rotation and translation of X, then of Z.
     """
     to_camera = at.x_R.T @ pairs.a_R
     predicted_R = to_camera @ at.z_R  # noqa: N806
@@ -99,9 +101,9 @@ def pair_residuals(pairs: PosePairs, at: Transforms) -> tuple[Array, Array]:
 
 
 def by_robot(pairs: PosePairs, at: Transforms) -> Array:
-    """(N, 6, 6): what a twist of the tool (turn, move, about its own axes) does to the residual.
+    """Return (N, 6, 6): the effect of a twist of the tool (rotation, translation, own axes) on the residual.
 
-    With the camera on the tool, a turn of the tool moves a far target far.
+    If the camera is on the tool, a rotation of the tool displaces a distant target by much.
     """
     if pairs.setup is Setup.EYE_TO_HAND:
         to_camera, lever = at.x_R.T @ pairs.a_R, np.broadcast_to(at.z_t, pairs.a_t.shape)
@@ -114,9 +116,9 @@ def by_robot(pairs: PosePairs, at: Transforms) -> Array:
 
 
 def noise_parts(robot: Array) -> Array:
-    """(6, N, 6, 6): the covariance of each pair's residual for one unit of each standard deviation.
+    """Return (6, N, 6, 6): the covariance of each pair's residual for one unit of each standard deviation.
 
-    robot: (N, 6, 6), what a twist of the robot (turn, move) does to the residual (turn, move).
+    robot: (N, 6, 6), the effect of a twist of the robot on the residual.
     """
     parts = [robot[:, :, axes] @ robot[:, :, axes].transpose(0, 2, 1) for axes in (slice(3), slice(3, 6))]
     for axes in ([0, 1], [2], [3, 4], [5]):
@@ -127,14 +129,15 @@ def noise_parts(robot: Array) -> Array:
 
 
 def covariances(parts: Array, sigmas: Array) -> Array:
-    """(N, 6, 6) of the residuals for (6,) standard deviations; parts: as of `noise_parts`."""
+    """Return the residuals' covariances (N, 6, 6) for (6,) standard deviations; parts: `noise_parts`."""
     return np.einsum("k,knij->nij", sigmas**2, parts)
 
 
 def fit_noise(parts: Array, residuals: Array, weights: Array, parameters: int, start: Array) -> Array:
-    """(6,) standard deviations that explain (N, 6) residuals best, counted with (N,) weights.
+    """Return the (6,) standard deviations that explain (N, 6) residuals best, with (N,) weights.
 
-    parts: as of `noise_parts`. parameters: how many were fitted to the residuals, which made them smaller.
+    parts: from `noise_parts`. parameters: number fitted to the residuals, which made the residuals smaller.
+    start: initial standard deviations.
     """
     count = residuals.size
     quadratic = weights * count / max(count - parameters, 1)

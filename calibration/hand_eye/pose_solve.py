@@ -1,6 +1,6 @@
-"""Hand-eye from pairs of poses: checks, robust starts, weights by the noise found, rejection, spread.
+"""Hand-eye calibration from pairs of poses: checks, robust initial values, noise estimate, outlier rejection.
 
-Where pictures are at hand, `solve.calibrate_hand_eye` fits their pixels and is several times as accurate.
+If pictures are available, `solve.calibrate_hand_eye` fits their pixels and is several times as accurate.
 """
 
 from collections.abc import Sequence
@@ -34,24 +34,30 @@ from drivers.types import Pose
 Array = NDArray[np.floating]
 
 _TAIL = 5.0
-"""Degrees of freedom of Student's t: a pair that misses by many sigmas counts less."""
+"""Degrees of freedom of Student's t: pairs with a large residual get less weight."""
 _OUTLIER = 35.0
-"""Squared whitened distance (6 numbers) beyond which a pair is left out; of good ones, 4 in a million."""
+"""Squared whitened distance (6 values) above which a pair is an outlier; 4 in a million good pairs exceed
+it."""
 _MOST_REJECTED = 0.34
+"""Largest fraction of rejected pairs; above it the data contradict themselves."""
 _ROUNDS, _NOISE_ROUNDS = 40, 12
 _MOST_PAIRS = 200
+"""Longer series are thinned to this many pairs."""
 _FOR_STARTS = 40
+"""Number of pairs for the search of initial values."""
 _DRAWS, _DRAWN, _TRIED = 20, 6, 6
+"""Random subsets for initial values: their number, their size, and Gauss-Newton rounds for each."""
 _BLOCKS = 20
+"""Most blocks of the jackknife."""
 _SIZE_MATTERS, _FAR_MORE = 5e-3, 10.0
-"""A share of the distance, and the gain in log likelihood that a wrong size has to explain."""
+"""A wrong target size is reported if it changes distances by this fraction and gains this log likelihood."""
 _FIRST_GUESS = 3.0
-"""Times the usual noise, while the answer is sought."""
+"""Initial noise during the search, as a multiple of the usual noise."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Fit:
-    """Transforms with (N, 6) residuals, (N, 6, 12) derivatives, (N, 6, 6) inverse covariances.
+    """Transforms with residuals (N, 6), derivatives (N, 6, 12), and inverse covariances (N, 6, 6).
 
     distance: (N,) squared, whitened.
     """
@@ -67,13 +73,13 @@ class _Fit:
         return (_TAIL + 6.0) / (_TAIL + self.distance)
 
     def normal(self, rows: NDArray[np.int64] | slice = slice(None)) -> tuple[Array, Array]:
-        """(12, 12) and (12,): the normal equations of these pairs."""
+        """Return the normal equations (12, 12) and (12,) of these pairs."""
         weighted = self.weights[rows, None, None] * self.inverse[rows]
         left = self.by_step[rows].transpose(0, 2, 1) @ weighted
         return (left @ self.by_step[rows]).sum(axis=0), (left @ self.missed[rows, :, None]).sum(axis=0)[:, 0]
 
     def step(self, rows: NDArray[np.int64] | slice = slice(None)) -> Array:
-        """(12,) Gauss-Newton step of these pairs."""
+        """Return the (12,) Gauss-Newton step of these pairs."""
         matrix, target = self.normal(rows)
         scale = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
         return -np.linalg.lstsq(matrix / np.outer(scale, scale), target / scale, rcond=1e-13)[0] / scale
@@ -81,11 +87,11 @@ class _Fit:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PosePairResult:
-    """The answer and its assessment; as `HandEyeResult`, of poses.
+    """The estimate and its assessment; as `HandEyeResult`, but for pose pairs.
 
-    pose: base_T_camera or tcp_T_camera; target: tcp_T_target or base_T_target; both None where refused
-    before a solution. covariance: (6, 6) of the pose, turn about its own axes (rad), move (m).
-    sigmas: (6,) of the noise found, in the order of `USUAL_NOISE`. samples: pairs used, or blocks of them.
+    pose: base_T_camera or tcp_T_camera; target: tcp_T_target or base_T_target; both None if refused before
+    solving. covariance: (6, 6) of the pose, rotation about its own axes (rad), translation (m). sigmas: (6,)
+    estimated noise, in the order of `USUAL_NOISE`. samples: number of used pairs, or of blocks of them.
     """
 
     setup: Setup
@@ -101,13 +107,13 @@ class PosePairResult:
 
 
 def calibrate_pose_pairs(samples: Sequence[PoseSample], setup: Setup) -> PosePairResult:
-    """Solve; bad data gives a refused result with its reasons, never a silent number.
+    """Solve; bad data give a refused result with its reasons.
 
-    Samples in the order of their time: of streams, those next to one another share errors, which is seen.
+    samples: in order of time, because neighbouring samples of a stream share errors, which is detected.
     """
     good, rejected = sift(samples, lambda s: s.id, sample_fault)
     if len(good) < FEWEST_SAMPLES:
-        text = f"{counted(len(good), 'usable pair')} of poses, {FEWEST_SAMPLES} are the least and 15 are good"
+        text = f"{counted(len(good), 'usable pair')}; at least {FEWEST_SAMPLES} are needed, 15 are good"
         return PosePairResult(setup, Assessment((text,)), tuple(rejected))
     pairs = thinned(make_pairs(good, setup), _MOST_PAIRS)
     motion = observability(thinned(pairs, _FOR_STARTS).a_R)
@@ -119,7 +125,7 @@ def calibrate_pose_pairs(samples: Sequence[PoseSample], setup: Setup) -> PosePai
     if refusal is not None:
         return PosePairResult(setup, Assessment((refusal,)), tuple(rejected), motion)
     out = np.setdiff1d(np.arange(len(pairs.ids)), kept)
-    rejected += [Rejected(pairs.ids[i], "contradicts the others") for i in out]
+    rejected += [Rejected(pairs.ids[i], "contradicts the other pairs") for i in out]
     alike = _alike(fit)
     covariance, count = _spread(fit, alike)
     return PosePairResult(
@@ -132,7 +138,7 @@ def calibrate_pose_pairs(samples: Sequence[PoseSample], setup: Setup) -> PosePai
 def _assess(covariance: Array, count: int, left_out: int, pairs: int, alike: float) -> Assessment:
     sigma = np.sqrt(np.diag(covariance))
     mm, deg = 1e3 * float(np.linalg.norm(sigma[3:])), float(np.degrees(np.linalg.norm(sigma[:3])))
-    hint = "add pairs with larger turns about two axes, or calibrate from pictures"
+    hint = "add pairs with larger rotations about two axes, or calibrate from pictures"
     return (
         limit(mm, 2.0, 50.0, "position known to {value:.1f} mm only: " + hint)
         + limit(deg, 0.2, 5.0, "orientation known to {value:.2f} degrees only: " + hint)
@@ -140,15 +146,15 @@ def _assess(covariance: Array, count: int, left_out: int, pairs: int, alike: flo
         + limit(left_out, 0.15 * pairs, np.inf, f"{counted(left_out, 'pair')} left out; see why")
         + limit(
             alike, 0.3, np.inf,
-            "errors of neighbouring pairs are alike ({value:.2f}; noise: 0), which widens sigma: does the "
-            "robot's model, the clock or the detector's scale drift?",
+            "errors of neighbouring pairs are correlated ({value:.2f}; noise: 0), which raises sigma: does "
+            "the robot's model, the clock or the detector's scale drift?",
             "correlation of the errors of neighbouring pairs: {value:.2f}",
         )
     )  # fmt: skip
 
 
 def thinned(pairs: PosePairs, most: int) -> PosePairs:
-    """At most so many pairs, evenly over all."""
+    """Return at most `most` pairs, evenly spaced."""
     count = len(pairs.ids)
     return pairs if count <= most else pairs.subset(np.linspace(0, count - 1, most).astype(np.int64))
 
@@ -159,12 +165,12 @@ def _contradiction(pairs: PosePairs, kept: int) -> str | None:
         return None
     return (
         f"{count - kept} of {count} pairs contradict the others: check the pairing, the pose convention "
-        "(inverted? quaternion order?), that the target is firm, and its size"
+        "(inverted? quaternion order?), that the target is rigidly mounted, and its size"
     )
 
 
 def _wrong_size(pairs: PosePairs, at: Transforms, sigmas: Array) -> str | None:
-    """Say that distances to the target are those of another size, where that explains far more."""
+    """Return that the distances fit another target size, if that explains the data much better; or None."""
     scale = _distance_scale(thinned(pairs, _FOR_STARTS), at)
     if not 0.02 < scale < 50.0 or abs(scale - 1.0) < _SIZE_MATTERS:
         return None
@@ -179,16 +185,16 @@ def _wrong_size(pairs: PosePairs, at: Transforms, sigmas: Array) -> str | None:
 
 
 def _surprise(pairs: PosePairs, at: Transforms, sigmas: Array) -> float:
-    """Negative log likelihood of all pairs under Student's t of the noise, but for a constant."""
+    """Return the negative log likelihood of all pairs under Student's t, up to a constant."""
     fit = _at(pairs, at, sigmas)
     tails = 0.5 * (_TAIL + 6.0) * np.log1p(fit.distance / _TAIL)
     return float((tails - 0.5 * np.linalg.slogdet(fit.inverse)[1]).sum())
 
 
 def _distance_scale(pairs: PosePairs, at: Transforms) -> float:
-    """How many times too long distances to the target are, by the motions between all pairs.
+    """Return the factor by which distances to the target are too long, from motions between all pairs.
 
-    Linear in that factor and X's position once its rotation is known (Andreff et al. 2001).
+    The problem is linear in that factor and X's position after its rotation is known (Andreff et al. 2001).
     """
     turns, moves = motions(pairs.a_R, pairs.a_t)
     _, seen = motions(pairs.b_R, pairs.b_t)
@@ -198,7 +204,7 @@ def _distance_scale(pairs: PosePairs, at: Transforms) -> float:
 
 
 def _fit(pairs: PosePairs, at: Transforms, sigmas: Array, rounds: int = _ROUNDS) -> _Fit:
-    """Gauss-Newton with Student's weights at the given noise."""
+    """Gauss-Newton with Student's t weights at the given noise."""
     for _ in range(rounds):
         now = _at(pairs, at, sigmas)
         step = now.step()
@@ -216,7 +222,7 @@ def _at(pairs: PosePairs, at: Transforms, sigmas: Array) -> _Fit:
 
 
 def _best_start(pairs: PosePairs) -> Transforms:
-    """The best of closed forms over all pairs and over small draws (fixed seed), after a robust fit."""
+    """Return the best of closed forms over all pairs and random subsets (fixed seed), fitted robustly."""
     some = thinned(pairs, _FOR_STARTS)
     everyone, rng = np.arange(len(some.ids)), np.random.default_rng(0)
     tries = [(name, everyone) for name in CLOSED_FORMS]
@@ -232,13 +238,13 @@ def _best_start(pairs: PosePairs) -> Transforms:
         cost = float(np.log1p(fit.distance / _TAIL).sum())
         if np.isfinite(cost) and (best is None or cost < best[0]):
             best = cost, fit.at
-    if best is None:  # every start runs from finite poses, so this is a defect and not an input
-        raise ArithmeticError("hand-eye: no start led to a finite answer")
+    if best is None:  # all poses are finite, so this is a bug and not bad input
+        raise ArithmeticError("hand-eye: no initial value led to a finite estimate")
     return best[1]
 
 
 def _robust(pairs: PosePairs, start: Transforms) -> tuple[NDArray[np.int64], _Fit, Array]:
-    """Pairs that agree, their fit, and the (6,) noise found; outliers go, and may come back."""
+    """Return consistent pairs, their fit, and the (6,) estimated noise; outliers may return later."""
     everyone = np.arange(len(pairs.ids))
     at, sigmas, kept = start, _FIRST_GUESS * USUAL_NOISE, everyone
     for _ in range(_NOISE_ROUNDS):
@@ -256,16 +262,16 @@ def _robust(pairs: PosePairs, start: Transforms) -> tuple[NDArray[np.int64], _Fi
 
 
 def _alike(fit: _Fit) -> float:
-    """Correlation of neighbouring pairs' whitened errors, the most alike of six; 0 where it may be noise."""
+    """Return the largest of six correlations of neighbours' whitened errors; 0 if it is not significant."""
     white = (np.linalg.cholesky(fit.inverse).transpose(0, 2, 1) @ fit.missed[..., None])[..., 0]
     found = float(((white[1:] * white[:-1]).sum(axis=0) / np.maximum((white**2).sum(axis=0), 1e-300)).max())
     return found if found > 3.5 / np.sqrt(len(white)) else 0.0
 
 
 def _spread(fit: _Fit, alike: float) -> tuple[Array, int]:
-    """(6, 6) of X, the larger of fit and jackknife over blocks; and the number of blocks.
+    """Return the covariance (6, 6) of X, the larger of fit and block jackknife, and the number of blocks.
 
-    Where neighbours' errors are alike there are as many fewer pairs to count.
+    If neighbours' errors are correlated, the effective number of pairs is smaller.
     """
     count, widened = len(fit.missed), (1.0 + alike) / max(1.0 - alike, 0.02)
     model = np.linalg.inv(fit.normal()[0]) * fit.missed.size / max(fit.missed.size - 12, 1) * widened

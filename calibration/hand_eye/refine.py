@@ -1,8 +1,8 @@
 """Least squares on pixels over X and Z together, plain or robust.
 
-The pose of one marker is uncertain in depth and tilt and certain across, while pixel errors are the
-same in both axes; as the robot ties the views together, fitting pixels is several times as accurate
-as fitting poses.
+The pose of one marker is uncertain in depth and tilt but accurate across the view, while pixel errors are
+equal in both axes. Because the robot connects the views, fitting pixels is several times as accurate as
+fitting poses.
 """
 
 from dataclasses import dataclass
@@ -18,7 +18,9 @@ Array = NDArray[np.floating]
 
 _ROUNDS = 60
 _STILL = 1e-9
+"""Relative change of the cost below which the iteration has converged."""
 _NEAREST_M = 1e-3
+"""Smallest depth used in a projection, so that points behind the camera do not divide by zero."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -35,17 +37,17 @@ class Refined:
         return float(np.sqrt((self.missed_px**2).sum(axis=1).mean()))
 
     def sample_rms_px(self, problem: Problem) -> Array:
-        """(N,) rms distance per sample, px."""
+        """Return the rms distance per sample, (N,), px."""
         squares = (self.missed_px**2).sum(axis=1)
         counts = np.bincount(problem.owner, minlength=len(problem.ids))
         return np.sqrt(np.bincount(problem.owner, squares, len(problem.ids)) / np.maximum(counts, 1))
 
 
 def refine(problem: Problem, start: Transforms, soft_px: float | None = None) -> Refined:
-    """Levenberg-Marquardt from a start; `soft_px`: width of a soft-L1 loss, None for plain squares.
+    """Minimise by Levenberg-Marquardt. soft_px: width of a soft-L1 loss; None for squares.
 
-    Steps turn X and Z on their right and move them; columns are scaled before each solve, so mm and
-    rad weigh alike. Stops when the cost does, after 60 rounds at the latest.
+    Steps rotate X and Z about their own axes and translate them. Columns are scaled before each solve, so
+    that m and rad have similar weight. Stops when the cost has converged, after 60 rounds at the latest.
     """
     now, damping = start, 1e-4
     missed, jacobian = linearised(problem, now)
@@ -69,9 +71,9 @@ def refine(problem: Problem, start: Transforms, soft_px: float | None = None) ->
 
 
 def linearised(problem: Problem, at: Transforms) -> tuple[Array, Array]:
-    """(M, 2) px by which the prediction misses, and its derivatives (M, 2, 12).
+    """Return the residuals (M, 2) of the prediction, px, and their derivatives (M, 2, 12).
 
-    Columns: turn of X (about its own axes), move of X (in base or tcp axes), then of Z likewise.
+    Columns: rotation of X (about its own axes), translation of X (base or tcp axes), then of Z likewise.
     """
     a_R, a_t = problem.a_R[problem.owner], problem.a_t[problem.owner]  # noqa: N806
     carried = problem.points_m @ at.z_R.T + at.z_t
@@ -107,7 +109,7 @@ def cross_matrices(vectors: Array) -> Array:
 
 
 def _loss(missed: Array, soft_px: float | None) -> tuple[float, Array]:
-    """Cost and weights (M,) of points: squares, or soft-L1 of their distances."""
+    """Return the cost and the weights (M,) of points: squares, or soft-L1 of their distances."""
     squares = (missed**2).sum(axis=1)
     if soft_px is None:
         return float(squares.sum()), np.ones(len(missed))
@@ -116,7 +118,7 @@ def _loss(missed: Array, soft_px: float | None) -> tuple[float, Array]:
 
 
 def _step(jacobian: Array, missed: Array, weights: Array, damping: float) -> Array:
-    """Damped Gauss-Newton step by QR of the scaled, augmented system."""
+    """Return the damped Gauss-Newton step by QR of the scaled, augmented system."""
     root = np.sqrt(weights)[:, None]
     rows = (jacobian * root[..., None]).reshape(-1, 12)
     scale = np.maximum(np.linalg.norm(rows, axis=0), 1e-12)

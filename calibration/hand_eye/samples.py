@@ -32,7 +32,7 @@ class Setup(StrEnum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HandEyeSample:
-    """One still moment: `base_T_tcp` as the robot says, and the target as the camera saw it."""
+    """One moment at rest: `base_T_tcp` from the robot, and the target in the camera's picture."""
 
     id: str
     base_T_tcp: Pose  # noqa: N815 - frame names keep their case
@@ -41,12 +41,12 @@ class HandEyeSample:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Problem:
-    """The samples as arrays. Both setups read A_i Z = X B_i.
+    """The samples as arrays. Both setups satisfy A_i Z = X B_i.
 
-    X is the answer (base_T_camera or tcp_T_camera), Z where the target is (tcp_T_target or
-    base_T_target). A is base_T_tcp for eye to hand, tcp_T_base for eye in hand. a_R: (N, 3, 3);
-    a_t: (N, 3) m. points_m: (M, 3) on the target; seen_px: (M, 2) px, as `camera` sees them, pixels:
-    the same undistorted; owner: (M,) the sample of each point.
+    X is the result (base_T_camera or tcp_T_camera), Z the pose of the target (tcp_T_target or base_T_target).
+    A is base_T_tcp for eye to hand, tcp_T_base for eye in hand. a_R: (N, 3, 3); a_t: (N, 3) m. points_m: (M,
+    3) on the target. seen_px: (M, 2) px in the picture of `camera`; pixels: the same, undistorted. owner:
+    (M,) index of each point's sample.
     """
 
     ids: tuple[str, ...]
@@ -60,24 +60,24 @@ class Problem:
 
     @property
     def focal(self) -> Array:
-        """(2,) px."""
+        """Focal lengths, (2,) px."""
         return self.camera.matrix[[0, 1], [0, 1]]
 
     @property
     def centre(self) -> Array:
-        """(2,) px."""
+        """Principal point, (2,) px."""
         return self.camera.matrix[:2, 2]
 
     def seen_by(self, camera: CameraModel) -> "Problem":
-        """The problem as if the pictures were another camera's."""
+        """Return the problem with the same pictures, but another camera's calibration."""
         return replace(self, pixels=camera.undistorted(self.seen_px), camera=camera)
 
     def without(self, sample: int) -> "Problem":
-        """The problem with one sample left out."""
+        """Return the problem without one sample."""
         return self.subset(np.delete(np.arange(len(self.ids)), sample))
 
     def subset(self, samples: NDArray[np.int64]) -> "Problem":
-        """The problem with these samples only, in this order."""
+        """Return the problem with only these samples, in this order."""
         rows = [np.flatnonzero(self.owner == i) for i in samples]
         chosen = np.concatenate(rows) if rows else np.empty(0, np.int64)
         owner = np.repeat(np.arange(len(samples)), [len(r) for r in rows])
@@ -87,12 +87,12 @@ class Problem:
         )  # fmt: skip
 
     def inverted(self) -> "Problem":
-        """The problem as if every robot pose had been given the other way round."""
+        """Return the problem with all robot poses inverted."""
         turned = self.a_R.transpose(0, 2, 1)
         return replace(self, a_R=turned, a_t=-(turned @ self.a_t[..., None])[..., 0])
 
     def shifted(self, by: int) -> "Problem":
-        """The problem as if poses and pictures had been paired with an offset."""
+        """Return the problem with poses and pictures paired with an offset."""
         return replace(self, a_R=np.roll(self.a_R, by, axis=0), a_t=np.roll(self.a_t, by, axis=0))
 
 
@@ -113,10 +113,10 @@ def make_problem(samples: Sequence[HandEyeSample], camera: CameraModel, setup: S
 
 
 def target_poses(problem: Problem) -> tuple[Array, Array]:
-    """camera_T_target per sample and solution: (N, 2, 3, 3) and (N, 2, 3) m, the better-fitting first.
+    """Return camera_T_target per sample and solution: (N, 2, 3, 3) and (N, 2, 3) m, the better-fitting first.
 
-    A flat target allows two poses that look almost alike (IPPE, Collins and Bartoli 2014); which
-    one it is, one picture of a small marker cannot tell. Raises `CalibrationError`.
+    A flat target allows two poses that look almost alike (IPPE, Collins and Bartoli 2014); a single picture
+    of a small marker cannot distinguish them. Raises `CalibrationError`.
     """
     turns, moves = [], []
     for i, name in enumerate(problem.ids):
@@ -140,7 +140,7 @@ def target_poses(problem: Problem) -> tuple[Array, Array]:
 
 
 def consistent_choice(turns: Array, expected: Array) -> NDArray[np.int64]:
-    """(N,) which of the two poses is nearer to the (N, 3, 3) expected orientation."""
+    """(N,) index of the pose that is nearer to the (N, 3, 3) expected orientations."""
     agreement = np.einsum("nkij,nij->nk", turns, expected)
     return np.argmax(agreement, axis=1)
 
@@ -148,16 +148,16 @@ def consistent_choice(turns: Array, expected: Array) -> NDArray[np.int64]:
 def usable_samples(
     samples: Sequence[HandEyeSample], camera: CameraModel
 ) -> tuple[list[HandEyeSample], list[Rejected]]:
-    """Leave out unusable samples, each with its reason."""
+    """Separate usable samples from unusable ones, each of these with its reason."""
     return sift(samples, lambda s: s.id, lambda s, kept: _fault(s, camera) or _repeats(s, kept))
 
 
 def _fault(sample: HandEyeSample, camera: CameraModel) -> str | None:
     view = sample.view
     if not (np.isfinite(view.image_px).all() and np.isfinite(view.board_m).all()):
-        return "a corner is not a finite number"
+        return "a corner is NaN or infinite"
     if len(view.ids) < 4:
-        return f"{counted(len(view.ids), 'point')} of the target seen, 4 are needed"
+        return f"{counted(len(view.ids), 'point')} of the target seen, at least 4 are needed"
     if view.size != camera.size:
         return f"picture of {view.size} px, the camera was calibrated at {camera.size}"
     spread = np.linalg.svd(view.image_px - view.image_px.mean(axis=0), compute_uv=False)
@@ -167,7 +167,7 @@ def _fault(sample: HandEyeSample, camera: CameraModel) -> str | None:
 
 
 def _repeats(sample: HandEyeSample, others: list[HandEyeSample]) -> str | None:
-    """A repeated pose adds no information, and makes leaving one out meaningless."""
+    """Reject a repeated pose: it adds no information, and makes leave-one-out meaningless."""
     for other in others:
         if other.id == sample.id:
             return f"a second sample with the id {sample.id}"

@@ -1,4 +1,4 @@
-"""Hand-eye calibration: checks, observability, closed forms, robust refinement, rejection, refit, spread."""
+"""Calibrate hand-eye from pictures: checks, initial values, robust refinement, outliers, covariance."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -28,25 +28,26 @@ from drivers.types import Pose
 Array = NDArray[np.floating]
 
 FEWEST_SAMPLES = 5
-"""Three give as many equations as unknowns and nothing to judge them by."""
+"""Three samples give as many equations as unknowns, and no redundancy to check them."""
 _SOFT_PX = 1.0
 _STANDS_OUT = 3.0
+"""A sample is an outlier above this multiple of the median error."""
 _LEAST_OUTLIER_PX = 1.0
 _MOST_REJECTED = 0.34
+"""Largest fraction of rejected samples; above it the data contradict themselves."""
 _DRAWS = 6
 _WORST_RMS_PX = 5.0
 _GOOD_RMS_PX, _GOOD_SAMPLES = 1.5, 10
-_LOOSE = "samples are missed by {value:.2f} px: is the target firm, the robot still?"
-_BETTER_CAMERA = "calibrate the camera again, with tilted and nearer views, before this"
+_LOOSE = "residual of the samples {value:.2f} px: is the target rigidly mounted, the robot at rest?"
+_BETTER_CAMERA = "calibrate the camera again before this, with tilted and nearer views"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HandEyeResult:
-    """The answer and its assessment.
+    """The estimate and its assessment.
 
-    setup: which of the two. pose: base_T_camera or tcp_T_camera; target: tcp_T_target or
-    base_T_target; both None where refused before a solution. rms_px: residual of the samples used;
-    sample_px: the same by id, rejected ones included.
+    pose: base_T_camera or tcp_T_camera; target: tcp_T_target or base_T_target; both None if refused before
+    solving. rms_px: residual of the used samples; sample_px: the same by id, including rejected samples.
     """
 
     setup: Setup
@@ -64,11 +65,11 @@ class HandEyeResult:
 
 
 def calibrate_hand_eye(samples: Sequence[HandEyeSample], camera: CameraModel, setup: Setup) -> HandEyeResult:
-    """Solve; bad data gives a refused result with its reasons, never a silent number."""
+    """Solve; bad data give a refused result with its reasons."""
     good, rejected = usable_samples(samples, camera)
     if len(good) < FEWEST_SAMPLES:
         why = "; ".join(f"{r.id}: {r.reason}" for r in rejected[:5])
-        text = f"{counted(len(good), 'usable sample')}, {FEWEST_SAMPLES} are the least and 15 are good"
+        text = f"{counted(len(good), 'usable sample')}; at least {FEWEST_SAMPLES} are needed, 15 are good"
         return HandEyeResult(setup, Assessment((text + (f" ({why})" if why else ""),)), tuple(rejected))
     problem = make_problem(good, camera, setup)
     motion = observability(problem.a_R)
@@ -83,7 +84,7 @@ def calibrate_hand_eye(samples: Sequence[HandEyeSample], camera: CameraModel, se
         reason = _contradiction(problem, start)
         return HandEyeResult(setup, Assessment((reason,)), tuple(rejected), motion, sample_px=sample_px)
     rejected += [
-        Rejected(problem.ids[i], f"missed by {sample_px[problem.ids[i]]:.1f} px by the others' answer")
+        Rejected(problem.ids[i], f"misses the estimate of the others by {sample_px[problem.ids[i]]:.1f} px")
         for i in outliers
     ]
     return _finish(setup, problem.subset(kept), start, tuple(rejected), sample_px)
@@ -117,11 +118,11 @@ def _assess(final: Refined, spread: Uncertainty, rejected: int, camera: CameraMo
         limit(final.rms_px, _GOOD_RMS_PX, _WORST_RMS_PX, _LOOSE)
         + _assess_sigma(
             1e3 * spread.sigma_m, 1e3 * spread.camera_sigma_m, 1.0, 50.0,
-            "position known to {value:.2f} mm only", ": add samples", ".2f",
+            "position known only to {value:.2f} mm", ": add samples", ".2f",
         )
         + _assess_sigma(
             np.degrees(spread.sigma_rad), np.degrees(spread.camera_sigma_rad), 0.1, 5.0,
-            "orientation known to {value:.3f} degrees only", ": add samples with larger turns", ".3f",
+            "orientation known only to {value:.3f} degrees", ": add samples with larger rotations", ".3f",
         )
         + floor(
             spread.samples, _GOOD_SAMPLES, FEWEST_SAMPLES,
@@ -138,18 +139,18 @@ def _assess(final: Refined, spread: Uncertainty, rejected: int, camera: CameraMo
 def _assess_sigma(
     sigma: Array, from_camera: Array, weak: float, refused: float, text: str, remedy: str, digits: str
 ) -> Assessment:
-    """A doubt names what limits the answer: the camera, if more than half of the variance is its."""
+    """Assess a sigma; the reason names the camera if it causes more than half of the variance."""
     whole, part = float(np.linalg.norm(sigma)), float(np.linalg.norm(from_camera))
     if 2 * part**2 > whole**2:
-        remedy = f", {part:{digits}} of it by the camera's intrinsics: {_BETTER_CAMERA}"
+        remedy = f", {part:{digits}} of it from the camera's intrinsics: {_BETTER_CAMERA}"
     return limit(whole, weak, refused, text + remedy)
 
 
 def _robust_start(problem: Problem) -> Refined:
-    """The best of several starts after robust refinement on pixels.
+    """Return the best of several initial values after robust refinement on pixels.
 
-    Closed forms over all samples, again with the flat target's two-fold poses chosen to agree, and
-    over random halves (fixed seed), so that a few wrong samples cannot spoil all starts.
+    Initial values are closed forms over all samples, again with the flat target's ambiguous poses chosen
+    consistently, and over random halves (fixed seed), so that a few wrong samples cannot affect all of them.
     """
     turns, moves = target_poses(problem)
     everyone = np.arange(len(problem.ids))
@@ -162,34 +163,34 @@ def _robust_start(problem: Problem) -> Refined:
             found = refine(problem, _closed(name, problem, subset, turns, moves), _SOFT_PX)
             if _finite(found) and (best is None or found.cost < best.cost * (1 - 1e-6)):
                 best = found
-    if best is None:  # every start runs from finite poses, so this is a defect and not an input
-        raise ArithmeticError("hand-eye: no start led to a finite answer")
+    if best is None:  # all poses are finite, so this is a bug and not bad input
+        raise ArithmeticError("hand-eye: no initial value led to a finite estimate")
     return best
 
 
 def _contradiction(problem: Problem, found: Refined) -> str:
-    """Say that the samples contradict one another, and name a simple mistake that would explain it."""
+    """Report that the samples contradict one another, and a simple mistake that would explain it."""
     now = float(np.median(found.sample_rms_px(problem)))
-    seen = f"the samples contradict one another (missed by {now:.0f} px, median)"
+    seen = f"the samples contradict one another (median residual {now:.0f} px)"
     tries = {
         "the robot poses look inverted (tcp_T_base for base_T_tcp, or the other setup)": problem.inverted(),
-        "pictures and poses look mispaired by one": problem.shifted(1),
-        "pictures and poses look mispaired by one, the other way": problem.shifted(-1),
+        "pictures and poses look paired with an offset of one": problem.shifted(1),
+        "pictures and poses look paired with an offset of minus one": problem.shifted(-1),
     }
     for text, other in tries.items():
         if float(np.median(_robust_start(other).sample_rms_px(other))) < 0.2 * now:
             return f"{seen}: {text}"
-    return f"{seen}: check the pairing, the pose convention, that the target is firm and the robot still"
+    return f"{seen}: check the pairing, the pose convention, and that target and robot are at rest"
 
 
 def as_pose(rotation: Array, position_m: Array) -> Pose:
-    """A pose of a rotation matrix and a position."""
+    """Create a pose from a rotation matrix (3, 3) and a position (3,) m."""
     x, y, z = (float(v) for v in position_m)
     return Pose.from_rotation((x, y, z), Rotation.from_matrix(rotation))
 
 
 def _closed(name: str, problem: Problem, subset: NDArray[np.int64], turns: Array, moves: Array) -> Transforms:
-    """A closed form, then again with each target pose chosen to agree with it."""
+    """Return a closed form, recomputed with each target pose chosen to agree with it."""
     rows = np.arange(len(subset))
     choice = np.zeros(len(subset), np.int64)
     a_R, a_t = problem.a_R[subset], problem.a_t[subset]  # noqa: N806
@@ -207,7 +208,7 @@ def _closed(name: str, problem: Problem, subset: NDArray[np.int64], turns: Array
 
 
 def _inliers(problem: Problem, start: Refined) -> NDArray[np.int64]:
-    """Samples that agree: rms of at most three medians; a sample missed by a pixel or less is no outlier."""
+    """Return consistent samples: rms at most three medians, or at most one pixel."""
     missed = start.sample_rms_px(problem)
     bound = max(_STANDS_OUT * float(np.median(missed)), _LEAST_OUTLIER_PX)
     return np.flatnonzero(missed <= bound)

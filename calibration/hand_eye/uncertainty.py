@@ -1,9 +1,10 @@
-"""Uncertainty of a hand-eye answer: what the samples leave open, and what the camera does.
+"""Uncertainty of a hand-eye estimate, from the samples and from the camera calibration.
 
-The covariance of the fit misses the robot's errors, which all points of a picture share; the jackknife
-includes them, but is noisy for few samples. In each direction the larger one counts. Neither sees the
-camera's own error, which is the same in all samples: a focal length off by 0.2 % moves a camera at 0.9 m
-by 2 mm, and the residuals stay as small. So the answer of cameras that are off by one sigma is added.
+The covariance of the fit ignores the robot's errors, which all points of a picture share. The jackknife
+includes them, but is noisy for few samples. In each direction the larger one is used. Neither includes the
+camera's own error, which is the same in all samples: a focal length wrong by 0.2 % displaces a camera at 0.9
+m by 2 mm without larger residuals. So the change of the estimate with cameras that are wrong by one sigma is
+added.
 """
 
 from dataclasses import dataclass
@@ -24,9 +25,9 @@ Array = NDArray[np.floating]
 class Uncertainty:
     """Covariances (6, 6) of X: rotation vector about X's own axes (rad), then translation (m).
 
-    covariance: the larger of fit and jackknife in each direction, and the camera's. camera: from that of the
-    camera; zero where it is exact. held_out_px: (N,) rms px by which each sample is missed by the answer from
-    all others. samples: N.
+    covariance: the larger of fit and jackknife in each direction, plus the camera's. camera: part caused by
+    the camera calibration; zero if the camera is exact. held_out_px: (N,) rms px by which the estimate from
+    all other samples misses each sample. samples: N.
     """
 
     covariance: Array
@@ -46,12 +47,12 @@ class Uncertainty:
 
     @property
     def camera_sigma_m(self) -> Array:
-        """(3,) one sigma of the translation that the camera's own uncertainty leaves."""
+        """(3,) one sigma of the translation caused by the camera calibration."""
         return np.sqrt(np.diag(self.camera)[3:])
 
     @property
     def camera_sigma_rad(self) -> Array:
-        """(3,) one sigma of the rotation, likewise."""
+        """(3,) one sigma of the rotation caused by the camera calibration."""
         return np.sqrt(np.diag(self.camera)[:3])
 
     @property
@@ -60,7 +61,7 @@ class Uncertainty:
         return float(np.sqrt((self.held_out_px**2).mean()))
 
     def region_bound(self, dimensions: int, level: float = 0.95) -> float:
-        """Squared Mahalanobis distance that holds the truth with probability `level` (F, samples - 1)."""
+        """Return the squared Mahalanobis distance that contains the truth at a confidence level (F test)."""
         return float(dimensions * f_distribution.ppf(level, dimensions, max(self.samples - 1, 1)))
 
     def holds(self, error: Array, level: float = 0.95) -> bool:
@@ -69,7 +70,7 @@ class Uncertainty:
 
 
 def uncertainty(problem: Problem, answer: Refined) -> Uncertainty:
-    """Of the samples and of the camera; one short refit per sample and per direction of the camera's."""
+    """Compute the uncertainty: one short refit per sample, and per direction of the camera's covariance."""
     count = len(problem.ids)
     changes, held_out = np.zeros((count, 6)), np.zeros(count)
     for i in range(count):
@@ -84,7 +85,7 @@ def uncertainty(problem: Problem, answer: Refined) -> Uncertainty:
 
 
 def _camera_covariance(problem: Problem, answer: Refined) -> Array:
-    """(6, 6) of X: what the answer changes with cameras that are off by one sigma."""
+    """Return the covariance (6, 6) of X from refits with cameras that are wrong by one sigma."""
     changes = [
         _change(answer.transforms, refine(problem.seen_by(camera), answer.transforms).transforms)
         for camera in problem.camera.off_by_one_sigma()
@@ -94,16 +95,17 @@ def _camera_covariance(problem: Problem, answer: Refined) -> Array:
 
 
 def _change(one: Transforms, other: Transforms) -> Array:
-    """(6,): turn from one X to the other about its own axes (rad), and move (m)."""
+    """Return (6,): rotation from one X to the other about its own axes (rad), and translation (m)."""
     turn = Rotation.from_matrix(one.x_R.T @ other.x_R).as_rotvec()
     return np.concatenate([turn, other.x_t - one.x_t])
 
 
 def _fit_covariance(problem: Problem, at: Transforms) -> Array:
-    """(6, 6) of X from the Jacobian by SVD, scaled by the larger of two residual variances.
+    """Return the covariance (6, 6) of X from the Jacobian by SVD, scaled by the larger of two variances.
 
-    One is over all pixels; the other over what a rigid move of the target in each picture could
-    explain, because that is where a wrong robot pose goes, and all points of a picture share it.
+    One variance is over all pixels. The other is over the residuals that a rigid motion of the target in each
+    picture could explain, because a wrong robot pose causes such residuals, and all points of a picture share
+    it.
     """
     missed, jacobian = linearised(problem, at)
     rows, count = jacobian.reshape(-1, 12), len(problem.ids)
@@ -122,9 +124,9 @@ def _fit_covariance(problem: Problem, at: Transforms) -> Array:
 
 
 def larger_of(one: Array, other: Array) -> Array:
-    """A covariance that is in each common principal direction the larger of two; both positive.
+    """Return a covariance that is the larger of two in each common principal direction; both positive.
 
-    Directions in which one is next to nothing are bounded below, so that it can be solved with.
+    Directions in which one is nearly zero get a lower bound, so that the matrices can be inverted.
     """
     scale = np.sqrt(np.maximum(np.diag(one), np.diag(other)))
     scaled_one, scaled_other = one / np.outer(scale, scale), other / np.outer(scale, scale)

@@ -1,4 +1,4 @@
-"""The angle of an object with two markers on it.
+"""Measure the angle of an object with two markers on it.
 
 Imports `calibration.camera` and `calibration.targets`.
 """

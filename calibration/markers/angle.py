@@ -1,6 +1,7 @@
-"""The turn of two markers since they were at rest, from picture to degrees: the one way to measure it.
+"""Measure the rotation of two markers since a reference at rest, from picture to degrees.
 
-Lifts take it for their truth, `rig calibrate markers` says how well it is known on a bench.
+This is the only marker measurement: it gives the ground truth of lifts, and `rig calibrate markers` measures
+its uncertainty on a bench.
 """
 
 from collections import Counter
@@ -30,10 +31,10 @@ Array = NDArray[np.floating]
 
 
 class MarkerAngle:
-    """Measures the turn of two markers since a reference at rest, whose mean gives plane and zero.
+    """Measures the rotation of two markers since a reference at rest, which defines plane and zero.
 
-    All corners are found by edges. tracker: of the two markers. camera: as calibrated; without it tilt
-    is unknown, and lens distortion stays.
+    Corners are refined by their edges. tracker: of the two markers. camera: calibrated model; without it the
+    tilt is unknown, and lens distortion is not corrected.
     """
 
     def __init__(self, tracker: MarkerTracker, camera: CameraModel | None = None) -> None:
@@ -44,17 +45,17 @@ class MarkerAngle:
         self.zero_sigma_deg = 0.0
 
     def forget(self) -> None:
-        """Search the whole next picture, as after a pause."""
+        """Search the whole next picture, for example after a pause."""
         self._tracker.forget()
 
     def find(self, picture: Image) -> Corners | Refusal:
-        """Both markers' (2, 4, 2) px corners in the next (H, W) uint8 picture, or why there are none."""
+        """Find both markers' corners, (2, 4, 2) px, in the next (H, W) uint8 picture, or the reason."""
         return self._tracker.detect(picture)
 
     def set_reference(self, still: Sequence[Corners]) -> PlaneReference:
-        """Take corners found at rest, of 10 pictures at least, 30 are better.
+        """Set the reference from corners at rest, of at least 10 pictures; 30 are better.
 
-        Raises `CalibrationError` when they are too few or move.
+        Raises `CalibrationError` if they are too few or move.
         """
         self._plane = fit_plane(np.array(still), self._camera)
         angles = np.array([in_plane_angle(corners, self._plane).angle_deg for corners in still])
@@ -63,9 +64,9 @@ class MarkerAngle:
         return self._plane
 
     def take_reference(self, pictures: Sequence[Image]) -> PlaneReference:
-        """Find the markers in (H, W) uint8 pictures of them at rest, and take those as the reference.
+        """Find the markers in (H, W) uint8 pictures at rest, and set the reference from them.
 
-        Raises `CalibrationError` with what was seen when too few show both markers or they move.
+        Raises `CalibrationError` with the counts if too few pictures show both markers, or they move.
         """
         found = [self.find(picture) for picture in pictures]
         still = [corners for corners in found if not isinstance(corners, Refusal)]
@@ -73,13 +74,13 @@ class MarkerAngle:
             refusals = Counter(str(reason) for reason in found if isinstance(reason, Refusal))
             raise CalibrationError(
                 f"markers: both are found in {len(still)} of {counted(len(pictures), 'picture')}, "
-                f"{FEWEST_FRAMES} are the least (refused: {dict(refusals)}); "
+                f"at least {FEWEST_FRAMES} are needed (refused: {dict(refusals)}); "
                 "check ids, dictionary, light and size"
             )
         return self.set_reference(still)
 
     def turn(self, corners_px: Corners) -> PlanarAngle | Refusal:
-        """The turn that (2, 4, 2) px corners show. Raises `CalibrationError` without a reference."""
+        """Return the rotation of (2, 4, 2) px corners. Raises `CalibrationError` without a reference."""
         if self._plane is None:
             raise CalibrationError("markers: no reference yet; take one from 10 pictures at rest")
         angle = in_plane_angle(corners_px, self._plane)
@@ -88,18 +89,18 @@ class MarkerAngle:
         return replace(angle, angle_deg=wrapped_deg(angle.angle_deg - self._zero_deg))
 
     def measure(self, picture: Image) -> PlanarAngle | Refusal:
-        """The turn in the next (H, W) uint8 picture, or why there is none. Raises as `turn` does."""
+        """Return the rotation in the next (H, W) uint8 picture, or why there is none. Raises as `turn`."""
         seen = self.find(picture)
         return seen if isinstance(seen, Refusal) else self.turn(seen)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MarkerReport:
-    """What a still series of pictures says about the measurement.
+    """Results of the measurement on pictures at rest.
 
-    plane: of the reference. rest_deg: (N,) the angles at rest, deg; sigma_deg: their one sigma.
-    drift_deg: change from the first to the last quarter. refused: pictures by reason. plane_sigma_deg,
-    camera_sigma_deg: what the corners at rest and the camera add to a turn by `TURN_DEG`.
+    plane: of the reference. rest_deg: (N,) angles at rest, deg; sigma_deg: their one sigma. drift_deg: change
+    from the first to the last quarter. refused: number of pictures by reason. plane_sigma_deg,
+    camera_sigma_deg: uncertainty of a rotation by `TURN_DEG` from the reference corners and from the camera.
     """
 
     assessment: Assessment
@@ -113,17 +114,17 @@ class MarkerReport:
 
 
 TURN_DEG = 30.0
-"""A turn as large as a slip's: what a plane or a camera that is off does, grows with it."""
+"""Rotation for which the uncertainty is stated, as large as a slip; it grows with the rotation."""
 
 
 def assess_markers(pictures: Sequence[Image], angle: MarkerAngle) -> MarkerReport:
-    """Measure how well the angle is known at rest: reference from the first half, angles of the second.
+    """Measure the uncertainty of the angle at rest: reference from the first half, angles of the second half.
 
-    Raises `CalibrationError` for fewer than 20 pictures or markers not seen at rest.
+    Raises `CalibrationError` for fewer than 20 pictures, or if the markers are not seen at rest.
     """
     if len(pictures) < 2 * FEWEST_FRAMES:
         raise CalibrationError(
-            f"markers: {counted(len(pictures), 'picture')} at rest, {2 * FEWEST_FRAMES} are the least"
+            f"markers: {counted(len(pictures), 'picture')} at rest; at least {2 * FEWEST_FRAMES} are needed"
         )
     half = max(FEWEST_FRAMES, len(pictures) // 2)
     plane = angle.take_reference(pictures[:half])
@@ -145,13 +146,13 @@ def assess_markers(pictures: Sequence[Image], angle: MarkerAngle) -> MarkerRepor
 
 
 def _assess_turn(plane_deg: float, camera_deg: float) -> Assessment:
-    """A doubt names what limits a turn."""
+    """Assess the uncertainty of a rotation; the reason names its main cause."""
     cause = (
-        f"{camera_deg:.3f} of it by the camera's intrinsics: calibrate the camera again, tilted, nearer views"
+        f"{camera_deg:.3f} of it from the camera's intrinsics: calibrate it again, with tilted, nearer views"
         if camera_deg > plane_deg
         else "by the corners at rest: more light, larger markers, less tilt"
     )
-    text = f"a turn of {TURN_DEG:.0f} degrees is known to {{value:.3f}} degrees only, " + cause
+    text = f"a rotation of {TURN_DEG:.0f} degrees is known only to {{value:.3f}} degrees, " + cause
     return limit(float(np.hypot(plane_deg, camera_deg)), 0.1, 1.0, text)
 
 
@@ -162,13 +163,13 @@ def _assess(plane: PlaneReference, sigma_deg: float, drift_deg: float, answered:
         )
         + limit(
             sigma_deg, 0.05, 1.0,
-            "the angle at rest scatters by {value:.3f} degrees: more light, larger markers",
+            "the angle at rest has a sigma of {value:.3f} degrees: more light, larger markers",
         )
         + limit(abs(drift_deg), 0.05, 1.0, "the angle drifted by {value:.3f} degrees: did something move?")
-        + limit(plane.tilt_deg or 0.0, 30.0, 60.0, "the markers lean by {value:.0f} degrees to the camera")
+        + limit(plane.tilt_deg or 0.0, 30.0, 60.0, "the markers are tilted by {value:.0f} degrees")
         + limit(
             plane.fit_px, 0.3, 1.0,
-            "two equal squares fit to {value:.2f} px only: are the markers flat and equal?",
+            "two equal squares fit only to {value:.2f} px: are the markers flat and equal?",
         )
         + floor(answered, 0.98, 0.5, "{value:.0%} of the pictures gave an angle")
     )  # fmt: skip

@@ -1,9 +1,9 @@
 """The in-plane angle of two markers of equal size: rectify, fit one rotation to all corners, atan2.
 
-Every picture goes through the homography of the averaged static reference to the markers' plane.
-There the eight corners turn as one rigid body, whatever the camera's tilt; measured on simulated
-corners, this is the most accurate of the known ways at every tilt (the pixel formula is off by
-1 degree at 15 degrees of tilt, the rotation magnitude of a pose is worst for a frontal camera).
+Corners of each picture are mapped to the markers' plane by the homography of the averaged static reference.
+In that plane the eight corners rotate as one rigid body at any tilt of the camera. On simulated corners this
+is the most accurate of the known methods at every tilt: the pixel formula is wrong by 1 degree at 15 degrees
+of tilt, and the rotation magnitude of a pose is worst for a frontal camera.
 """
 
 from dataclasses import dataclass, replace
@@ -23,24 +23,25 @@ _WORST_FIT_PX = 1.0
 _WORST_SCATTER_PX = 1.0
 _SMALLEST_AREA_PX = 64.0
 _USUAL_PX = 0.15
-"""A corner that misses a rigid turn by no more is as others are; of a noisy picture, three sigma."""
+"""Residual up to which a corner gets full weight; in noisy pictures, three sigma instead."""
 _REWEIGHTED = 4
+"""Most rounds of reweighting."""
 _MUST_AGREE = 6
-"""Of the eight corners: what lies over an edge spoils the two at its ends."""
+"""Corners, of eight, that must agree: an object over an edge disturbs the two corners at its ends."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlaneReference:
-    """The markers' plane as seen in a static reference.
+    """The markers' plane in a static reference.
 
-    corners_px: (2, 4, 2), their mean. plane_T_image: (1 + P + L, 3, 3), maps undistorted px to the plane
-    (unit: a marker's side, x right, y up); the first is the answer, each other is off by one sigma along one
-    direction of the fit's uncertainty (P) or of the camera's (L: the cameras `off`, which undistort by
-    themselves). template: (1 + P + L, 8) complex, the reference corners in that plane, centred.
-    normal_camera: (3,) unit vector towards the camera in camera axes, None without intrinsics; likewise
-    tilt_deg, the angle between it and the optical axis, and distance_sides, from the camera to the middle of
-    both markers, in marker sides. scatter_px: one sigma of a corner coordinate over the reference frames;
-    fit_px: rms by which the mean corners miss two perfect squares.
+    corners_px: (2, 4, 2), mean corners. plane_T_image: (1 + P + L, 3, 3), map undistorted px to the plane
+    (unit: a marker's side, x right, y up). The first is the estimate. Each other one is wrong by one sigma
+    along one direction of the uncertainty of the fit (P) or of the camera (L: with the cameras `off`, each
+    with its own distortion). template: (1 + P + L, 8) complex, the reference corners in that plane, centred.
+    normal_camera: (3,) unit vector towards the camera in camera axes, None without intrinsics. tilt_deg:
+    angle between it and the optical axis. distance_sides: from the camera to the middle of both markers, in
+    marker sides. scatter_px: one sigma of a corner coordinate over the reference frames. fit_px: rms residual
+    of the mean corners from two perfect squares.
     """
 
     corners_px: Array
@@ -56,7 +57,7 @@ class PlaneReference:
     distance_sides: float | None
 
     def undistorted(self, corners_px: Array) -> Array:
-        """(1 + P + L, 8, 2) px: the corners as each homography takes them."""
+        """Return the corners undistorted for each homography, (1 + P + L, 8, 2) px."""
         seen = corners_px if self.camera is None else self.camera.undistorted(corners_px)
         same = np.broadcast_to(seen, (len(self.plane_T_image) - len(self.off), *seen.shape))
         each = [camera.undistorted(corners_px) for camera in self.off]
@@ -65,13 +66,12 @@ class PlaneReference:
 
 @dataclass(frozen=True, slots=True)
 class PlanarAngle:
-    """The markers' turn since the reference.
+    """The markers' rotation since the reference.
 
-    angle_deg: in (-180, 180], positive counter-clockwise as the camera sees it. sigma_deg: one
-    sigma of this frame's corners, of the reference's homography and of the camera together, without
-    the reference's own zero. residual_px: rms distance of the six nearest corners from a rigid turn. scale:
-    growth since the reference. in_plane: False where residual or scale tell of another motion; the
-    angle then means little.
+    angle_deg: in (-180, 180], positive counter-clockwise in the picture. sigma_deg: one sigma, from this
+    frame's corners, the reference's homography and the camera; without the uncertainty of the reference's
+    zero. residual_px: rms distance of the six nearest corners from a rigid rotation. scale: growth since the
+    reference. in_plane: False if residual or scale show another motion; the angle is then unreliable.
     """
 
     angle_deg: float
@@ -84,9 +84,9 @@ class PlanarAngle:
 def fit_plane(corners_px: Array, camera: CameraModel | None = None) -> PlaneReference:
     """Fit the markers' plane to the mean of static frames.
 
-    corners_px: (N, 2, 4, 2) px, N >= 10, as a `MarkerTracker` gives them. The markers are
-    squares of equal side; where the second lies is solved for. Raises `CalibrationError` when
-    there are too few frames, when they move, or when no plane fits.
+    corners_px: (N, 2, 4, 2) px, N >= 10, from a `MarkerTracker`. The markers are squares of equal side; the
+    pose of the second one is estimated. Raises `CalibrationError` if there are too few frames, the markers
+    move, or no plane fits.
     """
     _check_static(corners_px)
     mean = corners_px.mean(axis=0)
@@ -122,28 +122,28 @@ def fit_plane(corners_px: Array, camera: CameraModel | None = None) -> PlaneRefe
 
 
 def _seen_by(camera: CameraModel, mean_px: Array) -> Array:
-    """(3, 3) `plane_T_image` as this camera would have it."""
+    """Return `plane_T_image` (3, 3) for this camera."""
     ideal = camera.undistorted(mean_px)
     model = MarkerPlane(ideal, camera.matrix)
     return np.linalg.inv(model.image_T_plane(solve(model, ideal, 0.0)[0]))
 
 
 def in_plane_angle(corners_px: Array, reference: PlaneReference) -> PlanarAngle:
-    """Measure the turn of (2, 4, 2) px corners since the reference.
+    """Measure the rotation of (2, 4, 2) px corners since the reference.
 
-    The rotation that minimises the squared distances of all eight corners, in closed form; its
-    argument comes from atan2, which neither folds nor biases small angles as arccos does. Corners that
-    do not turn with the others, as where something lies over an edge, count less.
-    Raises `CalibrationError` for corners that are not finite.
+    The rotation minimises the squared distances of all eight corners, in closed form. Its argument comes from
+    atan2, which, unlike arccos, neither folds nor biases small angles. Corners that do not rotate with the
+    others, for example if an object covers an edge, get less weight. Raises `CalibrationError` for NaN or
+    infinite corners.
     """
     if not np.isfinite(corners_px).all():
-        raise CalibrationError("markers: a corner is not a finite number; refuse the frame instead")
+        raise CalibrationError("markers: a corner is NaN or infinite; refuse the frame instead")
     ideal = reference.undistorted(corners_px)
     points, template = _in_plane(reference.plane_T_image, ideal), reference.template
     weights = _agreement(points[:1], template[:1], reference)
     turn, missed, size = _rigid_turn(points, template, weights)
     from_reference = float(np.linalg.norm(_apart(turn)))
-    # 16 coordinates less rotation, scale and two of translation; of corners that count
+    # 16 coordinates minus rotation, scale and two of translation; counted by weight
     freedom = max(2.0 * weights.sum() - 4.0, 1.0)
     from_frame = np.sqrt((weights * missed[0] ** 2).sum() / freedom / size[0])
     nearest = np.sort(missed[0])[:_MUST_AGREE]
@@ -159,9 +159,9 @@ def in_plane_angle(corners_px: Array, reference: PlaneReference) -> PlanarAngle:
 
 
 def turn_sigma_deg(reference: PlaneReference, turn_deg: float) -> tuple[float, float]:
-    """One sigma of a turn by that much that stems from the reference's corners, and from the camera.
+    """Return one sigma of a rotation by `turn_deg` caused by the reference's corners, and by the camera.
 
-    Both grow with the turn: a plane taken for more or less tilted than it is turns circles to ellipses.
+    Both grow with the rotation, because a wrong tilt of the plane maps circles to ellipses.
     """
     ideal, plane_T_image = reference.undistorted(reference.corners_px), reference.plane_T_image[0]  # noqa: N806
     rays = np.column_stack([ideal[0], np.ones(8)]) @ plane_T_image.T
@@ -179,14 +179,14 @@ def turn_sigma_deg(reference: PlaneReference, turn_deg: float) -> tuple[float, f
 
 
 def _apart(turn: NDArray[np.complex128]) -> Array:
-    """(V - 1,) rad by which the turns that are off by one sigma differ from the first."""
+    """Return the differences (V - 1,) in rad between the one-sigma variants and the first rotation."""
     return np.angle(turn[1:] * turn[0].conj())
 
 
 def _rigid_turn(
     points: NDArray[np.complex128], template: NDArray[np.complex128], weights: Array
 ) -> tuple[NDArray[np.complex128], Array, Array]:
-    """Turn and growth (V,) that take (V, 8) templates to points, distances left (V, 8), sizes (V,)."""
+    """Return rotation and scale (V,) from (V, 8) templates to points, residuals (V, 8), and sizes (V,)."""
     total = weights.sum()
     points = points - (points @ weights / total)[:, None]
     template = template - (template @ weights / total)[:, None]
@@ -198,7 +198,7 @@ def _rigid_turn(
 def _agreement(
     points: NDArray[np.complex128], template: NDArray[np.complex128], reference: PlaneReference
 ) -> Array:
-    """(8,) weight of each corner: 1 where all turn together, else Cauchy's, reweighted. points: (1, 8)."""
+    """Return the corners' weights, (8,): 1 if all rotate together, else Cauchy weights. points: (1, 8)."""
     usual = max(_USUAL_PX, 3.0 * reference.scatter_px) / reference.side_px
     weights = np.ones(8)
     for _ in range(_REWEIGHTED):
@@ -210,12 +210,12 @@ def _agreement(
 
 
 def wrapped_deg(angle_deg: float) -> float:
-    """The same angle in (-180, 180]."""
+    """Return the same angle in (-180, 180]."""
     return 180.0 - float((180.0 - angle_deg) % 360.0)
 
 
 def _in_plane(plane_T_image: Array, ideal_px: Array) -> NDArray[np.complex128]:  # noqa: N803
-    """(V, 8) complex, centred: (V, 8, 2) px corners through each of V homographies."""
+    """Map (V, 8, 2) px corners by each of V homographies; return (V, 8) complex, centred."""
     flat = np.concatenate([ideal_px, np.ones((*ideal_px.shape[:2], 1))], axis=2)
     rays = flat @ plane_T_image.transpose(0, 2, 1)
     points = (rays[..., 0] + 1j * rays[..., 1]) / rays[..., 2]
@@ -229,7 +229,7 @@ def _check_static(corners_px: Array) -> None:
             f"markers: a reference needs {FEWEST_FRAMES} frames of (2, 4, 2) corners, got {corners_px.shape}"
         )
     if not np.isfinite(corners_px).all():
-        raise CalibrationError("markers: the reference holds corners that are not numbers; measure it again")
+        raise CalibrationError("markers: the reference contains NaN or infinite corners; measure it again")
     if (_areas(corners_px.mean(axis=0)) < _SMALLEST_AREA_PX).any():
         raise CalibrationError(
             "markers: corners in the reference span no plane; are they in clockwise order?"
@@ -242,6 +242,6 @@ def _check_static(corners_px: Array) -> None:
 
 
 def _areas(quads_px: Array) -> Array:
-    """Areas of (M, 4, 2) px quads, positive for corners in clockwise order as seen (shoelace)."""
+    """Return the areas of (M, 4, 2) px quads, positive for clockwise corners (shoelace formula)."""
     x, y = quads_px[..., 0], quads_px[..., 1]
     return 0.5 * (x * np.roll(y, -1, axis=-1) - y * np.roll(x, -1, axis=-1)).sum(axis=-1)

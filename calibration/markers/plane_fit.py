@@ -1,4 +1,4 @@
-"""The homography under which two markers are squares of equal side, and its uncertainty."""
+"""Fit the homography under which two markers are squares of equal side, with its uncertainty."""
 
 import cv2
 import numpy as np
@@ -17,8 +17,8 @@ SQUARE = np.array([[-0.5, 0.5], [0.5, 0.5], [0.5, -0.5], [-0.5, -0.5]])
 class MarkerPlane:
     """The plane of both markers, seen by a camera of known matrix, or by an unknown camera (None).
 
-    Its parameters: the plane's pose (6), or without a camera a homography (8); then three of the second
-    marker, its place and turn in the plane of the first. Unit of the plane: a marker's side.
+    Parameters: the plane's pose (6), or without a camera a homography (8); then x, y and rotation of the
+    second marker in the plane of the first. Unit of the plane: a marker's side.
     """
 
     def __init__(self, ideal_px: Array, camera_matrix: Array | None) -> None:
@@ -27,13 +27,13 @@ class MarkerPlane:
         if camera_matrix is None:
             guesses = [first.reshape(-1)[:8]]
         else:
-            # one small marker allows two poses; the second marker decides
+            # one small marker allows two poses; the second marker resolves the ambiguity
             poses = _two_poses(np.linalg.solve(camera_matrix, first))
             guesses = [np.append(turn.as_rotvec(), move) for turn, move in poses]
         self.starts = [np.append(g, _second_marker(self.image_T_plane(g), ideal_px)) for g in guesses]
 
     def image_T_plane(self, parameters: Array) -> Array:  # noqa: N802
-        """(3, 3) homography."""
+        """Return the homography (3, 3)."""
         if self._camera_matrix is None:
             return np.append(parameters[:8], 1.0).reshape(3, 3)
         pose = Rotation.from_rotvec(parameters[:3]).as_matrix()
@@ -41,7 +41,7 @@ class MarkerPlane:
         return self._camera_matrix @ pose
 
     def normal_and_middle(self, parameters: Array) -> tuple[Array, Array] | None:
-        """(3,) unit vector towards the camera and (3,) the middle of both markers, in marker sides.
+        """Return the unit vector towards the camera, (3,), and the middle of both markers, (3,), in sides.
 
         Both in camera axes; None if the camera is unknown.
         """
@@ -52,15 +52,15 @@ class MarkerPlane:
 
 
 def _first_marker(ideal_px: Array) -> Array:
-    """(3, 3) homography from the first marker's square alone."""
+    """Return the homography (3, 3) from the first marker's square alone."""
     seen = cv2.getPerspectiveTransform(SQUARE.astype(np.float32), ideal_px[0].astype(np.float32))
     return np.asarray(seen, dtype=np.float64)
 
 
 def _two_poses(rays_T_plane: Array) -> list[tuple[Rotation, Array]]:  # noqa: N803
-    """The pose of a homography, and the one tilted the other way, which looks almost the same.
+    """Return the pose of a homography, and the one with mirrored tilt, which looks almost the same.
 
-    OpenCV's IPPE_SQUARE gives both too, but NaN for a plane square to the camera.
+    OpenCV's IPPE_SQUARE returns both as well, but NaN for a plane square to the camera.
     """
     pose = rays_T_plane / np.linalg.norm(rays_T_plane[:, :2], axis=0).mean()
     pose = pose * np.sign(pose[2, 2])
@@ -75,7 +75,7 @@ def _two_poses(rays_T_plane: Array) -> list[tuple[Rotation, Array]]:  # noqa: N8
 
 
 def _second_marker(image_T_plane: Array, ideal_px: Array) -> Array:  # noqa: N803
-    """Where the second marker lies in the first one's plane: x, y, turn in rad."""
+    """Return the second marker in the first one's plane: x, y, rotation in rad."""
     corners = cv2.perspectiveTransform(ideal_px[1][None], np.linalg.inv(image_T_plane))[0]
     centre = corners.mean(axis=0)
     square, seen = SQUARE @ (1, 1j), (corners - centre) @ (1, 1j)
@@ -88,7 +88,7 @@ def _corners_in_plane(second: Array) -> Array:
 
 
 def solve(model: MarkerPlane, ideal_px: Array, noise_px: float) -> tuple[Array, Array, float]:
-    """Best parameters (P,), their one-sigma directions (P, P) as rows, rms misfit in px."""
+    """Return the best parameters (P,), one-sigma directions (P, P) as rows, and the rms residual in px."""
 
     def missed(parameters: Array) -> Array:
         plane = np.column_stack([_corners_in_plane(parameters[-3:]), np.ones(8)])

@@ -1,7 +1,7 @@
-"""Two ArUco markers tracked from picture to picture, searched where they are expected.
+"""Track two ArUco markers from picture to picture, searching where they are expected.
 
-Searching the whole picture costs several times a search around the last place, and can meet copies
-of a marker elsewhere; it is done only to find the markers, or to find them again.
+Searching the whole picture takes several times as long, and may find copies of a marker elsewhere. It is done
+only to find the markers first, and to find them again.
 """
 
 from collections.abc import Callable
@@ -22,20 +22,22 @@ from drivers.errors import InputError
 from drivers.types import Image
 
 Refine = Callable[[Image, Corners], Corners | Refusal]
-"""How (M, 4, 2) px corners of a (H, W) uint8 picture become exact."""
+"""Refines (M, 4, 2) px corners in a (H, W) uint8 picture to sub-pixel accuracy."""
 
 SMALLEST_SIDE_PX = 16.0
 FORGET_AFTER_FRAMES = 10
+"""After this many frames without the markers, the last position is no longer used."""
 _REGION_MARGIN = 0.35
+"""Margin of the search region, as a fraction of the marker's side."""
 
 
 class MarkerTracker:
-    """Follows two markers of one dictionary through the pictures of one camera.
+    """Tracks two markers of one dictionary through the pictures of one camera.
 
-    ids: the two marker ids, in the order of the answer. dictionary: OpenCV's name, as
-    "DICT_4X4_50". search_everywhere: search every whole picture (slow). refine: another way than edges, to
-    compare with. The same pictures in the same order give the same numbers, bit for bit. Raises
-    `InputError` for equal ids or an unknown dictionary.
+    ids: the two marker ids, in the order of the result. dictionary: OpenCV's name, such as "DICT_4X4_50".
+    search_everywhere: search every whole picture (slow). refine: another corner refinement, for comparison.
+    The same pictures in the same order give bitwise the same results. Raises `InputError` for equal ids or an
+    unknown dictionary.
     """
 
     def __init__(
@@ -56,7 +58,7 @@ class MarkerTracker:
         self.forget()
 
     def forget(self) -> None:
-        """Search the whole next picture, as after a pause."""
+        """Search the whole next picture, for example after a pause."""
         self._last: Corners | None = None
         self._motion = np.zeros((2, 4, 2))
         self._missed = 0
@@ -64,8 +66,8 @@ class MarkerTracker:
     def detect(self, gray: Image) -> Corners | Refusal:
         """Find both markers in a (H, W) uint8 picture: (2, 4, 2) px corners in the order of the ids.
 
-        Each marker's are clockwise from its own top left. Raises `InputError` for another shape or type,
-        and when the size changes between pictures.
+        Each marker's corners are clockwise from its own top left. Raises `InputError` for another shape or
+        type, and if the size changes between pictures.
         """
         self._check(gray)
         found = self._search(gray)
@@ -127,7 +129,7 @@ class MarkerTracker:
 
 
 def _chosen(quads: list[Corners], place: Corners | None) -> Corners | Refusal:
-    """The one quad, or the one clearly nearest to where it is expected."""
+    """Return the only quad, or the one clearly nearest to the expected position."""
     if not quads:
         return Refusal.NOT_FOUND
     if len(quads) == 1:
@@ -141,7 +143,7 @@ def _chosen(quads: list[Corners], place: Corners | None) -> Corners | Refusal:
 
 
 def _paired(quads: list[Corners | Refusal]) -> Corners | Refusal:
-    """Both markers as one array, if both were found and have similar sizes."""
+    """Return both markers as one array, if both were found and have similar sizes."""
     reasons = [quad for quad in quads if isinstance(quad, Refusal)]
     if Refusal.DUPLICATE in reasons:
         return Refusal.DUPLICATE

@@ -1,4 +1,4 @@
-"""What cameras look at: ArUco markers, boards, printed sheets, and finding them in a picture.
+"""Calibration targets: ArUco markers, boards, printed sheets, and their detection in a picture.
 
-Imports `calibration.verdict` alone.
+Imports only `calibration.verdict`.
 """

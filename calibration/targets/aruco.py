@@ -1,10 +1,10 @@
-"""ArUco markers of one picture: detected, and their corners refined in windows or by their edges.
+"""Detect ArUco markers in a picture, and refine their corners in windows or by their edges.
 
-OpenCV's own refinement caps its window at 0.3 of a module and then does nothing for small
-markers, so the window here follows the marker's size. More accurate are lines fitted to the edges: each
-side is sampled across at many places, the centroid of the gradient gives the edge there, a line is fitted to
-these points, and neighbouring lines are intersected. So a corner rests on all pixels of two sides instead of
-the few around it. OpenCV's CORNER_REFINE_APRILTAG takes 70 ms and more per picture for no better angle.
+OpenCV's own refinement limits its window to 0.3 of a module, so that it has no effect for small markers; the
+window here scales with the marker. More accurate is refinement by edges: each side is sampled across at many
+places, the centroid of the gradient gives the edge position there, a line is fitted to these positions, and
+neighbouring lines are intersected. So a corner is determined by all pixels of two sides instead of a few
+around it. OpenCV's CORNER_REFINE_APRILTAG takes 70 ms and more per picture for no better angle.
 """
 
 from enum import StrEnum
@@ -19,21 +19,24 @@ from drivers.errors import CalibrationError, InputError
 from drivers.types import Image
 
 Corners = NDArray[np.float64]
-"""(..., 4, 2) px: markers' corners, clockwise from each one's top left; pixel centres at whole numbers."""
+"""(..., 4, 2) px: corners of markers, clockwise from each one's top left; pixel centres are integers."""
 
 Array = NDArray[np.floating]
 
 _NEXT, _BEFORE = np.array([1, 2, 3, 0]), np.array([3, 0, 1, 2])
 _FROM_CORNER = 0.1
-"""Share of a side at each end that is left out: the other edge blurs into it."""
+"""Fraction of a side at each end that is not sampled, because the other edge blurs into it."""
 _ACROSS_PX = 3.0
+"""Largest distance from a side at which it is sampled."""
 _STEPS = 13
 _FEWEST = 4
+"""Fewest edge points per side."""
 _LEAST_CONTRAST = 12.0
 _ROUNDS = 2
 _ONE_ROUND_PX = 32.0
-"""From here on one round from corners refined in windows is as good as two, at two thirds of the time."""
+"""Side from which one round, starting from window-refined corners, is as good as two, in 2/3 of the time."""
 _SAME_PLACE = 0.3
+"""Two quads closer than this fraction of the side are the same marker."""
 _ONE_WINDOW = 23
 
 
@@ -52,23 +55,23 @@ class Refusal(StrEnum):
 
 
 def detector(dictionary: str) -> cv2.aruco.ArucoDetector:
-    """A detector with three threshold windows and no refinement. Raises `InputError`."""
+    """Return a detector with three threshold windows and no refinement. Raises `InputError`."""
     return cv2.aruco.ArucoDetector(_dictionary(dictionary), _parameters())
 
 
 def region_detector(dictionary: str) -> cv2.aruco.ArucoDetector:
-    """A detector for small regions of a picture: one threshold window. Raises `InputError`."""
+    """Return a detector for small regions of a picture: one threshold window. Raises `InputError`."""
     parameters = _parameters()
     parameters.adaptiveThreshWinSizeMin = parameters.adaptiveThreshWinSizeMax = _ONE_WINDOW
-    # a region holds little but the marker, so small outlines are its modules
+    # a region contains little but the marker, so small outlines are its modules
     parameters.minMarkerPerimeterRate = 0.8
-    # grouped with the outline of its own paper, cut by the region, a marker would be dropped
+    # otherwise a marker would be grouped with the outline of its paper, cut by the region, and dropped
     parameters.minMarkerDistanceRate = 0.01
     return cv2.aruco.ArucoDetector(_dictionary(dictionary), parameters)
 
 
 def detect_all(aruco: cv2.aruco.ArucoDetector, gray: Image) -> dict[int, list[Corners]]:
-    """Detected (4, 2) px quads of a (H, W) uint8 picture by id; one outlined twice counts once."""
+    """Return the detected (4, 2) px quads of a (H, W) uint8 picture by id; double outlines count once."""
     quads, ids, _ = aruco.detectMarkers(gray)
     seen: dict[int, list[Corners]] = {}
     for marker_id, quad in zip([] if ids is None else ids.reshape(-1), quads, strict=True):
@@ -78,7 +81,7 @@ def detect_all(aruco: cv2.aruco.ArucoDetector, gray: Image) -> dict[int, list[Co
 
 
 def refine_corners(gray: Image, corners: Corners) -> Corners | Refusal:
-    """Refine (M, 4, 2) px corners to sub-pixel, the window 0.12 of the side, 3 to 9 px."""
+    """Refine (M, 4, 2) px corners to sub-pixel accuracy; the window is 0.12 of the side, 3 to 9 px."""
     side = mean_side(corners)
     half = int(np.clip(round(0.12 * side), 3, 9))
     start = corners.reshape(-1, 1, 2).astype(np.float32)
@@ -91,7 +94,7 @@ def refine_corners(gray: Image, corners: Corners) -> Corners | Refusal:
 
 
 def refine_quick(gray: Image, corners: Corners) -> Corners | Refusal:
-    """As `refine_edges`, for each picture of a stream: from corners refined in windows, where those are."""
+    """Refine as `refine_edges`, but faster: from window-refined corners, if these are available."""
     near = refine_corners(gray, corners)
     if isinstance(near, Refusal):
         return refine_edges(gray, corners)
@@ -101,8 +104,8 @@ def refine_quick(gray: Image, corners: Corners) -> Corners | Refusal:
 def refine_edges(gray: Image, corners: Corners, rounds: int = _ROUNDS) -> Corners | Refusal:
     """Refine (M, 4, 2) px corners of dark markers on light paper by their edges.
 
-    gray: (H, W) uint8. rounds: how often, each from the corners of the one before. Refused where a side
-    shows fewer than four edge points, or where a corner would move by more than a fifth of the side.
+    gray: (H, W) uint8. rounds: number of iterations. Refused if a side shows fewer than four edge points, or
+    if a corner would move by more than a fifth of the side.
     """
     side = mean_side(corners)
     reach = float(np.clip(0.09 * side, 1.6, _ACROSS_PX))
@@ -117,23 +120,23 @@ def refine_edges(gray: Image, corners: Corners, rounds: int = _ROUNDS) -> Corner
 
 
 def side_lengths(corners: NDArray[np.floating]) -> NDArray[np.floating]:
-    """Lengths of the sides, (..., 4), of (..., 4, 2) corners."""
+    """Return the lengths of the sides, (..., 4), of (..., 4, 2) corners."""
     along = corners.take(_NEXT, axis=-2) - corners
-    return np.hypot(along[..., 0], along[..., 1])  # a third of the time of np.linalg.norm
+    return np.hypot(along[..., 0], along[..., 1])  # takes a third of the time of np.linalg.norm
 
 
 def mean_side(corners: NDArray[np.floating]) -> float:
-    """Mean length of the sides of (..., 4, 2) corners."""
+    """Return the mean length of the sides of (..., 4, 2) corners."""
     lengths = side_lengths(corners)
     return float(lengths.sum()) / lengths.size
 
 
 def _parameters() -> cv2.aruco.DetectorParameters:
-    """No refinement, and bits read from the middle third of a module.
+    """Return detector parameters: no refinement, and bits read from the middle third of a module.
 
-    By default a bit is read from four by four samples of three quarters of its module; a small
-    or blurred marker then goes unread (24 px, 15 degrees of tilt: 5 of 60 simulated pictures,
-    and none so; 40 px, blurred by 1.5 px: 11 and none).
+    By default a bit is read from four by four samples in three quarters of its module, which fails for small
+    or blurred markers (24 px, 15 degrees of tilt: 5 of 60 simulated pictures unread, with these parameters
+    none; 40 px, blurred by 1.5 px: 11 and none).
     """
     parameters = cv2.aruco.DetectorParameters()
     parameters.perspectiveRemovePixelPerCell = 8
@@ -150,7 +153,7 @@ def _dictionary(name: str) -> cv2.aruco.Dictionary:
 
 
 def _dictionary_file(path: str) -> cv2.aruco.Dictionary:
-    """A dictionary of one's own in OpenCV's format (nmarkers, markersize, marker_0 ...)."""
+    """Read a custom dictionary in OpenCV's format (nmarkers, markersize, marker_0 ...)."""
     words = cv2.aruco.Dictionary()
     try:
         storage = cv2.FileStorage(path, cv2.FILE_STORAGE_READ)
@@ -173,10 +176,10 @@ def _add_apart(others: list[Corners], quad: Corners) -> None:
 
 
 class _Samples(NamedTuple):
-    """Where sides are sampled: K places along each, S across.
+    """Sampling positions of a side: K places along it, S across.
 
-    basis: (K S, 3) of the corner, the way along and the way outward. moments: (S - 1, 2) sum and first
-    moment across. powers: (K, 3) of the share of the side, up to its square.
+    basis: (K S, 3) coefficients of corner, direction along and direction outward. moments: (S - 1, 2) sum and
+    first moment across. powers: (K, 3) powers 0 to 2 of the fraction of the side.
     """
 
     basis: Array
@@ -198,9 +201,9 @@ def _samples(places: int, reach_tenths: int) -> _Samples:
 
 
 def _edge_lines(gray: Image, corners: Corners, side: float, reach: float) -> tuple[Array, Array] | None:
-    """A point on each side's line, (M, 4, 2), and its direction, (M, 4, 2); None where a side has no edge.
+    """Return a point on each side's line, (M, 4, 2), and its direction, (M, 4, 2); None without an edge.
 
-    Few calls on whole arrays: this runs on each picture of a stream.
+    Few calls on whole arrays, because this runs on each picture of a stream.
     """
     ahead = corners.take(_NEXT, axis=1) - corners
     outward = ahead[..., ::-1] * (1.0, -1.0) / np.hypot(ahead[..., :1], ahead[..., 1:])
@@ -214,7 +217,7 @@ def _edge_lines(gray: Image, corners: Corners, side: float, reach: float) -> tup
     contrast = rise[..., 0]
     edge = rise[..., 1] / np.maximum(contrast, 1e-9)
     middle = contrast.size // 2
-    usual = float(np.partition(contrast, middle, axis=None)[middle])  # the median, in a third of its time
+    usual = float(np.partition(contrast, middle, axis=None)[middle])  # the median, in a third of the time
     good = contrast > max(_LEAST_CONTRAST, 0.4 * usual)
     if (good.sum(axis=-1) < _FEWEST).any():
         return None
@@ -223,7 +226,7 @@ def _edge_lines(gray: Image, corners: Corners, side: float, reach: float) -> tup
 
 
 def _fitted(edge: Array, weight: Array, powers: Array) -> tuple[Array, Array]:
-    """Weighted straight lines through offsets (M, 4, K): offset at the corner, and its growth per side."""
+    """Fit weighted straight lines to offsets (M, 4, K): offset at the corner, and its slope per side."""
     one, along, squared = np.moveaxis(weight @ powers, -1, 0)
     offset, turned = np.moveaxis((weight * edge) @ powers[:, :2], -1, 0)
     slope = (one * turned - along * offset) / (one * squared - along**2)
@@ -231,7 +234,7 @@ def _fitted(edge: Array, weight: Array, powers: Array) -> tuple[Array, Array]:
 
 
 def _intersections(point: Array, direction: Array) -> Corners:
-    """(M, 4, 2): where each side's line meets the one before it."""
+    """Return the intersections (M, 4, 2) of each side's line with the previous one."""
     before, course = point.take(_BEFORE, axis=1), direction.take(_BEFORE, axis=1)
     cross = course[..., 0] * direction[..., 1] - course[..., 1] * direction[..., 0]
     gap = point - before

@@ -1,6 +1,6 @@
-"""Calibration targets: ChArUco boards, chessboards and single markers; their points found in pictures.
+"""Calibration targets: ChArUco boards, chessboards and single markers; detection of their points in pictures.
 
-A target is named by a short text, as `rig calibrate board` prints it on the sheet:
+A target is identified by a short text, which `rig calibrate board` also prints on the sheet:
 
     charuco:7x5:25:18:DICT_5X5_100[:legacy]   squares across x down, square and marker side in mm
     chessboard:9x6:25[:11]                    inner corners across x down, square side in mm, window in px
@@ -23,15 +23,17 @@ from drivers.types import Image
 Array = NDArray[np.floating]
 
 FEWEST_POINTS = 8
+"""Fewest corners of a usable view."""
 SAME_VIEW_PX = 2.0
+"""A view whose corners all moved by less than this repeats another view."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class View:
     """One picture of a board.
 
-    id: of the picture. ids: (N,) int64, point numbers of the board. board_m: (N, 3) float64, where
-    they are on the board (z = 0), m. image_px: (N, 2) float64. size: width, height of the picture.
+    id: of the picture. ids: (N,) int64, point numbers on the board. board_m: (N, 3) float64, their positions
+    on the board (z = 0), m. image_px: (N, 2) float64. size: width, height of the picture in px.
     """
 
     id: str
@@ -43,7 +45,7 @@ class View:
 
 @dataclass(frozen=True, slots=True)
 class Charuco:
-    """A ChArUco board; `legacy`: OpenCV's pattern before 4.6, which differs for even rows."""
+    """A ChArUco board. legacy: OpenCV's pattern before 4.6, which differs for even rows."""
 
     squares: tuple[int, int]
     square_m: float
@@ -53,13 +55,13 @@ class Charuco:
 
     @property
     def spec(self) -> str:
-        """The text that names it."""
+        """The text that identifies it."""
         across, down = self.squares
         sides = f"{self.square_m * 1e3:g}:{self.marker_m * 1e3:g}"
         return f"charuco:{across}x{down}:{sides}:{self.dictionary}{':legacy' * self.legacy}"
 
     def board(self) -> cv2.aruco.CharucoBoard:
-        """OpenCV's board. Raises `InputError` for an unknown dictionary or one too small."""
+        """Return OpenCV's board. Raises `InputError` for an unknown or too small dictionary."""
         words = detector(self.dictionary).getDictionary()
         if self.squares[0] * self.squares[1] // 2 > len(words.bytesList):
             raise InputError(f"board {self.spec}: {self.dictionary} has too few markers for it")
@@ -68,13 +70,13 @@ class Charuco:
         return board
 
     def find(self, gray: Image, view_id: str) -> View | str:
-        """Find its chessboard corners; part of the board is enough."""
+        """Find its chessboard corners; part of the board is sufficient."""
         check_gray(gray, view_id)
         board = self.board()
         corners, ids, _, marker_ids = cv2.aruco.CharucoDetector(board).detectBoard(gray)
         if ids is None or corners is None or len(ids) == 0:
             seen = 0 if marker_ids is None else len(marker_ids)
-            hint = "; is its pattern legacy, or its dictionary another?" if seen else ""
+            hint = "; is its pattern legacy, or its dictionary wrong?" if seen else ""
             return f"no ChArUco corner found ({seen} of its markers seen{hint})"
         flat = ids.reshape(-1).astype(np.int64)
         places = np.asarray(board.getChessboardCorners(), np.float64)[flat]
@@ -83,11 +85,11 @@ class Charuco:
 
 @dataclass(frozen=True, slots=True)
 class Chessboard:
-    """A plain chessboard, counted in inner corners; it must be seen whole.
+    """A plain chessboard, counted in inner corners; all of it must be visible.
 
-    window_px: half the window in which a corner is refined; by default 0.35 of the closest two
-    corners, 3 to 11 px, so that no window holds a neighbour. (OpenCV's sample takes 11 always; on
-    its own photos that doubles the error of unseen views, 0.42 px against 0.18.)
+    window_px: half size of the window in which a corner is refined. Default: 0.35 of the distance of the
+    closest two corners, 3 to 11 px, so that no window contains a neighbour. (OpenCV's sample always takes 11;
+    on its own photos that doubles the error of held-out views, 0.42 px instead of 0.18.)
     """
 
     corners: tuple[int, int]
@@ -96,18 +98,18 @@ class Chessboard:
 
     @property
     def spec(self) -> str:
-        """The text that names it."""
+        """The text that identifies it."""
         window = f":{self.window_px}" if self.window_px else ""
         return f"chessboard:{self.corners[0]}x{self.corners[1]}:{self.square_m * 1e3:g}{window}"
 
     @property
     def places_m(self) -> Array:
-        """(N, 3): the corners on the board, row by row."""
+        """(N, 3) positions of the corners on the board, row by row."""
         x, y = np.meshgrid(np.arange(self.corners[0]), np.arange(self.corners[1]))
         return np.column_stack([x.ravel(), y.ravel(), np.zeros(x.size)]) * self.square_m
 
     def find(self, gray: Image, view_id: str) -> View | str:
-        """Find all of its inner corners."""
+        """Find all its inner corners."""
         check_gray(gray, view_id)
         found, seen = cv2.findChessboardCorners(gray, self.corners)
         if not found:
@@ -130,17 +132,17 @@ class Marker:
 
     @property
     def spec(self) -> str:
-        """The text that names it."""
+        """The text that identifies it."""
         return f"marker:{self.side_m * 1e3:g}:{self.dictionary}:{self.marker_id}"
 
     @property
     def places_m(self) -> Array:
-        """(4, 3): the corners, the origin in the middle."""
+        """(4, 3) positions of the corners; the origin is in the middle."""
         half = self.side_m / 2
         return np.array([[-half, -half, 0.0], [half, -half, 0.0], [half, half, 0.0], [-half, half, 0.0]])
 
     def find(self, gray: Image, view_id: str) -> View | str:
-        """Find it, its corners by its edges (windows shift them); seen twice it is refused."""
+        """Find it, its corners refined by edges (windows would bias them). Rejected if found twice."""
         check_gray(gray, view_id)
         quads = detect_all(detector(self.dictionary), gray).get(self.marker_id, [])
         if len(quads) != 1:
@@ -152,11 +154,11 @@ class Marker:
 
 
 Target = Charuco | Chessboard | Marker
-"""Something flat with points that can be found in a picture."""
+"""A flat target with points that can be detected in a picture."""
 
 
 def parse_target(spec: str) -> Target:
-    """Make a target of its text. Raises `InputError` with the forms there are."""
+    """Parse a target's text. Raises `InputError` with the valid forms."""
     kind, *parts = spec.strip().split(":")
     try:
         if kind == "charuco" and len(parts) in (4, 5):
@@ -174,13 +176,13 @@ def parse_target(spec: str) -> Target:
     except ValueError:
         pass
     raise InputError(
-        f"target '{spec}': not understood; use charuco:7x5:25:18:DICT_5X5_100[:legacy], "
+        f"target '{spec}': not valid; use charuco:7x5:25:18:DICT_5X5_100[:legacy], "
         "chessboard:9x6:25[:11] or marker:60:DICT_4X4_50:0 (sides in mm)"
     )
 
 
 def check_gray(gray: Image, name: str) -> None:
-    """Raise `InputError` unless (H, W) uint8 and not empty."""
+    """Raise `InputError` unless a picture is (H, W) uint8 and not empty."""
     if gray.ndim != 2 or gray.dtype != np.uint8 or gray.size == 0:
         raise InputError(f"{name}: a (H, W) uint8 picture is needed, got {gray.shape} {gray.dtype}")
 
@@ -204,10 +206,10 @@ def _size(gray: Image) -> tuple[int, int]:
 
 
 def usable_views(views: Sequence[View]) -> tuple[list[View], list[Rejected]]:
-    """Leave out unusable views: not finite, too few points, collinear, of another size.
+    """Reject unusable views: not finite, too few points, collinear, or of another size.
 
-    The size of most views counts; a view shown before (all points within 2 px) is left out too:
-    copies would look like evidence.
+    The most frequent size is required. A repeated view (all points within 2 px) is rejected too, because
+    copies would count as independent measurements.
     """
     common = Counter(view.size for view in views).most_common(1)[0][0] if views else (0, 0)
     return sift(views, lambda view: view.id, lambda view, kept: _fault(view, common) or _repeats(view, kept))
@@ -215,9 +217,9 @@ def usable_views(views: Sequence[View]) -> tuple[list[View], list[Rejected]]:
 
 def _fault(view: View, size: tuple[int, int]) -> str | None:
     if not (np.isfinite(view.image_px).all() and np.isfinite(view.board_m).all()):
-        return "a corner is not a finite number"
+        return "a corner is NaN or infinite"
     if len(view.ids) < FEWEST_POINTS:
-        return f"{counted(len(view.ids), 'corner')} found, {FEWEST_POINTS} are needed"
+        return f"{counted(len(view.ids), 'corner')} found, at least {FEWEST_POINTS} are needed"
     if view.size != size:
         return f"size {view.size[0]} x {view.size[1]} differs from the others' {size[0]} x {size[1]}"
     for points in (view.board_m[:, :2], view.image_px):
@@ -238,7 +240,7 @@ def _repeats(view: View, others: list[View]) -> str | None:
 
 
 def coverage(views: Sequence[View], columns: int = 8, rows: int = 6) -> Array:
-    """(rows, columns) counts of corners over the picture."""
+    """Return counts of corners over the picture, (rows, columns)."""
     width, height = views[0].size
     points = np.vstack([view.image_px for view in views])
     counts, _, _ = np.histogram2d(

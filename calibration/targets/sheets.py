@@ -1,4 +1,4 @@
-"""Targets as pictures, and as printable sheets with a bar to check the scale."""
+"""Draw targets as pictures, and as printable sheets with a bar to check the scale."""
 
 import html
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ _PX_PER_MODULE = 24
 _MARGIN_MM = 12.0
 _BAR_MM = 100.0
 TEXT_MM = 3.2
-"""Size of the sheet's line of print."""
+"""Font size of the text on the sheet."""
 Rectangle = tuple[float, float, float, float]
 """x, y, width, height."""
 
@@ -26,8 +26,8 @@ Rectangle = tuple[float, float, float, float]
 class TargetPicture:
     """A target drawn on white paper.
 
-    grey: (H, W) uint8. origin_m: (2,) target coordinates of the picture's top left corner.
-    px_per_m: its density.
+    grey: (H, W) uint8. origin_m: (2,) target coordinates of the picture's top left corner. px_per_m:
+    resolution.
     """
 
     grey: Image
@@ -37,7 +37,7 @@ class TargetPicture:
 
 @lru_cache(maxsize=8)
 def target_picture(spec: str) -> TargetPicture:
-    """The picture of a target on white paper, as dense as printing or rendering needs."""
+    """Draw a target on white paper, with a resolution sufficient for printing and rendering."""
     drawn = _drawn(spec)
     margin, density = drawn.margin, drawn.density()
     high, wide = (int(np.ceil((s + 2 * margin) * density)) for s in (drawn.size[1], drawn.size[0]))
@@ -52,8 +52,8 @@ def target_picture(spec: str) -> TargetPicture:
 class TargetSheet:
     """A sheet to print at 100 %, mm from its top left corner, y down.
 
-    size_mm: width, height. ink: black rectangles (x, y, width, height): the target and a bar of
-    100 mm with a tick every ten. text, text_mm: a line of print, and where its baseline begins.
+    size_mm: width, height. ink: black rectangles (x, y, width, height): the target, and a bar of 100 mm with
+    a tick every 10 mm. text, text_mm: a line of text, and the start of its baseline.
     """
 
     size_mm: tuple[float, float]
@@ -63,9 +63,9 @@ class TargetSheet:
 
 
 def target_sheet(spec: str) -> TargetSheet:
-    """Lay out a target's sheet with a bar to check with a ruler.
+    """Lay out a target's sheet, with a bar to measure with a ruler.
 
-    Raises `InputError` for a target that is not understood.
+    Raises `InputError` for an invalid target.
     """
     drawn = _drawn(spec)
     size = drawn.size
@@ -79,7 +79,7 @@ def target_sheet(spec: str) -> TargetSheet:
 
 
 def sheet_svg(spec: str) -> str:
-    """The sheet as SVG. Raises `InputError` for a target that is not understood."""
+    """Return the sheet as SVG. Raises `InputError` for an invalid target."""
     sheet = target_sheet(spec)
     (wide, high), (x, y) = sheet.size_mm, sheet.text_mm
     ink = "".join(
@@ -109,7 +109,7 @@ class _Drawn:
     corner: float = 0.0
 
     def density(self) -> float:
-        """Pixels per m at which every edge of the ink lies nearly on a whole pixel."""
+        """Return the resolution in px per m at which every edge of the ink is nearly on a whole pixel."""
         corners = [(x + self.margin, y + self.margin) for x, y, _, _ in self.ink]
         edges = np.unique(np.round(np.array(corners).ravel(), 9))
         coarse = _PX_PER_MODULE / min(w for _, _, w, _ in self.ink) / 2
@@ -130,7 +130,7 @@ def _drawn(spec: str) -> _Drawn:
     if isinstance(target, Chessboard):
         across, down = target.corners[0] + 1, target.corners[1] + 1
         return _Drawn(_checks(across, down, side), (across * side, down * side), side, -side)
-    # checks and markers where OpenCV's own board has them; a marker stands on white
+    # squares and markers at the positions of OpenCV's own board; a marker is on a white square
     board, (across, down) = target.board(), target.squares
     starts = np.asarray(board.getObjPoints())[..., :2].min(axis=1)
     ink = _checks(across, down, side, int((starts.max(axis=1) < side).any()))
@@ -140,7 +140,7 @@ def _drawn(spec: str) -> _Drawn:
 
 
 def _checks(across: int, down: int, side: float, first: int = 0) -> list[Rectangle]:
-    """Every other square, in ink. first: 0 if the top left one is."""
+    """Return every other square as ink. first: 0 if the top left one is black."""
     squares = ((c, r) for r in range(down) for c in range(across) if (r + c) % 2 == first)
     return [(c * side, r * side, side, side) for c, r in squares]
 

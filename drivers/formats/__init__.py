@@ -1,6 +1,6 @@
-"""What people and other tools write: one reader for each format, which bounds what it takes before decoding.
+"""Readers of files from people and other tools: one per format, with size limits checked before decoding.
 
-Imports errors alone. What a reader cannot take raises `FormatError`, whatever the bytes are.
+Imports only errors. Input that a reader rejects raises `FormatError`, whatever the bytes are.
 """
 
 from drivers.formats.csv_table import CsvTable, parse_csv, read_csv, read_csv_rows

@@ -1,4 +1,4 @@
-"""CSV (RFC 4180) with a header: columns by name, rows with the line they end on, fields as text."""
+"""CSV (RFC 4180) with a header: columns by name, rows with their line number, fields as text."""
 
 import csv
 import io
@@ -10,13 +10,14 @@ from drivers.errors import FormatError
 from drivers.formats.text import read_text, reason
 
 MOST_BYTES = 64_000_000
+"""Size limit of a CSV file."""
 MOST_ROWS, MOST_FIELDS = 500_000, 3_000_000
-"""Of a file; 500,000 rows are two hours of frames at 60 Hz."""
+"""Limits of a CSV file; 500,000 rows are two hours of frames at 60 Hz."""
 
 
 @dataclass(frozen=True, slots=True)
 class CsvTable:
-    """A table. columns: as the header names them. lines: (line in the file, fields) of each row."""
+    """A table. columns: names in the header. lines: (last line number in the file, fields) of each row."""
 
     where: str
     columns: tuple[str, ...]
@@ -33,7 +34,7 @@ class CsvTable:
             )
 
     def rows(self) -> Iterator[tuple[int, dict[str, str]]]:
-        """Yield (line, fields by column); missing fields are "", those beyond the header are left out."""
+        """Yield (line, fields by column); a missing field is "", fields beyond the header are ignored."""
         blank = dict.fromkeys(self.columns, "")
         for line, fields in self.lines:
             yield line, {**blank, **dict(zip(self.columns, fields, strict=False))}
@@ -47,15 +48,16 @@ def read_csv(path: Path, needed: Sequence[str] = (), delimiters: str = ",") -> C
 
 
 def read_csv_rows(path: Path, needed: Sequence[str] = ()) -> list[tuple[int, dict[str, str]]]:
-    """Return the (line, fields by column) of a table that has these columns. Raises `FormatError`."""
+    """Return (line, fields by column) of each row. Raises `FormatError`, also for a missing column."""
     return list(read_csv(path, needed).rows())
 
 
 def parse_csv(text: str, where: str, delimiters: str = ",") -> CsvTable:
-    """Take a table apart. where: its name in errors. Empty lines, and those that begin with #, do not count.
+    """Parse a CSV text. Empty lines and lines that begin with # are skipped.
 
-    delimiters: what may stand between fields; the one that is most frequent in the header does. Raises
-    `FormatError`, also for a field or table that is too long; not for a table without rows.
+    where: name of the text in errors. delimiters: characters that may separate fields; the most frequent one
+    in the header is used. Raises `FormatError`, also for a field or table that is too long; a table without
+    rows is accepted.
     """
     rows: list[tuple[int, tuple[str, ...]]] = []
     fields = 0
@@ -68,7 +70,7 @@ def parse_csv(text: str, where: str, delimiters: str = ",") -> CsvTable:
             if any(row) and not row[0].startswith("#"):
                 rows.append((reader.line_num, tuple(row)))
     except csv.Error as error:
-        raise FormatError(f"{where}: is no CSV text ({reason(error)})") from error
+        raise FormatError(f"{where}: is not valid CSV ({reason(error)})") from error
     header = rows[0][1] if rows else ()
     return CsvTable(where, tuple(name.strip() for name in header), tuple(rows[1:]))
 

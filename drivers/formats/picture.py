@@ -1,8 +1,8 @@
-"""Pictures before they are decoded: how large they are, and whether they are whole.
+"""Check image files before they are decoded: their size in pixels, and whether they are complete.
 
-Decoders make room for as many pixels as a header of a few bytes says, and hand out the readable half of a
-picture that is cut short in silence. Pillow tells sizes too, but decodes WebP for it, and warns of large
-pictures only where it is asked to open them.
+Decoders allocate as many pixels as a header of a few bytes states, and silently return the readable part of
+a truncated image. Pillow also reads sizes, but it decodes WebP for that, and checks for large images only on
+opening.
 
 JPEG: ITU-T T.81, table B.1. PNG: ISO/IEC 15948, 5.3. TIFF: revision 6.0, section 2. WebP: RFC 9649, 2.
 """
@@ -14,38 +14,39 @@ from collections.abc import Callable
 from drivers.errors import FormatError
 
 MOST_PIXELS = 50_000_000
+"""Largest image that is decoded, px."""
 MOST_SCANS = 12
-"""Times that a picture of the most pixels may be gone over: a progressive JPEG has about ten scans."""
+"""Largest number of scans of an image of MOST_PIXELS: a progressive JPEG has about ten."""
 _PNG, _PNG_HEAD = b"\x89PNG\r\n\x1a\n", struct.Struct(">I4s")
 _JPEG, _JPEG_END, _JPEG_SCAN = b"\xff\xd8", b"\xff\xd9", b"\xff\xda"
 _NO_SIZE = (0xC4, 0xC8, 0xCC)
-"""Markers among C0 to CF that are no frame header: Huffman tables, reserved, arithmetic coding."""
+"""Markers from C0 to CF that are not frame headers: Huffman tables, reserved, arithmetic coding."""
 _WIDTH, _HEIGHT, _SHORT = 256, 257, 3
 Size = tuple[int, int]
 
 
 def picture_flaw(data: bytes) -> str | None:
-    """Say why a picture is not to be decoded; None where nothing speaks against it.
+    """Return why an image must not be decoded; None if it is accepted.
 
-    That it is none of PNG, JPEG, BMP, TIFF and WebP, is cut short, has a wrong checksum (PNG), or has
-    more than `MOST_PIXELS`.
+    Rejects data that are not PNG, JPEG, BMP, TIFF or WebP, are truncated, have a wrong checksum (PNG), or
+    have more than `MOST_PIXELS`.
     """
     try:
         read = next((read for begin, read in _KINDS if data.startswith(begin)), None)
         if read is None:
-            return "is no picture: neither PNG, JPEG, BMP, TIFF nor WebP"
+            return "is not a picture: neither PNG, JPEG, BMP, TIFF nor WebP"
         width, height = read(data)
     except FormatError as error:
         return str(error)
     except (struct.error, IndexError):
-        return "is no complete picture: its header is cut short"
+        return "is not a complete picture: its header is truncated"
     if not 0 < width * height <= MOST_PIXELS or min(width, height) < 0:
         return f"is {width} x {height} px; at most {MOST_PIXELS // 1_000_000} megapixels are read"
     return None
 
 
 def jpeg_header(data: bytes | bytearray) -> tuple[Size, int]:
-    """Return (width, height) in px, and where the coded data begin. Raises `FormatError`."""
+    """Return (width, height) in px and the offset of the coded data in bytes. Raises `FormatError`."""
     size: Size | None = None
     at = 2
     while at + 4 <= len(data) and data[at] == 0xFF:
@@ -58,17 +59,17 @@ def jpeg_header(data: bytes | bytearray) -> tuple[Size, int]:
         at += 2 + max(length, 2)
         if marker == _JPEG_SCAN[1]:
             return size or (0, 0), at
-    raise FormatError(f"is no complete picture: its header is damaged at byte {at}")
+    raise FormatError(f"is not a complete picture: its header is damaged at byte {at}")
 
 
 def _jpeg(data: bytes) -> Size:
     size, scan = jpeg_header(data)
-    # in the second half: a preview in the head has an end of its own
+    # only in the second half: a preview in the header has an end marker as well
     if data.rfind(_JPEG_END, scan) < len(data) // 2:
-        raise FormatError("is no complete picture: its end is missing")
+        raise FormatError("is not a complete picture: its end is missing")
     scans = data.count(_JPEG_SCAN, scan) + 1
     if scans * size[0] * size[1] > MOST_SCANS * MOST_PIXELS:
-        raise FormatError(f"is {size[0]} x {size[1]} px in {scans} scans, more than is decoded")
+        raise FormatError(f"is {size[0]} x {size[1]} px in {scans} scans, which exceeds the decoding limit")
     return size
 
 
@@ -76,11 +77,11 @@ def _png(data: bytes) -> Size:
     at, kind = len(_PNG), b""
     while kind != b"IEND":
         if at + 12 > len(data):
-            raise FormatError("is no complete picture: its end is missing")
+            raise FormatError("is not a complete picture: its end is missing")
         length, kind = _PNG_HEAD.unpack_from(data, at)
         end = at + 8 + length
         if end + 4 > len(data):
-            raise FormatError("is no complete picture: its end is missing")
+            raise FormatError("is not a complete picture: its end is missing")
         if zlib.crc32(memoryview(data)[at + 4 : end]) != int.from_bytes(data[end : end + 4], "big"):
             raise FormatError(f"is damaged: the checksum at byte {end} differs")
         at = end + 4
@@ -89,7 +90,7 @@ def _png(data: bytes) -> Size:
 
 
 def _bmp(data: bytes) -> Size:
-    if struct.unpack_from("<I", data, 14)[0] == 12:  # OS/2's first header
+    if struct.unpack_from("<I", data, 14)[0] == 12:  # header of OS/2 version 1
         width, height = struct.unpack_from("<HH", data, 18)
     else:
         width, height = struct.unpack_from("<ii", data, 18)
@@ -97,7 +98,7 @@ def _bmp(data: bytes) -> Size:
 
 
 def _tiff(data: bytes) -> Size:
-    """The first picture of a file."""
+    """Return the size of the first picture in a TIFF file."""
     order = "<" if data.startswith(b"II") else ">"
     (at,) = struct.unpack_from(f"{order}I", data, 4)
     (count,) = struct.unpack_from(f"{order}H", data, at)
@@ -112,7 +113,7 @@ def _tiff(data: bytes) -> Size:
 def _webp(data: bytes) -> Size:
     kind = data[12:16]
     if data[8:12] != b"WEBP":
-        raise FormatError("is no picture: neither PNG, JPEG, BMP, TIFF nor WebP")
+        raise FormatError("is not a picture: neither PNG, JPEG, BMP, TIFF nor WebP")
     if kind == b"VP8X":
         return 1 + int.from_bytes(data[24:27], "little"), 1 + int.from_bytes(data[27:30], "little")
     if kind == b"VP8L":

@@ -1,4 +1,4 @@
-"""Files read up to a size or written whole, and bytes of unknown origin shown in an error message."""
+"""Read files up to a size limit, write files atomically, and print untrusted bytes in error messages."""
 
 import os
 import re
@@ -8,26 +8,26 @@ from pathlib import Path
 from drivers.errors import FormatError
 
 _LONGEST_REASON, _LONGEST_VALUE = 160, 60
-
+"""Most characters of a reason and of a value in an error message."""
 
 _LOGIN = re.compile(r"(://[^/@\s:]*):[^/\s]*@")
 _SECRET = re.compile(r"([?&][^=&\s]*(?:pass|pwd|token|secret|auth|key)[^=&\s]*=)[^&\s'\"]+", re.IGNORECASE)
 
 
 def without_passwords(text: str) -> str:
-    """Return a text with *** for the passwords of web addresses in it."""
+    """Replace the passwords of web addresses in a text by ***."""
     return _SECRET.sub(r"\1***", _LOGIN.sub(r"\1:***@", text))
 
 
 def read_bounded(path: Path, most_bytes: int) -> bytes:
-    """Read a file of at most so many bytes. Raises `FormatError`, also where it cannot be read."""
+    """Read a file of at most `most_bytes`. Raises `FormatError`, also if it cannot be read."""
     try:
         with path.open("rb") as stream:
             data = stream.read(most_bytes + 1)
     except (OSError, ValueError) as error:  # ValueError: a null byte in the name
         raise FormatError(f"{path}: cannot be read ({reason(error)})") from error
     if len(data) > most_bytes:
-        raise FormatError(f"{path}: is larger than {most_bytes / 1e6:g} MB, the most that is read")
+        raise FormatError(f"{path}: is larger than the size limit of {most_bytes / 1e6:g} MB")
     return data
 
 
@@ -40,21 +40,24 @@ def read_text(path: Path, most_bytes: int) -> str:
 
 
 def shown(value: object) -> str:
-    """Return a value that somebody else wrote, shortened, as an error shows it."""
+    """Return an untrusted value for an error message, shortened and without passwords."""
     text = without_passwords(repr(value))
     return text if len(text) <= _LONGEST_VALUE else text[:_LONGEST_VALUE] + "..."
 
 
 def reason(error: BaseException) -> str:
-    """Return why something failed, in one line that can be printed, without what it was made of."""
+    """Return why an operation failed: one printable line, without passwords."""
     text = getattr(error, "strerror", None) or str(error) or type(error).__name__
-    text = text.partition("; use sys.")[0]  # advice to programmers, on numbers of very many digits
+    text = text.partition("; use sys.")[0]  # Python's advice to programmers on very long numbers
     line = without_passwords(" ".join(text.encode("utf-8", "backslashreplace").decode().split()))
     return line if len(line) <= _LONGEST_REASON else line[:_LONGEST_REASON] + " ..."
 
 
 def write_whole(path: Path, data: bytes) -> None:
-    """Write a file aside, sync it, then put it in place; nothing is left behind. Raises `OSError`."""
+    """Write a file atomically: to a temporary file, synced, then renamed. Raises `OSError`.
+
+    If writing fails, the temporary file is deleted.
+    """
     aside = path.with_name(path.name + ".part")
     try:
         with aside.open("wb") as stream:

@@ -1,6 +1,5 @@
-"""The Robotiq 3-Finger gripper over Modbus, TCP or RTU.
+"""Driver of the Robotiq 3-Finger gripper over Modbus TCP or RTU.
 
-`gripper.py` is the driver, `poller.py` the thread that owns the line, `registers.py` the register map.
-
-Imports the vocabulary of `drivers` alone.
+`gripper.py` has the driver class, `poller.py` the thread that owns the connection, `registers.py` the
+register map. This package imports only the shared modules of `drivers`.
 """

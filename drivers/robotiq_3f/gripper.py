@@ -1,15 +1,15 @@
 """The Robotiq 3-Finger gripper over Modbus TCP or RTU.
 
-Two of its three fingers grasp, each commanded its own position (individual control, rICF); the third
-is commanded to stay where it stands. Openings in m become position counts here and nowhere else
-(`commands.py`). Light grips are made of steps of one count with the tactile image as the stop
-(`protocols/steps.py`): rFR = 0 already pushes with 15 N, and one count is about 0.6 mm of opening if
-the stroke is 155 mm.
+Two of its three fingers grasp. Each is commanded to its own position (individual control, rICF); the third is
+commanded to stay at its present position. Openings in m are converted to position counts only in this package
+(`commands.py`). A light grip closes in steps of one count until the tactile images show contact
+(`protocols/steps.py`), because rFR = 0 already pushes with 15 N; one count is about 0.6 mm of opening for a
+stroke of 155 mm.
 
-A finger that met an object at the force limit stays there until it is sent the other way, the
-force is raised, or rGTO is cleared and set again (manual, OBJECT STATUS): sending it further
-the same way ends at once, at the contact. The driver clears rGTO in `stop` only; doing so
-often wears the gripper out, says the manual.
+A finger that met an object at the force limit stays there until it is commanded in the other direction, the
+force is raised, or rGTO is cleared and set again (manual, OBJECT STATUS). A further motion in the same
+direction ends immediately, at the contact. The driver clears rGTO only in `stop`, because the manual warns
+that doing so often wears the gripper out.
 """
 
 import threading
@@ -46,7 +46,7 @@ from drivers.types import GripperSpec, GripperState
 __all__ = ["NOMINAL_SPEC", "OPEN_COUNTS", "Robotiq3F", "rtu_link", "tcp_link"]
 
 OPEN_COUNTS = 6
-"""What an open finger reads (manual, status example after opening)."""
+"""Position reading of an open finger (manual, status example after opening)."""
 NOMINAL_SPEC = GripperSpec(
     max_opening_m=0.155,
     stroke_m=0.155,
@@ -54,7 +54,7 @@ NOMINAL_SPEC = GripperSpec(
     speed_m_s=(MIN_SPEED_M_S, MAX_SPEED_M_S),
     force_n=(MIN_FORCE_N, MAX_FORCE_N),
 )
-"""Bare fingers: 155 mm over the 249 counts from 6 to 255."""
+"""Fingers without fingertip mounts: 155 mm over the 249 counts from 6 to 255."""
 ACTIVATION = "activation"
 RESET_TIMEOUT_S = 2.0
 ACTIVATION_TIMEOUT_S = 30.0
@@ -65,10 +65,10 @@ fault 0x0E after 20 s (manual, FAULT STATUS)."""
 class Robotiq3F(Gripper):
     """Drives a gripper over a `tcp_link` or `rtu_link`; usable from several threads.
 
-    fingers: those that grasp, two or three of A, B, C. spec: openings of this unit; a step is one count.
-    open_counts: position of the open fingers. speed_m_s, force_n: rSP and rFR of motions without their own
-    (0.022 to 0.110 m/s, 15 to 60 N). Raises `InputError` and `OutOfLimitsError` for what the gripper cannot
-    be commanded.
+    fingers: the grasping fingers, two or three of A, B, C. spec: openings of this unit; one step is one
+    count. open_counts: position of the open fingers. speed_m_s, force_n: defaults for motions without a speed
+    or force (0.022 to 0.110 m/s, 15 to 60 N). Raises `InputError` and `OutOfLimitsError` for values that
+    cannot be commanded.
     """
 
     def __init__(
@@ -102,19 +102,19 @@ class Robotiq3F(Gripper):
         return self._commands.spec
 
     def connect(self) -> None:
-        """Reach the gripper without moving it; anew if it was connected. Raises `DeviceError`."""
+        """Connect to the gripper without moving it; reconnect if it was connected. Raises `DeviceError`."""
         self.disconnect()
         line = GripperLine(self._link, self._clock)
         line.open()
         self._line = line
 
     def disconnect(self) -> None:
-        """Stop the fingers if they are on their way, and let go. Never raises."""
+        """Stop the fingers if they are moving, and close the connection. Never raises."""
         line = self._line
         if line is None:
             return
-        with suppress(DeviceError):  # where nobody hears us the fingers end where they were sent
-            # a motion may have been sent that the status does not show yet
+        with suppress(DeviceError):  # if the gripper cannot be reached, the fingers end where they were sent
+            # the status may not show yet a motion that was just sent
             if self._sent is not None or under_way(line.sample().status):
                 self.stop()
         self._line = None
@@ -124,8 +124,8 @@ class Robotiq3F(Gripper):
     def activate(self) -> None:
         """Reset the gripper and activate it: the fingers sweep their range, for several seconds.
 
-        Ends in basic mode, without faults. Raises `GripperFaultError` (0x0D: something was in
-        the way), `DeviceTimeoutError`, and `DeviceError` when `stop` ended it.
+        Ends in basic mode, without faults. Raises `GripperFaultError` (0x0D: the sweep was blocked),
+        `DeviceTimeoutError`, and `DeviceError` if `stop` ended it.
         """
         with self._as_sequence(ACTIVATION):
             self._forget()
@@ -136,15 +136,14 @@ class Robotiq3F(Gripper):
             self._watch("activation", self._still_activating, ACTIVATION_TIMEOUT_S)
 
     def state(self) -> GripperState:
-        """Newest state, from the last 10 ms while the line is good.
+        """Return the newest state, at most 10 ms old while the connection is good.
 
-        `opening_m` is that of the mean position of the grasping fingers; `raw` has this mean in counts
+        `opening_m` is the opening at the mean position of the grasping fingers. `raw` has this mean in counts
         (`position_counts`) and the larger motor current register (`current_counts`), whose unit is unknown:
-        the manual and the ROS driver disagree. `moving` is also true while the
-        gripper has not shown yet that it took up a motion: until it echoes the request its
-        status still tells of the motion before. Raises `GripperFaultError` for a fault code
-        and for an activation that got lost (5), `DeviceTimeoutError` when the line or the echo
-        stays silent.
+        the manual and the ROS driver disagree. `moving` is also true until the gripper echoes the request of
+        a new motion, because its status then still describes the previous motion. Raises `GripperFaultError`
+        for a fault code and for a lost activation (5), `DeviceTimeoutError` if neither a status nor the echo
+        arrives.
         """
         sample = self._connected().sample()
         status = self._sound(sample.status)
@@ -167,7 +166,7 @@ class Robotiq3F(Gripper):
     def move_to(
         self, opening_m: float, speed_m_s: float | None = None, force_n: float | None = None
     ) -> PolledMotion:
-        """Start moving the grasping fingers to the counts nearest to an opening and return at once.
+        """Start moving the grasping fingers to the counts nearest to an opening, and return immediately.
 
         Raises `GripperFaultError` (5: not activated, 6: mode change in progress) and
         `OutOfLimitsError` before anything is sent.
@@ -179,12 +178,12 @@ class Robotiq3F(Gripper):
         return PolledMotion("gripper", self._clock, lambda: not self.state().moving, self.stop)
 
     def stop(self) -> None:
-        """Hold the fingers where they are; ends an activation or a mode change by a reset.
+        """Hold the fingers where they are; an activation or a mode change is ended by a reset.
 
-        Returns when the gripper shows that it has stopped. Raises `DeviceError` when it cannot
-        be reached: nobody has stopped it then.
+        Returns when the gripper reports that it has stopped. Raises `DeviceError` if it cannot be reached; it
+        is then not stopped.
         """
-        with self._lock:  # from here on the sequence in progress sends nothing any more
+        with self._lock:  # from here on the sequence in progress sends nothing more
             self._stopped = True
         status = self._connected().sample().status
         if self._sequence or status.stage in (Stage.ACTIVATING, Stage.CHANGING_MODE):
@@ -195,15 +194,15 @@ class Robotiq3F(Gripper):
         self._connected().watch("the stop", lambda s: not s.go_to and not under_way(s), ECHO_TIMEOUT_S)
 
     def identity(self) -> dict[str, str]:
-        """What is known of the unit; its registers hold no serial number and no version."""
+        """Return the model and the address; the gripper reports neither a serial number nor a version."""
         return {"model": "Robotiq 3-Finger", "address": self._link.name}
 
     def round_trips_s(self) -> Sequence[float]:
-        """Durations of the last answered requests, s; at most 1000."""
+        """Return the durations of the last answered requests, s; at most 1000."""
         return self._connected().round_trips_s()
 
     def counters(self) -> dict[str, int]:
-        """Requests that failed since `connect`, retried ones included."""
+        """Return the number of failed requests since `connect`, retried ones included."""
         return {"failed_requests": self._connected().failures()}
 
     def _connected(self) -> GripperLine:
@@ -222,7 +221,7 @@ class Robotiq3F(Gripper):
 
     @contextmanager
     def _as_sequence(self, name: str) -> Iterator[None]:
-        """Name the sequence in progress, so that `stop` ends it whatever the status shows just then."""
+        """Name the sequence in progress, so that `stop` resets it whatever the status shows."""
         self._stopped, self._sequence = False, name
         try:
             yield
@@ -250,11 +249,11 @@ class Robotiq3F(Gripper):
 
     def _still_activating(self, status: Status) -> bool:
         if not status.activated:
-            raise DeviceError(f"{self._link.name}: the activation was ended by a reset from elsewhere")
+            raise DeviceError(f"{self._link.name}: the activation was ended by a reset from another client")
         return self._sound(status).ready
 
     def _awaits_echo(self, sample: StatusSample) -> bool:
-        """Whether the status does not show the last motion yet; raises when it never does."""
+        """Whether the status does not show the last motion yet. Raises if it never does."""
         sent = self._sent
         if sent is None:
             return False
@@ -264,7 +263,7 @@ class Robotiq3F(Gripper):
         return False
 
     def _watch(self, what: str, reached: Callable[[Status], bool], timeout_s: float) -> None:
-        """Wait for a step of a sequence; raises when `stop` has ended it."""
+        """Wait for a step of a sequence. Raises if `stop` has ended the sequence."""
 
         def reached_unstopped(status: Status) -> bool:
             self._require_unstopped()

@@ -1,7 +1,7 @@
-"""Single Modbus requests to a Robotiq 3-Finger gripper: its address, requests, and possible replies.
+"""Single Modbus requests to a Robotiq 3-Finger gripper: addresses, requests, and checks of the replies.
 
-pymodbus sits behind this module alone. Whatever it raises or returns for silence, a cut line,
-an exception reply or garbage becomes one `DeviceError` within two attempts.
+Only this module uses pymodbus. Whatever it raises or returns for a silent or cut line, an exception reply or
+invalid data becomes one `DeviceError` within two attempts.
 """
 
 import logging
@@ -22,9 +22,9 @@ if TYPE_CHECKING:
     ModbusClient = ModbusTcpClient | ModbusSerialClient
 
 TCP_TIMEOUT_S, RTU_TIMEOUT_S = 0.3, 0.2
-"""Wait for one reply, which takes some milliseconds; two of them, and on RTU the settling time
-between, stay under the second in which a dead line has to be known."""
-# Our errors say what failed; without a handler pymodbus would say it again on stderr.
+"""Time limit of one reply, which takes a few milliseconds. Two of them, and on RTU the settling time between
+them, are shorter than the second within which a dead connection must be reported."""
+# Without a handler pymodbus would print on stderr what our errors already report.
 logging.getLogger("pymodbus").addHandler(logging.NullHandler())
 
 READ_HOLDING, READ_INPUT, WRITE_MULTIPLE = 3, 4, 16
@@ -34,7 +34,7 @@ READ_HOLDING, READ_INPUT, WRITE_MULTIPLE = 3, 4, 16
 class Preset:
     """Addresses of one edition of the manual.
 
-    `command` and `status` are first registers; `read` is the function that reads the status.
+    `command` and `status` are first registers; `read` is the function code that reads the status.
     """
 
     command: int
@@ -52,10 +52,10 @@ PRESETS = {
 
 @dataclass(frozen=True, slots=True)
 class Link:
-    """Where a gripper is reached; `name` is for messages.
+    """How to reach a gripper; `name` is for messages.
 
-    `settle_s` is how long a line is left alone after a failure. RTU replies do not say which
-    request they answer: a late one must have come and gone before the next request.
+    `settle_s`: pause after a failure. RTU replies do not state which request they answer, so a late reply
+    must have passed before the next request.
     """
 
     name: str
@@ -67,8 +67,8 @@ class Link:
 def tcp_link(host: str, port: int = 502, preset: str = "tcp") -> Link:
     """Reach a gripper over Modbus TCP; preset "tcp" (2018 manual) or "tcp-2014".
 
-    Which one a unit uses is not written on it: when the status cannot be read with one, try
-    the other. Raises `InputError` for an unknown preset.
+    A unit does not show which edition it follows: if the status cannot be read with one preset, try the
+    other. Raises `InputError` for an unknown preset.
     """
 
     def make_client() -> "ModbusClient":
@@ -93,8 +93,8 @@ def rtu_link(device: str, preset: str = "rtu", baudrate: int = 115200) -> Link:
 class StatusClient:
     """Reads the status and writes commands over one link. For one thread only.
 
-    After any failure the line is closed and opened anew: a late or broken reply then cannot be
-    taken for the next one.
+    After any failure the connection is closed and reopened, so that a late or broken reply cannot be read as
+    the next one.
     """
 
     def __init__(self, link: Link, clock: Clock) -> None:
@@ -113,12 +113,12 @@ class StatusClient:
             self._fail()
             raise DeviceError(
                 f"{self._link.name}: {len(registers)} status registers came back instead of {REGISTERS}; "
-                "check that nobody else uses the line"
+                "check that no other client uses the line"
             )
         return registers
 
     def write_command(self, registers: Sequence[int]) -> None:
-        """Write the 8 command registers. Raises `DeviceError`; the gripper may have got them then."""
+        """Write the 8 command registers. Raises `DeviceError`; the gripper may nevertheless have got them."""
         preset = self._link.preset
         values = list(registers)
         self._retried(
@@ -127,14 +127,14 @@ class StatusClient:
         )
 
     def close(self) -> None:
-        """Let go of the line. Safe to call twice."""
+        """Close the connection. Safe to call twice."""
         client, self._client = self._client, None
         if client is not None:
             with suppress(OSError):
                 client.close()
 
     def _retried(self, ask: "Callable[[ModbusClient], ModbusPDU]", function: int) -> "ModbusPDU":
-        """Ask twice; only once on a line that was dead just before, so that nobody waits long."""
+        """Send a request up to twice; only once if the connection had just failed, to limit the wait."""
         if self._failed_ns is None:
             with suppress(DeviceError):
                 return self._once(ask, function)
@@ -169,20 +169,20 @@ class StatusClient:
             raise DeviceTimeoutError(
                 f"{name}: no readable reply in time; check power, cable, unit and preset"
             ) from error
-        except Exception as error:  # garbage makes pymodbus's decoders raise almost anything
+        except Exception as error:  # invalid data make pymodbus's decoders raise almost anything
             raise DeviceError(f"{name}: the line failed ({error}); check power and cable") from error
         return reply
 
     def _check(self, reply: "ModbusPDU", function: int) -> None:
         if reply.isError():
             raise DeviceError(
-                f"{self._link.name}: refused the request with Modbus exception {reply.exception_code}; "
+                f"{self._link.name}: rejected the request with Modbus exception {reply.exception_code}; "
                 "check preset (rtu, tcp, tcp-2014) and unit"
             )
         if reply.function_code != function:
             raise DeviceError(
-                f"{self._link.name}: a reply to function {reply.function_code} came, {function} was asked; "
-                "check that nobody else uses the line"
+                f"{self._link.name}: got a reply to function {reply.function_code} instead of {function}; "
+                "check that no other client uses the line"
             )
 
     def _fail(self) -> None:

@@ -1,7 +1,7 @@
-"""The thread that owns a gripper's Modbus line: polls the status, carries out commands.
+"""The thread that owns a gripper's Modbus connection: polls the status and sends commands.
 
-A pymodbus client must not be shared between threads. Everyone else reads the newest status or
-queues a command; nobody waits longer than `ANSWER_S`, in whatever way the line fails.
+A pymodbus client must not be shared between threads. Other threads read the newest status or queue a command;
+none of them waits longer than `ANSWER_S`, however the connection fails.
 """
 
 import queue
@@ -16,25 +16,25 @@ from drivers.robotiq_3f.modbus import Link, StatusClient
 from drivers.robotiq_3f.registers import REFRESH_S, Status, unpack_status
 
 POLL_S = 0.01
-"""Pause between status reads, and between looks at them."""
+"""Pause between two reads of the status, and between two checks of it by a waiting caller."""
 RETRY_S = 0.1
-"""Pause between attempts on a dead line."""
+"""Pause between attempts on a dead connection."""
 ANSWER_S = 0.9
-"""Longest wait of any caller: within it a request has failed twice, in whatever way it fails."""
+"""Longest wait of any caller; a request and its retry have failed by then, however they fail."""
 
 Registers = tuple[int, ...]
 
 
 @dataclass(frozen=True, slots=True)
 class StatusSample:
-    """A status and the time it was asked for, ns: whatever delayed its reply, it is not older than that."""
+    """A status and the time of its request, ns; the status is not older than that, however late its reply."""
 
     time_ns: int
     status: Status
 
 
 class GripperLine:
-    """One connection: usable from `open` to `close`, by any thread, and then done with."""
+    """One connection, usable by any thread from `open` to `close`. It cannot be reopened."""
 
     def __init__(self, link: Link, clock: Clock) -> None:
         self._name = link.name
@@ -48,7 +48,7 @@ class GripperLine:
         self._thread = threading.Thread(target=self._own, name=link.name, daemon=True)
 
     def open(self) -> StatusSample:
-        """Open the line and return a first status. Raises `DeviceError`, with the line let go."""
+        """Open the connection and return a first status. Raises `DeviceError` with the connection closed."""
         self._thread.start()
         try:
             return self.sample()
@@ -57,12 +57,12 @@ class GripperLine:
             raise
 
     def close(self) -> None:
-        """Let go of the line, within `ANSWER_S` also when it is dead."""
+        """Close the connection, within `ANSWER_S` even if it is dead."""
         self._closing.set()
         self._thread.join(ANSWER_S)
 
     def send(self, registers: Registers) -> None:
-        """Write a command image. Raises `DeviceError`; what was not sent in time never is."""
+        """Write a command image. Raises `DeviceError`; a command not sent in time is never sent later."""
         self._require_open()
         done: Future[None] = Future()
         self._jobs.put((registers, done))
@@ -75,7 +75,7 @@ class GripperLine:
             ) from None
 
     def sample(self) -> StatusSample:
-        """Newest status; waits for the first one. Raises `DeviceError`, also when it is too old."""
+        """Return the newest status; wait for the first one. Raises `DeviceError`, also if it is too old."""
         self._require_open()
         with self._news:
             self._news.wait_for(lambda: self._error is not None or self._newest is not None, ANSWER_S)
@@ -86,9 +86,9 @@ class GripperLine:
             return self._newest
 
     def watch(self, what: str, reached: Callable[[Status], bool], timeout_s: float) -> None:
-        """Wait until a status is `reached`, at the earliest one register refresh from now.
+        """Wait until `reached` is true for a status requested at least one register refresh from now.
 
-        what: names it in the `DeviceTimeoutError` raised after `timeout_s`.
+        what: name of the condition in the `DeviceTimeoutError` raised after `timeout_s`.
         """
         start = self._clock.now_ns()
 
@@ -103,11 +103,11 @@ class GripperLine:
             )
 
     def round_trips_s(self) -> Sequence[float]:
-        """Durations of the last requests that were answered, s; at most 1000."""
+        """Return the durations of the last answered requests, s; at most 1000."""
         return tuple(self._requests.round_trips_s)
 
     def failures(self) -> int:
-        """How many requests failed since the line was opened, retried ones included."""
+        """Return the number of failed requests since the connection was opened, retried ones included."""
         return self._requests.failures
 
     def _require_open(self) -> None:

@@ -1,4 +1,4 @@
-"""The register map of the Robotiq 3-Finger gripper: pack and unpack, pure functions, no I/O.
+"""The register map of the Robotiq 3-Finger gripper: encode and decode it. Pure functions, no I/O.
 
 Source: Robotiq 3-Finger Adaptive Robot Gripper instruction manual (2014 and 2018 editions),
 section 4, "Robot output registers" and "Robot input registers". Both images are 15 bytes, sent
@@ -18,16 +18,16 @@ AXES = (*FINGERS, "S")
 """The three fingers and the scissor axis, in the order of their bytes (3, 6, 9, 12)."""
 
 REFRESH_S = 0.006
-"""The status is refreshed at 200 Hz (manual, FC23 note): sooner, an unchanged echo says nothing."""
+"""Refresh time of the status, 200 Hz (manual, FC23 note); an earlier unchanged echo proves nothing."""
 MIN_FORCE_N, MAX_FORCE_N = 15.0, 60.0
 FORCE_PER_COUNT_N = 0.175
-"""rFR: 0 is 15 N, not zero force; about 0.175 N a count, not linear (manual, FORCE register)."""
+"""rFR: 0 is 15 N, not zero force; about 0.175 N per count, not linear (manual, FORCE register)."""
 MIN_SPEED_M_S, MAX_SPEED_M_S = 0.022, 0.110
 """rSP: 0 is 22 mm/s, 255 is 110 mm/s (manual, SPEED register)."""
 
 
 class GraspMode(IntEnum):
-    """rMOD, gMOD: where the scissor axis holds fingers B and C."""
+    """rMOD, gMOD: spread of fingers B and C, set by the scissor axis."""
 
     BASIC = 0
     PINCH = 1
@@ -36,7 +36,7 @@ class GraspMode(IntEnum):
 
 
 class Stage(IntEnum):
-    """gIMC: how far the gripper is from taking motions."""
+    """gIMC: progress of the activation; only in READY does the gripper accept motions."""
 
     RESET = 0
     ACTIVATING = 1
@@ -45,7 +45,7 @@ class Stage(IntEnum):
 
 
 class MotionStatus(IntEnum):
-    """gSTA: the fingers together. `MOVING` means something only while gGTO is set."""
+    """gSTA: state of the fingers together. `MOVING` is valid only while gGTO is set."""
 
     MOVING = 0
     SOME_STOPPED_EARLY = 1
@@ -54,7 +54,7 @@ class MotionStatus(IntEnum):
 
 
 class ObjectStatus(IntEnum):
-    """gDTA, gDTB, gDTC, gDTS: one axis."""
+    """gDTA, gDTB, gDTC, gDTS: state of one axis."""
 
     MOVING = 0
     CONTACT_OPENING = 1
@@ -63,7 +63,7 @@ class ObjectStatus(IntEnum):
 
 
 class FaultCode(IntEnum):
-    """gFLT. 5 to 7 refuse a command, 9 to 11 pass, 13 to 15 need reset and activation."""
+    """gFLT. 5 to 7: a command is rejected; 9 to 11: temporary; 13 to 15: reset and activate again."""
 
     NONE = 0x00
     ACTIVATION_NEEDED = 0x05
@@ -94,7 +94,7 @@ FAULT_TEXTS = {
 
 @dataclass(frozen=True, slots=True)
 class AxisRequest:
-    """What one axis is asked for, counts 0 to 255: rPR, rSP, rFR."""
+    """Request for one axis in counts, 0 to 255: rPR, rSP, rFR."""
 
     position: int = 0
     speed: int = 0
@@ -103,9 +103,9 @@ class AxisRequest:
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """The output image, PC to gripper; the default one is a reset.
+    """The output image, from PC to gripper; the default value is a reset.
 
-    `axes` are A, B, C and scissor. Without `individual_fingers` A's request is for all three.
+    `axes` are A, B, C and scissor. Unless `individual_fingers` is set, A's request is for all three fingers.
     """
 
     activate: bool = False
@@ -120,9 +120,9 @@ class Command:
 
 @dataclass(frozen=True, slots=True)
 class AxisState:
-    """One axis: echo of its request (gPR), position (gPO), motor current (gCU), gDT.
+    """State of one axis: echo of its request (gPR), position (gPO), motor current (gCU), gDT.
 
-    The current is unscaled: the manual and the ROS driver disagree on its unit.
+    The current is in raw counts, because the manual and the ROS driver disagree on its unit.
     """
 
     requested: int
@@ -133,7 +133,7 @@ class AxisState:
 
 @dataclass(frozen=True, slots=True)
 class Status:
-    """The input image, gripper to PC; `fault` is the raw gFLT, `axes` are A, B, C and scissor."""
+    """The input image, from gripper to PC; `fault` is the raw gFLT, `axes` are A, B, C and scissor."""
 
     activated: bool
     mode: GraspMode
@@ -145,7 +145,7 @@ class Status:
 
     @property
     def ready(self) -> bool:
-        """Whether motions may be asked for."""
+        """Whether motions may be requested."""
         return self.activated and self.stage is Stage.READY
 
     def axis(self, name: str) -> AxisState:
@@ -154,14 +154,14 @@ class Status:
 
 
 def fault_code_text(code: int) -> str:
-    """Say what a fault code means and what to do, with its hexadecimal value."""
+    """Return the meaning of a fault code and what to do about it, with its hexadecimal value."""
     if code not in FAULT_TEXTS:
-        return f"fault 0x{code:02X}, which the manual does not name; reset and activate the gripper"
+        return f"fault 0x{code:02X}, which is not in the manual; reset and activate the gripper"
     return f"fault 0x{code:02X}, {FAULT_TEXTS[FaultCode(code)]}"
 
 
 def pack_command(command: Command) -> tuple[int, ...]:
-    """Return the 8 registers of a command. Raises `OutOfLimitsError` for counts that fit no byte."""
+    """Encode a command as 8 registers. Raises `OutOfLimitsError` for counts outside 0 to 255."""
     action = command.activate | command.mode << 1 | command.go_to << 3 | command.release << 4
     options = command.glove | command.individual_fingers << 2 | command.individual_scissor << 3
     axes = [value for axis in command.axes for value in (axis.position, axis.speed, axis.force)]
@@ -169,7 +169,7 @@ def pack_command(command: Command) -> tuple[int, ...]:
 
 
 def unpack_status(registers: Sequence[int]) -> Status:
-    """Read the gripper's status image. Raises `DeviceError` unless it is 8 registers of 16 bits."""
+    """Decode the gripper's status image. Raises `DeviceError` unless it is 8 registers of 16 bits."""
     data = _to_bytes(registers)
     return Status(
         activated=bool(data[0] & 1),
@@ -183,7 +183,7 @@ def unpack_status(registers: Sequence[int]) -> Status:
 
 
 def force_counts(force_n: float) -> int:
-    """Nearest rFR for a force in N. Raises `OutOfLimitsError` below 15 N: there is no less."""
+    """Return the nearest rFR for a force in N. Raises `OutOfLimitsError`, also below 15 N."""
     if not MIN_FORCE_N <= force_n <= MAX_FORCE_N:
         raise OutOfLimitsError(
             f"gripper: force {force_n} N is outside {MIN_FORCE_N:.0f} to {MAX_FORCE_N:.0f} N; "
@@ -193,7 +193,7 @@ def force_counts(force_n: float) -> int:
 
 
 def speed_counts(speed_m_s: float) -> int:
-    """Nearest rSP for a speed in m/s, 0.022 to 0.110. Raises `OutOfLimitsError`."""
+    """Return the nearest rSP for a speed in m/s, 0.022 to 0.110. Raises `OutOfLimitsError`."""
     if not MIN_SPEED_M_S <= speed_m_s <= MAX_SPEED_M_S:
         raise OutOfLimitsError(
             f"gripper: speed {speed_m_s} m/s is outside {MIN_SPEED_M_S} to {MAX_SPEED_M_S} m/s"
@@ -216,7 +216,7 @@ def _to_registers(values: Sequence[int]) -> tuple[int, ...]:
 def _to_bytes(registers: Sequence[int]) -> bytes:
     if len(registers) != REGISTERS or not all(0 <= register <= 0xFFFF for register in registers):
         raise DeviceError(
-            f"gripper: {len(registers)} registers {list(registers)[:REGISTERS]} are no register image; "
+            f"gripper: {len(registers)} registers {list(registers)[:REGISTERS]} are not a register image; "
             f"expected {REGISTERS} of 16 bits: check the preset (rtu, tcp, tcp-2014)"
         )
     return b"".join(register.to_bytes(2, "big") for register in registers)

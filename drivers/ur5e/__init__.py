@@ -1,6 +1,5 @@
-"""The UR5e over ur-rtde; `arm.py` is the driver.
+"""Driver of the UR5e over ur-rtde; the driver class is in `arm.py`.
 
-The library runs in two processes of its own: `state_process.py` listens, `control_process.py` commands.
-
-Imports the vocabulary of `drivers` alone.
+The library runs in two separate processes: `state_process.py` receives the state, `control_process.py` sends
+commands. This package imports only the shared modules of `drivers`.
 """

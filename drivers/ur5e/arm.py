@@ -1,9 +1,9 @@
-"""A Universal Robots UR5e over ur-rtde: straight motions, state, stops and recovery from them.
+"""Driver of a Universal Robots UR5e over ur-rtde: straight motions, state, stops and recovery from stops.
 
-The client library runs in two processes of its own (`drivers.ur5e.link`), because it blocks the
-interpreter while it connects and crashes when its connection is lost. Nothing here moves the arm
-but `move_linear`; `connect` uploads the control program. TCP and payload are set there where the
-controller has the same; a difference is asked about by `recover` before it is overwritten.
+The client library runs in two separate processes (`drivers.ur5e.link`), because it blocks the interpreter
+while it connects, and crashes if its connection is lost. Only `move_linear` moves the arm; `connect` uploads
+the control program. If the controller has the same TCP and payload as the bench file, they are set at
+`connect`; if they differ, `recover` asks before it overwrites them.
 """
 
 import contextlib
@@ -27,17 +27,20 @@ from drivers.ur5e.status import arm_mode, program_reason, stop_reason
 
 STOP_DECELERATION_M_S2 = 10.0
 PROBE_S = 1.5
+"""Time limit of the first exchange with the controller."""
 STOP_LIMIT_S = 0.6
+"""Time in which the arm must stand after a stop command, before the next way to stop it is tried."""
 USED_TOO_EARLY = "arm: used before connect; connect the bench first"
 REMOTE_SINCE: Version = (5, 6, 0, 0)
+"""First controller software whose dashboard reports remote control and the serial number."""
 
 
 class UR5e(Arm):
-    """One arm, reached at `host`.
+    """One arm with the controller at `host`.
 
-    flange_T_tcp: the tool; payload: mass and centre of gravity of the tool in the flange's frame,
-    checked after they are set. joint_limits_rad: lowest and highest joint angles a motion may end
-    at. Motions are checked against all limits before anything is sent.
+    flange_T_tcp: pose of the TCP in the flange frame. payload_kg, payload_cog_m: mass and centre of gravity
+    of the tool, in the flange frame; both are read back after they are set. joint_limits_rad: lowest and
+    highest joint angles at the end of a motion. Motions are checked against all limits before they are sent.
     """
 
     def __init__(
@@ -51,7 +54,7 @@ class UR5e(Arm):
         clock: Clock | None = None,
         frequency_hz: float = 500.0,
     ) -> None:
-        """Raises `InputError` for a payload beyond the limit, or values that are not numbers."""
+        """Raises `InputError` for a payload beyond the limit, or for NaN or infinite values."""
         self._host, self._limits = host, limits
         tool = Tool(to_ur(flange_T_tcp), payload_kg, payload_cog_m)
         self._joint_limits = joint_limits_rad or JOINT_RANGE_RAD
@@ -61,7 +64,7 @@ class UR5e(Arm):
         self._link: ArmLink | None = None
         self._dashboard: Dashboard | None = None
         self._identity: dict[str, str] = {}
-        self._tells_remote = True
+        self._reports_remote = True
         self._clock_ahead_ns = 0
         self._stops = self._connections = 0
         if not 0.0 <= payload_kg <= limits.max_payload_kg:
@@ -73,14 +76,14 @@ class UR5e(Arm):
 
     @property
     def limits(self) -> ArmLimits:
-        """What this arm refuses to exceed."""
+        """The limits that motions are checked against."""
         return self._limits
 
     def connect(self) -> None:
-        """Reach the arm without moving it.
+        """Connect to the arm without moving it.
 
-        Succeeds in a protective stop, and where the controller has another TCP or payload, so that
-        `recover` can follow. Raises `DeviceTimeoutError` when nobody answers, `DeviceError` when remote
+        Succeeds in a protective stop, and if the controller has another TCP or payload, so that `recover`
+        can follow. Raises `DeviceTimeoutError` if the controller does not answer, `DeviceError` if remote
         control is off, the arm is not powered, or another program is moving it.
         """
         self.disconnect()
@@ -93,20 +96,20 @@ class UR5e(Arm):
             self._connections += 1
             self._take_over(self._link)
         except DeviceError:
-            self._let_go()
+            self._close()
             raise
 
     def disconnect(self) -> None:
-        """Stop any motion and let go. Safe to call twice."""
+        """Stop any motion and close the connection. Safe to call twice."""
         if self._link is not None:
             if not self._known_to_stand(self._link):
                 self.stop()
             with contextlib.suppress(DeviceError):
                 self._link.control.ask(ControlCommands.end_program)
-        self._let_go()
+        self._close()
 
     def state(self) -> ArmState:
-        """Newest state. Raises `DeviceTimeoutError` when it is stale, `DeviceError` when the arm is gone."""
+        """Return the newest state. Raises `DeviceTimeoutError` if stale, `DeviceError` if disconnected."""
         sample = setup.guided_sample(self._require_link())
         return ArmState(
             time_ns=sample.sampled_ns + self._clock_ahead_ns,
@@ -118,10 +121,10 @@ class UR5e(Arm):
         )
 
     def move_linear(self, base_T_tcp: Pose, speed_m_s: float, acceleration_m_s2: float) -> ArmMotion:  # noqa: N803
-        """Start a straight motion and return at once.
+        """Start a straight motion and return immediately.
 
-        Raises `OutOfLimitsError` before anything is sent, `ProtectiveStopError` when stopped,
-        `DeviceError` when the control program does not run or the controller refuses.
+        Raises `OutOfLimitsError` before anything is sent, `ProtectiveStopError` if the arm is stopped,
+        `DeviceError` if the control program is not running or the controller rejects the motion.
         """
         link, stops = self._require_link(), self._stops
         check_motion(self._limits, base_T_tcp, speed_m_s, acceleration_m_s2)
@@ -144,20 +147,20 @@ class UR5e(Arm):
         return ArmMotion(self, base_T_tcp, before, sample.pose, self._clock, lambda: self._stops != stops)
 
     def begin_guiding(self) -> None:
-        """Let a person lead the arm by hand: it carries the bench file's tool and payload by itself then."""
+        """Let a person lead the arm by hand; it carries the tool and payload of the bench file."""
         self.moving_sample()
         setup.begin_guiding(self._ready(self._require_link()), self._clock)
 
     def end_guiding(self) -> None:
-        """Hold the arm where it is, and return when it stands; where it does not, it is stopped."""
+        """Hold the arm where it is, and return when it stands; if it does not stand, stop it."""
         if self._link is not None:
             setup.end_guiding(self._link, self._clock, self.stop)
 
     def stop(self) -> None:
-        """Stop as fast as the arm can, from any thread, at any time, without an error.
+        """Stop as fast as the arm can. Callable from any thread at any time; raises no error.
 
-        Through the control program; unless the arm is then seen to stand, the program is ended
-        over the dashboard, which stops the arm too. Returns when it stands, after 1.5 s at the latest.
+        The control program is asked first. If the arm is not seen to stand after that, the program is ended
+        over the dashboard, which also stops the arm. Returns when the arm stands, after 1.5 s at the latest.
         """
         self._stops += 1
         link = self._link
@@ -179,11 +182,11 @@ class UR5e(Arm):
             setup.wait_for_arm(lambda: self._stands(link), STOP_LIMIT_S, "stop", self._clock)
 
     def recover(self, confirm: Callable[[str], None]) -> None:
-        """Release a protective stop, start the ended control program again, set the tool; nothing moves.
+        """Release a protective stop, restart an ended control program, set the tool; nothing moves.
 
-        confirm: puts a question to a person who has looked at the arm, and raises unless they
-        agree. TCP and payload are compared, set and checked anew. The force sensor keeps its zero: the hand
-        may hold something. Raises `DeviceError` when the arm cannot be made to run.
+        confirm: asks a question of a person who has inspected the arm, and raises unless they agree. TCP and
+        payload are compared, set and read back again. The force sensor keeps its zero, because the hand may
+        hold something. Raises `DeviceError` if the arm cannot be set running.
         """
         link = self._require_link()
         sample = link.sample()
@@ -199,44 +202,44 @@ class UR5e(Arm):
         self._tool.agree(link, confirm)
 
     def speed_fraction(self) -> float:
-        """Where the speed slider on the pendant stands, 0 to 1; also before `connect`."""
+        """Return the position of the speed slider on the pendant, 0 to 1; also before `connect`."""
         return read_speed_fraction(self._host, PROBE_S)
 
     def zero_force_sensor(self) -> None:
-        """Take the present force as zero; only out of contact, and only when the arm stands still.
+        """Set the present force as zero. Call it only without contact, and only while the arm stands still.
 
-        Raises `DeviceError` when it moves, or still reads more than 3 N afterwards.
+        Raises `DeviceError` if the arm moves, or still reads more than 3 N afterwards.
         """
         self.moving_sample()
         setup.zero_force_sensor(self._require_link(), self._clock)
 
     def identity(self) -> dict[str, str]:
-        """Serial number, firmware and model, as far as the controller gave them at `connect`."""
+        """Return serial number, firmware and model, as far as the controller reported them at `connect`."""
         return dict(self._identity)
 
     def counters(self) -> dict[str, int]:
-        """State samples received and missed since `connect`, and how often it was connected."""
+        """Return the state samples received and missed since `connect`, and the number of reconnects."""
         sample = self._require_link().sample()
         return {"samples": sample.samples, "gaps": sample.gaps, "reconnects": max(0, self._connections - 1)}
 
     def clock_offset_s(self) -> float:
-        """The controller's time minus this computer's monotonic time, s."""
+        """Return the controller's time minus this computer's monotonic time, s."""
         sample = self._require_link().sample()
         return sample.timestamp_s - sample.sampled_ns / NS_PER_S
 
     def moving_sample(self) -> StateSample:
-        """Newest sample of an arm that can move. Raises what keeps it from moving."""
+        """Return the newest sample of an arm that can move. Raises the reason if the arm cannot move."""
         sample = self._require_link().sample()
         if reason := program_reason(sample):
             raise reason
         return sample
 
     def operation(self) -> Operation:
-        """The newest operation on the controller."""
+        """Return the newest operation on the controller."""
         return self._require_link().control.operation()
 
     def _ready(self, link: ArmLink) -> ArmLink:
-        """See that the arm is ours to move, with its tool set. Raises `DeviceError`."""
+        """Make sure that this driver controls the arm and its tool is set. Raises `DeviceError`."""
         self._require_remote_control()
         if not link.has_control:
             self._take_over(link)
@@ -254,18 +257,18 @@ class UR5e(Arm):
         return self._dashboard
 
     def _take_over(self, link: ArmLink) -> None:
-        """Start the control program; set the tool unless somebody has to be asked first."""
+        """Start the control program; set the tool, unless a person has to be asked first."""
         if arm_mode(link.sample()) is ArmMode.PROTECTIVE_STOP:
             return
         for tries_left in (1, 0):
             setup.take_over(link, self._require_dashboard(), self._clock)
             try:
                 return self._tool.compare(link)
-            except DeviceError:  # on a busy computer the watchdog may end the program; nothing moves yet
+            except DeviceError:  # on a loaded host the watchdog may end the program; nothing moves yet
                 if not tries_left or setup.ended(link, self._clock) is None:
                     raise
 
-    def _let_go(self) -> None:
+    def _close(self) -> None:
         link, dashboard, self._link, self._dashboard = self._link, self._dashboard, None, None
         if link is not None:
             link.close()
@@ -273,14 +276,14 @@ class UR5e(Arm):
             dashboard.close()
 
     def _require_remote_control(self) -> None:
-        """Whoever switched the pendant to local wants the arm for themselves."""
-        if self._tells_remote:
+        """Raise `DeviceError` in local control: a person at the pendant then has control of the arm."""
+        if self._reports_remote:
             refuse_local_control(self._require_dashboard().ask("is in remote control"))
 
     def _identify(self, dashboard: Dashboard, version: Version) -> None:
-        self._tells_remote = version >= REMOTE_SINCE
+        self._reports_remote = version >= REMOTE_SINCE
         self._require_remote_control()
-        serial = serial_number(dashboard.ask("get serial number")) if self._tells_remote else ""
+        serial = serial_number(dashboard.ask("get serial number")) if self._reports_remote else ""
         known = {"firmware": ".".join(map(str, version)), "model": "UR5e", "serial": serial}
         self._identity = {what: text for what, text in known.items() if text}
 
@@ -291,7 +294,7 @@ class UR5e(Arm):
             return False
 
     def _stands(self, link: ArmLink) -> bool:
-        """Whether the arm stands and the stop's own operation has ended, so that a motion may follow."""
+        """Whether the arm stands and its stop operation has ended, so that a new motion may start."""
         sample = link.sample()
         if not is_still(sample):
             return False

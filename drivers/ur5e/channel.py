@@ -1,4 +1,4 @@
-"""A supervised process of the arm's driver, and calls to it: each a line of JSON, each with a deadline."""
+"""A supervised child process of the arm's driver, and calls to it: one JSON line each, with a deadline."""
 
 import contextlib
 import json
@@ -18,6 +18,7 @@ from drivers.errors import DeviceError, DeviceTimeoutError
 
 _ROOT = Path(__file__).resolve().parents[2]
 _TAIL_BYTES = 400
+"""Bytes at the end of a process's output that are searched for its last line."""
 _END_S = 1.0
 _SEND_S = 1.0
 _CHECK_S = 0.1
@@ -27,7 +28,7 @@ Check = Callable[[], object]
 
 
 class ChildProcess:
-    """A Python module run as a child, its output kept in case it dies."""
+    """A Python module run as a child process; its output is kept for the error message if it dies."""
 
     def __init__(self, name: str, module: str, arguments: tuple[object, ...], fds: tuple[int, ...]) -> None:
         self.name = name
@@ -40,16 +41,16 @@ class ChildProcess:
             stderr=subprocess.STDOUT,
             pass_fds=fds,
             env=os.environ | {"PYTHONPATH": os.pathsep.join(paths)},
-            start_new_session=True,  # a Ctrl-C is the parent's to handle: it stops the arm first
+            start_new_session=True,  # the parent handles a Ctrl-C: it stops the arm first
         )
 
     @property
     def alive(self) -> bool:
-        """Whether it still runs."""
+        """Whether the process runs."""
         return self._process.poll() is None
 
     def death(self) -> str:
-        """How it ended, with its last line of output."""
+        """Return how the process ended, with its last line of output."""
         code = self._process.poll()
         if code is None:
             return f"{self.name} runs"
@@ -57,12 +58,12 @@ class ChildProcess:
         return f"{self.name} ended {how}{self._last_words()}"
 
     def wait(self, timeout_s: float) -> None:
-        """Wait for its end, at most that long."""
+        """Wait until the process ends, at most `timeout_s`."""
         with contextlib.suppress(subprocess.TimeoutExpired):
             self._process.wait(timeout_s)
 
     def kill(self) -> None:
-        """End the process now; `death` still returns the reason."""
+        """End the process now; `death` still returns how it ended."""
         self._process.kill()
 
     def end(self) -> None:
@@ -77,19 +78,19 @@ class ChildProcess:
         size = self._output.seek(0, os.SEEK_END)
         self._output.seek(max(0, size - _TAIL_BYTES))
         words = self._output.read().decode(errors="replace").split("\n")
-        said = [line.strip() for line in words if line.strip()]
-        return f" ({said[-1]})" if said else ""
+        lines = [line.strip() for line in words if line.strip()]
+        return f" ({lines[-1]})" if lines else ""
 
 
 def no_check() -> None:
-    """Let a call go ahead."""
+    """Permit a call unconditionally."""
 
 
 class Channel:
-    """The line to a process; calls come from any thread, one at a time.
+    """Connection to a process; any thread may call, one call at a time.
 
-    `multiprocessing.connection` would do but for its `recv`, which has no deadline once an answer
-    has begun to come: a process that was stopped there would keep its caller for ever.
+    `multiprocessing.connection` is not used, because its `recv` has no deadline after the first byte of an
+    answer: if the process were stopped at that point, the caller would wait forever.
     """
 
     def __init__(self, connection: socket.socket, process: ChildProcess, clock: Clock) -> None:
@@ -99,15 +100,15 @@ class Channel:
         self._lock = threading.Lock()
         self._rest = b""
         self._number = 0
-        """Of the newest call: one that was interrupted leaves an answer that is not the next one's."""
+        """Number of the newest call. The answer to an interrupted call has an older number and is skipped."""
 
     def wait_ready(self, timeout_s: float, check: Check) -> None:
-        """Wait until the process says that it is ready. Raises `DeviceError` with its reason.
+        """Wait until the process reports that it is ready. Raises `DeviceError` with its reason.
 
-        check: is called meanwhile and raises when waiting has no point any more.
+        check: called repeatedly during the wait; raises if further waiting is pointless.
         """
         with self._lock:
-            self._receive(timeout_s, "start", check)  # answers nothing, so its number is 0
+            self._receive(timeout_s, "start", check)  # the ready report is not an answer: its number is 0
 
     def call(
         self,
@@ -118,15 +119,15 @@ class Channel:
         *arguments: Arguments.args,
         **named: Arguments.kwargs,
     ) -> Answer:
-        """Have the process call a method of its own, and return the answer as JSON gives it back.
+        """Call a method in the process, and return its answer as JSON decodes it.
 
-        check: is called when it is this call's turn, and may raise. Raises `DeviceError` when the
-        process died or answers with an error, `DeviceTimeoutError` when it does not answer; it is
-        then ended, so that it cannot do later what was asked now.
+        check: called just before sending; may raise. Raises `DeviceError` if the process has ended or
+        answers with an error. If it does not answer, raises `DeviceTimeoutError` and ends the process, so
+        that it cannot execute the call later.
         """
         name = method.__name__
         if not self._lock.acquire(timeout=timeout_s):
-            raise DeviceTimeoutError(f"arm: {self._process.name} is busy; '{name}' was not asked")
+            raise DeviceTimeoutError(f"arm: {self._process.name} is busy; '{name}' was not sent")
         try:
             check()
             self._number += 1
@@ -136,7 +137,7 @@ class Channel:
             self._lock.release()
 
     def close(self) -> None:
-        """Hang up. Safe to call twice."""
+        """Close the connection. Safe to call twice."""
         self._connection.close()
 
     def _send(self, request: dict[str, Any]) -> None:
@@ -162,7 +163,7 @@ class Channel:
         return answer["value"]
 
     def _next_answer(self) -> dict[str, Any]:
-        """The next answer that has come whole; nobody's where none has."""
+        """Return the next complete answer; one with number None if there is none."""
         if b"\n" not in self._rest:
             return {"number": None}
         line, self._rest = self._rest.split(b"\n", 1)
@@ -184,5 +185,5 @@ class Channel:
         self._process.wait(_CHECK_S)
         return DeviceError(
             f"arm: connection lost at '{name}': {self._process.death()}; the arm's state is unknown. "
-            "Look at it, then connect again"
+            "Inspect it, then connect again"
         )

@@ -1,16 +1,16 @@
-"""The process that commands the arm: it carries out `ControlCommands` with ur-rtde's control interface.
+"""The command process: executes `ControlCommands` with ur-rtde's control interface.
 
-The interface reconnects by itself when its connection is lost, and dies of it (a segmentation
-fault, ur-rtde 1.6.5). So it lives in a process of its own, which ends itself as soon as the arm's
-state gets old, before the interface would notice.
+When the interface loses its connection it reconnects, and crashes with a segmentation fault (ur-rtde 1.6.5).
+It therefore runs in a separate process, which exits as soon as the arm's state is too old, before the
+interface notices the loss.
 
     python -m drivers.ur5e.control_process HOST SOCKET_FD STATE_FD PARENT_PID
 
-Each line on the socket is {"number": n, "call": name, "arguments": [...], "named": {...}}, each answer
-{"number": n, "value": ...} or {"number": n, "error": text}; the first one, 0, says that it is ready.
-While nothing is asked it keeps the controller's watchdog quiet: should this process end, the program on
-the controller stops the arm within `WATCHDOG_HZ`'s period. Should its parent end, or not look at the arm
-while it moves (`drivers.ur5e.heartbeat`), it stops the arm itself.
+Each line on the socket is {"number": n, "call": name, "arguments": [...], "named": {...}}; each answer is
+{"number": n, "value": ...} or {"number": n, "error": text}. Answer 0 reports that the process is ready.
+Between calls the process kicks the controller's watchdog: if this process ends, the program on the
+controller stops the arm within one period of `WATCHDOG_HZ`. If its parent ends, or does not poll the arm
+during a motion (`drivers.ur5e.heartbeat`), this process stops the arm itself.
 """
 
 import faulthandler
@@ -31,21 +31,21 @@ from drivers.ur5e.shared_state import SharedState
 
 START_LIMIT_S = 10.0
 STATE_LIMIT_S = 0.6
-"""Age of the arm's state at which this process gives up; ur-rtde reconnects after 2.5 s."""
+"""Age of the arm's state at which this process exits; ur-rtde reconnects after 2.5 s."""
 WATCH_S = 0.05
 TICK_S = 0.005
 STOP_S = 1.0
 STOP_DECELERATION_M_S2 = 10.0
 STATE_LOST, PARENT_LOST = 3, 4
 AT_ONCE = ("stop_linear", "end_program", "operation", "halted")
-"""What stops the arm, and what is known here already: a motion in progress is asked about all the time."""
+"""Calls that stop the arm or need no answer of the controller; they keep the real-time priority."""
 COMMANDS = {name: method for name, method in vars(ControlCommands).items() if not name.startswith("_")}
 
 
 def serve(
     connection: socket.socket, commands: ControlCommands, watchdog: Watchdog, heartbeat: Heartbeat
 ) -> None:
-    """Answer until the other side hangs up; then nobody watches any more what moves, so it stops."""
+    """Answer calls until the client closes the connection; then nobody supervises the arm, so stop it."""
     lines, clock = connection.makefile("rb"), SystemClock()
     while True:
         watchdog.kick()
@@ -57,7 +57,7 @@ def serve(
             answer(commands, {"call": "stop_linear", "arguments": [STOP_DECELERATION_M_S2], "named": {}})
             return
         asked_ns, request = clock.now_ns(), json.loads(line)
-        # ur-rtde computes while it waits for the controller, and would take the core from all else
+        # while ur-rtde waits for the controller it busy-waits, and would take the core from everything else
         with nullcontext() if request["call"] in AT_ONCE else ordinary():
             reply = answer(commands, request)
         connection.sendall(json.dumps(reply).encode() + b"\n")
@@ -65,19 +65,19 @@ def serve(
 
 
 def answer(commands: ControlCommands, request: dict[str, Any]) -> dict[str, Any]:
-    """Carry out one request. An error of the library is an answer too."""
+    """Execute one call. An error of the library is also an answer."""
     number = request.get("number")
     try:
         return {
             "number": number,
             "value": COMMANDS[request["call"]](commands, *request["arguments"], **request["named"]),
         }
-    except (RuntimeError, ValueError, TypeError, IndexError) as error:  # what pybind makes of C++ exceptions
+    except (RuntimeError, ValueError, TypeError, IndexError) as error:  # the exceptions that pybind11 raises
         return {"number": number, "error": str(error)}
 
 
 def watch(state: SharedState, parent_pid: int) -> None:
-    """End this process when the arm's state gets old, or when the parent is gone and the arm was stopped."""
+    """End this process if the arm's state is too old, or the parent has ended and the arm was stopped."""
     clock = SystemClock()
     while True:
         clock.sleep_until(clock.now_ns() + to_ns(WATCH_S))
@@ -90,8 +90,8 @@ def watch(state: SharedState, parent_pid: int) -> None:
 
 
 def main(host: str, socket_fd: int, state_fd: int, parent_pid: int) -> None:
-    """Connect, say so, and serve."""
-    faulthandler.dump_traceback_later(START_LIMIT_S, exit=True)  # runs although the constructor keeps the GIL
+    """Connect, report that the process is ready, and serve calls."""
+    faulthandler.dump_traceback_later(START_LIMIT_S, exit=True)  # works while the constructor holds the GIL
     state = SharedState(state_fd)
     threading.Thread(target=watch, args=(state, parent_pid), daemon=True).start()
     connection = socket.socket(fileno=socket_fd)

@@ -1,7 +1,7 @@
-"""The dashboard server of the arm's controller: one line asked, one line answered, on port 29999.
+"""Client of the dashboard server of the arm's controller: one line per request and answer, port 29999.
 
-ur-rtde's own client waits 2.5 s for a line; a stop has less. Wording of requests and replies:
-Universal Robots, "Dashboard Server e-Series".
+ur-rtde's own client waits up to 2.5 s for a line, which is too long for a stop. Wording of requests and
+replies: Universal Robots, "Dashboard Server e-Series".
 """
 
 import re
@@ -18,7 +18,7 @@ RELEASED = "Protective stop releasing"
 
 
 class Dashboard:
-    """A connection to the dashboard, usable from any thread."""
+    """A connection to the dashboard. Any thread may use it."""
 
     def __init__(self, host: str, timeout_s: float = TIMEOUT_S) -> None:
         """Connect and read the greeting. Raises `DeviceError` or `DeviceTimeoutError`."""
@@ -41,16 +41,16 @@ class Dashboard:
         self._connection.close()
 
     def ask(self, request: str) -> str:
-        """Ask one line and return the answer. Raises `DeviceError` or `DeviceTimeoutError`.
+        """Send one line and return the answer. Raises `DeviceError` or `DeviceTimeoutError`.
 
-        A connection that broke is opened once more: the controller drops it now and then, and a
-        stop must not fail for that.
+        A broken connection is opened once more, because the controller drops it now and then, and a stop
+        must not fail for that reason.
         """
         with self._lock:
             try:
                 return self._ask(request)
             except DeviceTimeoutError:
-                self._connection.close()  # a late answer must not be taken for that of the next request
+                self._connection.close()  # a late answer must not be read as that of the next request
                 raise
             except DeviceError:
                 self._connection.close()
@@ -91,14 +91,14 @@ class Dashboard:
 
 
 def serial_number(reply: str) -> str:
-    """The serial number in a reply, empty when there is none."""
+    """Return the serial number in a reply; empty if the reply contains none."""
     return reply if re.fullmatch(r"\d+", reply) else ""
 
 
 def refuse_local_control(reply: str) -> None:
-    """Raise `DeviceError` unless the reply to "is in remote control" says so."""
+    """Raise `DeviceError` unless the reply to "is in remote control" is true."""
     if "true" not in reply.lower():
         raise DeviceError(
-            f"arm: remote control is off (the dashboard says '{reply}'); "
+            f"arm: remote control is off (the dashboard answers '{reply}'); "
             "switch the pendant to Remote Control, top right, then connect again"
         )

@@ -1,14 +1,15 @@
-"""A motion goes on only as long as the program that began it polls the arm; so does an arm led by hand.
+"""Stop a motion, or guiding by hand, if the program that started it no longer polls the arm.
 
-A program that is stopped (SIGSTOP, Ctrl-Z), hangs or swaps would otherwise leave a motion to run to its
-end: the process that commands lives on and keeps the controller's watchdog quiet. Each poll of the arm's
-state in the program's own loop is a beat; no thread beats beside it.
+If the program is suspended (SIGSTOP, Ctrl-Z), hangs or swaps, the motion would otherwise run to its end,
+because the command process lives on and keeps kicking the controller's watchdog. Each poll of the arm's state
+in the program's own loop is a heartbeat; there is no separate heartbeat thread.
 
-A late beat is not a missing one. If the program is stopped, the motion ends at once. If it had the time to
-poll and did not, the arm stands within `MOST_WAY_M`. Two times do not count: the time in which it waits for
-the answer to a command, because a slow controller is not its fault, and the controller's own watchdog counts
-then; and the time in which it wanted to poll and got no core, because a loaded host does that for a moment
-now and then. But without a core no motion goes on unwatched for longer than `LONGEST_S`.
+A late heartbeat is not a missing one. If the program is suspended, the motion is stopped immediately. If the
+program had the time to poll and did not, the arm stops within `MOST_WAY_M`. Two intervals do not count as
+silence. The first is the time in which the program waits for the answer to a command: a slow controller is
+not the program's fault, and the controller's own watchdog supervises that time. The second is the time in
+which the program was ready to run and got no core, which happens briefly on a loaded host. Without a core,
+however, no motion continues for longer than `LONGEST_S`.
 """
 
 import time
@@ -20,22 +21,22 @@ from drivers.clock import NS_PER_S, Clock, SystemClock, to_ns
 from drivers.ur5e.shared_state import SharedState
 
 CPUCLOCK_SCHED = 2
-"""Of all threads of a process, in ns: `man 3 clock_getcpuclockid`, which Python does not offer."""
+"""Clock id of the CPU time of all threads of a process, ns; `man 3 clock_getcpuclockid` is not in Python."""
 MOST_WAY_M = 0.020
-"""How far the arm may go on after the last beat of a program that hangs."""
+"""Longest distance that the arm may travel after the last heartbeat of a program that hangs."""
 BRAKE_M_S2 = 10.0
 REACTION_S = 0.010
-"""From the decision to stop to the first slower cycle, and from a beat to its look (ours, rounded up)."""
+"""Time from the decision to stop to the first slower cycle, and from a heartbeat to its check; rounded up."""
 LEAST_S, LONGEST_S = 0.03, 0.35
-"""Less than this a computer cannot keep; more than this no motion goes on unwatched, however slow."""
+"""Shortest limit that a computer can keep, and longest time that any motion continues without a poll."""
 GUIDED_S = 1.0
-"""The same for an arm that a person holds in their hands and leads: it goes nowhere by itself."""
+"""Both limits for an arm that a person leads by hand: it does not move by itself."""
 LATE_NS = to_ns(0.015)
-"""From here on the program is looked at: one that works looks each 8 ms, or each frame."""
+"""Age of a heartbeat at which the program is inspected: a working program polls each 8 ms, or each frame."""
 
 
 class Program:
-    """A process, with all its threads. Without /proc it counts as running."""
+    """A process with all its threads. Without /proc it is assumed to be running."""
 
     def __init__(self, pid: int) -> None:
         self._stat, self._threads = Path(f"/proc/{pid}/stat"), Path(f"/proc/{pid}/task")
@@ -43,13 +44,13 @@ class Program:
         self._ran_ns: int | None = None
 
     def is_stopped(self) -> bool:
-        """Whether it was stopped by a signal (SIGSTOP, Ctrl-Z, a debugger), or is dead."""
+        """Whether the process was suspended by a signal (SIGSTOP, Ctrl-Z, a debugger), or is dead."""
         return _state(self._stat) in ("T", "Z", "X")
 
     def waited_ns(self, during_ns: int) -> int:
-        """How long it could have run and got no core, in the time since it was noted or asked last, ns.
+        """Return how long the process was ready to run without a core since the last call or `note`, ns.
 
-        A thread without a core keeps the others waiting: they share one interpreter.
+        A thread without a core blocks the others, because they share one interpreter.
         """
         before_ns = self._ran_ns
         self.note()
@@ -58,7 +59,7 @@ class Program:
         return max(0, during_ns - (self._ran_ns - before_ns))
 
     def note(self) -> None:
-        """Note how long it has run so far: what was before does not count."""
+        """Start a new measurement of `waited_ns`."""
         self._ran_ns = self._has_run_ns()
 
     def _wants_a_core(self) -> bool:
@@ -73,20 +74,20 @@ class Program:
 
 
 def _state(stat: Path) -> str:
-    """The letter of `man 5 proc_pid_stat`. What comes before it is the name, which may hold anything."""
+    """Return the process state letter (`man 5 proc_pid_stat`); the name before it may contain anything."""
     with suppress(OSError, IndexError):
         return stat.read_text(errors="replace").rpartition(")")[2].split()[0]
     return ""
 
 
 def silence_limit_s(speed_m_s: float) -> float:
-    """How long a program may have the time to look and not do it, so that the arm stands in its way, s."""
+    """Return the longest silence of a program, s, so that the arm stands within `MOST_WAY_M`."""
     left_m = MOST_WAY_M - speed_m_s**2 / (2 * BRAKE_M_S2)
     return min(LONGEST_S, max(LEAST_S, left_m / speed_m_s - REACTION_S))
 
 
 class Heartbeat:
-    """Stops a motion of ur-rtde's `control` when the program does not look at it any more."""
+    """Stops a motion through ur-rtde's `control` if the program no longer polls the arm."""
 
     def __init__(
         self, control: Any, state: SharedState, program: Program, clock: Clock | None = None
@@ -96,16 +97,16 @@ class Heartbeat:
         self._limit_ns: int | None = None
         self._guided, self._longest_ns = False, to_ns(LONGEST_S)
         self._began_ns = self._checked_ns = self._waited_ns = 0
-        self._looked_ns = self._asking_ns = 0
+        self._polled_ns = self._asking_ns = 0
         self.halted = ""
-        """Why the newest motion was stopped, where this stopped it."""
+        """Reason if this class stopped the newest motion; otherwise empty."""
 
     def begin(self, speed_m_s: float) -> None:
-        """Watch a motion that begins now."""
+        """Supervise a motion that begins now."""
         self._watch(silence_limit_s(speed_m_s), LONGEST_S, guided=False)
 
     def begin_guiding(self) -> None:
-        """Watch an arm that is led by hand from now on."""
+        """Supervise an arm that is led by hand from now on."""
         self._watch(GUIDED_S, GUIDED_S, guided=True)
 
     def _watch(self, limit_s: float, longest_s: float, guided: bool) -> None:
@@ -117,24 +118,24 @@ class Heartbeat:
         self._program.note()
 
     def answered(self, asked_ns: int) -> None:
-        """The program has the answer to what it asked for at a time: meanwhile it could not look."""
-        self._note_looks()
+        """Note that the program got the answer to a call of time `asked_ns`; it could not poll meanwhile."""
+        self._note_polls()
         self._checked_ns = self._clock.now_ns()
         self._asking_ns += self._checked_ns - max(asked_ns, self._began_ns)
         self._program.note()
 
     def end(self) -> None:
-        """The motion or the guiding is over, or told to stop."""
+        """End the supervision: the motion or the guiding has ended, or is being stopped."""
         self._limit_ns = None
         self._state.note_guiding_lost(False)
 
     def check(self) -> None:
-        """Stop the motion where nobody looks any more."""
+        """Stop the motion if the program no longer polls."""
         if self._limit_ns is None:
             return
         now_ns = self._clock.now_ns()
-        self._note_looks()
-        silent_ns = now_ns - self._looked_ns - self._asking_ns
+        self._note_polls()
+        silent_ns = now_ns - self._polled_ns - self._asking_ns
         why = self._wrong(silent_ns, now_ns - self._checked_ns, self._limit_ns)
         self._checked_ns = now_ns
         if not why:
@@ -148,16 +149,16 @@ class Heartbeat:
             self._control.stopL(BRAKE_M_S2, True)
             self.halted = why
 
-    def _note_looks(self) -> None:
-        looked_ns = max(self._began_ns, self._state.looked_ns())
-        if looked_ns != self._looked_ns:
-            self._looked_ns, self._asking_ns = looked_ns, 0
+    def _note_polls(self) -> None:
+        polled_ns = max(self._began_ns, self._state.polled_ns())
+        if polled_ns != self._polled_ns:
+            self._polled_ns, self._asking_ns = polled_ns, 0
 
     def _wrong(self, silent_ns: int, since_check_ns: int, limit_ns: int) -> str:
-        """Say what is wrong with the program; nothing while it works, or gets to work again in time."""
+        """Return why to stop; empty while the program polls, or can still poll in time."""
         if silent_ns <= LATE_NS:
             self._waited_ns = 0
-            # each time: where this process gets no core either, the next look comes late
+            # at every check: if this process gets no core either, the next check comes late
             self._program.note()
             return ""
         if self._program.is_stopped():
@@ -165,14 +166,14 @@ class Heartbeat:
         self._waited_ns += self._program.waited_ns(since_check_ns)
         if silent_ns - self._waited_ns <= limit_ns and silent_ns <= self._longest_ns:
             return ""
-        silence = f"its program did not look at it for {silent_ns / NS_PER_S:.2f} s"
+        silence = f"its program did not poll it for {silent_ns / NS_PER_S:.2f} s"
         if since_check_ns > silent_ns / 2:
             stood_s = since_check_ns / NS_PER_S
-            return f"{silence}; for {stood_s:.2f} s of it the process that watches it stood still as well"
+            return f"{silence}; for {stood_s:.2f} s of it the supervising process did not run either"
         if self._waited_ns < silent_ns / 2:
             return f"{silence}: it hangs"
         waited_s = self._waited_ns / NS_PER_S
         return (
-            f"{silence}, of which it waited {waited_s:.2f} s for a core: the computer is too busy to move an "
-            "arm; end what else runs"
+            f"{silence}, of which it waited {waited_s:.2f} s for a core: the computer is too busy to move "
+            "an arm; end other programs"
         )

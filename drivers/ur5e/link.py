@@ -1,4 +1,4 @@
-"""The two processes behind the arm's driver: one listens, one commands. Started, watched and ended here."""
+"""Start, supervise and end the two processes of the arm's driver: one receives states, one sends commands."""
 
 import importlib.util
 import os
@@ -20,29 +20,31 @@ STALE_S = 0.4
 STREAM_START_S = 3.0
 CONTROL_START_S = 8.0
 START_TRIES = 3
-"""After a stop the control interface's first attempts fail now and then (users' reports)."""
+"""After a stop the first attempts of the control interface sometimes fail (users' reports)."""
 END_S = 0.5
 WITH_PAYLOAD: Version = (5, 6, 0, 0)
+"""First controller software that reports the payload in its state."""
 _POLL_S = 0.005
 CALL_S = 1.0
+"""Time limit of a call of the command process."""
 STOP_CALL_S = 0.3
 STOPS = (ControlCommands.stop_linear, ControlCommands.end_program)
-"""They have less time than other calls: what does not answer by then is stopped over the dashboard."""
+"""Calls with the shorter time limit STOP_CALL_S: if it passes, the arm is stopped over the dashboard."""
 
 
 class ControlClient:
-    """The process that commands: has methods of `ControlCommands` carried out there.
+    """Client of the command process, which executes the methods of `ControlCommands`.
 
-    Each call raises `DeviceError` if the process is gone or ur-rtde fails in it,
-    `DeviceTimeoutError` if it does not answer; the process is then ended.
+    Each call raises `DeviceError` if the process has ended or ur-rtde fails in it. If the process does not
+    answer, the call raises `DeviceTimeoutError` and the process is ended.
     """
 
     def __init__(self, host: str, state_fd: int, clock: Clock) -> None:
-        """Start the process. state_fd: the `SharedState` it watches the arm by."""
+        """Start the process. state_fd: file descriptor of the `SharedState` that it reads."""
         here, there = socket.socketpair()
         with there:
             self._process = ChildProcess(
-                "the process that commands",
+                "the command process",
                 "drivers.ur5e.control_process",
                 (host, there.fileno(), state_fd, os.getpid()),
                 (state_fd, there.fileno()),
@@ -57,7 +59,7 @@ class ControlClient:
     def wait_ready(self, timeout_s: float, check: Check) -> None:
         """Wait until the control program runs on the controller. Raises `DeviceError` with the reason.
 
-        check: is called meanwhile and raises when waiting has no point any more.
+        check: called repeatedly during the wait; raises if further waiting is pointless.
         """
         self._channel.wait_ready(timeout_s, check)
 
@@ -73,34 +75,34 @@ class ControlClient:
         *arguments: Arguments.args,
         **named: Arguments.kwargs,
     ) -> Answer:
-        """Have the process carry out a method of `ControlCommands`, and return its result."""
+        """Call a method of `ControlCommands` in the process, and return its result."""
         limit_s = STOP_CALL_S if command in STOPS else CALL_S
         return self._channel.call(command, limit_s, no_check, *arguments, **named)
 
     def operation(self) -> Operation:
-        """How far the newest motion is."""
+        """Return the progress of the newest motion."""
         return Operation(*self.ask(ControlCommands.operation))
 
     def move_linear(
         self, pose: Vector6, speed_m_s: float, acceleration_m_s2: float, check: Check
     ) -> tuple[bool, int]:
-        """Start a straight motion, see `ControlCommands`. check: called just before it is sent; may raise."""
+        """Start a straight motion, see `ControlCommands`. check: called just before sending; may raise."""
         command = ControlCommands.move_linear
         return self._channel.call(command, CALL_S, check, pose, speed_m_s, acceleration_m_s2)
 
 
 class ArmLink:
-    """State and commands of one arm, through ur-rtde in processes of their own."""
+    """State and commands of one arm, through ur-rtde in separate processes."""
 
     def __init__(self, host: str, rate_hz: float, version: Version) -> None:
-        """Start to listen. Raises `DeviceError` when no state arrives."""
+        """Start to receive states. Raises `DeviceError` if no state arrives."""
         require_ur_rtde()
         self._host, self._clock = host, SystemClock()
         self._state = SharedState()
         self._control: ControlClient | None = None
         arguments = (host, rate_hz, self._state.fd, os.getpid(), int(version >= WITH_PAYLOAD))
         self._listener = ChildProcess(
-            "the process that listens", "drivers.ur5e.state_process", arguments, (self._state.fd,)
+            "the state process", "drivers.ur5e.state_process", arguments, (self._state.fd,)
         )
         try:
             self._wait_for_state()
@@ -115,12 +117,12 @@ class ArmLink:
         self._state.close()
 
     def sample(self) -> StateSample:
-        """Newest sample; who asks for it is seen to work (`drivers.ur5e.heartbeat`).
+        """Return the newest sample; each call counts as a sign of life (`drivers.ur5e.heartbeat`).
 
-        Raises `DeviceTimeoutError` when it is stale, `DeviceError` when nobody listens, `InvalidStateError`
-        when the controller sent NaN or infinity.
+        Raises `DeviceTimeoutError` if the sample is stale, `DeviceError` if the state process has ended,
+        `InvalidStateError` if the controller sent NaN or infinity.
         """
-        self._state.look(self._clock.now_ns())
+        self._state.note_poll(self._clock.now_ns())
         sample = self._state.read()
         age_s = self.age_s(sample) if sample else float("inf")
         if sample is not None and age_s < STALE_S:
@@ -131,16 +133,16 @@ class ArmLink:
         if not self._listener.alive:
             raise DeviceError(
                 f"arm: connection lost: {self._listener.death()}; its state is unknown. "
-                "Look at it, check the network, then connect again"
+                "Inspect it, check the network, then connect again"
             )
         raise DeviceTimeoutError(
             f"arm: no new state for {age_s:.2f} s (limit {STALE_S} s), so its state is unknown; "
-            "look at it, check the controller and the network, then connect again"
+            "inspect it, check the controller and the network, then connect again"
         )
 
     @property
     def guiding_lost(self) -> bool:
-        """Whether guiding by hand was ended because this program did not look at the arm."""
+        """Whether guiding by hand was ended because this program did not poll the arm."""
         return self._state.guiding_lost()
 
     def age_s(self, sample: StateSample) -> float:
@@ -148,7 +150,7 @@ class ArmLink:
         return (self._clock.now_ns() - sample.received_ns) / NS_PER_S
 
     def start_control(self) -> None:
-        """Start the process that commands; it uploads the control program. Nothing moves."""
+        """Start the command process, which uploads the control program. Nothing moves."""
         for left in reversed(range(START_TRIES)):
             self.end_control()
             self._control = ControlClient(self._host, self._state.fd, self._clock)
@@ -161,22 +163,22 @@ class ArmLink:
                     raise
 
     def end_control(self) -> None:
-        """End the process that commands. Safe to call twice."""
+        """End the command process. Safe to call twice."""
         if self._control is not None:
             self._control.end()
             self._control = None
 
     @property
     def has_control(self) -> bool:
-        """Whether the process that commands is there."""
+        """Whether the command process runs."""
         return self._control is not None and self._control.alive
 
     @property
     def control(self) -> ControlClient:
-        """The process that commands. Raises `NotConnectedError` where there is none."""
+        """The client of the command process. Raises `NotConnectedError` if it was ended."""
         control = self._control
         if control is None:
-            raise NotConnectedError("arm: nothing commands it (it was stopped); recover or connect it again")
+            raise NotConnectedError("arm: its command process was ended by a stop; recover or connect again")
         return control
 
     def _wait_for_state(self) -> None:
@@ -191,13 +193,13 @@ class ArmLink:
         if not self._listener.alive:
             raise DeviceError(
                 f"arm: no state from {self._host}: {self._listener.death()}; "
-                "see that no fieldbus or other client holds its registers, then connect again"
+                "make sure that no fieldbus or other client holds its registers, then connect again"
             )
         return False
 
 
 def _require_finite(sample: StateSample) -> None:
-    """Raise `InvalidStateError` for NaN or infinity; payload and its centre are NaN where not reported."""
+    """Raise `InvalidStateError` for NaN or infinity. Payload and its centre may be NaN: not reported."""
     for name in ("joints_rad", "pose", "speed", "wrench"):
         require_numbers(f"the arm's {name}", getattr(sample, name), 6)
     require_number("the arm's timestamp_s", sample.timestamp_s)
@@ -205,7 +207,7 @@ def _require_finite(sample: StateSample) -> None:
 
 
 def require_ur_rtde() -> None:
-    """Raise `DeviceError` where the arm's client library is missing."""
+    """Raise `DeviceError` if the arm's client library is not installed."""
     if any(importlib.util.find_spec(name) is None for name in ("rtde_control", "rtde_receive")):
         raise DeviceError(
             "arm: the library ur-rtde is not installed here (it exists for Linux on x86-64, Python 3.11 and "

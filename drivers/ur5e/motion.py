@@ -1,6 +1,6 @@
-"""A motion of the arm: its limits in joint space, its progress by operation number and by the state stream.
+"""A motion of the arm: check its joint limits, and follow its progress by operation number and state stream.
 
-A controller writes a pose as x y z in m and a rotation vector in rad; `to_ur` and `from_ur` convert.
+The controller writes a pose as x y z in m and a rotation vector in rad; `to_ur` and `from_ur` convert.
 """
 
 import math
@@ -23,16 +23,19 @@ JOINT_RANGE_RAD: tuple[Vector6, Vector6] = (
 )
 """Working range of a UR5e's joints: +-360 degrees (data sheet)."""
 BEGIN_LIMIT_S = 0.5
-"""A motion that was accepted has begun by then, or never will."""
+"""A motion that was accepted begins within this time, or never."""
 ASK_S = 0.05
-"""How often the controller is asked about a motion that the stream shows going on."""
+"""Interval at which the controller is asked about a motion while the state stream shows it moving."""
 SETTLE_LIMIT_S = 0.3
+"""Longest time from the end of the operation until the state stream shows the arm at rest."""
 STILL_M_S, STILL_RAD_S = 0.002, 0.01
+"""Speeds of the TCP below which the arm counts as standing."""
 NEAR_M, NEAR_RAD = 0.001, 0.01
+"""Largest distances from the target at which the arm counts as arrived."""
 
 
 def check_joints(joints: Sequence[float] | None, limits: tuple[Vector6, Vector6], target: Pose) -> None:
-    """Raise `OutOfLimitsError` where no joints reach the target, or one of them leaves its range."""
+    """Raise `OutOfLimitsError` if no joint angles reach the target, or a joint leaves its range."""
     if not joints:
         raise OutOfLimitsError(f"arm: pose {target} is out of reach or outside the safety limits")
     for number, (angle, low, high) in enumerate(zip(joints, *limits, strict=True), 1):
@@ -44,26 +47,26 @@ def check_joints(joints: Sequence[float] | None, limits: tuple[Vector6, Vector6]
 
 
 def to_ur(pose: Pose) -> Vector6:
-    """The controller's notation of a pose: x y z in m, rotation vector in rad."""
+    """Convert a pose to the controller's notation: x y z in m, rotation vector in rad."""
     x, y, z = pose.position_m
     rx, ry, rz = (float(v) for v in pose.rotation.as_rotvec())
     return x, y, z, rx, ry, rz
 
 
 def from_ur(values: Vector6) -> Pose:
-    """The pose that the controller's notation stands for."""
+    """Convert the controller's notation to a pose."""
     return Pose.from_rotation((values[0], values[1], values[2]), Rotation.from_rotvec(values[3:]))
 
 
 class MovingArm(Protocol):
-    """What a motion needs to know of its arm."""
+    """The arm as a motion sees it."""
 
     def moving_sample(self) -> StateSample:
-        """Newest state. Raises the arm's error when it cannot be moving any more."""
+        """Return the newest state. Raises the arm's error if it can no longer be moving."""
         ...
 
     def operation(self) -> Operation:
-        """The newest operation on the controller."""
+        """Return the newest operation on the controller."""
         ...
 
     def stop(self) -> None:
@@ -72,7 +75,7 @@ class MovingArm(Protocol):
 
 
 class ArmMotion(PolledMotion):
-    """A straight motion to `target`. stopped: whether the arm was told to stop since it began."""
+    """A straight motion to `target`. stopped: returns whether the arm was stopped since the motion began."""
 
     def __init__(
         self,
@@ -93,14 +96,14 @@ class ArmMotion(PolledMotion):
         self._done = False
 
     def progress(self) -> float:
-        """Share of the way covered, 0 to 1."""
+        """Return the fraction of the path that is covered, 0 to 1."""
         if self._done:
             return 1.0
         left = _distance(self._arm.moving_sample().pose, self._target)
         return min(1.0, max(0.0, 1.0 - left / self._way_m))
 
     def _has_ended(self) -> bool:
-        """Whether the arm has arrived, or stands still after a stop. Raises what went wrong."""
+        """Whether the arm has arrived, or stands still after a stop. Raises if the motion failed."""
         if not self._done:
             sample = self._arm.moving_sample()
             if self._over(sample):
@@ -108,7 +111,7 @@ class ArmMotion(PolledMotion):
         return self._done
 
     def _over(self, sample: StateSample) -> bool:
-        """Whether the controller has carried the operation out."""
+        """Whether the controller has finished the operation."""
         if self._ended_ns is None:
             if self._on_its_way(sample):
                 return False
@@ -123,7 +126,7 @@ class ArmMotion(PolledMotion):
         return True
 
     def _on_its_way(self, sample: StateSample) -> bool:
-        """Whether the stream alone tells that the motion goes on; asking costs a message and its answer."""
+        """Whether the state stream alone shows that the motion continues; asking costs a round trip."""
         now = self._clock.now_ns()
         if not is_still(sample) and now - self._asked_ns < to_ns(ASK_S):
             return True
@@ -141,7 +144,7 @@ class ArmMotion(PolledMotion):
         return True
 
     def _arrived(self, sample: StateSample) -> bool:
-        """Whether the stream shows it too; it may be a cycle behind."""
+        """Whether the state stream also shows the end; it may be one cycle late."""
         settling = self._clock.now_ns() - (self._ended_ns or 0) < to_ns(SETTLE_LIMIT_S)
         there = self._stopped() or is_at(sample.pose, self._target)
         if is_still(sample) and there:
@@ -162,7 +165,7 @@ def is_still(sample: StateSample) -> bool:
 
 
 def is_at(pose: Vector6, target: Pose) -> bool:
-    """Whether a pose of the controller is the target within a millimetre and half a degree."""
+    """Whether a pose of the controller is within NEAR_M and NEAR_RAD of the target."""
     turn = (Rotation.from_rotvec(pose[3:]).inv() * target.rotation).magnitude()
     return _distance(pose, target) < NEAR_M and turn < NEAR_RAD
 

@@ -1,7 +1,7 @@
-"""A first exchange with the controller before ur-rtde connects, each step with a deadline.
+"""Check that the controller answers before ur-rtde connects, each step with a deadline.
 
-ur-rtde's constructors wait forever on a peer that accepts and says nothing. This asks the same
-port for the protocol and the controller's version, in plain Python, and says what is wrong.
+ur-rtde's constructors wait forever if the peer accepts the connection but sends nothing. This module
+negotiates the protocol and reads the controller's version on the same port, and reports errors.
 """
 
 import socket
@@ -19,34 +19,36 @@ SERIES = 5
 """Major version of PolyScope on an e-Series arm such as the UR5e."""
 _HEADER = struct.Struct(">HB")
 _VERSION, _CONTROLLER, _OUTPUTS, _START, _DATA, _TEXT = b"V", b"v", b"O", b"S", b"U", b"M"
+"""Package types (Universal Robots, "RTDE Guide")."""
 _TRIAL_HZ = 125.0
+"""Rate at which the controller is asked to send its state during the probe."""
 _LONGEST = 4096
 Version = tuple[int, int, int, int]
 
 
 @dataclass(frozen=True, slots=True)
 class Deadline:
-    """The time by which something has to be done, on a clock."""
+    """A point in time on a clock by which an operation must finish."""
 
     clock: Clock
     time_ns: int
 
     @classmethod
     def after(cls, timeout_s: float, clock: Clock | None = None) -> "Deadline":
-        """The deadline `timeout_s` from now."""
+        """Return the deadline `timeout_s` from now."""
         clock = clock or SystemClock()
         return cls(clock, clock.now_ns() + to_ns(timeout_s))
 
     def left_s(self) -> float:
-        """Time left, s; zero when it has passed."""
+        """Return the time left, s; zero when the deadline has passed."""
         return max(0.0, (self.time_ns - self.clock.now_ns()) / NS_PER_S)
 
 
 def probe_controller(host: str, timeout_s: float) -> Version:
-    """Ask the controller for its version, and check that its time advances and that it takes scripts.
+    """Read the controller's version, and check that its time advances and that it accepts scripts.
 
-    Returns major, minor, bugfix and build. Raises `DeviceTimeoutError` when it says nothing within
-    `timeout_s`, `DeviceError` when it is not there, is no e-Series controller, or sends nonsense.
+    Returns major, minor, bugfix and build. Raises `DeviceTimeoutError` if the controller sends nothing within
+    `timeout_s`, `DeviceError` if it cannot be reached, is not an e-Series controller, or sends invalid data.
     """
     deadline = Deadline.after(timeout_s)
     with connect(host, RTDE_PORT, deadline) as connection:
@@ -62,9 +64,9 @@ def probe_controller(host: str, timeout_s: float) -> Version:
 
 
 def read_speed_fraction(host: str, timeout_s: float) -> float:
-    """Where the pendant's speed slider stands, 0 to 1; the arm is looked at, no more.
+    """Return the position of the pendant's speed slider, 0 to 1. Only reads.
 
-    Raises as `probe_controller` does.
+    Raises the same errors as `probe_controller`.
     """
     deadline = Deadline.after(timeout_s)
     with connect(host, RTDE_PORT, deadline) as connection:
@@ -85,19 +87,19 @@ def _agree_on_protocol(connection: socket.socket, deadline: Deadline) -> None:
 
 
 def _stream(connection: socket.socket, variable: str, deadline: Deadline) -> None:
-    """Have the controller send a floating-point variable over and over."""
+    """Make the controller send a floating-point variable periodically."""
     kinds = _ask(connection, _OUTPUTS, struct.pack(">d", _TRIAL_HZ) + variable.encode(), deadline)
     if kinds[1:] != b"DOUBLE":
         raise DeviceError(
             f"arm: the controller refuses to send its {variable} ({kinds[1:].decode(errors='replace')}); "
-            "see that no other client or fieldbus keeps it busy, restart it"
+            "make sure that no other client or fieldbus uses it, then restart it"
         )
     if _ask(connection, _START, b"", deadline) != b"\x01":
         raise DeviceError("arm: the controller refuses to start sending its state; restart it")
 
 
 def _check_time_advances(connection: socket.socket, deadline: Deadline) -> None:
-    """Read time stamps until they advance: a frozen controller goes on sending old ones."""
+    """Read time stamps until they advance: a frozen controller keeps sending the old one."""
     _stream(connection, "timestamp", deadline)
     first = _newest(connection, deadline)
     while _newest(connection, deadline) == first:
@@ -115,7 +117,7 @@ def _newest(connection: socket.socket, deadline: Deadline) -> bytes:
 
 
 def parse_version(payload: bytes) -> Version:
-    """Read the answer to the question for the controller's version. Raises `DeviceError`."""
+    """Decode the controller's version. Raises `DeviceError`."""
     if len(payload) != 16:
         raise DeviceError(
             f"arm: the controller's version has {len(payload)} bytes instead of 16; is this a UR controller?"
@@ -157,9 +159,10 @@ def receive(connection: socket.socket, most: int, deadline: Deadline, what: str)
 
 
 def read_package(read: Callable[[int], bytes]) -> tuple[bytes, bytes]:
-    """Read one package of the real-time data exchange: its type and its payload.
+    """Read one package of the real-time data exchange; return its type and its payload.
 
-    read: returns at most so many bytes, at least one. Raises `DeviceError` for an impossible size.
+    read: returns at least one and at most the given number of bytes. Raises `DeviceError` for an impossible
+    package size.
     """
     size, kind = _HEADER.unpack(_exactly(read, _HEADER.size))
     if not _HEADER.size <= size <= _LONGEST:

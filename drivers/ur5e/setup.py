@@ -1,7 +1,7 @@
-"""Making the arm ready, and ready again after a stop; its tool; leading it by hand. Nothing here moves it.
+"""Prepare the arm for motions, also after a stop; set its tool; guide it by hand. Nothing here moves the arm.
 
-The tool that the controller has is compared first, and overwritten only as agreed. Leading by hand begins
-with the tool set, and ends in position control with the arm standing.
+The tool that the controller has is compared first, and overwritten only after a person agreed. Guiding by
+hand begins with the tool set, and ends in position control with the arm standing.
 """
 
 import math
@@ -24,21 +24,21 @@ RELEASE_PAUSE_S = 0.5
 NORMAL_LIMIT_S = 3.0
 END_LIMIT_S = 1.0
 ZERO_LIMIT_S, ZEROED_N = 0.4, 3.0
+"""Time limit for zeroing the force sensor, and the largest force that then counts as zero."""
 REASON_LIMIT_S = 0.1
-"""How far the state that tells why may be behind the answer to a command."""
+"""Longest delay between the answer to a command and the state sample that contains the reason."""
 _POLL_S = 0.004
 STAND_LIMIT_S = 1.0
 PAYLOAD_LIMIT_S = 0.5
 SAME_TCP, SAME_KG, SAME_COG_M = 1e-4, 1e-3, 1e-3
-"""How near two settings are the same: TCPs in m and rad."""
+"""Tolerances for equal settings: TCP in m and rad, mass in kg, centre of gravity in m."""
 
 
 def take_over(link: ArmLink, dashboard: Dashboard, clock: Clock) -> None:
-    """Start the control program and its watchdog; the tool is left as the controller has it.
+    """Start the control program and its watchdog; the controller keeps its tool.
 
-    A program that runs while the arm stands still is ended first: the control interface would wait
-    for its end without asking for it. Raises `DeviceError` when the arm is not ready, or another
-    program moves it.
+    If a program runs while the arm stands still, it is ended first, because the control interface would only
+    wait for its end. Raises `DeviceError` if the arm is not ready, or another program moves it.
     """
     sample = link.sample()
     if reason := stop_reason(sample):
@@ -54,9 +54,9 @@ def take_over(link: ArmLink, dashboard: Dashboard, clock: Clock) -> None:
 
 
 def release(link: ArmLink, dashboard: Dashboard, clock: Clock) -> None:
-    """Release a protective stop; too early is refused, so it is asked for again for a while.
+    """Release a protective stop. The controller rejects an early release, so it is retried for a while.
 
-    Raises `DeviceError` with the controller's words when it cannot be released.
+    Raises `DeviceError` with the controller's answer if the stop cannot be released.
     """
     replies = [""]
 
@@ -73,7 +73,7 @@ def release(link: ArmLink, dashboard: Dashboard, clock: Clock) -> None:
 
 
 def zero_force_sensor(link: ArmLink, clock: Clock) -> None:
-    """Take the present force as zero. Raises `DeviceError` unless the arm is at rest and it helps."""
+    """Set the present force as zero. Raises `DeviceError` unless the arm is at rest and reads zero then."""
     if not link.control.ask(ControlCommands.is_steady):
         raise DeviceError("arm: not at rest; zero the force sensor half a second after a motion")
     if not link.control.ask(ControlCommands.zero_force_sensor):
@@ -82,19 +82,19 @@ def zero_force_sensor(link: ArmLink, clock: Clock) -> None:
     answered_ns = SystemClock().now_ns()
 
     def zeroed() -> bool:
-        sample = link.sample()  # one from before the answer shows the force from before
+        sample = link.sample()  # a sample from before the answer still shows the old force
         return sample.sampled_ns > answered_ns and math.hypot(*sample.wrench[:3]) < ZEROED_N
 
     wait_for_arm(zeroed, ZERO_LIMIT_S, "zero its force sensor", clock)
 
 
 def refusal(link: ArmLink, command: str, clock: Clock) -> DeviceError:
-    """Why a command came back False."""
+    """Return the error for a command that returned False."""
     return ended(link, clock) or refused(command)
 
 
 def ended(link: ArmLink, clock: Clock) -> DeviceError | None:
-    """Why the control program does not run; None when it goes on running."""
+    """Return why the control program does not run; None if it keeps running."""
     wait_until(clock, lambda: program_reason(link.sample()) is not None, REASON_LIMIT_S, _POLL_S)
     return program_reason(link.sample())
 
@@ -102,21 +102,21 @@ def ended(link: ArmLink, clock: Clock) -> DeviceError | None:
 def wait_for_arm(
     met: Callable[[], bool], limit_s: float, what: str, clock: Clock, pause_s: float = _POLL_S
 ) -> None:
-    """Wait until the arm does `what`, which `met` sees. Raises `DeviceTimeoutError` after `limit_s`."""
+    """Poll `met` until the arm does `what`. Raises `DeviceTimeoutError` after `limit_s`."""
     if not wait_until(clock, met, limit_s, pause_s):
         raise DeviceTimeoutError(f"arm: did not {what} within {limit_s:g} s; see the pendant")
 
 
 def begin_guiding(link: ArmLink, clock: Clock) -> None:
-    """Let the arm be led by hand. Raises `DeviceError` where the controller refuses."""
+    """Let a person lead the arm by hand. Raises `DeviceError` if the controller rejects that."""
     if not link.control.ask(ControlCommands.begin_guiding):
         raise refusal(link, "teachMode", clock)
 
 
 def guided_sample(link: ArmLink) -> StateSample:
-    """Return the newest sample. Raises `DeviceError` if guiding by hand has ended by itself.
+    """Return the newest sample. Raises `DeviceError` if guiding by hand was ended by the heartbeat.
 
-    A program that was suspended would otherwise wait for a hand that can no longer lead the arm.
+    Otherwise a program that had been suspended would wait for a person who can no longer lead the arm.
     """
     sample = link.sample()
     if link.guiding_lost:
@@ -125,9 +125,9 @@ def guided_sample(link: ArmLink) -> StateSample:
 
 
 def end_guiding(link: ArmLink, clock: Clock, stop: Callable[[], None]) -> None:
-    """Hold the arm, and return when it stands; `stop` it where that does not happen.
+    """Hold the arm, and return when it stands; if it does not, call `stop`.
 
-    Raises `DeviceError` where it does not stand, and where guiding had ended before, with the reason.
+    Raises `DeviceError` if it does not stand, and, with the reason, if guiding had ended earlier.
     """
     try:
         halted = link.control.ask(ControlCommands.halted)
@@ -142,7 +142,7 @@ def end_guiding(link: ArmLink, clock: Clock, stop: Callable[[], None]) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Tool:
-    """What hangs on the flange: TCP (x y z in m, rotation vector in rad), mass, centre of gravity."""
+    """The tool at the flange: TCP (x y z in m, rotation vector in rad), mass, centre of gravity."""
 
     flange_tcp: Vector6
     payload_kg: float
@@ -150,10 +150,10 @@ class Tool:
 
 
 class ToolSetting:
-    """The tool of a bench file, and whether the controller has it.
+    """The tool of the bench file, and whether the controller has the same.
 
-    The controller's own is set back to its installation's when a program starts, so it is compared each
-    time; what was agreed to once is not asked again.
+    When a program starts, the controller resets its tool to that of its installation, so they are compared
+    each time. A person who agreed to overwrite a tool is not asked again for the same tool.
     """
 
     def __init__(self, tool: Tool, clock: Clock) -> None:
@@ -162,27 +162,27 @@ class ToolSetting:
         self._agreed: set[str] = set()
 
     def compare(self, link: ArmLink) -> None:
-        """Set the tool where the controller has the same, or where overwriting this one was agreed to."""
+        """Set the tool if the controller has the same one, or if overwriting its tool was agreed to."""
         self._other = other_tool(link, self.tool)
         if self._other is None or self._other in self._agreed:
             self._set(link)
 
     def agree(self, link: ArmLink, confirm: Callable[[str], None]) -> None:
-        """Ask before another tool on the controller is overwritten; `confirm` raises unless agreed."""
+        """Ask before the controller's tool is overwritten; `confirm` raises unless a person agrees."""
         if self._other is not None:
             confirm(
                 f"The arm's controller has {self._other} in the bench file. Is the bench file right, and "
-                "shall it be set? (With the same in the installation on the pendant nobody is asked.)"
+                "shall it be set? (If the installation on the pendant has the same, this is not asked.)"
             )
             self._agreed.add(self._other)
             self._set(link)
 
     def require(self) -> None:
-        """Raise `DeviceError` while the controller has another tool."""
+        """Raise `DeviceError` while the controller has another tool that nobody agreed to overwrite."""
         if self._other is not None:
             raise DeviceError(
-                f"arm: the controller has {self._other} in the bench file, and nobody agreed to "
-                "overwrite it; put the same into both"
+                f"arm: the controller has {self._other} in the bench file, and overwriting it was not "
+                "confirmed; put the same into both"
             )
 
     def _set(self, link: ArmLink) -> None:
@@ -191,21 +191,21 @@ class ToolSetting:
 
 
 def other_tool(link: ArmLink, tool: Tool) -> str | None:
-    """Say what the controller has for a tool where it is not `tool`; None where it is, as far as it tells."""
+    """Describe how the controller's tool differs from `tool`; None if all values that it reports agree."""
     there, sample = link.control.ask(ControlCommands.tcp), link.sample()
     differs = []
     if _apart(there, tool.flange_tcp) > SAME_TCP:
         differs.append(f"TCP {_numbers(there)} instead of {_numbers(tool.flange_tcp)} (m, rad)")
-    if abs(sample.payload_kg - tool.payload_kg) > SAME_KG:  # never so where the controller does not tell
+    if abs(sample.payload_kg - tool.payload_kg) > SAME_KG:  # False for NaN: the controller does not report it
         differs.append(f"payload {sample.payload_kg:.3f} kg instead of {tool.payload_kg:.3f} kg")
     if _apart(sample.payload_cog_m, tool.payload_cog_m) > SAME_COG_M:
-        cog, told = _numbers(sample.payload_cog_m), _numbers(tool.payload_cog_m)
-        differs.append(f"centre of gravity {cog} m instead of {told} m")
+        there_cog, wanted = _numbers(sample.payload_cog_m), _numbers(tool.payload_cog_m)
+        differs.append(f"centre of gravity {there_cog} m instead of {wanted} m")
     return ", ".join(differs) or None
 
 
 def set_tool(link: ArmLink, tool: Tool, clock: Clock) -> None:
-    """Set TCP and payload, and see that the controller has them. Raises `DeviceError`."""
+    """Set TCP and payload, and verify that the controller has them. Raises `DeviceError`."""
     taken, there = link.control.ask(ControlCommands.set_tcp, tool.flange_tcp)
     if not taken:
         raise refusal(link, "setTcp", clock)

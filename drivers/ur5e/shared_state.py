@@ -1,8 +1,8 @@
-"""The newest state of the arm, in memory that the stream process writes and others read.
+"""The newest state of the arm in shared memory, written by the state process and read by other processes.
 
-There are two places for a sample and a counter of samples: the writer fills the place that is not
-the newest, then counts. Reading costs no lock, no message, and never waits for the writer, which
-may be stopped in the middle of a sample for as long as the system likes.
+The memory has two slots for a sample and a counter of samples. The writer fills the slot that does not hold
+the newest sample, then increments the counter. So a reader needs no lock and no message, and never waits for
+the writer, which the operating system may suspend in the middle of a sample.
 """
 
 import contextlib
@@ -16,9 +16,9 @@ from drivers.values import Vector3, Vector6
 
 _WORD = 8
 _SAMPLE = struct.Struct("<d2q6d6d6d6dd3dd4i2Q")
-_COUNT, _LOOKED = 0, 1 + 2 * _SAMPLE.size // _WORD
-_GUIDING_LOST = _LOOKED + 1
-"""Words: the counter, the time of the last look, and 1 if guiding by hand has ended by itself."""
+_COUNT, _POLLED = 0, 1 + 2 * _SAMPLE.size // _WORD
+_GUIDING_LOST = _POLLED + 1
+"""Word offsets: the counter; the time of the last poll; 1 if guiding by hand was ended by the heartbeat."""
 _SIZE = _WORD * (_GUIDING_LOST + 1)
 
 
@@ -26,12 +26,12 @@ _SIZE = _WORD * (_GUIDING_LOST + 1)
 class StateSample:
     """One data package of the arm's controller.
 
-    timestamp_s: the controller's own time. received_ns: monotonic time at which this timestamp was
-    first seen; sampled_ns: the timestamp on the monotonic clock, by the fastest delivery so far.
-    pose: x y z in m and rotation vector in rad of the TCP in the base; speed likewise per second;
-    wrench in N and N m in base axes. payload_kg and payload_cog_m (from the flange) are nan where the
-    controller does not tell. speed_fraction: where the pendant's speed slider stands, 0 to 1.
-    samples and gaps count packages seen and missed.
+    timestamp_s: time of the controller's clock. received_ns: monotonic time at which this timestamp was first
+    seen. sampled_ns: the timestamp converted to the monotonic clock, by the fastest delivery so far. pose:
+    x y z in m and rotation vector in rad of the TCP in the base frame. speed: the same per second. wrench: N
+    and N m in base axes. payload_kg, payload_cog_m (from the flange): NaN if the controller does not report
+    them. speed_fraction: position of the pendant's speed slider, 0 to 1. samples, gaps: number of packages
+    received and missed.
     """
 
     timestamp_s: float
@@ -53,25 +53,25 @@ class StateSample:
 
 
 class SharedState:
-    """The shared memory. `fd` is handed on to the processes that share it."""
+    """The shared memory. `fd` is its file descriptor, to pass to the processes that share it."""
 
     def __init__(self, fd: int | None = None) -> None:
         self.fd = os.memfd_create("arm-state") if fd is None else fd
         if fd is None:
             os.ftruncate(self.fd, _SIZE)
         self._memory = mmap.mmap(self.fd, _SIZE)
-        # Written whole: `struct` clears a place before it writes there, and another process would read the 0.
+        # Written as whole words: `struct` sets a slot to 0 first, and another process could read the 0.
         self._words = memoryview(self._memory).cast("Q")
 
     def close(self) -> None:
-        """Let go of the memory. Safe to call twice."""
+        """Release the memory. Safe to call twice."""
         if not self._memory.closed:
             self._words.release()
             self._memory.close()
             os.close(self.fd)
 
     def write(self, sample: StateSample) -> None:
-        """Publish a sample; one process writes."""
+        """Publish a sample. Only one process may write."""
         count = self._words[_COUNT]
         _SAMPLE.pack_into(
             self._memory,
@@ -84,35 +84,35 @@ class SharedState:
         )
         self._words[_COUNT] = count + 1
 
-    def look(self, time_ns: int) -> None:
-        """Say that the program that drives the arm looks at it now, monotonic time."""
+    def note_poll(self, time_ns: int) -> None:
+        """Note the monotonic time at which the program that drives the arm polled its state."""
         with contextlib.suppress(ValueError):  # closed
-            self._words[_LOOKED] = time_ns
+            self._words[_POLLED] = time_ns
 
-    def looked_ns(self) -> int:
-        """When it looked last; 0 before the first time."""
-        return self._words[_LOOKED]
+    def polled_ns(self) -> int:
+        """Monotonic time of the newest poll; 0 before the first."""
+        return self._words[_POLLED]
 
     def note_guiding_lost(self, lost: bool) -> None:
-        """Note whether guiding by hand was ended because the program did not look at the arm."""
+        """Note whether guiding by hand was ended because the program did not poll the arm."""
         with contextlib.suppress(ValueError):  # closed
             self._words[_GUIDING_LOST] = lost
 
     def guiding_lost(self) -> bool:
-        """Whether guiding by hand was ended because the program did not look; False after `close`."""
+        """Whether guiding by hand was ended because the program did not poll; False after `close`."""
         with contextlib.suppress(ValueError):  # closed
             return bool(self._words[_GUIDING_LOST])
         return False
 
     def read(self) -> StateSample | None:
-        """The newest sample; None before the first and after `close`."""
+        """Return the newest sample; None before the first one and after `close`."""
         try:
             while True:
                 count = self._words[_COUNT]
                 values = _SAMPLE.unpack_from(self._memory, _place(count))
-                if self._words[_COUNT] == count:  # otherwise its place may have been written anew meanwhile
+                if self._words[_COUNT] == count:  # otherwise the slot may have been overwritten meanwhile
                     return _sample(values) if count else None
-        except ValueError:  # closed, maybe by another thread just now
+        except ValueError:  # closed, perhaps by another thread just now
             return None
 
 

@@ -1,9 +1,8 @@
-"""The process that listens to the arm: ur-rtde's receive interface, written to shared memory.
+"""The state process: receives the arm's states with ur-rtde and writes them to shared memory.
 
-Its constructor holds the interpreter's lock and waits forever for a peer that says nothing, and
-its getters go on returning the last values after the connection is gone. Here neither does
-harm: a process can be ended, and the state shows by the controller's time how old a sample is.
-
+If the controller sends nothing, the constructor of ur-rtde's receive interface holds the interpreter lock
+and waits forever; after the connection is lost, its getters keep returning the last values. Both are harmless
+in a separate process: it can be ended, and the controller's time in the state shows how old a sample is.
     python -m drivers.ur5e.state_process HOST RATE_HZ STATE_FD PARENT_PID WITH_PAYLOAD
 """
 
@@ -22,7 +21,9 @@ from drivers.values import Vector3
 START_LIMIT_S = 5.0
 POLL_S = 0.0004
 OFFSET_BLOCK_S = 10.0
+"""The clock offset is the minimum over this block and the previous one."""
 CONNECTION_LOST = 3
+"""Exit code."""
 VARIABLES = (
     "timestamp",
     "actual_q",
@@ -38,10 +39,10 @@ VARIABLES = (
 
 
 class ClockMap:
-    """The controller's time on the computer's monotonic clock.
+    """Converts the controller's time to the computer's monotonic clock.
 
-    A package arrives late, never early: the least difference of the last 10 to 20 s is the
-    closest to the truth, and follows slow drift between the clocks.
+    A package can arrive late but never early. So the smallest difference of the last 10 to 20 s is closest to
+    the true offset, and it follows slow drift between the clocks.
     """
 
     def __init__(self) -> None:
@@ -49,7 +50,7 @@ class ClockMap:
         self._before = self._current = sys.maxsize
 
     def to_host_ns(self, controller_ns: int, received_ns: int) -> int:
-        """Monotonic time at which the controller took a sample."""
+        """Return the monotonic time in ns at which the controller took a sample."""
         offset = received_ns - controller_ns
         if self._block_start_ns is None or received_ns - self._block_start_ns > to_ns(OFFSET_BLOCK_S):
             self._block_start_ns = received_ns
@@ -59,7 +60,7 @@ class ClockMap:
 
 
 def listen(receive: Any, state: SharedState, parent_pid: int, rate_hz: float, with_payload: bool) -> None:
-    """Publish each new sample until the connection or the parent process is gone."""
+    """Publish each new sample until the connection is lost or the parent process has ended."""
     clock, times = SystemClock(), ClockMap()
     last_s = -math.inf
     samples = gaps = 0
@@ -106,8 +107,8 @@ def _vectors(receive: Any) -> tuple[list[float], ...]:
 
 
 def main(host: str, rate_hz: float, state_fd: int, parent_pid: int, with_payload: bool) -> NoReturn:
-    """Connect, listen, and end; the exit code says how."""
-    faulthandler.dump_traceback_later(START_LIMIT_S, exit=True)  # runs although the constructor keeps the GIL
+    """Connect, receive states, and exit with a code that states the reason."""
+    faulthandler.dump_traceback_later(START_LIMIT_S, exit=True)  # works while the constructor holds the GIL
     variables = [*VARIABLES, "payload", "payload_cog"] if with_payload else list(VARIABLES)
     try:
         from rtde_receive import RTDEReceiveInterface

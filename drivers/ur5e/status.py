@@ -1,4 +1,4 @@
-"""What the arm's controller says about itself, in words and in typed errors.
+"""Convert the status reported by the arm's controller to text and typed errors.
 
 Values and bits: Universal Robots, "RTDE Guide", robot_mode, runtime_state, safety_status_bits.
 """
@@ -35,7 +35,7 @@ _SAFETY = (
 
 
 def arm_mode(sample: StateSample) -> ArmMode:
-    """What the safety system allows, most serious first."""
+    """Return the safety state; if several bits are set, the most serious one."""
     if sample.safety_bits & EMERGENCY:
         return ArmMode.EMERGENCY_STOP
     if sample.safety_bits & PROTECTIVE:
@@ -46,7 +46,7 @@ def arm_mode(sample: StateSample) -> ArmMode:
 
 
 def stop_reason(sample: StateSample) -> DeviceError | None:
-    """Why the arm cannot move, as an error to raise; None when nothing of that kind is said."""
+    """Return why the arm cannot move, as an error to raise; None if it can."""
     bits = sample.safety_bits
     if bits & EMERGENCY:
         return DeviceError(
@@ -55,7 +55,7 @@ def stop_reason(sample: StateSample) -> DeviceError | None:
         )
     if bits & PROTECTIVE:
         return ProtectiveStopError(
-            f"arm: protective stop (safety bits {bits:#x}); look at the arm, clear the cause, release it"
+            f"arm: protective stop (safety bits {bits:#x}); inspect the arm, clear the cause, release it"
         )
     for bit, what, remedy in _SAFETY:
         if bits & bit:
@@ -67,25 +67,23 @@ def stop_reason(sample: StateSample) -> DeviceError | None:
         )
     if not bits & (NORMAL | REDUCED):
         return DeviceError(
-            f"arm: its safety system does not say that all is well (bits {bits:#x}); see the pendant"
+            f"arm: its safety system is in neither normal nor reduced mode (bits {bits:#x}); see the pendant"
         )
     return None
 
 
 def program_reason(sample: StateSample) -> DeviceError | None:
-    """Why commands are not carried out: the above, or the control program does not run."""
+    """Return why commands are not executed: a `stop_reason`, or the control program does not run."""
     reason = stop_reason(sample)
     if reason is None and sample.runtime_state != PLAYING:
         state = _RUNTIME.get(sample.runtime_state, f"state {sample.runtime_state}")
         reason = DeviceError(
             f"arm: its control program is {state}; it was ended on the pendant, by an error shown there, "
-            "or because the connection was too slow. Look at the arm, then start again"
+            "or because the connection was too slow. Inspect the arm, then start again"
         )
     return reason
 
 
 def refused(command: str) -> DeviceError:
-    """The error for a command that the controller did not carry out although its program runs."""
-    return DeviceError(
-        f"arm: '{command}' was refused although nothing else is wrong; see the log on the pendant"
-    )
+    """Return the error for a command that the controller rejected although its program runs."""
+    return DeviceError(f"arm: '{command}' was rejected although the program runs; see the log on the pendant")

@@ -1,5 +1,5 @@
-"""Sources of frames: the DIGIT and the external camera, over V4L2, MJPEG or files.
+"""Frame sources: the DIGIT and the external camera, over V4L2, MJPEG or from files.
 
-`digit.py` and `external_camera.py` are the drivers, `reader.py` the thread that reads, `decode.py`
-turns what came into images. Imports the vocabulary of `drivers` alone.
+The drivers are `digit.py` and `external_camera.py`. `reader.py` has the reader thread, `decode.py` decodes
+raw frames. This package imports only the shared modules of `drivers`.
 """

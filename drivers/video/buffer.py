@@ -1,4 +1,4 @@
-"""The frames that a reader's thread leaves for its users, of one connection."""
+"""Frame buffer of one connection between the reader thread and its users."""
 
 import threading
 from collections import deque
@@ -11,9 +11,9 @@ _HINT = "check that it still streams, its cable and its port"
 
 
 class FrameBuffer:
-    """The newest frame, the frames nobody has read yet, and why there are no more of them.
+    """The newest frame, the unread frames, and the reason if no more frames arrive.
 
-    backlog: how many unread frames are kept.
+    backlog: largest number of unread frames.
     """
 
     def __init__(self, serial: str, clock: Clock, backlog: int) -> None:
@@ -28,7 +28,7 @@ class FrameBuffer:
         self._closed = False
 
     def put(self, frame: Frame) -> bool:
-        """Add a frame. Returns whether the oldest unread one had to go for it."""
+        """Add a frame. Return whether the oldest unread frame was dropped for it."""
         with self._changed:
             full = len(self._backlog) == self._backlog.maxlen
             self._backlog.append(frame)
@@ -37,24 +37,24 @@ class FrameBuffer:
             return full
 
     def fail(self, trouble: str, over: bool) -> None:
-        """Say why no frames come. over: none will come any more."""
+        """Note why no frames arrive. over: no more frames will arrive."""
         with self._changed:
             self._trouble, self._over = trouble, over
             self._changed.notify_all()
 
     def withhold(self, remark: str) -> None:
-        """Say why an image that came is not among the frames."""
+        """Note why a received image was not delivered as a frame."""
         with self._changed:
             self._remark = remark
 
     def close(self) -> None:
-        """Let nobody wait any longer."""
+        """Wake all waiting callers with an error."""
         with self._changed:
             self._closed = True
             self._changed.notify_all()
 
     def next(self, timeout_s: float) -> Frame:
-        """Take the oldest unread frame. Raises `DeviceTimeoutError`, `DeviceError` at the end."""
+        """Return the oldest unread frame. Raises `DeviceTimeoutError`, `DeviceError` after the last frame."""
         deadline = self._clock.now_ns() + to_ns(timeout_s)
         with self._changed:
             while not self._backlog:
@@ -66,11 +66,11 @@ class FrameBuffer:
             return self._backlog.popleft()
 
     def newest(self, max_age_s: float) -> Frame:
-        """Newest frame; what is unread is skipped. Raises `StaleFrameError`."""
+        """Return the newest frame and discard the unread ones. Raises `StaleFrameError`."""
         with self._changed:
             frame = self._newest
             if frame is None:
-                raise StaleFrameError(f"{self._serial}: no frame yet, however old; {self._why()}")
+                raise StaleFrameError(f"{self._serial}: no frame received yet; {self._why()}")
             age_s = (self._clock.now_ns() - frame.time_ns) / NS_PER_S
             if age_s > max_age_s:
                 raise StaleFrameError(
@@ -81,7 +81,7 @@ class FrameBuffer:
             return frame
 
     def await_first(self, timeout_s: float) -> None:
-        """Wait for the first frame. Raises `DeviceError` at the first trouble instead."""
+        """Wait for the first frame. Raises `DeviceError` if the reader fails before it."""
         deadline = self._clock.now_ns() + to_ns(timeout_s)
         with self._changed:
             while self._newest is None:

@@ -1,10 +1,10 @@
-"""From a raw frame to a decoded one: upright, of the requested size; JPEG checked for damage.
+"""Decode raw frames: rotate them upright, check their size, and detect damaged JPEGs.
 
-OpenCV decodes a JPEG into which the next one runs, or whose data are garbled, without an error, so the
-structure is checked first (markers: ITU-T T.81, table B.1; byte stuffing: B.1.1.5). Pillow notices
-as much as this check does (100 % of cut and spliced images, 20 % of those with 64 random bytes
-inside), but only by decoding, 0.1 ms slower than OpenCV; the check takes 0.01 ms, and the header
-has to be read anyway, because a stream may not announce the size of its images.
+OpenCV decodes without an error a JPEG that runs into the next one, or whose data are corrupted, so the
+structure is checked first (markers: ITU-T T.81, table B.1; byte stuffing: B.1.1.5). Pillow detects as much as
+this check (100 % of truncated and spliced images, 20 % of those with 64 random bytes inside), but only by
+decoding, 0.1 ms slower than OpenCV. The check takes 0.01 ms, and the header must be read in any case, because
+a stream may not announce the size of its images.
 """
 
 import re
@@ -25,26 +25,26 @@ _TURN_LEFT = (
     b"\xff\xe1\x00\x22Exif\x00\x00MM\x00\x2a\x00\x00\x00\x08"
     b"\x00\x01\x01\x12\x00\x03\x00\x00\x00\x01\x00\x08\x00\x00\x00\x00\x00\x00"
 )
-"""An EXIF segment with one entry: orientation (0x0112) = 8, to be shown turned 90 degrees left."""
+"""An EXIF segment with one entry: orientation (0x0112) = 8, display rotated 90 degrees left."""
 _PNG, _PNG_END = b"\x89PNG", b"IEND"
 
 
 def whole_jpeg(data: bytes) -> tuple[bytes, tuple[int, int]]:
     """Return a JPEG without the padding after it, and its (width, height) in px.
 
-    Raises `DamagedFrameError` when it does not begin, go on and end as a JPEG does.
+    Raises `DamagedFrameError` if the start, the coded data or the end are not valid.
     """
     size, scan = read_header(data)
     end = data.rfind(_END, scan)
     if end < 0:
         raise DamagedFrameError(f"image of {len(data)} bytes: its end is missing; check the cable")
     if _NEVER_IN_SCAN.search(data, scan, end):
-        raise DamagedFrameError(f"image of {len(data)} bytes: garbled inside; check the cable")
+        raise DamagedFrameError(f"image of {len(data)} bytes: corrupted inside; check the cable")
     return data[: end + 2], size
 
 
 def read_header(data: bytes | bytearray) -> tuple[tuple[int, int], int]:
-    """Return (width, height) in px and where the coded data begin. Raises `DamagedFrameError`."""
+    """Return (width, height) in px and the offset of the coded data. Raises `DamagedFrameError`."""
     if data[:2] != _START:
         raise DamagedFrameError(f"image begins with {bytes(data[:2]).hex()}, not ffd8: not a JPEG")
     try:
@@ -57,10 +57,10 @@ def read_header(data: bytes | bytearray) -> tuple[tuple[int, int], int]:
 
 
 def turned_left(jpeg: bytes) -> bytes:
-    """Return a JPEG that viewers and `decode` show turned 90 degrees counter-clockwise.
+    """Return a JPEG that viewers and `decode` show rotated 90 degrees counter-clockwise.
 
-    The coded image stays as received; a library that encodes it again would change it. An
-    orientation header (EXIF 2.32, tag 0x0112) goes in front.
+    An orientation header (EXIF 2.32, tag 0x0112) is inserted. The coded image stays as received; encoding it
+    again would change it.
     """
     return _START + _TURN_LEFT + jpeg[2:]
 
@@ -75,9 +75,9 @@ def decode(encoded: bytes) -> Image:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DecodedFrame:
-    """An image, (H, W, 3) uint8 RGB, upright, and its JPEG bytes where it came as JPEG.
+    """An upright image, (H, W, 3) uint8 RGB, and its JPEG bytes if it was received as JPEG.
 
-    flaw: why it does not show the scene ("green", "shifted"); such a frame is withheld.
+    flaw: why the image does not show the scene ("green", "shifted"); such a frame is not delivered.
     """
 
     image: Image
@@ -86,11 +86,11 @@ class DecodedFrame:
 
 
 def decode_frame(raw: RawFrame, size_px: tuple[int, int] | None, upright: bool) -> DecodedFrame:
-    """Decode a raw frame. size_px: (width, height) that the image has to have; any when None.
+    """Decode a raw frame. size_px: required (width, height) of the image; None accepts any size.
 
-    upright: turn images that lie on their side (wider than high) 90 degrees counter-clockwise;
-    a JPEG by an orientation header, so that the coded image stays as received.
-    Raises `DamagedFrameError`, and `DeviceError` for another size.
+    upright: rotate images that are wider than high by 90 degrees counter-clockwise; a JPEG by an orientation
+    header, so that the coded image stays as received. Raises `DamagedFrameError`, and `DeviceError` for
+    another size.
     """
     frame = _decoded(raw)
     height, width = frame.image.shape[:2]
@@ -99,7 +99,7 @@ def decode_frame(raw: RawFrame, size_px: tuple[int, int] | None, upright: bool) 
         height, width = width, height
     if size_px is not None and (width, height) != tuple(size_px):
         raise DeviceError(
-            f"its images are {width} x {height} px, {size_px[0]} x {size_px[1]} are asked for; "
+            f"its images are {width} x {height} px, expected {size_px[0]} x {size_px[1]}; "
             "correct size_px in the bench file"
         )
     return frame
@@ -113,7 +113,7 @@ def _decoded(raw: RawFrame) -> DecodedFrame:
         jpeg, _ = whole_jpeg(data)
         return DecodedFrame(decode(jpeg), jpeg)
     if _PNG_END not in data[-16:]:
-        raise DamagedFrameError(f"PNG of {len(data)} bytes: its end is missing; copy it anew")
+        raise DamagedFrameError(f"PNG of {len(data)} bytes: its end is missing; copy it again")
     return DecodedFrame(decode(data), None)
 
 

@@ -1,10 +1,10 @@
-"""A DIGIT fingertip sensor: a UVC camera under a gel, found by serial, its LEDs set.
+"""Driver of a DIGIT fingertip sensor: a UVC camera under a gel, found by serial number, with coloured LEDs.
 
-What the makers' digit-interface 0.2.1 says of the device: it streams 640 x 480 at 30 or
-15 Hz and 320 x 240 at 60 or 30 Hz, lying on its side; its LEDs are set through the UVC zoom
-control, four bits each of red, green and blue (firmware below 2.00: one value for all three).
-Its users report first images that are green or dark (its issue 16), reads that hang (17), and
-glitches and shifts at 640 x 480 (10). No DIGIT was at hand to try this driver on.
+From the makers' digit-interface 0.2.1: the sensor streams 640 x 480 px at 30 or 15 Hz and 320 x 240 px at 60
+or 30 Hz, rotated by 90 degrees. Its LEDs are set through the UVC zoom control, four bits each for red, green
+and blue (firmware before 2.00: one value for all three). Its users report first images that are green or dark
+(its issue 16), reads that hang (17), and glitches and shifted images at 640 x 480 (10). This driver has not
+been tried on a real DIGIT.
 """
 
 from drivers.clock import Clock, SystemClock
@@ -20,15 +20,16 @@ from drivers.video.v4l2 import Discover, OpenCapture, V4l2Stream, list_video_nod
 MODES = {(320, 240): (60.0, 30.0), (640, 480): (30.0, 15.0)}
 """Raw width and height in px: frame rates in Hz."""
 FULL = 15
+"""Largest four-bit LED value."""
 OWN_LEDS_SINCE = "0200"
-"""USB revision of the first firmware that sets each colour."""
+"""USB revision of the first firmware that sets each colour separately."""
 
 
 class Digit(AddressedSource, TactileSensor):
-    """A DIGIT. serial: as printed on it. size_px: upright width and height.
+    """A DIGIT. serial: as printed on it. size_px: width and height of the upright image.
 
-    address: None finds it by serial; else "/dev/videoN", an MJPEG URL, a folder of images or a
-    video file. Raises `InputError` for a mode that a DIGIT does not have.
+    address: None finds the sensor by its serial number; otherwise "/dev/videoN", an MJPEG URL, a folder of
+    images or a video file. Raises `InputError` for a mode that a DIGIT does not have.
     """
 
     def __init__(
@@ -51,9 +52,9 @@ class Digit(AddressedSource, TactileSensor):
         self._glitches = GlitchCheck()
 
     def set_light(self, red: float, green: float, blue: float) -> None:
-        """Set the LEDs' intensities, 0 to 1; they are set again whenever the sensor is opened.
+        """Set the LEDs' intensities, 0 to 1. They are set again whenever the sensor is reopened.
 
-        Raises `OutOfLimitsError`, and `DeviceError` when the source has no LEDs to set.
+        Raises `OutOfLimitsError`, and `DeviceError` if the source has no LEDs.
         """
         if not all(0.0 <= value <= 1.0 for value in (red, green, blue)):
             raise OutOfLimitsError(f"{self.serial}: light {(red, green, blue)}: give each colour from 0 to 1")
@@ -63,7 +64,7 @@ class Digit(AddressedSource, TactileSensor):
             raise DeviceError(f"{self.serial}: {source.address} has no LEDs to set")
 
     def connect(self) -> None:
-        """Start capturing; the first good image is what later ones are judged by."""
+        """Start capturing. The first good image is the reference for checking later images."""
         self._glitches = GlitchCheck()
         super().connect()
 
@@ -76,7 +77,7 @@ class Digit(AddressedSource, TactileSensor):
         return DecodedFrame(frame.image, frame.jpeg, self._glitches.flaw(frame.image))
 
     def _apply_light(self, source: OpenSource) -> bool:
-        """Set the LEDs; False where there are none."""
+        """Set the LEDs; return False if the source has none."""
         stream = source.stream
         if isinstance(stream, V4l2Stream):
             stream.set_zoom(light_value(self._light, source.node.revision if source.node else ""))
@@ -88,9 +89,9 @@ class Digit(AddressedSource, TactileSensor):
 
 
 def light_value(light: tuple[float, float, float], revision: str = "") -> int:
-    """Return the zoom control's value for intensities 0 to 1.
+    """Return the value of the zoom control for intensities 0 to 1.
 
-    Since firmware 2.00: red, green and blue in four bits each from the top; before: their mean.
+    Firmware 2.00 and later: red, green and blue, four bits each, from the top. Earlier: their mean.
     """
     red, green, blue = (round(FULL * value) for value in light)
     if revision and revision < OWN_LEDS_SINCE:

@@ -9,12 +9,12 @@ from drivers.video.v4l2 import Discover, OpenCapture, list_video_nodes, open_cap
 
 
 class ExternalCamera(AddressedSource, Camera):
-    """A camera that sees the markers, with the freshness rules of every frame source.
+    """A camera that sees the markers; frames follow the same age and backlog rules as those of any source.
 
-    address: "/dev/videoN", "http://HOST:PORT/PATH", a folder of images or a video file; None
-    finds the USB camera with this serial. rate_hz: asked of a device, the pace of files, what is
-    expected of a URL. size_px: width and height its images must have; any when None.
-    Raises `InputError` for an address that can never be opened.
+    address: "/dev/videoN", "http://HOST:PORT/PATH", a folder of images or a video file; None finds the USB
+    camera with this serial number. rate_hz: the rate to request from a device, to play files at, or to expect
+    from a URL. size_px: required width and height of the images; None accepts any size. Raises `InputError`
+    for an address that can never be opened.
     """
 
     def __init__(
@@ -32,7 +32,7 @@ class ExternalCamera(AddressedSource, Camera):
         self._size_px = size_px
 
     def _prepare(self, source: OpenSource) -> None:
-        """Nothing but size and rate is set."""
+        """Set nothing: size and rate are already set."""
 
     def _decode(self, raw: RawFrame) -> DecodedFrame:
         return decode_frame(raw, self._size_px, upright=False)

@@ -1,4 +1,4 @@
-"""Recorded frames as a source: a folder of images or a video file, at the pace of the clock."""
+"""Recorded frames as a source: a folder of images or a video file, played at its frame rate."""
 
 import re
 import threading
@@ -13,11 +13,11 @@ from drivers.images import check_video_size
 from drivers.video.stream import FrameStream, RawFrame
 
 PLAYED_SUFFIXES = (".png", ".jpg", ".jpeg")
-"""What a camera could have sent: other kinds of image are left out of a folder that is played."""
+"""Image types that are played: those that a camera could have sent. Other images in a folder are skipped."""
 
 
 class RecordedStream(FrameStream):
-    """What folders and videos share: image n is due n periods after the first."""
+    """Common base of folders and videos: image n is due n periods after the first."""
 
     warm_up = 0
     stamp = "schedule"
@@ -36,7 +36,7 @@ class RecordedStream(FrameStream):
         self._stopped.set()
 
     def close(self) -> None:
-        """Nothing to let go."""
+        """Do nothing: no resource is held."""
 
     def _await_next(self) -> tuple[int, int]:
         """Wait until the next image is due; return its number and its time."""
@@ -54,14 +54,14 @@ class RecordedStream(FrameStream):
 
 
 class FolderStream(RecordedStream):
-    """The JPEG and PNG files of a folder, sorted by name (numbers by value), bit for bit."""
+    """Plays the JPEG and PNG files of a folder bit for bit, sorted by name (numbers by value)."""
 
     def __init__(self, path: Path, rate_hz: float, clock: Clock) -> None:
         super().__init__(path, rate_hz, clock)
         self._files = image_files(path)
 
     def read(self) -> RawFrame:
-        """Wait for the next image's time and read its file."""
+        """Wait until the next image is due, and read its file."""
         if self._number >= len(self._files):
             raise self._ended()
         number, due_ns = self._await_next()
@@ -73,14 +73,14 @@ class FolderStream(RecordedStream):
 
 
 class VideoStream(RecordedStream):
-    """A video file; FFV1 in AVI or MKV is bit-exact, most others are not."""
+    """Plays a video file; FFV1 in AVI or MKV is lossless, most others are not."""
 
     def __init__(self, path: Path, rate_hz: float, clock: Clock) -> None:
         super().__init__(path, rate_hz, clock)
         self._capture = cv2.VideoCapture(str(path))
 
     def read(self) -> RawFrame:
-        """Wait for the next image's time and decode it."""
+        """Wait until the next image is due, and decode it."""
         number, due_ns = self._await_next()
         there, bgr = self._capture.read()
         if not there:
@@ -95,7 +95,7 @@ class VideoStream(RecordedStream):
 
 
 def image_files(folder: Path) -> list[Path]:
-    """Return a folder's images in order. Raises `InputError` when there are none."""
+    """Return a folder's images in order. Raises `InputError` if there are none."""
     try:
         files = [file for file in folder.iterdir() if file.suffix.lower() in PLAYED_SUFFIXES]
     except OSError as error:
@@ -106,7 +106,7 @@ def image_files(folder: Path) -> list[Path]:
 
 
 def check_video(path: Path) -> None:
-    """Raise `InputError` when a file is no video that can be read."""
+    """Raise `InputError` if a file is not a readable video."""
     capture = cv2.VideoCapture(str(path))
     try:
         check_video_size(capture, path)
@@ -114,4 +114,4 @@ def check_video(path: Path) -> None:
     finally:
         capture.release()
     if not readable:
-        raise InputError(f"{path}: not a video that can be read; give a device, URL, folder or video file")
+        raise InputError(f"{path}: not a readable video; give a device, URL, folder or video file")

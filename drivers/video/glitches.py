@@ -1,7 +1,7 @@
-"""Images that do not show the gel: a transfer that broke off, a line that lost bytes.
+"""Detect images that do not show the gel: a transfer that was aborted, or lines with lost bytes.
 
-Both are known of DIGITs at 640 x 480 and of a USB bus under load. They are told apart from what an
-elastomer under fixed LEDs can show, whose background neither jumps along the image nor goes flat.
+Both are reported for DIGITs at 640 x 480 and for a loaded USB bus. The checks cannot reject what an elastomer
+under fixed LEDs shows: its background has neither a step along the image nor a constant colour.
 """
 
 import cv2
@@ -12,9 +12,9 @@ from drivers.errors import DeviceError
 from drivers.types import Image
 
 BANDS = 4
-"""Bytes may be lost half-way through an image, so its columns are judged in four groups."""
+"""Bytes may be lost half-way through an image, so its columns are checked in four groups."""
 MAX_SHIFTED = 30
-"""So many shifted images in a row mean that the stream will not right itself."""
+"""After this many shifted images in a row the stream does not recover without reopening."""
 _STEP_PX = 8
 _DEAD_SHARE = 0.1
 _GREEN_OVER = 60
@@ -23,13 +23,14 @@ _LEAST_CHANGE = 1.5
 _LEAST_SHIFT_PX = 3
 _MOST_REST = 0.1
 _SEAM_OVER = 1.4
-"""Lower than a seam without contact would allow: an object's edges are as steep, and JPEG blurs a seam."""
+"""Least step at the seam of a shift, relative to the 90 % quantile of all steps. It is low, because the edges
+of an object are as steep, and JPEG blurs a seam."""
 
 
 class GlitchCheck:
-    """Judges the images of one stream, each (H, W, 3) uint8 RGB and upright, against the last good.
+    """Checks the images of one stream, each (H, W, 3) uint8 RGB and upright, against the last good image.
 
-    The raw lines of a DIGIT run along its upright image's columns.
+    A raw line of a DIGIT is a column of its upright image.
     """
 
     def __init__(self) -> None:
@@ -37,13 +38,13 @@ class GlitchCheck:
         self._shifted = 0
 
     def reopened(self) -> None:
-        """Note that the stream was opened anew: it has to be right now, by the same last good image."""
+        """Note that the stream was reopened. The last good image is kept as the reference."""
         self._shifted = 0
 
     def flaw(self, image: Image) -> str | None:
         """Return "green" or "shifted", or None for a good image.
 
-        Raises `DeviceError` when so many are shifted in a row that the stream must be opened anew.
+        Raises `DeviceError` after MAX_SHIFTED shifted images in a row: the stream must then be reopened.
         """
         if is_green(image):
             return "green"
@@ -58,9 +59,9 @@ class GlitchCheck:
 
 
 def is_green(image: Image) -> bool:
-    """Whether at least a tenth of the image's columns were never filled.
+    """Whether at least a tenth of the image's columns are an empty buffer.
 
-    An empty YUV buffer (all zero) shows as a flat green, (0, 135, 0) by ITU-R BT.601.
+    An empty YUV buffer (all zero) is displayed as a constant green, (0, 135, 0) by ITU-R BT.601.
     """
     sample = image[::_STEP_PX, ::_STEP_PX].astype(np.int16)
     flat = (np.ptp(sample, axis=0) <= _FLAT).all(axis=1)
@@ -70,10 +71,10 @@ def is_green(image: Image) -> bool:
 
 
 def shifted(good: NDArray[np.float32], seen: NDArray[np.float32]) -> bool:
-    """Whether a profile (H, 4, 3) is a good one shifted circularly along its first axis, in any band.
+    """Whether a profile (H, 4, 3) is a circular shift of the good one along its first axis, in any band.
 
-    Three things have to be so: it differs much from the good one; moved back, nearly nothing of
-    that is left; and where the ends met, there is a step the good one has nowhere.
+    Three conditions: it differs from the good profile; after shifting it back, the difference is nearly zero;
+    and at the seam it has a step that the good profile has nowhere.
     """
     change = np.abs(seen - good).mean(axis=(0, 2))
     return any(_is_shift(good[:, band], seen[:, band]) for band in np.flatnonzero(change > _LEAST_CHANGE))
@@ -92,12 +93,12 @@ def _is_shift(good: NDArray[np.float32], seen: NDArray[np.float32]) -> bool:
 
 
 def _best_shift(good: NDArray[np.float32], seen: NDArray[np.float32]) -> int:
-    """The circular shift with the largest correlation, over all colours."""
+    """Return the circular shift in px with the largest correlation, summed over the colours."""
     spectrum = np.fft.rfft(seen, axis=0) * np.conj(np.fft.rfft(good, axis=0))
     return int(np.fft.irfft(spectrum.sum(axis=1), n=len(good)).argmax())
 
 
 def _profile(image: Image) -> NDArray[np.float32]:
-    """Mean colour of each row within each group of columns, (H, 4, 3)."""
+    """Return the mean colour of each row in each group of columns, (H, 4, 3)."""
     small = cv2.resize(image, (BANDS, image.shape[0]), interpolation=cv2.INTER_AREA)
     return np.asarray(small, np.float32)

@@ -1,8 +1,8 @@
-"""An MJPEG stream over HTTP: opened with deadlines, read as it comes, the bytes kept as received.
+"""Read an MJPEG stream over HTTP, with deadlines; the JPEG bytes are kept as received.
 
-A server may add to each part the number of the image (`X-Sequence`) and the time at which it was
-captured (`X-Timestamp`, in s of its own clock). A server that stands for a sensor names a control
-address in its answer's header (`X-Control`); settings go there as JSON, and only there.
+A server may add to each part the number of the image (`X-Sequence`) and its capture time (`X-Timestamp`, in s
+of the server's clock). A server that simulates a sensor names a control address in the header of its answer
+(`X-Control`); settings are sent there as JSON, and nowhere else.
 """
 
 import base64
@@ -21,16 +21,17 @@ from drivers.video.multipart import MultipartParser, Part, boundary_of
 from drivers.video.stream import FrameStream, RawFrame
 
 READ_TIMEOUT_S = 1.5
-"""No image for this long means that the server is stuck: the stream is opened again."""
+"""If no image arrives for this long, the server is stuck and the stream is reopened."""
 WARM_UP_IMAGES = 10
+"""Images to discard after opening, as with a DIGIT (its first ones may be green or dark)."""
 _PORTION = 65_536
 
 
 class MjpegStream(FrameStream):
-    """An open stream. Raises `DeviceError` naming the address when the server does not send one.
+    """An open stream. Raises `DeviceError` with the address if the server does not send one.
 
-    A server without a control address is joined as it runs; one with it starts its sensor for
-    us, so the first images are discarded.
+    A server with a control address starts its sensor for this connection, so the first images are discarded.
+    Any other server is already running.
     """
 
     stamp = "peer"
@@ -72,13 +73,13 @@ class MjpegStream(FrameStream):
         return RawFrame(arrived_ns, part.body, None, _stamp(part.headers), _number(part.headers))
 
     def configure(self, settings: Sequence[dict[str, Any]]) -> None:
-        """Send settings one after the other to a server that takes them. Raises `DeviceError`."""
+        """Send settings one after the other, if the server accepts settings. Raises `DeviceError`."""
         if self.control_url is not None:
             for setting in settings:
                 send_settings(self.control_url, setting)
 
     def interrupt(self) -> None:
-        """Shut the connection, which ends a read in progress."""
+        """Shut down the connection, which ends a read in progress."""
         if self._socket is not None:
             try:
                 self._socket.shutdown(socket.SHUT_RDWR)
@@ -104,7 +105,7 @@ class MjpegStream(FrameStream):
 
 
 def split_url(url: str) -> SplitResult:
-    """Take an http address apart. Raises `InputError` for anything else."""
+    """Split an HTTP address into its parts. Raises `InputError` for any other address."""
     wrong = InputError(
         f"'{without_passwords(url)}': not an address of the form http://HOST:PORT/PATH; check the bench file"
     )
@@ -119,7 +120,7 @@ def split_url(url: str) -> SplitResult:
 
 
 def send_settings(control_url: str, settings: dict[str, Any]) -> dict[str, Any]:
-    """Send settings to a control address; return its answer. Raises `DeviceError` when refused."""
+    """Send settings to a control address; return its answer. Raises `DeviceError` if rejected."""
     parts = split_url(control_url)
     connection = _connection(parts)
     try:
@@ -158,14 +159,14 @@ def _cause(error: Exception) -> str:
     if isinstance(error, TimeoutError):
         return f"no answer within {READ_TIMEOUT_S:g} s; check that the server runs"
     if isinstance(error, ConnectionRefusedError):
-        return "nobody listens there; start the server or check the port"
+        return "the connection was refused; start the server or check the port"
     if isinstance(error, DeviceError | FormatError):
         return str(error)
     return f"{type(error).__name__} {error}; check the server"
 
 
 def _stamp(headers: dict[str, str]) -> int | None:
-    """Nanoseconds of `X-Timestamp`, without passing through a float: it may count from 1970."""
+    """Convert `X-Timestamp` to ns. A float would be too coarse, because the time may count from 1970."""
     whole, _, fraction = headers.get("x-timestamp", "").partition(".")
     if not (whole.isascii() and whole.isdecimal() and len(whole) < 12):
         return None

@@ -1,12 +1,12 @@
-"""Motion JPEG over HTTP: the parts of a multipart stream, from bytes in any portions.
+"""Motion JPEG over HTTP: parse the parts of a multipart stream from bytes in any portions.
 
-`multipart/x-mixed-replace` is MIME multipart (RFC 2046, 5.1) in which each part replaces the
-last. Servers differ: with or without Content-Length, quoted boundaries, boundaries announced
-with the dashes they are sent with, bare line feeds. The only input that raises is one without parts.
+`multipart/x-mixed-replace` is MIME multipart (RFC 2046, 5.1) in which each part replaces the last. Servers
+differ: with or without Content-Length, quoted boundaries, boundaries announced with their leading dashes,
+bare line feeds. Only a stream without any part raises an error.
 
-By hand, because what reads such streams ready-made does not fit: OpenCV's video capture hands out
-neither the bytes as received nor the part's headers, and parsers of MIME multipart hold a part back
-until the next delimiter, which many cameras send with the next image, a period later.
+Existing readers do not fit: OpenCV's video capture returns neither the bytes as received nor the part's
+headers. Parsers of MIME multipart deliver a part only after the next delimiter, which many cameras send with
+the next image, one period later.
 """
 
 import re
@@ -19,6 +19,7 @@ from drivers.video.decode import read_header
 
 MAX_HEADER = 16_384
 MAX_PART = 16_777_216
+"""Size limits of a part's header and body in bytes."""
 _HEADER_END = re.compile(rb"\r?\n\r?\n")
 _JPEG_START, _JPEG_END = b"\xff\xd8", b"\xff\xd9"
 _RETURN = 0x0D
@@ -33,9 +34,9 @@ class Part:
 
 
 def boundary_of(content_type: str) -> bytes:
-    """Return the delimiter line's start, `--` and the boundary; `--` alone when none is announced.
+    """Return the start of a delimiter line, `--` and the boundary; `--` alone if no boundary is announced.
 
-    Raises `DeviceError` when the type is not multipart.
+    Raises `DeviceError` if the type is not multipart.
     """
     message = Message()
     message["Content-Type"] = content_type
@@ -48,10 +49,10 @@ def boundary_of(content_type: str) -> bytes:
 
 
 class MultipartParser:
-    """Takes a stream's bytes as they come and gives its parts as soon as each is complete.
+    """Parses the bytes of a stream as they arrive, and yields each part as soon as it is complete.
 
-    A part without Content-Length ends where its JPEG ends, or at the next delimiter. What lies
-    between parts is skipped, so the parser finds its way again after a damaged one.
+    A part without Content-Length ends at the end of its JPEG, or at the next delimiter. Bytes between parts
+    are skipped, so that the parser resynchronises after a damaged part.
     """
 
     def __init__(self, delimiter: bytes) -> None:
@@ -62,7 +63,7 @@ class MultipartParser:
         self._coded = 0
 
     def feed(self, data: bytes) -> Iterator[Part]:
-        """Take bytes; give the parts they complete. Raises `DeviceError` when there are no parts."""
+        """Add bytes; yield the parts that they complete. Raises `DeviceError` if there are no parts."""
         self._buffer += data
         while True:
             if self._headers is None and not self._find_headers():
@@ -75,7 +76,7 @@ class MultipartParser:
             raise DeviceError("no part of it ends; it is not an MJPEG stream")
 
     def _find_headers(self) -> bool:
-        """Read up to a part's body; False while that is not there yet."""
+        """Read up to a part's body; return False while the header is incomplete."""
         while (start := self._buffer.find(self._delimiter)) >= 0:
             line_end = self._buffer.find(b"\n", start)
             end = _HEADER_END.search(self._buffer, line_end - 1 if line_end > 0 else len(self._buffer))
@@ -106,7 +107,7 @@ class MultipartParser:
         return part
 
     def _body_end(self) -> int | None:
-        """Where a body of unknown length ends: with its JPEG, at the latest before a delimiter."""
+        """Return where a body of unknown length ends: with its JPEG, at the latest before a delimiter."""
         if self._coded == 0 and self._buffer[:2] == _JPEG_START:
             self._coded = _coded_from(self._buffer)
         line = b"\n" + self._delimiter
@@ -141,7 +142,7 @@ def _length(headers: dict[str, str]) -> int | None:
 
 
 def _coded_from(data: bytearray) -> int:
-    """Where a JPEG's coded data begin; 0 while its header is not complete (or is damaged)."""
+    """Return the offset of a JPEG's coded data; 0 while its header is incomplete or if it is damaged."""
     try:
         return read_header(data)[1]
     except DamagedFrameError:

@@ -1,8 +1,8 @@
-"""Reads a source of frames in a thread of its own: newest frame, short backlog, re-opening.
+"""Read a frame source in a thread: keeps the newest frame and a short backlog, and reopens the source.
 
-A source on its own hands out its oldest image first and stops for good at the first failure
-(measured with OpenCV: a reader that pauses for 3 s then gets the image of 3 s ago). So one thread
-reads all the time, keeps the frames of the last two seconds, and opens the source again after a failure.
+An unread source delivers its oldest image first, and stops for good at the first failure (measured with
+OpenCV: after a pause of 3 s a reader gets the image of 3 s ago). So one thread reads continuously, keeps the
+frames of the last two seconds, and reopens the source after a failure.
 """
 
 import threading
@@ -20,10 +20,11 @@ from drivers.video.decode import DecodedFrame
 from drivers.video.stream import CaptureTimes, FrameStream, RawFrame, SequenceCounter
 
 BACKLOG_S = 2.0
-"""Unread frames are kept so long: a busy computer catches up with them and loses none."""
+"""Unread frames are kept for this long, so that a loaded host can catch up without losing frames."""
 OPEN_TIMEOUT_S = 5.0
 STOP_TIMEOUT_S = 0.8
 FIRST_PAUSE_S, LONGEST_PAUSE_S = 0.1, 2.0
+"""Pause before reopening: the first one, doubled after each further failure up to the longest."""
 KINDS = ("frames", "unread", "frozen", "green", "shifted", "damaged", "warm_up", "reopened")
 
 
@@ -43,11 +44,10 @@ class _Run:
 
 
 class FrameReader(FrameSource):
-    """A `FrameSource` over any stream. `open_stream` opens it, `decode` decodes its raw frames.
+    """A `FrameSource` for any stream. `open_stream` opens it, `decode` decodes its raw frames.
 
-    Both run in the reader's thread and raise `DeviceError` for a failure after which the source
-    is opened again (after 0.1 s, then twice as long each time, at most 2 s). The clock has to be
-    one that passes by itself: users wait in real time.
+    Both run in the reader's thread. If they raise `DeviceError`, the source is reopened after 0.1 s; the
+    pause doubles with each failure, up to 2 s. The clock must run by itself, because users wait in real time.
     """
 
     def __init__(self, serial: str, rate_hz: float, open_stream: Open, decode: Decode, clock: Clock) -> None:
@@ -64,7 +64,7 @@ class FrameReader(FrameSource):
 
     @property
     def serial(self) -> str:
-        """Serial number, stable over reconnects."""
+        """Serial number, the same after each reconnect."""
         return self._serial
 
     @property
@@ -74,13 +74,13 @@ class FrameReader(FrameSource):
 
     @property
     def connected(self) -> bool:
-        """Whether it is between `connect` and `disconnect`; frames may be missing all the same."""
+        """Whether it is between `connect` and `disconnect`; frames may nevertheless be missing."""
         return self._run is not None
 
     def connect(self) -> None:
-        """Open the source, discard its warm-up images, and return with the first frame there.
+        """Open the source, discard its warm-up images, and return after the first frame has arrived.
 
-        Raises `DeviceError` when it cannot be opened, or gives none within 5 s.
+        Raises `DeviceError` if the source cannot be opened, or delivers no frame within 5 s.
         """
         self.disconnect()
         backlog = max(round(BACKLOG_S * self._rate_hz), 1)
@@ -95,7 +95,7 @@ class FrameReader(FrameSource):
             raise
 
     def disconnect(self) -> None:
-        """Stop reading and let the source go. Safe to call twice."""
+        """Stop reading and close the source. Safe to call twice."""
         run, self._run = self._run, None
         if run is None:
             return
@@ -103,33 +103,33 @@ class FrameReader(FrameSource):
         run.buffer.close()
         if run.stream is not None:
             run.stream.interrupt()
-        # A driver stuck in the kernel cannot be woken; its thread ends when the kernel lets it.
+        # A device driver stuck in the kernel cannot be woken; its thread ends when the kernel returns.
         if run.thread is not None:
             run.thread.join(STOP_TIMEOUT_S)
 
     def next_frame(self, timeout_s: float) -> Frame:
-        """Oldest frame not read yet, see `drivers.interfaces.FrameSource`."""
+        """Return the oldest frame not read yet, see `drivers.interfaces.FrameSource`."""
         return self._connected().buffer.next(timeout_s)
 
     def newest_frame(self, max_age_s: float) -> Frame:
-        """Newest frame, see `drivers.interfaces.FrameSource`."""
+        """Return the newest frame, see `drivers.interfaces.FrameSource`."""
         return self._connected().buffer.newest(max_age_s)
 
     def counters(self) -> dict[str, int]:
-        """What happened since the driver was made.
+        """Return event counts since the driver was created.
 
-        frames: delivered; unread: of these, lost because nobody read them in time; dropped: never
-        came; frozen: identical to the one before (delivered all the same); green, shifted,
-        damaged: withheld; warm_up: discarded after opening; reopened: after failures.
+        frames: delivered; unread: delivered, but lost because they were not read in time; dropped: never
+        received; frozen: identical to the previous one (delivered nevertheless); green, shifted, damaged: not
+        delivered; warm_up: discarded after opening; reopened: after failures.
         """
         return {"dropped": self._count.dropped} | {kind: self._counts[kind] for kind in KINDS}
 
     @property
     def time_kind(self) -> str:
-        """What `Frame.time_ns` is.
+        """Origin of `Frame.time_ns`.
 
-        The stamp of the "kernel", the "peer" or the file's "schedule", or the "arrival" here,
-        where the source gives no time of our clock.
+        "kernel", "peer" or "schedule" (of a file): the time stamp of the source. "arrival": the source gives
+        no time of this computer's clock.
         """
         return self._times.kind
 
@@ -152,7 +152,9 @@ class FrameReader(FrameSource):
                 run.buffer.fail(str(error), over)
                 if over:
                     return
-            except Exception as error:  # a bug of ours: whoever waits for a frame is told of it first
+            except (
+                Exception
+            ) as error:  # a bug in this program: callers waiting for a frame get an error first
                 run.buffer.fail(f"its reader failed ({type(error).__name__}: {error}); report this", True)
                 raise
             pause_s = FIRST_PAUSE_S if self._counts["frames"] > frames else min(2 * pause_s, LONGEST_PAUSE_S)
@@ -186,7 +188,7 @@ class FrameReader(FrameSource):
         self._count.opened(after_failure=failed_before)
 
     def _take(self, run: _Run, stream: FrameStream, times: CaptureTimes, tally: FrameTally) -> None:
-        """Read, judge and deliver one image."""
+        """Read, check and deliver one image."""
         raw = stream.read()
         time_ns = times.time_of(raw)
         sequence = self._count.sequence_of(raw.number, time_ns, times.kind != "arrival")

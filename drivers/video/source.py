@@ -1,6 +1,6 @@
-"""A frame source at an address: device node, MJPEG URL, folder of images or video file.
+"""A frame source by its address: device node, MJPEG URL, folder of images or video file.
 
-`AddressedSource` is what the DIGIT and the external camera share: opened by its address, read by a thread.
+`AddressedSource` is the common base class of the DIGIT and the external camera.
 """
 
 from abc import abstractmethod
@@ -22,10 +22,10 @@ from drivers.video.v4l2 import Discover, OpenCapture, V4l2Stream, VideoNode, fin
 
 @dataclass(frozen=True, slots=True)
 class SourceSpec:
-    """What to open. size_px: raw (width, height), as it comes when None.
+    """Which source to open. size_px: raw (width, height); None accepts any size.
 
-    address: "/dev/videoN", "http://HOST:PORT/PATH", a folder or a video file; None finds the
-    device with this serial through `discover`.
+    address: "/dev/videoN", "http://HOST:PORT/PATH", a folder or a video file; None finds the device with
+    this serial number through `discover`.
     """
 
     serial: str
@@ -34,7 +34,7 @@ class SourceSpec:
     rate_hz: float
 
     def __post_init__(self) -> None:
-        """Raise `InputError` for what can never be opened."""
+        """Raise `InputError` for an address, size or rate that can never be opened."""
         if not self.rate_hz > 0:
             raise InputError(f"{self.serial}: rate_hz is {self.rate_hz}; give frames per second")
         if self.size_px is not None and min(self.size_px) < 1:
@@ -65,7 +65,7 @@ class SourceSpec:
 
 @dataclass(frozen=True, slots=True)
 class OpenSource:
-    """An open stream, and the device it is of (None where it is of no device here)."""
+    """An open stream, and its video device if it belongs to one on this computer."""
 
     stream: FrameStream
     address: str
@@ -73,7 +73,7 @@ class OpenSource:
 
 
 def open_source(spec: SourceSpec, clock: Clock, discover: Discover, open_device: OpenCapture) -> OpenSource:
-    """Open a source, set to its size and rate. Raises `DeviceError`."""
+    """Open a source, and set its size and rate. Raises `DeviceError`."""
     address = spec.address
     if address is None or spec.is_device:
         return _open_device(spec, clock, discover, open_device)
@@ -98,13 +98,13 @@ def _open_device(spec: SourceSpec, clock: Clock, discover: Discover, open_device
 
 
 def _node_at(spec: SourceSpec, nodes: Sequence[VideoNode]) -> VideoNode:
-    """The node at a given address; udev need not know it."""
+    """Return the node at the given address; udev need not list it."""
     known = [node for node in nodes if node.device == spec.address]
     return known[0] if known else VideoNode(spec.address or "", spec.serial)
 
 
 def _settings(spec: SourceSpec) -> list[dict[str, Any]]:
-    """Size before rate: a new size resets the rate."""
+    """Return the settings in order, size before rate, because a new size resets the rate."""
     settings: list[dict[str, Any]] = [{"rate_hz": spec.rate_hz}]
     if spec.size_px is not None:
         settings.insert(0, {"size_px": list(spec.size_px)})
@@ -112,7 +112,7 @@ def _settings(spec: SourceSpec) -> list[dict[str, Any]]:
 
 
 class AddressedSource(FrameReader):
-    """A frame source at an address. Subclasses say what to set after opening, and how a frame is decoded."""
+    """A frame source at an address. Subclasses set it up after opening, and decode its frames."""
 
     def __init__(self, spec: SourceSpec, clock: Clock, discover: Discover, open_device: OpenCapture) -> None:
         super().__init__(spec.serial, spec.rate_hz, self._open, self._decode, clock)
@@ -123,10 +123,7 @@ class AddressedSource(FrameReader):
         self._source: OpenSource | None = None
 
     def identity(self) -> dict[str, str]:
-        """What the device says of itself (as far as it has been opened), and where it was found.
-
-        Keys: serial, model, firmware, usb (bus and port), address, capture time (see `time_kind`).
-        """
+        """Return what the device reports about itself (if it has been opened), and where it was found."""
         source = self._source
         node = source.node if source is not None else None
         return {
@@ -140,7 +137,7 @@ class AddressedSource(FrameReader):
 
     @abstractmethod
     def _prepare(self, source: OpenSource) -> None:
-        """Set what is set after opening. Raises `DeviceError`."""
+        """Set up a source after it was opened. Raises `DeviceError`."""
 
     @abstractmethod
     def _decode(self, raw: RawFrame) -> DecodedFrame:

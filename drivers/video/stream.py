@@ -1,4 +1,4 @@
-"""An open source of frames before they are decoded: its raw frames, their capture times and numbers."""
+"""An open frame source: its raw frames before decoding, their capture times and sequence numbers."""
 
 from collections import deque
 from dataclasses import dataclass
@@ -9,18 +9,20 @@ from drivers.clock import NS_PER_S
 from drivers.types import Image
 
 MAX_DELAY_NS = NS_PER_S
-"""A first stamp this much older than its arrival, or newer, is of another clock than ours."""
+"""If the first time stamp is older than its arrival by more than this, or newer, it is from another clock."""
 _INTERVALS = 31
+"""Number of newest frame intervals of which the median is taken."""
 _ENOUGH = 8
+"""Fewest intervals before the median is used."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RawFrame:
-    """One image as it came: encoded bytes or pixels, never both.
+    """One image as received: either encoded bytes or pixels.
 
-    encoded: a JPEG, from files also a PNG. image: (H, W, 3) uint8 RGB. arrived_ns: monotonic
-    time at which the last byte was here. stamped_ns: capture time the source gives, ns of a
-    clock it does not name. number: how many images the source has captured, where it counts.
+    encoded: a JPEG; from files also a PNG. image: (H, W, 3) uint8 RGB. arrived_ns: monotonic time at which
+    the last byte was received. stamped_ns: capture time from the source, ns of an unspecified clock. number:
+    number of images captured by the source, if it counts them.
     """
 
     arrived_ns: int
@@ -31,33 +33,33 @@ class RawFrame:
 
 
 class FrameStream(Protocol):
-    """An open source. One thread reads and closes it, any other may interrupt it."""
+    """An open source. One thread reads and closes it; any other thread may interrupt it."""
 
     warm_up: int
-    """Images to discard after opening, while exposure and light settle."""
+    """Number of images to discard after opening, while exposure and LEDs settle."""
     stamp: str
-    """Who gives `stamped_ns`: "kernel", "peer" or "schedule"."""
+    """Origin of `stamped_ns`: "kernel", "peer" or "schedule"."""
     ends: bool
-    """Whether it has a last image, as a file has; it is not opened again then."""
+    """Whether the source has a last image, as a file has; it is then not reopened."""
 
     def read(self) -> RawFrame:
-        """Wait for the next image. Raises `DeviceError` when no more will come."""
+        """Wait for the next image. Raises `DeviceError` if no more images will arrive."""
         ...
 
     def interrupt(self) -> None:
-        """End a `read` in progress if that can be done; it raises `DeviceError` then."""
+        """End a `read` in progress, if possible; it then raises `DeviceError`."""
         ...
 
     def close(self) -> None:
-        """Let the source go. Safe to call twice."""
+        """Close the source. Safe to call twice."""
         ...
 
 
 class CaptureTimes:
-    """Chooses the capture time of one stream's images: the source's stamp, or the arrival.
+    """Chooses the capture time of each image of a stream: the source's time stamp, or the arrival time.
 
-    The first stamp decides: within a second before its arrival, it is of our own monotonic
-    clock; anything else is another clock (a remote computer's, or the time of day).
+    The first time stamp decides. If it is at most a second before its arrival, it is from this computer's
+    monotonic clock; otherwise it is from another clock (of a remote computer, or the time of day).
     """
 
     def __init__(self, stamp: str) -> None:
@@ -67,11 +69,11 @@ class CaptureTimes:
 
     @property
     def kind(self) -> str:
-        """What the times are: "kernel", "peer", "schedule", or "arrival"."""
+        """Origin of the times: "kernel", "peer", "schedule", or "arrival"."""
         return self._stamp if self._trusted else "arrival"
 
     def time_of(self, raw: RawFrame) -> int:
-        """Return an image's capture time, monotonic ns, later than the one before."""
+        """Return an image's capture time, monotonic ns; always later than that of the previous image."""
         stamped = raw.stamped_ns
         if self._trusted is None:
             self._trusted = stamped is not None and 0 <= raw.arrived_ns - stamped < MAX_DELAY_NS
@@ -82,11 +84,11 @@ class CaptureTimes:
 
 
 class SequenceCounter:
-    """Gives each image its sequence number; counts the images that never came.
+    """Numbers the images of a source and counts dropped ones.
 
-    The source's own numbers decide where it has any; else the capture times, where the source
-    stamps them: an interval of about n periods means n - 1 drops. Arrival times say nothing,
-    for an image may just have been late. rate_hz: what an interruption is counted with.
+    The source's own numbers are used if it has any. Otherwise, if the source provides capture times, an
+    interval of about n periods means n - 1 dropped images. Arrival times are not used, because a late image
+    is not a dropped one. rate_hz: frame rate with which images during an interruption are counted.
     """
 
     def __init__(self, rate_hz: float) -> None:
@@ -100,9 +102,9 @@ class SequenceCounter:
         self._intervals: deque[int] = deque(maxlen=_INTERVALS)
 
     def opened(self, after_failure: bool) -> None:
-        """The source was opened: its frame numbers may restart.
+        """Note that the source was opened: its frame numbers may restart.
 
-        after_failure: then the images since the last one count as dropped.
+        after_failure: images since the last one count as dropped.
         """
         self._interrupted = self._last is not None
         self._gap_counts = after_failure or self._last is None

@@ -1,11 +1,11 @@
-"""Video devices: which are plugged in (udev), and frames of one through OpenCV's V4L2 capture.
+"""Find video devices (udev), and read frames of one through OpenCV's V4L2 capture.
 
-A UVC camera has a capture node and a metadata node, and their numbers change when it is plugged
-in again; so a camera is chosen by serial and by the capabilities of its node.
+A UVC camera has a capture node and a metadata node, and their numbers change when it is plugged in again. So
+a camera is selected by its serial number and by the capabilities of its node.
 
-With FOURCC MJPG and conversion off, OpenCV hands out each buffer's bytes undecoded (the device's own JPEG),
-one row of uint8 (modules/videoio/src/cap_v4l.cpp, v4l2_create_frame), and CAP_PROP_POS_MSEC is the time the
-kernel stamped on the buffer, for UVC that of CLOCK_MONOTONIC. Neither was tried on a device.
+With FOURCC MJPG and without conversion, OpenCV returns the undecoded bytes of each buffer (the device's own
+JPEG) as one row of uint8 (modules/videoio/src/cap_v4l.cpp, v4l2_create_frame). CAP_PROP_POS_MSEC is the
+kernel's time stamp of the buffer, for UVC of CLOCK_MONOTONIC. Neither has been tried on a device.
 """
 
 from collections.abc import Callable, Sequence
@@ -22,14 +22,14 @@ from drivers.video.stream import FrameStream, RawFrame
 
 WARM_UP_IMAGES = 10
 OpenCapture = Callable[[str], Any]
-"""Opens a device; what it returns has the methods of `cv2.VideoCapture`."""
+"""Opens a device; the result has the methods of `cv2.VideoCapture`."""
 
 
 @dataclass(frozen=True, slots=True)
 class VideoNode:
-    """A node that captures. revision: of the firmware, as USB gives it ("0200" is 2.00).
+    """A node that captures. revision: of the firmware, in the form of USB ("0200" is 2.00).
 
-    usb_bus: the root hub it hangs on, which shares its bandwidth; usb_port: its place there.
+    usb_bus: root hub of the device, whose bandwidth it shares; usb_port: its port there.
     """
 
     device: str
@@ -44,36 +44,36 @@ Discover = Callable[[], Sequence[VideoNode]]
 
 
 def list_video_nodes() -> list[VideoNode]:
-    """Ask udev for the video devices that capture. Raises `DeviceError` where there is no udev."""
+    """List the video devices that capture, from udev. Raises `DeviceError` if there is no udev."""
     try:
         import pyudev
     except ImportError as error:
         raise DeviceError(
-            f"video devices: udev cannot be asked ({error}); give the device's address"
+            f"video devices: udev is not available ({error}); give the device's address"
         ) from error
     devices = pyudev.Context().list_devices(subsystem="video4linux")
     return [_node(device) for device in devices if _captures(device)]
 
 
 def find_video_node(serial: str, nodes: Sequence[VideoNode]) -> VideoNode:
-    """Return the one node with this serial. Raises `DeviceError` for none, and for more than one."""
+    """Return the only node with this serial. Raises `DeviceError` if there is none, or more than one."""
     found = [node for node in nodes if node.serial == serial]
     if len(found) == 1:
         return found[0]
     if found:
         where = ", ".join(node.device for node in found)
         raise DeviceError(f"{serial}: {len(found)} devices have this serial ({where}); unplug all but one")
-    there = ", ".join(f"{node.serial} at {node.device}" for node in nodes) or "none at all"
+    there = ", ".join(f"{node.serial} at {node.device}" for node in nodes) or "no video device"
     raise DeviceError(f"{serial}: not plugged in; udev lists {there}; check its cable and the serial")
 
 
 def on_same_bus(node: VideoNode, nodes: Sequence[VideoNode]) -> list[VideoNode]:
-    """The other nodes that share a node's USB bus."""
+    """Return the other nodes on a node's USB bus."""
     return [other for other in nodes if other.usb_bus == node.usb_bus != "" and other.device != node.device]
 
 
 def _captures(device: Any) -> bool:
-    """By udev's own probe (v4l_id); by the node's index where that did not run."""
+    """Whether a node captures: from udev's probe (v4l_id), or, if that did not run, from the node's index."""
     able = device.properties.get("ID_V4L_CAPABILITIES")
     if able is not None:
         return ":capture:" in able
@@ -95,7 +95,7 @@ def _node(device: Any) -> VideoNode:
 
 
 def _usb_place(device: Any) -> tuple[str, str]:
-    """The root hub ("usb1") and the port ("1-2.3") of a device; empty where it is not on USB."""
+    """Return the root hub ("usb1") and the port ("1-2.3") of a device; empty if it is not on USB."""
     parent = device.find_parent("usb", "usb_device")
     if parent is None:
         return "", ""
@@ -104,16 +104,16 @@ def _usb_place(device: Any) -> tuple[str, str]:
 
 
 def open_capture(device: str) -> cv2.VideoCapture:
-    """Open a device node with OpenCV's V4L2 backend, which need not say on stderr what our errors say."""
+    """Open a device node with OpenCV's V4L2 backend, without its warnings on stderr."""
     cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_ERROR)
     return cv2.VideoCapture(device, cv2.CAP_V4L2)
 
 
 class V4l2Stream(FrameStream):
-    """An open device, set to a size, then a rate (a new size resets the rate).
+    """An open device, with its size and then its rate set (a new size resets the rate).
 
-    size_px: raw width and height. sharing: devices on the same USB bus. Raises `DeviceError`
-    when the node cannot be opened or does not offer the size.
+    size_px: raw width and height. sharing: devices on the same USB bus. Raises `DeviceError` if the node
+    cannot be opened or does not offer the size.
     """
 
     warm_up = WARM_UP_IMAGES
@@ -133,10 +133,12 @@ class V4l2Stream(FrameStream):
         self._sharing = sharing
         self._clock = clock
         self._capture = open_device(device)
-        self._any_yet = False
+        self._received_any = False
         try:
             if not self._capture.isOpened():
-                raise DeviceError(f"{device}: cannot be opened; is it plugged in, free, and yours to read?")
+                raise DeviceError(
+                    f"{device}: cannot be opened; is it plugged in, unused, and readable for you?"
+                )
             self._encoded = self._ask_for_jpeg()
             self._set_size(size_px)
             self._capture.set(cv2.CAP_PROP_FPS, rate_hz)
@@ -150,22 +152,22 @@ class V4l2Stream(FrameStream):
         there, data = self._capture.read()
         if not there or data is None:
             raise DeviceError(self._no_image())
-        self._any_yet = True
+        self._received_any = True
         arrived_ns = self._clock.now_ns()
         stamped_ns = round(self._capture.get(cv2.CAP_PROP_POS_MSEC) * 1e6)
-        # A device without JPEG is encoded here, once, so that what is stored is what is judged.
+        # A device without JPEG is encoded here, once, so that the stored image is the one that is estimated.
         encoded = data.tobytes() if self._encoded else encode_jpeg(np.asarray(data[..., ::-1], np.uint8))
         return RawFrame(arrived_ns, encoded, None, stamped_ns if stamped_ns > 0 else None)
 
     def set_zoom(self, value: int) -> None:
-        """Set the UVC zoom control. Raises `DeviceError` when the device does not take it."""
+        """Set the UVC zoom control. Raises `DeviceError` if the device does not accept the value."""
         taken = self._capture.set(cv2.CAP_PROP_ZOOM, value)
         seen = round(self._capture.get(cv2.CAP_PROP_ZOOM))
         if not taken or seen != value:
             raise DeviceError(f"{self._device}: zoom control set to {value}, reads {seen}; is it a DIGIT?")
 
     def interrupt(self) -> None:
-        """Nothing can be done: a capture that waits in the kernel must not be released."""
+        """Do nothing: a capture that waits in the kernel must not be released."""
 
     def close(self) -> None:
         """Release the device."""
@@ -190,7 +192,7 @@ class V4l2Stream(FrameStream):
             )
 
     def _no_image(self) -> str:
-        if self._any_yet:
+        if self._received_any:
             return f"{self._device}: it stopped sending; check its cable"
         if not self._sharing:
             return f"{self._device}: opened, but it sends nothing; unplug it and plug it in again"

@@ -1,4 +1,4 @@
-"""From a bench file to a bench, real or simulated, and who is asked at it.
+"""Create a real or simulated bench from a bench file, and the operator who is asked at it.
 
-The one package that names concrete devices. It imports `rig.config`, and devices real and simulated.
+This is the only package that imports concrete devices by name. It imports `rig.config`, drivers and fakes.
 """

@@ -1,4 +1,4 @@
-"""From a bench file to a bench: the one module that names concrete devices."""
+"""Create a bench from a bench file: the only module that names concrete devices."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -29,10 +29,10 @@ from rig.config import BenchConfig
 from rig.config.fields import GripperLimitsConfig
 
 LED_S = 3.0
-"""How long a simulated person takes to lead the arm to a place."""
+"""Time that a simulated person takes to lead the arm to a place."""
 TOOL_DOWN = Rotation.from_euler("x", 180, degrees=True)
 TABLE_M, HOME_M = (0.45, 0.0, 0.06), (0.45, 0.0, 0.30)
-"""Where objects are placed and the tool waits on the bench `fake`, base frame."""
+"""Position of objects and home position of the tool on the bench `fake`, base frame."""
 
 
 def build_bench(
@@ -44,11 +44,11 @@ def build_bench(
     variation_seed: int | None = None,
     watch: Callable[[World], None] | None = None,
 ) -> tuple[Bench, Operator]:
-    """Make a bench of simulated devices in this process, and the operator who goes with it.
+    """Create a bench of devices simulated in this process, and its simulated operator.
 
-    seed: of the simulated world. lift, attempt: choose the scripted faults that apply.
-    variation_seed: draws tactile sensors unlike those of a bench, None for the bench's own. watch: is given
-    the world, as a benchmark needs that asks what truly happened.
+    seed: of the simulated world. lift, attempt: select the scripted faults that apply. realtime: run at real
+    time. variation_seed: draws tactile sensors that differ from the bench's own; None for the bench's own.
+    watch: called with the world, for benchmarks that need the ground truth.
     """
     world = World(simulated_layout(config), seed)
     if watch is not None:
@@ -75,32 +75,32 @@ def build_bench(
 
 
 def simulated_arm(config: BenchConfig, world: World, clock: Clock, faults: FaultScript) -> FakeArm:
-    """Make the arm of a simulated bench, with the limits of its bench file."""
+    """Create the arm of a simulated bench, with the limits of its bench file."""
     joints = config.arm.limits.joint_limits_rad()
     return FakeArm(world, clock, faults, config.arm_limits(), joints)
 
 
 def home_pose(config: BenchConfig) -> Pose:
-    """`base_T_tcp` of the arm at home: where the bench file says, the tool pointing down."""
+    """Return `base_T_tcp` of the home pose: position from the bench file, tool pointing down."""
     return Pose.from_rotation(config.arm.home_m, TOOL_DOWN)
 
 
 def true_masks(bench: Bench) -> dict[str, Callable[[int], Image]]:
-    """Return, by serial, what simulated fingertips truly touch at a time in ns: (H, W) uint8, 0 or 255.
+    """Return functions, by serial, that give the true contact mask of simulated fingertips at a time in ns.
 
-    Empty for a bench that is not in this process. For labels of simulated images alone.
+    Masks are (H, W) uint8, 0 or 255. Empty for a bench that is not simulated in this process. Only for labels
+    of simulated images.
     """
     sensors = [tip.sensor for tip in bench.fingertips]
     return {sensor.serial: sensor.true_mask for sensor in sensors if isinstance(sensor, FakeDigit)}
 
 
 def build_real_bench(config: BenchConfig, hand: Hand | None = None) -> Bench:
-    """Make the drivers of a bench file that are not all simulated in this process; nothing is connected yet.
+    """Create the drivers of a bench file that are not all simulated in this process; none is connected yet.
 
-    hand: what is known of it, by default nothing. The makers' libraries are imported here at the
-    earliest, each by the driver that needs it, and so are drivers that are somebody's own. Simulated devices
-    beside real ones are made in a world of their own. Raises `InputError` where a lab's own driver cannot
-    be made.
+    hand: known state of the hand, unknown by default. Each driver imports its manufacturer's library, or the
+    user-defined class, only here. Simulated devices beside real ones share a separate simulated world. Raises
+    `InputError` if a user-defined driver cannot be created.
     """
     clock = SystemClock()
     world = None
@@ -113,7 +113,7 @@ def build_real_bench(config: BenchConfig, hand: Hand | None = None) -> Bench:
 
 @dataclass(frozen=True, slots=True)
 class _Devices:
-    """Makes the devices of a bench file. world: of those that are simulated; None if there are none."""
+    """Creates the devices of a bench file. world: of the simulated ones; None if there are none."""
 
     config: BenchConfig
     clock: Clock
@@ -122,7 +122,7 @@ class _Devices:
     variation_seed: int | None = None
 
     def bench(self, base_T_table: Pose, base_T_home: Pose, hand: Hand) -> Bench:  # noqa: N803
-        """Make the bench."""
+        """Create the bench."""
         config = self.config
         has_camera = config.has("camera")
         return Bench(
@@ -203,12 +203,12 @@ class _Devices:
 
 
 def simulated_bench_plan(config: BenchConfig) -> BenchPlan:
-    """Return what the simulated bench of a whole bench file is made of."""
+    """Return the plan of a complete simulated bench."""
     return BenchPlan(simulated_layout(config), _digit_plans(config), _camera_plan(config))
 
 
 def simulated_layout(config: BenchConfig) -> BenchLayout:
-    """Return where things are on a simulated bench; what its file lacks is as on the bench `fake`."""
+    """Return the layout of a simulated bench; values that its file lacks are those of the bench `fake`."""
     fingers = config.gripper.limits if config.has("gripper") else GripperLimitsConfig()
     return BenchLayout(
         Pose(config.table.position_m if config.has("table") else TABLE_M),
@@ -244,6 +244,6 @@ def _camera_plan(config: BenchConfig) -> CameraPlan:
 
 @cache
 def printed_target(spec: str) -> Sheet:
-    """The sheet of a calibration target, for the simulated camera. Raises `InputError`."""
+    """Return the sheet of a calibration target, for the simulated camera. Raises `InputError`."""
     picture = target_picture(spec)
     return Sheet(picture.grey, picture.origin_m, picture.px_per_m)

@@ -1,4 +1,4 @@
-"""Fakes behind wires for a bench file: started here, or in a process beside for one session."""
+"""Run simulated devices over the wire protocol for a bench file, in this process or in a child process."""
 
 import sys
 import tempfile
@@ -24,15 +24,16 @@ from rig.bench.twins import laid_as
 from rig.config import BenchConfig
 
 START_S = 60.0
-LOOK_S = 0.5
-"""How often the process of the fakes looks whether all their parts are alive."""
+CHECK_S = 0.5
+"""Interval at which the fakes' process checks that all its parts are alive."""
 STOP_S = 10.0
 LED_LATER_S = 0.1
+"""Extra time after a guided motion until the simulated person reports its end, s."""
 _SHOWN = (
     "robot_mode", "safety_mode", "remote_control", "program_running", "requests", "replies", "served",
     "missed", "withheld", "clients", "faults",
 )  # fmt: skip
-"""Values of each fake in the lines for people."""
+"""Values of each fake that are printed."""
 
 
 @contextmanager
@@ -41,13 +42,13 @@ def hosted_fakes(
 ) -> Iterator[tuple[BenchConfig, FakesHost]]:
     """Run the fakes of a bench file in this process; yield the file's bench with their addresses.
 
-    They stand for hardware, so they are not late because the computer is busy, where that is granted.
-    host: a loopback address; None takes one that is free. polyscope: the version that the
-    controller announces. Raises `InputError` for a bench file without [fakes], an address that is
-    taken, and a version that is none.
+    They run at real-time priority if permitted, because they replace hardware, which a loaded host does not
+    delay. host: a loopback address; None selects a free one. polyscope: the version that the simulated
+    controller reports. Raises `InputError` for a bench file without [fakes], an address in use, and an
+    invalid version.
     """
     if config.fakes is None:
-        raise InputError(f"bench '{config.name}' has no [fakes]: its devices are not simulated behind wires")
+        raise InputError(f"bench '{config.name}' has no [fakes]: its devices are not simulated over the wire")
     host = host or free_address()
     require_free(host)
     with tempfile.TemporaryDirectory(prefix="rig-fakes-") as folder, realtime():
@@ -63,9 +64,9 @@ def hosted_fakes(
 
 @contextmanager
 def started_fakes(config: BenchConfig) -> Iterator[BenchConfig]:
-    """Run the fakes of a bench file in a process of their own; yield the bench with their addresses.
+    """Run the fakes of a bench file in a child process; yield the bench with their addresses.
 
-    The process ends with this one, whatever ends it. Raises `DeviceError` when it does not start.
+    The child process ends with this one, however this one ends. Raises `DeviceError` if it does not start.
     """
     context = spawn_context()
     ours, theirs = context.Pipe()
@@ -97,7 +98,7 @@ def addressed(config: BenchConfig, where: Addresses) -> BenchConfig:
 
 
 def fakes_control(config: BenchConfig) -> Control:
-    """Return the side channel of a bench's running fakes. Raises `InputError` when it has none."""
+    """Return the side channel of a bench's running fakes. Raises `InputError` if it has none."""
     if config.fakes is None or config.fakes.control is None:
         raise InputError(
             f"bench '{config.name}' names no running fakes: start them with 'rig fakes serve --write FILE' "
@@ -107,7 +108,7 @@ def fakes_control(config: BenchConfig) -> Control:
 
 
 def simulated_operator(config: BenchConfig, seed: int) -> SimulatedOperator:
-    """Return who is asked at a bench of running fakes; seed: of what they lay down."""
+    """Return the simulated operator of a bench of running fakes; seed: of the placed objects."""
     control = fakes_control(config)
 
     def place(object_id: str) -> None:
@@ -126,7 +127,7 @@ def simulated_operator(config: BenchConfig, seed: int) -> SimulatedOperator:
 
 
 def state_lines(state: Mapping[str, Any]) -> list[str]:
-    """Return the state of the simulated world in lines for people, and what each device has served."""
+    """Return the state of the simulated world as printable lines, with what each device has served."""
     x, y, z = state["tool_m"]
     held = f"held with {state['force_n']:.2f} N" if state["held"] else "not held"
     turned = f"turned {state['turn_deg']:+.1f} deg"
@@ -155,17 +156,17 @@ def _ready(pipe: Connection) -> BenchConfig:
     if isinstance(answer, RigError):
         raise answer
     if answer is None:
-        raise DeviceError("fakes: their process did not start; try 'rig fakes serve' to see why")
+        raise DeviceError("fakes: their process did not start; run 'rig fakes serve' to see why")
     return answer
 
 
 def _serve(config: BenchConfig, pipe: Connection) -> None:
-    """Run in the process of the fakes: until the parent closes the pipe, or is gone."""
+    """Run in the fakes' process until the parent closes the pipe or has ended."""
     leave_signals_to_parent()
     try:
         with hosted_fakes(config, host=None) as (served, fakes), suppress(EOFError, OSError):
             pipe.send(served)
-            while not pipe.poll(LOOK_S):
+            while not pipe.poll(CHECK_S):
                 fakes.check()
     except RigError as error:
         print(f"rig: {error}", file=sys.stderr, flush=True)

@@ -1,7 +1,8 @@
-"""The one wrapper in front of a lab's own driver: limits, typed errors, valid answers.
+"""Guards around user-defined drivers: they enforce limits, typed errors and valid return values.
 
 A guard forwards each call. It rejects a motion beyond the bench file's limits before the driver is called,
-turns any other exception of the driver into a `DeviceError` that names it, and rejects invalid answers.
+converts any other exception of the driver to a `DeviceError` with the driver's name, and rejects invalid
+values.
 """
 
 import logging
@@ -25,7 +26,7 @@ from drivers.types import ArmLimits, ArmState, Frame, GripperSpec, GripperState,
 from drivers.values import require_fraction, require_integer
 
 AHEAD_S = 0.05
-"""By how much a state's time may be ahead of the clock, as a controller's time is mapped with an error."""
+"""Largest accepted time of a state in the future: converting a controller's time has an error."""
 Answer = TypeVar("Answer")
 Limits = TypeVar("Limits", ArmLimits, GripperSpec)
 _log = logging.getLogger("rig.bench.guard")
@@ -33,7 +34,7 @@ _log = logging.getLogger("rig.bench.guard")
 
 @contextmanager
 def doing(whose: str, what: str) -> Iterator[None]:
-    """Turn a driver's own exceptions into a `DeviceError`; add its name to an `InvalidStateError`."""
+    """Convert a driver's exceptions to `DeviceError`; add the driver's name to an `InvalidStateError`."""
     try:
         yield
     except InvalidStateError as error:
@@ -45,23 +46,23 @@ def doing(whose: str, what: str) -> Iterator[None]:
 
 
 def amiss(whose: str, what: str) -> DeviceError:
-    """Return the error for a defect of a driver."""
-    return DeviceError(f"{whose}: {what}; mend the driver")
+    """Return the error for a bug in a driver."""
+    return DeviceError(f"{whose}: {what}; fix the driver")
 
 
 class Guard(Diagnosable):
-    """Common part of all guards. device: its name in messages. driver: the guarded one; named: its class."""
+    """Base class of all guards. device: name in messages. driver: the guarded object. named: its class."""
 
     def __init__(self, device: str, driver: Any, named: str) -> None:
         self._driver, self._named = driver, named
         self._whose = f"{device}: driver '{named}'"
 
     def connect(self) -> None:
-        """Reach the device."""
+        """Connect to the device."""
         self._ask("connect")
 
     def disconnect(self) -> None:
-        """Let go of the device. Safe to call twice."""
+        """Close the connection. Safe to call twice."""
         self._ask("disconnect")
 
     def identity(self) -> Mapping[str, str]:
@@ -69,15 +70,15 @@ class Guard(Diagnosable):
         return {**self._ask("identity", otherwise=super().identity), "driver": self._named}
 
     def counters(self) -> Mapping[str, int]:
-        """How often something happened, by name."""
+        """Return event counts by name."""
         return self._ask("counters", otherwise=super().counters)
 
     def round_trips_s(self) -> Sequence[float]:
-        """Durations of the newest answered requests, s."""
+        """Return the durations of the newest answered requests, s."""
         return self._ask("round_trips_s", otherwise=super().round_trips_s)
 
     def clock_offset_s(self) -> float | None:
-        """The device's time minus this computer's monotonic time, s; None if the device reports no time."""
+        """Return the device's time minus this computer's monotonic time, s; None without a device clock."""
         return self._ask("clock_offset_s", otherwise=super().clock_offset_s)
 
     def _ask(self, what: str, *given: Any, otherwise: Callable[..., Any] | None = None) -> Any:
@@ -89,7 +90,7 @@ class Guard(Diagnosable):
     def _typed(self, what: str, given: object, kind: type[Answer]) -> Answer:
         """Return an answer of the right type. Raises `DeviceError`."""
         if not isinstance(given, kind):
-            raise amiss(self._whose, f"{what} returned a {type(given).__name__}, no {kind.__name__}")
+            raise amiss(self._whose, f"{what} returned {type(given).__name__}, expected {kind.__name__}")
         return given
 
 
@@ -99,7 +100,7 @@ class GuardedMotion(Motion):
     def __init__(self, motion: Any, whose: str, stop: Callable[[], None]) -> None:
         for what in ("done", "wait"):
             if not callable(getattr(motion, what, None)):
-                raise amiss(whose, f"returned a {type(motion).__name__} that has no {what}(), no Motion")
+                raise amiss(whose, f"returned {type(motion).__name__} without {what}(), expected a Motion")
         self._motion, self._whose, self._stop = motion, whose, stop
 
     def done(self) -> bool:
@@ -108,18 +109,18 @@ class GuardedMotion(Motion):
             return bool(self._motion.done())
 
     def wait(self, timeout_s: float) -> None:
-        """Block until done. A wait that ends early stops the device, also if the driver's own did not."""
+        """Block until done. If the wait ends early, stop the device, also if the driver's wait did not."""
         try:
             with doing(self._whose, "a motion's wait"):
                 self._motion.wait(timeout_s)
         except BaseException:
-            with suppress(DeviceError):  # the first error says more
+            with suppress(DeviceError):  # the first error is more informative
                 self._stop()
             raise
 
 
 class GuardedActuator(Guard, Generic[Limits]):
-    """Common part of the guards of arm and gripper. clock: the one that the states' times are of.
+    """Base class of the guards of arm and gripper. clock: the clock of the states' times.
 
     kind: its name in messages. stale_s: largest age of a state, as in the rig's own drivers
     (`drivers.ur5e.link`, `drivers.robotiq_3f.poller`).
@@ -133,7 +134,7 @@ class GuardedActuator(Guard, Generic[Limits]):
         self._limits, self._clock = limits, clock
 
     def stop(self) -> None:
-        """Stop the device as fast as it can; log as critical if the driver fails to."""
+        """Stop the device as fast as it can; if the driver fails to, log it as critical."""
         try:
             self._ask("stop")
         except DeviceError as error:
@@ -144,12 +145,12 @@ class GuardedActuator(Guard, Generic[Limits]):
         return GuardedMotion(self._ask(what, *given), f"{self._whose}: {what}", self.stop)
 
     def _require_current(self, time_ns: int) -> None:
-        """Raise if a state is too old or from the future: with it nothing could be stopped in time."""
+        """Raise if a state is too old or from the future: monitoring could not stop a motion in time."""
         age_s = (self._clock.now_ns() - time_ns) / NS_PER_S
         if age_s > self.stale_s:
             raise DeviceTimeoutError(
-                f"{self._whose}: its newest state is {age_s:.2f} s old (limit {self.stale_s:g} s), so that "
-                "the present one is unknown; look at the device, then check its driver"
+                f"{self._whose}: its newest state is {age_s:.2f} s old (limit {self.stale_s:g} s), so its "
+                "present state is unknown; inspect the device, then check its driver"
             )
         if age_s < -AHEAD_S:
             raise InvalidStateError(
@@ -158,28 +159,28 @@ class GuardedActuator(Guard, Generic[Limits]):
 
 
 class GuardedArm(GuardedActuator[ArmLimits], Arm):
-    """A lab's own arm, within the bench file's limits."""
+    """Guard of a user-defined arm, with the bench file's limits."""
 
     kind, stale_s = "arm", 0.4
 
     @property
     def limits(self) -> ArmLimits:
-        """The bench file's limits, whatever the driver's own are."""
+        """The bench file's limits; the driver's own are ignored."""
         return self._limits
 
     def state(self) -> ArmState:
-        """Newest state. Raises `DeviceError`."""
+        """Return the newest state. Raises `DeviceError`."""
         state = self._typed("state", self._ask("state"), ArmState)
         self._require_current(state.time_ns)
         has_sensor = self._limits.max_contact_force_n is not None
         if has_sensor and state.wrench is None:
             raise InvalidStateError(
-                f"{self._whose}: its state has no wrench, so that nothing would stop it on its way down; "
+                f"{self._whose}: its state has no wrench, so a downward motion would not stop at contact; "
                 "return the wrench, or write force_sensor = false in [arm] of the bench file"
             )
         if not has_sensor and state.wrench is not None:
             raise InvalidStateError(
-                f"{self._whose}: its state has a wrench, and the bench file says force_sensor = false; "
+                f"{self._whose}: its state has a wrench, but the bench file has force_sensor = false; "
                 "remove that key, or return None as wrench"
             )
         return state
@@ -191,7 +192,7 @@ class GuardedArm(GuardedActuator[ArmLimits], Arm):
         return self._move("move_linear", base_T_tcp, speed_m_s, acceleration_m_s2)
 
     def begin_guiding(self) -> None:
-        """Let a person lead the arm by hand. Raises `DeviceError` if the driver cannot do that."""
+        """Let a person lead the arm by hand. Raises `DeviceError` if the driver does not support it."""
         self._ask("begin_guiding", otherwise=super().begin_guiding)
 
     def end_guiding(self) -> None:
@@ -199,7 +200,7 @@ class GuardedArm(GuardedActuator[ArmLimits], Arm):
         self._ask("end_guiding", otherwise=super().end_guiding)
 
     def speed_fraction(self) -> float | None:
-        """Share of their speed at which motions would run, None if unknown. Raises `DeviceError`."""
+        """Return the speed fraction at which motions would run, None if unknown. Raises `DeviceError`."""
         fraction = self._ask("speed_fraction", otherwise=super().speed_fraction)
         with doing(self._whose, "speed_fraction"):
             if fraction is not None:
@@ -207,26 +208,26 @@ class GuardedArm(GuardedActuator[ArmLimits], Arm):
         return fraction
 
     def recover(self, confirm: Callable[[str], None]) -> None:
-        """Release a protective stop, once a person agrees."""
+        """Release a protective stop after a person agrees."""
         self._ask("recover", confirm)
 
 
 class GuardedGripper(GuardedActuator[GripperSpec], Gripper):
-    """A lab's own gripper, within the bench file's limits."""
+    """Guard of a user-defined gripper, with the bench file's limits."""
 
     kind, stale_s = "gripper", 0.9
 
     @property
     def spec(self) -> GripperSpec:
-        """The bench file's range and resolution, whatever the driver's own are."""
+        """The bench file's range and resolution; the driver's own are ignored."""
         return self._limits
 
     def activate(self) -> None:
-        """Run the activation sequence, on request only."""
+        """Run the activation sequence; only on request."""
         self._ask("activate")
 
     def state(self) -> GripperState:
-        """Newest state. Raises `DeviceError`, also for an opening that the bench file's range excludes."""
+        """Return the newest state. Raises `DeviceError`, also for an opening outside the range."""
         state = self._typed("state", self._ask("state"), GripperState)
         with doing(self._whose, "state"):
             self._limits.require_possible(state.opening_m)
@@ -242,7 +243,7 @@ class GuardedGripper(GuardedActuator[GripperSpec], Gripper):
 
 
 class GuardedSource(Guard, TactileSensor):
-    """A lab's own tactile sensor or camera. size_px: width and height that its frames have."""
+    """Guard of a user-defined tactile sensor or camera. size_px: required width and height of its frames."""
 
     def __init__(
         self, driver: Any, named: str, serial: str, rate_hz: float, size_px: tuple[int, int]
@@ -252,24 +253,24 @@ class GuardedSource(Guard, TactileSensor):
 
     @property
     def serial(self) -> str:
-        """Serial number, as the bench file says."""
+        """Serial number in the bench file."""
         return self._serial
 
     @property
     def rate_hz(self) -> float:
-        """Requested frame rate, as the bench file says."""
+        """Requested frame rate in the bench file."""
         return self._rate_hz
 
     def next_frame(self, timeout_s: float) -> Frame:
-        """Oldest frame not read yet; waits for one. Raises `DeviceError`."""
+        """Return the oldest frame not read yet; wait for one. Raises `DeviceError`."""
         return self._frame("next_frame", timeout_s)
 
     def newest_frame(self, max_age_s: float) -> Frame:
-        """Newest frame. Raises `DeviceError`."""
+        """Return the newest frame. Raises `DeviceError`."""
         return self._frame("newest_frame", max_age_s)
 
     def set_light(self, red: float, green: float, blue: float) -> None:
-        """Set the LEDs' intensities, 0 to 1, if the driver can."""
+        """Set the LEDs' intensities, 0 to 1, if the driver supports it."""
         self._ask("set_light", red, green, blue, otherwise=lambda *_: None)
 
     def _frame(self, what: str, limit_s: float) -> Frame:
@@ -280,7 +281,7 @@ class GuardedSource(Guard, TactileSensor):
             require_integer("the frame's sequence", frame.sequence)
         if frame.image.dtype != np.uint8 or frame.image.shape != self._shape:
             raise DamagedFrameError(
-                f"{self._whose}: a frame is {frame.image.dtype} {frame.image.shape}, and size_px asks for "
+                f"{self._whose}: a frame is {frame.image.dtype} {frame.image.shape}, but size_px requires "
                 f"uint8 {self._shape}; correct size_px in the bench file, or the driver"
             )
         if frame.serial != self._serial:

@@ -1,4 +1,4 @@
-"""State of a bench's hand, in files that outlive a program that is killed."""
+"""Store the state of a bench's hand in files that survive a killed program."""
 
 import logging
 import re
@@ -42,14 +42,14 @@ class HandMemory:
             self._folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise RecordingError(
-                f"{self._folder}: cannot be written ({error.strerror}): what the hand holds is kept there "
-                "over crashes; set XDG_STATE_HOME to a folder that can be written"
+                f"{self._folder}: cannot be written ({error.strerror}): it stores what the hand holds "
+                "across crashes; set XDG_STATE_HOME to a writable folder"
             ) from error
         write_json(self._file, _packed(state))
         return state
 
     def keep(self, state: HandState) -> None:
-        """Store the state. A failure is only logged: the hand goes on with its motion."""
+        """Store the state. A failure is only logged, because the hand continues its motion."""
         try:
             write_json(self._file, _packed(state))
         except RecordingError as error:
@@ -73,7 +73,7 @@ class HandMemory:
         try:
             frames = (sensor.next_frame(FRAME_S).image for _ in range(TOUCH_FRAMES))
             return all(finder.find(image).mask is not None for image in frames)
-        except DeviceError:  # whoever waits for its frames will say so
+        except DeviceError:  # the reader of its frames will report the error
             return False
 
     def _read(self) -> HandState:
@@ -81,7 +81,7 @@ class HandMemory:
             return _unpacked(read_json(self._file))
         except (FormatError, InvalidStateError, ValueError, KeyError, TypeError, OverflowError):
             if not self._file.exists():
-                return HandState(Holding.UNKNOWN, "no run has told yet")
+                return HandState(Holding.UNKNOWN, "no run has stored it yet")
             return HandState(Holding.UNKNOWN, f"{self._file} is damaged")
 
     def _picture(self, sensor: FrameSource) -> Path:

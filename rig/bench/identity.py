@@ -1,7 +1,7 @@
-"""Proof that a bench behind wires is simulated, device by device.
+"""Prove that a bench over the wire protocol is simulated, device by device.
 
-With a left-over [fakes] in the file of a real bench a simulated operator would agree to everything. So the
-side channel of the fakes must answer, on this computer's loopback, with the address of every device that is
+If [fakes] were left in the file of a real bench by mistake, a simulated operator would agree to everything.
+So the fakes' side channel must answer, on this computer's loopback, with the address of every device that is
 about to be driven.
 """
 
@@ -18,13 +18,13 @@ from rig.config import BenchConfig
 def prove_simulated(config: BenchConfig) -> None:
     """Return if every device of a bench is served by running fakes.
 
-    Otherwise raise `InputError` naming the device: the bench is a real one, and [fakes] a mistake.
+    Otherwise raise `InputError` naming the device: the bench is real, and [fakes] a mistake.
     """
     reason = next(_doubts(config), None)
     if reason is not None:
         raise InputError(
-            f"bench '{config.name}': [fakes] says that its devices are simulated, but {reason}. Without "
-            "[fakes] it is a real bench, at which somebody is asked before anything moves; for simulated "
+            f"bench '{config.name}': according to [fakes] its devices are simulated, but {reason}. Without "
+            "[fakes] it is a real bench, and a person is asked before anything moves; for simulated "
             "devices start 'rig fakes serve --write FILE' and give that FILE"
         )
 
@@ -33,7 +33,7 @@ def _doubts(config: BenchConfig) -> Iterator[str]:
     """Yield reasons why a bench may not be simulated."""
     control = config.fakes.control if config.fakes is not None else None
     if control is None:
-        yield "it names no side channel of running fakes"
+        yield "it has no side channel of running fakes"
         return
     if not _on_loopback(control.rpartition(":")[0]):
         yield f"their side channel, {control}, is not on this computer"
@@ -47,11 +47,11 @@ def _doubts(config: BenchConfig) -> Iterator[str]:
         if not _on_loopback(host):
             yield f"{device} at {address} is not on this computer"
         elif address != served.get(device):
-            yield f"{device} at {address} is none of theirs (they serve {served.get(device)})"
+            yield f"{device} at {address} is not one of the fakes (they serve {served.get(device)})"
 
 
 def _driven(config: BenchConfig) -> Iterator[tuple[str, Any, str | None]]:
-    """Yield each device, the address at which it would be driven (as in JSON), its host, None for a path."""
+    """Yield each device, its address in the bench file (as JSON), and its host (None for a path)."""
     yield "arm", config.arm.host, config.arm.host or ""
     gripper = config.gripper
     if gripper.transport == "rtu":

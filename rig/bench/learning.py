@@ -1,7 +1,7 @@
-"""Simulated benches for training, which give access to the true state of the world: never for a measurement.
+"""Simulated benches for training, with access to the ground truth of the world. Not for measurements.
 
-The camera delivers noise, because the truth comes from the world. If a network is trained on the wrist's
-wrench alone, the fingertips deliver a sketch of a gel, drawn much faster than a real one.
+The camera delivers noise, because the ground truth comes from the world. If a network is trained only on the
+wrench at the wrist, the fingertips deliver a sketched gel, which is drawn much faster than a rendered one.
 """
 
 from collections.abc import Callable
@@ -27,8 +27,8 @@ from rig.config import BenchConfig
 
 NO_FAULTS = FaultScript()
 MOST_BRIGHTER, HALF_FORCE_N = 140.0, 4.0
-"""Brightness of a sketched contact in grey levels at a very large force, and the force that gives half of it:
-free choices, such that a contact is visible at 0.2 N and still grows at 20 N."""
+"""Brightness of a sketched contact in grey levels at a very large force, and the force that gives half of it.
+Chosen so that a contact is visible at 0.2 N and still becomes brighter at 20 N."""
 Draw = Callable[[int, np.random.Generator], Image]
 
 

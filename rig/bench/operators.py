@@ -1,4 +1,4 @@
-"""Who is asked at the bench: a person at a terminal, or the simulated world."""
+"""The operator at the bench: a person at a terminal, or a simulated one."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -11,19 +11,20 @@ from protocols.operator import Guidance
 from protocols.teach import STEPS_DEG, STEPS_M
 
 _EYE_M = 1e-4
-"""How well a person sees whether a tip sits in its hole, one sigma."""
+"""Accuracy with which a person sees whether a tip sits in its hole, one sigma."""
 _SEATED_M = 3e-4
+"""Distance below which the tip counts as seated."""
 _LED_M = 1e-3
-"""How well hands bring an arm to a place, one sigma along each axis."""
+"""Accuracy with which a person leads an arm to a place, one sigma along each axis."""
 
 
 class SimulatedOperator:
-    """Agrees to everything; `place` lays an object, given by its id, into the simulated world.
+    """Agrees to everything; `place` puts an object, given its id, into the simulated world.
 
-    gap: from a tip in the hand to the hole on the table, m, base axes, as the world has it. prove:
-    raises unless what is about to be driven is simulated; called wherever a person would be asked.
-    lead: begins to lead the arm by hand to a pose, and returns whether the hand is there. hold: holds an
-    object at a pose, pressed to an opening in m, or held free of the gels if it is None.
+    gap: returns the displacement from a tip in the hand to the hole on the table, m, base axes. prove: raises
+    unless the devices to be driven are simulated; called wherever a person would be asked. lead: starts
+    leading the arm to a pose, and returns a function that returns whether it has arrived. hold: holds an
+    object at a pose, pressed to an opening in m, or free of the gels if the opening is None.
     """
 
     def __init__(
@@ -48,48 +49,48 @@ class SimulatedOperator:
         self._prove()
 
     def place(self, object_id: str, name: str) -> None:
-        """Lay the object on its place."""
+        """Put the object in its place."""
         self._prove()
         self._place(object_id)
 
     def hold(self, question: str, object_id: str, base_T_tcp: Pose, opening_m: float | None) -> None:  # noqa: N803
-        """Hold the object there."""
+        """Hold the object at the pose."""
         self._prove()
         if self._hold is None:
-            raise InputError("on this simulated bench no hand holds an object; use --bench fake")
+            raise InputError("on this simulated bench nobody can hold an object; use --bench fake")
         self._hold(object_id, base_T_tcp, opening_m)
 
     def displaced(self) -> None:
-        """Nothing to note: objects are laid down anew before each lift."""
+        """Do nothing: objects are placed again before each lift."""
 
     def nudge(self, question: str) -> Vector3 | None:
-        """Look at tip and hole, with the eyes of a person, and say how far to go."""
+        """Return the displacement that a person would see between tip and hole."""
         self._prove()
         if self._gap is None:
-            raise InputError("this simulated bench has no tip and hole to look at")
+            raise InputError("this simulated bench has no tip and hole")
         x, y, z = (float(v) for v in self._rng.normal(self._gap(), _EYE_M))
         return None if np.linalg.norm((x, y, z)) < _SEATED_M else (x, y, z)
 
     @contextmanager
     def guide(self, question: str, where: Pose) -> Iterator[Callable[[], bool]]:
-        """Lead the arm there, as well as hands do."""
+        """Lead the arm there, with the accuracy of a person."""
         self._prove()
         lead = self._lead
         if lead is None:
-            raise InputError("on this simulated bench no hand leads the arm; teach with --by keys")
+            raise InputError("on this simulated bench nobody can lead the arm; teach with --by keys")
         x, y, z = (float(v) for v in self._rng.normal(0.0, _LED_M, 3))
         led = Pose.from_rotation(where.translated(x, y, z).position_m, where.rotation)
         arrived: list[Callable[[], bool]] = []
 
         def there() -> bool:
-            if not arrived:  # not before the arm gives way
+            if not arrived:  # the arm is compliant only from now on
                 arrived.append(lead(led))
             return arrived[0]()
 
         yield there
 
     def key(self, question: str, where: Pose, here: Pose) -> str:
-        """Press the key that takes the tool nearer, across before down."""
+        """Return the key that moves the tool nearer, horizontally before down."""
         self._prove()
         if question:
             self._step_size = ""
@@ -101,11 +102,11 @@ class SimulatedOperator:
 
 
 class ConsoleOperator:
-    """A person at a terminal; `ask` puts a question and returns whether they agree.
+    """A person at a terminal; `ask` prints a question and returns whether they agree.
 
-    agreed: they said yes beforehand, to everything that can be agreed to unseen. tell: puts a
-    question and returns the line they type. wait: puts one, and is asked again and again whether they have
-    answered. press: puts one, and returns the key they press.
+    agreed: they have agreed in advance to everything that can be agreed to without looking. tell: prints a
+    question and returns the typed line. wait: prints one, and returns a function that is polled for the
+    answer. press: prints one, and returns the pressed key.
     """
 
     def __init__(
@@ -121,17 +122,17 @@ class ConsoleOperator:
         self._in_place: str | None = None
 
     def confirm(self, question: str) -> None:
-        """Ask, and stop unless agreed."""
+        """Ask, unless agreed in advance, and stop unless they agree."""
         if not self._agreed and not self._ask(question):
             raise OperatorStopError("stopped: the operator did not agree; nothing was moved")
 
     def look(self, question: str) -> None:
-        """Ask in any case, and stop unless agreed."""
+        """Ask in any case, and stop unless they agree."""
         if not self._ask(question):
-            raise OperatorStopError("stopped: nobody at the bench agreed; nothing was moved")
+            raise OperatorStopError("stopped: no agreement from the bench; nothing was moved")
 
     def place(self, object_id: str, name: str) -> None:
-        """Ask for the object unless the last lift set it down in its place."""
+        """Ask for the object to be placed, unless the last lift set it down in its place."""
         if self._in_place != object_id:
             self.confirm(f"Place object {object_id} ({name}) on its mark. Ready?")
         self._in_place = object_id
@@ -146,9 +147,9 @@ class ConsoleOperator:
         self._in_place = None
 
     def nudge(self, question: str) -> Vector3 | None:
-        """Have a small motion typed in mm; an empty line means that the tip sits in its hole."""
+        """Ask for a small motion in mm; an empty line means that the tip sits in its hole."""
         if self._tell is None:
-            raise OperatorStopError("stopped: somebody at a terminal has to guide the tip")
+            raise OperatorStopError("stopped: a person at a terminal is needed to guide the tip")
         while words := self._tell(f"{question} x y z in mm, empty when it sits, q to stop:").split():
             if words[0] in ("q", "quit"):
                 raise OperatorStopError("stopped by the operator; the arm stands where it is")
@@ -160,15 +161,15 @@ class ConsoleOperator:
         return None
 
     def guide(self, question: str, where: Pose) -> Guidance:
-        """Ask until they say that the hand is there."""
+        """Repeat the prompt until the person confirms that the hand is in position."""
         if self._wait is None:
-            raise OperatorStopError("stopped: somebody at a terminal has to lead the arm")
+            raise OperatorStopError("stopped: a person at a terminal is needed to lead the arm")
         return self._wait(f"{question} Enter when it is there, q to stop:")
 
     def key(self, question: str, where: Pose, here: Pose) -> str:
-        """Return the key they press."""
+        """Return the pressed key."""
         if self._press is None:
-            raise OperatorStopError("stopped: somebody at a terminal has to step the arm")
+            raise OperatorStopError("stopped: a person at a terminal is needed to step the arm")
         key = self._press(question)
         if key == "q":
             raise OperatorStopError("stopped by the operator; the arm stands where it is")
@@ -176,7 +177,7 @@ class ConsoleOperator:
 
 
 def _nearer(where: Pose, here: Pose, size: str) -> str | None:
-    """The key of a step of that size that takes a tool nearer to a place; None where none does."""
+    """Return the key of a step of this size that moves a tool nearer to a place; None if none does."""
     off_m = np.subtract(where.position_m, here.position_m)
     turn_deg = -float((where.rotation * here.rotation.inv()).as_rotvec(degrees=True)[1])
     offs = {"x": off_m[0] / STEPS_M[size], "y": off_m[1] / STEPS_M[size], "t": turn_deg / STEPS_DEG[size]}

@@ -1,8 +1,8 @@
-"""A lab's own devices: made from a bench file by the name of their class, and guarded.
+"""Create user-defined devices from a bench file by their class name, and guard them.
 
-A class named as `driver = "package.module:Class"` is called with keyword arguments: of those that the rig
-knows for such a device the ones that its constructor has, and all keys of the subtable `options`. A guard
-(`rig.bench.guards`) then holds it to the rules of the rig's own drivers.
+A class named as `driver = "package.module:Class"` is called with keyword arguments: those of the rig's
+arguments for such a device that its constructor accepts, and all keys of the subtable `options`. A guard
+(`rig.bench.guards`) then enforces the rules of the rig's own drivers.
 """
 
 import inspect
@@ -20,14 +20,14 @@ ARM_METHODS = ("connect", "disconnect", "state", "move_linear", "stop", "recover
 GRIPPER_METHODS = ("connect", "disconnect", "activate", "state", "move_to", "stop")
 SOURCE_METHODS = ("connect", "disconnect", "next_frame", "newest_frame")
 MAY_BE_IGNORED = frozenset({"fingers", "size_px"})
-"""Keys that the bench file always has, and that a constructor need not take."""
+"""Keys that the bench file always has, and that a constructor need not accept."""
 
 
 def own_arm(config: BenchConfig, clock: Clock) -> Arm:
-    """Make a lab's own arm. Raises `InputError`.
+    """Create a user-defined arm. Raises `InputError`.
 
-    Its constructor has limits, flange_T_tcp, payload_kg and payload_cog_m, as `UR5e`, and of host,
-    frequency_hz, joint_limits_rad (lowest and highest, rad) and clock what it needs.
+    Its constructor must accept limits, flange_T_tcp, payload_kg and payload_cog_m, as `UR5e`. It may accept
+    host, frequency_hz, joint_limits_rad (lowest and highest, rad) and clock.
     """
     arm, limits = config.arm, config.arm_limits()
     needed = {
@@ -46,9 +46,9 @@ def own_arm(config: BenchConfig, clock: Clock) -> Arm:
 
 
 def own_gripper(config: BenchConfig, clock: Clock) -> Gripper:
-    """Make a lab's own gripper. Raises `InputError`.
+    """Create a user-defined gripper. Raises `InputError`.
 
-    Its constructor has spec, and of host, port, device, transport, preset, fingers and clock what it needs.
+    Its constructor must accept spec. It may accept host, port, device, transport, preset, fingers and clock.
     """
     own, spec, kind = config.gripper, config.gripper_spec(), (Gripper, GRIPPER_METHODS)
     keys = ("host", "port", "device", "transport", "preset", "fingers")
@@ -58,9 +58,9 @@ def own_gripper(config: BenchConfig, clock: Clock) -> Gripper:
 
 
 def own_source(config: TactileConfig | CameraConfig, clock: Clock) -> TactileSensor:
-    """Make a lab's own tactile sensor or camera. Raises `InputError`.
+    """Create a user-defined tactile sensor or camera. Raises `InputError`.
 
-    Its constructor has serial and rate_hz, and of address, size_px (width, height) and clock what it needs.
+    Its constructor must accept serial and rate_hz. It may accept address, size_px (width, height) and clock.
     """
     serial, rate_hz = config.serial, config.rate_hz
     needed = {"serial": serial, "rate_hz": rate_hz}
@@ -81,9 +81,9 @@ def _made(
 ) -> Any:
     """Import a class and call it.
 
-    kind: the Protocol, and the methods of it that a class must implement. needed: arguments that it must
-    take. known: those that it may take. written: keys that stand in the file; those of `known` among them
-    must not be ignored silently.
+    kind: the Protocol, and its methods that a class must implement. needed: arguments that it must accept.
+    known: arguments that it may accept. written: keys in the bench file; those of `known` among them must not
+    be ignored silently.
     """
     what = f"{device}: driver '{name}'"
     found = named_class(name, f"{device}: driver")
@@ -93,9 +93,11 @@ def _made(
     for key in (*needed, *(known.keys() & written - MAY_BE_IGNORED), *options):
         if key not in takes and not all_of_them:
             own = "option" if key in options else "argument"
-            raise InputError(f"{what}: {found.__name__} takes no {own} {key}; it takes {', '.join(takes)}")
+            raise InputError(
+                f"{what}: {found.__name__} accepts no {own} {key}; it accepts {', '.join(takes)}"
+            )
     if doubled := sorted({*needed, *known} & {*options}):
-        raise InputError(f"{what}: options names {doubled[0]}, which the rig gives it; remove it there")
+        raise InputError(f"{what}: options contains {doubled[0]}, which the rig sets itself; remove it there")
     given = {**needed, **{key: value for key, value in known.items() if key in takes or all_of_them}}
     try:
         return found(**given, **options)
@@ -103,7 +105,7 @@ def _made(
         raise
     except Exception as error:
         raise InputError(
-            f"{what}: making it raised {type(error).__name__}: {error}; see its options in the bench file"
+            f"{what}: creating it raised {type(error).__name__}: {error}; see its options in the bench file"
         ) from error
 
 
@@ -111,7 +113,7 @@ def _parameters(found: type[Any], what: str) -> Mapping[str, inspect.Parameter]:
     try:
         return inspect.signature(found).parameters
     except (TypeError, ValueError) as error:
-        raise InputError(f"{what}: its constructor cannot be looked at ({error}); write one") from error
+        raise InputError(f"{what}: its constructor cannot be inspected ({error}); write one") from error
 
 
 def _require_methods(found: type[Any], protocol: type[Any], methods: Iterable[str], what: str) -> None:
@@ -122,4 +124,4 @@ def _require_methods(found: type[Any], protocol: type[Any], methods: Iterable[st
         if not callable(method := getattr(found, name, None)) or method is getattr(protocol, name)
     ]
     if missing:
-        raise InputError(f"{what}: {found.__name__} does not say how to {', '.join(missing)}")
+        raise InputError(f"{what}: {found.__name__} does not implement {', '.join(missing)}")

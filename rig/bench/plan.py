@@ -1,4 +1,4 @@
-"""The plan of a run, printed beforehand: poses of the arm, limits, motions that would be rejected."""
+"""The plan of a run, printed in advance: poses of the arm, limits, motions that would be rejected."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,20 +13,21 @@ from rig.bench.assembly import TOOL_DOWN
 from rig.config import BenchConfig
 
 ARM_REACH_M = 0.85
-"""Of a UR5e, from its shoulder to the flange (data sheet)."""
+"""Reach of a UR5e from its shoulder to the flange (data sheet)."""
 SHOULDER_M = (0.0, 0.0, 0.1625)
+"""Shoulder of a UR5e in the base frame (data sheet)."""
 UNGUARDED = (
-    "WARNING: the arm has no force sensor (force_sensor = false). Its way down is NOT GUARDED: nothing "
-    "stops it when the hand meets something. Keep a hand on the emergency stop."
+    "WARNING: the arm has no force sensor (force_sensor = false). Its way down is NOT GUARDED: it does "
+    "not stop if the hand meets an obstacle. Keep a hand on the emergency stop."
 )
 
 
 @dataclass(frozen=True, slots=True)
 class PlannedMotion:
-    """One place the hand goes to: `way` ends there, or leads through it, straight from pose to pose.
+    """One target of the hand: the path `way` ends there, or leads through it, straight from pose to pose.
 
-    what: for people, as "t1/1 wrench, 5 steps past contact". base_T_tcp: where the fingers close, or the
-    picture is taken. speed_m_s: the highest on the way.
+    what: for people, such as "t1/1 wrench, 5 steps past contact". base_T_tcp: pose at which the fingers
+    close, or the picture is taken. speed_m_s: highest speed on the path.
     """
 
     what: str
@@ -37,7 +38,7 @@ class PlannedMotion:
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """The steps of a run, line by line, and why some of them would be rejected."""
+    """The steps of a run, one line each, and why some of them would be rejected."""
 
     lines: tuple[str, ...]
     refused: tuple[str, ...] = ()
@@ -49,9 +50,9 @@ class Plan:
 
 
 def make_plan(config: BenchConfig, head: Sequence[str], motions: Sequence[PlannedMotion]) -> Plan:
-    """Return the plan of a run. head: lines before the motions. config: with their limits.
+    """Return the plan of a run. head: lines before the motions. config: also gives the limits.
 
-    Joint angles are not known before the controller is asked, which is done before each motion.
+    Joint angles are unknown in advance; the controller is asked for them before each motion.
     """
     lines = [*head, *(f"  {_line(config, motion)}" for motion in motions)]
     if motions:
@@ -74,7 +75,7 @@ def _line(config: BenchConfig, motion: PlannedMotion) -> str:
 
 
 def _reach_m(config: BenchConfig, motion: PlannedMotion) -> float:
-    """How far the flange gets from the shoulder."""
+    """Return the largest distance of the flange from the shoulder."""
     flange = config.arm.flange_T_tcp().inverse()
     ends = [(pose @ flange).position_m for pose in (motion.base_T_tcp, *motion.way)]
     return float(np.linalg.norm(np.subtract(ends, SHOULDER_M), axis=1).max())
@@ -97,7 +98,7 @@ def _limits(config: BenchConfig) -> list[str]:
 
 
 def _refused(config: BenchConfig, motion: PlannedMotion) -> str | None:
-    """Return why a motion would be rejected, None if it would not; the reach of a lab's arm is unknown."""
+    """Return why a motion would be rejected, or None; the reach of a user-defined arm is unknown."""
     limits = config.arm_limits()
     low, high = limits.workspace_min_m, limits.workspace_max_m
     reach_m = _reach_m(config, motion)

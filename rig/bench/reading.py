@@ -1,4 +1,4 @@
-"""Reads every device of a bench: nothing is started on it, nothing moves."""
+"""Read every device of a bench; nothing is activated, and nothing moves."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -9,12 +9,12 @@ from drivers.errors import DeviceError
 from drivers.interfaces import Arm, FrameSource, Gripper
 
 FIRST_FRAME_S = 5.0
-"""Some sensors take seconds to start."""
+"""Time limit of the first frame: some sensors take seconds to start."""
 
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """Result of reading a device. seen: for the operator. problem: why it cannot be read, None if it can."""
+    """Result of reading a device. seen: text for the operator. problem: why it cannot be read, or None."""
 
     device: str
     seen: str
@@ -22,7 +22,7 @@ class Reading:
 
 
 def read_devices(bench: Bench) -> list[Reading]:
-    """Read a frame of each camera, the fingers' place, and the arm's speed slider; then let go of them."""
+    """Read a frame of each camera, the fingers' opening and the arm's speed slider; then disconnect."""
     readings = [_reading(source.serial, partial(_frame_of, source)) for source in bench.frame_sources]
     if bench.has("gripper"):
         readings.append(_reading("gripper", partial(_fingers_of, bench.gripper)))
@@ -32,12 +32,12 @@ def read_devices(bench: Bench) -> list[Reading]:
 
 
 def require_read(readings: list[Reading]) -> None:
-    """Raise one `DeviceError` that names all devices that were not reached."""
+    """Raise one `DeviceError` that names all devices that could not be read."""
     problems = [reading.problem for reading in readings if reading.problem]
     if problems:
         raise DeviceError(
             f"{len(problems)} of {len(readings)} devices cannot be read, nothing was started: "
-            f"{'; '.join(problems)}; rig doctor tells more"
+            f"{'; '.join(problems)}; rig doctor gives details"
         )
 
 
@@ -71,4 +71,4 @@ def _slider_of(arm: Arm) -> str:
     fraction = arm.speed_fraction()
     if fraction is None:
         return "no speed slider"
-    return f"speed slider at {fraction:.0%}: motions run at that share of their speed"
+    return f"speed slider at {fraction:.0%}: motions run at that fraction of their speed"

@@ -1,4 +1,4 @@
-"""Where the bench of each lift comes from: a new one for each, or one that stands for the session."""
+"""Provide the bench of each lift: a new simulated one per lift, or one bench for the whole session."""
 
 import sys
 from collections.abc import Callable, Iterator
@@ -21,26 +21,26 @@ from rig.bench.reading import read_devices, require_read
 from rig.config import BenchConfig
 
 SWITCH_S = 0.0005
-"""How long one thread may keep the interpreter while a frame waits for another: Python's own 5 ms is a
-third of the time between two frames."""
+"""Longest time that one thread keeps the interpreter while another waits; Python's default of 5 ms is a third
+of the time between two frames."""
 
 
 class BenchSource(Protocol):
-    """Gives each lift (or pose) of a session its bench. Defaults: those of a new bench for each lift."""
+    """Provides the bench for each lift (or pose) of a session. Defaults: a new bench for each lift."""
 
     def begin(self) -> None:
-        """Reach the bench, and ask whether to begin, before anything is kept of the session.
+        """Connect the bench, and ask whether to begin, before anything of the session is stored.
 
-        Raises `DeviceError` for devices that cannot be reached, `OperatorStopError` unless agreed.
+        Raises `DeviceError` for devices that cannot be reached, `OperatorStopError` unless a person agrees.
         """
 
     def for_lift(
         self, seed: int, lift: str, attempt: int = 0
     ) -> AbstractContextManager[tuple[Bench, Operator]]:
-        """Give a connected bench and its operator. Raises `DeviceError`.
+        """Return a connected bench and its operator. Raises `DeviceError`.
 
-        seed: of what is drawn for this lift in a simulated world. lift, attempt: choose its
-        scripted faults.
+        seed: of the random values of this lift in a simulated world. lift, attempt: select its scripted
+        faults.
         """
         ...
 
@@ -55,10 +55,10 @@ class BenchSource(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class FreshBenches(BenchSource):
-    """A simulated bench of its own for each lift, in whatever process the lift runs.
+    """Provides a new simulated bench for each lift, in the process in which the lift runs.
 
-    variation_seed: draws tactile sensors unlike those of a bench, the same for all lifts. watch: is given
-    the world of each lift.
+    variation_seed: draws tactile sensors that differ from the bench's own, the same for all lifts. watch:
+    called with the world of each lift.
     """
 
     config: BenchConfig
@@ -68,7 +68,7 @@ class FreshBenches(BenchSource):
 
     @contextmanager
     def for_lift(self, seed: int, lift: str, attempt: int = 0) -> Iterator[tuple[Bench, Operator]]:
-        """Make a bench, connect it, and let go of it after the lift."""
+        """Create a bench, connect it, and disconnect it after the lift."""
         bench, operator = build_bench(
             self.config, seed, lift, attempt, self.realtime, self.variation_seed, self.watch
         )
@@ -77,11 +77,11 @@ class FreshBenches(BenchSource):
 
 
 class StandingBench(BenchSource):
-    """One bench for a whole session: opened when the first lift needs it, anew after a fault.
+    """Provides one bench for a whole session: opened for the first lift, reconnected after a fault.
 
-    person: who is asked; first of all, with `introduction`, whether to begin. Where the bench's
-    devices prove to be fakes behind a wire, nobody is asked, and objects are laid into their world.
-    What the hand does is remembered, so that the next program knows what this one left in it.
+    person: is asked, first of all, with `introduction`, whether to begin. If the bench's devices prove to be
+    fakes over the wire protocol, nobody is asked, and objects are put into their world. The state of the hand
+    is stored for the next program.
     """
 
     def __init__(self, config: BenchConfig, person: ConsoleOperator, introduction: str) -> None:
@@ -98,7 +98,7 @@ class StandingBench(BenchSource):
 
     @property
     def after_fault(self) -> bool:
-        """Whether the last lift ended badly: fingers may be closed, the arm may be anywhere."""
+        """Whether the last lift ended with an error: fingers may be closed, the arm may be anywhere."""
         return self._after_fault
 
     def begin(self) -> None:
@@ -109,9 +109,9 @@ class StandingBench(BenchSource):
 
     @contextmanager
     def for_lift(self, seed: int, lift: str, attempt: int = 0) -> Iterator[tuple[Bench, Operator]]:
-        """Give the one bench; whatever goes wrong in a lift, the next one connects anew.
+        """Return the session's bench; after any error in a lift, the next one reconnects.
 
-        While it lasts, the lift goes before other programs of the computer, where it may.
+        The lift runs at real-time priority, if permitted.
         """
         bench = self._bench or self._open()
         with realtime():
@@ -120,26 +120,26 @@ class StandingBench(BenchSource):
                 yield bench, self._person if self._simulated is None else self._simulated(seed)
             except BaseException:
                 self._after_fault = True
-                self._let_go()
+                self._disconnect()
                 raise
         self._after_fault = False
         if self._memory is not None and bench.hand.state.holding is Holding.FREE:
             self._memory.keep_untouched(bench)
 
     def displaced(self) -> None:
-        """Have the object laid down anew before the next lift."""
+        """Ask for the object to be placed again before the next lift."""
         self._person.displaced()
 
     def close(self) -> None:
         """Disconnect, and stop the fakes that were started for this session."""
-        self._let_go()
+        self._disconnect()
         self._session.close()
 
     def _connect(self, bench: Bench) -> None:
         if not self._connected:
             self._connection.enter_context(bench.connected())
             self._connected = True
-            self._look_at_fingertips(bench)
+            self._check_fingertips(bench)
 
     def _open(self) -> Bench:
         config = self._session.enter_context(_reached(self._config))
@@ -150,7 +150,7 @@ class StandingBench(BenchSource):
             readings = read_devices(bench)
             require_read(readings)
             seen = "\n".join(f"  {reading.device}: {reading.seen}" for reading in readings)
-            self._person.confirm(f"Devices, looked at and let go again:\n{seen}\n{self._introduction}")
+            self._person.confirm(f"Devices were read and disconnected again:\n{seen}\n{self._introduction}")
         else:
             from rig.bench.fakes_process import simulated_operator
 
@@ -159,7 +159,7 @@ class StandingBench(BenchSource):
         return bench
 
     def _remembered_hand(self, config: BenchConfig) -> Hand:
-        """What the last program knew of the hand; of fakes that were started for this one, nothing was.
+        """Return the hand's state stored by the last program; free if fakes are started for this session.
 
         A bench without arm and gripper has no hand.
         """
@@ -170,21 +170,21 @@ class StandingBench(BenchSource):
         self._memory = memory = HandMemory(host or f"bench {config.name}")
         return Hand(memory.recall(), memory.keep)
 
-    def _look_at_fingertips(self, bench: Bench) -> None:
-        """A hand that was free when the last program ended may not be, where its fingertips look touched."""
+    def _check_fingertips(self, bench: Bench) -> None:
+        """Set a hand that was free to unknown if fingertips now show contact."""
         if self._memory is None or bench.hand.state.holding is not Holding.FREE:
             return
         if touched := self._memory.touched(bench):
-            bench.hand.note(HandState(Holding.UNKNOWN, f"{' and '.join(touched)} look touched"))
+            bench.hand.note(HandState(Holding.UNKNOWN, f"{' and '.join(touched)} show contact"))
 
-    def _let_go(self) -> None:
+    def _disconnect(self) -> None:
         self._connected = False
         self._connection.close()
 
 
 @contextmanager
 def _reached(config: BenchConfig) -> Iterator[BenchConfig]:
-    """Start the fakes of a bench file unless it names running ones; yield the bench with their addresses.
+    """Start the fakes of a bench file unless some are running already; yield the bench with their addresses.
 
     A bench without fakes is yielded as it is. Raises `InputError` if its fakes do not serve all devices.
     """
@@ -200,7 +200,7 @@ def _reached(config: BenchConfig) -> Iterator[BenchConfig]:
 
 @contextmanager
 def unconnected_bench(config: BenchConfig) -> Iterator[Bench]:
-    """Make a bench for reading, in real time; fakes behind wires run until the block ends."""
+    """Create a bench for reading, in real time; fakes over the wire protocol run until the block ends."""
     if config.in_process:
         yield build_bench(config, realtime=True)[0]
         return
@@ -216,16 +216,16 @@ def session_bench(
     realtime: bool = False,
     variation_seed: int | None = None,
 ) -> Iterator[BenchSource]:
-    """Return where a session's lifts get their bench, and close it after the session.
+    """Return the bench source of a session, and close it after the session.
 
-    variation_seed: as in `FreshBenches`. Raises `InputError` where it is given for another bench, and
-    for a bench that says of itself that it is simulated, and is not.
+    variation_seed: as in `FreshBenches`. Raises `InputError` if it is given for another kind of bench, and
+    for a bench with [fakes] that is not simulated.
     """
     if config.in_process:
         yield FreshBenches(config, realtime, variation_seed)
         return
     if variation_seed is not None:
-        raise InputError(f"--randomise: bench '{config.name}' has sensors of its own; use --bench fake")
+        raise InputError(f"--randomise: bench '{config.name}' has fixed sensors; use --bench fake")
     if config.fakes is not None and config.fakes.control is not None:
         prove_simulated(config)
     standing = StandingBench(config, person, introduction)

@@ -1,4 +1,4 @@
-"""What a simulated bench lays down for an object: its twin of the catalogue, or a plain shape."""
+"""Objects on a simulated bench: the twin from the catalogue, or a plain shape."""
 
 import json
 from collections.abc import Sequence
@@ -10,9 +10,9 @@ from rig.config import BenchConfig
 
 
 def laid_as(own: Sequence[GraspFile], object_id: str) -> str:
-    """Return the text by which a simulated world lays an object down.
+    """Return the text with which a simulated world creates an object.
 
-    own: a lab's objects, which have no twin there and become plain shapes. Raises `InputError`.
+    own: a lab's objects, which have no twin and become plain shapes. Raises `InputError`.
     """
     grasps = next((each for each in own if each.id == object_id), None)
     if grasps is None:
@@ -46,7 +46,7 @@ def _note(grasps: GraspFile) -> str:
 def _site(grasps: GraspFile, position: Position) -> dict[str, object]:
     if position.surface is None:
         raise InputError(
-            f"object {grasps.id} {grasps.name} has no simulated twin, and its file says no surface at "
+            f"object {grasps.id} {grasps.name} has no simulated twin, and its file has no surface at "
             f"'{position.name}', so the simulated bench cannot draw it: write surface = \"flat\" (or edge, "
             "cylinder, ball) there, or use a real bench"
         )

@@ -1,6 +1,6 @@
-"""Bench files: read, checked key by key, refused with the line that is wrong.
+"""Bench files: read and checked key by key; errors name the line.
 
-Imports calibration files and the vocabulary of `drivers`; it knows no device.
+Imports calibration files and the shared modules of `drivers`, but no device.
 """
 
 from rig.config.load import BENCHES, load_bench, validation_text

@@ -20,14 +20,15 @@ from rig.config.in_use import CalibrationsInUse, CameraInUse, FileInUse, PlaceIn
 
 FOLDER = "calibrations"
 Take = Callable[[CalibrationFile, str], CalibrationsInUse | None]
-"""Returns the values that are used of a calibration file at a place; None if there are none."""
+"""Returns the values to use from a calibration file, given its path for messages; None if there are none."""
 
 
 def load_calibrated_bench(name_or_path: str, say: Callable[[str], None]) -> BenchConfig:
-    """Read a bench with the calibrations of `calibrations/` beside its file (built-in benches: here).
+    """Read a bench with the calibrations in `calibrations/` beside its file.
 
-    say: prints each file in use with its age and verdict. Raises `InputError` for the bench file,
-    `CalibrationError` for a calibration that belongs to another device or is damaged.
+    For built-in benches that is the current folder. say: prints each file in use with its age and verdict.
+    Raises `InputError` for the bench file, `CalibrationError` for a calibration of another device or a
+    damaged one.
     """
     config = load_bench(name_or_path)
     found = find_calibrations(config, calibrations_folder(name_or_path))
@@ -40,7 +41,7 @@ def load_calibrated_bench(name_or_path: str, say: Callable[[str], None]) -> Benc
 
 
 def calibrations_folder(name_or_path: str) -> Path:
-    """Return the folder of a bench's calibrations: beside its file; for built-in benches, here."""
+    """Return the folder of a bench's calibrations: beside its file; else the current folder."""
     path = Path(name_or_path)
     return (path.parent if path.is_file() else Path()) / FOLDER
 
@@ -82,14 +83,14 @@ def _used(
     devices = {*serials.values()} | ({"gripper"} if kind == "gripper" else set())
     if file.inputs.get("simulated") and not devices.isdisjoint(config.real_devices):
         raise CalibrationError(
-            f"{path}: was made on simulated devices, bench '{config.name}' is real; calibrate it, "
+            f"{path}: was made on simulated devices, but bench '{config.name}' is real; calibrate it, "
             "or move the file away"
         )
     try:
         taken = take(file, str(path))
     except ValidationError as error:
         raise CalibrationError(
-            f"{path}: cannot be ({validation_text(error)}); make it again with rig calibrate"
+            f"{path}: has invalid values ({validation_text(error)}); make it again with rig calibrate"
         ) from error
     except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
         why = f"{type(error).__name__} {reason(error)}"
@@ -124,7 +125,7 @@ def _camera(size_px: tuple[int, int], file: CalibrationFile, where: str) -> Cali
     camera = calibrated(file, where)
     if camera.size != size_px:
         raise CalibrationError(
-            f"{where}: was made of pictures of {camera.size} px, the bench file has size_px = "
+            f"{where}: was made from pictures of {camera.size} px, but the bench file has size_px = "
             f"{list(size_px)}; calibrate at that size, or correct it"
         )
     return CalibrationsInUse(camera=CameraInUse.of(camera))
@@ -143,7 +144,7 @@ def _hand_eye(file: CalibrationFile, where: str) -> CalibrationsInUse | None:
 
 
 def _turn_sigma_rad(file: CalibrationFile) -> float:
-    """One sigma of the camera's orientation about its least certain axis; 0 if not in the file."""
+    """Return one sigma of the camera's orientation about its least certain axis; 0 if not in the file."""
     if "covariance" not in file.quality:
         return 0.0
     turns = np.reshape(np.asarray(file.quality["covariance"], np.float64), (6, 6))[:3, :3]

@@ -101,7 +101,7 @@ def _tactile(tactile: TactileConfig, where: KeyPath) -> Iterator[KeyFault]:
     rates = DIGIT_MODES.get(tactile.size_px)
     if rates is None:
         known = " or ".join(f"[{w}, {h}]" for w, h in DIGIT_MODES)
-        yield (*where, "size_px"), f"is no size of a DIGIT, upright {known}"
+        yield (*where, "size_px"), f"is not a size of a DIGIT, upright {known}"
     elif tactile.rate_hz not in rates:
         listed = " or ".join(f"{rate:g}" for rate in rates)
         yield (*where, "rate_hz"), f"a DIGIT streams this size at {listed} Hz"
@@ -118,14 +118,17 @@ def _camera(camera: CameraConfig) -> Iterator[KeyFault]:
         )
     number = getattr(cv2.aruco, camera.marker_dictionary, None)
     if not camera.marker_dictionary.startswith("DICT_") or number is None:
-        yield ("camera", "marker_dictionary"), "is no ArUco dictionary, as DICT_4X4_50"
+        yield ("camera", "marker_dictionary"), "is not an ArUco dictionary, such as DICT_4X4_50"
     elif max(camera.marker_ids) >= (size := len(cv2.aruco.getPredefinedDictionary(number).bytesList)):
         yield ("camera", "marker_ids"), f"{camera.marker_dictionary} has markers 0 to {size - 1}"
     if camera.marker_ids[0] == camera.marker_ids[1]:
         yield ("camera", "marker_ids"), "names one marker twice"
     sight = np.subtract(camera.look_at_m, camera.position_m)
     if np.linalg.norm(sight[:2]) < 1e-6:
-        yield ("camera", "look_at_m"), "is straight above or below position_m: the picture has no upright"
+        yield (
+            ("camera", "look_at_m"),
+            "is straight above or below position_m: the picture has no upright axis",
+        )
 
 
 def _address(device: DeviceConfig) -> Iterator[KeyFault]:
@@ -145,7 +148,7 @@ def _address(device: DeviceConfig) -> Iterator[KeyFault]:
 def _parts(config: BenchConfig) -> Iterator[KeyFault]:
     """Yield the keys and sections that the devices of the bench require."""
     if not any(True for _ in config.devices):
-        yield (), "names no device: a bench has [arm], [gripper], [[tactile]] or [camera], at least one"
+        yield (), "has no device: a bench has [arm], [gripper], [[tactile]] or [camera], at least one"
     if config.has("arm") and not config.has("table"):
         yield ("table",), "is needed beside [arm]: write [table] with position_m, where objects are placed"
     if config.has("arm", "camera"):
@@ -159,9 +162,9 @@ def _parts(config: BenchConfig) -> Iterator[KeyFault]:
         for number, tactile in enumerate(config.tactile):
             for key in BESIDE_GRIPPER:
                 if key not in tactile.model_fields_set:
-                    yield ("tactile", number, key), "is needed beside [gripper]: on which finger, which way"
+                    yield ("tactile", number, key), "is needed beside [gripper]: its finger, and the sign"
     if config.fakes is not None and not (config.has("arm", "gripper", "camera") and len(config.tactile) == 2):
-        yield ("fakes",), "serves whole benches alone: [arm], [gripper], two [[tactile]] and [camera]"
+        yield ("fakes",), "supports only complete benches: [arm], [gripper], two [[tactile]] and [camera]"
 
 
 def _fingertips(config: BenchConfig) -> Iterator[KeyFault]:
@@ -174,24 +177,24 @@ def _fingertips(config: BenchConfig) -> Iterator[KeyFault]:
             "is the other fingertip's too: exactly one [[tactile]] for each finger",
         )
     if config.has("gripper") and len({t.sign for t in config.tactile}) < len(fingers):
-        yield ("tactile", 1, "sign"), "opposing fingertips see the object from two sides: signs differ"
+        yield ("tactile", 1, "sign"), "opposing fingertips see the object from opposite sides: signs differ"
     serials = [sensor.serial for sensor in config.sensors]
     for number, serial in enumerate(serials):
         if serial in serials[:number]:
             of_camera = number == len(config.tactile)
             where: KeyPath = ("camera", "serial") if of_camera else ("tactile", number, "serial")
-            yield where, f"'{serial}' is another sensor's serial; each has its own"
+            yield where, f"'{serial}' is another sensor's serial; each sensor has its own"
 
 
 def _places(arm: ArmConfig, table: TableConfig) -> Iterator[KeyFault]:
     if not _inside(table.position_m, arm.limits.workspace_min_m, arm.limits.workspace_max_m):
-        yield ("table", "position_m"), "is outside the workspace of [arm.limits]: it cannot be reached"
+        yield ("table", "position_m"), "is outside the workspace of [arm.limits]: the arm cannot reach it"
     elif arm.home_m[2] <= table.position_m[2]:
-        yield ("arm", "home_m"), "is not above position_m of [table]: the tool would wait in the object"
+        yield ("arm", "home_m"), "is not above position_m of [table]: the tool would wait inside the object"
 
 
 def _kinds(config: BenchConfig) -> Iterator[KeyFault]:
-    """Yield which devices must not be simulated, or real, beside the others.
+    """Yield the devices that must not be simulated, or real, in combination with the others.
 
     A simulated bench moves without confirmation, has the simulated cell's limits by default, and may
     react to slip; a real arm or gripper beside a simulated device would do the same.
@@ -202,22 +205,22 @@ def _kinds(config: BenchConfig) -> Iterator[KeyFault]:
             if isinstance(device, ArmConfig | GripperConfig) and device.driver != "fake":
                 yield (
                     (*where, "driver"),
-                    f"is real and would move things by what simulated devices ({fakes}) say: a real arm or "
-                    "gripper needs all others real: make all of them one or the other",
+                    f"is real and would react to data of simulated devices ({fakes}): a real arm or "
+                    "gripper needs only real devices: make all of them real or all simulated",
                 )
         if len({tactile.driver == "fake" for tactile in config.tactile}) == 2:
-            yield ("tactile", 1, "driver"), "one fingertip is 'fake' and one is not: make it one or the other"
+            yield ("tactile", 1, "driver"), "one fingertip is 'fake' and the other is not: make both the same"
         if config.fakes is not None:
             yield ("fakes",), f"is for the real drivers; {fakes} would be simulated twice: name real drivers"
     if config.fakes is not None and config.own_drivers:
         named = ", ".join(sorted(config.own_drivers))
         yield ("fakes",), f"is for the rig's own drivers; with {named} this is a real bench: remove it"
     if config.faults and not config.in_process:
-        yield ("faults",), "are for benches with simulated devices in this process alone; this one has others"
+        yield ("faults",), "work only if all devices are simulated in this process; some here are not"
     devices = {*(str(where[0]) for where, _ in config.devices), *(s.serial for s in config.sensors)}
     for number, fault in enumerate(config.faults):
         if fault.device not in devices:
-            yield ("faults", number, "device"), f"'{fault.device}' is none of {', '.join(sorted(devices))}"
+            yield ("faults", number, "device"), f"'{fault.device}' is not one of {', '.join(sorted(devices))}"
 
 
 def _inside(point: tuple[float, ...], low: tuple[float, ...], high: tuple[float, ...]) -> bool:
@@ -261,14 +264,14 @@ def unused_keys(config: BenchConfig) -> Iterator[KeyFault]:
     Only for files: a session's stored copy has every key.
     """
     if "calibrations" in config.model_fields_set:
-        yield ("calibrations",), "are not written in a bench file; they are found beside it"
+        yield ("calibrations",), "must not be in a bench file; they are found beside it"
     if "objects" in config.model_fields_set:
         yield (
             ("objects",),
-            "are not written in a bench file, but in files of their own (rig objects new FILE)",
+            "must not be in a bench file, but in separate files (rig objects new FILE)",
         )
     if not config.simulated:
-        why = "is for simulated lifts; real ones are as they are: remove it"
+        why = "is only for simulated lifts: remove it"
         yield from _written(config, (), ["difficulty"], why)
     if not config.has("arm"):
         why = "is for benches with an arm; this one has no [arm]: remove it"
@@ -300,7 +303,7 @@ def _unused_arm(arm: ArmConfig) -> Iterator[KeyFault]:
     for key in ("tcp_m", "tcp_rotation_vector_rad"):
         has = type(arm).model_fields[key].default
         if getattr(arm, key) != has:
-            yield ("arm", key), f"the hand of driver 'fake' has {list(has)}, and no other; remove the key"
+            yield ("arm", key), f"the hand of driver 'fake' has only {list(has)}; remove the key"
 
 
 def _unused_gripper(gripper: GripperConfig) -> Iterator[KeyFault]:
@@ -324,10 +327,10 @@ def _unused_tactile(tactile: TactileConfig, where: KeyPath, config: BenchConfig)
     if tactile.driver == "fake":
         yield from _written(tactile, where, ["address"], _no_effect("fake"))
         if tactile.size_px != FAKE_DIGIT_PX:
-            why = f"driver 'fake' draws {list(FAKE_DIGIT_PX)}, and no other; remove the key"
+            why = f"driver 'fake' draws only {list(FAKE_DIGIT_PX)}; remove the key"
             yield (*where, "size_px"), why
     elif config.fakes is None:
-        why = "is for simulated gels; a real one has dots or has none, whatever is written; remove it"
+        why = "is only for simulated gels; it has no effect on a real one; remove it"
         yield from _written(tactile, where, ["markers"], why)
 
 

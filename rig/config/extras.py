@@ -1,4 +1,4 @@
-"""Packages that only some commands need: extras of this package."""
+"""Optional dependencies that only some commands need (extras of this package)."""
 
 from importlib.util import find_spec
 
@@ -6,9 +6,9 @@ from drivers.errors import InputError
 
 
 def require_extra(module: str, extra: str, needs: str) -> None:
-    """Raise `InputError` with the command that installs an extra if its module is missing.
+    """Raise `InputError` with the installation command if a module of an extra is missing.
 
-    needs: the beginning of the message, as "ROS bags need".
+    needs: beginning of the message, such as "ROS bags need".
     """
     if find_spec(module) is None:
         raise InputError(f'{needs} {module}: pip install "visuotactile-slip-rig[{extra}]"')

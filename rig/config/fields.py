@@ -21,7 +21,7 @@ from drivers.named_classes import is_class_name
 from drivers.types import ArmLimits, GripperSpec, Vector6
 
 Coordinate = Annotated[float, Field(ge=-5, le=5)]
-"""m in the base frame. No bench is larger, so a value given in mm is caught."""
+"""m in the base frame. No bench is larger, so that values in mm are rejected."""
 Point = tuple[Coordinate, Coordinate, Coordinate]
 OnTool = Annotated[float, Field(ge=-1, le=1)]
 """m from the flange."""
@@ -38,7 +38,7 @@ MarkerId = Annotated[int, Field(ge=0)]
 
 
 def _written_as(pattern: str, what: str) -> AfterValidator:
-    """Return a validator that refuses text that does not match a pattern."""
+    """Return a validator that rejects text that does not match a pattern."""
 
     def check(text: str) -> str:
         if not re.fullmatch(pattern, text):
@@ -55,15 +55,15 @@ HostPort = Annotated[str, _written_as(r"[^:\s]+:\d+", "host:port")]
 def _inside(text: str) -> str:
     """Reject paths that leave their folder."""
     if any(not _FILE_NAME.fullmatch(part) or part in (".", "..") for part in text.split("/")):
-        raise ValueError("is no name of a file inside its folder")
+        raise ValueError("is not a name of a file inside its folder")
     return text
 
 
 _FILE_NAME = re.compile(r"[^/\\\x00-\x1f\x7f]{1,150}")
 InnerPath = Annotated[str, Field(min_length=1), AfterValidator(_inside)]
-"""A file in a session, its parts apart by `/`."""
-FileName = Annotated[InnerPath, _written_as(r"[^/]*", "a name that a file can have")]
-"""Part of a file's name: serials, objects, benches."""
+"""A file in a session, its parts separated by `/`."""
+FileName = Annotated[InnerPath, _written_as(r"[^/]*", "a valid file name")]
+"""Part of a file name: serials, objects, benches."""
 
 
 def driver_names(*ours: str) -> AfterValidator:
@@ -79,7 +79,7 @@ def driver_names(*ours: str) -> AfterValidator:
 
 
 Options = dict[str, Any]
-"""Keys of a device's own class, in its subtable `options`."""
+"""Keys of a user-defined device class, in its subtable `options`."""
 
 
 def without_secrets(options: Options) -> Options:
@@ -90,7 +90,7 @@ def without_secrets(options: Options) -> Options:
 
 
 class Strict(BaseModel):
-    """Refuses unknown keys, NaN and infinities."""
+    """Rejects unknown keys, NaN and infinity."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
@@ -99,7 +99,7 @@ class BenchSection(Strict):
     """A table (section) of a bench file."""
 
     later: ClassVar[frozenset[str]] = frozenset()
-    """Keys that the first sessions did not have: a stored copy holds those that are not at their default."""
+    """Keys that the first sessions lacked: a stored copy contains them only if not at the default."""
 
     @model_serializer(mode="wrap")
     def _stored(self, serialize: SerializerFunctionWrapHandler) -> dict[str, Any]:
@@ -117,7 +117,7 @@ MISSING: Any = None
 
 
 class MayBeMissing:
-    """Marks a section that a bench file may lack. Its value is None then; `BenchParts` does not return it."""
+    """Marks a section that a bench file may lack; reading it then raises `InputError` (`BenchParts`)."""
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
         """Accept None beside the section's own values."""
@@ -125,7 +125,7 @@ class MayBeMissing:
 
 
 class BenchParts(BenchSection):
-    """A bench whose missing sections raise `InputError` when they are read; `has` tells which are there."""
+    """A bench whose missing sections raise `InputError` when read; `has` returns which are present."""
 
     def __getattribute__(self, name: str) -> Any:
         """Return an attribute. Raises `InputError` for a section that the bench file lacks."""
@@ -153,7 +153,7 @@ class ArmLimitsConfig(BenchSection):
     joint_max_deg: JointAngles = (360.0, 360.0, 360.0, 360.0, 360.0, 360.0)
 
     def arm_limits(self) -> ArmLimits:
-        """Return the limits as the arm takes them."""
+        """Return the limits as an `ArmLimits`."""
         return ArmLimits(
             self.workspace_min_m,
             self.workspace_max_m,
@@ -172,10 +172,10 @@ Range = tuple[Annotated[float, Field(gt=0)], Annotated[float, Field(gt=0)]]
 
 
 class GripperLimitsConfig(BenchSection):
-    """Range of the fingers, and of the speed and force that they may be commanded.
+    """Range of the fingers, and permitted speeds and forces.
 
-    A Robotiq's stroke and resolution follow from its counts: min_counts open, max_counts closed,
-    opening_per_count_m. Any other gripper gives stroke_m and resolution_m instead.
+    For a Robotiq, stroke and resolution follow from its counts: min_counts open, max_counts closed,
+    opening_per_count_m. For any other gripper, give stroke_m and resolution_m instead.
     """
 
     later = frozenset({"stroke_m", "resolution_m", "speed_m_s", "force_n"})
@@ -190,7 +190,7 @@ class GripperLimitsConfig(BenchSection):
     force_n: Range = (15.0, 60.0)
 
     def spec(self, opening: tuple[tuple[float, float], ...] = ()) -> GripperSpec:
-        """Return what the gripper can do. opening: measured pairs of counts and m."""
+        """Return range and resolution of the gripper. opening: measured pairs of counts and m."""
         step_m = self.resolution_m or self.opening_per_count_m
         return GripperSpec(
             self.max_opening_m,

@@ -1,4 +1,4 @@
-"""The calibrations a session uses: stored with its bench, so that a replay uses the same ones."""
+"""The calibrations that a session uses, stored with its bench, so that a replay uses the same ones."""
 
 from itertools import pairwise
 from typing import Annotated, Self
@@ -12,10 +12,10 @@ from rig.config.fields import Strict
 
 Aspect = Annotated[float, Field(ge=0.5, le=2.0)]
 TimeShift = Annotated[float, Field(ge=-1.0, le=1.0)]
-"""s; a sensor whose clock is further off is not one that a lift can be measured with."""
+"""s; with a larger clock offset, a sensor is not usable for a lift."""
 Counts = Annotated[float, Field(ge=0, le=255)]
 Opening = Annotated[float, Field(ge=-0.2, le=0.2)]
-"""m; below zero where the fingers would close beyond each other."""
+"""m; negative if the fingers would close beyond each other."""
 Term = Annotated[int, Field(ge=0, le=11)]
 OpeningPairs = tuple[tuple[float, float], ...]
 
@@ -39,10 +39,10 @@ class FileInUse(Strict):
 
 
 class CameraInUse(Strict):
-    """matrix: nine numbers, row by row, px. distortion: five or eight, OpenCV's order.
+    """Camera calibration. matrix: nine numbers, row by row, px. distortion: five or eight, OpenCV's order.
 
-    terms, covariance: how well they are known, row by row, as in `CameraUncertainty`; empty in sessions
-    from before that was kept.
+    terms, covariance: uncertainty, row by row, as in `CameraUncertainty`; empty in sessions of versions that
+    did not store it.
     """
 
     matrix: Annotated[tuple[float, ...], Field(min_length=9, max_length=9)]
@@ -52,7 +52,7 @@ class CameraInUse(Strict):
 
     @classmethod
     def of(cls, camera: CameraModel) -> Self:
-        """Of a calibrated camera."""
+        """Create from a calibrated camera."""
         known = camera.uncertainty or CameraUncertainty()
         return cls(
             matrix=tuple(camera.matrix.ravel().tolist()),
@@ -65,12 +65,12 @@ class CameraInUse(Strict):
     def _is_a_covariance(self) -> Self:
         if len(self.covariance) != len(self.terms) ** 2:
             raise ValueError(
-                f"a covariance of {len(self.terms)} terms has not {len(self.covariance)} numbers"
+                f"a covariance of {len(self.terms)} terms cannot have {len(self.covariance)} numbers"
             )
         return self
 
     def camera_model(self, size_px: tuple[int, int]) -> CameraModel:
-        """The camera, for pictures of the bench file's width and height (checked when it was found)."""
+        """Return the camera for pictures of the bench file's size (checked when the file was found)."""
         count = len(self.terms)
         known = CameraUncertainty(self.terms, np.reshape(self.covariance, (count, count))) if count else None
         return CameraModel(size_px, np.reshape(self.matrix, (3, 3)), np.array(self.distortion), known)
@@ -88,7 +88,7 @@ class PlaceInUse(Strict):
 
     @model_validator(mode="after")
     def _is_a_place(self) -> Self:
-        # brings scipy's rotations, which a command without a calibrated camera starts faster without
+        # imported here: it loads scipy's rotations, which delay the start of most commands
         from calibration.poses import pose_fault
 
         fault = pose_fault(self.pose(), "base_T_camera")
@@ -97,7 +97,7 @@ class PlaceInUse(Strict):
         return self
 
     def pose(self) -> Pose:
-        """As a pose."""
+        """Return it as a pose."""
         return Pose(self.position_m, self.quaternion_xyzw)
 
 

@@ -1,4 +1,4 @@
-"""The line of a key in a TOML file, for error messages."""
+"""Find the line of a key in a TOML file, for error messages."""
 
 from collections.abc import Sequence
 from contextlib import suppress
@@ -9,10 +9,10 @@ from drivers.errors import FormatError
 from drivers.formats import parse_toml
 
 MOST_LINES = 500
-"""Lines of a bench file that are searched for a key: time grows with their square."""
+"""Most lines of a bench file that are searched for a key: the time grows with the square of the lines."""
 
 KeyPath = Sequence[str | int]
-"""Keys and list indices from the top of a bench file, as ("tactile", 1, "rate_hz")."""
+"""Keys and list indices from the top of a bench file, such as ("tactile", 1, "rate_hz")."""
 KeyFault = tuple[KeyPath, str]
 """A key and its problem."""
 
@@ -35,13 +35,13 @@ def line_of(text: str, path: KeyPath) -> int:
 
 @lru_cache(maxsize=1)
 def _grown(text: str) -> list[tuple[int, Any]]:
-    """Return the document up to each line, with the number of lines before the statement that it ends."""
+    """Return the document up to each line, with the number of lines before its last statement."""
     lines, readable = text.split("\n"), 0
     grown: list[tuple[int, Any]] = []
     for count in range(1, min(len(lines), MOST_LINES) + 1):
         if not lines[count - 1].strip() or lines[count - 1].lstrip().startswith("#"):
             continue
-        with suppress(FormatError):  # in the middle of a value of several lines
+        with suppress(FormatError):  # in the middle of a multi-line value
             grown.append((readable, parse_toml("\n".join(lines[:count]), "")))
             readable = count
     return grown
@@ -62,7 +62,7 @@ def _present_part(document: Any, path: KeyPath) -> list[str | int]:
 
 
 def _first_with_content(lines: list[str], start: int) -> int:
-    """Number of the first line from index `start` on that is neither empty nor a comment."""
+    """Return the number of the first line from index `start` on that is neither empty nor a comment."""
     content = (
         i for i in range(start, len(lines)) if lines[i].strip() and not lines[i].lstrip().startswith("#")
     )

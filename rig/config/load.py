@@ -21,7 +21,7 @@ MOST_FAULTS = 4
 def load_bench(name_or_path: str) -> BenchConfig:
     """Read a bench by name (`fake`, `hard`, `wire`) or from a file.
 
-    Raises `InputError` naming the file and, for each key that is wrong, its line.
+    Raises `InputError` naming the file and, for each invalid key, its line.
     """
     path = BENCHES / f"{name_or_path}.toml"
     if not path.exists():
@@ -36,7 +36,7 @@ def load_bench(name_or_path: str) -> BenchConfig:
 def parse_bench(text: str, name: str) -> BenchConfig:
     """Read the text of a bench file; `name` is its name in messages. Raises `InputError`."""
     try:
-        # via JSON, so that lists become tuples while types are otherwise strict: no true for 1, no "5" for 5
+        # through JSON: lists become tuples, but types are otherwise strict (no true for 1, no "5" for 5)
         document = json.dumps(parse_toml(text, name), default=str)
         config = BenchConfig.model_validate_json(document, strict=True)
     except ValidationError as error:
@@ -50,7 +50,7 @@ def parse_bench(text: str, name: str) -> BenchConfig:
 def validation_text(
     error: ValidationError, source: str | None = None, known: Collection[str] | None = None
 ) -> str:
-    """Return one line that names the wrong keys with reasons, and with their lines if `source` is given.
+    """Return one line that names the invalid keys with reasons, and with their lines if `source` is given.
 
     known: all valid keys, by default those of bench files.
     """
@@ -91,4 +91,4 @@ def write_new(path: Path, text: str) -> None:
     except FileExistsError as error:
         raise InputError(f"{path} exists already: give another name, or move it aside") from error
     except OSError as error:
-        raise InputError(f"{path}: cannot be written ({error.strerror}); give another place") from error
+        raise InputError(f"{path}: cannot be written ({error.strerror}); give another path") from error

@@ -39,7 +39,7 @@ from rig.config.in_use import CalibrationsInUse
 from rig.config.lines import KeyPath
 
 FAR_M = 10.0
-"""Larger than any bench."""
+"""Half size of an unbounded keep-out box; larger than any bench."""
 
 
 class ArmConfig(BenchSection):
@@ -56,7 +56,7 @@ class ArmConfig(BenchSection):
     payload_kg: float = Field(default=2.5, ge=0)
     payload_cog_m: Offset = (0.0, 0.0, 0.08)
     force_sensor: bool = True
-    """Whether the arm measures the wrench at the tool; without it the way down is not guarded."""
+    """Whether the arm measures the wrench at the tool; if not, downward motions are not guarded."""
     limits: ArmLimitsConfig = ArmLimitsConfig()
 
     def flange_T_tcp(self) -> Pose:  # noqa: N802 - frame names keep their case
@@ -67,7 +67,7 @@ class ArmConfig(BenchSection):
 
 
 class GripperConfig(BenchSection):
-    """The gripper: its driver, how it is reached, and the two fingers that grasp."""
+    """The gripper: its driver, its connection, and the two fingers that grasp."""
 
     later = frozenset({"below_tcp_m", "half_width_m", "options", "period_s"})
     driver: Annotated[str, driver_names("fake", "robotiq_3f")]
@@ -81,14 +81,14 @@ class GripperConfig(BenchSection):
     below_tcp_m: float = Field(default=0.015, ge=0, le=0.2)
     half_width_m: float = Field(default=0.10, ge=0, le=0.3)
     period_s: float = Field(default=0.0, ge=0, le=0.1)
-    """By which a gripper simulated in process obeys late (a real one: some 0.01)."""
+    """Delay of a gripper simulated in this process, s (a real one: about 0.01)."""
     limits: GripperLimitsConfig = GripperLimitsConfig()
 
 
 class TactileConfig(BenchSection):
-    """A tactile sensor; without an address it is found by its serial.
+    """A tactile sensor; without an address it is found by its serial number.
 
-    finger, sign: needed beside a gripper, on whose finger it is.
+    finger, sign: the finger that it is mounted on, and its sign; needed if the bench has a gripper.
     """
 
     later = frozenset({"options"})
@@ -103,13 +103,14 @@ class TactileConfig(BenchSection):
     pixel_aspect: float | None = Field(default=None, gt=0.5, lt=2.0)
     """Width over height of a pixel on the gel; None if not measured."""
     markers: bool = False
-    """Whether dots are printed on the gel (the estimator `kolamuri` follows them)."""
+    """Whether dots are printed on the gel (for the estimator `kolamuri`)."""
 
 
 class CameraConfig(BenchSection):
-    """The external camera and the markers it watches.
+    """The external camera and the markers that it observes.
 
-    position_m, look_at_m: in the arm's base, needed beside an arm. The defaults are the simulated cell's.
+    position_m, look_at_m: in the arm's base frame, needed if the bench has an arm. Defaults: the simulated
+    cell.
     """
 
     later = frozenset({"options"})
@@ -127,7 +128,7 @@ class CameraConfig(BenchSection):
     marker_side_m: float = Field(gt=0, lt=0.5)
 
     def base_T_camera(self) -> Pose:  # noqa: N802 - frame names keep their case
-        """Pose of the camera in the arm's base: z towards `look_at_m`, x level to the right."""
+        """Return the pose of the camera in the arm's base: z towards `look_at_m`, x level to the right."""
         from scipy.spatial.transform import Rotation
 
         forward = np.subtract(self.look_at_m, self.position_m)
@@ -139,7 +140,7 @@ class CameraConfig(BenchSection):
 
 
 class TableConfig(BenchSection):
-    """Where the operator places objects, and how high the table's top is."""
+    """Where the operator places objects, and the height of the table top."""
 
     later = frozenset({"top_m"})
     position_m: Point
@@ -147,7 +148,7 @@ class TableConfig(BenchSection):
 
 
 class KeepOutConfig(BenchSection):
-    """A box that neither hand nor fingers may enter."""
+    """A box that hand and fingers must not enter."""
 
     name: str = Field(min_length=1)
     min_m: Point
@@ -155,7 +156,7 @@ class KeepOutConfig(BenchSection):
 
 
 class FakesConfig(BenchSection):
-    """The real drivers of this bench talk to simulated devices.
+    """Settings for a bench whose real drivers talk to simulated devices.
 
     control: "host:port" of the running fakes' side channel; without it they are started for the session, and
     the addresses in the file are ignored.
@@ -186,7 +187,7 @@ class BenchConfig(BenchParts):
     reactions_allowed: bool | None = None
     """Whether arm and fingers may react to slip automatically; by default only in simulation."""
     difficulty: Literal["easy", "hard"] = "easy"
-    """Of simulated lifts: hard ones have what makes real recordings hard (`fakes/studio/conditions.py`)."""
+    """Difficulty of simulated lifts: hard ones have the disturbances of real recordings (`conditions.py`)."""
     arm: Annotated[ArmConfig, MayBeMissing()] = MISSING
     gripper: Annotated[GripperConfig, MayBeMissing()] = MISSING
     tactile: Annotated[tuple[TactileConfig, ...], Field(max_length=2)] = ()
@@ -196,37 +197,37 @@ class BenchConfig(BenchParts):
     fakes: FakesConfig | None = None
     faults: tuple[FaultConfig, ...] = ()
     calibrations: CalibrationsInUse = CalibrationsInUse()
-    """Measured values that replace the nominal ones above; found beside the file, never written in it."""
+    """Measured values that replace the nominal ones above; found beside the file, never in it."""
     objects: tuple[GraspFile, ...] = ()
-    """A lab's own objects; found beside the file or in a folder that is given, never written in it."""
+    """A lab's own objects; found beside the file or in a given folder, never in the file."""
 
     def camera_model(self) -> CameraModel:
-        """The camera as calibrated, else this file's pinhole: its focal length, no distortion."""
+        """Return the calibrated camera; without a calibration, a pinhole with the file's focal length."""
         size, calibrated = self.camera.size_px, self.calibrations.camera
         if calibrated is None:
             return CameraModel.pinhole(size, self.camera.focal_px)
         return calibrated.camera_model(size)
 
     def base_T_camera(self) -> Pose:  # noqa: N802 - frame names keep their case
-        """`base_T_camera` as calibrated, else as in this file."""
+        """Return the calibrated `base_T_camera`; without a calibration, that of the file."""
         found = self.calibrations.base_T_camera
         return self.camera.base_T_camera() if found is None else found.pose()
 
     def camera_turn_sigma_rad(self) -> float:
-        """One sigma of `base_T_camera`'s orientation, as calibrated; 0 if unknown."""
+        """Return one sigma of `base_T_camera`'s orientation from the calibration; 0 if unknown."""
         found = self.calibrations.base_T_camera
         return 0.0 if found is None else found.turn_sigma_rad
 
     def object_distance_m(self) -> float:
-        """Distance from the camera (`base_T_camera`) to an object at its place, m.
+        """Return the distance from the camera (`base_T_camera`) to an object in its place, m.
 
-        Without [table] to where the camera looks.
+        Without [table], the distance to the point that the camera looks at.
         """
         place = self.table.position_m if self.has("table") else self.camera.look_at_m
         return float(np.linalg.norm(np.subtract(self.base_T_camera().position_m, place)))
 
     def without_passwords(self) -> "BenchConfig":
-        """A copy without the passwords in its addresses, as it is stored in sessions."""
+        """Return a copy without the passwords in its addresses, as it is stored in sessions."""
         hidden: dict[str, object] = {"tactile": tuple(map(_without_passwords, self.tactile))}
         for where, device in self.devices:
             if where[0] != "tactile":
@@ -234,7 +235,7 @@ class BenchConfig(BenchParts):
         return self.model_copy(update=hidden)
 
     def fingertips_alone(self) -> "BenchConfig":
-        """Return a bench with the fingertips of this one, their calibrations, and no other device."""
+        """Return a bench with only the fingertips of this one, and their calibrations."""
         found = self.calibrations
         own = CalibrationsInUse(
             files={key: file for key, file in found.files.items() if key.startswith("tactile-")},
@@ -244,14 +245,14 @@ class BenchConfig(BenchParts):
         return self.model_copy(update={**gone, "keep_out": (), "calibrations": own})
 
     def pixel_aspects(self) -> dict[str, float | None]:
-        """Width over height of each fingertip's pixels by serial, measured or from this file."""
+        """Return width over height of each fingertip's pixels by serial, calibrated or from the file."""
         measured = self.calibrations.pixel_aspect
         return {t.serial: measured.get(t.serial, t.pixel_aspect) for t in self.tactile}
 
     def arm_limits(self) -> ArmLimits:
-        """The arm's limits with the keep-out boxes of the hand: the table and the boxes in the file.
+        """Return the arm's limits with the keep-out boxes of the hand: the table and the boxes in the file.
 
-        Each box is enlarged by the hand's extent around the tool centre point: fingertips below, half the
+        Each box is enlarged by the hand's extent around the tool centre point: the fingertips below, half the
         hand's width to every side, and the hand up to the flange above.
         """
         boxes = [Box(k.name, k.min_m, k.max_m) for k in self.keep_out]
@@ -271,12 +272,12 @@ class BenchConfig(BenchParts):
         return limits if self.arm.force_sensor else replace(limits, max_contact_force_n=None)
 
     def gripper_spec(self) -> GripperSpec:
-        """The gripper's range and resolution, with its measured openings if there are any."""
+        """Return the gripper's range and resolution, with its measured openings if there are any."""
         return self.gripper.limits.spec(self.calibrations.opening)
 
     @property
     def devices(self) -> Iterator[tuple[KeyPath, DeviceConfig]]:
-        """The devices that the bench has, each with its place in the file."""
+        """The devices of the bench, each with its path in the file."""
         if self.has("arm"):
             yield ("arm",), self.arm
         if self.has("gripper"):
@@ -298,12 +299,12 @@ class BenchConfig(BenchParts):
 
     @property
     def own_drivers(self) -> frozenset[str]:
-        """The drivers that are classes of other packages: such a bench is a real one."""
+        """The drivers that are user-defined classes: a bench with one counts as real."""
         return frozenset(filter(is_class_name, self.drivers))
 
     @property
     def in_process(self) -> bool:
-        """Whether all devices are simulated in this process: only such benches run side by side."""
+        """Whether all devices are simulated in this process: only such benches run in parallel."""
         return self.drivers == {"fake"}
 
     @property
@@ -313,17 +314,17 @@ class BenchConfig(BenchParts):
 
     @property
     def simulated(self) -> bool:
-        """Whether any device of this bench is simulated, in this process or behind a wire."""
+        """Whether any device is simulated, in this process or over the wire protocol."""
         return "fake" in self.drivers or self.fakes is not None
 
     @property
     def fake_devices(self) -> tuple[str, ...]:
-        """Serials of the sensors that are simulated in this process, and "arm", "gripper" if they are."""
+        """Serials of the sensors simulated in this process, and "arm", "gripper" if they are simulated."""
         return tuple(name for name, driver in self._drivers_by_name() if driver == "fake")
 
     @property
     def real_devices(self) -> tuple[str, ...]:
-        """The same of the devices that are neither simulated in this process nor behind a wire."""
+        """The same for devices that are simulated neither in this process nor over the wire protocol."""
         pairs = () if self.fakes is not None else self._drivers_by_name()
         return tuple(name for name, driver in pairs if driver != "fake")
 
@@ -333,16 +334,16 @@ class BenchConfig(BenchParts):
 
     @property
     def mixed(self) -> bool:
-        """Whether some devices are simulated and some are real. No real arm or gripper is among them."""
+        """Whether some devices are simulated and some are real. A real arm or gripper is never among them."""
         return "fake" in self.drivers and not self.in_process
 
     @property
     def moves(self) -> bool:
-        """Whether there are arm and gripper, and all devices are of one kind: then the arm may be moved."""
+        """Whether the arm may move: there are arm and gripper, and all devices are of one kind."""
         return self.has("arm", "gripper") and not self.mixed
 
     def gives_simulated(self, *devices: str) -> bool:
-        """Return whether one of these devices (serials, "arm") is simulated, so that its data are marked."""
+        """Return whether any of these devices (serials, "arm") is simulated; its data must then be marked."""
         return not {*devices} <= {*self.real_devices}
 
 
@@ -354,5 +355,5 @@ def _without_passwords(device: DeviceConfig) -> DeviceConfig:
 
 
 def known_keys() -> set[str]:
-    """Every key a bench file can have, in any of its tables."""
+    """Return all valid keys of a bench file, in any of its tables."""
     return {key for model in (BenchConfig, *BenchSection.__subclasses__()) for key in model.model_fields}

@@ -1,4 +1,4 @@
-"""A new package of a lab's own, from a template: an estimator, a driver, or a plug-in for LeRobot."""
+"""Create a package for a lab's own class from a template: an estimator, a driver, or a LeRobot plug-in."""
 
 import keyword
 from importlib.util import find_spec
@@ -8,14 +8,14 @@ from drivers.errors import InputError
 
 TEMPLATES = Path(__file__).parents[1] / "templates"
 PREFIXES = {"lerobot": "lerobot_camera_"}
-"""How the name of a package begins, by kind: LeRobot finds plug-ins by it."""
+"""Required prefix of a package name, by kind: LeRobot finds plug-ins by it."""
 
 
 def write_package(kind: str, folder: Path) -> None:
-    """Write the template of a kind into a new folder; its module, class and package get the folder's name.
+    """Write the template of a kind into a new folder; module, class and package are named after the folder.
 
-    Raises `InputError` if the name is no module name, does not begin as its kind needs or is taken, or the
-    folder cannot be written.
+    Raises `InputError` if the name is not a valid module name, lacks the prefix of its kind, is taken, or if
+    the folder cannot be written.
     """
     _check_name(folder, PREFIXES.get(kind, ""))
     _write(TEMPLATES / kind, folder, f"my_{kind}")
@@ -24,12 +24,12 @@ def write_package(kind: str, folder: Path) -> None:
 def _check_name(folder: Path, prefix: str) -> None:
     name = folder.name
     if not name.isidentifier() or keyword.iskeyword(name) or name != name.lower():
-        raise InputError(f"{folder}: '{name}' is no name of a module: give one of a-z, 0-9 and _, as my_gel")
+        raise InputError(f"{folder}: '{name}' is not a module name: use only a-z, 0-9 and _, as my_gel")
     if not name.startswith(prefix) or name == prefix:
-        raise InputError(f"{folder}: the name has to begin with {prefix}, as {prefix}my_gel")
+        raise InputError(f"{folder}: the name must begin with {prefix}, as {prefix}my_gel")
     if find_spec(name) is not None:
         raise InputError(
-            f"{folder}: a module '{name}' is here already, and would hide this one: give another"
+            f"{folder}: a module '{name}' exists already, and would hide this one: give another name"
         )
 
 
@@ -47,7 +47,7 @@ def _write(template: Path, folder: Path, name: str) -> None:
 
 
 def _renamed(text: str, before: str, after: str) -> str:
-    """The text with a module's name changed, and the names of class and package that follow from it."""
+    """Replace a module's name in a text, and the class and package names derived from it."""
     for spelled in (lambda name: name, lambda name: name.replace("_", "-"), _class_name):
         text = text.replace(spelled(before), spelled(after))
     return text

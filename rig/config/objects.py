@@ -1,4 +1,4 @@
-"""A lab's own objects: the files of a folder, read beside the package's, for a bench."""
+"""A lab's own objects: read the object files of a folder, in addition to the package's."""
 
 import json
 import re
@@ -24,10 +24,10 @@ _VALUE = re.compile(r"(?P<key>\s*[\w-]+\s*=\s*)(?P<value>\"[^\"]*\"|'[^']*'|[^#\
 
 
 def objects_folder(bench: str, given: Path | None = None) -> Path | None:
-    """Where a lab's objects are: the folder given, else `objects/` beside the bench file, if there is one.
+    """Return the folder of a lab's objects: the given one, or `objects/` beside the bench file if it exists.
 
-    bench: a name or a path; beside a built-in bench is here. Raises `InputError` for a given folder that is
-    not there.
+    bench: name or path; for a built-in bench, `objects/` in the current folder. Raises `InputError` if a
+    given folder does not exist.
     """
     if given is not None:
         if not given.is_dir():
@@ -42,13 +42,13 @@ def objects_folder(bench: str, given: Path | None = None) -> Path | None:
 
 
 def read_objects(folder: Path) -> dict[Path, GraspFile]:
-    """Read the objects of a folder, by file. Raises `InputError` naming the file and, where known, the line.
+    """Read the objects of a folder, by file. Raises `InputError` naming the file and, if known, the line.
 
-    An id or a name is one object's alone, here and in the package.
+    Ids and names must be unique, also among the package's objects.
     """
     paths = sorted(folder.glob("*.toml"))
     if len(paths) > MOST_FILES:
-        raise InputError(f"{folder}: holds {len(paths)} files, more than the {MOST_FILES} that are read")
+        raise InputError(f"{folder}: contains {len(paths)} files; at most {MOST_FILES} are read")
     found: dict[Path, GraspFile] = {}
     taken = {name: "the package" for own in load_grasp_files().values() for name in own.names}
     for path in paths:
@@ -65,7 +65,7 @@ def read_objects(folder: Path) -> dict[Path, GraspFile]:
 
 
 def parse_object(text: str, name: str) -> GraspFile:
-    """Read an object file's text; `name` is what messages call it. Raises `InputError`."""
+    """Parse an object file; `name` is its name in messages. Raises `InputError`."""
     document = json.dumps(parse_toml(text, name), default=str)
     try:
         return GraspFile.model_validate_json(document, strict=True)
@@ -74,7 +74,7 @@ def parse_object(text: str, name: str) -> GraspFile:
 
 
 def with_objects(config: BenchConfig, bench: str, given: Path | None = None) -> BenchConfig:
-    """Return a bench that knows a lab's objects. Raises `InputError`.
+    """Return a bench with a lab's objects added. Raises `InputError`.
 
     bench, given: as in `objects_folder`.
     """
@@ -85,7 +85,7 @@ def with_objects(config: BenchConfig, bench: str, given: Path | None = None) -> 
 def own_object(name: str, bench: str, given: Path | None = None) -> tuple[Path, GraspFile]:
     """Find one of a lab's own objects, and its file. bench, given: as in `objects_folder`.
 
-    Raises `InputError` for the package's objects, which are not changed, and for unknown ones.
+    Raises `InputError` for the package's objects, which must not be changed, and for unknown ones.
     """
     folder = objects_folder(bench, given)
     files = read_objects(folder) if folder else {}
@@ -95,26 +95,26 @@ def own_object(name: str, bench: str, given: Path | None = None) -> tuple[Path, 
             return path, each
     begin = f"begin one with: rig objects new {folder or FOLDER}/FILE.toml"
     if any(wanted in each.names for each in load_grasp_files().values()):
-        raise InputError(f"'{name}' is an object of the package, whose file is not changed; {begin}")
+        raise InputError(f"'{name}' is an object of the package, whose file cannot be changed; {begin}")
     own = ", ".join(each.id for each in files.values()) or "none"
     near = nearest(wanted, [known for each in files.values() for known in each.names])
-    raise InputError(f"there is no object of your own called '{name}'{near} (there are: {own}); {begin}")
+    raise InputError(f"you have no object called '{name}'{near} (your objects: {own}); {begin}")
 
 
 def with_more(config: BenchConfig, objects: Iterable[GraspFile]) -> BenchConfig:
-    """Return a bench that also knows these objects, as those a session kept; its own of one id stay."""
+    """Return a bench with further objects, such as those stored in a session; its own of the same id stay."""
     known = {own.id for own in config.objects}
     more = [each for each in objects if each.id not in known]
     return config.model_copy(update={"objects": (*config.objects, *more)}) if more else config
 
 
 def with_objects_of(config: BenchConfig, ids: Collection[str]) -> BenchConfig:
-    """Return a bench that knows no other objects of a lab's own than these, as a session keeps it."""
+    """Return a bench with only these of a lab's objects, for storing it in a session."""
     return config.model_copy(update={"objects": tuple(each for each in config.objects if each.id in ids)})
 
 
 def new_object_text(called: str) -> str:
-    """Return an object file that explains each key. called: what its id and name are made of."""
+    """Return an object file that explains each key. called: text from which its id and name are made."""
     text = Path(__file__).with_name("new_object.toml").read_text(encoding="utf-8")
     plain = "".join(c if c.isascii() and (c.isalnum() or c in "-_") else "_" for c in called)
     own_id = plain.lstrip("_-")[:40] or "my_object"
@@ -122,7 +122,7 @@ def new_object_text(called: str) -> str:
 
 
 def new_object_file(path: Path) -> None:
-    """Write an object file that explains each key, named as the file is, and make its folder.
+    """Write an object file that explains each key, named after the file, and create its folder.
 
     Raises `InputError`; never overwrites.
     """
@@ -150,13 +150,13 @@ def with_position(text: str, name: str, values: Mapping[str, float], where: str)
     read = parse_object(changed, where)
     place = next((position for position in read.position if position.name == name), None)
     if place is None or any(getattr(place, key) != value for key, value in values.items()):
-        said = ", ".join(f"{key} = {value:g}" for key, value in values.items())
-        raise InputError(f"{where}: is written in a way that is not changed here; put in at '{name}': {said}")
+        wanted = ", ".join(f"{key} = {value:g}" for key, value in values.items())
+        raise InputError(f"{where}: cannot be changed automatically; enter at '{name}': {wanted}")
     return changed, read
 
 
 def _blocks(lines: list[str]) -> list[range]:
-    """Return the lines of each [[position]], its heading among them."""
+    """Return the lines of each [[position]], including its heading."""
     found = []
     for start in (i for i, line in enumerate(lines) if _POSITION.match(line)):
         ends = (i for i in range(start + 1, len(lines)) if _TABLE.match(lines[i]))
@@ -173,7 +173,7 @@ def _name_in(lines: list[str], block: range) -> str | None:
 
 
 def _changed(block: list[str], values: Mapping[str, float]) -> list[str]:
-    """Change the lines that are there, and put the others behind the last of them."""
+    """Change the existing lines of a position, and append the other keys after the last of them."""
     left, lines, last = dict(values), [], 0
     for line in block:
         found = _VALUE.match(line)
@@ -187,7 +187,7 @@ def _changed(block: list[str], values: Mapping[str, float]) -> list[str]:
 
 
 def _with_value(line: re.Match[str], value: float) -> str:
-    """Return a line with another value, its comment at the same column if possible."""
+    """Return a line with another value, with its comment at the same column if possible."""
     written = line["key"] + f"{value:g}"
     comment = line["rest"].strip()
     return (
@@ -198,7 +198,7 @@ def _with_value(line: re.Match[str], value: float) -> str:
 
 
 def _added(lines: list[str], name: str, values: Mapping[str, float]) -> list[str]:
-    """Add a position behind the others."""
+    """Append a position after the others."""
     new = ["[[position]]", f'name = "{name}"', *(f"{key} = {value:g}" for key, value in values.items()), ""]
     blocks = _blocks(lines)
     end = blocks[-1].stop if blocks else len(lines)

@@ -1,7 +1,7 @@
-"""Which parts a bench has, and which of them a command needs.
+"""Which devices a bench has, and which of them a command needs.
 
-A bench file may lack any of its devices. `NEEDS` states what each command needs; `require_parts` refuses a
-bench that lacks it, with the commands that work on it.
+A bench file may lack any device. `NEEDS` lists what each command needs; `require_parts` rejects a bench that
+lacks it, and lists the commands that work.
 """
 
 from collections.abc import Iterator, Mapping
@@ -11,9 +11,9 @@ from rig.config.models import BenchConfig
 
 FINGERTIP, FINGERTIPS = "[[tactile]]", "two [[tactile]]"
 WHOLE = ("[arm]", "[gripper]", FINGERTIPS, "[camera]")
-"""Both gels stop the closing fingers, and arm and gripper are checked with each picture of the camera."""
+"""Both tactile images stop the closing fingers; arm and gripper are checked with each camera picture."""
 CARRIES = ("[arm]", "[gripper]")
-"""The arm moves only after the gripper has been read: something may be in the hand."""
+"""The arm moves only after the gripper has been read, because the hand may hold an object."""
 NEEDS: Mapping[str, tuple[str, ...]] = {
     "rig doctor": (),
     "rig live": (),
@@ -30,7 +30,7 @@ NEEDS: Mapping[str, tuple[str, ...]] = {
     "rig calibrate hand-eye": (*CARRIES, "[camera]"),
     "rig calibrate tcp": CARRIES,
 }
-"""Sections of the bench file by command. Commands with [arm] move it."""
+"""Required sections of the bench file by command. Commands with [arm] move the arm."""
 
 
 def lacking(config: BenchConfig, command: str) -> list[str]:
@@ -41,8 +41,8 @@ def lacking(config: BenchConfig, command: str) -> list[str]:
 def require_parts(config: BenchConfig, command: str) -> None:
     """Raise `InputError` if a bench lacks a section that a command of `NEEDS` needs, or must not move.
 
-    A bench on which some devices are simulated and some are real does not move: nothing that a simulated arm
-    does is seen by a real sensor.
+    A bench with both simulated and real devices does not move, because real sensors cannot observe the motion
+    of a simulated arm.
     """
     missing = lacking(config, command)
     if missing:
@@ -54,8 +54,8 @@ def require_parts(config: BenchConfig, command: str) -> None:
     if "[arm]" in NEEDS[command] and config.mixed:
         raise InputError(
             f"{command} moves the arm, and bench '{config.name}' has simulated devices "
-            f"({', '.join(config.fake_devices)}) beside real ones: a real sensor does not see what a "
-            "simulated arm does. Make all drivers 'fake' or none. As it is, these work: "
+            f"({', '.join(config.fake_devices)}) beside real ones: a real sensor does not observe a "
+            "simulated arm. Make all drivers 'fake' or none. As it is, these work: "
             f"{', '.join(working(config))}"
         )
 

@@ -1,4 +1,4 @@
-"""Bench files as text: what `rig fakes serve` prints."""
+"""Write bench files as TOML text, for example for `rig fakes serve`."""
 
 import json
 from pathlib import Path
@@ -10,11 +10,11 @@ from rig.config.models import BenchConfig
 
 
 def bench_text(config: BenchConfig) -> str:
-    """Return a bench as the TOML that reads back as the same bench: every key that is not at its default.
+    """Return a bench as TOML that reads back as the same bench: every key that differs from its default.
 
-    Keys that the file has to have are written at their default too.
+    Required keys are also written if they equal their default.
     """
-    # calibrations and objects are not written into a bench file but found beside it
+    # calibrations and objects are found beside a bench file, so they are not written into it
     values = config.model_dump(mode="json", exclude_defaults=True, exclude={"calibrations", "objects"})
     if config.has("arm", "camera"):
         values["camera"] |= {key: list(getattr(config.camera, key)) for key in BESIDE_ARM}
@@ -36,7 +36,7 @@ def bench_text(config: BenchConfig) -> str:
 
 
 def write_bench(path: Path, config: BenchConfig) -> None:
-    """Write a bench file, over an older one of that name. Raises `InputError`."""
+    """Write a bench file; an existing file is overwritten. Raises `InputError`."""
     try:
         path.write_text(bench_text(config))
     except OSError as error:
@@ -50,7 +50,7 @@ def _table(name: str, values: dict[str, Any]) -> str:
 
 
 def _keys(values: dict[str, Any]) -> str:
-    # TOML's strings, numbers, booleans and arrays of them are written as JSON's.
+    # TOML strings, numbers, booleans and arrays of them have the same notation as JSON.
     return "".join(f"{key} = {_value(value)}\n" for key, value in values.items())
 
 

@@ -1,8 +1,8 @@
-"""What every arm, gripper, sensor, camera and estimator must do, as tests that anybody runs on a class.
+"""The contract of every arm, gripper, sensor, camera and estimator, as tests that any lab can run.
 
     python -m pytest -p rig.contract_checks.options --pyargs rig.contract_checks OPTIONS
 
-with `--estimator my_lab.rotation:MyEstimator`, or with `--bench my_bench.toml` and `--moves` once somebody
-stands at the bench. The rig's own are held to the same ones. No other package of the rig imports this one,
-pytest or hypothesis, which are installed with the rig so that the checks run anywhere.
+with `--estimator my_lab.rotation:MyEstimator`, or with `--bench my_bench.toml`, and `--moves` if a person is
+at the bench. The rig's own classes are tested with the same checks. No other package of the rig imports this
+one, pytest or hypothesis; both are installed with the rig so that the checks run anywhere.
 """

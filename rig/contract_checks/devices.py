@@ -1,4 +1,4 @@
-"""Which devices a check is about, and reaching them, also after the check before let go of them."""
+"""Find the devices that a check needs, and connect them, also after another check disconnected them."""
 
 from collections.abc import Callable
 from types import ModuleType
@@ -12,13 +12,13 @@ FIRST_FRAME_S, FRAME_S = 5.0, 1.0
 
 
 def of_test(module: ModuleType, bench: Bench) -> frozenset[str]:
-    """Return what a module of checks is about and a bench has: "arm", "gripper", "frames", as in `ABOUT`."""
+    """Return the devices that a module of checks needs and the bench has: "arm", "gripper", "frames"."""
     there = {"arm": bench.has("arm"), "gripper": bench.has("gripper"), "frames": bool(bench.frame_sources)}
     return frozenset(name for name in getattr(module, "ABOUT", EVERY) if there[name])
 
 
 def reconnect(bench: Bench, needed: frozenset[str] = EVERY) -> None:
-    """Connect what the test before has disconnected, or a busy computer has cut off."""
+    """Connect devices that the previous test disconnected, or that timed out on a loaded host."""
     for device, read in _reads(bench, needed):
         try:
             read()

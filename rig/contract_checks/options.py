@@ -1,8 +1,8 @@
-"""Options and fixtures of the checks, as a plugin of pytest: `-p rig.contract_checks.options`.
+"""Options and fixtures of the checks, as a pytest plugin: `-p rig.contract_checks.options`.
 
-`--estimator NAME` checks an estimator. `--bench FILE` checks the devices that a bench file names, each kind
-reached alone, so that `-k frames` needs no arm. Nothing moves without `--moves`: then somebody stands at the
-bench, whose fingers are free and whose way is clear.
+`--estimator NAME` checks an estimator. `--bench FILE` checks the devices of a bench file. Each kind is
+connected alone, so that `-k frames` needs no arm. Nothing moves without `--moves`. With it, a person must be
+at the bench, the fingers must hold nothing, and the path of the arm must be clear.
 """
 
 from collections.abc import Callable, Iterator
@@ -32,13 +32,13 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Name the marker that the checks use."""
+    """Register the marker that the checks use."""
     config.addinivalue_line("markers", "moves: moves the arm or the fingers; on hardware only with --moves")
 
 
 @pytest.fixture
 def make_estimator(request: pytest.FixtureRequest) -> MakeEstimator:
-    """What makes the estimator that is checked from its background."""
+    """Return a function that makes the checked estimator from its background."""
     name = request.config.getoption("--estimator")
     if name is None:
         pytest.skip("give --estimator package.module:Class")
@@ -47,7 +47,7 @@ def make_estimator(request: pytest.FixtureRequest) -> MakeEstimator:
 
 @pytest.fixture(scope="session")
 def real_config(request: pytest.FixtureRequest) -> BenchConfig:
-    """The bench file of the devices that are checked."""
+    """Return the bench file of the checked devices."""
     file = request.config.getoption("--bench")
     if file is None:
         pytest.skip("needs real hardware: give --bench FILE, and --moves to let it move")
@@ -59,7 +59,7 @@ def real_config(request: pytest.FixtureRequest) -> BenchConfig:
 
 @pytest.fixture(scope="session")
 def real_bench(real_config: BenchConfig) -> Iterator[Bench]:
-    """The devices, made and not yet reached; let go of in the end."""
+    """Create the devices, unconnected; disconnect them at the end."""
     bench = build_real_bench(real_config)
     yield bench
     for device in (*bench.actuators, *bench.frame_sources):
@@ -68,7 +68,7 @@ def real_bench(real_config: BenchConfig) -> Iterator[Bench]:
 
 @pytest.fixture
 def bench(real_bench: Bench, real_config: BenchConfig, request: pytest.FixtureRequest) -> Bench:
-    """A bench whose devices that this test is about are connected; for tests that move, ready to.
+    """Return a bench with the devices of this test connected; for tests that move, also ready to move.
 
     Tests of devices that the bench file lacks are skipped.
     """
@@ -77,7 +77,7 @@ def bench(real_bench: Bench, real_config: BenchConfig, request: pytest.FixtureRe
         pytest.skip("the bench file has no such device")
     moves = request.node.get_closest_marker("moves") is not None
     if moves and not request.config.getoption("--moves"):
-        pytest.skip("moves the hardware: add --moves where somebody stands at the bench")
+        pytest.skip("moves the hardware: add --moves if a person is at the bench")
     reconnect(real_bench, needed)
     if moves:
         make_ready_to_move(real_bench, real_config, needed)
@@ -86,14 +86,14 @@ def bench(real_bench: Bench, real_config: BenchConfig, request: pytest.FixtureRe
 
 @pytest.fixture
 def inactive_bench(bench: Bench) -> Bench:
-    """A connected bench whose gripper was not activated since it got power."""
+    """Return a connected bench whose gripper has not been activated since power-on."""
     if bench.gripper.state().activated:
         pytest.skip("this gripper is activated: cut its power to run this test")
     return bench
 
 
 def make_ready_to_move(bench: Bench, config: BenchConfig, needed: frozenset[str]) -> None:
-    """Activate the gripper and open it, and bring the arm home, as far as they are needed."""
+    """Activate and open the gripper, and move the arm home, as far as they are needed."""
     if "gripper" in needed:
         if not bench.gripper.state().activated:
             bench.gripper.activate()

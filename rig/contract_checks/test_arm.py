@@ -1,4 +1,4 @@
-"""What every arm must do."""
+"""The contract of every arm."""
 
 import numpy as np
 import pytest
@@ -41,7 +41,7 @@ def test_wrench_is_measured_or_declared_missing(bench: Bench) -> None:
 def test_stop_ends_a_motion_on_its_way(bench: Bench) -> None:
     start = bench.arm.state().base_T_tcp
     motion = bench.arm.move_linear(start.translated(z_m=-0.2), 0.1, 1.0)
-    # a motion goes on only while somebody looks at the arm
+    # a motion continues only while the program polls the arm
     assert wait_until(
         bench.clock,
         lambda: bench.arm.state().base_T_tcp.position_m[2] < start.position_m[2] - 0.03,
@@ -71,7 +71,7 @@ def test_limits_are_checked_before_anything_moves(bench: Bench) -> None:
     assert np.allclose(bench.arm.state().base_T_tcp.position_m, start.position_m, atol=1e-4)
 
 
-def test_an_arm_that_is_not_connected_says_so(bench: Bench) -> None:
+def test_state_before_connect_raises_not_connected(bench: Bench) -> None:
     bench.arm.disconnect()
     bench.arm.disconnect()
     with pytest.raises(NotConnectedError, match="connect"):
@@ -79,7 +79,7 @@ def test_an_arm_that_is_not_connected_says_so(bench: Bench) -> None:
 
 
 @pytest.mark.moves
-def test_a_motion_that_takes_too_long_is_stopped_and_says_so(bench: Bench) -> None:
+def test_motion_beyond_its_timeout_is_stopped(bench: Bench) -> None:
     start = bench.arm.state().base_T_tcp
     motion = bench.arm.move_linear(start.translated(z_m=-0.2), 0.05, 1.0)
     with pytest.raises(DeviceTimeoutError, match="stopped it"):
@@ -91,6 +91,6 @@ def test_a_motion_that_takes_too_long_is_stopped_and_says_so(bench: Bench) -> No
     assert there > start.position_m[2] - 0.1
 
 
-def test_recovering_an_arm_that_runs_asks_nobody(bench: Bench) -> None:
+def test_recover_asks_nothing_while_the_arm_runs(bench: Bench) -> None:
     bench.arm.recover(lambda question: pytest.fail(question))
     assert bench.arm.state().mode is ArmMode.RUNNING

@@ -1,12 +1,12 @@
-"""What a device says of itself, where it says anything."""
+"""The contract of a device's diagnostics, if it provides any."""
 
 import math
 
 from drivers.bench import Bench
 
 
-def test_what_a_device_tells_of_itself_can_be_so(bench: Bench) -> None:
-    """Texts, counts, durations below a second, a finite offset or none."""
+def test_diagnostics_have_valid_types_and_ranges(bench: Bench) -> None:
+    """Identity is text, counters are not negative, durations are below 1 s, the offset is finite or None."""
     for device in (*bench.actuators, *bench.frame_sources):
         assert all(isinstance(text, str) for text in device.identity().values())
         assert all(count >= 0 for count in device.counters().values())

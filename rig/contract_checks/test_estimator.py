@@ -1,4 +1,4 @@
-"""What every estimator must do: whatever a frame is, an answer that can be true, or an `InputError`."""
+"""The contract of every estimator: for any frame, a valid estimate or an `InputError`."""
 
 import math
 from functools import cache
@@ -23,21 +23,21 @@ REFUSED: list[NDArray[np.generic]] = [
     np.zeros((240, 320, 3), np.uint16),
 ]  # fmt: skip
 AT_REST, TURNING, STEP_DEG = 12, 20, 1.0
-"""Frames of a contact at rest, then of one that turns by so much a frame."""
+"""Frames of a contact at rest, then of a contact that rotates by STEP_DEG per frame."""
 BAR_DEG = 20.0
 LEAST_DEG, MOST_DEG = 2.0, 60.0
-"""Told of that turn of 20 degrees. How exactly is no matter of the contract; which way, in which unit, is."""
+"""Range of the estimate of that rotation by 20 degrees. The contract fixes sign and unit, not accuracy."""
 
 
 def gel(height: int, width: int, seed: int = 0) -> Image:
-    """Light that varies over the gel, and noise."""
+    """Return a gel without contact: light that varies over the gel, and noise."""
     y, x = np.mgrid[0 : 1 : complex(0, height), 0 : 1 : complex(0, width)]
     light = np.stack([170 - 130 * x, 40 + 110 * x * y, 120 - 70 * y], axis=-1)
     return np.clip(light + np.random.default_rng(seed).normal(0, 1.5, light.shape), 0, 255).astype(np.uint8)
 
 
 def touched(height: int, width: int, share: float, seed: int) -> Image:
-    """The gel under a block with a rough surface that covers a share of each side."""
+    """Return the gel under a block with a rough surface that covers a share of each side."""
     frame = gel(height, width, seed)
     rows, columns = (slice(0, max(1, round(side * share))) for side in (height, width))
     rough = np.random.default_rng(5).integers(0, 256, (1 + height // 8, 1 + width // 8, 3), dtype=np.uint8)
@@ -47,7 +47,7 @@ def touched(height: int, width: int, share: float, seed: int) -> Image:
 
 @cache
 def pressed_bar(angle_deg: float, seed: int) -> Image:
-    """The gel, 320 x 240 px, lit from three sides, under a bar at an angle, counter-clockwise as seen."""
+    """Return the gel, 320 x 240 px, lit from three sides, under a bar at an angle, counter-clockwise."""
     y, x = np.mgrid[0:320, 0:240].astype(float)
     angle = math.radians(angle_deg)
     along = (x - 120) * math.cos(angle) - (y - 160) * math.sin(angle)
@@ -60,18 +60,18 @@ def pressed_bar(angle_deg: float, seed: int) -> Image:
 
 
 def require_possible(sample: SlipSample, frame: Image) -> None:
-    """Fail where what is told cannot be true."""
+    """Fail if an estimate is invalid."""
     assert sample.fault is None
     assert 0.0 <= sample.contact_area_px <= frame.shape[0] * frame.shape[1]
-    told = [sample.angle_deg, sample.sigma_deg, sample.rate_deg_s, *(sample.shift_px or ())]
-    assert all(value is None or math.isfinite(value) for value in told)
+    values = [sample.angle_deg, sample.sigma_deg, sample.rate_deg_s, *(sample.shift_px or ())]
+    assert all(value is None or math.isfinite(value) for value in values)
     if sample.state is State.NO_CONTACT:
         assert sample.angle_deg is None
         assert sample.contact_area_px == 0.0
 
 
 @pytest.mark.parametrize("size", SIZES, ids=str)
-def test_any_size_gets_an_answer_that_can_be_true(
+def test_frame_of_any_size_gets_a_valid_estimate(
     make_estimator: MakeEstimator, size: tuple[int, int]
 ) -> None:
     estimator = make_estimator(gel(*size))
@@ -83,7 +83,7 @@ def test_any_size_gets_an_answer_that_can_be_true(
 
 
 @pytest.mark.parametrize("image", REFUSED, ids=lambda image: f"{image.shape} {image.dtype}")
-def test_what_is_no_tactile_frame_is_refused(make_estimator: MakeEstimator, image: Image) -> None:
+def test_invalid_frame_is_rejected(make_estimator: MakeEstimator, image: Image) -> None:
     with pytest.raises(InputError, match="tactile frame has"):
         make_estimator(image)
     estimator = make_estimator(gel(240, 320))
@@ -91,7 +91,7 @@ def test_what_is_no_tactile_frame_is_refused(make_estimator: MakeEstimator, imag
         estimator.update(image, 0)
 
 
-def test_a_size_that_changes_is_refused_and_the_rest_answered(make_estimator: MakeEstimator) -> None:
+def test_changed_frame_size_is_rejected_and_later_frames_are_estimated(make_estimator: MakeEstimator) -> None:
     estimator = make_estimator(gel(240, 320))
     estimator.update(gel(240, 320, 1), 0)
     with pytest.raises(InputError, match="use one size"):
@@ -100,7 +100,7 @@ def test_a_size_that_changes_is_refused_and_the_rest_answered(make_estimator: Ma
     require_possible(estimator.update(frame, 2 * STEP_NS), frame)
 
 
-def test_the_arms_state_is_taken_by_everyone(make_estimator: MakeEstimator) -> None:
+def test_arm_state_is_accepted(make_estimator: MakeEstimator) -> None:
     estimator = make_estimator(gel(240, 320))
     pose = Pose.from_rotation((0.4, 0.0, 0.2), Rotation.identity())
     at_rest = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -108,24 +108,24 @@ def test_the_arms_state_is_taken_by_everyone(make_estimator: MakeEstimator) -> N
     require_possible(estimator.update(gel(240, 320, 1), 0), gel(240, 320))
 
 
-def test_the_same_frames_get_the_same_answers(make_estimator: MakeEstimator) -> None:
+def test_same_frames_give_the_same_estimates(make_estimator: MakeEstimator) -> None:
     first, again = (answers(make_estimator(gel(320, 240))) for _ in range(2))
     assert [(s.state, s.angle_deg, s.sigma_deg) for s in first] == [
         (s.state, s.angle_deg, s.sigma_deg) for s in again
     ]
 
 
-def test_a_turn_is_counter_clockwise_as_seen(make_estimator: MakeEstimator) -> None:
-    told = [sample.angle_deg for sample in answers(make_estimator(gel(320, 240)))]
-    before, after = told[AT_REST - 1], told[-1]
+def test_rotation_is_positive_counter_clockwise(make_estimator: MakeEstimator) -> None:
+    angles = [sample.angle_deg for sample in answers(make_estimator(gel(320, 240)))]
+    before, after = angles[AT_REST - 1], angles[-1]
     if before is None or after is None:
-        pytest.skip("it refuses a bar drawn by a simple light: its sign is not known")
+        pytest.skip("it refuses a bar drawn with simple lighting: its sign is not known")
     turned = after - before
     assert LEAST_DEG < turned < MOST_DEG, f"turned by {TURNING * STEP_DEG:g}: see the sign, and the unit"
 
 
 def answers(estimator: TactileEstimator) -> list[SlipSample]:
-    """Show a bar that rests, and then turns."""
+    """Return the estimates of a bar that is at rest and then rotates."""
     turns = [0.0] * AT_REST + [STEP_DEG * (i + 1) for i in range(TURNING)]
     frames = [pressed_bar(BAR_DEG + turn, seed) for seed, turn in enumerate(turns, 1)]
     return [estimator.update(frame, i * STEP_NS) for i, frame in enumerate(frames)]

@@ -1,4 +1,4 @@
-"""What every tactile sensor and camera must do: freshness is part of the interface."""
+"""The contract of every tactile sensor and camera: frames in order, at the rate, and not too old."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ from drivers.interfaces import FrameSource
 ABOUT = ("frames",)
 
 LATE_S = 2.5
-"""Longer than what any source keeps for a late reader."""
+"""Longer than the backlog of any source."""
 
 
 @pytest.fixture(params=["tactile", "camera"])
@@ -25,7 +25,7 @@ def source(bench: Bench, request: pytest.FixtureRequest) -> FrameSource:
     return sources[0]
 
 
-def test_next_frames_come_in_order_at_the_rate_none_twice(bench: Bench, source: FrameSource) -> None:
+def test_next_frames_are_in_order_at_the_rate_without_repeats(bench: Bench, source: FrameSource) -> None:
     source.newest_frame(1.0)
     frames = [source.next_frame(0.5) for _ in range(20)]
     assert np.diff([frame.sequence for frame in frames]).tolist() == [1] * 19
@@ -41,13 +41,13 @@ def test_a_frame_is_rgb_and_carries_its_serial(source: FrameSource) -> None:
     assert frame.serial == source.serial
 
 
-def test_a_late_reader_loses_the_oldest_and_can_tell(bench: Bench, source: FrameSource) -> None:
+def test_late_reader_loses_the_oldest_frames_with_a_gap(bench: Bench, source: FrameSource) -> None:
     first = source.next_frame(0.5)
     bench.clock.sleep_until(bench.clock.now_ns() + to_ns(LATE_S))
     assert source.next_frame(0.5).sequence > first.sequence + 1
 
 
-def test_the_newest_frame_skips_the_backlog(bench: Bench, source: FrameSource) -> None:
+def test_newest_frame_discards_the_backlog(bench: Bench, source: FrameSource) -> None:
     source.next_frame(0.5)
     bench.clock.sleep_until(bench.clock.now_ns() + to_ns(0.9))
     frame = source.newest_frame(0.4)
@@ -63,7 +63,7 @@ def test_limits_on_age_and_waiting_raise(bench: Bench, source: FrameSource) -> N
         source.next_frame(1e-6)
 
 
-def test_a_source_that_is_not_connected_says_so(source: FrameSource) -> None:
+def test_frame_before_connect_raises_not_connected(source: FrameSource) -> None:
     source.disconnect()
     source.disconnect()
     with pytest.raises(NotConnectedError, match="connect"):

@@ -1,4 +1,4 @@
-"""What every gripper must do, whatever its range: targets and tolerances come from its own specification."""
+"""The contract of every gripper; targets and tolerances come from its own specification."""
 
 import pytest
 
@@ -11,11 +11,11 @@ ABOUT = ("gripper",)
 MOTION_S = 15.0
 """Longest time for a part of the range."""
 CLOSED_SHARE = 0.4
-"""Where the fingers are sent, as a share of their stroke."""
+"""Target of the motions, as a fraction of the stroke."""
 BEGUN_SHARE = 0.05
-"""Share of the stroke after which a motion has certainly begun."""
+"""Fraction of the stroke after which a motion has certainly begun."""
 TOLERANCE_SHARE = 0.01
-"""Of the stroke: how far from their target the fingers may end. At least one step."""
+"""Tolerance of a reached opening, as a fraction of the stroke; at least one step."""
 
 
 def part_closed_m(spec: GripperSpec) -> float:
@@ -28,7 +28,7 @@ def tolerance_m(spec: GripperSpec) -> float:
 
 
 @pytest.mark.moves
-def test_fingers_need_time_and_end_where_they_were_sent(bench: Bench) -> None:
+def test_motion_takes_time_and_ends_at_its_target(bench: Bench) -> None:
     spec = bench.gripper.spec
     motion = bench.gripper.move_to(part_closed_m(spec))
     assert bench.gripper.state().moving
@@ -39,7 +39,7 @@ def test_fingers_need_time_and_end_where_they_were_sent(bench: Bench) -> None:
 
 
 @pytest.mark.moves
-def test_fingers_obey_one_step_of_the_resolution(bench: Bench) -> None:
+def test_fingers_move_by_one_step_of_the_resolution(bench: Bench) -> None:
     spec = bench.gripper.spec
     bench.gripper.move_to(part_closed_m(spec)).wait(MOTION_S)
     before_m = bench.gripper.state().opening_m
@@ -75,7 +75,7 @@ def test_motions_outside_the_limits_are_refused(bench: Bench) -> None:
     assert abs(bench.gripper.state().opening_m - before_m) <= tolerance_m(spec)
 
 
-def test_nothing_moves_before_activation_and_connecting_does_not_activate(inactive_bench: Bench) -> None:
+def test_gripper_does_not_move_before_activation(inactive_bench: Bench) -> None:
     gripper = inactive_bench.gripper
     assert not gripper.state().activated
     before_m = gripper.state().opening_m
@@ -84,7 +84,7 @@ def test_nothing_moves_before_activation_and_connecting_does_not_activate(inacti
     assert gripper.state().opening_m == before_m
 
 
-def test_a_gripper_that_is_not_connected_says_so(bench: Bench) -> None:
+def test_state_before_connect_raises_not_connected(bench: Bench) -> None:
     bench.gripper.disconnect()
     bench.gripper.disconnect()
     with pytest.raises(NotConnectedError, match="connect"):

@@ -1,4 +1,4 @@
-"""`rig doctor`: looks at every device of a bench without moving anything, and says what to do.
+"""`rig doctor`: checks every device of a bench without moving anything, and gives advice.
 
 Imports the bench, its configuration, and the ages of calibrations.
 """

@@ -14,10 +14,12 @@ from rig.doctor.finding import Finding, Severity, judged, percentiles_ms, percen
 
 POLL_S = 0.0005
 RATE_SHARE = 0.98
-"""Lowest accepted share of the requested state rate: 490 of 500 samples per second."""
+"""Lowest accepted fraction of the requested state rate: 490 of 500 samples per second."""
 SLOW_REQUEST_MS = 20.0
-"""A gripper's request takes a few milliseconds; a lift has dozens of steps with several requests each."""
+"""Highest accepted 99th percentile of gripper requests. One takes a few ms; a lift has dozens of steps with
+several requests each."""
 DRIFT_PPM = 200.0
+"""Highest accepted drift between the controller's clock and this computer's."""
 
 
 def look_at_arm(bench: Bench, config: ArmConfig, duration_s: float) -> list[Finding]:

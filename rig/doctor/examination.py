@@ -49,8 +49,8 @@ def look_at_disk(folder: Path) -> list[Finding]:
     finally:
         probe.unlink(missing_ok=True)
     rate = PROBE_BYTES / 1e6 / (time.perf_counter() - began)
-    seen = f"{rate:.0f} MB/s for good in {folder.resolve()}"
-    slow = f"lifts need up to 5 MB/s, with ease {LEAST_MB_S:g}: keep sessions on a local disk"
+    seen = f"{rate:.0f} MB/s sustained in {folder.resolve()}"
+    slow = f"lifts need up to 5 MB/s, and {LEAST_MB_S:g} for a safe margin: keep sessions on a local disk"
     full = f"45 lifts take up to {CAMPAIGN_BYTES / 1e9:g} GB: make room"
     free_text, figures = f"{free / 1e9:.1f} GB free", {"free_gb": free / 1e9}
     return [
@@ -65,7 +65,7 @@ def look_at_packages(config: BenchConfig) -> list[Finding]:
     findings = []
     if len(parents) > 1:
         listed = ", ".join(sorted(map(str, parents)))
-        todo = "another distribution overwrote a package of ours: install into an environment of its own"
+        todo = "another distribution overwrote a package of ours: install into a separate environment"
         findings.append(Finding("computer", "packages", Severity.FAILURE, f"from {listed}", todo))
     needed = {"ur5e": "ur-rtde", "robotiq_3f": "pymodbus", "digit": "opencv-contrib-python-headless"}
     versions = {library: _version(library) for driver, library in needed.items() if driver in config.drivers}
@@ -97,7 +97,7 @@ def look_at_parts(config: BenchConfig) -> list[Finding]:
 
 
 def look_at_usb(places: Mapping[str, str]) -> list[Finding]:
-    """Report the sensors on each USB bus: on a shared one the camera that is opened last fails first.
+    """Report the sensors on each USB bus: on a shared bus, the camera that is opened last fails first.
 
     places: "BUS port PORT" by serial, as drivers identify their devices; empty if not on USB.
     """
@@ -107,7 +107,7 @@ def look_at_usb(places: Mapping[str, str]) -> list[Finding]:
         if bus:
             on_bus.setdefault(bus, []).append(f"{serial} at {port}")
     advice = (
-        "one bus for several cameras: where frames are missing or the last one does not open, plug one "
+        "one bus for several cameras: if frames are missing or the last camera does not open, plug one "
         "into another host controller (a hub does not help)"
     )
     return [
@@ -122,11 +122,9 @@ def look_at_calibrations(folder: Path, serials: set[str]) -> list[Finding]:
     """Report the calibrations beside the bench file: age and device."""
     files = sorted(folder.glob("*.yaml")) if folder.is_dir() else []
     if not files:
-        seen = f"none in {folder}: the numbers of the bench file are used as they are"
+        seen = f"none in {folder}: the bench file's own values are used"
         return [
-            Finding(
-                "calibration", "files", Severity.NOTE, seen, "measure the camera's place and focal length"
-            )
+            Finding("calibration", "files", Severity.NOTE, seen, "measure the camera's pose and focal length")
         ]
     return [_calibration(path, serials) for path in files]
 
@@ -155,16 +153,16 @@ def _calibration(path: Path, serials: set[str]) -> Finding:
 def examine(
     config: BenchConfig, bench_folder: Path, disk: Path, duration_s: float = 3.0, snapshot: Path | None = None
 ) -> Iterator[Finding]:
-    """Check everything and yield findings as they come; nothing moves, nothing is activated.
+    """Run all checks and yield findings as they are made; nothing moves, nothing is activated.
 
-    bench_folder: where the bench file lies, with its `calibrations` beside it. disk: a folder
-    where sessions go. duration_s: of each measurement of a rate. snapshot: see `rig doctor`.
+    bench_folder: folder of the bench file, with its `calibrations`. disk: a folder for sessions. duration_s:
+    of each rate measurement. snapshot: see `rig doctor`.
     """
     yield from look_at_packages(config)
     yield from look_at_parts(config)
     begin_phase("writing to the disk")
     yield from look_at_disk(disk)
-    # a gripper's table goes by the bench's name, and the arm's clock by "arm"
+    # the gripper's table is stored under the bench's name, the arm's clock under "arm"
     serials = {*(sensor.serial for sensor in config.sensors), config.name, "arm"}
     yield from look_at_calibrations(bench_folder / "calibrations", serials)
     with unconnected_bench(config) as bench, ExitStack() as connected:

@@ -8,11 +8,11 @@ from rig.doctor.finding import Finding
 from rig.live.tables import table_console
 
 COLOURS = {"failure": "red", "warning": "yellow", "note": "dim", "good": "green"}
-"""By verdict, in the order in which findings are printed."""
+"""Colour by verdict, in the order in which findings are printed."""
 
 
 def print_findings(bench: str, findings: Sequence[Finding]) -> None:
-    """Print one line per check, failures first, then the verdict, then what to do."""
+    """Print one line per check, failures first, then the verdict, then the advice."""
     console = table_console()
     devices, checks = (max(len(text) for text in texts) for texts in zip(*map(_name, findings), strict=True))
     order = list(COLOURS)
@@ -37,7 +37,7 @@ def _name(finding: Finding) -> tuple[str, str]:
 
 
 def _verdict(findings: Sequence[Finding]) -> str:
-    """Say whether a trial, or what a bench without all parts can do, may run, and count the problems."""
+    """Return whether the bench is fit for a trial, or for its own commands, and count the problems."""
     counts = {kind: sum(each.verdict == kind for each in findings) for kind in ("failure", "warning")}
     use = "what this bench can do" if any(each.device == "bench" for each in findings) else "a trial"
     amiss = ", ".join(f"{n} {kind}{'s' if n > 1 else ''}" for kind, n in counts.items() if n)

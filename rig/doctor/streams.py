@@ -1,4 +1,4 @@
-"""The doctor's check of all fingertips and cameras at once: only together do they fill a USB bus."""
+"""Check all fingertips and cameras simultaneously, because a shared USB bus fails only then."""
 
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -17,10 +17,12 @@ from rig.doctor.actuators import reached, unreachable
 from rig.doctor.finding import Finding, Severity, judged, percentiles_ms, percentiles_text
 
 RATE_SHARE = 0.97
+"""Lowest accepted fraction of the requested frame rate."""
 FIRST_FRAME_S = 5.0
-"""Timeout of the first frame: drivers drop frames after opening; some sensors take seconds to start."""
+"""Time limit of the first frame: drivers discard frames after opening; some sensors take seconds to start."""
 FRAME_S = 0.5
 OLD_MS = 50.0
+"""Highest accepted 95th percentile of a frame's age when it is read."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,8 +48,8 @@ def look_at_streams(
 ) -> list[Finding]:
     """Open all sources one after the other, then read them simultaneously for `duration_s`.
 
-    sizes_px: width and height of the bench file, by serial. snapshot: where each source's last
-    frame is saved, as SERIAL.png.
+    sizes_px: width and height in the bench file, by serial. snapshot: folder in which the last frame of each
+    source is saved as SERIAL.png; None saves none.
     """
     findings, opened = [], []
     for source in sources:
@@ -103,14 +105,14 @@ def _rate(source: FrameSource, stream: SourceRecord) -> Finding:
         f"{rate_hz:.2f} of {source.rate_hz:g} a second, {stream.missed} missed; "
         f"{percentiles_text(interval)} apart"
     )
-    todo = "give each camera a USB controller of its own (a hub does not help), or ask for a lower rate"
+    todo = "give each camera its own USB controller (a hub does not help), or request a lower rate"
     figures = {"rate_hz": rate_hz, "wanted_hz": source.rate_hz, "missed": stream.missed, **interval}
     return judged(source.serial, "frames", good, seen, todo, figures)
 
 
 def _age(source: FrameSource, stream: SourceRecord) -> Finding:
     figures = percentiles_ms(stream.ages_s)
-    todo = "end other loads on this computer; frames older than this blur the comparison"
+    todo = "end other loads on this computer; older frames blur the comparison"
     seen = f"read {percentiles_text(figures)} after capture"
     return judged(source.serial, "latency", figures["p95_ms"] <= OLD_MS, seen, todo, figures)
 
@@ -122,7 +124,7 @@ def _size(source: FrameSource, stream: SourceRecord, sizes_px: Mapping[str, tupl
     seen = f"{width} x {height} px, mean brightness {brightness:.0f} of 255"
     figures = {"width_px": width, "height_px": height, "brightness": brightness}
     if (width, height) != size_px:
-        todo = f"the bench file says {size_px[0]} x {size_px[1]}: correct it, or choose another rate"
+        todo = f"the bench file has {size_px[0]} x {size_px[1]}: correct it, or choose another rate"
         return Finding(source.serial, "picture", Severity.FAILURE, seen, todo, figures)
     todo = "take the cap off, or check the LEDs"
     return judged(source.serial, "picture", brightness >= 8.0, seen, todo, figures)
@@ -132,7 +134,7 @@ def _counted(source: FrameSource, counted: dict[str, int]) -> list[Finding]:
     if not counted:
         return []
     amiss = {name: count for name, count in counted.items() if count and name not in ("frames", "warm_up")}
-    seen = ", ".join(f"{count} {name}" for name, count in amiss.items()) or "nothing amiss"
+    seen = ", ".join(f"{count} {name}" for name, count in amiss.items()) or "no problems counted"
     todo = "check the cable and the plug; replug the sensor"
     return [judged(source.serial, "counters", not amiss, seen, todo, counted)]
 

@@ -1,4 +1,4 @@
-"""Trials, recordings and replays: which lift comes next, one attempt at it, and processes side by side.
+"""Trials, recordings and replays: the order of lifts, single attempts, and parallel processes.
 
-Imports the bench, a lift's measurement, sessions and results; no command and no page.
+Imports the bench, the measurement of a lift, sessions and results, but no command and no page.
 """

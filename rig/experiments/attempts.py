@@ -1,7 +1,7 @@
-"""Attempts at a session's work, one after another or side by side, each repeated until it counts.
+"""Attempts at the tasks of a session, sequential or parallel, each task repeated until accepted.
 
-What a trial does with lifts and a recording with poses: a rig fault is a row that does not count, the
-same work comes again, and after some faults in a row a person has to look.
+Used for the lifts of a trial and the poses of a recording. A rig fault gives a row that is not accepted, and
+the task is repeated. After MAX_FAULTS_IN_A_ROW faults in a row a person has to intervene.
 """
 
 import logging
@@ -21,7 +21,7 @@ _log = logging.getLogger("rig.experiments.attempts")
 
 
 class Task(Protocol):
-    """A piece of work, a frozen dataclass: its number in the session from 1, and which attempt it is."""
+    """A task of a session, a frozen dataclass with its number in the session (from 1) and its attempt."""
 
     __dataclass_fields__: ClassVar[dict[str, Any]]
 
@@ -32,7 +32,7 @@ class Task(Protocol):
 
     @property
     def attempt(self) -> int:
-        """Attempts before this one."""
+        """Number of attempts before this one."""
         ...
 
     @property
@@ -42,11 +42,11 @@ class Task(Protocol):
 
 
 class AttemptRow(Protocol):
-    """What is kept of an attempt, as `LiftRow` and `PoseRow`."""
+    """The stored result of an attempt, such as `LiftRow` and `PoseRow`."""
 
     @property
     def accepted(self) -> bool:
-        """Whether it counts."""
+        """Whether the attempt counts."""
         ...
 
 
@@ -56,10 +56,11 @@ Row = TypeVar("Row", bound=AttemptRow)
 
 @dataclass(frozen=True, slots=True)
 class Attempt(Generic[Row]):
-    """What came of an attempt.
+    """The result of an attempt.
 
-    files: by name in the session, their bytes, or the path of a file that is there under an unfinished name.
-    fault: what ended it, None where it counts. warning: what somebody should look at though it counts.
+    files: by name in the session, their bytes, or the path of an existing file with an unfinished name.
+    fault: why the attempt failed, None if it is accepted. warning: problem of an accepted attempt that a
+    person should check.
     """
 
     row: Row
@@ -71,20 +72,20 @@ class Attempt(Generic[Row]):
 
 @dataclass(frozen=True, slots=True)
 class Wording:
-    """What messages call the session and one piece of its work, as "trial" and "lift"."""
+    """Names of the session and of one task in messages, such as "trial" and "lift"."""
 
     session: str
     piece: str
 
 
 Progress = Callable[[int, int, Row], None]
-"""Called after each attempt with how many pieces are done, how many are wanted, and the row."""
+"""Called after each attempt with the number of finished tasks, the number of all tasks, and the row."""
 
 
 def left_to_do(tasks: Iterable[Piece], rows: Sequence[Row], number_of: Callable[[Row], int]) -> list[Piece]:
-    """Return the tasks that are not done yet, each with the number of attempts already made.
+    """Return the unfinished tasks, each with the number of attempts already made.
 
-    number_of: which task's number a row is of.
+    number_of: returns the task number of a row.
     """
     done = {number_of(row) for row in rows if row.accepted}
     made = Counter(number_of(row) for row in rows)
@@ -99,9 +100,9 @@ def repeat_until_accepted(
     progress: Progress[Row],
     jobs: int = 1,
 ) -> None:
-    """Carry out all tasks, each again until it counts; what came of each attempt is kept at once.
+    """Execute all tasks, each until it is accepted; the result of each attempt is stored immediately.
 
-    Raises `DeviceError` after three faults in a row; what is done stays on disk.
+    Raises `DeviceError` after three faults in a row; finished tasks stay on disk.
     """
     done = sum(row.accepted for row in session.rows)
     total, faults, kinds = done + len(tasks), 0, set[str]()
@@ -117,13 +118,13 @@ def repeat_until_accepted(
         if faults >= MAX_FAULTS_IN_A_ROW:
             raise DeviceError(
                 f"{wording.session}: {_in_a_row(faults, len(kinds))}: {attempt.fault}; "
-                f"{done} of {counted(total, wording.piece)} are done: mend the fault, then continue "
+                f"{done} of {counted(total, wording.piece)} are done: fix the fault, then continue "
                 "with --resume"
             )
 
 
 def fault_text(error: Exception) -> str:
-    """Say what failed, and how the bench was left."""
+    """Return what failed, and in which state the bench was left."""
     notes = "; ".join(getattr(error, "__notes__", []))
     return f"{type(error).__name__}: {error}" + (f" [{notes}]" if notes else "")
 
@@ -133,7 +134,7 @@ def _in_a_row(faults: int, kinds: int) -> str:
 
 
 def _keep(session: Session[Row], task: Task, attempt: Attempt[Row], wording: Wording) -> None:
-    """Files first, line last: a line in the results says that all of the work is there."""
+    """Store files first and the row last: a row in the results means that all its files exist."""
     for name, data in attempt.files.items():
         if isinstance(data, Path):
             session.adopt(name, data)

@@ -1,8 +1,8 @@
-"""Many sessions again, with any estimator: lift by lift, resumable, into one table.
+"""Replay many sessions with any estimator: lift by lift, resumable, into one table.
 
-The folder written to is a session of the kind "replay": a line in `replays.jsonl` for each lift as
-it is done, and at the end `results.csv` and `results.parquet`. What is broken becomes a line with
-its problem, and the rest goes on.
+The output folder is a session of the kind "replay": one line per finished lift in `replays.jsonl`, and at the
+end `results.csv` and `results.parquet`. A lift that cannot be read gets a line with its problem; the others
+continue.
 """
 
 from collections.abc import Callable, Iterable
@@ -28,20 +28,20 @@ Key = tuple[str, int | None, int | None]
 
 @dataclass(frozen=True, slots=True)
 class ReplayTask:
-    """One recorded lift to replay, in any process or on any machine that can read its folder."""
+    """A recorded lift to replay, in any process or on any machine that can read its folder."""
 
     trial: StoredTrial
     row: FinishedLift
 
     @property
     def key(self) -> Key:
-        """What identifies the lift in the table."""
+        """Key of the lift in the table."""
         return str(self.trial.folder), self.row.number, self.row.attempt
 
 
 @dataclass(frozen=True, slots=True)
 class ReplayPlan:
-    """Lifts to replay, sessions or lines that cannot be read (broken), and sessions without lifts (left_out).
+    """Lifts to replay, unreadable sessions or lines (broken), and sessions without lifts (left_out).
 
     If a line of a session is broken, its other lifts are replayed.
     """
@@ -52,11 +52,11 @@ class ReplayPlan:
 
 
 Runner = Callable[[Callable[[ReplayTask], ReplayRow], list[ReplayTask]], Iterable[ReplayRow]]
-"""Carries out tasks somewhere and yields their lines as they come."""
+"""Executes tasks and yields their rows as they finish."""
 
 
 def gather_sessions(paths: list[Path]) -> list[Path]:
-    """Return the session folders named, or found below the folders named, each once, absolute."""
+    """Return the given session folders, and those found below the given folders; each once, absolute."""
     found: dict[Path, None] = {}
     for path in paths:
         inside = find_sessions(path) if path.is_dir() else []
@@ -65,7 +65,7 @@ def gather_sessions(paths: list[Path]) -> list[Path]:
 
 
 def plan_replays(folders: list[Path], estimator: str | None, window: int | None) -> ReplayPlan:
-    """Read what is to be replayed. Raises `InputError` for an unknown estimator or window."""
+    """Read the lifts to replay. Raises `InputError` for an unknown estimator or window."""
     if estimator is not None or window is not None:
         choose_estimator(estimator, window)
     tasks: list[ReplayTask] = []
@@ -94,10 +94,10 @@ def run_replays(
     resume: bool = False,
     progress: Callable[[int, int, ReplayRow], None] = lambda done, total, row: None,
 ) -> list[ReplayRow]:
-    """Replay what is left of a plan, and return the rows of the whole table.
+    """Replay the unfinished lifts of a plan, and return the rows of the whole table.
 
-    manifest: what identifies the work, the same to continue it. Rows that have a problem are tried
-    again when resumed. Raises `InputError` or `RecordingError` as `open_session` does.
+    manifest: identifies the work; it must be the same to continue it. Rows with a problem are retried on
+    resume. Raises `InputError` or `RecordingError`, see `open_session`.
     """
     with open_session(out, manifest, REPLAYS, resume) as session:
         session.keep()
@@ -117,13 +117,13 @@ def run_replays(
 
 
 def replay_manifest(folders: list[Path], estimator: str | None, window: int | None) -> ReplayManifest:
-    """Return the manifest of a new table: what is asked for, and must be the same to continue it."""
+    """Return the manifest of a new table: the request, which must be the same to continue it."""
     sessions = tuple(str(folder) for folder in folders)
     return ReplayManifest(**vars(begun("replay")), sessions=sessions, estimator=estimator, window=window)
 
 
 def replay_task(task: ReplayTask) -> ReplayRow:
-    """Replay one lift; return its row of the table, with the problem if it cannot be read as a whole."""
+    """Replay one lift; return its row of the table, with the problem if it cannot be read completely."""
     trial, choice = task.trial, task.trial.settings.estimator
     head = TableHead(
         str(trial.folder), trial.manifest.started, trial.manifest.config.name, choice.name, choice.window

@@ -1,6 +1,6 @@
-"""Work on an engine that runs already: a dask cluster, through joblib.
+"""Run tasks on an existing dask cluster, through joblib.
 
-The cluster's workers need this product installed and see the sessions under the same paths.
+The cluster's workers need this product installed, and must see the sessions under the same paths.
 """
 
 import socket
@@ -26,9 +26,9 @@ def engine_address(engine: str) -> str:
 
 
 def runner(engine: str | None, jobs: int) -> Callable[[Callable[[Any], Any], list[Any]], Iterable[Any]]:
-    """Return what carries out work on tasks: `jobs` processes of this computer, or a cluster.
+    """Return a function that executes tasks: in `jobs` processes of this computer, or on a cluster.
 
-    Raises `InputError` for an engine that cannot be meant.
+    Raises `InputError` for an invalid engine.
     """
     if engine is None:
         return lambda work, tasks: (result for _, result in run_tasks(work, tasks, jobs))
@@ -37,9 +37,9 @@ def runner(engine: str | None, jobs: int) -> Callable[[Callable[[Any], Any], lis
 
 
 def run_on_cluster(engine: str, work: Callable[[Task], Result], tasks: list[Task]) -> Iterator[Result]:
-    """Yield the tasks' results as they come from the cluster's workers, in any order.
+    """Yield the tasks' results as the cluster's workers finish, in any order.
 
-    Raises `InputError` when the cluster does not answer or the libraries are missing.
+    Raises `InputError` if the cluster does not answer or the libraries are missing.
     """
     joblib = _libraries()
     with _connected(engine_address(engine)), joblib.parallel_config(backend="dask"):
@@ -67,7 +67,7 @@ def _connected(address: str) -> Iterator[Any]:
 
 
 def _check_listening(address: str) -> None:
-    """Refuse at once where nobody listens, which dask would try again and again until its time is up."""
+    """Raise immediately if the scheduler is not listening; dask would retry until its time-out."""
     host, _, port = address.removeprefix("tcp://").rpartition(":")
     socket.create_connection((host.strip("[]"), int(port)), CONNECT_TIMEOUT_S).close()
 

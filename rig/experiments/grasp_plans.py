@@ -1,4 +1,4 @@
-"""Where the hand goes to grasp an object, for lifts and poses alike."""
+"""Compute the poses of the hand for grasping an object, for lifts and poses alike."""
 
 from scipy.spatial.transform import Rotation
 
@@ -12,10 +12,10 @@ from rig.config import BenchConfig
 
 
 def grasp_pose(base_T_table: Pose, place: Position, turn_deg: float) -> Pose:  # noqa: N803
-    """Return `base_T_tcp` at a place along the object, the hand turned about the closing axis.
+    """Return `base_T_tcp` at a position along the object, with the hand rotated about the closing axis.
 
-    turn_deg: beside the place's own, counter-clockwise as the external camera sees it (about the base's
-    -y axis).
+    turn_deg: in addition to the position's own angle, counter-clockwise in the external camera's view (about
+    the base's -y axis).
     """
     turned = Rotation.from_euler("y", -(place.turn_deg + turn_deg), degrees=True) * TOOL_DOWN
     return Pose.from_rotation(
@@ -24,7 +24,7 @@ def grasp_pose(base_T_table: Pose, place: Position, turn_deg: float) -> Pose:  #
 
 
 def refuse_impossible(bench: BenchConfig, grasps: GraspFile, place: Position) -> None:
-    """Raise `InputError` for what the fingers do not open around, or a simulated bench cannot draw."""
+    """Raise `InputError` for an object too wide for the fingers, or not drawable on a simulated bench."""
     refuse_undrawn(bench, grasps)
     try:
         require_room(bench.gripper_spec(), place.width_m)

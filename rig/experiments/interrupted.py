@@ -1,4 +1,4 @@
-"""Lifts that were interrupted, from their unfinished recordings; they never count as lifts."""
+"""Evaluate interrupted lifts from their unfinished recordings; they never count as lifts."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,16 +17,16 @@ from rig.sessions.recording_file import Gaps, recorded_messages, recording_value
 from rig.sessions.unfinished import unfinished_recordings
 
 _ANGLES = {"estimate": FUSED_TOPIC, "markers": TRUTH_TOPIC}
-"""Topics of the angles at the end of a recording, by what they are called for people."""
+"""Topics of the angles at the end of a recording, by their names for people."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class InterruptedLift:
-    """What an unfinished recording holds, estimated again up to its end.
+    """Contents of an unfinished recording, estimated again up to its end.
 
-    recording: file in the session. name: of the lift for people. phases_ns: when each phase began that was
-    reached, by name. begin_ns, end_ns: of the first and the last frame. frames: of all sources. angles: by
-    topic, as a finished recording has them. gaps: what of the recording is damaged.
+    recording: file in the session. name: of the lift, for people. phases_ns: start of each phase that was
+    reached, by name. begin_ns, end_ns: of the first and the last frame. frames: number over all sources.
+    angles: by topic, as in a finished recording. gaps: damaged parts of the recording.
     """
 
     recording: str
@@ -51,7 +51,7 @@ class InterruptedLift:
 
     @property
     def text(self) -> str:
-        """One line for people: which lift, how far it came, and the angles at its end."""
+        """One line for people: the lift, its progress, and the angles at its end."""
         ends = {what: self.last_deg(topic) for what, topic in _ANGLES.items()}
         angles = [f"{what} {'none' if deg is None else f'{deg:+.1f} deg'}" for what, deg in ends.items()]
         damaged = f"; damaged: {'; '.join(self.gaps)}" if self.gaps else ""
@@ -75,7 +75,7 @@ class InterruptedLift:
 
 
 def interrupted_lifts(folder: Path, settings: TrialSettings) -> tuple[list[InterruptedLift], tuple[str, ...]]:
-    """Return what a session's unfinished recordings hold, and which of them cannot be read, and why."""
+    """Return the contents of a session's unfinished recordings, and the problems of unreadable ones."""
     lifts: list[InterruptedLift] = []
     problems: list[str] = []
     for path in unfinished_recordings(folder):
@@ -88,7 +88,7 @@ def interrupted_lifts(folder: Path, settings: TrialSettings) -> tuple[list[Inter
 
 
 def read_interrupted(path: Path, settings: TrialSettings) -> InterruptedLift:
-    """Estimate an unfinished recording up to its end. Raises `SessionError` if it holds no frame."""
+    """Estimate an unfinished recording up to its end. Raises `SessionError` if it contains no frame."""
     times = [t for topic, t, _, _ in recorded_messages(path, gaps=[]) if topic.startswith(IMAGE_PREFIX)]
     if not times:
         raise SessionError(f"{path}: the recording was interrupted before its first frames were written")
@@ -104,7 +104,7 @@ def read_interrupted(path: Path, settings: TrialSettings) -> InterruptedLift:
 
 
 def _angles(measurement: LiftMeasurement) -> dict[str, list[RecordedAngle]]:
-    """Return the angles by topic; without the markers' if the lift was interrupted before their zero."""
+    """Return the angles by topic; without those of the markers if the lift ended before their zero."""
     found: dict[str, list[RecordedAngle]] = {}
     try:
         series = measurement.truth.series()

@@ -1,4 +1,4 @@
-"""One attempt at a lift, from its plan to its row. Runs in a worker process."""
+"""Execute one attempt at a lift, from its plan to its row. Runs in a worker process."""
 
 import time
 from collections.abc import Iterable
@@ -45,12 +45,12 @@ def attempt_lift(
     live: LiveFeed = NOBODY,
     folder: Path | None = None,
 ) -> Attempt[LiftRow]:
-    """Carry out one lift and evaluate it.
+    """Execute one lift and evaluate it.
 
-    A device's failure becomes an outcome "fault" with the error's text; no other error is caught.
-    benches: source of the bench; a simulated bench of its own if None. live: viewers. folder: the session in
-    which the lift is recorded, under an unfinished name; not recorded if None. Raises `RecordingError` if the
-    recording cannot be written; the lift then ends as after any error.
+    A device failure becomes the outcome "fault" with the error's text; no other error is caught. benches:
+    source of the bench; None for a new simulated bench. live: viewers. folder: the session in which the lift
+    is recorded, under an unfinished name; None for no recording. Raises `RecordingError` if the recording
+    cannot be written; the lift then ends as after any error.
     """
     compute_in_one_thread()
     began = time.perf_counter()
@@ -86,7 +86,7 @@ def attempt_lift(
 
 
 def _about(settings: TrialSettings, head: LiftHead) -> RecordingAbout:
-    """Return the metadata of a lift's recording; those of a simulated lift depend on its seed alone."""
+    """Return the metadata of a lift's recording; those of a simulated lift depend only on its seed."""
     bench = settings.bench
     values = {key: str(getattr(head, key)) for key in HEAD_IN_METADATA} | {
         "bench": bench.name,
@@ -111,7 +111,7 @@ def _about(settings: TrialSettings, head: LiftHead) -> RecordingAbout:
 def _row(
     head: LiftHead, measurement: LiftMeasurement, fault: str | None, course: "_Course"
 ) -> tuple[LiftRow, Iterable[tuple[str, RecordedAngle]]]:
-    """Return the row of a lift and its angles; of a lift that a fault ended, the fault and no angles."""
+    """Return the row of a lift and its angles; for a lift that ended in a fault, the fault and no angles."""
     seen = {"bench_s": round(course.bench_s, 6), "speed_fraction": course.speed_fraction}
     if fault is not None:
         return FailedLift(**vars(head), accepted=False, outcome=LiftOutcome.FAULT, fault=fault, **seen), ()
@@ -140,7 +140,7 @@ def _warning(row: LiftRow) -> str | None:
 class _Course:
     """Course of a lift: its fault, if any, its duration by the bench's clock, and the latency of its angles.
 
-    A simulated clock stands still while angles are computed, so there is no latency.
+    A simulated clock does not advance while angles are computed, so there is no latency.
     """
 
     error: DeviceError | CalibrationError | None

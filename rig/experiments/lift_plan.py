@@ -1,4 +1,4 @@
-"""Plans a lift: its task, the settings that all lifts of a trial share, and the plan drawn from the seed."""
+"""Plan a lift: its task, the settings shared by all lifts of a trial, and the plan drawn from the seed."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -22,8 +22,9 @@ from rig.sessions.records import LiftHead
 from rig.tactile.estimators import EstimatorChoice
 
 LEAST_LIFT = 0.4
-"""Smallest share of the object file's height that a lift is drawn to rise to; the largest is 1."""
+"""Smallest fraction of the object file's lift height that is drawn; the largest is 1."""
 MAX_TRIAL_TURN_DEG = 15.0
+"""Largest random angle of the hand in a trial, to either side."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +70,7 @@ class TrialSettings:
 
 
 def plan_lift(settings: TrialSettings, task: LiftTask, base_T_table: Pose) -> LiftPlan:  # noqa: N803
-    """Draw position, turn, grip and height of a lift from its seed and its object's file.
+    """Draw position, angle, grip and height of a lift from its seed and its object's file.
 
     Raises `InputError` for an object that cannot be lifted here.
     """
@@ -98,7 +99,7 @@ def plan_lift(settings: TrialSettings, task: LiftTask, base_T_table: Pose) -> Li
 
 
 def lift_head(task: LiftTask, plan: LiftPlan, seed: int, settings: TrialSettings) -> LiftHead:
-    """Return the part of a lift's row that is known before it begins."""
+    """Return the fields of a lift's row that are known before it begins."""
     return LiftHead(
         number=task.number,
         attempt=task.attempt,
@@ -116,7 +117,7 @@ def lift_head(task: LiftTask, plan: LiftPlan, seed: int, settings: TrialSettings
 
 
 def new_measurement(settings: TrialSettings) -> LiftMeasurement:
-    """Return the measurement of one lift, the same for a lift as it happens and for its replay."""
+    """Return the measurement of one lift, the same for a live lift and for its replay."""
     camera = settings.bench.camera
     truth = MarkerTruth(
         camera.marker_ids,

@@ -1,4 +1,4 @@
-"""One attempt at a grasp pose, from its plan to its row and images."""
+"""Execute one attempt at a grasp pose, from its plan to its row and images."""
 
 import time
 from contextlib import closing
@@ -31,14 +31,15 @@ from rig.sessions.timing import PoseTiming
 from rig.tactile.contact.finder import ContactFinder
 
 GRIPS_PER_POSE = 5
+"""Most different grips of one pose."""
 
 
 @dataclass(frozen=True, slots=True)
 class RecordSettings:
-    """What a recording is asked for: `images` counts both fingertips, over all poses.
+    """The request for a recording: `images` is the number over both fingertips and all poses.
 
-    randomise: simulated sensors unlike those of a bench, drawn from the seed. by: who holds the object, the
-    arm or a person's hand.
+    randomise: use simulated sensors that differ from the bench's own, drawn from the seed. by: whether the
+    arm or a person's hand holds the object.
     """
 
     bench: BenchConfig
@@ -51,13 +52,13 @@ class RecordSettings:
 
     @property
     def variation_seed(self) -> int | None:
-        """What the sensors are drawn from, None for the bench's own."""
+        """Seed of the sensors; None for the bench's own."""
         return derived_seed(self.seed, "sensors") if self.randomise else None
 
 
 @dataclass(frozen=True, slots=True)
 class PoseTask:
-    """One pose to record, and how many images of it."""
+    """One pose to record, and the number of its images."""
 
     object_id: str
     pose: GraspPose
@@ -66,7 +67,7 @@ class PoseTask:
 
     @property
     def number(self) -> int:
-        """Its number in the object's file, from 1."""
+        """Number of the pose in the object's file, from 1."""
         return self.pose.number
 
     @property
@@ -76,7 +77,7 @@ class PoseTask:
 
 
 def hand_pose(settings: RecordSettings, task: PoseTask) -> HandPose:
-    """Plan one pose that a person's hand presses. Raises `InputError` if a simulated bench cannot draw it."""
+    """Plan one pose pressed by hand. Raises `InputError` if a simulated bench cannot draw the object."""
     grasps, place = settings.grasps, task.pose.position
     refuse_undrawn(settings.bench, grasps)
     table = simulated_layout(settings.bench).base_T_table
@@ -92,7 +93,7 @@ def hand_pose(settings: RecordSettings, task: PoseTask) -> HandPose:
 
 
 def arm_pose(settings: RecordSettings, task: PoseTask) -> PosePlan:
-    """Plan one pose: its images spread over grips from the lightest to the firmest."""
+    """Plan one pose, with its images distributed over grips from the lightest to the firmest."""
     pose, images, base_T_table = task.pose, task.images, Pose(settings.bench.table.position_m)  # noqa: N806
     refuse_impossible(settings.bench, settings.grasps, pose.position)
     low, high = map(settings.bench.gripper_spec().steps_for, settings.grasps.grip_m)
@@ -115,9 +116,9 @@ def attempt_pose(
     task: PoseTask,
     live: LiveFeed = NOBODY,
 ) -> Attempt[PoseRow]:
-    """Record one pose. A device's failure is a row that is not accepted; nothing else is caught.
+    """Record one pose. A device failure gives a row that is not accepted; no other error is caught.
 
-    finders: of contacts, by serial. live: who looks on.
+    finders: of contacts, by serial. live: viewers.
     """
     began = time.perf_counter()
     seed = derived_seed(settings.seed, task.object_id, "pose", task.number, attempt=task.attempt)
@@ -153,7 +154,7 @@ def object_folder(grasps: GraspFile) -> str:
 def _carry_out(
     benches: BenchSource, task: PoseTask, seed: int, plan: PosePlan | HandPose, observer: PoseCapture
 ) -> str | None:
-    """Return None, or the fault's text."""
+    """Execute the plan; return None, or the text of the fault."""
     try:
         with benches.for_lift(seed, task.name, task.attempt) as (bench, operator):
             observer.true_masks = true_masks(bench)
@@ -171,7 +172,7 @@ def _carry_out(
 def _images(
     grasps: GraspFile, pose: int, observer: PoseCapture
 ) -> tuple[tuple[PoseImage, ...], dict[str, bytes]]:
-    """Return what the row says of the images taken, and their files by name, true masks among them."""
+    """Return the row's entries for the captured images, and their files by name, including true masks."""
     images: list[PoseImage] = []
     files: dict[str, bytes] = {}
     for number, (frame, grip_steps, area) in enumerate(observer.taken):

@@ -1,4 +1,4 @@
-"""Watches that take images while the hand grasps: the reference first, then each pose."""
+"""Observers that capture images while the hand grasps: first the reference, then each pose."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -16,11 +16,12 @@ FRAMES_APART = 3
 
 @dataclass(slots=True)
 class PoseCapture(CaptureObserver, HandObserver):
-    """An observer that takes images with contact, turn about from each fingertip or from one alone.
+    """An observer that captures images with contact, alternately from each fingertip or from one alone.
 
-    taken: frames with their grip in steps past first contact (None: pressed by hand) and contact area, px.
-    true_masks: what simulated fingertips truly touch at a time in ns; masks: that of each image
-    taken. Nothing here looks at them. shown: is given each frame after it was looked at, and changes nothing.
+    taken: frames with their grip in steps beyond first contact (None: pressed by hand) and contact area, px.
+    true_masks: functions that give the true contact mask of simulated fingertips at a time in ns; masks:
+    those of the captured images. They do not influence the capture. shown: called with each frame after it
+    was processed.
     """
 
     finders: dict[str, ContactFinder]
@@ -37,15 +38,15 @@ class PoseCapture(CaptureObserver, HandObserver):
     _last: dict[str, int] = field(default_factory=dict)
 
     def want(self, images: int, grip_steps: int) -> None:
-        """Take this many more images at a grip."""
+        """Capture this many more images at a grip."""
         self._wanted, self._grip_steps, self._serial = len(self.taken) + images, grip_steps, None
 
     def want_of(self, serial: str, images: int) -> None:
-        """Take this many more images of one fingertip, which a hand presses."""
+        """Capture this many more images of one fingertip that a person presses."""
         self._wanted, self._grip_steps, self._serial = len(self.taken) + images, None, serial
 
     def satisfied(self) -> bool:
-        """Whether they have been taken."""
+        """Whether all requested images have been captured."""
         return len(self.taken) >= self._wanted
 
     def touching(self, serial: str) -> bool:
@@ -53,12 +54,12 @@ class PoseCapture(CaptureObserver, HandObserver):
         return serial in self._touches and self._touches[serial].sure
 
     def frame(self, frame: Frame) -> None:
-        """Look for contact; take the image when one of this fingertip is wanted."""
-        self._look(frame)
+        """Detect contact; capture the image if one of this fingertip is due."""
+        self._capture(frame)
         if self.shown is not None:
             self.shown(frame)
 
-    def _look(self, frame: Frame) -> None:
+    def _capture(self, frame: Frame) -> None:
         finder = self.finders.get(frame.serial)
         if finder is None:
             return
@@ -85,11 +86,11 @@ class PoseCapture(CaptureObserver, HandObserver):
 
 @dataclass(slots=True)
 class ReferenceCapture(LiftEvents):
-    """An observer that keeps the fingertips' frames without contact."""
+    """An observer that collects the fingertips' frames without contact."""
 
     frames: dict[str, list[Image]]
 
     def frame(self, frame: Frame) -> None:
-        """Keep a fingertip's frame."""
+        """Store a fingertip's frame."""
         if frame.serial in self.frames:
             self.frames[frame.serial].append(frame.image)

@@ -1,4 +1,4 @@
-"""Simulated lifts side by side: worker processes that end with their parent, whatever ends it."""
+"""Run simulated lifts in parallel: worker processes end with their parent, however it ends."""
 
 import multiprocessing
 from collections.abc import Callable, Iterator
@@ -15,11 +15,11 @@ Result = TypeVar("Result")
 def run_tasks(
     work: Callable[[Task], Result], tasks: list[Task], jobs: int, fork: bool = False
 ) -> Iterator[tuple[Task, Result]]:
-    """Yield results as they come; with one job, in this process and in order.
+    """Yield results as they finish; with one job, in this process and in order.
 
-    `tasks` may grow while results are taken (a lift to repeat). Leaving the loop early ends the workers at
-    any moment: they write recordings under unfinished names, and no results. fork: workers begin as copies of
-    this process, which must have no other thread then; so they need not import all that it has imported.
+    `tasks` may grow during the iteration (a lift to repeat). If the loop is left early, the workers are
+    terminated at once: they write recordings only under unfinished names, and no results. fork: workers start
+    as copies of this process, which then must not have other threads; they need not import its modules again.
     """
     if jobs == 1:
         while tasks:
@@ -32,7 +32,7 @@ def run_tasks(
     running: dict[Future[Result], Task] = {}
     try:
         while tasks or running:
-            # One task ahead per worker keeps it busy; more would hold results in memory.
+            # One queued task per worker keeps it busy; more would hold results in memory.
             while tasks and len(running) < 2 * jobs:
                 task = tasks.pop(0)
                 running[pool.submit(work, task)] = task
@@ -44,14 +44,14 @@ def run_tasks(
             "and with fewer --jobs if it happens again"
         ) from error
     finally:
-        # Workers write no results, so they can be ended at once without damaging any.
+        # Workers write no results, so they can be terminated at once without damaging any.
         for process in multiprocessing.active_children():
-            if process not in others:  # as the process of a page, which outlives the pool
+            if process not in others:  # e.g. the process of a page outlives the pool
                 process.terminate()
         pool.shutdown(wait=True, cancel_futures=True)
 
 
 def _end_with_parent() -> None:
-    """Leave signals to the parent, and exit when it is gone. A fork has the command line's handlers."""
+    """Leave signals to the parent, and exit when it has ended. A fork has the command line's handlers."""
     leave_signals_to_parent()
     end_with_parent()

@@ -1,4 +1,4 @@
-"""Whether a trial may react to slip: asked before anything moves."""
+"""Check before anything moves whether a trial may react to slip."""
 
 from collections.abc import Iterable
 
@@ -11,19 +11,19 @@ from rig.tactile.estimators import WITH_RATE
 
 
 def require_reaction(settings: TrialSettings, objects: Iterable[str]) -> None:
-    """Raise `InputError` where a trial cannot or may not react: by bench, estimator, rate or object."""
+    """Raise `InputError` if a trial cannot or may not react, because of bench, estimator, rate or object."""
     if settings.react is ReactionKind.NONE:
         return
     bench, estimator = settings.bench, settings.estimator.name
     if not bench.reacts:
         raise InputError(
-            f"--react {settings.react}: bench '{bench.name}' does not allow it: the arm would stop and the "
-            "fingers would close by themselves; where that is safe write reactions_allowed = true in its file"
+            f"--react {settings.react}: bench '{bench.name}' does not permit it: the arm would stop and the "
+            "fingers would close automatically; if that is safe, write reactions_allowed = true in its file"
         )
     if estimator not in WITH_RATE:
         raise InputError(
-            f"--react {settings.react}: estimator '{estimator}' tells no rate of turning, so no slip in "
-            f"time; use {', '.join(WITH_RATE)}"
+            f"--react {settings.react}: estimator '{estimator}' estimates no angular rate, so no slip "
+            f"in time; use {', '.join(WITH_RATE)}"
         )
     for tactile in bench.tactile:
         sigmas_for(settings.slip.false_alarms_per_hour / len(bench.tactile), tactile.rate_hz)
@@ -33,12 +33,12 @@ def require_reaction(settings: TrialSettings, objects: Iterable[str]) -> None:
 
 
 def describe_reaction(settings: TrialSettings, objects: Iterable[str]) -> list[str]:
-    """Say in lines what a trial does about slip; nothing where it does nothing."""
+    """Return lines that describe a trial's reaction to slip; none without a reaction."""
     if settings.react is ReactionKind.NONE:
         return []
     limit = settings.slip.max_turn_deg
-    when = "" if limit is None else f" that would turn the object by more than {limit:g} degrees"
-    head = f"On a slip{when} the arm stops by itself, at most {MOST_REACTIONS} times a lift,"
+    when = "" if limit is None else f" that would rotate the object by more than {limit:g} degrees"
+    head = f"On a slip{when} the arm stops automatically, at most {MOST_REACTIONS} times per lift,"
     if settings.react is ReactionKind.STOP:
         return [f"{head} and holds the object there."]
     if settings.react is ReactionKind.LOWER:

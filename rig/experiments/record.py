@@ -1,7 +1,7 @@
-"""Recording grasp poses of one object: a session with images in the data set's layout.
+"""Record grasp poses of one object: a session with images in the layout of the public data set.
 
-The layout is the paper's public data set (VISTASE): a folder per object with `image_label`,
-where LabelMe keeps its polygons beside the images.
+The layout is that of the paper's data set (VISTASE): a folder per object with `image_label`, in which LabelMe
+stores its polygons beside the images.
 """
 
 import csv
@@ -53,7 +53,7 @@ _log = logging.getLogger("rig.experiments.record")
 
 
 def record_manifest(settings: RecordSettings, remarks: Remarks = NO_REMARKS) -> RecordManifest:
-    """Return a new recording's manifest: what is asked for, and must be the same to continue it."""
+    """Return a new recording's manifest: the request, which must be the same to continue it."""
     return RecordManifest(
         **vars(begun_on(settings.bench, "record", settings.seed, [settings.grasps.id], remarks)),
         poses=settings.poses,
@@ -89,7 +89,7 @@ def recording_plan(settings: RecordSettings) -> Plan:
 
 
 def _hand_plan(settings: RecordSettings) -> Plan:
-    """Return what a person is asked for in a recording by hand."""
+    """Return the requests to the person in a recording by hand."""
     poses = [hand_pose(settings, task) for task in _all_tasks(settings)]
     tips = [tip.serial for tip in settings.bench.tactile]
     return make_plan(
@@ -97,7 +97,7 @@ def _hand_plan(settings: RecordSettings) -> Plan:
         [
             *plain_notes(settings.bench, [settings.grasps]),
             f"Nothing moves. You press object {settings.grasps.id} ({settings.grasps.name}) by hand onto "
-            f"{' and then '.join(tips)}, in each of these poses, and say when it is pressed:",
+            f"{' and then '.join(tips)}, in each of these poses, and confirm when it is pressed:",
             *(f"  {n:>2} {p.position} at {p.orientation_deg:+.0f} deg" for n, p in enumerate(poses, 1)),
         ],
         [],
@@ -113,12 +113,11 @@ def run_record(
     remarks: Remarks = NO_REMARKS,
     live: LiveFeed = NOBODY,
 ) -> list[PoseRow]:
-    """Record the poses that are still to do; return the rows of all attempts.
+    """Record the unfinished poses; return the rows of all attempts.
 
-    benches: where poses get their bench (`session_bench`); simulated ones when None. remarks: kept with
-    the session. live: who looks on.
-    Raises `InputError` for impossible numbers, `DeviceError` after three faults in a row;
-    finished poses stay on disk and `resume` goes on from them.
+    benches: source of the bench for each pose (`session_bench`); None for simulated ones. remarks: stored
+    with the session. live: viewers. Raises `InputError` for impossible numbers, `DeviceError` after three
+    faults in a row; finished poses stay on disk, and `resume` continues from them.
     """
     tasks = _all_tasks(settings)
     with open_session(folder, record_manifest(settings, remarks), POSES, resume) as session:
@@ -160,7 +159,7 @@ def _all_tasks(settings: RecordSettings) -> list[PoseTask]:
 def _references(
     session: Session[PoseRow], settings: RecordSettings, benches: BenchSource
 ) -> dict[str, ContactFinder]:
-    """Take the no-contact reference once; a continued session uses the one it has."""
+    """Record the no-contact reference once; a continued session uses its stored one."""
     serials = [tactile.serial for tactile in settings.bench.tactile]
     names = {serial: reference_file(serial) for serial in serials}
     if not all((session.folder / name).exists() for name in names.values()):
@@ -179,7 +178,7 @@ def _references(
 
 
 def _manifest_csv(rows: list[PoseRow]) -> str:
-    """Return the manifest of images: pose, grip, sensor and time of each."""
+    """Return the table of images as CSV: pose, grip, sensor and time of each."""
     text = io.StringIO()
     writer = csv.DictWriter(text, list(MANIFEST_COLUMNS), lineterminator="\n")
     writer.writeheader()

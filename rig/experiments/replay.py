@@ -1,4 +1,4 @@
-"""Replays the lifts of a session from their stored frames, with any estimator."""
+"""Replay the lifts of a session from their stored frames, with any estimator."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -27,9 +27,9 @@ from rig.sessions.rows import UsableLifts, read_usable_lifts
 class Replay:
     """Result of a replay: summary, rows, and the number of lifts that equal the stored ones bit for bit.
 
-    identical: None if they are not expected to be equal: another estimator, or another way to measure the
-    true angle. problems: what could not be read; a lift with a gap in its recording counts with the rest of
-    it. interrupted: contents of unfinished recordings, which are in none of the others.
+    identical: None if equality is not expected, with another estimator or another measurement of the true
+    angle. problems: unreadable parts; a lift with a gap in its recording counts with the rest of it.
+    interrupted: contents of unfinished recordings, which are in none of the other fields.
     """
 
     summary: TrialSummary
@@ -82,7 +82,7 @@ def _usable(folder: Path, interrupted: Sequence[InterruptedLift]) -> UsableLifts
 def replay_around_gaps(
     folder: Path, settings: TrialSettings, row: FinishedLift
 ) -> tuple[FinishedLift | None, str | None]:
-    """Replay one recorded lift; return its row, and which part of its recording cannot be read."""
+    """Replay one recorded lift; return its row, and the unreadable part of its recording, if any."""
     gaps, path = Gaps(), folder / row.recording
     try:
         again, _ = replay_with_angles(folder, settings, row, gaps)
@@ -94,7 +94,7 @@ def replay_around_gaps(
 def replay_or_problem(
     folder: Path, settings: TrialSettings, row: FinishedLift
 ) -> tuple[FinishedLift, Floats] | str:
-    """Replay one lift as `replay_with_angles`; return why, if its recording cannot be read as a whole."""
+    """Replay one lift as `replay_with_angles`; return the reason if its recording is damaged."""
     try:
         return replay_with_angles(folder, settings, row)
     except RigError as error:
@@ -106,8 +106,8 @@ def replay_with_angles(
 ) -> tuple[FinishedLift, Floats]:
     """Replay one recorded lift; return its row with the measured part computed again, and its angles.
 
-    The angles are (N, 3): time by the recording's clock in s, fused angle and sigma in degrees, NaN where
-    refused. gaps: list to which damage of the recording is added, and then passed over. Raises
+    The angles are (N, 3): time by the recording's clock in s, fused angle and sigma in degrees, NaN if
+    refused. gaps: list to which damaged parts of the recording are added; they are then skipped. Raises
     `SessionError`.
     """
     compute_in_one_thread()

@@ -55,8 +55,8 @@ def trial_of(
 ) -> StoredTrial:
     """Return a trial with the settings of a replay. estimator, window: those of the trial if None.
 
-    An estimator of another package is imported only if it is named here. If only the session names it,
-    `settings.estimator` cannot be made. Raises `InputError` for an unknown estimator or window.
+    A user-defined estimator is imported only if it is named here. If only the session names it,
+    `settings.estimator` cannot be created. Raises `InputError` for an unknown estimator or window.
     """
     settings = TrialSettings(
         manifest.config,

@@ -1,4 +1,4 @@
-"""The slip trial: five accepted lifts for each object, every one on disk as soon as it ends."""
+"""The slip trial: five accepted lifts for each object, each stored as soon as it ends."""
 
 import logging
 from collections.abc import Sequence
@@ -36,7 +36,7 @@ _log = logging.getLogger("rig.experiments.trial")
 def trial_manifest(
     settings: TrialSettings, objects: list[str], lifts: int, remarks: Remarks = NO_REMARKS
 ) -> TrialManifest:
-    """Return a new trial's manifest: what is asked for, and must be the same to continue it."""
+    """Return a new trial's manifest: the request, which must be the same to continue it."""
     return TrialManifest(
         **vars(begun_on(settings.bench, "trial", settings.seed, objects, remarks)),
         lifts_per_object=lifts,
@@ -51,7 +51,7 @@ def trial_manifest(
 
 
 def resolve_objects(names: list[str] | None, own: Sequence[GraspFile] = ()) -> list[str]:
-    """Return object ids from ids or names, the paper's nine when none are given. own: a lab's objects.
+    """Return object ids from ids or names, by default the paper's nine. own: a lab's objects.
 
     Raises `InputError` for an unknown object, or for one named twice.
     """
@@ -85,7 +85,7 @@ def trial_plan(settings: TrialSettings, objects: list[str], lifts: int) -> Plan:
 
 
 def _lift_motion(task: LiftTask, plan: LiftPlan, home: Pose, step_m: float) -> PlannedMotion:
-    """step_m: resolution of the gripper."""
+    """Return the planned motion of a lift. step_m: resolution of the gripper."""
     what = (
         f"{task.name:>6} {plan.object_name}, {1e3 * plan.grip_steps * step_m:.1f} mm past contact, lifted "
         f"{plan.lift_height_m:.3f} m in {LIFT_S} s"
@@ -106,13 +106,13 @@ def run_trial(
     live: LiveFeed = NOBODY,
     remarks: Remarks = NO_REMARKS,
 ) -> TrialSummary:
-    """Run a trial, or what is left of it, and return its summary.
+    """Run a trial, or the unfinished part of it, and return its summary.
 
-    benches: where lifts get their bench (`session_bench`); simulated ones in this process when None.
-    progress is called after each attempt with lifts accepted, lifts wanted, and the row. live: who
-    looks on while lifts happen. remarks: kept with the session.
-    Raises `InputError` or `RecordingError` as `require_reaction` and `open_session` do, `DeviceError` after
-    three rig faults in a row; finished lifts stay on disk and `resume` goes on from them.
+    benches: source of the bench for each lift (`session_bench`); None for simulated ones in this process.
+    progress: called after each attempt with the number of accepted lifts, the number of all lifts, and the
+    row. live: viewers. remarks: stored with the session. Raises `InputError` or `RecordingError`, see
+    `require_reaction` and `open_session`; `DeviceError` after three rig faults in a row. Finished lifts stay
+    on disk, and `resume` continues from them.
     """
     require_reaction(settings, objects)
     with open_session(folder, trial_manifest(settings, objects, lifts, remarks), LIFTS, resume) as session:
@@ -139,6 +139,6 @@ def _require_same_truth(session: Session[LiftRow]) -> None:
     manifest = session.manifest
     if isinstance(manifest, TrialManifest) and manifest.truth != TRUTH:
         raise InputError(
-            f"{session.folder}: its true angles were measured by the markers' {manifest.truth}, now they are "
-            f"by their {TRUTH}, and do not belong in one table: begin anew with another --out"
+            f"{session.folder}: its true angles were measured by the markers' {manifest.truth}, but now by "
+            f"their {TRUTH}; they must not be mixed in one table: start again with another --out"
         )

@@ -1,4 +1,4 @@
-"""What is measured in one lift: angles, their fusion, the markers' truth, onset, and the row kept of it.
+"""The measurement of one lift: angles, fusion, ground truth from markers, slip onset, the stored row.
 
-Imports estimators, sessions and metrics; it knows no device.
+Imports estimators, sessions and metrics, but no device.
 """

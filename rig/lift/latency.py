@@ -9,7 +9,7 @@ from rig.sessions.timing import LatencyTimes
 
 
 class LatencyProbe(LiftEvents):
-    """Measures when each frame has been recorded and estimated. It has to be the last observer.
+    """Measures when each frame has been recorded and estimated. It must be the last observer.
 
     clock: the bench's clock, which also gives the capture times.
     """

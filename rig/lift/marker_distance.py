@@ -1,7 +1,7 @@
-"""Whether the markers look as far away as the camera was found to stand: a wrong size or place shows here.
+"""Compare the measured distance of the markers with the expected one, to detect a wrong size or camera pose.
 
-How large a marker of known side appears gives its distance, and so does where the camera stands. The
-angle itself needs neither, so without this check a wrong number would go unseen.
+The apparent size of a marker of known side gives its distance, and so does the pose of the camera. The angle
+itself depends on neither, so without this check a wrong value would go undetected.
 """
 
 from dataclasses import dataclass
@@ -9,18 +9,19 @@ from dataclasses import dataclass
 from rig.sessions.records import MarkerDistance
 
 MOST_OFF = 0.10
-"""Share of the distance that is still no warning: an object's thickness, markers off its middle."""
+"""Largest relative difference without a warning: objects have a thickness, markers are not at their
+centre."""
 
 
 @dataclass(frozen=True, slots=True)
 class ExpectedDistance:
-    """What is known beforehand: the markers' side, and the distance by the camera's place, both m."""
+    """Expected values: side of the markers, and their distance from the pose of the camera, both in m."""
 
     marker_side_m: float
     placed_m: float
 
     def warning(self, distance_sides: float | None) -> MarkerDistance | None:
-        """Compare with a distance in marker sides; None within 10 %, or where it is unknown."""
+        """Compare with a distance in marker sides; None within 10 %, or if it is unknown."""
         if distance_sides is None:
             return None
         seen_m = distance_sides * self.marker_side_m

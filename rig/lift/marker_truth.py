@@ -1,7 +1,7 @@
-"""The true angle of the object: two markers as the external camera sees them, the wrist taken off.
+"""The true angle of the object: rotation of two markers in the external camera, minus that of the wrist.
 
-Angles are positive counter-clockwise as the camera sees them. The same pictures, times and poses
-give the same numbers bit for bit, online and in replay: there is one way through this code.
+Angles are positive counter-clockwise in the camera's view. The same pictures, times and poses give bitwise
+the same results, live and in replay, because both use the same code.
 """
 
 from collections import Counter
@@ -24,19 +24,19 @@ from drivers.types import Image, Pose
 from rig.lift.onset import LONGEST_GAP_NS, slip_onset_ns
 
 TRUTH = "edges"
-"""How angles are measured from here on, for a session's manifest; sessions before say "corners"."""
+"""The present method of measuring angles, for a session's manifest; earlier sessions have "corners"."""
 NO_ZERO = "markers: the angle has no zero yet; it is set at the end of phase A"
 __all__ = ["LONGEST_GAP_NS", "MarkerTruth", "TruthSeries", "interpolate", "slip_onset_ns"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TruthSeries:
-    """The true angle over time; refused frames are absent.
+    """The true angle over time, without refused frames.
 
-    time_ns: (N,) int64, increasing. angle_deg: (N,) float64 since the zero, unwrapped over time
-    with a break (back into (-180, 180]) across gaps over 50 ms. sigma_deg: (N,) float64, one
-    sigma of each frame, without the zero's own zero_sigma_deg. tilt_deg: angle between the
-    camera's axis and the markers' normal, None without a camera. refused: frames by reason.
+    time_ns: (N,) int64, increasing. angle_deg: (N,) float64 since the zero, unwrapped over time; after a gap
+    of more than 50 ms it restarts in (-180, 180]. sigma_deg: (N,) float64, one sigma of each frame, without
+    the uncertainty of the zero, zero_sigma_deg. tilt_deg: angle between the camera's axis and the markers'
+    normal, None without a camera calibration. refused: number of frames by reason.
     """
 
     time_ns: NDArray[np.int64]
@@ -70,32 +70,33 @@ class _Sighting:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Zero:
-    """The markers' plane, and the wrist, at rest. axis: (3,) a turn about it is counter-clockwise."""
+    """Markers' plane and wrist orientation at rest. axis: (3,); a rotation about it is counter-clockwise."""
 
     plane: PlaneReference
     camera_R_tcp: Rotation  # noqa: N815
     axis: NDArray[np.float64]
 
     def wrist_deg(self, camera_R_tcp: Rotation) -> float:  # noqa: N803
-        """How far the wrist has turned since (twist of a rotation, swing-twist decomposition)."""
+        """Return the rotation of the wrist about the axis since then (twist of a swing-twist split), deg."""
         turn = (camera_R_tcp * self.camera_R_tcp.inv()).as_quat()
         return float(np.degrees(2.0 * np.arctan2(turn[:3] @ self.axis, turn[3])))
 
     def tipped_rad(self, camera_R_tcp: Rotation) -> float:  # noqa: N803
-        """How far the wrist has turned about other axes: what a camera that is off by an angle sees of it."""
+        """Return the wrist's rotation about other axes; a wrong camera orientation adds part of it."""
         turn = (camera_R_tcp * self.camera_R_tcp.inv()).as_rotvec()
         return float(np.linalg.norm(np.cross(turn, self.axis)))
 
 
 class MarkerTruth:
-    """Measures the object's angle while a lift runs, or again from its stored pictures.
+    """Measures the object's angle during a lift, or again from its stored pictures.
 
-    The markers' turn is `MarkerAngle`'s; here the wrist's is taken off, and angles follow one another in
-    time. ids: the two markers, either way round; dictionary: OpenCV's name, as "DICT_4X4_50".
-    base_T_camera: from the hand-eye calibration. camera: the external one, as calibrated; without it the
-    markers' tilt is unknown, lens distortion stays, and the wrist is taken off about the camera's axis
-    instead of the markers' normal. search_everywhere: search each whole picture. camera_turn_sigma_rad: one
-    sigma of base_T_camera's orientation; with it the wrist's share of an angle is as unsure.
+    `MarkerAngle` measures the rotation of the markers; this class subtracts that of the wrist, and unwraps
+    angles over time. ids: the two markers, in any order. dictionary: OpenCV's name, such as "DICT_4X4_50".
+    base_T_camera: from the hand-eye calibration. camera: calibrated external camera; without it the markers'
+    tilt is unknown, lens distortion is not corrected, and the wrist's rotation is subtracted about the
+    camera's axis instead of the markers' normal. search_everywhere: search each whole picture.
+    camera_turn_sigma_rad: one sigma of base_T_camera's orientation, which is propagated to the wrist's share
+    of an angle.
     """
 
     def __init__(
@@ -121,10 +122,10 @@ class MarkerTruth:
         self._before: list[_Sighting] = []
 
     def update(self, image: Image, time_ns: int, base_T_tcp: Pose) -> Corners | None:  # noqa: N803
-        """Take one picture, (H, W, 3) uint8 RGB or (H, W) uint8 grey, captured at `time_ns`.
+        """Process one picture, (H, W, 3) uint8 RGB or (H, W) uint8 grey, captured at `time_ns`.
 
-        base_T_tcp: where the wrist was at that time. Returns the (2, 4, 2) px corners, or None where the
-        frame is refused (counted by reason). Raises `InputError` for another kind of picture.
+        base_T_tcp: pose of the wrist at that time. Returns the (2, 4, 2) px corners, or None if the frame is
+        refused (counted by reason). Raises `InputError` for another kind of picture.
         """
         if self._newest_ns is not None and time_ns <= self._newest_ns:
             self._late += 1
@@ -141,13 +142,13 @@ class MarkerTruth:
         return seen
 
     def set_zero(self, from_ns: int, to_ns: int, earliest_ns: int | None = None) -> None:
-        """Make the mean of the frames from `from_ns` to `to_ns`, both included, the zero.
+        """Set the mean of the frames from `from_ns` to `to_ns`, both included, as the zero.
 
-        Contract: the last frames of phase A, before the lift. earliest_ns: where fewer than 10 of
-        those show both markers, the last 10 from this time on are taken instead; without it none are.
-        All frames so far are measured (again) against the zero. Raises `CalibrationError` with what
-        was seen when fewer than 10 frames show both markers. The zero is worked out when an angle is
-        asked for, as frames go on coming: see `measure_zero`.
+        Contract: the last frames of phase A, before the lift. earliest_ns: if fewer than 10 of them show both
+        markers, the last 10 from this time on are used instead. All frames so far are measured (again)
+        against the zero. Raises `CalibrationError` with the counts if fewer than 10 frames show both markers.
+        The zero is computed only when an angle is requested, see `measure_zero`, because frames keep
+        arriving.
         """
         still = [s for s in self._sightings if from_ns <= s.time_ns <= to_ns]
         if len(still) < FEWEST_FRAMES and earliest_ns is not None:
@@ -159,20 +160,20 @@ class MarkerTruth:
         self._seen_before = len(self._sightings) - 1
 
     def measure_zero(self) -> None:
-        """Work the zero out, unless it is. Raises `CalibrationError`: the markers move, or fit no plane."""
+        """Compute the zero, unless done. Raises `CalibrationError` if the markers move, or fit no plane."""
         if self._zero is not None or not self._still:
             return
         plane = self._angle.set_reference([s.corners_px for s in self._still])
         wrist = Rotation.concatenate([s.camera_R_tcp for s in self._still]).mean()
-        # a camera's z axis points away from it; a turn that it sees as counter-clockwise is about -z
+        # the camera's z axis points away from it, so a counter-clockwise rotation in its view is about -z
         axis = np.array([0.0, 0.0, -1.0]) if plane.normal_camera is None else plane.normal_camera
         self._zero = _Zero(plane, wrist, np.asarray(axis, np.float64))
-        # What was seen before it was set is measured when somebody asks for the series.
+        # Frames from before the zero are measured only when the series is requested.
         self._before = self._sightings[: self._seen_before]
         self._angles = self._measured(self._sightings[self._seen_before :], self._zero)
 
     def latest_angle_deg(self) -> float | None:
-        """The newest angle, for display; None before the zero and 50 ms after the last answer."""
+        """Return the newest angle, for display; None before the zero, and 50 ms after the last angle."""
         self.measure_zero()
         if not self._angles.time_ns or self._newest_ns is None:
             return None
@@ -180,9 +181,9 @@ class MarkerTruth:
         return None if stale else self._angles.angle_deg[-1]
 
     def distance_sides(self) -> float | None:
-        """From the camera to the markers' middle at the zero, in marker sides; None without a camera.
+        """Return the distance from the camera to the markers' middle at the zero, in marker sides, or None.
 
-        Raises what `series` raises.
+        None without a camera calibration. Raises the errors of `series`.
         """
         self.measure_zero()
         if self._zero is None:
@@ -190,12 +191,12 @@ class MarkerTruth:
         return self._zero.plane.distance_sides
 
     def latest_corners_px(self) -> NDArray[np.float64] | None:
-        """Both markers in the newest picture, (2, 4, 2) px, for display; None where they were refused."""
+        """Return both markers in the newest picture, (2, 4, 2) px, for display; None if they were refused."""
         newest = self._sightings[-1] if self._sightings else None
         return newest.corners_px if newest and newest.time_ns == self._newest_ns else None
 
     def series(self) -> TruthSeries:
-        """All angles so far. Raises `CalibrationError` before `set_zero`, and as `measure_zero` does."""
+        """Return all angles so far. Raises `CalibrationError` before `set_zero`, and as `measure_zero`."""
         self.measure_zero()
         if self._zero is None:
             raise CalibrationError(NO_ZERO)
@@ -213,7 +214,7 @@ class MarkerTruth:
         )
 
     def series_since_zero(self) -> TruthSeries:
-        """The angles from the first frame of the zero on. Raises what `series` raises."""
+        """Return the angles from the first frame of the zero on. Raises the errors of `series`."""
         whole = self.series()
         first = int(np.searchsorted(whole.time_ns, self._still[0].time_ns))
         return replace(
@@ -254,7 +255,7 @@ class MarkerTruth:
 
 
 class _Angles:
-    """Angles measured against one zero, in time order."""
+    """Angles measured against one zero, in order of time."""
 
     def __init__(self) -> None:
         self.time_ns: list[int] = []
@@ -276,7 +277,7 @@ class _Angles:
 
 
 def interpolate(series: TruthSeries, time_ns: int) -> float | None:
-    """The true angle at a time, deg: linear over gaps of at most 50 ms, None elsewhere (contract)."""
+    """Return the true angle at a time, deg: interpolated over gaps up to 50 ms, else None (contract)."""
     after = int(np.searchsorted(series.time_ns, time_ns))
     if after < len(series.time_ns) and series.time_ns[after] == time_ns:
         return float(series.angle_deg[after])

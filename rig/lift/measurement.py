@@ -1,7 +1,6 @@
-"""Measures one lift: estimates the angle from each fingertip, and the true angle from the markers.
+"""Measure one lift: estimate the angle from each fingertip, and the true angle from the markers.
 
-The same object observes a lift as it happens and a recording of it, so a replay gives the same results bit
-for bit.
+The same class observes a live lift and its recording, so a replay gives bitwise the same results.
 """
 
 import logging
@@ -27,14 +26,14 @@ from rig.tactile.sample import State, TactileEstimator
 FALLEN_S = 0.2
 """An object without contact for this long at the end of a lift has fallen."""
 CAMERA = "camera"
-"""Name of the external camera among the sources that are counted; fingertips go by serial."""
+"""Name of the external camera among the counted sources; fingertips are named by serial."""
 
 _log = logging.getLogger("rig.lift")
 
 
 @dataclass(slots=True)
 class _Tip:
-    """One fingertip's estimator, made at the grasp from the reference frames before it."""
+    """One fingertip's estimator, created at the grasp from the reference frames before it."""
 
     reference: list[Image] = field(default_factory=list)
     estimator: TactileEstimator | None = None
@@ -46,9 +45,9 @@ class LiftMeasurement(LiftObserver):
 
     signs: of the fingertips by serial. aspects: width over height of their pixels, if known. time_shift_s:
     added to the times of a sensor, by serial, if its clock was calibrated. distance: expected distance of the
-    markers from the camera, to be compared. watch: detects slips that need a reaction, if there are
-    reactions. `tallies` counts the frames of each source, by serial and `CAMERA`. `backgrounds` has the frame
-    without contact of each fingertip from phase A on.
+    markers from the camera, for comparison. watch: detects slips that need a reaction, if reactions are
+    enabled. `tallies` counts the frames of each source, by serial and `CAMERA`. `backgrounds` has the
+    no-contact frame of each fingertip from phase A on.
     """
 
     def __init__(
@@ -86,11 +85,11 @@ class LiftMeasurement(LiftObserver):
         elif phase is Phase.HOLD:
             self.risen = self.watch is None or not self.watch.ended
         elif phase is Phase.LOWER:
-            # Not earlier: it takes as long as a frame, and would delay an angle from the fingertips.
+            # Not earlier: it takes as long as a frame, and would delay an angle of the fingertips.
             self.truth.measure_zero()
 
     def arm(self, state: ArmState) -> None:
-        """Take the arm's state: its rotation is subtracted, and some estimators use its wrench."""
+        """Process the arm's state: its rotation is subtracted, and some estimators use its wrench."""
         self._tcp = state.base_T_tcp
         for tip in self._tips.values():
             if tip.estimator is not None:
@@ -104,7 +103,7 @@ class LiftMeasurement(LiftObserver):
         tally = self.tallies[CAMERA if tip is None else frame.serial]
         tally.add(frame)
         if tally.out_of_time:
-            # It stays in the recording, but its true time is unknown, so it cannot be estimated.
+            # It is recorded, but its true time is unknown, so it cannot be estimated.
             _log.warning("%s: frame %d has an implausible time: left out", frame.serial, frame.sequence)
         elif tip is not None:
             self._tactile(tip, frame)
@@ -112,7 +111,7 @@ class LiftMeasurement(LiftObserver):
             self.truth.update(frame.image, frame.time_ns, self._tcp)
 
     def reaction(self, step: ReactionStep, time_ns: int, position: int) -> None:
-        """Take a step of a reaction to slip."""
+        """Process a step of a reaction to slip."""
         if self.watch is not None:
             self.watch.reacted(step, time_ns, position)
         if step is ReactionStep.CLOSED:
@@ -125,15 +124,15 @@ class LiftMeasurement(LiftObserver):
         return self._tips[serial].touch.sure
 
     def slip_ns(self) -> int | None:
-        """Capture time of the frame that asks for a reaction; None without one."""
+        """Return the capture time of the frame that needs a reaction; None without one."""
         return None if self.watch is None else self.watch.slip_ns()
 
     def at_rest(self) -> bool:
-        """Whether no fingertip has seen a turn for a while."""
+        """Whether no fingertip has detected rotation for a while."""
         return self.watch is not None and self.watch.at_rest()
 
     def another_is_too_much(self) -> bool:
-        """Whether one more slip would turn the object beyond the limit."""
+        """Whether one more slip would rotate the object beyond the limit."""
         return self.watch is not None and self.watch.another_is_too_much()
 
     def fall_ns(self, until_ns: int) -> int | None:
@@ -144,7 +143,7 @@ class LiftMeasurement(LiftObserver):
         return last if last < until_ns - to_ns(FALLEN_S) else None
 
     def marker_distance(self) -> MarkerDistance | None:
-        """Return measured and expected distance of the markers if they differ too much, else None."""
+        """Return measured and expected distance of the markers if they differ too much; else None."""
         return self._distance.warning(self.truth.distance_sides()) if self._distance else None
 
     def _since_grasp(self, frame: Frame) -> bool:

@@ -1,4 +1,4 @@
-"""The angle of the object: from the samples of each fingertip to one fused angle, as they arrive."""
+"""The angle of the object: fuse the samples of the fingertips as they arrive."""
 
 import heapq
 from collections.abc import Mapping, Sequence
@@ -12,7 +12,8 @@ from rig.lift.onset import OnsetAlarm
 from rig.tactile.sample import SlipSample
 
 ZERO_S = 0.4
-"""Length of the end of phase A whose mean angle is the zero: 12 camera frames at 30 Hz (at least 10 needed).
+"""Length of the end of phase A whose mean angle is the zero, s: 12 camera frames at 30 Hz (at least 10
+needed).
 
 If a slow camera or a hidden marker leaves fewer, the whole time at rest before the lift is used.
 """
@@ -20,7 +21,7 @@ If a slow camera or a hidden marker leaves fewer, the whole time at rest before 
 
 @dataclass(slots=True)
 class TipTrack:
-    """The samples of one fingertip in a lift, and its zero. sign: of its angle in the object's angle."""
+    """The samples of one fingertip in a lift, and its zero. sign: from its angle to the object's angle."""
 
     sign: int
     samples: list[SlipSample] = field(default_factory=list)
@@ -46,7 +47,7 @@ class TipTrack:
         self.zero_sample = late[-1] if late else None
 
     def newest(self) -> TipAnswer:
-        """Return the answer of the newest sample. At least one sample is needed."""
+        """Return the answer of the newest sample. There must be at least one sample."""
         return self.answer(self.samples[-1], self.samples[-2] if len(self.samples) > 1 else None)
 
     def _turned(self, sample: SlipSample) -> float | None:

@@ -1,4 +1,4 @@
-"""When a slip begins, from an angle over time (contract, metrics)."""
+"""Detect when a slip begins, from an angle over time (contract, metrics)."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -9,31 +9,35 @@ from numpy.typing import NDArray
 from drivers.errors import InputError
 
 ONSET_DEG = 0.5
+"""Rotation from rest that defines the slip onset (contract, metrics)."""
 GROWTH_NS = 100_000_000
+"""Time for which the angle must keep growing (contract, metrics)."""
 LONGEST_GAP_NS = 50_000_000
-"""Over a longer gap there is no truth (contract, metrics)."""
+"""Longest gap between frames over which the truth is interpolated (contract, metrics)."""
 LEAST_GROWTH_DEG = 0.1
 MOST_FALL_DEG = 0.1
+"""Least growth over GROWTH_NS, and largest decrease within it, so that the noise of a frame is not growth."""
 AVERAGED_NS = 50_000_000
-"""Over so long estimated angles are averaged to look for growth in them."""
+"""Window over which estimated angles are averaged before growth is detected in them."""
 
 
 ALARM_DEG = 0.4
 ALARM_RATE_DEG_S = 2.0
-"""The event is raised a little before the contract's 0.5 degrees and on less evidence than 100 ms of
-growth, as a controller cannot wait for them; so it can be false, and `rig benchmark` says how often."""
+"""Thresholds of the live slip event. It is raised a little before the contract's 0.5 degrees and without
+waiting for 100 ms of growth, because a controller cannot wait. So it can be false; `rig benchmark` measures
+how often."""
 
 
 @dataclass(slots=True)
 class OnsetAlarm:
-    """Raises the slip event while a lift runs, once. Angles are from the trial's zero."""
+    """Raises the slip event during a lift, once. Angles are from the trial's zero."""
 
     raised_ns: int | None = None
 
     def update(self, time_ns: int, angle_deg: float | None, rate_deg_s: float | None) -> bool:
-        """Take a fused answer; True at the moment the event is raised.
+        """Process a fused estimate; return True when the event is raised.
 
-        The angle has left rest, is still moving away, and faster than the rest's own noise.
+        Conditions: the angle has left rest, and is still moving away, faster than the noise at rest.
         """
         if self.raised_ns is not None or angle_deg is None or rate_deg_s is None:
             return False
@@ -45,17 +49,17 @@ class OnsetAlarm:
 
 
 def estimated_onset_ns(answers: Iterable[tuple[int, float | None]]) -> int | None:
-    """Return when a slip begins by estimated angles, looking back; None without one.
+    """Return when a slip begins according to all estimated angles; None without one.
 
-    answers: time in ns and angle in degrees since the zero, None where refused. The camera sees the
-    true angle once in 33 ms and averages while it is exposed; the fingertips' answers are more and
-    noisier, so each is averaged over `AVERAGED_NS` around it first. Of two answers at one time
-    (fingertips that capture together) the later one counts, as it knows of both.
+    answers: time in ns and angle in degrees since the zero, None if refused. The camera measures the true
+    angle every 33 ms, and averages during exposure. The fingertips' estimates are more frequent and noisier,
+    so each is first averaged over `AVERAGED_NS` around it. Of two estimates at the same time (fingertips that
+    capture simultaneously) the later one is used, because it includes both.
     """
-    told = {time_ns: angle for time_ns, angle in answers if angle is not None}
-    if not told:
+    known = {time_ns: angle for time_ns, angle in answers if angle is not None}
+    if not known:
         return None
-    time_ns, angle = (np.array(column) for column in zip(*sorted(told.items()), strict=True))
+    time_ns, angle = (np.array(column) for column in zip(*sorted(known.items()), strict=True))
     first = np.searchsorted(time_ns, time_ns - AVERAGED_NS // 2)
     last = np.searchsorted(time_ns, time_ns + AVERAGED_NS // 2, side="right")
     sums = np.concatenate([[0.0], np.cumsum(angle)])
@@ -67,12 +71,12 @@ def slip_onset_ns(
 ) -> int | None:
     """Return when the angle has left rest by 0.5 degrees and keeps growing for 100 ms, or None.
 
-    time_ns: (N,) int64, increasing. angle_deg: (N,) float64. rest_deg: the rest value, 0 for an
-    angle since the trial's zero. The time is interpolated between the frames on either side of
-    0.5 degrees. A frame's noise is no growth: over the 100 ms the best line must gain 0.1 degrees
-    (five sigma of the two-marker angle) and the angle never fall 0.1 degrees below what it had
-    reached. Frames more than 50 ms apart, or the series' end, leave growth unproven.
-    Raises `InputError` for unequal lengths, times that do not increase, values not finite.
+    time_ns: (N,) int64, increasing. angle_deg: (N,) float64. rest_deg: the rest value, 0 for an angle since
+    the trial's zero. The time is interpolated between the frames on either side of 0.5 degrees. To exclude
+    noise, over the 100 ms a fitted line must gain 0.1 degrees (five sigma of the two-marker angle), and the
+    angle must never fall 0.1 degrees below its previous maximum. Frames more than 50 ms apart, or the end of
+    the series, leave growth unproven. Raises `InputError` for unequal lengths, times that do not increase, or
+    NaN and infinite values.
     """
     _check(time_ns, angle_deg, rest_deg)
     away = np.asarray(angle_deg, np.float64) - rest_deg
@@ -87,9 +91,9 @@ def slip_onset_ns(
 def departure_ns(
     time_ns: NDArray[np.int64], angle_deg: NDArray[np.float64], rest_deg: float = 0.0
 ) -> int | None:
-    """Return when the angle has first left rest by 0.5 degrees, whether it grows on or not; None if never.
+    """Return when the angle first left rest by 0.5 degrees, whether or not it keeps growing; None if never.
 
-    For a turn that a reaction ends. Arguments and errors as of `slip_onset_ns`.
+    For a rotation that a reaction ends. Arguments and errors as for `slip_onset_ns`.
     """
     _check(time_ns, angle_deg, rest_deg)
     away = np.abs(np.asarray(angle_deg, np.float64) - rest_deg)
@@ -98,7 +102,7 @@ def departure_ns(
 
 
 def _departure(time_ns: NDArray[np.int64], away_deg: NDArray[np.float64], i: int) -> tuple[int, float]:
-    """Time and angle at which the threshold was passed before sample i, or the sample itself."""
+    """Return time and angle at which the threshold was passed before sample i, or those of the sample."""
     at_ns, at_deg = int(time_ns[i]), float(away_deg[i])
     if i == 0 or away_deg[i - 1] >= ONSET_DEG or at_ns - int(time_ns[i - 1]) > LONGEST_GAP_NS:
         return at_ns, at_deg
@@ -110,7 +114,7 @@ def _departure(time_ns: NDArray[np.int64], away_deg: NDArray[np.float64], i: int
 def _keeps_growing(
     time_ns: NDArray[np.int64], away_deg: NDArray[np.float64], start_ns: int, start_deg: float
 ) -> bool:
-    """Whether the samples from the start on, to the first past 100 ms, grow without a gap."""
+    """Whether the samples from the start to the first one after 100 ms grow without a gap."""
     end = int(np.searchsorted(time_ns, start_ns + GROWTH_NS)) + 1
     if end > len(time_ns):
         return False
@@ -131,6 +135,6 @@ def _check(time_ns: NDArray[np.int64], angle_deg: NDArray[np.float64], rest_deg:
             f"slip onset: as many times as angles needed, got {time_ns.shape}, {angle_deg.shape}"
         )
     if not np.isfinite(angle_deg).all() or not np.isfinite(rest_deg):
-        raise InputError("slip onset: an angle is not a finite number; leave refused frames out")
+        raise InputError("slip onset: an angle is NaN or infinite; leave refused frames out")
     if (np.diff(time_ns) <= 0).any():
         raise InputError("slip onset: the times do not increase; sort the frames and drop repeated ones")

@@ -1,4 +1,4 @@
-"""What a lift's reactions to slip were worth: from the steps that were taken to the records kept of them."""
+"""Evaluate a lift's reactions to slip: from the steps taken to the stored records."""
 
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
@@ -15,9 +15,9 @@ from rig.sessions.records import ReactionRecord, SlipThreshold
 Step = tuple[ReactionStep, int, int]
 LAST = (ReactionStep.REST, ReactionStep.ENDS)
 REST_NS = 100_000_000
-"""Over so long before it the truth at rest is taken."""
+"""Length of the interval before a reaction over which the true angle at rest is averaged."""
 FRAME_NS = 50_000_000
-"""Within it the camera sees what has happened (contract: longer gaps have no truth)."""
+"""Time within which a camera frame shows what has happened (contract: longer gaps have no truth)."""
 
 
 def reaction_records(watch: SlipWatch, truth: TruthSeries, lift_ns: int) -> tuple[ReactionRecord, ...]:
@@ -34,12 +34,12 @@ def reaction_records(watch: SlipWatch, truth: TruthSeries, lift_ns: int) -> tupl
 
 
 def slip_thresholds(watch: SlipWatch) -> dict[str, SlipThreshold]:
-    """Return from where on each fingertip tells of a slip, by serial."""
+    """Return the thresholds of angle and rate at which each fingertip reports a slip, by serial."""
     return {serial: SlipThreshold(*values) for serial, values in watch.thresholds().items()}
 
 
 def _reactions(steps: Sequence[Step]) -> Iterator[list[Step]]:
-    """Yield the steps of each reaction that came to its end."""
+    """Yield the steps of each completed reaction."""
     taken: list[Step] = []
     for step in steps:
         taken.append(step)
@@ -77,7 +77,7 @@ def _record(
 
 
 def _onset_ns(truth: TruthSeries, since_ns: int, until_ns: int) -> int | None:
-    """Return when the object had turned 0.5 degrees from where it was at rest before, in a span."""
+    """Return when the object had rotated 0.5 degrees from its rest before, within a span."""
     before = (truth.time_ns <= since_ns) & (truth.time_ns > since_ns - REST_NS)
     rest_deg = float(np.mean(truth.angle_deg[before])) if before.any() else 0.0
     during = (truth.time_ns > since_ns) & (truth.time_ns <= until_ns + FRAME_NS)

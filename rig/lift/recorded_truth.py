@@ -1,4 +1,4 @@
-"""The true angle of a lift as its recording holds it."""
+"""Read the true angle of a lift from its recording."""
 
 from pathlib import Path
 
@@ -10,7 +10,7 @@ from rig.sessions.recorder import TRUTH_TOPIC
 
 
 def recorded_truth(recording: Path) -> TruthSeries:
-    """Read the markers' angle of a recorded lift; why frames were refused is not in it.
+    """Read the markers' angle of a recorded lift; the reasons of refused frames are not recorded.
 
     Raises `SessionError`.
     """

@@ -1,4 +1,4 @@
-"""What is recorded of a lift beside its events: outlines and angles. Several observers of one lift."""
+"""Record outlines and angles in addition to the events of a lift, and combine several observers."""
 
 from collections.abc import Iterator, Sequence
 
@@ -20,7 +20,7 @@ OUTLINE_STEP = 4
 class OutlineObserver(LiftEvents):
     """Records the outline of each contact every `OUTLINE_EVERY_S`, for viewers; no angle depends on it.
 
-    It comes after the measurement, whose backgrounds it needs.
+    It must come after the measurement, because it needs its backgrounds.
     """
 
     def __init__(self, measurement: LiftMeasurement, recorder: LiftRecorder) -> None:
@@ -35,7 +35,7 @@ class OutlineObserver(LiftEvents):
         if background is None or Phase.LOWER in self._measurement.phases:
             return
         if self._measurement.slip_ns() is not None or self._measurement.tallies[frame.serial].out_of_time:
-            return  # nothing may delay an arm that has to stop
+            return  # nothing must delay an arm that has to stop
         latest_ns = self._latest_ns.get(frame.serial)
         if latest_ns is not None and frame.time_ns - latest_ns < to_ns(OUTLINE_EVERY_S):
             return
@@ -47,38 +47,38 @@ class OutlineObserver(LiftEvents):
 
 
 class LiftObservers(LiftObserver):
-    """Passes each event on to several observers, in their order. contact: the one that knows of contacts."""
+    """Forwards each event to several observers, in order. contact: the one that detects contacts."""
 
     def __init__(self, contact: LiftObserver, observers: Sequence[LiftEvents]) -> None:
         self._contact = contact
         self._observers = observers
 
     def followed_by(self, observer: LiftEvents) -> "LiftObservers":
-        """Return the same observers with another one at the end."""
+        """Return the same observers with another one appended."""
         return LiftObservers(self._contact, (*self._observers, observer))
 
     def phase(self, phase: Phase, time_ns: int) -> None:
-        """Begin a phase."""
+        """Forward the start of a phase."""
         for observer in self._observers:
             observer.phase(phase, time_ns)
 
     def frame(self, frame: Frame) -> None:
-        """Pass a frame on."""
+        """Forward a frame."""
         for observer in self._observers:
             observer.frame(frame)
 
     def arm(self, state: ArmState) -> None:
-        """Pass the arm's state on."""
+        """Forward the arm's state."""
         for observer in self._observers:
             observer.arm(state)
 
     def gripper(self, state: GripperState) -> None:
-        """Pass the gripper's state on."""
+        """Forward the gripper's state."""
         for observer in self._observers:
             observer.gripper(state)
 
     def reaction(self, step: ReactionStep, time_ns: int, position: int) -> None:
-        """Pass a step of a reaction on."""
+        """Forward a step of a reaction."""
         for observer in self._observers:
             observer.reaction(step, time_ns, position)
 

@@ -1,4 +1,4 @@
-"""From a measured lift to the row that is kept of it."""
+"""Evaluate a measured lift to the row that is stored."""
 
 from collections import Counter
 
@@ -20,13 +20,14 @@ from rig.tactile.foreign import faults_of
 from rig.tactile.sample import State
 
 FINAL_S = 0.3
+"""Length of the interval at the end over which final angles are averaged, s."""
 
 
 def lift_result(measurement: LiftMeasurement) -> tuple[LiftFigures, TruthSeries]:
     """Evaluate a lift that reached its end: errors, angles, onset, counts (contract, metrics).
 
-    Returns the row's measured part and the true angle. Both end at the fall of an object that falls: what
-    the camera sees after it is an object that lies somewhere, not a turn in the hand.
+    Returns the measured part of the row, and the true angle. If the object falls, both end at the fall,
+    because after it the camera sees an object that lies somewhere.
     """
     lift_ns, hold_ns = measurement.phases[Phase.LIFT], measurement.phases[Phase.HOLD]
     end_ns = measurement.phases[Phase.LOWER]
@@ -75,7 +76,7 @@ def lift_result(measurement: LiftMeasurement) -> tuple[LiftFigures, TruthSeries]
 
 
 def stage_times(measurement: LiftMeasurement) -> dict[str, StageTimes]:
-    """Return wall time per stage and tactile frame, ms: median, 95th and 99th percentile."""
+    """Return the computing time per stage and tactile frame, ms: median, 95th and 99th percentile."""
     stages: dict[str, list[float]] = {}
     for sample in measurement.angle.samples:
         for stage, spent_s in sample.stage_s.items():
@@ -113,7 +114,7 @@ def _since(time_ns: int | None, start_ns: int) -> float | None:
 
 
 def _contact_areas(measurement: LiftMeasurement, lift_ns: int) -> dict[str, float]:
-    """Mean contact area of each fingertip over the last moments of phase A: how firm the grip is."""
+    """Return the mean contact area of each fingertip at the end of phase A, as a measure of the grip, px."""
     since = lift_ns - to_ns(ZERO_S)
     areas = {
         serial: [s.contact_area_px for s in tip.samples if since <= s.time_ns < lift_ns]

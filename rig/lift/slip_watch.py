@@ -1,6 +1,6 @@
-"""Slip events that ask for a reaction: thresholds from each fingertip's own noise at rest.
+"""Slip events that need a reaction, with thresholds from each fingertip's own noise at rest.
 
-Without a reaction `rig.lift.onset.OnsetAlarm` raises its one event; this is for lifts that react.
+In lifts without reactions, `rig.lift.onset.OnsetAlarm` raises a single event instead.
 """
 
 import math
@@ -13,20 +13,21 @@ from rig.lift.fusion import TipAnswer
 from rig.lift.tip_watch import GIVES_DEG, TipWatch
 
 CAUGHT_DEG = 5.0
-"""A caught object has turned by no more, unless another limit was given."""
+"""Largest rotation of a caught object, unless another limit is given."""
 RESERVE = 1.5
-"""The next slip may be so many times as large as the largest so far."""
+"""The next slip is assumed to be at most this many times as large as the largest so far."""
 SOON_S, SLIPS_DEG = 0.1, 1.0
-"""A slip is what will have turned so far so soon, at its present rate: a gel that gives way comes to rest."""
+"""A slip is a rotation that at its present rate reaches SLIPS_DEG within SOON_S; a yielding gel comes to
+rest."""
 FIRST_CLOSING_S = 0.15
-"""How long it takes to stop a slip, until a reaction of this lift has shown it."""
+"""Assumed time to stop a slip, until a reaction of this lift has been measured."""
 
 
 @dataclass(frozen=True, slots=True)
 class SlipSettings:
     """When to react. false_alarms_per_hour: at rest, over all fingertips.
 
-    max_turn_deg: react only when the turn would otherwise become larger; None: at once.
+    max_turn_deg: react only if the rotation would otherwise exceed this; None: react immediately.
     """
 
     false_alarms_per_hour: float = 10.0
@@ -37,8 +38,8 @@ class SlipSettings:
 class SlipEvent:
     """A slip that needs a reaction.
 
-    raised_ns: capture time of the frame in which the slip was detected. due_ns: of the frame from which on a
-    reaction is due.
+    raised_ns: capture time of the frame in which the slip was detected. due_ns: of the frame at which the
+    reaction became due.
     """
 
     serial: str
@@ -47,9 +48,9 @@ class SlipEvent:
 
 
 class SlipWatch:
-    """The fingertips' slip events of one lift, and what was done about them.
+    """The slip events of the fingertips in one lift, and the reactions to them.
 
-    `events` and `steps` are what the lift's row tells of; steps: (step, time in ns, position of the fingers).
+    `events` and `steps` are stored in the lift's row; steps: (step, time in ns, position of the fingers).
     """
 
     def __init__(self, settings: SlipSettings) -> None:
@@ -66,12 +67,12 @@ class SlipWatch:
 
     @property
     def max_turn_deg(self) -> float | None:
-        """The largest turn asked for, deg, if any."""
+        """The permitted rotation, deg, or None."""
         return self._settings.max_turn_deg
 
     @property
     def ended(self) -> bool:
-        """Whether a reaction has ended the lift where it was."""
+        """Whether a reaction has ended the lift early."""
         return any(step is ReactionStep.ENDS for step, _, _ in self.steps)
 
     def begin(self, at_rest: Mapping[str, Sequence[TipAnswer]]) -> None:
@@ -81,11 +82,11 @@ class SlipWatch:
         self._tips = {serial: tip for serial, tip in watched.items() if tip is not None}
 
     def thresholds(self) -> dict[str, tuple[float, float]]:
-        """Return by serial from which angle since rest and which rate on a slip is told, deg and deg/s."""
+        """Return, by serial, the thresholds of angle since rest (deg) and rate (deg/s) of a slip."""
         return {serial: (GIVES_DEG + tip.angle_deg, tip.rate_deg_s) for serial, tip in self._tips.items()}
 
     def update(self, serial: str, answer: TipAnswer) -> None:
-        """Take a fingertip's answer."""
+        """Process a fingertip's answer."""
         self._now_ns = answer.sample.time_ns
         tip = self._tips.get(serial)
         if tip is None:
@@ -98,22 +99,22 @@ class SlipWatch:
             self.events.append(self._pending)
 
     def slip_ns(self) -> int | None:
-        """When the frame was captured that asks for a reaction, None without one."""
+        """Return the capture time of the frame that needs a reaction; None without one."""
         return None if self._pending is None else self._pending.due_ns
 
     def at_rest(self) -> bool:
-        """Whether no fingertip has seen a turn for 100 ms, and at least one has answered."""
-        told = [tip.at_rest(self._now_ns) for tip in self._tips.values()]
-        return any(told) and False not in told
+        """Whether no fingertip has detected rotation for 100 ms, and at least one has answered."""
+        resting = [tip.at_rest(self._now_ns) for tip in self._tips.values()]
+        return any(resting) and False not in resting
 
     def another_is_too_much(self) -> bool:
-        """Whether one more slip, larger than the largest so far, would turn the object beyond the limit."""
+        """Whether one more slip, larger than the largest so far, would rotate the object beyond the limit."""
         now_deg = 0.0 if self._counted else self._away_deg()[0]
         turned_deg, largest_deg = self._turned_deg + now_deg, max(self._largest_deg, abs(now_deg))
         return abs(turned_deg) + RESERVE * largest_deg > (self.max_turn_deg or CAUGHT_DEG)
 
     def reacted(self, step: ReactionStep, time_ns: int, position: int) -> None:
-        """Take a step of a reaction; after the last one the fingertips look for the next slip."""
+        """Process a step of a reaction; after the last step the fingertips detect the next slip."""
         self.steps.append((step, time_ns, position))
         if step in (ReactionStep.CLOSE, ReactionStep.REST, ReactionStep.ENDS):
             self._count()
@@ -131,13 +132,13 @@ class SlipWatch:
         return tip.slips(away_deg, agreed_deg) and self._goes_on(away_deg)
 
     def _goes_on(self, away_deg: float) -> bool:
-        """Whether it will soon have turned as far as only a slip does, as the slowest fingertip sees it."""
+        """Whether the rotation will soon be as large as in a slip, by the lowest rate of all fingertips."""
         answering = [tip for tip in self._tips.values() if tip.weight(self._now_ns) > 0.0]
         rate_deg_s = min(math.copysign(1.0, away_deg) * tip.newest_rate_deg_s for tip in answering)
         return abs(away_deg) + max(rate_deg_s, 0.0) * SOON_S >= SLIPS_DEG
 
     def _count(self) -> None:
-        """Add a slip to those so far, once, before fingers close: what is seen then is the contact's."""
+        """Add a slip to the total, once, before fingers close: later rotation is caused by the contact."""
         if not self._counted:
             slipped_deg = self._away_deg()[0]
             self._turned_deg += slipped_deg
@@ -145,16 +146,17 @@ class SlipWatch:
         self._counted = True
 
     def _away_deg(self) -> tuple[float, float]:
-        """How far the object has turned since rest, by all fingertips that answer, and by the least of them.
+        """Return the rotation since rest, deg: mean of all answering fingertips, and the smallest one.
 
-        It turns under both. What one sees alone is its own contact, which grows when the fingers close.
+        An object rotates under both. Rotation seen by only one is that of its contact, which grows during
+        closing.
         """
         weights = [(tip.away_deg, tip.weight(self._now_ns)) for tip in self._tips.values()]
-        told = [(away, weight) for away, weight in weights if weight > 0.0]
-        if not told:
+        weighted = [(away, weight) for away, weight in weights if weight > 0.0]
+        if not weighted:
             return 0.0, 0.0
-        mean = sum(away * weight for away, weight in told) / sum(weight for _, weight in told)
-        return mean, min(math.copysign(1.0, mean) * away for away, _ in told)
+        mean = sum(away * weight for away, weight in weighted) / sum(weight for _, weight in weighted)
+        return mean, min(math.copysign(1.0, mean) * away for away, _ in weighted)
 
     def _too_late_soon(self, tip: TipWatch) -> bool:
         limit = self._settings.max_turn_deg

@@ -1,4 +1,4 @@
-"""One fingertip's noise at rest, and whether what it answers since tells of a slip."""
+"""One fingertip's noise at rest, and whether its later answers show a slip."""
 
 import math
 from collections import deque
@@ -13,24 +13,26 @@ from drivers.errors import InputError
 from rig.lift.fusion import TipAnswer
 
 AGREES = 0.4
-"""Every fingertip that answers has to show this share of a slip: an object turns under all of them."""
+"""Every answering fingertip must show this fraction of a slip, because an object rotates under all of
+them."""
 GIVES_DEG = 0.3
-"""A gel that holds gives way so far as the weight comes onto it; that is no slip (contract: 0.5 is)."""
+"""Largest rotation by which a holding gel yields under the weight; that is no slip (contract: 0.5 is)."""
 DRIFTS_S = 5.0
-"""Within so long a fingertip that drifts is at rest where it has got to; no slip takes that long."""
+"""Time constant with which the rest angle follows a drifting fingertip; no slip is that slow."""
 REST_NS = 100_000_000
-"""At rest is what has not turned for so long."""
+"""A fingertip without rotation for this long is at rest."""
 GROWTH_NS = 50_000_000
-"""Over so long the rate's growth is looked at."""
+"""Interval over which the growth of the rate is measured."""
 LEAST_NOISE_DEG, LEAST_NOISE_DEG_S = 0.002, 0.02
-"""No image resolves less; a rest without any noise is one that the estimator does not look at."""
+"""Lower bounds of the noise: no image resolves less, and without noise the estimator did not process the
+image."""
 
 
 def sigmas_for(false_alarms_per_hour: float, answers_per_s: float) -> float:
-    """Return how many sigmas angle and rate both have to leave rest by.
+    """Return the number of sigmas by which angle and rate must both leave rest.
 
-    A resting fingertip's answers are taken as independent, its angle and its rate too, both normal: then
-    one answer is a false alarm with twice the square of one side's tail (either direction). Raises
+    The answers of a resting fingertip are assumed independent, and angle and rate independent and normal.
+    Then an answer is a false alarm with twice the square of the one-sided tail (either direction). Raises
     `InputError` for a rate that no threshold gives.
     """
     share = false_alarms_per_hour / (3600.0 * answers_per_s)
@@ -44,7 +46,7 @@ def sigmas_for(false_alarms_per_hour: float, answers_per_s: float) -> float:
 
 @dataclass(slots=True)
 class TipWatch:
-    """One fingertip's noise at rest, and what it has answered since. Angles from the trial's zero."""
+    """One fingertip's noise at rest, and its answers since. Angles from the trial's zero."""
 
     angle_deg: float
     rate_deg_s: float
@@ -54,7 +56,7 @@ class TipWatch:
 
     @classmethod
     def resting(cls, answers: Sequence[TipAnswer], false_alarms_per_hour: float) -> "TipWatch | None":
-        """Learn thresholds from answers at rest; None where too few have a rate."""
+        """Estimate thresholds from answers at rest; None if too few have a rate."""
         known = [
             (a.sample.time_ns, a.angle_deg, a.rate_deg_s)
             for a in answers
@@ -68,7 +70,7 @@ class TipWatch:
         return cls(angle, sigmas * max(float(np.sqrt(np.mean(rates**2))), LEAST_NOISE_DEG_S))
 
     def update(self, answer: TipAnswer) -> None:
-        """Take an answer since the lift began; refused ones tell nothing."""
+        """Process an answer since the lift began; refused ones are ignored."""
         if answer.angle_deg is None or answer.rate_deg_s is None:
             return
         time_ns = answer.sample.time_ns
@@ -82,18 +84,18 @@ class TipWatch:
 
     @property
     def away_deg(self) -> float:
-        """How far it has turned since rest."""
+        """Rotation since rest, deg."""
         return self._seen[-1][1] - self.base_deg if self._seen else 0.0
 
     @property
     def newest_rate_deg_s(self) -> float:
-        """Its newest rate."""
+        """Newest angular rate, deg/s."""
         return self._seen[-1][2] if self._seen else 0.0
 
     def slips(self, away_deg: float, agreed_deg: float) -> bool:
-        """Whether it is turning, and has turned so far.
+        """Whether the fingertip is rotating, and has rotated far enough for a slip.
 
-        away_deg: since rest, by all fingertips. agreed_deg: that way, by the one that shows least.
+        away_deg: rotation since rest, mean of all fingertips. agreed_deg: smallest one in that direction.
         """
         rate = self.newest_rate_deg_s
         turning = abs(rate) >= self.rate_deg_s and away_deg * rate > 0.0
@@ -101,12 +103,12 @@ class TipWatch:
         return turning and min(abs(away_deg), abs(self.away_deg), agreed_deg / AGREES) >= least_deg
 
     def weight(self, now_ns: int) -> float:
-        """How much it counts beside others: what it has answered lately, by its variance."""
+        """Weight among the fingertips: inverse variance of its newest answer; 0 without a recent one."""
         lately = self._seen and now_ns - self._seen[-1][0] <= REST_NS
         return 1.0 / max(self.sigma_deg, LEAST_NOISE_DEG) ** 2 if lately else 0.0
 
     def predicted_deg(self, after_s: float) -> float:
-        """Return the turn after a while, by the newest answer, its rate and the rate's growth."""
+        """Return the rotation after a time, from the newest angle, its rate and the rate's growth."""
         if not self._seen:
             return 0.0
         time_ns, angle, rate = self._seen[-1]
@@ -116,11 +118,11 @@ class TipWatch:
         return abs(angle) + abs(rate) * after_s + 0.5 * max(growth, 0.0) * after_s**2
 
     def at_rest(self, now_ns: int) -> bool | None:
-        """Whether it has seen no turn for `REST_NS`; None where it has answered nothing meanwhile."""
+        """Whether no rotation was detected for `REST_NS`; None without an answer in that time."""
         late = [rate for time_ns, _, rate in self._seen if now_ns - time_ns <= REST_NS]
         return all(abs(rate) < self.rate_deg_s for rate in late) if late else None
 
     def rearm(self) -> None:
-        """Look for the next slip, from the angle it has now."""
+        """Start to detect the next slip, from the present angle."""
         if self._seen:
             self.base_deg = float(np.mean([angle for _, angle, _ in self._seen]))

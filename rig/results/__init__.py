@@ -1,4 +1,4 @@
 """Metrics of lifts, summaries of trials, tables and listings of many sessions.
 
-Imports `rig.sessions` alone.
+Imports only `rig.sessions`.
 """

@@ -28,7 +28,7 @@ from rig.sessions.table_files import REPLAYS
 
 
 class SessionState(StrEnum):
-    """How far a session is."""
+    """Progress of a session."""
 
     COMPLETE = "complete"
     RUNNING = "running"
@@ -40,8 +40,8 @@ class SessionState(StrEnum):
 class SessionEntry:
     """One session: its manifest, None if it cannot be read, and its state on disk.
 
-    done: accepted lifts of a trial or poses of a recording. mare: over phases B and C, as the session's
-    own estimator measured. problem: why it is broken.
+    done: number of accepted lifts of a trial or poses of a recording. mare: over phases B and C, by the
+    session's own estimator. problem: why it is broken.
     """
 
     folder: Path
@@ -89,7 +89,7 @@ class SessionEntry:
 
     @property
     def bench_text(self) -> str:
-        """The bench for a table; empty for replays and where it cannot be read."""
+        """The bench for a table; empty for replays and unreadable manifests."""
         on = self.bench_manifest
         return "" if on is None else "SIMULATED" if on.simulated else on.bench
 
@@ -139,12 +139,12 @@ def find_sessions(folder: Path) -> list[Path]:
 
 
 def holds_sessions(folder: Path) -> bool:
-    """Whether a folder is no session itself, but has some below it."""
+    """Whether a folder is not a session itself, but contains some."""
     return folder.is_dir() and find_sessions(folder) not in ([], [folder])
 
 
 def list_session(folder: Path, quick: bool = False) -> SessionEntry:
-    """Check one session, every byte of its recordings; problems are reported in the entry.
+    """Check one session, including every byte of its recordings; problems are reported in the entry.
 
     quick: check only that its recordings and images exist.
     """
@@ -164,7 +164,7 @@ def list_sessions(folders: Sequence[Path], quick: bool) -> list[SessionEntry]:
 
 
 def _sizes(folder: str, inside: str = "") -> dict[str, int]:
-    """Bytes of each file of a session, by its name there; each is asked for once: there may be thousands."""
+    """Return the size in bytes of each file of a session, by name; read once: there may be thousands."""
     found: dict[str, int] = {}
     with suppress(OSError), os.scandir(folder) as entries:
         for entry in entries:

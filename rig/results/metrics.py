@@ -49,7 +49,7 @@ class Mare:
 
     @property
     def beside(self) -> str:
-        """Interval and number of refused lifts as text, "" without both."""
+        """Interval and number of refused lifts as text; empty without either."""
         return f"{self.interval} {over_lifts(self.lifts, self.refused) if self.refused else ''}".strip()
 
     @property
@@ -64,7 +64,7 @@ def mare_text(value: Mare | None) -> str:
 
 
 def over_lifts(lifts: int, refused: int) -> str:
-    """Return over how many lifts a mean is taken, and how many were refused."""
+    """Return the number of lifts in a mean, and the number of refused ones, as text."""
     every = lifts + refused
     return (
         f"over {lifts} of {every} lifts, {refused} refused" if refused else f"over {counted(lifts, 'lift')}"

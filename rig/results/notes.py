@@ -1,4 +1,4 @@
-"""Lines for people about lifts and trials."""
+"""Text about lifts and trials for people."""
 
 from pathlib import Path
 from statistics import median
@@ -32,7 +32,7 @@ def lift_note(row: LiftRow | TableLift) -> str:
 
 
 def _without_error(row: FinishedLift | TableLift) -> str:
-    """Return why a lift has no error. A results table does not hold the states of the frames."""
+    """Return why a lift has no error. A results table does not contain the states of the frames."""
     if row.answered:
         return "no error: the angle of the markers is missing wherever the estimator answered"
     if isinstance(row, TableLift):
@@ -59,7 +59,7 @@ def reaction_text(reacting: ReactingSummary) -> str:
         f"reaction to slip '{reacting.kind}': {reacting.caught} of {counted(reacting.lifts, 'lift')} caught, "
         f"{counted(reacting.reactions, 'reaction')}, {reacting.early} of them to less than half a degree"
         f"{grip}{turn}; "
-        "these lifts turn less, so their MARE stands apart from that of lifts without reaction"
+        "these lifts rotate less, so their MARE is listed separately from that of lifts without reaction"
     )
 
 

@@ -8,10 +8,10 @@ from rig.results.metrics import Mare, mare_of
 from rig.sessions.records import ErrorSummary, FinishedLift, LiftOutcome, LiftRow, finished
 
 ADVICE = {
-    "unobservable": "Such a contact looks the same however it turns: grasp it elsewhere or at an edge.",
-    "lost": "The picture changed more than a turn can: look at the frames for stray light, a new contact or "
+    "unobservable": "Such a contact looks the same at every angle: grasp it elsewhere or at an edge.",
+    "lost": "The picture changed more than by a rotation: check the frames for stray light, a new contact or "
     "a finger that moved.",
-    "no_contact": "The fingertip felt nothing: grip firmer, or see whether the object slid out.",
+    "no_contact": "The fingertip detected no contact: grip firmer, or check whether the object slid out.",
 }
 """Advice by state without an angle."""
 
@@ -99,7 +99,7 @@ class TrialSummary:
     reacting: ReactingSummary | None = None
 
     def as_json(self) -> dict[str, object]:
-        """Return the trial's figures under the contract's names."""
+        """Return the trial's figures under the names of the contract."""
         reacting = self.reacting
         reacted = {} if reacting is None else {"react": reacting.kind, "caught": reacting.caught}
         return {
@@ -126,7 +126,7 @@ def summarize_trial(rows: Sequence[LiftRow]) -> TrialSummary:
 
 
 def summarize_lifts(lifts: Sequence[MeasuredLift], bench_s: float) -> TrialSummary:
-    """Summarize lifts. bench_s: total duration, failed attempts included, by the bench's clock."""
+    """Summarize lifts. bench_s: total duration including failed attempts, by the bench's clock."""
     ids = list(dict.fromkeys(lift.object for lift in lifts))
     return TrialSummary(
         objects=tuple(_object_summary([lift for lift in lifts if lift.object == i]) for i in ids),
@@ -170,7 +170,7 @@ def _object_summary(lifts: Sequence[MeasuredLift]) -> ObjectSummary:
 
 
 def _turns(lifts: Sequence[MeasuredLift]) -> tuple[float, ...]:
-    """Final true angles of the lifts that have one, deg."""
+    """Return the final true angles of the lifts that have one, deg."""
     return tuple(lift.final_truth_deg for lift in lifts if lift.final_truth_deg is not None)
 
 

@@ -1,4 +1,4 @@
-"""Tables of lifts, a flat line per lift: of one session (`lifts.csv`) and of many (`results.csv`).
+"""Tables of lifts, one flat line per lift: of one session (`lifts.csv`) and of many (`results.csv`).
 
 A line repeats a lift's row in `lifts.jsonl`. `rig.sessions.table_files.ReplayRow` declares its columns.
 """
@@ -27,15 +27,15 @@ from rig.sessions.table_files import (
 
 
 def _plain(hint: Any) -> type:
-    """Return a column's type without the None that stands for an empty cell."""
+    """Return a column's type without the None for an empty cell."""
     return next(kind for kind in (get_args(hint) or (hint,)) if kind is not type(None))
 
 
 COLUMNS = {name: _plain(hint) for name, hint in get_type_hints(ReplayRow).items() if name[0] != "_"}
-"""Columns in their order, with their types."""
+"""Columns in order, with their types."""
 NEEDED = ("session", "object", "accepted", "re_mean_deg")
 ERRORS = ("re_b", "re", "re_held")
-"""Errors of a lift: over phase B, over B and C, over both with refused frames held."""
+"""Errors of a lift: over phase B, over B and C, over both with refused frames held at the last answer."""
 _REACTION_TIMES = ("onset_s", "event_s", "command_s", "standstill_s")
 
 
@@ -134,10 +134,10 @@ def by_reaction(rows: Sequence[ReplayRow]) -> dict[str, list[ReplayRow]]:
 
 
 def results_json(rows: Sequence[ReplayRow]) -> dict[str, object]:
-    """Return a table's figures under the contract's names.
+    """Return a table's figures under the names of the contract.
 
-    Lifts that react to slip turn less: of a table with both kinds the figures are of those without reaction,
-    and `by_reaction` has each kind's.
+    Lifts that react to slip rotate less: if a table has both kinds, the figures are of those without
+    reaction, and `by_reaction` has the figures of each kind.
     """
     good = [row for row in rows if row.measured]
     asked = [row.identical for row in good if row.identical is not None]
@@ -154,7 +154,7 @@ def results_json(rows: Sequence[ReplayRow]) -> dict[str, object]:
 
 
 def read_results(path: Path) -> list[ReplayRow]:
-    """Read a results table, `.csv` or `.parquet`, or that of a folder which holds one.
+    """Read a results table, `.csv` or `.parquet`, or the table in a folder.
 
     Raises `InputError` for another file, or one without the columns that a summary needs.
     """
@@ -167,7 +167,7 @@ def read_results(path: Path) -> list[ReplayRow]:
         raise InputError(f"{file}: cannot be read as a results table ({reason(error)})") from error
     missing = [column for column in NEEDED if raw and column not in raw[0]]
     if missing or not raw:
-        what = f"has no column {', '.join(missing)}" if missing else "holds no line"
+        what = f"has no column {', '.join(missing)}" if missing else "contains no line"
         raise InputError(
             f"{file}: {what}; give the results.csv or results.parquet of `rig replay SESSIONS...`"
         )
@@ -191,5 +191,5 @@ def _table_in(folder: Path) -> Path:
         if (folder / name).exists() and (name.endswith(".csv") or has_parquet()):
             return folder / name
     raise InputError(
-        f"{folder}: holds no results.csv or results.parquet; make one: rig replay SESSIONS... --out DIR"
+        f"{folder}: contains no results.csv or results.parquet; make one: rig replay SESSIONS... --out DIR"
     )

@@ -1,4 +1,4 @@
-"""Session folders: writing and reading the data of every lift and pose.
+"""Session folders: write and read the data of every lift and pose.
 
-Imports `rig.config` alone.
+Imports only `rig.config`.
 """

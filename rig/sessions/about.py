@@ -17,9 +17,9 @@ CALIBRATION_TOPIC = "/camera/calibration"
 TRANSFORMS_TOPIC = "/tf"
 CONTACT_PREFIX = "/contact/"
 CLOCK_OFFSET = "clock_offset_ns"
-"""Key in the metadata of each channel: what was added to the bench's clock, so that times are dates."""
+"""Key in the metadata of each channel: offset added to the bench's clock, so that times are dates."""
 SIMULATED_EPOCH_NS = 946_684_800_000_000_000
-"""2000-01-01 UTC: when every simulated lift begins, so that equal seeds give equal bytes."""
+"""2000-01-01 UTC, the start of every simulated lift, so that equal seeds give equal bytes."""
 _OUTLINE_RGBA = (0.0, 0.62, 0.45, 1.0)
 
 
@@ -27,9 +27,9 @@ _OUTLINE_RGBA = (0.0, 0.62, 0.45, 1.0)
 class RecordingAbout:
     """Metadata of a recording.
 
-    values: by name, for people and programs, as "object" and "seed". clock_offset_ns: from the bench's
-    monotonic clock to the time of day, once for the whole file. camera_serial, camera: the external
-    camera. frames: poses in the base by the name of the frame.
+    values: by name, for people and programs, such as "object" and "seed". clock_offset_ns: from the bench's
+    monotonic clock to the time of day, constant in a file. camera_serial, camera: the external camera.
+    frames: poses in the base frame, by the name of the child frame.
     """
 
     values: Mapping[str, str] = field(default_factory=dict)
@@ -39,7 +39,7 @@ class RecordingAbout:
     frames: Mapping[str, Pose] = field(default_factory=dict)
 
     def calibration(self, time_ns: int) -> CameraCalibration | None:
-        """The camera as Foxglove's schema has it: row by row, distortion in OpenCV's order."""
+        """Return the camera in Foxglove's schema: row by row, distortion in OpenCV's order."""
         model = self.camera
         if model is None:
             return None
@@ -59,7 +59,7 @@ class RecordingAbout:
         return message
 
     def transforms(self, time_ns: int) -> FrameTransforms:
-        """Poses of camera and table in the arm's base."""
+        """Return the poses of camera and table in the arm's base frame."""
         message = FrameTransforms()
         for name, pose in self.frames.items():
             transform = message.transforms.add(parent_frame_id="base", child_frame_id=name)
@@ -71,9 +71,9 @@ class RecordingAbout:
 
 
 def contact_outline(outline_px: Sequence[NDArray[np.floating]], time_ns: int) -> ImageAnnotations:
-    """Return closed lines over a fingertip's image. outline_px: (N, 2) each, 0 the middle of the first pixel.
+    """Return closed lines over a fingertip's image. outline_px: (N, 2) each; pixel centres are integers.
 
-    Without a line the annotation is empty, and takes away the one before.
+    Without a line the annotation is empty, and removes the previous one.
     """
     message = ImageAnnotations()
     for line in outline_px:

@@ -1,7 +1,7 @@
-"""Records as JSON and back: the one place where stored text becomes typed values.
+"""Convert records to JSON and back, with type checks.
 
-A record is a frozen dataclass; its keys on disk are its fields. What is read is checked as strictly as
-it was written: an unknown key, a missing one or a value of another type is an error that names it.
+A record is a frozen dataclass; its keys on disk are its fields. Reading is as strict as writing: an unknown
+key, a missing key or a value of another type is an error that names the key.
 """
 
 import json
@@ -16,7 +16,7 @@ from drivers.formats import check_numbers, shown
 
 Record = TypeVar("Record")
 MEMBERS = ("finished", "failed", "trial", "record", "replay")
-"""Names of the members of unions: parts of an error's place that are no keys."""
+"""Tags of union members: parts of an error's location that are not keys."""
 _REASONS = {
     "missing": "is missing",
     "unexpected_keyword_argument": "is a key that this version does not know",
@@ -31,13 +31,13 @@ def strict(kind: type[Record]) -> type[Record]:
 
 
 class Codec(Generic[Record]):
-    """Reads one kind of record. kind: a dataclass, or an annotated union of some."""
+    """Reads one kind of record. kind: a dataclass, or an annotated union of dataclasses."""
 
     def __init__(self, kind: Any) -> None:
         self._kind = kind
 
     def parsed(self, text: bytes) -> Record:
-        """Return the record of a JSON text. Raises `ValueError` naming the key that is wrong."""
+        """Return the record of a JSON text. Raises `ValueError` naming the invalid key."""
         try:
             check_numbers(text, "it")
             return self._adapter.validate_json(text)
@@ -47,12 +47,12 @@ class Codec(Generic[Record]):
             raise ValueError(str(error).removeprefix("it: ")) from error
 
     def checked(self, values: dict[str, object]) -> Record:
-        """Return the record of values that a table gave. Raises `ValueError` as `parsed` does."""
+        """Return the record of values from a table. Raises `ValueError` as `parsed` does."""
         return self.parsed(json.dumps(values, default=str).encode())
 
     @cached_property
     def _adapter(self) -> TypeAdapter[Record]:
-        # made when it is needed: that takes longer than most commands need to begin
+        # created only when needed, because that takes longer than most commands take to start
         return TypeAdapter(self._kind)
 
 
@@ -74,7 +74,7 @@ def _adapter_of(kind: type) -> TypeAdapter[Any]:
 
 
 def _problem(error: ValidationError) -> str:
-    """Return one line that names the first wrong key and why it is wrong."""
+    """Return one line that names the first invalid key and the reason."""
     first, *more = error.errors(include_url=False)
     place = ".".join(str(part) for part in first["loc"] if part not in MEMBERS)
     why = _REASONS.get(first["type"])

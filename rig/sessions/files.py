@@ -1,4 +1,4 @@
-"""A session folder (contract, session folder): names of its files, durable writing, reading."""
+"""Files of a session folder (contract, session folder): names, durable writing, reading."""
 
 import json
 import os
@@ -10,29 +10,29 @@ from drivers.formats import parse_json, read_bounded, write_whole
 
 MANIFEST = "session.json"
 RESULTS = {"trial": "lifts.jsonl", "record": "poses.jsonl", "replay": "replays.jsonl"}
-"""Where each kind of session keeps its finished work, a line each."""
+"""Result file of each kind of session, one line per finished lift, pose or replay."""
 TIMING = "timing.jsonl"
-"""Everything that was measured in time, so that all else is identical for identical seeds."""
+"""All measured durations, kept separate so that the other files are identical for identical seeds."""
 LOG = "log.txt"
 LOCK = ".lock"
-"""Held by the process that writes; left behind it holds nothing."""
+"""Locked by the writing process; a file that is left behind locks nothing."""
 RECORDINGS = "lifts"
 UNFINISHED = ".unfinished"
-"""In the name of a recording whose lift is under way or was interrupted."""
+"""Part of the name of a recording whose lift is in progress or was interrupted."""
 MAGIC = b"\x89MCAP0\r\n"
 """First bytes of a recording."""
 ROS_BEGINNINGS = (b"#ROSBAG V", b"SQLite format 3\0")
 """First bytes of bags of ROS 1, and of ROS 2 in SQLite's storage."""
 REFERENCES = "reference"
-"""Each fingertip's frame without contact, in a recording."""
+"""Folder of the fingertips' no-contact frames, in a recording."""
 TRUE_MASKS = "truth/masks"
-"""Where the true contacts of simulated images are kept, apart from what the rig sees."""
+"""Folder of the true contact masks of simulated images, separate from the rig's own data."""
 MOST_BYTES = 20_000_000
-"""Of a file that is read whole."""
+"""Size limit of a file that is read at once."""
 
 
 def recording_file(number: int, attempt: int) -> str:
-    """Return where an attempt at a lift is recorded. number: in the session, from 1; attempt: from 0."""
+    """Return the path of an attempt's recording. number: in the session, from 1; attempt: from 0."""
     suffix = f"-attempt{attempt}" if attempt else ""
     return f"{RECORDINGS}/{number:03d}{suffix}.mcap"
 
@@ -72,19 +72,19 @@ def first_bytes(path: Path) -> bytes:
 
 
 def reference_file(serial: str) -> str:
-    """Return where a fingertip's frame without contact is kept."""
+    """Return the path of a fingertip's no-contact frame."""
     return f"{REFERENCES}/{serial}.png"
 
 
 def true_mask_file(image: str) -> str:
-    """Return where the true contact of a simulated image is kept. image: its name without ending."""
+    """Return the path of the true contact mask of a simulated image. image: its name without suffix."""
     return f"{TRUE_MASKS}/{image}.png"
 
 
 def write_file(path: Path, data: bytes) -> None:
-    """Write a whole file aside, sync it, then put it in place. Raises `RecordingError`."""
+    """Write a file atomically: to a temporary file, synced, then renamed. Raises `RecordingError`."""
     if path.exists() and not path.is_file():  # a device would become a file
-        raise RecordingError(f"{path}: is no file; choose another place")
+        raise RecordingError(f"{path}: is not a regular file; choose another path")
     try:
         write_whole(path, data)
     except OSError as error:
@@ -97,7 +97,7 @@ def write_json(path: Path, value: Any) -> None:
 
 
 def append_line(path: Path, line: bytes) -> None:
-    """Append a line and sync it. Raises `RecordingError`; no torn line is left behind."""
+    """Append a line and sync it. Raises `RecordingError`; no incomplete line is left behind."""
     try:
         with path.open("ab") as stream:
             end = stream.tell()
@@ -113,9 +113,9 @@ def append_line(path: Path, line: bytes) -> None:
 
 
 def complete_lines(path: Path) -> list[bytes]:
-    """Return a file's lines, without one at the end that has none: a write in progress, or a crash.
+    """Return a file's complete lines; a last line without an end is a write in progress, or from a crash.
 
-    A file that is not there has no lines. Raises `SessionError` when it cannot be read.
+    A missing file has no lines. Raises `SessionError` if it cannot be read.
     """
     try:
         return path.read_bytes().split(b"\n")[:-1]
@@ -126,12 +126,12 @@ def complete_lines(path: Path) -> list[bytes]:
 
 
 def state_folder() -> Path:
-    """Where programs keep what outlives them (XDG base directory specification)."""
+    """Return the folder for data that outlive a program (XDG base directory specification)."""
     return Path(os.environ.get("XDG_STATE_HOME") or Path.home() / ".local/state") / "visuotactile-slip-rig"
 
 
 def drop_torn_line(path: Path) -> None:
-    """Cut a last line that a crash left without its end, before more is appended."""
+    """Remove an incomplete last line, left by a crash, before more lines are appended."""
     if path.exists():
         data = path.read_bytes()
         if data and not data.endswith(b"\n"):
@@ -139,7 +139,7 @@ def drop_torn_line(path: Path) -> None:
 
 
 def read_whole(path: Path) -> bytes:
-    """Read one of a session's whole files. Raises `SessionError`."""
+    """Read a file of a session. Raises `SessionError`."""
     if not path.exists():
         raise SessionError(f"{path.parent}: no {path.name} here; is this a session folder?")
     try:
@@ -155,7 +155,7 @@ def read_json(path: Path) -> dict[str, Any]:
     except FormatError as error:
         raise SessionError(f"{error}; the session is damaged") from error
     if not isinstance(value, dict):
-        raise SessionError(f"{path}: holds no JSON object; the session is damaged")
+        raise SessionError(f"{path}: contains no JSON object; the session is damaged")
     return value
 
 

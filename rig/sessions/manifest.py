@@ -21,7 +21,7 @@ from rig.sessions.files import MANIFEST, RESULTS, read_whole
 from rig.sessions.remarks import NO_REMARKS, Remarks
 
 SCHEMA_VERSION = 1
-"""Of everything in a session folder."""
+"""Version of all files in a session folder."""
 DISTRIBUTION = "visuotactile-slip-rig"
 
 
@@ -59,11 +59,11 @@ class BenchManifest(Manifest):
 
 @dataclass(frozen=True, kw_only=True)
 class TrialManifest(BenchManifest):
-    """A trial. skip: whether the estimator leaves out stages it has no need of.
+    """A trial. skip: whether the estimator skips stages that a frame does not need.
 
-    truth: how the markers' corners were found, by which the true angles were measured. react: what was
-    done about slip; false_alarms_per_hour, max_turn_deg: when, see `rig.lift.slip_watch.SlipSettings`.
-    votes: a key of sessions of version 1.0, which is read and ignored.
+    truth: how the markers' corners were found for the true angles. react: reaction to slip;
+    false_alarms_per_hour, max_turn_deg: its settings, see `rig.lift.slip_watch.SlipSettings`. votes: a key of
+    sessions of version 1.0, which is read and ignored.
     """
 
     kind: Literal["trial"]
@@ -78,19 +78,19 @@ class TrialManifest(BenchManifest):
     votes: InitVar[str | None] = None
 
     def __post_init__(self, votes: str | None) -> None:
-        """Ignore the key that is no longer written."""
+        """Ignore the key, which is no longer written."""
 
     @property
     def wanted(self) -> int:
-        """How many lifts were asked for."""
+        """Number of requested lifts."""
         return len(self.objects) * self.lifts_per_object
 
 
 @dataclass(frozen=True, kw_only=True)
 class RecordManifest(BenchManifest):
-    """A recording. images: over all poses and fingertips. randomised: sensors drawn from the seed.
+    """A recording. images: number over all poses and fingertips. randomised: sensors drawn from the seed.
 
-    by: who holds the object, the arm or a person's hand.
+    by: whether the arm or a person's hand holds the object.
     """
 
     kind: Literal["record"]
@@ -101,13 +101,13 @@ class RecordManifest(BenchManifest):
 
     @property
     def wanted(self) -> int:
-        """How many poses were asked for."""
+        """Number of requested poses."""
         return self.poses
 
 
 @dataclass(frozen=True, kw_only=True)
 class ReplayManifest(Manifest):
-    """Many sessions replayed. estimator, window: those of each session when None."""
+    """A replay of many sessions. estimator, window: None for those of each session."""
 
     kind: Literal["replay"]
     sessions: tuple[str, ...]
@@ -157,12 +157,12 @@ def remarked(manifest: Wanted, wanted: Manifest) -> Wanted:
 
 
 def now_text() -> str:
-    """Return the time now, UTC to the second."""
+    """Return the present time, UTC to the second."""
     return datetime.now(UTC).isoformat(timespec="seconds")
 
 
 def is_session(folder: Path) -> bool:
-    """Whether a folder holds a session's manifest."""
+    """Whether a folder contains a session's manifest."""
     return (folder / MANIFEST).is_file()
 
 
@@ -182,7 +182,7 @@ def read_manifest(folder: Path) -> AnyManifest:
             "use the version of the rig that wrote it"
         )
     if head.kind not in RESULTS:
-        raise SessionError(f"{path}: a {shown(head.kind)} session, this version knows {', '.join(RESULTS)}")
+        raise SessionError(f"{path}: a {shown(head.kind)} session; this version reads {', '.join(RESULTS)}")
     try:
         return _MANIFESTS.parsed(text)
     except ValueError as error:
@@ -190,16 +190,16 @@ def read_manifest(folder: Path) -> AnyManifest:
 
 
 def read_manifest_of(folder: Path, kind: type[Wanted] | tuple[type[Wanted], ...], why: str) -> Wanted:
-    """Read the manifest of a session of one kind, or of some; see `require_kind`. Raises `SessionError`."""
+    """Read the manifest of a session of certain kinds, see `require_kind`. Raises `SessionError`."""
     return require_kind(folder, read_manifest(folder), kind, why)
 
 
 def require_kind(
     folder: Path, manifest: Manifest, kind: type[Wanted] | tuple[type[Wanted], ...], why: str
 ) -> Wanted:
-    """Return the manifest as one of a kind, as `TrialManifest`.
+    """Return the manifest if it is of a kind, such as `TrialManifest`.
 
-    why: what is wrong with another kind, as "only trials have lifts to replay". Raises `SessionError`.
+    why: what is wrong with another kind, such as "only trials have lifts to replay". Raises `SessionError`.
     """
     if not isinstance(manifest, kind):
         raise SessionError(f"{folder}: is a '{manifest.kind}' session; {why}")
@@ -207,7 +207,7 @@ def require_kind(
 
 
 def first_difference(manifest: Manifest, wanted: Manifest) -> str | None:
-    """Return the first difference of a session from the wanted one, as "seed 0, not 1"; None without any.
+    """Return the first difference between a session and the request, as "seed 0, not 1"; None without any.
 
     For the bench and its calibrations it names the single differing value, as "config.camera.focal_px".
     """
@@ -248,7 +248,7 @@ _OWN = {"schema_version", "tool_version", "status", "started", "completed", "tru
 
 @dataclass(frozen=True)
 class _Head:
-    """The keys by which the version and the kind of a manifest are known before the rest is read."""
+    """The keys that identify version and kind of a manifest before the rest is read."""
 
     __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="ignore", strict=True)
 

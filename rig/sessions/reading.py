@@ -1,4 +1,4 @@
-"""Reading the lifts of a session back."""
+"""Read the lifts of a session."""
 
 import math
 from collections.abc import Iterator, Mapping
@@ -32,7 +32,7 @@ from rig.sessions.records import PhaseName
 Value = TypeVar("Value")
 Message = TypeVar("Message", CompressedImage, PoseInFrame)
 _NOT_A_TURN = 0.01
-"""How far from 1 the length of a quaternion may be."""
+"""Largest deviation of a quaternion's norm from 1."""
 
 
 @strict
@@ -67,7 +67,7 @@ class RecordedReaction:
 @strict
 @dataclass(frozen=True)
 class RecordedJoints:
-    """What a recording holds of the arm beside its pose: rad; N and N m in the base's axes.
+    """State of the arm in a recording, without its pose: rad; N and N m in the base axes.
 
     wrench: None if the arm has no force sensor.
     """
@@ -80,9 +80,9 @@ class RecordedJoints:
 @strict
 @dataclass(frozen=True)
 class RecordedGripper:
-    """What a recording holds of the gripper.
+    """State of the gripper in a recording.
 
-    opening_m: None in recordings of versions that kept counts alone. current_a, position_counts,
+    opening_m: None in recordings of versions that stored only counts. current_a, position_counts,
     current_counts: None for a gripper without them.
     """
 
@@ -119,12 +119,12 @@ def show_again(
     known_phases: Mapping[str, int] = MappingProxyType({}),
     gaps: Gaps | None = None,
 ) -> dict[str, int]:
-    """Pass the events of a recorded lift to an observer exactly as when the lift happened.
+    """Replay the events of a recorded lift to an observer, exactly as they happened.
 
-    An unfinished recording is passed on up to its end. known_phases: start times of phases, ns, for phases
-    whose message is in a gap. gaps: list to which damage is added; see `recorded_messages`. Returns the start
-    of each phase, ns, by name. Phases that this version does not know are returned but not passed on. Raises
-    `SessionError` if the recording is missing, not of a whole lift, or, without `gaps`, damaged.
+    An unfinished recording is replayed up to its end. known_phases: start times in ns of phases whose message
+    is in a gap. gaps: list to which damaged parts are added, see `recorded_messages`. Returns the start of
+    each phase in ns, by name. Phases that this version does not know are returned but not passed on. Raises
+    `SessionError` if the recording is missing, not of a complete lift, or, without `gaps`, damaged.
     """
     phases, pose, gaps_before = PhaseTimes(path, gaps), None, 0
     hidden = {} if gaps is None else _hidden(path, known_phases)
@@ -150,7 +150,7 @@ def show_again(
             observer.arm(_arm_state(pose, data, path, time_ns))
         elif topic == GRIPPER_TOPIC:
             kept = recorded_gripper(data, path)
-            if kept.opening_m is not None:  # nothing that is measured again depends on the gripper
+            if kept.opening_m is not None:  # no measurement depends on the gripper
                 observer.gripper(GripperState(time_ns, True, kept.moving, kept.opening_m))
         elif topic.startswith(image_topic("")):
             observer.frame(_frame(data, path, time_ns, sequence))
@@ -185,15 +185,15 @@ def recorded_arm_states(path: Path) -> Iterator[ArmState]:
 
 
 def recorded_reactions(path: Path) -> list[tuple[ReactionStep, int]]:
-    """Return what was done about slips, each step with its time in ns. Raises `SessionError`."""
+    """Return the steps of reactions to slip, each with its time in ns. Raises `SessionError`."""
     messages = recorded_messages(path, REACTION_TOPIC)
     return [(recorded_reaction(data, path).step, time_ns) for _, time_ns, _, data in messages]
 
 
 def phase_times(path: Path) -> dict[str, int]:
-    """Return when each phase of a recorded lift began, ns, by name; of an unfinished one up to its end.
+    """Return the start of each phase of a recorded lift in ns, by name; of an unfinished one up to its end.
 
-    Raises `SessionError` if one of the phases of a whole lift is missing or out of order.
+    Raises `SessionError` if a required phase is missing or out of order.
     """
     phases = PhaseTimes(path)
     for _, time_ns, _, data in recorded_messages(path, PHASE_TOPIC):
@@ -202,7 +202,7 @@ def phase_times(path: Path) -> dict[str, int]:
 
 
 def recorded_angles(path: Path, *topics: str, gaps: Gaps | None = None) -> dict[str, list[RecordedAngle]]:
-    """Return the angles of some topics in the order they were written.
+    """Return the angles of some topics in the order in which they were written.
 
     gaps: see `recorded_messages`. Raises `SessionError`.
     """
@@ -213,28 +213,28 @@ def recorded_angles(path: Path, *topics: str, gaps: Gaps | None = None) -> dict[
 
 
 def recorded_angle(data: bytes, path: Path, time_ns: int) -> RecordedAngle:
-    """Return a message of one of the angles' topics. Raises `SessionError`."""
+    """Decode a message of an angle topic. Raises `SessionError`."""
     angle = _parsed(_ANGLE, data, path)
     return RecordedAngle(time_ns, angle.angle_deg, angle.sigma_deg, angle.state, angle.contact_area_px)
 
 
 def recorded_joints(data: bytes, path: Path) -> RecordedJoints:
-    """Return a message of the joints' topic. Raises `SessionError`."""
+    """Decode a message of the joints topic. Raises `SessionError`."""
     return _parsed(_JOINTS, data, path)
 
 
 def recorded_reaction(data: bytes, path: Path) -> RecordedReaction:
-    """Return a message of the reactions' topic. Raises `SessionError`."""
+    """Decode a message of the reaction topic. Raises `SessionError`."""
     return _parsed(_REACTION, data, path)
 
 
 def recorded_gripper(data: bytes, path: Path) -> RecordedGripper:
-    """Return a message of the gripper's topic. Raises `SessionError`."""
+    """Decode a message of the gripper topic. Raises `SessionError`."""
     return _parsed(_GRIPPER, data, path)
 
 
 def recorded_pose(data: bytes, path: Path) -> Pose:
-    """Return `base_T_tcp` of a message of the arm's topic. Raises `SessionError`."""
+    """Decode `base_T_tcp` from a message of the arm topic. Raises `SessionError`."""
     pose = _message(PoseInFrame, data, path).pose
     position, quaternion = pose.position, pose.orientation
     placed = Pose(
@@ -243,12 +243,12 @@ def recorded_pose(data: bytes, path: Path) -> Pose:
     )
     length = math.hypot(*placed.quaternion_xyzw)
     if not math.isfinite(sum(placed.position_m)) or not abs(length - 1.0) < _NOT_A_TURN:
-        raise SessionError(f"{path}: the recording is damaged (a pose of the arm that is none)")
+        raise SessionError(f"{path}: the recording is damaged (invalid arm pose)")
     return placed
 
 
 def recorded_jpeg(data: bytes, path: Path) -> bytes:
-    """Return the stored bytes of a message of an image topic. Raises `SessionError`."""
+    """Return the JPEG bytes in a message of an image topic. Raises `SessionError`."""
     return _message(CompressedImage, data, path).data
 
 
@@ -275,7 +275,7 @@ def _frame(data: bytes, path: Path, time_ns: int, sequence: int) -> Frame:
 
 
 def _arm_state(pose: Pose | None, data: bytes, path: Path, time_ns: int) -> ArmState:
-    """Put together what the recorder keeps as a pose and as joints."""
+    """Combine the pose and the joints, which are recorded in separate messages."""
     joints = recorded_joints(data, path)
     if pose is None:
         raise SessionError(f"{path}: the recording is damaged (the arm's joints without its pose)")

@@ -1,11 +1,12 @@
-"""Writes one lift as MCAP, which standard viewers open.
+"""Write one lift as an MCAP file, which standard viewers open.
 
-Images and poses use Foxglove's well-known protobuf schemas; small values are JSON with a
-schema of their own, which viewers plot by field. Times are the bench's monotonic clock, ns, plus one offset
-for the whole file, which makes them dates (`RecordingAbout`). A message's publish time is its own, of a
-frame that of capture. Its log time is the same, or that of the message before it if that one is later, so
-what arrived is in the order of log times, and in the order in which a replay needs it. The angles follow when
-the lift is over, again in the order of log times; readers that want all in one order use the file's index.
+Images and poses use Foxglove's well-known protobuf schemas; small values are JSON with schemas of this
+module, so that viewers can plot them by field. Times are those of the bench's monotonic clock, ns, plus one
+offset for the whole file, which makes them dates (`RecordingAbout`). The publish time of a message is its own
+time, for a frame that of capture. Its log time is the same, but at least that of the previous message. So
+received messages are in the order of log times, which is also the order that a replay needs. The angles are
+written after the lift, again in the order of log times; readers that need a single order use the file's
+index.
 """
 
 import json
@@ -45,11 +46,11 @@ ANGLE_PREFIX = "/angle/"
 TRUTH_TOPIC = f"{ANGLE_PREFIX}truth"
 FUSED_TOPIC = f"{ANGLE_PREFIX}estimate"
 CHUNK_BYTES = 128 * 1024
-"""A chunk is written once it holds more than this: 4 to 8 frames, 1/25 s of a lift."""
+"""A chunk is written when it exceeds this size: 4 to 8 frames, 1/25 s of a lift."""
 _LARGEST_STEP_NS = NS_PER_S
-"""From a message to the next at most: one wrong stamp moves no other message's log time far."""
+"""Largest step of the log time between messages, so that one wrong time does not shift all later ones."""
 RAW_COUNTS = ("position_counts", "current_counts")
-"""Readings of a Robotiq gripper that are recorded beside the opening."""
+"""Readings of a Robotiq gripper that are recorded in addition to the opening."""
 _NUMBER = {"type": ["number", "null"]}
 _SCHEMAS: dict[str, dict[str, object]] = {
     "rig.Phase": {"phase": {"type": "string"}},
@@ -76,18 +77,18 @@ _SCHEMAS: dict[str, dict[str, object]] = {
 
 
 def image_topic(serial: str) -> str:
-    """Topic of a source's images."""
+    """Return the topic of a source's images."""
     return f"{IMAGE_PREFIX}{serial}"
 
 
 def slip_topic(serial: str) -> str:
-    """Topic of a fingertip's angle."""
+    """Return the topic of a fingertip's angle."""
     return f"{ANGLE_PREFIX}{serial}"
 
 
 @dataclass(frozen=True, slots=True)
 class RecordedAngle:
-    """An angle as a recording holds it, deg, None where refused. contact_area_px: of a fingertip's alone."""
+    """A recorded angle, deg, None if refused. contact_area_px: only for a fingertip's angle."""
 
     time_ns: int
     angle_deg: float | None
@@ -98,7 +99,7 @@ class RecordedAngle:
 
 @dataclass(frozen=True, slots=True)
 class _Message:
-    """date: ns, its own. log_time: ns, of its place in the file."""
+    """A message. date: its own time, ns. log_time: ns, determines its place in the file."""
 
     channel: int
     log_time: int
@@ -111,16 +112,16 @@ class Sink(Protocol):
     """Destination of a recording: a binary stream, or a file that is written in the background."""
 
     def write(self, data: bytes, /) -> int:
-        """Take data and return their size."""
+        """Write data and return their size in bytes."""
         ...
 
     def tell(self) -> int:
-        """Return how many bytes were written."""
+        """Return the number of bytes written."""
         ...
 
 
 class LiftRecorder(LiftEvents):
-    """Writes the messages of one lift to a binary stream as they come; `close` completes the file.
+    """Writes the messages of one lift to a binary stream as they arrive; `close` completes the file.
 
     about: the metadata of the file. Nothing is written before the first message. Every method raises
     `RecordingError` if the stream does.
@@ -129,8 +130,8 @@ class LiftRecorder(LiftEvents):
     def __init__(self, stream: Sink, about: RecordingAbout | None = None) -> None:
         self._about = about or RecordingAbout()
         self._described = about is None
-        # No compression, because images are JPEGs. A chunk is verified as a whole: a damaged byte or a killed
-        # program loses a whole chunk. The checksum of all data covers the bytes between chunks.
+        # No compression, because images are JPEGs. A chunk is verified as a whole, so a damaged byte or a
+        # killed program loses a whole chunk. The checksum of all data covers the bytes between chunks.
         self._writer = Writer(
             cast("IO[bytes]", stream),
             chunk_size=CHUNK_BYTES,
@@ -190,7 +191,7 @@ class LiftRecorder(LiftEvents):
         area = {} if angle.contact_area_px is None else {"contact_area_px": angle.contact_area_px}
         date = self._date(angle.time_ns)
         data = _json_bytes({**value, **area})
-        # angles come after the lift, one fingertip after the other
+        # angles arrive after the lift, one fingertip after the other
         self._results.append(_Message(self._json_channel(topic, "rig.Angle"), date, date, 0, data))
 
     def contact(self, serial: str, outline_px: Sequence[NDArray[np.floating]], time_ns: int) -> None:
@@ -280,5 +281,5 @@ def _json_bytes(value: Mapping[str, object]) -> bytes:
 
 
 def seconds_text(time_ns: int) -> str:
-    """Write a time in s with all its digits."""
+    """Return a time in s with all its digits."""
     return f"{time_ns // NS_PER_S}.{time_ns % NS_PER_S:09d}"

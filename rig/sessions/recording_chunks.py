@@ -1,7 +1,7 @@
-"""The chunks of a recording (MCAP): where they are, and their messages, compared with their checksums.
+"""The chunks of a recording (MCAP): their positions, and their messages, verified with checksums.
 
-A chunk is unpacked only up to the size that it may have; the library's own readers unpack whatever a few
-bytes stand for, and ignore the checksum of a summary. Layout: https://mcap.dev/spec.
+A chunk is decompressed only up to its permitted size. The library's own readers decompress without a limit,
+and ignore the checksum of a summary. File format: https://mcap.dev/spec.
 """
 
 import io
@@ -24,9 +24,10 @@ from rig.sessions.about import CLOCK_OFFSET
 from rig.sessions.files import MAGIC
 
 MOST_CHUNK = 64_000_000
-"""Bytes of an unpacked chunk; the recorder's hold an eighth of a megabyte, and a picture."""
+"""Size limit of a decompressed chunk, bytes; the recorder's chunks have an eighth of a megabyte plus a
+picture."""
 MOST_RATIO = 20
-"""How much larger a recording may be unpacked; its pictures are packed already."""
+"""Largest decompression ratio of a recording; its pictures are compressed already."""
 LAST_NS = 2**63 - 1
 RECORD, _MESSAGE = struct.Struct("<BQ"), struct.Struct("<HIQQ")
 FOOTER, DATA_END = struct.Struct("<BQQQI"), struct.Struct("<BQI")
@@ -35,15 +36,15 @@ DAMAGE = (
     McapError, EOFError, OSError, ValueError, KeyError, OverflowError, MemoryError, RuntimeError,
     struct.error, zstandard.ZstdError,
 )  # fmt: skip
-"""What damaged bytes lead to, here and in the libraries."""
+"""Exceptions that damaged bytes cause, here and in the libraries."""
 
 
 @dataclass(slots=True)
 class Layout:
-    """Where a recording's chunks are.
+    """Positions of a recording's chunks.
 
-    size: of the file, bytes. summary_begin: where the summary is, None without one. topics, offsets_ns: by
-    channel; offsets_ns: from the bench's clock to the dates that are stored. chunks: in the order of writing.
+    size: of the file, bytes. summary_begin: offset of the summary, None without one. topics, offsets_ns: by
+    channel; offsets_ns: from the bench's clock to the stored dates. chunks: in the order of writing.
     """
 
     size: int
@@ -53,23 +54,23 @@ class Layout:
     chunks: list[ChunkIndex] = field(default_factory=list)
 
     def add_channel(self, channel: Channel) -> None:
-        """Add a channel, unless one of its number is known."""
+        """Add a channel, unless its number is already known."""
         self.topics.setdefault(channel.id, channel.topic)
         self.offsets_ns.setdefault(channel.id, int(channel.metadata.get(CLOCK_OFFSET, "0")))
 
     def where(self, number: int) -> str:
-        """Name a chunk by its number, from 1, and its times since the first chunk."""
+        """Return a text that names a chunk by its number, from 1, and its times since the first chunk."""
         index, first_ns = self.chunks[number - 1], self.chunks[0].message_start_time
         begin_s = (index.message_start_time - first_ns) / NS_PER_S
         end_s = (index.message_end_time - first_ns) / NS_PER_S
         return f"chunk {number} of {len(self.chunks)}, {begin_s:.2f} to {end_s:.2f} s"
 
     def require_plausible(self) -> "Layout":
-        """Return this layout. Raises `ValueError` if its chunks stand for more than is unpacked."""
+        """Return this layout. Raises `ValueError` if its decompressed size exceeds the limits."""
         sizes = [chunk.uncompressed_size for chunk in self.chunks]
         if sum(sizes) > MOST_RATIO * self.size or max(sizes, default=0) > MOST_CHUNK:
             raise ValueError(
-                f"{self.size / 1e6:.1f} MB that stand for {sum(sizes) / 1e6:.0f} MB, more than is unpacked"
+                f"{self.size / 1e6:.1f} MB would become {sum(sizes) / 1e6:.0f} MB, which exceeds the limit"
             )
         return self
 
@@ -82,13 +83,13 @@ def summary_layout(stream: IO[bytes]) -> Layout:
     stream.seek(max(size - tail, 0))
     footer = stream.read()
     if footer[-len(MAGIC) :] != MAGIC or len(footer) != tail:
-        raise ValueError("it is cut short")
+        raise ValueError("it is truncated")
     opcode, _, begin, _, checksum = FOOTER.unpack_from(footer)
     if opcode != Opcode.FOOTER or not len(MAGIC) + DATA_END.size <= begin <= size - tail:
         raise ValueError("the end of the file has no summary")
     stream.seek(begin)
     data = stream.read()
-    # over all but the checksum itself and what follows
+    # over everything except the checksum itself and the bytes after it
     if checksum and zlib.crc32(data[: -len(MAGIC) - 4]) != checksum:
         raise ValueError("its summary: the checksum differs")
     layout = Layout(size, begin)
@@ -103,7 +104,7 @@ def summary_layout(stream: IO[bytes]) -> Layout:
 def scanned_layout(stream: IO[bytes]) -> Layout:
     """Find the chunks of a recording without a summary, record by record, up to the last complete one.
 
-    Channels are then known from the chunks that `chunk_messages` has read. Raises one of `DAMAGE`.
+    The channels become known only as `chunk_messages` reads the chunks. Raises one of `DAMAGE`.
     """
     _require_magic(stream)
     layout, at = Layout(stream.seek(0, io.SEEK_END)), len(MAGIC)
@@ -121,7 +122,7 @@ def scanned_layout(stream: IO[bytes]) -> Layout:
 def _require_magic(stream: IO[bytes]) -> None:
     stream.seek(0)
     if stream.read(len(MAGIC)) != MAGIC:
-        raise ValueError("it begins as no MCAP file does")
+        raise ValueError("its start is not that of an MCAP file")
 
 
 def _found_chunk(stream: IO[bytes], begin: int, length: int) -> ChunkIndex:
@@ -150,11 +151,11 @@ def chunk_messages(stream: IO[bytes], layout: Layout, number: int) -> Iterator[t
         opcode, length = RECORD.unpack_from(data, at)
         begin, at = at + RECORD.size, at + RECORD.size + length
         if at > len(data):
-            raise ValueError(f"{layout.where(number)}: a message runs over its chunk's end")
+            raise ValueError(f"{layout.where(number)}: a message exceeds its chunk")
         if opcode == Opcode.CHANNEL:
             layout.add_channel(Channel.read(ReadDataStream(io.BytesIO(data[begin:at]))))
         if opcode == Opcode.MESSAGE:
-            # the publish time is the message's own; the log time is its place in the file
+            # the publish time is the message's own; the log time determines its place in the file
             channel, sequence, _, time_ns = _MESSAGE.unpack_from(data[begin:at])
             if time_ns > LAST_NS:
                 raise ValueError(f"{layout.where(number)}: a message's time is beyond 64 bits")
@@ -162,7 +163,7 @@ def chunk_messages(stream: IO[bytes], layout: Layout, number: int) -> Iterator[t
 
 
 def read_chunk(stream: IO[bytes], layout: Layout, number: int) -> memoryview:
-    """Read and unpack a chunk, and compare it with its checksum. Raises `ValueError` naming the chunk."""
+    """Read and decompress a chunk, and verify its checksum. Raises `ValueError` naming the chunk."""
     index, where = layout.chunks[number - 1], layout.where(number)
     if index.chunk_length > MOST_RATIO * MOST_CHUNK:
         raise ValueError(f"{where}: exceeds the chunk size limit")
@@ -174,17 +175,17 @@ def read_chunk(stream: IO[bytes], layout: Layout, number: int) -> memoryview:
     except (McapError, ValueError, struct.error, StopIteration) as error:
         raise ValueError(f"{where}: cannot be read") from error
     if not isinstance(record, Chunk) or record.uncompressed_size != index.uncompressed_size:
-        raise ValueError(f"{where}: is not what the summary says")
+        raise ValueError(f"{where}: differs from the summary")
     data = _unpacked(record)
     if len(data) != record.uncompressed_size:
-        raise ValueError(f"{where}: {len(data)} bytes where {record.uncompressed_size} are said to be")
+        raise ValueError(f"{where}: {len(data)} bytes instead of {record.uncompressed_size}")
     if record.uncompressed_crc and zlib.crc32(data) != record.uncompressed_crc:
         raise ValueError(f"{where}: the checksum differs")
     return memoryview(data)
 
 
 def _unpacked(chunk: Chunk) -> bytes:
-    """Unpack a chunk, up to a byte more than it may have."""
+    """Decompress a chunk, up to one byte more than its stated size."""
     most = chunk.uncompressed_size + 1
     if chunk.compression == "zstd":
         unpack = zstandard.ZstdDecompressor(max_window_size=MOST_CHUNK)
@@ -192,5 +193,5 @@ def _unpacked(chunk: Chunk) -> bytes:
     if chunk.compression == "lz4":
         return lz4.frame.LZ4FrameDecompressor().decompress(chunk.data, max_length=most)
     if chunk.compression:
-        raise ValueError(f"packed in an unknown way, '{chunk.compression[:20]}'")
+        raise ValueError(f"unknown compression '{chunk.compression[:20]}'")
     return chunk.data

@@ -1,9 +1,9 @@
-"""The messages of a recording (MCAP), each chunk compared with its checksum before it is used.
+"""The messages of a recording (MCAP); each chunk is verified with its checksum before it is used.
 
-A read takes the chunks it needs, which the summary names, and the summary has a checksum too: what comes
-back is what was written. A damaged chunk is an error, or, for callers that ask for it, a gap: it is named,
-and the messages before and after it are used. An unfinished recording has no summary; it is read chunk by
-chunk up to its last complete one.
+A reader finds the chunks through the summary, which has a checksum as well, so what is returned is what was
+written. A damaged chunk is an error, or, if the caller asks for it, a gap: it is named, and the messages
+before and after it are used. An unfinished recording has no summary; it is read chunk by chunk up to its last
+complete one.
 """
 
 import zlib
@@ -33,22 +33,22 @@ from rig.sessions.recording_chunks import (
 )
 
 _LONGEST_S = 3600.0
-"""No lift takes longer."""
+"""Longest duration of a valid lift."""
 MOST_NAMED = 3
-"""Gaps that an error names."""
+"""Most gaps that an error message lists."""
 _PORTION = 1 << 20
 
 RecordedMessage = tuple[str, int, int, bytes]
 """Topic, time in ns, sequence, data."""
 Gaps = list[str]
-"""What of a recording cannot be read: which chunk, its time since the recording's start, and why."""
+"""Unreadable parts of a recording: which chunk, its time since the recording's start, and why."""
 
 
 class PhaseTimes:
     """Collects the phases of a recording.
 
-    The phases that every whole lift has come in their order; phases of other versions may stand between them.
-    gaps: of the recording, if they are passed over; a phase that one hides may then be missing.
+    The required phases of a lift must be in order; phases of other versions may be between them. gaps: of the
+    recording, if they are skipped; a phase inside a gap may then be missing.
     """
 
     def __init__(self, path: Path, gaps: Gaps | None = None) -> None:
@@ -61,14 +61,14 @@ class PhaseTimes:
         begun = list(self._times_ns.values()) or [time_ns]
         in_time = begun[-1] <= time_ns <= begun[0] + to_ns(_LONGEST_S)
         if name in self._times_ns or not in_time or not self._follows(name):
-            raise SessionError(f"{self._path}: the recording is damaged (phase {name} out of its order)")
+            raise SessionError(f"{self._path}: the recording is damaged (phase {name} out of order)")
         self._times_ns[name] = time_ns
 
     def complete(self) -> dict[str, int]:
         """Return all phases, ns. Raises `SessionError` if one is missing from a finished recording."""
         missing = [phase.value for phase in REQUIRED if phase not in self._times_ns]
         if missing and not is_unfinished(self._path):
-            raise SessionError(f"{self._path}: is no whole lift: phase {', '.join(missing)} is missing")
+            raise SessionError(f"{self._path}: is not a complete lift: phase {', '.join(missing)} is missing")
         return self._times_ns
 
     def _follows(self, name: str) -> bool:
@@ -83,11 +83,11 @@ class PhaseTimes:
 def recorded_messages(
     path: Path, *topics: str, gaps: Gaps | None = None, dated: bool = False
 ) -> Iterator[RecordedMessage]:
-    """Yield (topic, time_ns, sequence, data) in the order they were written, of all or some topics.
+    """Yield (topic, time_ns, sequence, data) in the order of writing, of all or some topics.
 
-    time_ns: by the bench's clock; if `dated`, the date that the file gives it. gaps: list to which damage is
-    added, and then passed over. Raises `SessionError` for a recording that is missing, and without `gaps` at
-    the first chunk that is damaged.
+    time_ns: by the bench's clock; if `dated`, the date stored in the file. gaps: list to which damaged parts
+    are added; they are then skipped. Raises `SessionError` for a missing recording, and without `gaps` at the
+    first damaged chunk.
     """
     try:
         with path.open("rb") as stream:
@@ -99,10 +99,10 @@ def recorded_messages(
 
 
 def recording_gaps(path: Path) -> Gaps:
-    """Return what of a recording is damaged, byte by byte; empty if it is as it was written.
+    """Return the damaged parts of a recording, checking every byte; empty if it is undamaged.
 
-    Without a checksum of all data, as in recordings of the first versions, chunks and summary are checked:
-    whatever is read of a recording. Raises `SessionError` if it is missing, or no recording at all.
+    If the file has no checksum of all data, as in the first versions, chunks and summary are checked, which
+    covers everything that is ever read. Raises `SessionError` if it is missing or not a recording.
     """
     try:
         with path.open("rb") as stream:
@@ -119,17 +119,17 @@ def recording_gaps(path: Path) -> Gaps:
 
 
 def check_recording(path: Path) -> None:
-    """Raise `SessionError` if a byte of a recording is not as it was written, see `recording_gaps`."""
+    """Raise `SessionError` if any byte of a recording is damaged, see `recording_gaps`."""
     if gaps := recording_gaps(path):
         raise _damaged(path, gaps)
 
 
 def gaps_text(path: Path, gaps: Gaps, error: RigError | None = None) -> str:
-    """Return one line that names a recording's gaps, and what became of the rest.
+    """Return one line that names a recording's gaps, and whether the rest was used.
 
-    error: why what is left could not be used; None if it was.
+    error: why the rest could not be used; None if it was.
     """
-    rest = "what comes before and after was used" if error is None else f"what is left is not enough: {error}"
+    rest = "the data before and after were used" if error is None else f"the rest is not enough: {error}"
     return f"{_damaged(path, gaps)}; {rest}"
 
 
@@ -143,7 +143,7 @@ def recording_values(path: Path) -> dict[str, str]:
                     return dict(record.metadata)
     except DAMAGE as error:
         raise _damaged(path, [reason(error)]) from error
-    raise SessionError(f"{path}: the recording does not say which lift it is of")
+    raise SessionError(f"{path}: the recording does not state which lift it is of")
 
 
 def _damaged(path: Path, gaps: Gaps) -> SessionError:
@@ -152,7 +152,7 @@ def _damaged(path: Path, gaps: Gaps) -> SessionError:
 
 
 def _layout(stream: IO[bytes], path: Path, gaps: Gaps | None) -> Layout:
-    """Find the chunks. Without a readable summary they are searched for if the recording has none or may."""
+    """Find the chunks; without a readable summary, scan for them if unfinished or if gaps are allowed."""
     try:
         return summary_layout(stream)
     except DAMAGE as error:
@@ -192,7 +192,7 @@ def _bench_time(time_ns: int, offset_ns: int) -> int:
 
 
 def _data_flaw(stream: IO[bytes], layout: Layout) -> str | None:
-    """Return None if the checksum of all data matches, else the flaw, "" without a checksum."""
+    """Return None if the checksum of all data matches; otherwise the flaw, or "" if there is no checksum."""
     if layout.summary_begin is None:
         return ""
     stream.seek(layout.summary_begin - DATA_END.size)
@@ -221,6 +221,6 @@ def _checksum(stream: IO[bytes], size: int) -> int:
     while size > 0:
         portion = stream.read(min(size, _PORTION))
         if not portion:
-            raise EOFError("it is cut short")
+            raise EOFError("it is truncated")
         checksum, size = zlib.crc32(portion, checksum), size - len(portion)
     return checksum

@@ -1,9 +1,9 @@
-"""What a session keeps, line by line: lifts, poses, replayed lifts.
+"""The records of a session, line by line: lifts, poses, replayed lifts.
 
-Degrees, seconds, metres and pixels as the names say; angles are positive counter-clockwise as the
-external camera sees them. The schema version stands in the session's manifest (`manifest.py`). A new key
-comes with a default, so that sessions without it are read; a key that is no longer written is still read
-and ignored (`InitVar`); any other change is a new version.
+Units are degrees, seconds, metres and pixels, as the names state; angles are positive counter-clockwise in
+the external camera's view. The schema version is in the session's manifest (`manifest.py`). A new key must
+have a default, so that older sessions can be read. A key that is no longer written is still read and ignored
+(`InitVar`). Any other change requires a new version.
 """
 
 from collections.abc import Iterable
@@ -21,10 +21,10 @@ from rig.tactile.foreign import EstimatorFaults
 
 
 class LiftOutcome(StrEnum):
-    """How a lift ended. A fault is no result for the object; all others are results.
+    """How a lift ended. A fault is not a result for the object; all others are.
 
-    caught: a reaction to slip kept the turn within the limit, and it came to full height; also where the turn
-    never became half a degree.
+    caught: a reaction to slip kept the rotation within the limit, and the lift reached its full height; also
+    if the rotation never reached half a degree.
     """
 
     SLIPPED = "slipped"
@@ -42,9 +42,9 @@ def _all_phases(phases_s: dict[str, float]) -> dict[str, float]:
 
 
 Seconds = Annotated[float, Field(ge=-9e9, le=9e9)]
-"""Integer nanoseconds of other times do not fit 64 bits."""
+"""Outside this range, the difference in integer nanoseconds to other times does not fit 64 bits."""
 PhaseName = Annotated[str, Field(min_length=1, max_length=40)]
-"""Of `protocols.observer.Phase`, or of a version of the rig that has more phases."""
+"""A phase of `protocols.observer.Phase`, or of a version of the rig that has more phases."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,14 +61,14 @@ class ErrorSummary:
 class MarkerDistance:
     """Two distances from the camera to an object in its place that should be equal, m.
 
-    seen_m: by marker side and intrinsics. placed_m: by where the camera and the table's mark are.
+    seen_m: from marker side and intrinsics. placed_m: from the poses of the camera and the table's mark.
     """
 
     seen_m: float
     placed_m: float
 
     def __str__(self) -> str:
-        return f"the markers look {self.seen_m:.3f} m away, the camera's place says {self.placed_m:.3f} m"
+        return f"the markers appear {self.seen_m:.3f} m away instead of {self.placed_m:.3f} m (camera's pose)"
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,14 +81,14 @@ class SlipThreshold:
 
 @dataclass(frozen=True, slots=True)
 class ReactionRecord:
-    """A reaction to slip. Times since the start of phase B, s; turns are true ones since the zero, deg.
+    """A reaction to slip. Times since the start of phase B, s; rotations are true ones since the zero, deg.
 
-    serial: of the fingertip that told. onset_s: when the object had turned 0.5 degrees since it was last at
-    rest, None where it had not: a false alarm, or caught before. event_s: capture of the frame that told
-    of the slip; serial and event_s are None where another estimator looks at the lift and sees none.
-    command_s: the arm was told to stop. standstill_s: of arm and fingers. rest_s: the object was seen at
-    rest, None where the lift ended instead. counts_added: to the grip.
-    votes: a key of sessions of version 1.0, which is read and ignored.
+    serial: of the fingertip that detected the slip. onset_s: when the object had rotated by 0.5 degrees since
+    it was last at rest; None if it had not: a false alarm, or caught before. event_s: capture of the frame in
+    which the slip was detected. serial and event_s are None if another estimator evaluates the lift and
+    detects none. command_s: the arm was commanded to stop. standstill_s: of arm and fingers. rest_s: the
+    object was detected at rest; None if the lift ended instead. counts_added: to the grip. votes: a key of
+    sessions of version 1.0, which is read and ignored.
     """
 
     serial: str | None
@@ -106,7 +106,7 @@ class ReactionRecord:
     votes: InitVar[dict[str, float] | None] = None
 
     def __post_init__(self, votes: dict[str, float] | None) -> None:
-        """Ignore the key that is no longer written."""
+        """Ignore the key, which is no longer written."""
 
 
 @strict
@@ -114,9 +114,9 @@ class ReactionRecord:
 class LiftHead:
     """Identity of a lift, and its parameters.
 
-    number: in the session, from 1. lift: of its object, from 1. attempt: from 0. position: as the object's
-    file names it. grip_counts: beyond first contact. recording: file in the session. react: what was to be
-    done about slip. force_n: a key of sessions of version 1.0, which is read and ignored.
+    number: in the session, from 1. lift: of its object, from 1. attempt: from 0. position: its name in the
+    object file. grip_counts: beyond first contact. recording: file in the session. react: the configured
+    reaction to slip. force_n: a key of sessions of version 1.0, which is read and ignored.
     """
 
     number: int
@@ -134,21 +134,21 @@ class LiftHead:
     force_n: InitVar[float | None] = None
 
     def __post_init__(self, force_n: float | None) -> None:
-        """Ignore the key that is no longer written."""
+        """Ignore the key, which is no longer written."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class LiftFigures:
-    """What was measured in a lift that reached its end (contract, metrics).
+    """The measured values of a lift that reached its end (contract, metrics).
 
-    re, re_b, re_held: errors over phases B and C, over B, and over B and C with refused frames held; None
-    without an answer. contact_area_px: by serial. onset_truth_s, onset_estimate_s, onset_alarm_s: since the
-    start of phase B, None where nothing began. phases_s: when each began, by the bench's clock. frames,
-    dropped: by serial, "camera" for the camera's. states, skipped, disagreements: tactile frames by what
-    the estimator said, by the stage it left out, by how the fingertips disagreed. marker_distance: there
-    only where it warns. jumped: frames left out because their times cannot be, by source, where there are.
-    reactions, slip_thresholds (by serial): there only in lifts that react to slip.
-    estimator_faults: where an estimator that is not the rig's own failed on frames.
+    re, re_b, re_held: errors over phases B and C, over B, and over B and C with refused frames held at the
+    last answer; None without an answer. contact_area_px: by serial. onset_truth_s, onset_estimate_s,
+    onset_alarm_s: since the start of phase B, None without an onset. phases_s: start of each phase by the
+    bench's clock. frames, dropped: by serial, "camera" for the camera. states, skipped, disagreements: number
+    of tactile frames by state, by skipped stage, and by kind of disagreement between the fingertips.
+    marker_distance: only if it is a warning. jumped: frames left out because of an invalid time, by source;
+    only if there are any. reactions, slip_thresholds (by serial): only in lifts with reactions to slip.
+    estimator_faults: failures of a user-defined estimator.
     """
 
     outcome: LiftOutcome
@@ -177,9 +177,9 @@ class LiftFigures:
 
 @dataclass(frozen=True, kw_only=True)
 class FinishedLift(LiftHead, LiftFigures):
-    """A lift that counts. bench_s: how long it took by the bench's clock.
+    """A lift that counts. bench_s: its duration by the bench's clock.
 
-    speed_fraction: at which share of their speed motions ran (the speed slider), None where not known.
+    speed_fraction: fraction of their speed at which motions ran (the speed slider), None if unknown.
     """
 
     accepted: Literal[True]
@@ -189,7 +189,7 @@ class FinishedLift(LiftHead, LiftFigures):
 
 @dataclass(frozen=True, kw_only=True)
 class FailedLift(LiftHead):
-    """An attempt that a rig fault ended. fault: the error's text, and how the bench was left."""
+    """An attempt that ended in a rig fault. fault: the error's text, and the bench's state afterwards."""
 
     accepted: Literal[False]
     outcome: Literal[LiftOutcome.FAULT]
@@ -204,9 +204,9 @@ LiftRow = FinishedLift | FailedLift
 
 @dataclass(frozen=True, kw_only=True)
 class PoseImage:
-    """An image of a recording. file: in the session. contact_area_px: as the classical finder saw it.
+    """An image of a recording. file: in the session. contact_area_px: from the classical contact finder.
 
-    grip_counts: steps past first contact; None in a recording by hand, where nobody measures it.
+    grip_counts: steps beyond first contact; None in a recording by hand, in which it is not measured.
     """
 
     file: InnerPath
@@ -219,7 +219,7 @@ class PoseImage:
 @strict
 @dataclass(frozen=True, kw_only=True)
 class PoseRow:
-    """A line of `poses.jsonl`: an attempt at a grasp pose. fault: why it does not count, else None.
+    """A line of `poses.jsonl`: an attempt at a grasp pose. fault: why it does not count, or None.
 
     force_n: a key of sessions of version 1.0, which is read and ignored.
     """
@@ -237,7 +237,7 @@ class PoseRow:
     force_n: InitVar[float | None] = None
 
     def __post_init__(self, force_n: float | None) -> None:
-        """Ignore the key that is no longer written."""
+        """Ignore the key, which is no longer written."""
 
 
 def _member(values: object) -> str:

@@ -13,7 +13,7 @@ _TAG = re.compile(r"\w[\w.+-]*")
 @strict
 @dataclass(frozen=True)
 class Remarks:
-    """Name, note, tags and operator; empty if not given."""
+    """Name, note, tags and operator of a session; empty if not given."""
 
     name: str = ""
     note: str = ""
@@ -21,14 +21,14 @@ class Remarks:
     operator: str = ""
 
     def joined(self, later: "Remarks") -> "Remarks":
-        """Return these with later remarks: their tags added, their other texts in place of the old ones."""
+        """Return these with later remarks: tags are added, other texts are replaced."""
         words = {key: getattr(later, key) or getattr(self, key) for key in ("name", "note", "operator")}
         return replace(self, **words, tags=tuple(dict.fromkeys((*self.tags, *later.tags))))
 
     def lines(self) -> list[str]:
-        """Return a line for each remark that was given."""
-        said = {"tags": ", ".join(self.tags), "operator": self.operator, "note": self.note}
-        return [f"{what}: {text}" for what, text in said.items() if text]
+        """Return one line per given remark."""
+        texts = {"tags": ", ".join(self.tags), "operator": self.operator, "note": self.note}
+        return [f"{what}: {text}" for what, text in texts.items() if text]
 
 
 NO_REMARKS = Remarks()

@@ -1,4 +1,4 @@
-"""Reading a session's lines back: all of them, or those that can be read."""
+"""Read a session's lines: all of them, or only the readable ones."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -16,7 +16,7 @@ Record = TypeVar("Record")
 
 @dataclass(frozen=True, slots=True)
 class DamagedLine:
-    """A line that is no record. number: from 1. problem: which key, and why."""
+    """A line that is not a valid record. number: from 1. problem: the invalid key, and the reason."""
 
     number: int
     problem: str
@@ -36,14 +36,14 @@ class UsableLifts:
 
     @property
     def lifts(self) -> list[FinishedLift]:
-        """Those that count."""
+        """The accepted lifts."""
         return finished(self.rows)
 
 
 def read_rows(path: Path, codec: Codec[Record]) -> list[Record]:
-    """Read a file of lines; one cut short at the very end is left out, a file that is not there is empty.
+    """Read a file of lines; an incomplete last line is ignored, a missing file is empty.
 
-    Raises `SessionError` naming the line and the key where one before the end is damaged.
+    Raises `SessionError` naming line and key if another line is damaged.
     """
     rows, damaged = readable_rows(path, codec)
     if damaged:

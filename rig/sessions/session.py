@@ -1,4 +1,4 @@
-"""The session folder: manifest, results as they come, and resuming after anything."""
+"""The session folder: manifest, results stored as they arrive, and resuming after any interruption."""
 
 import fcntl
 import logging
@@ -55,10 +55,10 @@ class SessionLog(logging.FileHandler):
 
 
 class Session(Generic[Row]):
-    """A folder that one process writes; every finished piece of work is on disk at once.
+    """A folder written by one process; every finished lift or pose is stored on disk immediately.
 
-    Layout (contract): `session.json` manifest, `RESULTS` one line per finished piece of work,
-    `timing.jsonl` everything measured in time, `log.txt`.
+    Layout (contract): `session.json` manifest, `RESULTS` one line per finished lift or pose, `timing.jsonl`
+    all measured durations, `log.txt`.
     """
 
     def __init__(self, folder: Path, manifest: Manifest, codec: Codec[Row], begun_here: bool = False) -> None:
@@ -83,25 +83,25 @@ class Session(Generic[Row]):
         return self.manifest.status == "complete"
 
     def keep(self) -> None:
-        """Keep the folder even if the session ends before its first result, because its work begins now."""
+        """Keep the folder even if the session ends before its first result, because work begins now."""
         self._begun_here = False
 
     def add(self, row: Row, timing: TimingLine) -> None:
-        """Keep the result of one piece of work. Raises `RecordingError`."""
+        """Store the result of one lift or pose. Raises `RecordingError`."""
         append_line(self._results, json_line(row))
         append_line(self.folder / TIMING, json_line(timing))
         self.rows.append(row)
 
     def write(self, name: str, data: bytes) -> None:
-        """Keep a file in the session. Raises `RecordingError`."""
+        """Store a file in the session. Raises `RecordingError`."""
         path = self.folder / name
         path.parent.mkdir(parents=True, exist_ok=True)
         write_file(path, data)
 
     def adopt(self, name: str, path: Path) -> None:
-        """Give a file of the session its final name. Raises `RecordingError`.
+        """Rename a file of the session to its final name. Raises `RecordingError`.
 
-        A file that has this name belongs to work without a result: it is set aside, not overwritten.
+        An existing file of that name belongs to an attempt without a result: it is renamed, not overwritten.
         """
         final = self.folder / name
         try:
@@ -145,14 +145,14 @@ def default_folder(kind: str, object_id: str | None = None) -> Path:
 def open_session(folder: Path, wanted: Manifest, codec: Codec[Row], resume: bool) -> Session[Row]:
     """Start a session, or continue one.
 
-    wanted: a new manifest with what is asked for (kind, seed, objects ...); a session is continued only
-    for the same. codec: of its results. Raises `InputError` when the folder is taken or something else
-    was asked for, `RecordingError` when it cannot be written or another process uses it.
+    wanted: a new manifest with the request (kind, seed, objects ...); a session is continued only for the
+    same request. codec: of its results. Raises `InputError` if the folder is not usable or the request
+    differs, `RecordingError` if it cannot be written or another process uses it.
     """
     if (folder / MANIFEST).exists():
         if not resume:
             raise InputError(
-                f"{folder} already holds a session: add --resume to continue it, or give another --out"
+                f"{folder} already contains a session: add --resume to continue it, or give another --out"
             )
         manifest = read_manifest(folder)
         _require_same(folder, manifest, wanted)
@@ -160,7 +160,7 @@ def open_session(folder: Path, wanted: Manifest, codec: Codec[Row], resume: bool
     if folder.exists() and not folder.is_dir():
         raise InputError(f"{folder} is a file: give another --out")
     if folder.exists() and any(folder.iterdir()) and not _left_by_a_crash(folder):
-        raise InputError(f"{folder} is not empty and holds no session: give another --out")
+        raise InputError(f"{folder} is not empty and contains no session: give another --out")
     _make_folder(folder)
     write_json(folder / MANIFEST, json_value(wanted))
     return Session(folder, wanted, codec, begun_here=True)
@@ -196,7 +196,7 @@ def newest_unfinished(kind: str, bench: str | None, folder: Path | None = None) 
 
 
 def in_use(folder: Path) -> bool:
-    """Whether a process holds the session's lock; a lock file alone means nothing."""
+    """Whether a process holds the session's lock; a lock file alone has no effect."""
     try:
         handle = os.open(folder / LOCK, os.O_RDONLY)
     except OSError:
@@ -223,7 +223,7 @@ def _require_same(folder: Path, manifest: Manifest, wanted: Manifest) -> None:
     difference = first_difference(manifest, wanted)
     if difference is not None:
         raise InputError(
-            f"{folder} was started with {difference}; continue with the same (what is left out is taken from "
+            f"{folder} was started with {difference}; continue with the same (options not given are those of "
             "it), or give another --out"
         )
 

@@ -13,12 +13,12 @@ from drivers.errors import InputError
 from rig.sessions.codec import Codec, strict
 
 Columns = Mapping[str, type]
-"""Names in their order, each with `str`, `int`, `float` or `bool`; every value may be missing."""
+"""Column names in order, each with `str`, `int`, `float` or `bool`; every value may be missing."""
 UNITS = {
     "_deg": "deg", "_rad": "rad", "_s": "s", "_px": "px", "_nm": "N m", "_n": "N", "_m": "m",
     "_counts": "counts",
 }  # fmt: skip
-"""By the end of a column's name."""
+"""Unit by the suffix of a column's name."""
 Line = dict[str, object]
 IN_CSV = "always"
 """A column that is also in the `lifts.csv` of a session."""
@@ -27,7 +27,7 @@ IF_REACTING = "if a lift reacts to slip"
 
 
 def csv_bytes(columns: Columns, lines: Iterable[Mapping[str, object]]) -> bytes:
-    """Return a table as CSV; unknown values are empty, truth values are true and false."""
+    """Return a table as CSV; unknown values are empty, booleans are true and false."""
     text = io.StringIO()
     writer = csv.DictWriter(text, list(columns), lineterminator="\n")
     writer.writeheader()
@@ -40,7 +40,7 @@ def parquet_bytes(
 ) -> bytes:
     """Return a table as Parquet, with each column's unit, and `about` as the file's metadata.
 
-    Raises `InputError` where pyarrow is not installed.
+    Raises `InputError` if pyarrow is not installed.
     """
     arrow, parquet = pyarrow_modules()
     kinds = {str: arrow.string(), int: arrow.int64(), float: arrow.float64(), bool: arrow.bool_()}
@@ -55,12 +55,12 @@ def parquet_bytes(
 
 
 def unit_of(column: str) -> str | None:
-    """Return the unit in a column's name; None for texts, numbers and quaternions."""
+    """Return the unit in a column's name; None for text, numbers and quaternions."""
     return next((unit for end, unit in UNITS.items() if column.endswith(end)), None)
 
 
 def read_csv(path: Path, columns: Columns) -> list[Line]:
-    """Read a CSV table; columns of other names are texts. Raises `FormatError`, `ValueError`."""
+    """Read a CSV table; unknown columns are text. Raises `FormatError`, `ValueError`."""
     return [
         {name: _value(columns.get(name, str), text) for name, text in line.items()}
         for _, line in formats.read_csv(path).rows()
@@ -78,7 +78,7 @@ def has_parquet() -> bool:
 
 
 def pyarrow_modules() -> tuple[Any, Any]:
-    """Return pyarrow and its Parquet module. Raises `InputError` saying how to get them."""
+    """Return pyarrow and its Parquet module. Raises `InputError` with the command that installs them."""
     try:
         import pyarrow
         import pyarrow.parquet
@@ -102,7 +102,7 @@ def _cell(value: object) -> object:
 
 
 def lift_column(doc: str, in_csv: str = "never") -> Any:
-    """Declare a column. doc: its meaning; its unit is the end of its name. in_csv: whether in `lifts.csv`."""
+    """Declare a column. doc: its meaning; its unit is in the suffix of its name. in_csv: see `IN_CSV`."""
     return field(default=None, metadata={"doc": doc, "in_csv": in_csv})
 
 

@@ -1,4 +1,4 @@
-"""What took how long, line by line: apart from the results, which are the same for the same seed."""
+"""Durations, line by line, separate from the results, which are the same for the same seed."""
 
 from dataclasses import dataclass
 
@@ -7,7 +7,7 @@ from rig.sessions.codec import Codec, strict
 
 @dataclass(frozen=True, slots=True)
 class StageTimes:
-    """Percentiles of a stage's wall time per frame, ms."""
+    """Percentiles of a stage's computing time per frame, ms."""
 
     p50_ms: float
     p95_ms: float
@@ -16,7 +16,7 @@ class StageTimes:
 
 @dataclass(frozen=True, slots=True)
 class LatencyTimes:
-    """Percentiles, and the largest, of the time from a frame's capture to its logged angle, ms."""
+    """Percentiles and maximum of the time from a frame's capture to its logged angle, ms."""
 
     p50_ms: float
     p95_ms: float
@@ -27,7 +27,7 @@ class LatencyTimes:
 @strict
 @dataclass(frozen=True, kw_only=True)
 class LiftTiming:
-    """A trial's line of `timing.jsonl`. capture_to_angle: by serial, on benches in real time alone."""
+    """A trial's line of `timing.jsonl`. capture_to_angle: by serial, only on benches in real time."""
 
     number: int
     attempt: int
@@ -49,7 +49,7 @@ class PoseTiming:
 @strict
 @dataclass(frozen=True, kw_only=True)
 class ReplayTiming:
-    """A replay's line of `timing.jsonl`: the order in which the lifts came."""
+    """A replay's line of `timing.jsonl`, in the order in which lifts finished."""
 
     session: str
     number: int | None

@@ -1,8 +1,8 @@
-"""Recordings of lifts under way, which a background thread writes, and those of interrupted lifts.
+"""Recordings of lifts in progress, written by a background thread, and of interrupted lifts.
 
-A lift is recorded under an unfinished name, in whichever process carries it out. The process that writes the
-results gives the recording its final name before it appends the lift's line. So a recording under an
-unfinished name never counts as a lift, and it keeps its name if the program is killed.
+A lift is recorded under an unfinished name, in the process that executes it. The process that writes the
+results gives the recording its final name before it appends the lift's line. So a recording with an
+unfinished name never counts as a lift, and it keeps that name if the program is killed.
 """
 
 import os
@@ -18,11 +18,12 @@ from rig.sessions.files import RECORDINGS, is_unfinished, not_written, unfinishe
 from rig.sessions.recorder import LiftRecorder
 
 MOST_WAITING = 64_000_000
-"""Bytes that may wait for the disk: about 20 s of a lift at 3 MB/s. A disk that stalls longer is a fault."""
+"""Most bytes that may wait for the disk: about 20 s of a lift at 3 MB/s. A longer stall of the disk is a
+fault."""
 
 
 class BackgroundFile:
-    """A new file for binary data. `write` copies nothing and waits for nothing; `close` waits for the disk.
+    """A new file for binary data. `write` neither copies nor waits; `close` waits for the disk.
 
     names: paths in order of preference. The first that does not exist is created at the first write, so an
     existing file is never overwritten, and a file to which nothing is written is never created.
@@ -40,7 +41,7 @@ class BackgroundFile:
 
     @property
     def path(self) -> Path:
-        """Where the file is; before the first write the preferred path."""
+        """Path of the file; before the first write the preferred path."""
         return self._path
 
     def write(self, data: bytes) -> int:
@@ -64,7 +65,7 @@ class BackgroundFile:
         return len(data)
 
     def tell(self) -> int:
-        """Return how many bytes were given to `write`."""
+        """Return the number of bytes given to `write`."""
         return self._size
 
     def close(self) -> None:
@@ -94,7 +95,7 @@ class BackgroundFile:
                 self._path = next(self._names)
 
     def _write_all(self, handle: int) -> None:
-        """Write what is queued until `close`; after a failure write no more."""
+        """Write queued data until `close`; after a failure write nothing more."""
         try:
             while (data := self._queue.get()) is not None:
                 left = memoryview(data)
@@ -119,7 +120,7 @@ def unfinished_names(recording: Path) -> Iterator[Path]:
 
 
 def new_recording(folder: Path, recording: str) -> BackgroundFile:
-    """Return the file in which a lift is recorded, under an unfinished name that is still free.
+    """Return the file in which a lift is recorded, under an unused unfinished name.
 
     folder: of the session. recording: final name in it, as `rig.sessions.files.recording_file` gives it.
     """
@@ -128,9 +129,9 @@ def new_recording(folder: Path, recording: str) -> BackgroundFile:
 
 @contextmanager
 def completed(recorder: LiftRecorder, file: BackgroundFile) -> Iterator[None]:
-    """Complete a recording when the lift ends; if an error ends it, keep what was recorded until then.
+    """Complete a recording when the lift ends; if an error ends it, keep the data recorded until then.
 
-    Raises `RecordingError` if the recording cannot be written, except beside another error.
+    Raises `RecordingError` if the recording cannot be written, unless another error is being raised.
     """
     try:
         yield
@@ -148,7 +149,7 @@ def _complete(recorder: LiftRecorder, file: BackgroundFile) -> None:
 
 
 def set_aside(recording: Path) -> None:
-    """Rename a recording without a line in the results to an unfinished name that is still free."""
+    """Rename a recording without a line in the results to an unused unfinished name."""
     for name in unfinished_names(recording):
         if not name.exists():
             recording.rename(name)

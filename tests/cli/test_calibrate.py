@@ -244,7 +244,7 @@ def test_a_board_is_drawn_to_scale(tmp_path: Path) -> None:
         (("hand-eye", "--from", "/nowhere"), "give --camera"),
         (("hand-eye", "--setup", "sideways"), "eye-to-hand"),
         (("gripper", "--from", "/nowhere"), "cannot be read"),
-        (("board", "ring:4"), "not understood"),
+        (("board", "ring:4"), "not valid"),
         (("compare", "/nowhere", "/nowhere"), "cannot be read"),
     ],
 )

@@ -14,7 +14,7 @@ from rig.live.tables import TableConsole
 from support.command_line import rig
 
 RATE = "36.15 of 60 a second, 2 missed; p50/p95/p99/max 16.8/46.5/49.1/49.8 ms apart"
-USB = "give each camera a USB controller of its own (a hub does not help), or ask for a lower rate"
+USB = "give each camera its own USB controller (a hub does not help), or request a lower rate"
 FINDINGS = (
     Finding("computer", "software", Severity.GOOD, "Python 3.11.7, 2 cores"),
     Finding("gripper", "state", Severity.NOTE, "not activated"),

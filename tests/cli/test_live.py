@@ -72,7 +72,7 @@ def test_ctrl_c_ends_it_wherever_it_is(waits: str) -> None:
     [
         (["nowhere.avi"], 2, "there is no such file or folder"),
         (["/dev/video77"], 1, "there is no such device"),
-        (["http://127.0.0.1:9/x"], 1, "nobody listens there"),
+        (["http://127.0.0.1:9/x"], 1, "the connection was refused"),
         (["fake", "fake", "fake"], 2, "3 sources: give one, or two"),
         (["fake", "--sensor", "eye"], 2, "--sensor eye: choose one of digit, gelsight-mini, plain"),
         (["fake", "--estimator", "toskov"], 2, "feels at the arm's wrist"),

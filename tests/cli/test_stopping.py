@@ -119,7 +119,7 @@ def test_real_bench_file_with_a_fakes_section_is_rejected_first(tmp_path: Path) 
         capture_output=True, text=True, stdin=subprocess.DEVNULL, timeout=60, check=False,
     )  # fmt: skip
     assert done.returncode == 2
-    assert "[fakes] says that its devices are simulated" in done.stderr
+    assert "according to [fakes] its devices are simulated" in done.stderr
     assert not (tmp_path / "s").exists()
 
 

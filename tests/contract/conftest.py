@@ -76,7 +76,7 @@ def bench(kind: str, request: pytest.FixtureRequest) -> Iterator[Bench]:
         return
     station: Station = request.getfixturevalue(f"{kind}_station")
     if kind == "hardware" and moves and not request.config.getoption("--moves"):
-        pytest.skip("moves the hardware: add --moves where somebody stands at the bench")
+        pytest.skip("moves the hardware: add --moves if a person is at the bench")
     reconnect(station.bench)
     if moves:
         make_ready_to_move(station.bench, station.config, EVERY)

@@ -156,7 +156,7 @@ def test_impossible_or_forbidden_reaction_is_rejected_first() -> None:
     require_reaction(settings("none"), ["3"])
     with pytest.raises(InputError, match="no largest_grip_mm"):
         require_reaction(tighten, ["t1", "3"])
-    with pytest.raises(InputError, match="tells no rate"):
+    with pytest.raises(InputError, match="estimates no angular rate"):
         require_reaction(replace(tighten, estimator=choose_estimator("pca")), ["t1"])
     real = lighter().model_copy(update={"gripper": load_bench("wire").gripper, "fakes": None})
     arm = load_bench("wire").arm
@@ -172,7 +172,7 @@ def test_impossible_or_forbidden_reaction_is_rejected_first() -> None:
         require_reaction(replace(tighten, bench=real), ["t1"])
     require_reaction(replace(tighten, bench=real.model_copy(update={"reactions_allowed": True})), ["t1"])
     forbidden = lighter().model_copy(update={"reactions_allowed": False})
-    with pytest.raises(InputError, match="does not allow"):
+    with pytest.raises(InputError, match="does not permit"):
         require_reaction(replace(tighten, bench=forbidden), ["t1"])
 
 

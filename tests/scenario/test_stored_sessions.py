@@ -83,7 +83,7 @@ def test_an_unfinished_trial_does_not_go_on_with_another_truth(trial: Path) -> N
     manifest = read_manifest_of(trial, TrialManifest, "no trial")
     unfinished = replace(manifest, status="running", completed=None, lifts_per_object=2)
     (trial / "session.json").write_text(json.dumps(json_value(unfinished)))
-    with pytest.raises(InputError, match="measured by the markers' corners, now they are by their edges"):
+    with pytest.raises(InputError, match="measured by the markers' corners, but now by their edges"):
         run_trial(trial, stored_trial(trial).settings, list(manifest.objects), 2, resume=True)
     assert len(read_lifts(trial)) == 1
 

@@ -157,9 +157,9 @@ NOT_TAKEN = {
 @pytest.mark.parametrize(
     ("name", "says"),
     [
-        ("My-Gel", "is no name of a module"),
-        ("class", "is no name of a module"),
-        ("numpy", "is here already"),
+        ("My-Gel", "is not a module name"),
+        ("class", "is not a module name"),
+        ("numpy", "exists already"),
         ("there", "exists already"),
     ],
 )

@@ -1,4 +1,4 @@
-"""An arm of your own: replace what pretends. As it is, an arm in this program that nobody sees."""
+"""A template for an arm: replace the simulated arm in this module."""
 
 from collections.abc import Callable
 
@@ -16,8 +16,8 @@ STILL = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 class MyArm(Arm):
     """Called with keys of the bench file: these, `host` if you add it, and each of `options`.
 
-    The rig checks the file's workspace, speeds and keep-out boxes before `move_linear` is called. Joint
-    limits are yours to check: add `joint_limits_rad`. Raise `drivers.errors.DeviceError` for whatever fails.
+    The rig checks the file's workspace, speeds and keep-out boxes before `move_linear` is called. Your class
+    must check joint limits: add `joint_limits_rad`. Raise `drivers.errors.DeviceError` for failures.
     """
 
     def __init__(
@@ -34,30 +34,30 @@ class MyArm(Arm):
 
     @property
     def limits(self) -> ArmLimits:
-        """What this arm refuses to exceed."""
+        """The limits that motions are checked against."""
         return self._limits
 
     def connect(self) -> None:
-        """Reach the arm; nothing moves. Set TCP and payload here, where your controller has them."""
+        """Connect to the arm; nothing moves. Set TCP and payload here, if your controller has them."""
         self._connected = True
 
     def disconnect(self) -> None:
-        """Stop, and let go."""
+        """Stop, and close the connection."""
         if self._connected:
             self.stop()
         self._connected = False
 
     def state(self) -> ArmState:
-        """Newest state: pose of the tool in the base, joints in rad, wrench in N and N m as a tuple of 6.
+        """Return the newest state: pose of the tool in the base, joints in rad, wrench in N and N m.
 
-        A wrench of None: no force sensor, and the bench file says so. Never return zeros instead of None.
+        A wrench of None: no force sensor, and the bench file must state that. Never return zeros instead.
         """
         if not self._connected:
             raise NotConnectedError("arm: used before connect; connect the bench first")
         return ArmState(self._clock.now_ns(), self._pose(), STILL, None, ArmMode.RUNNING)
 
     def move_linear(self, base_T_tcp: Pose, speed_m_s: float, acceleration_m_s2: float) -> PolledMotion:  # noqa: N803
-        """Start a straight motion and return at once."""
+        """Start a straight motion and return immediately."""
         self._from, self._to = self.state().base_T_tcp, base_T_tcp
         way_m = float(np.linalg.norm(np.subtract(self._to.position_m, self._from.position_m)))
         self._began_ns = self._clock.now_ns()
@@ -65,12 +65,12 @@ class MyArm(Arm):
         return PolledMotion("arm", self._clock, lambda: self._clock.now_ns() >= self._ends_ns, self.stop)
 
     def stop(self) -> None:
-        """Stop as fast as the arm can, from any thread, at any time, without an error."""
+        """Stop as fast as the arm can. Callable from any thread at any time; raises no error."""
         self._from = self._to = self._pose()
         self._ends_ns = self._clock.now_ns()
 
     def recover(self, confirm: Callable[[str], None]) -> None:
-        """Release a protective stop once `confirm(question)` returns; nothing moves. Here: never stopped."""
+        """Release a protective stop after `confirm(question)` returns; nothing moves. Here: never stopped."""
 
     def _pose(self) -> Pose:
         share = (self._clock.now_ns() - self._began_ns) / max(self._ends_ns - self._began_ns, 1)

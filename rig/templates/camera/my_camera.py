@@ -1,4 +1,4 @@
-"""An external camera of your own. What opens and reads it goes into `MyStream`; as it is, it pretends."""
+"""A template for an external camera: replace the simulation in `MyStream`, which opens and reads it."""
 
 import numpy as np
 
@@ -10,14 +10,14 @@ from drivers.video.stream import FrameStream, RawFrame
 
 
 class MyStream(FrameStream):
-    """The opened device; one thread reads it. It is opened again after each `DeviceError` raised here."""
+    """The opened device; one thread reads it. It is reopened after each `DeviceError` raised here."""
 
-    warm_up = 0  # images to leave out while exposure settles
-    stamp = "peer"  # who says when an image was taken: "kernel", or the device, "peer"
+    warm_up = 0  # images to discard while exposure settles
+    stamp = "peer"  # source of the capture times: "kernel", or the device, "peer"
     ends = False
 
     def __init__(self, rate_hz: float, size_px: tuple[int, int], clock: Clock, grey: int) -> None:
-        """Open it. Raise `drivers.errors.DeviceError`, saying what to do, where it cannot be opened."""
+        """Open it. If that fails, raise `drivers.errors.DeviceError` with advice."""
         self._clock, self._period_ns, self._grey = clock, NS_PER_S / rate_hz, grey
         self._shape = (size_px[1], size_px[0], 3)
         self._start_ns, self._number = clock.now_ns(), 0
@@ -32,10 +32,10 @@ class MyStream(FrameStream):
         return RawFrame(self._clock.now_ns(), image=image, stamped_ns=taken_ns, number=self._number)
 
     def interrupt(self) -> None:
-        """End a `read` in progress, if you can."""
+        """End a `read` in progress, if possible."""
 
     def close(self) -> None:
-        """Let the device go."""
+        """Close the device."""
 
 
 class MyCamera(FrameReader, Camera):

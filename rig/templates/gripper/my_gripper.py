@@ -1,4 +1,4 @@
-"""A parallel gripper of your own: replace what pretends. As it is, two simulated fingers in this program."""
+"""A template for a parallel gripper: replace the simulation of two fingers in this module."""
 
 from drivers.clock import NS_PER_S, Clock, to_ns
 from drivers.errors import GripperFaultError, NotConnectedError
@@ -7,9 +7,9 @@ from drivers.motion import PolledMotion
 from drivers.types import GripperSpec, GripperState
 
 SPEED_M_S = 0.07
-"""Speed of a motion that is commanded without one."""
+"""Speed of a motion that is commanded without a speed."""
 NOT_ACTIVATED = 5
-"""Fault codes are your maker's."""
+"""Fault code; your manufacturer's codes may differ."""
 
 
 class MyGripper(Gripper):
@@ -34,7 +34,7 @@ class MyGripper(Gripper):
         return self._spec
 
     def connect(self) -> None:
-        """Reach the gripper; nothing moves, and nothing is activated."""
+        """Connect to the gripper; nothing moves, and nothing is activated."""
         self._connected = True
 
     def disconnect(self) -> None:
@@ -42,11 +42,11 @@ class MyGripper(Gripper):
         self._connected = False
 
     def activate(self) -> None:
-        """Run the activation sequence; the rig has asked somebody before."""
+        """Run the activation sequence; the rig has asked a person before."""
         self._activated = True
 
     def state(self) -> GripperState:
-        """Newest state. Add `gripping` and `obstructed` if your gripper detects objects, and `current_a`."""
+        """Return the newest state. Add `gripping` and `obstructed` if your gripper detects objects."""
         if not self._connected:
             raise NotConnectedError("gripper: used before connect; connect the bench first")
         now_ns = self._clock.now_ns()
@@ -55,7 +55,7 @@ class MyGripper(Gripper):
     def move_to(
         self, opening_m: float, speed_m_s: float | None = None, force_n: float | None = None
     ) -> PolledMotion:
-        """Start moving the fingers and return at once. Use your own speed and force if they are None."""
+        """Start moving the fingers and return immediately. Use default speed and force if they are None."""
         if not self.state().activated:
             raise GripperFaultError("gripper: not activated; the next trial asks for it", NOT_ACTIVATED)
         self._from_m, self._to_m = self._opening_m(), opening_m

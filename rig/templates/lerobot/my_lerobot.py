@@ -1,4 +1,4 @@
-"""The rig's tactile sensors as LeRobot cameras, and their angle as an observation of any LeRobot robot.
+"""The rig's tactile sensors as LeRobot cameras, and their angle in the observations of any LeRobot robot.
 
 For lerobot 0.4 to 0.6. `tactile` is a camera: a sensor of a bench file. `with_touch` is a robot: one of
 LeRobot's robots, with tactile sensors whose images and angles are added to its observations.
@@ -14,13 +14,13 @@ from lerobot.robots import Robot, RobotConfig, make_robot_from_config
 from drivers.errors import DeviceTimeoutError, StaleFrameError
 from rig.python.fingertip import LiveFingertip
 
-UNKNOWN_SIGMA_DEG = 180.0  # of an angle that is not known, as in data sets of rig export
+UNKNOWN_SIGMA_DEG = 180.0  # of an unknown angle, as in data sets of rig export
 
 
 @CameraConfig.register_subclass("tactile")
 @dataclass(kw_only=True)
 class TactileConfig(CameraConfig):
-    """bench: as for rig's --bench. finger: of the bench file, whose rate and size are the camera's."""
+    """bench: as in rig's --bench. finger: of the bench file, which gives the camera's rate and size."""
 
     bench: str = "fake"
     finger: str = "B"
@@ -47,7 +47,7 @@ class Tactile(Camera):
 
     @staticmethod
     def find_cameras() -> list[dict[str, Any]]:
-        """Return none: a bench file names its sensors; `rig doctor` lists those that are plugged in."""
+        """Return an empty list: a bench file names its sensors; `rig doctor` lists connected ones."""
         return []
 
     def connect(self, warmup: bool = True) -> None:
@@ -66,14 +66,14 @@ class Tactile(Camera):
             raise TimeoutError(str(error)) from error
 
     def read_latest(self, max_age_ms: int = 500) -> Any:
-        """Return the newest frame at once. Raises `TimeoutError` if it is older."""
+        """Return the newest frame immediately. Raises `TimeoutError` if it is too old."""
         try:
             return self.fingertip.newest(max_age_ms / 1e3).image
         except StaleFrameError as error:
             raise TimeoutError(str(error)) from error
 
     def disconnect(self) -> None:
-        """Let the sensor go."""
+        """Close the sensor."""
         self.fingertip.disconnect()
 
 
@@ -82,7 +82,7 @@ class Tactile(Camera):
 class WithTouchConfig(RobotConfig):
     """robot: any robot of LeRobot, its type and options. touch: cameras of the type tactile, by name.
 
-    The robot is no RobotConfig: LeRobot's parser follows a robot's options into themselves without end.
+    The robot is a dict, because LeRobot's parser would recurse endlessly into a RobotConfig here.
     """
 
     robot: dict[str, Any]
@@ -91,7 +91,7 @@ class WithTouchConfig(RobotConfig):
 
 
 class WithTouch(Robot):
-    """Passes all on to its robot; adds `NAME`, `NAME.angle_deg` and `NAME.sigma_deg` to its observations."""
+    """Forwards all calls to its robot; adds `NAME`, `NAME.angle_deg` and `NAME.sigma_deg` to observations."""
 
     config_class = WithTouchConfig
     name = "with_touch"
@@ -109,14 +109,14 @@ class WithTouch(Robot):
 
     @property
     def observation_features(self) -> dict[str, Any]:
-        """The robot's, images as (height, width, 3), and angles as numbers."""
+        """The robot's features, images as (height, width, 3), and angles as numbers."""
         images = {name: (tip.height, tip.width, 3) for name, tip in self.tips.items()}
         angles = {f"{name}.{what}": float for name in self.tips for what in ("angle_deg", "sigma_deg")}
         return {**self.robot.observation_features, **angles, **images}
 
     @property
     def action_features(self) -> dict[str, Any]:
-        """The robot's."""
+        """The robot's features."""
         return self.robot.action_features
 
     def get_observation(self) -> dict[str, Any]:

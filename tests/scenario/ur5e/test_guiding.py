@@ -127,7 +127,7 @@ def test_guiding_ends_at_its_time_limit(controller: URController) -> None:
     with guided(controller, limit_s=2.0) as rig:
         assert rig.stdout is not None
         said = rig.stdout.read()
-        assert "nobody said within 2 s" in said
+        assert "no confirmation within 2 s" in said
         assert "ArmMode.RUNNING" in said
         assert not controller.snapshot()["freedrive"]
         assert stands(controller)

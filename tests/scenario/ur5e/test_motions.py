@@ -229,7 +229,7 @@ def test_a_way_down_that_meets_the_table_is_stopped_there(controller: URControll
     bench: Any = SimpleNamespace(
         arm=arm, clock=SystemClock(), hand=nothing, gripper=SimpleNamespace(state=lambda: None)
     )
-    with pytest.raises(ContactForceError, match="met something on its way down"):
+    with pytest.raises(ContactForceError, match="met an obstacle on its way down"):
         move(bench, HOME.translated(z_m=-0.15), 0.25).wait(5.0)
     assert stands(controller)
     assert table_m - 0.020 < controller.snapshot()["tcp_m"][2] < table_m

@@ -170,8 +170,8 @@ def test_views_that_do_not_determine_a_camera_are_refused_or_doubted() -> None:
         (copies, "same view"),
         (seen(poses(reach=0.1)), "cover"),
         (seen(poses(), (refocused, CAMERA)), "alike"),
-        (seen(poses(), count=2), "3 are the least"),
-        ([], "3 are the least"),
+        (seen(poses(), count=2), "at least 3 are needed"),
+        ([], "at least 3 are needed"),
     ):
         reasons = refusal(lambda views=views: "; ".join(assess_camera(calibrate_camera(views)).reasons))
         assert reason in reasons
@@ -241,8 +241,8 @@ def test_three_presses_are_too_few_for_a_colour_map() -> None:
     [
         (lambda t, v: (t + 3 * 3600 * 10**9 * (np.arange(len(t)) > len(t) // 2), v), "jumps"),
         (lambda t, v: ((t / 1e9).astype(np.float32), v), "integer ns"),
-        (lambda t, v: (t[:5], v[:5]), "20 are the least"),
-        (lambda t, v: (t[:0], v[:0]), "20 are the least"),
+        (lambda t, v: (t[:5], v[:5]), "at least 20 are needed"),
+        (lambda t, v: (t[:0], v[:0]), "at least 20 are needed"),
     ],
     ids=["clock jumps by hours", "float32 seconds", "five samples", "empty"],
 )

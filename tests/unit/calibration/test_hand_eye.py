@@ -123,7 +123,7 @@ def test_verdict_names_the_input_that_limits_it() -> None:
     assert not exact.spread.camera.any()
     unsure = calibrate_hand_eye(samples, unsure_camera(None), Setup.EYE_TO_HAND)
     assert unsure.assessment.verdict is Verdict.WEAK
-    assert "of it by the camera's intrinsics: calibrate the camera again" in str(unsure.assessment)
+    assert "of it from the camera's intrinsics: calibrate the camera again" in str(unsure.assessment)
     few = calibrate_hand_eye(samples[:6], CAMERA, Setup.EYE_TO_HAND)
     assert "add samples" in str(few.assessment)
 
@@ -133,7 +133,7 @@ def test_verdict_is_no_better_than_the_cameras() -> None:
     doubted = CameraUncertainty(doubts=("corners cover 20% of the picture",))
     result = calibrate_hand_eye(samples, replace(CAMERA, uncertainty=doubted), Setup.EYE_TO_HAND)
     assert result.assessment.doubts == (
-        "rests on a camera that is not good (corners cover 20% of the picture)",
+        "depends on a camera that is not good (corners cover 20% of the picture)",
     )
 
 

@@ -116,7 +116,7 @@ def test_corners_inconsistent_with_a_planar_turn_are_flagged(seen, in_plane):
     ("reference", "told"),
     [
         (still(frames=9), "needs 10 frames"),
-        (np.full((10, 2, 4, 2), np.nan), "not numbers"),
+        (np.full((10, 2, 4, 2), np.nan), "NaN or infinite"),
         (still(noise_px=3.0), "at rest"),
         (np.zeros((10, 2, 4, 2)), "plane"),
         (np.repeat(corners(0.0)[None, :1], 10, axis=0).repeat(2, axis=1) * (1.0, 2.0), "plane"),

@@ -94,9 +94,9 @@ WITHOUT_INPUTS = """calibration: {schema: 1, kind: camera, serials: {camera: C},
 @pytest.mark.parametrize(
     ("text", "seen"),
     [
-        ("", "no mapping"), ("{", "not YAML"), ("a: 1", "schema"), ("- 1", "no mapping"),
+        ("", "no mapping"), ("{", "not valid YAML"), ("a: 1", "schema"), ("- 1", "no mapping"),
         ("calibration: {schema: 9}", "schema"), ("calibration: {schema: 1, kind: camera}", "damaged"),
-        (WITHOUT_INPUTS, "'inputs' is no mapping"),
+        (WITHOUT_INPUTS, "'inputs' is not a mapping"),
     ],
 )  # fmt: skip
 def test_damaged_calibration_files_are_rejected(tmp_path: Path, text: str, seen: str) -> None:
@@ -107,7 +107,7 @@ def test_damaged_calibration_files_are_rejected(tmp_path: Path, text: str, seen:
 
 
 def test_nan_and_unwritable_folder_are_rejected(tmp_path: Path) -> None:
-    with pytest.raises(CalibrationError, match="not finite"):
+    with pytest.raises(CalibrationError, match="NaN or an infinite"):
         plain({"a": np.array([1.0, np.nan])}, "file")
     (tmp_path / "file").write_text("")
     with pytest.raises(RecordingError, match="cannot be written"):
@@ -133,8 +133,8 @@ def test_opencv_and_ros_files_are_read(tmp_path: Path, real_data: Path) -> None:
 
 @pytest.mark.parametrize(
     ("old", "new", "seen"),
-    [("plumb_bob", "equidistant", "equidistant"), ("500, 0, 320", ".nan, 0, 320", "not finite"),
-     ("image_width", "width", "image_width"), ("500, 0, 320", "-5, 0, 320", "no camera"),
+    [("plumb_bob", "equidistant", "equidistant"), ("500, 0, 320", ".nan, 0, 320", "NaN or infinite"),
+     ("image_width", "width", "image_width"), ("500, 0, 320", "-5, 0, 320", "are not valid"),
      ("1]}", "1, 4]}", "damaged")],
 )  # fmt: skip
 def test_camera_files_are_checked(tmp_path: Path, old: str, new: str, seen: str) -> None:

@@ -83,7 +83,7 @@ FIELDS = [(state, field.name) for state in INVALID for field in fields(state)]
 @given(data=st.data())
 def test_invalid_value_of_any_field_is_rejected(state: Any, name: str, data: st.DataObject) -> None:
     value = data.draw(INVALID[state][name])
-    with pytest.raises(InvalidStateError, match=rf"{name}.* expected .*look at the device"):
+    with pytest.raises(InvalidStateError, match=rf"{name}.* expected .*inspect the device"):
         replace(state, **{name: value})
 
 

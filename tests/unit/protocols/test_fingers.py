@@ -89,7 +89,7 @@ def test_failed_release_leaves_arm_at_the_place_with_the_object_held(
     assert lift.height_m == pytest.approx(0.0, abs=1e-4)
     expected = Holding.UNKNOWN if kind == "false_success" else Holding.HELD
     assert lift.bench.hand.state.holding is expected
-    assert "still holding" in note or "not known" in note
+    assert "still holding" in note or "unknown whether" in note
 
 
 @pytest.mark.parametrize("real_counts", [0, 1, 2])

@@ -31,7 +31,7 @@ def test_fingers_that_meet_the_table_on_their_way_down_stop_and_rise(lift_of: Ca
     floor_z_m = grasp_z_m + 0.02
     raise_table(lift.bench, floor_z_m)
     with pytest.raises(
-        ContactForceError, match=r"met something on its way down.*max_contact_force_n 20"
+        ContactForceError, match=r"met an obstacle on its way down.*max_contact_force_n 20"
     ) as hit:
         run_lift(lift.bench, lift.plan, lift.observer)
     assert "nothing held, fingers open, arm risen" in hit.value.__notes__[0]

@@ -137,6 +137,6 @@ def test_a_way_home_outside_the_workspace_is_refused_before_anything_moves(
 ) -> None:
     bench, arm = watched
     bench = replace(bench, base_T_home=Pose.from_rotation((0.45, 0.0, 0.65), TOOL_DOWN))
-    with pytest.raises(OutOfLimitsError, match=r"way home .* pendant"):
+    with pytest.raises(OutOfLimitsError, match=r"path home .* pendant"):
         go_home(bench)
     assert not arm.sent

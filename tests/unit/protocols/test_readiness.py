@@ -10,7 +10,7 @@ from drivers.bench import Hand
 from drivers.errors import OperatorStopError
 from drivers.types import GripperState, HandState, Holding
 from protocols.observer import Phase
-from protocols.readiness import agree_to_carry, free_hand, look_at_hand, make_ready
+from protocols.readiness import agree_to_carry, check_hand, free_hand, make_ready
 from rig.bench.operators import ConsoleOperator
 
 LiftOf = Callable[..., Any]
@@ -75,8 +75,8 @@ def test_fingers_closed_for_unknown_reason_open_only_after_a_question(lift_of: L
         refusing = Person(says=False)
         with pytest.raises(OperatorStopError):
             free_hand(restarted(lift, known), refusing)
-        assert "not known what the fingers hold" in refusing.asked[0]
-        assert "Hold what may be between" in refusing.asked[0]
+        assert "unknown whether the fingers hold something" in refusing.asked[0]
+        assert "Hold any object between" in refusing.asked[0]
         assert lift.held
 
 
@@ -99,7 +99,7 @@ def test_object_held_elsewhere_needs_a_person_before_the_release(lift_of: LiftOf
     elsewhere = replace(lift.bench.hand.state, base_T_grasp=lift.plan.base_T_grasp.translated(x_m=0.1))
     make_ready(restarted(lift, elsewhere), person)
     assert len(person.asked) == 2
-    assert "Hold what may be between the fingers" in person.asked[0]
+    assert "Hold any object between the fingers" in person.asked[0]
 
 
 def test_gripper_reporting_an_object_overrides_the_record(lift_of: LiftOf) -> None:
@@ -121,7 +121,7 @@ def test_open_fingers_of_a_gripper_that_is_not_activated_free_no_hand(lift_of: L
             return GripperState(lift.bench.clock.now_ns(), False, False, self.spec.open_m)
 
     lift.bench.gripper.__class__ = PowerLost
-    assert look_at_hand(lift.bench) == known
+    assert check_hand(lift.bench) == known
 
 
 def test_arm_with_an_object_moves_only_after_a_question(lift_of: LiftOf) -> None:

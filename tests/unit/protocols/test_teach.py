@@ -66,7 +66,7 @@ def test_the_arm_is_where_it_was_led_and_held_there(made: tuple[Bench, Operator]
     [
         (OperatorStopError("stopped by the operator"), 30.0, "stopped by the operator"),
         (DeviceError("something broke"), 30.0, "something broke"),
-        (None, 0.5, "nobody said within 0.5 s"),
+        (None, 0.5, "no confirmation within 0.5 s"),
     ],
 )
 def test_arm_is_held_however_guiding_ends(

@@ -78,7 +78,7 @@ def test_a_status_without_the_echo_is_not_believed(
     assert not motion.done()
     error = raised_by(motion.done)
     assert isinstance(error, DeviceTimeoutError)
-    assert "did not take it up" in str(error)
+    assert "did not start it" in str(error)
 
 
 def set_mode(server: GripperServer, mode: GraspMode) -> None:

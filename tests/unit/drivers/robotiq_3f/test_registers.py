@@ -122,7 +122,7 @@ def test_counts_that_fit_no_byte_are_not_packed(position: object) -> None:
 def test_every_fault_code_has_a_name_and_a_cure() -> None:
     assert set(FAULT_TEXTS) == set(FaultCode) - {FaultCode.NONE}
     assert "0x0D, activation failed; free the fingers" in fault_code_text(0x0D)
-    assert "0x42, which the manual does not name" in fault_code_text(0x42)
+    assert "0x42, which is not in the manual" in fault_code_text(0x42)
 
 
 def test_force_and_speed_end_where_the_gripper_does() -> None:

@@ -106,7 +106,7 @@ class Watched:
         self.program.pass_time(to_ns(duration_s))
 
     def look(self) -> None:
-        self.state.look(self.clock.time_ns)
+        self.state.note_poll(self.clock.time_ns)
 
 
 def test_motion_is_stopped_once_when_polling_ends_and_not_before(state: SharedState) -> None:
@@ -142,7 +142,7 @@ def test_stalled_host_is_reported_instead_of_a_hanging_program(state: SharedStat
     watched.pass_unchecked(0.5)  # a virtual machine that was held: neither the program nor who watches it ran
     watched.heartbeat.check()
     assert watched.control.stops == 1
-    assert "0.50 s of it the process that watches it stood still" in watched.heartbeat.halted
+    assert "0.50 s of it the supervising process did not run" in watched.heartbeat.halted
 
 
 def test_wait_for_a_slow_controller_is_not_counted_as_silence(

@@ -9,10 +9,10 @@ READING = """
 import sys
 from drivers.ur5e.shared_state import SharedState
 state = SharedState(int(sys.argv[1]))
-least = state.looked_ns()
+least = state.polled_ns()
 print(flush=True)
 for _ in range(400_000):
-    least = min(least, state.looked_ns())
+    least = min(least, state.polled_ns())
 print(least)
 """
 
@@ -20,13 +20,13 @@ print(least)
 def test_a_look_is_never_read_half_written() -> None:
     """One that was read as 0 stopped an arm whose program looked."""
     state = SharedState()
-    state.look(1000)
+    state.note_poll(1000)
     command = [sys.executable, "-c", READING, str(state.fd)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, pass_fds=(state.fd,)) as reader:
         assert reader.stdout is not None
         reader.stdout.readline()
         while reader.poll() is None:
             for time_ns in range(1000, 2000):
-                state.look(time_ns)
+                state.note_poll(time_ns)
         assert int(reader.stdout.read()) >= 1000
     state.close()

@@ -73,7 +73,7 @@ def test_every_refusal_has_a_cause() -> None:
     assert isinstance(program_reason(sample(safety=1 << 2)), ProtectiveStopError)
     assert "control program is stopped" in str(program_reason(sample(runtime=1)))
     assert program_reason(sample()) is None
-    assert "'moveL' was refused" in str(refused("moveL"))
+    assert "'moveL' was rejected" in str(refused("moveL"))
 
 
 def test_the_board_shows_the_newest_sample_to_all() -> None:
@@ -132,7 +132,7 @@ def test_the_clocks_map_follows_a_slow_drift() -> None:
     [
         (Pose((0.9, 0.0, 0.3)), 0.1, 0.5, "workspace"),
         (Pose((math.nan, 0.0, 0.3)), 0.1, 0.5, "workspace"),
-        (Pose((0.4, 0.0, 0.3), (math.nan, 0.0, 0.0, 1.0)), 0.1, 0.5, "no pose"),
+        (Pose((0.4, 0.0, 0.3), (math.nan, 0.0, 0.0, 1.0)), 0.1, 0.5, "not a valid pose"),
         (Pose((0.4, 0.0, 0.3)), 0.6, 0.5, "speed"),
         (Pose((0.4, 0.0, 0.3)), 0.0, 0.5, "speed"),
         (Pose((0.4, 0.0, 0.3)), math.nan, 0.5, "speed"),

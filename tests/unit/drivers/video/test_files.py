@@ -134,7 +134,7 @@ def test_invalid_recording_address_is_rejected_first(tmp_path: Path) -> None:
     (tmp_path / "film.mp4").write_bytes(b"not a film")
     for address, words in (
         (str(tmp_path), "no images in it"),
-        (str(tmp_path / "film.mp4"), "not a video"),
+        (str(tmp_path / "film.mp4"), "not a readable video"),
         (str(tmp_path / "none"), "does not exist"),
         ("rtsp://host/stream", "not an address"),
     ):

@@ -157,7 +157,7 @@ def test_a_device_that_stops_is_opened_again() -> None:
 
 
 def test_a_device_that_cannot_be_opened_or_lit_says_so() -> None:
-    with pytest.raises(DeviceError, match="cannot be opened; is it plugged in, free"):
+    with pytest.raises(DeviceError, match="cannot be opened; is it plugged in, unused"):
         digit_on(FakeCapture(opens=False)).connect()
     capture = FakeCapture(zoom=False)
     with pytest.raises(DeviceError, match="zoom control set to 4095"):

@@ -91,7 +91,7 @@ def test_side_channel_executes_known_commands_and_rejects_others(control: Contro
 
 RUBBISH: tuple[tuple[dict[str, Any], str], ...] = (
     ({"do": "place", "object": "charuco:8x6:25:18:DICT_5X5_99@tool"}, "no dictionary"),
-    ({"do": "place", "object": "charuco:9999x9999:25:18:DICT_5X5_100@tool"}, "not understood"),
+    ({"do": "place", "object": "charuco:9999x9999:25:18:DICT_5X5_100@tool"}, "not valid"),
     ({"do": "place", "object": ["t1"]}, "id or a name"),
     ({"do": "place", "object": "t1", "seed": 1.5}, "whole number"),
     ({"do": "place", "object": "t1", "seed": -1}, "whole number"),

@@ -55,7 +55,7 @@ def test_fakes_that_name_every_device_prove_it(control: ControlServer) -> None:
     [
         ({"arm": FAR}, f"arm at {FAR} is not on this computer"),
         ({"arm": "robot.lab"}, "arm at robot.lab is not on this computer"),
-        ({"arm": "127.0.0.1"}, "arm at 127.0.0.1 is none of theirs"),
+        ({"arm": "127.0.0.1"}, "arm at 127.0.0.1 is not one of the fakes"),
         ({"gripper": [FAR, 502]}, "gripper at"),
         ({"gripper": ["127.0.0.9", 502]}, "gripper at"),
         ({"SIM-D0001": "/dev/video0"}, "SIM-D0001 at /dev/video0"),
@@ -77,7 +77,7 @@ def test_one_device_that_is_not_theirs_makes_it_a_real_bench_and_its_fakes_a_mis
 def test_a_serial_line_that_is_not_theirs_is_named(control: ControlServer) -> None:
     values = bench(control.address).model_dump()
     values["gripper"] |= {"transport": "rtu", "device": "/dev/ttyUSB0", "preset": None}
-    with pytest.raises(InputError, match="gripper at /dev/ttyUSB0 is none of theirs"):
+    with pytest.raises(InputError, match="gripper at /dev/ttyUSB0 is not one of the fakes"):
         prove_simulated(BenchConfig.model_validate(values))
 
 

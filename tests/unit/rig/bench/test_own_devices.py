@@ -17,7 +17,7 @@ from drivers.errors import (
     OutOfLimitsError,
 )
 from drivers.types import HandState, Holding, Pose
-from protocols.readiness import look_at_hand
+from protocols.readiness import check_hand
 from protocols.safe_end import halt, make_safe
 from rig.bench.assembly import TOOL_DOWN, build_real_bench
 from rig.bench.plan import PlannedMotion, make_plan
@@ -115,7 +115,7 @@ def test_a_bench_with_own_drivers_is_never_a_simulated_one() -> None:
     text = bench_text(config())
     with pytest.raises(InputError, match="this is a real bench: remove it"):
         parse_bench(text + '\n[fakes]\ncontrol = "127.0.0.1:9"\n', "file")
-    with pytest.raises(InputError, match="make all of them one or the other"):
+    with pytest.raises(InputError, match="make all of them real or all simulated"):
         parse_bench(text.replace(f"{MODULE}:Fingers", "fake"), "file")
 
 
@@ -123,14 +123,14 @@ def test_a_bench_with_own_drivers_is_never_a_simulated_one() -> None:
     ("section", "change", "says"),
     [
         ("arm", {"driver": "nowhere.at_all:Arm"}, "importing nowhere.at_all failed"),
-        ("arm", {"driver": f"{MODULE}:Careless"}, "takes no argument payload_kg"),
-        ("arm", {"options": {"sped": 3}}, "takes no option sped; it takes limits"),
-        ("arm", {"options": {"limits": 3}}, "options names limits, which the rig gives it"),
-        ("arm", {"host": "10.0.0.1"}, "takes no argument host"),
-        ("gripper", {"port": 503}, "takes no argument port"),
-        ("camera", {"driver": f"{MODULE}:Half"}, "does not say how to newest_frame"),
-        ("camera", {"driver": f"{MODULE}:Motion"}, "does not say how to connect, disconnect"),
-        ("camera", {"address": "/dev/video7"}, "takes no argument address"),
+        ("arm", {"driver": f"{MODULE}:Careless"}, "accepts no argument payload_kg"),
+        ("arm", {"options": {"sped": 3}}, "accepts no option sped; it accepts limits"),
+        ("arm", {"options": {"limits": 3}}, "options contains limits, which the rig sets itself"),
+        ("arm", {"host": "10.0.0.1"}, "accepts no argument host"),
+        ("gripper", {"port": 503}, "accepts no argument port"),
+        ("camera", {"driver": f"{MODULE}:Half"}, "does not implement newest_frame"),
+        ("camera", {"driver": f"{MODULE}:Motion"}, "does not implement connect, disconnect"),
+        ("camera", {"address": "/dev/video7"}, "accepts no argument address"),
     ],
 )
 def test_invalid_driver_configuration_is_rejected_before_connecting(
@@ -165,10 +165,10 @@ def test_bench_file_limits_are_checked_before_the_driver_is_called() -> None:
 
 
 def test_invalid_driver_answers_and_exceptions_are_device_errors() -> None:
-    for says, problem in (("nothing", "returned a NoneType.*mend"), ("nan", "joints_rad is .*check")):
+    for says, problem in (("nothing", "returned NoneType.*fix"), ("nan", "joints_rad is .*check")):
         with pytest.raises(DeviceError, match=f"arm: driver '{MODULE}:Plain': state.* {problem} .*driver"):
             bench(arm={"says": says}).arm.state()
-    with pytest.raises(DeviceError, match="no Motion"):
+    with pytest.raises(DeviceError, match="expected a Motion"):
         bench(arm={"says": "no motion"}).arm.move_linear(TARGET, 0.1, 0.5)
     stuck = bench(arm={"stuck": True}).arm
     with pytest.raises(DeviceError, match=r"wait raised KeyError: 'joint 3'"):
@@ -181,7 +181,7 @@ def test_invalid_opening_never_frees_a_hand_that_holds(opening_m: Any) -> None:
     held = HandState(Holding.HELD, "wrench", TARGET, 0.012)
     made.hand.note(held)
     with pytest.raises(InvalidStateError, match=f"gripper: driver '{MODULE}:Fingers': state: .*opening_m"):
-        look_at_hand(made)
+        check_hand(made)
     assert made.hand.state == held
 
 
@@ -190,7 +190,7 @@ def test_arm_without_wrench_is_rejected_unless_the_bench_file_declares_it() -> N
     with pytest.raises(InvalidStateError, match=r"has no wrench.*write force_sensor = false"):
         bench(arm=silent).arm.state()
     assert build_real_bench(without_force_sensor(arm=silent)).arm.state().wrench is None
-    with pytest.raises(InvalidStateError, match="has a wrench, and the bench file says force_sensor = false"):
+    with pytest.raises(InvalidStateError, match="has a wrench, but the bench file has force_sensor = false"):
         build_real_bench(without_force_sensor()).arm.state()
 
 
@@ -260,10 +260,10 @@ def test_failed_arm_stop_is_reported_and_fingers_are_still_held(
         ("crash", DeviceError, "next_frame raised ZeroDivisionError"),
         ("late", DeviceTimeoutError, "no frame came"),
         ("another", DeviceError, "a frame of 'of somebody else'"),
-        ("small", DamagedFrameError, "size_px asks for"),
+        ("small", DamagedFrameError, "size_px requires"),
         ("float", DamagedFrameError, "float64"),
         ("text", DeviceError, "time_ns is 'now', expected an int"),
-        ("array", DeviceError, "returned a ndarray, no Frame"),
+        ("array", DeviceError, "returned ndarray, expected Frame"),
     ],
 )
 def test_a_frame_that_cannot_be_is_not_let_through(says: str, error: type[Exception], match: str) -> None:

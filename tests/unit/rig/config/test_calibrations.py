@@ -96,7 +96,7 @@ def test_a_camera_calibrated_at_another_size_is_refused(tmp_path: Path) -> None:
     larger = CameraModel((1280, 720), CAMERA.matrix, CAMERA.distortion)
     keep(tmp_path, "camera", {"camera": "SIM-C0001"}, camera_info(larger, "SIM-C0001"))
     with pytest.raises(
-        CalibrationError, match=r"\(1280, 720\) px, the bench file has size_px = \[640, 480\]"
+        CalibrationError, match=r"\(1280, 720\) px, but the bench file has size_px = \[640, 480\]"
     ):
         find_calibrations(load_bench("fake"), tmp_path)
 

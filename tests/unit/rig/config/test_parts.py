@@ -117,10 +117,10 @@ def test_whole_benches_have_all_parts(command: str) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
-        (DESK, 'name = "desk"\n', "names no device"),
+        (DESK, 'name = "desk"\n', "has no device"),
         ("[[tactile]]\n", "[[tactile]]\naddres = 1\n", "did you mean 'address'"),
         ('serial = "D20641"\n', "", "tactile.0.serial: Field required"),
-        ('"D20641"\n', '"D20641"\n[fakes]\n', "fakes: serves whole benches alone"),
+        ('"D20641"\n', '"D20641"\n[fakes]\n', "fakes: supports only complete benches"),
         ('name = "desk"\n', 'name = "desk"\nreactions_allowed = true\n', "is for benches with an arm"),
         (
             '"D20641"\n',
@@ -130,7 +130,7 @@ def test_whole_benches_have_all_parts(command: str) -> None:
         (
             '"D20641"\n',
             '"D20641"\n[[tactile]]\ndriver = "fake"\nserial = "S"\nfinger = "B"\n',
-            "one fingertip is 'fake' and one is not",
+            "one fingertip is 'fake' and the other is not",
         ),
     ],
 )
@@ -169,7 +169,7 @@ def test_real_arm_or_gripper_beside_any_simulated_device_is_refused(kind: str, f
         for table, is_fake in zip(tables, named, strict=True)
     ]
     message = refusal("\n[".join(mixed))
-    assert f"{kind}.driver: is real and would move things by what simulated devices" in message
+    assert f"{kind}.driver: is real and would react to data of simulated devices" in message
 
 
 def test_real_arm_on_a_bench_without_gripper_needs_its_limits() -> None:
@@ -203,7 +203,7 @@ def test_data_are_simulated_if_their_own_device_is() -> None:
 
 def test_scripted_faults_are_refused_beside_real_devices() -> None:
     fault = '\n[[faults]]\ndevice = "arm"\nkind = "drop"\nat_s = 1.0\n'
-    assert "faults: are for benches with simulated devices in this process alone" in refusal(
+    assert "faults: work only if all devices are simulated in this process" in refusal(
         as_digits(FAKE) + fault
     )
 

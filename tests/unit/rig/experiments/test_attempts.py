@@ -77,7 +77,7 @@ def test_three_faults_in_a_row_end_the_trial_which_can_be_resumed(tmp_path: Path
     with session(tmp_path / "s") as kept, pytest.raises(DeviceError) as raised:
         repeat_until_accepted(kept, list(pieces), bench.attempt, WORDING, lambda *_: None)
     assert str(raised.value) == (
-        "trial: 3 rig faults in a row, all the same: lost; 1 of 2 lifts are done: mend the fault, then "
+        "trial: 3 rig faults in a row, all the same: lost; 1 of 2 lifts are done: fix the fault, then "
         "continue with --resume"
     )
     with session(tmp_path / "s", resume=True) as again:

@@ -97,7 +97,7 @@ def test_an_image_cut_short_is_a_gap_and_alone_an_error(tmp_path: Path, press: D
     assert [frame.image is None for frame in read_frames(tmp_path)] == [False, True, False]
     with pytest.raises(InputError, match=f"1.{ending}"):
         read_frames(damaged)
-    with pytest.raises(InputError, match=f"1.{ending}: is no complete picture"):
+    with pytest.raises(InputError, match=f"1.{ending}: is not a complete picture"):
         read_image(damaged)
 
 

@@ -20,7 +20,7 @@ def row(make: MakeRow, number: int, error_deg: float | None) -> FinishedLift:
     ("states", "why"),
     [
         ({"unobservable": 200, "lost": 3}, "'unobservable': Such a contact looks the same"),
-        ({"no_contact": 200, "tracking": 0}, "'no_contact': The fingertip felt nothing"),
+        ({"no_contact": 200, "tracking": 0}, "'no_contact': The fingertip detected no contact"),
         ({"lost": 200}, "'lost': The picture changed more"),
     ],
 )

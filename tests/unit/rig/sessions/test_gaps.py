@@ -66,8 +66,8 @@ def test_a_recording_without_its_end_is_read_up_to_there(trial: Path) -> None:
     left = list(recorded_messages(recording, gaps=gaps))
     assert left == whole[: len(left)]
     assert len(left) > 0.3 * len(whole)
-    assert gaps == ["it is cut short"]
-    with pytest.raises(SessionError, match="it is cut short"):
+    assert gaps == ["it is truncated"]
+    with pytest.raises(SessionError, match="it is truncated"):
         list(recorded_messages(recording))
 
 
@@ -80,7 +80,7 @@ def test_replay_uses_the_rest_of_a_lift_and_names_the_gap(trial: Path, damaged_c
     assert partly.final_estimate_deg == pytest.approx(stored.final_estimate_deg, abs=1.0)
     [problem] = replay.problems
     assert f"002.mcap: the recording is damaged (chunk {damaged_chunk} of " in problem
-    assert problem.endswith("what comes before and after was used")
+    assert problem.endswith("the data before and after were used")
 
 
 @pytest.mark.slow

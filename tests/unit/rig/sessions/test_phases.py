@@ -66,9 +66,9 @@ def test_session_with_a_further_phase_is_reported_and_exported(longer_trial: Pat
 @pytest.mark.parametrize(
     ("edit", "said"),
     [
-        (lambda name: [] if name == "C" else [(name, 0)], "phase lower out of its order"),
+        (lambda name: [] if name == "C" else [(name, 0)], "phase lower out of order"),
         (lambda name: [] if name == "lower" else [(name, 0)], "phase lower is missing"),
-        (lambda name: [(name, 0), (name, 1)], "phase reference out of its order"),
+        (lambda name: [(name, 0), (name, 1)], "phase reference out of order"),
         (lambda name: [(name, 0), ("early", -(10**9))] if name == "B" else [(name, 0)], "phase early out"),
     ],
     ids=["left out", "last left out", "twice", "back in time"],

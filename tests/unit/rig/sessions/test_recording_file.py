@@ -162,7 +162,7 @@ def test_compression_bombs_are_rejected_before_unpacking(
     data = written([(bytes(2_000_000), 1)] * 40, packed, chunk=100_000_000)
     assert len(data) < 400_000
     path.write_bytes(data if said == "truth" else sized(data, 5000))
-    with pytest.raises(SessionError, match=r"stand for|bytes where 5000 are said to be|damaged"):
+    with pytest.raises(SessionError, match=r"would become|bytes instead of 5000|damaged"):
         list(recorded_messages(path))
     assert sum(most) <= 5001
 
@@ -170,7 +170,7 @@ def test_compression_bombs_are_rejected_before_unpacking(
 def test_chunk_above_the_size_limit_is_rejected(tmp_path: Path) -> None:
     path = tmp_path / "large.mcap"
     path.write_bytes(sized(written([(os.urandom(1000), 1)]), MOST_CHUNK + 1))
-    with pytest.raises(SessionError, match="more than is unpacked"):
+    with pytest.raises(SessionError, match="exceeds the limit"):
         list(recorded_messages(path))
 
 

@@ -132,7 +132,7 @@ def test_a_line_that_is_no_row_at_all_is_named(tmp_path: Path, text: bytes) -> N
         (lambda m: m.update(colour="red"), "'colour' is a key that this version does not know"),
         (lambda m: m["config"]["arm"].pop("driver"), "'config.arm.driver' is missing"),
         (lambda m: m.update(signs={"T1": "left"}), "'signs.T1' Input should be 1 or -1"),
-        (lambda m: m.update(kind="dream"), "a 'dream' session, this version knows trial, record, replay"),
+        (lambda m: m.update(kind="dream"), "a 'dream' session; this version reads trial, record, replay"),
         (lambda m: m.pop("kind"), "a None session"),
         (lambda m: m.pop("schema_version"), "'schema_version' is missing"),
         (lambda m: m.update(schema_version=99), "schema version 99"),

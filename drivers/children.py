@@ -30,7 +30,7 @@ def python_command(*arguments: object) -> list[str]:
 
 class _SafeProcess(SpawnProcess):
     def start(self) -> None:
-        with _safe_path():
+        with _safe_path(), signals_of_terminal_held():
             super().start()
 
 
@@ -49,10 +49,25 @@ def spawn_context() -> SpawnContext:
     return _SafeContext()
 
 
+@contextmanager
+def signals_of_terminal_held() -> Iterator[None]:
+    """Start a child in this block that calls `leave_signals_to_parent`.
+
+    Until it does, the signals of the terminal wait in the child, which would otherwise end with a traceback
+    while it starts. Signals to this process wait until the end of the block.
+    """
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, FROM_TERMINAL)
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
 def leave_signals_to_parent() -> None:
     """Ignore terminal signals in a child: the parent first makes the bench safe, then ends the child."""
     for number in FROM_TERMINAL:
         signal.signal(number, signal.SIG_IGN)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, FROM_TERMINAL)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
 
 

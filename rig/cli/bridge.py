@@ -6,7 +6,15 @@ from dataclasses import dataclass
 from rig.cli.common import mark, say
 from rig.cli.declared import option
 from rig.cli.helping import Commands
-from rig.cli.live import LiveAngleOptions, LiveSourceOptions, desk_of, run_desk, stopped_by_person
+from rig.cli.live import (
+    LiveAngleOptions,
+    LiveSourceOptions,
+    desk_of,
+    run_desk,
+    settings_of,
+    sources_of,
+    stopped_by_person,
+)
 
 bridge = Commands(no_args_is_help=True, help="Live angles, alarms and images for other robot software.")
 
@@ -53,7 +61,7 @@ def ros2(source: LiveSourceOptions, how: LiveAngleOptions, to: BridgeOptions) ->
     with ExitStack() as stack:
         stopped = stack.enter_context(stopped_by_person())
         compute_in_one_thread()
-        desk = stack.enter_context(desk_of(source, how, stack))
+        desk = stack.enter_context(desk_of(sources_of(source), settings_of(source, how), stack))
         publisher = Ros2Bridge(to.domain, SystemClock())
         topics = ", ".join(publisher.topics([*desk.sensors]))
         say(f"{mark(FAKE in source.sources)}publishing in domain {to.domain}: {topics}; Ctrl-C ends it")

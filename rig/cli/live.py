@@ -1,25 +1,32 @@
 """`rig live`: the angle of one or two sensors on a desk, without a bench."""
 
 import json
+import os
 import signal
+import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from drivers.errors import InputError, OperatorStopError
-from rig.cli.common import STOPS, mark, say
+from drivers.errors import InputError
+from rig.cli.common import STOPS, Exit, mark, say
 from rig.cli.declared import argument, option
+from rig.cli.watching import foxglove_server
 
 if TYPE_CHECKING:
+    from drivers.interfaces import FrameSource
     from rig.live.desk import Desk, DeskSettings
     from rig.live.desk_sensor import Reading
+    from rig.live.feed import Listener
     from rig.live.watch import WatchPage
 
 CLIPS = Path("clips")
 TERMINAL_EVERY_S = 0.1
+SHOW_CURSOR = b"\x1b[?25h"
+"""Escape sequence (DECTCEM, VT220) that undoes what a display of rich's does to the cursor."""
 PLAIN_EVERY_S = 1.0
 """Away from a terminal: a line per sensor this often."""
 
@@ -71,6 +78,8 @@ class LiveViewOptions:
         "The page at HOST:PORT; 0.0.0.0:8080 lets other computers look on and press its buttons. Default: a "
         "free port of this computer alone.",
     )
+    foxglove: bool = option(False, "Serve it to Foxglove on this computer (extra 'foxglove').")
+    foxglove_at: str | None = option(None, "The same at HOST:PORT, by default 127.0.0.1:8765.")
     clips: Path = option(CLIPS, "Folder in which clips are recorded.")
     seconds: float | None = option(None, "End after this time. Default: Ctrl-C ends it.", min=0.0)
 
@@ -97,16 +106,21 @@ def live(source: LiveSourceOptions, how: LiveAngleOptions, view: LiveViewOptions
 
       rig live fake fake --terminal --seconds 10
 
+      rig live D20641 --no-browser --foxglove
+
     """
     from drivers.realtime import compute_in_one_thread
 
     with ExitStack() as stack:
         stopped = stack.enter_context(stopped_by_person())
         page = None if view.terminal or view.json else _page(source, how.estimator, view, stack)
+        sources, settings = sources_of(source), settings_of(source, how, view.clips)
+        say(f"{_name(source)}; Ctrl-C ends it" if page is None else f"live at {page.address}; Ctrl-C ends it")
+        if page is not None and view.browser:
+            _open(page.address)
         compute_in_one_thread()
-        if page is None:
-            say(f"{_name(source)}; Ctrl-C ends it")
-        desk = stack.enter_context(desk_of(source, how, stack, page, view.clips))
+        listeners = [*([] if page is None else [page.listener]), *_foxglove(view, sources, stack)]
+        desk = stack.enter_context(desk_of(sources, settings, stack, listeners))
         run_desk(desk, _shown(view, stack), view.seconds, stopped, page)
     say("ended")
 
@@ -121,7 +135,7 @@ def _name(source: LiveSourceOptions) -> str:
 def _page(
     source: LiveSourceOptions, estimator: str | None, view: LiveViewOptions, stack: ExitStack
 ) -> "WatchPage":
-    """Serve the page and open it, before anything that takes time."""
+    """Serve the page: its process starts up while this one does."""
     from rig.live.watch import WatchPage, watch_address
     from rig.tactile.estimators import DEFAULT_ESTIMATOR, ESTIMATORS, TOSKOV
 
@@ -129,38 +143,40 @@ def _page(
     choices = [name for name in names if name != TOSKOV]
     page = WatchPage(watch_address(view.watch_at), _name(source), estimators=choices)
     stack.callback(page.close)
-    say(f"live at {page.address}; Ctrl-C ends it")
-    if view.browser:
-        import webbrowser
-
-        if not webbrowser.open(page.address):
-            say("no browser opened: open that address in one on this computer")
     return page
 
 
-def desk_of(
-    source: LiveSourceOptions,
-    how: LiveAngleOptions,
-    stack: ExitStack,
-    page: "WatchPage | None" = None,
-    clips: Path = CLIPS,
-) -> "Desk":
-    """Return the sensors of the options, not connected yet. Raises `InputError`."""
+def _open(address: str) -> None:
+    """Open the page in the browser."""
+    import webbrowser
+
+    if not webbrowser.open(address):
+        say("no browser opened: open that address in one on this computer")
+
+
+def _foxglove(view: LiveViewOptions, sources: "Sequence[FrameSource]", stack: ExitStack) -> "list[Listener]":
+    """Serve to Foxglove if that was asked for; return the listener."""
+    server = foxglove_server(view.foxglove, view.foxglove_at, {each.serial: each.serial for each in sources})
+    if server is None:
+        return []
+    from rig.live.session import foxglove_listener
+
+    return [stack.enter_context(foxglove_listener(server))]
+
+
+def sources_of(source: LiveSourceOptions) -> "list[FrameSource]":
+    """Return the sensors of the options, not connected yet. Raises `InputError`, `DeviceError`."""
     from rig.bench.live_source import SENSORS, live_sources
-    from rig.live.desk import Desk
-    from rig.live.feed import LiveFeed, Sender
 
     if len(source.sources) > 2:
         raise InputError(f"{len(source.sources)} sources: give one, or two that touch the same object")
     if source.sensor not in (None, *SENSORS):
         raise InputError(f"--sensor {source.sensor}: choose one of {', '.join(SENSORS)}")
-    settings = _settings(source, how, clips)
-    sender = Sender(LiveFeed(() if page is None else (page.listener,)))
-    stack.callback(sender.close)
-    return Desk(live_sources(source.sources, source.sensor, source.fps), settings, sender)
+    return live_sources(source.sources, source.sensor, source.fps)
 
 
-def _settings(source: LiveSourceOptions, how: LiveAngleOptions, clips: Path) -> "DeskSettings":
+def settings_of(source: LiveSourceOptions, how: LiveAngleOptions, clips: Path = CLIPS) -> "DeskSettings":
+    """Return how the desk of the options runs. Raises `InputError`."""
     from drivers.images import read_image
     from rig.frames.estimation import require_frames_suffice
     from rig.live.desk import DeskSettings
@@ -173,17 +189,35 @@ def _settings(source: LiveSourceOptions, how: LiveAngleOptions, clips: Path) -> 
     return DeskSettings(choice, signs, background, how.pixel_aspect, clips)
 
 
+def desk_of(
+    sources: "Sequence[FrameSource]",
+    settings: "DeskSettings",
+    stack: ExitStack,
+    listeners: "Sequence[Listener]" = (),
+) -> "Desk":
+    """Return the desk of sensors that are not connected yet. listeners: viewers that its messages go to."""
+    from rig.live.desk import Desk
+    from rig.live.feed import LiveFeed, Sender
+
+    sender = Sender(LiveFeed(tuple(listeners)))
+    stack.callback(sender.close)
+    return Desk(sources, settings, sender)
+
+
 @contextmanager
 def stopped_by_person() -> Iterator[threading.Event]:
     """Yield an event that is set by Ctrl-C, a polite kill or a lost terminal; a second one ends the program.
 
-    An error that is raised wherever the program is just then would leave the threads' locks in disorder.
+    An error that is raised wherever the program is just then would leave the threads' locks in disorder, and
+    Python's own end beside threads that are inside a camera's driver has crashed: so neither happens.
     """
     stopped = threading.Event()
 
     def stop(*_: object) -> None:
         if stopped.is_set():
-            raise OperatorStopError("stopped by the operator")
+            if sys.stdout.isatty():
+                os.write(1, SHOW_CURSOR)
+            os._exit(Exit.STOPPED)
         stopped.set()
 
     heard = [n for n in (*STOPS, signal.SIGHUP) if signal.getsignal(n) is not signal.SIG_IGN]

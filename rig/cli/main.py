@@ -110,6 +110,7 @@ def _run(said: Output) -> None:
     except SystemExit as end:
         if isinstance(end.code, int) and end.code != 0:
             emit_error(_in_the_box(said.tail()), "UsageError", end.code)
+        _ignore_stops()
         raise
 
 
@@ -124,11 +125,15 @@ def _end(message: str, kind: str, code: Exit) -> None:
     """Say in one line why it ended, whatever the message is made of."""
     from drivers.formats import without_passwords
 
-    # All is done but to say so: a further Ctrl-C, also while Python ends, must not end it otherwise.
-    for number in STOPS:
-        signal.signal(number, signal.SIG_IGN)
+    _ignore_stops()
     with suppress(OSError, ValueError):
         text = " ".join(plain(without_passwords(message)).splitlines())
         say(f"rig: {text}")
         emit_error(text, kind, code)
     sys.exit(code)
+
+
+def _ignore_stops() -> None:
+    """Ignore a further Ctrl-C once all is done: also while Python ends, it must not end it otherwise."""
+    for number in STOPS:
+        signal.signal(number, signal.SIG_IGN)

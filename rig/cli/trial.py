@@ -16,7 +16,7 @@ from rig.cli.places import file_place
 from rig.cli.report import report_after
 from rig.cli.results import trial_table
 from rig.cli.resuming import continued, may_be_continued, named_again, say_done, usual_lift_s
-from rig.cli.watching import Work, watched
+from rig.cli.watching import Work, foxglove_server, watched
 from rig.live.onlookers import telling
 from rig.live.questions import ask
 
@@ -109,16 +109,8 @@ class ViewerOptions:
 
     def server(self, bench: "BenchConfig") -> "FoxgloveServer | None":
         """Return the server that was asked for, and say how to look at it. Raises `InputError`."""
-        if not self.foxglove and self.foxglove_at is None:
-            return None
-        from rig.live.session import FOXGLOVE_LAYOUT, FOXGLOVE_PORT, FoxgloveServer
-        from rig.live.watch import watch_address
-
-        host, port = watch_address(self.foxglove_at, "--foxglove-at", FOXGLOVE_PORT)
-        server = FoxgloveServer(host, port, {t.serial: f"finger_{t.finger.lower()}" for t in bench.tactile})
-        server.check()
-        say(f"Foxglove: open the connection ws://{host}:{port}, import the layout {FOXGLOVE_LAYOUT}")
-        return server
+        names = {t.serial: f"finger_{t.finger.lower()}" for t in bench.tactile}
+        return foxglove_server(self.foxglove, self.foxglove_at, names)
 
 
 def trial(

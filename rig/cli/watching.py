@@ -1,6 +1,6 @@
-"""What --watch and --notify add to a command: a page in the browser, and a command that is run on events."""
+"""What --watch, --notify and --foxglove add to a command: a page, a command run on events, and a server."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -13,6 +13,7 @@ from rig.live.onlookers import looking_on, report_to
 
 if TYPE_CHECKING:
     from rig.live.feed import Listener
+    from rig.live.session import FoxgloveServer
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,3 +50,20 @@ def watched(context: typer.Context, work: Work, options: WatchOptions) -> "Itera
             say(f"watch it at {page.address}")
             listeners = (page.listener,)
         yield listeners
+
+
+def foxglove_server(here: bool, at: str | None, names: "Mapping[str, str]") -> "FoxgloveServer | None":
+    """Return the server that was asked for, checked, and print how to connect to it; None without one.
+
+    here, at: --foxglove and --foxglove-at. names: as `FoxgloveServer`. Raises `InputError`.
+    """
+    if not here and at is None:
+        return None
+    from rig.live.session import FOXGLOVE_LAYOUT, FOXGLOVE_PORT, FoxgloveServer
+    from rig.live.watch import watch_address
+
+    host, port = watch_address(at, "--foxglove-at", FOXGLOVE_PORT)
+    server = FoxgloveServer(host, port, names)
+    server.check()
+    say(f"Foxglove: open the connection ws://{host}:{port}, import the layout {FOXGLOVE_LAYOUT}")
+    return server

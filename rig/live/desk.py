@@ -22,15 +22,13 @@ from rig.frames.streaming import AngleSample
 from rig.lift.fusion import FusedSample, fuse
 from rig.live.clip_writer import ClipWriter, clip_folder
 from rig.live.desk_sensor import DeskSensor, Reading
-from rig.live.feed import Sender
+from rig.live.feed import OBJECT, Sender
 from rig.live.observer import PICTURE_LONG_SIDE_PX, small_jpeg
 from rig.tactile.estimators import EstimatorChoice, choose_estimator
 
 LATEST_S = 0.3
 """Frames that wait longer are skipped and counted as dropped, so that the angle stays a live one."""
 FRAME_TIMEOUT_S = 1.0
-OBJECT = "object"
-"""Name of the fused angle among the sensors."""
 REFERENCE, TAKE_BACKGROUND, RECORD, ESTIMATOR = "reference", "background", "record", "estimator"
 """What a person can ask for while it runs; `estimator` is followed by a name."""
 
@@ -210,7 +208,12 @@ class Desk:
 
     def _show(self, reading: Reading) -> None:
         frame = reading.frame
-        values = {"sender": os.getpid(), **reading.values(), "recording": self.recording}
+        values = {
+            "sender": os.getpid(),
+            "time_ns": reading.time_ns,
+            "recording": self.recording,
+            **reading.values(),
+        }
         if frame is None:
             self._sender.send("sensor", values)
             return

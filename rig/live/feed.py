@@ -15,6 +15,8 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
+OBJECT = "object"
+"""Name of the angle of the object that two sensors touch, among the sensors on a desk."""
 KEPT_MESSAGES = 512
 """Unread messages that a receiver keeps: some seconds of one lift."""
 LARGEST_BYTES = 200_000

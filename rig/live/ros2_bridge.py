@@ -21,8 +21,8 @@ from cyclonedds.util import duration
 from rosbags.typesys import Stores, get_typestore
 
 from drivers.clock import NS_PER_S, Clock
-from rig.live.desk import OBJECT
 from rig.live.desk_sensor import Reading
+from rig.live.feed import OBJECT
 
 DEPTH = 10
 """Messages that are kept for a slow receiver: the default of ROS 2's publishers."""

@@ -13,7 +13,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from drivers.children import python_command
+from drivers.children import python_command, signals_of_terminal_held
 from drivers.errors import InputError
 from rig.config.extras import require_extra
 from rig.live.feed import Inbox, Listener, LiveFeed
@@ -21,7 +21,7 @@ from rig.live.feed import Inbox, Listener, LiveFeed
 FOXGLOVE_PORT = 8765
 """The port at which Foxglove looks by default."""
 FOXGLOVE_LAYOUT = Path(__file__).parent / "foxglove_layout.json"
-"""The layout to import in Foxglove; its image panels show finger B, finger C and the camera."""
+"""The layout to import in Foxglove, for lifts and for sensors on a desk."""
 START_TIMEOUT_S = 30.0
 END_TIMEOUT_S = 30.0
 _log = logging.getLogger("rig.live")
@@ -45,7 +45,7 @@ def check_viewer(window: bool, file: Path | None) -> None:
 
 @dataclass(frozen=True, slots=True)
 class FoxgloveServer:
-    """Where Foxglove can connect. names: of the fingertips by serial, as "finger_b"."""
+    """Where Foxglove can connect. names: of the tactile sensors by serial, as "finger_b"."""
 
     host: str
     port: int
@@ -83,8 +83,6 @@ def live_session(
     start. The viewers' processes end with the session; if one ends earlier, the session continues.
     """
     check_viewer(window, file)
-    if foxglove is not None:
-        foxglove.check()
     with tempfile.TemporaryDirectory(prefix="rig-live-") as folder, ExitStack() as stack:
         inbox = Inbox(f"{folder}/terminal")
         stack.callback(inbox.close)
@@ -94,10 +92,18 @@ def live_session(
             stack.enter_context(_viewer("rerun", address, *_file(file)))
             listeners.append(Listener(address, pictures=True))
         if foxglove is not None:
-            address = f"{folder}/foxglove"
-            stack.enter_context(_viewer("foxglove", address, *foxglove.arguments))
-            listeners.append(Listener(address, pictures=True))
+            listeners.append(stack.enter_context(foxglove_listener(foxglove)))
         yield LiveFeed(tuple(listeners)), inbox
+
+
+@contextmanager
+def foxglove_listener(server: FoxgloveServer) -> Iterator[Listener]:
+    """Serve to Foxglove in a process that ends with the context. Raises `InputError` as `check` does."""
+    server.check()
+    with tempfile.TemporaryDirectory(prefix="rig-live-") as folder:
+        address = f"{folder}/foxglove"
+        with _viewer("foxglove", address, *server.arguments):
+            yield Listener(address, pictures=True)
 
 
 @contextmanager
@@ -125,7 +131,7 @@ def _viewer(kind: str, address: str, *arguments: str) -> Iterator[subprocess.Pop
     command = python_command("-m", "rig.live.viewer", kind, address, *arguments)
     # The viewer's output goes into a file: a pipe that is not read would block it.
     log = Path(f"{address}.log")
-    with log.open("w") as said:
+    with log.open("w") as said, signals_of_terminal_held():
         process = subprocess.Popen(  # noqa: S603 - this program and the user's own path
             command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=said, text=True,
             env=viewer_environment(),
@@ -136,7 +142,7 @@ def _viewer(kind: str, address: str, *arguments: str) -> Iterator[subprocess.Pop
         if process.poll() is not None:
             # Without a handler of the caller's, logging brings a warning to standard error.
             _log.warning(
-                "the live viewer ended before the lifts did; what was recorded is complete all the same"
+                "the live viewer ended before the command did; what was recorded is complete all the same"
             )
     finally:
         _end(process)

@@ -4,6 +4,7 @@ The page of `--watch` is read-only. That of `rig live` also passes on what a per
 """
 
 import json
+import secrets
 import socket
 import tempfile
 import time
@@ -30,8 +31,8 @@ from rig.pages.serving import (
     Request,
 )
 
-ACTING = "x-rig"
-"""Header of a request that changes something. A site elsewhere cannot send it: browsers ask first."""
+TOKEN = "x-rig-token"  # noqa: S105 - its name
+"""Header of a request that changes something, with the token that only the page itself knows."""
 MOST_ACTION_BYTES = 200
 REPORT_WAIT_S = 1.5
 """A browser that looks on is given this much time to fetch the report before the page ends."""
@@ -124,8 +125,10 @@ class Watched:
     """
 
     def __init__(self, progress: Progress, address: str, estimators: tuple[str, ...] = ()) -> None:
-        self._acting = bool(estimators)
-        self._html = render("rig.live", "watch.html", title=progress.title, estimators=estimators).encode()
+        self._acting, self._token = bool(estimators), secrets.token_urlsafe(16)
+        self._html = render(
+            "rig.live", "watch.html", title=progress.title, estimators=estimators, token=self._token
+        ).encode()
         self._inbox = Inbox(address)
         self._state = WatchState(progress, self._inbox.take)
 
@@ -157,7 +160,8 @@ class Watched:
 
     def _passed_on(self, request: Request) -> Answer:
         """Pass on what a person asked for by a button, as text."""
-        if not request.header(ACTING) or not 0 < len(request.body) <= MOST_ACTION_BYTES:
+        known = secrets.compare_digest(request.header(TOKEN).encode(), self._token.encode())
+        if not known or not 0 < len(request.body) <= MOST_ACTION_BYTES:
             return FORBIDDEN
         return Answer(b"{}", "application/json", report=request.body)
 

@@ -11,8 +11,8 @@ from typing import Any
 
 from drivers.clock import NS_PER_S
 from rig.live.feed import Message
+from rig.live.lift_in_view import LiftInView
 from rig.live.onlookers import Event
-from rig.live.terminal import LiftInView
 
 RECORD_HEAD = struct.Struct(">II")
 """Before each record of `/stream`: length of its JSON, then of all its pictures, which follow in order."""

@@ -84,6 +84,7 @@ class Answer:
             "Cache-Control: no-store",
             "X-Content-Type-Options: nosniff",
             "Cross-Origin-Resource-Policy: same-origin",
+            "X-Frame-Options: DENY",  # a site elsewhere could lay the page, unseen, under the pointer
             "Connection: close",
         ]
         return "\r\n".join([*lines, "", ""]).encode() + self.body
@@ -210,18 +211,28 @@ def _answer(page: Page, request: Request | None, names: frozenset[str]) -> Answe
 def is_from_here(request: Request, names: frozenset[str]) -> bool:
     """Whether a request asks for this computer's page, and comes from that page or from a person.
 
-    names: hosts under which the page may be asked for, empty for all. A site elsewhere can lead its own name
-    to this computer's loopback address, which shows in Host, and can send requests here, which shows in
-    Origin.
+    names: hosts under which the page may be asked for; empty for all, but changes need a host that
+    `is_this_computer`. A site elsewhere can lead its own name to this computer's address, which shows in
+    Host, and can send requests here, which shows in Origin.
     """
     try:
-        host = urlsplit(f"//{request.header('host')}").hostname
+        host = urlsplit(f"//{request.header('host')}").hostname or ""
     except ValueError:
         return False
-    return (not names or host in names) and request.header("origin") in (
-        "",
-        f"http://{request.header('host')}",
-    )
+    known = host in names if names else request.method == "GET" or is_this_computer(host)
+    return known and request.header("origin") in ("", f"http://{request.header('host')}")
+
+
+def is_this_computer(host: str) -> bool:
+    """Whether a host is an IP address or this computer's own name: no site elsewhere has either."""
+    name = socket.gethostname().lower()
+    if host in ("localhost", name, f"{name}.local"):
+        return True
+    try:
+        ipaddress.ip_address(host)
+    except ValueError:
+        return False
+    return True
 
 
 def _names(listening: socket.socket) -> frozenset[str]:

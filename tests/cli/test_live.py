@@ -1,9 +1,13 @@
 """`rig live` without a page: text, a JSON object per frame, files to their end, and errors with the cure."""
 
+import asyncio
 import json
+import os
 import signal
+import socket
 import subprocess
 import sys
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -12,6 +16,7 @@ from drivers.images import encode_png
 from drivers.types import Image
 from support.command_line import rig
 from support.desk_frames import desk_frames
+from support.foxglove_client import first_message
 
 
 @pytest.fixture(scope="module")
@@ -68,6 +73,27 @@ def test_ctrl_c_ends_it_wherever_it_is(waits: str) -> None:
 
 
 @pytest.mark.parametrize(
+    ("moment", "times"),
+    [("typer", 1), ("rig.cli.main", 1), ("multiprocessing.reduction", 1), ("numpy", 2), ("rig.live.desk", 1)],
+)
+def test_ctrl_c_while_it_starts_ends_it_without_a_traceback(moment: str, times: int) -> None:
+    """The signal comes once this module is imported, in the command or in its page's process."""
+    imports = [sys.executable, "-P", "-u", "-X", "importtime", "-m", "rig", "live", "fake", "--no-browser"]
+    both = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True, "start_new_session": True}
+    with subprocess.Popen(imports, **both) as process:
+        assert process.stdout is not None
+        found = next(line for line in process.stdout if line.rpartition("|")[2].strip() == moment)
+        assert found
+        for _ in range(times):
+            with suppress(ProcessLookupError):
+                os.killpg(process.pid, signal.SIGINT)
+        rest = process.stdout.read()
+        assert process.wait(60) in (0, 3), rest
+        assert "Traceback" not in rest
+        assert "Fatal" not in rest
+
+
+@pytest.mark.parametrize(
     ("arguments", "code", "match"),
     [
         (["nowhere.avi"], 2, "there is no such file or folder"),
@@ -82,6 +108,29 @@ def test_wrong_source_or_option_is_one_line(arguments: list[str], code: int, mat
     done = rig("live", *arguments, "--terminal")
     assert done.returncode == code
     assert match in done.stderr
+
+
+def test_wrong_source_opens_no_page() -> None:
+    done = rig("live", "nowhere.avi")
+    assert done.returncode == 2
+    assert "live at" not in done.stderr
+
+
+def test_foxglove_server_gets_the_readings() -> None:
+    pytest.importorskip("foxglove", reason="foxglove-sdk is not installed: extra 'foxglove'")
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        at = f"127.0.0.1:{free.getsockname()[1]}"
+    command = [sys.executable, "-P", "-m", "rig", "live", "fake", "--json", "--foxglove-at", at]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        process.stdout.readline()
+        state = asyncio.run(asyncio.wait_for(first_message(f"ws://{at}/", "/frames"), 60.0))
+        process.send_signal(signal.SIGINT)
+        _, said = process.communicate(timeout=60)
+    assert process.returncode == 0, said
+    assert f"Foxglove: open the connection ws://{at}, import the layout" in said
+    assert set(state["rates_hz"]) == {"SIM-DESK1"}
 
 
 def test_background_may_be_given(clip: Path, tmp_path: Path) -> None:

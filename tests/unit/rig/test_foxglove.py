@@ -16,6 +16,7 @@ from drivers.clock import NS_PER_S
 from drivers.errors import InputError
 from rig.live.feed import LiveFeed, Message, Sender
 from rig.live.session import FOXGLOVE_LAYOUT, FoxgloveServer, live_session
+from support.foxglove_client import first_message
 
 NAMES = {"D1": "finger_b", "D2": "finger_c"}
 LIFT = {"number": 1, "attempt": 0, "name": "wrench", "sender": 7, "simulated": True}
@@ -36,14 +37,16 @@ MESSAGES = [
 ]
 
 
-def recorded(path: Path, messages: list[Message]) -> dict[str, list[tuple[int, Any]]]:
+def recorded(
+    path: Path, messages: list[Message], names: dict[str, str] = NAMES
+) -> dict[str, list[tuple[int, Any]]]:
     """Show messages to a scene that writes a file; return what the file has, by topic, with times."""
     foxglove = pytest.importorskip("foxglove", reason="foxglove-sdk is not installed: extra 'foxglove'")
     from rig.live.foxglove import FoxgloveScene
 
     context = foxglove.Context()
     with foxglove.open_mcap(str(path), context=context):
-        scene = FoxgloveScene(NAMES, context, None)
+        scene = FoxgloveScene(names, context, None)
         for message in messages:
             scene.show(message)
         scene.close()
@@ -61,7 +64,8 @@ def recorded(path: Path, messages: list[Message]) -> dict[str, list[tuple[int, A
 def test_a_lift_is_published_with_images_angles_alarm_arm_and_gripper(tmp_path: Path) -> None:
     found = recorded(tmp_path / "f.mcap", [Message(k, {**LIFT, **v}, p) for k, v, p in MESSAGES])
     last = {topic: messages[-1][1] for topic, messages in found.items()}
-    assert (last["/image/finger_b"].data, last["/image/finger_b"].format) == (b"jpeg", "jpeg")
+    image = last["/image/tactile_1"]
+    assert (image.data, image.format, image.frame_id) == (b"jpeg", "jpeg", "finger_b")
     assert [point.x for point in last["/image/camera/markers"].points[0].points] == [1.0, 2.0, 2.0, 1.0]
     assert last["/angle/estimate"] == {"angle_deg": -3.0, "sigma_deg": 0.2, "low_deg": -3.2, "high_deg": -2.8}
     assert len(found["/angle/estimate"]) == 1
@@ -74,8 +78,41 @@ def test_a_lift_is_published_with_images_angles_alarm_arm_and_gripper(tmp_path: 
     events = [message.message for _, message in found["/events"]]
     assert events == ["SIMULATED lift 1: wrench", "phase B", "slip", "reaction: stop"]
     times = {topic: messages[-1][0] for topic, messages in found.items()}
-    assert times["/gripper"] - times["/image/finger_b"] == 2
+    assert times["/gripper"] - times["/image/tactile_1"] == 2
     assert abs(times["/phase"] - time.time_ns()) < 60 * NS_PER_S
+
+
+def reading(name: str, angle: float | None, **more: object) -> dict[str, object]:
+    return {
+        "sender": 7, "sensor": name, "time_ns": 5, "t_s": 5e-9, "state": "tracking", "angle_deg": angle,
+        "sigma_deg": 0.5, "slip": True, "fps": 60.0, "dropped": 2, **more,
+    }  # fmt: skip
+
+
+def test_sensors_on_a_desk_are_published_on_the_topics_of_a_lift(tmp_path: Path) -> None:
+    outline = [[1.0, 2.0], [3.0, 4.0], [5.0, 6.0]]
+    messages = [
+        Message("notice", {"sender": 7, "text": "taking the background"}),
+        Message("sensor", reading("D2", 9.0, outline=[]), b"second"),
+        Message("sensor", reading("D1", 8.0, outline=outline), b"first"),
+        Message("sensor", reading("object", 7.0)),
+    ]
+    found = recorded(tmp_path / "f.mcap", messages)
+    last = {topic: shown[-1][1] for topic, shown in found.items()}
+    assert (last["/image/tactile_1"].data, last["/image/tactile_2"].data) == (b"first", b"second")
+    assert [point.y for point in last["/image/tactile_1/outline"].points[0].points] == [2.0, 4.0, 6.0]
+    assert len(last["/image/tactile_2/outline"].points) == 0
+    assert [shown["angle_deg"] for _, shown in found["/angle/estimate"]] == [7.0]
+    assert (last["/alarm"], last["/state"]) == ({"slip": True}, {"state": "tracking"})
+    assert last["/frames"] == {"rates_hz": {"D1": 60.0, "D2": 60.0}, "dropped": {"D1": 2, "D2": 2}}
+    assert [shown.message for _, shown in found["/events"]] == ["taking the background", "slip"]
+
+
+def test_single_sensor_on_a_desk_gives_the_angle(tmp_path: Path) -> None:
+    found = recorded(
+        tmp_path / "f.mcap", [Message("sensor", reading("D", -4.0, outline=[]), b"jpeg")], {"D": "D"}
+    )
+    assert [shown["low_deg"] for _, shown in found["/angle/estimate"]] == [-4.5]
 
 
 def test_lifts_follow_one_another_and_other_processes_are_left_out(tmp_path: Path) -> None:
@@ -99,43 +136,28 @@ def test_layout_shows_topics_that_are_published() -> None:
                 or topic == "/frames"
                 or field in ("sigma_deg", "moving", "reaction")
             )
-    for topic in ("/image/finger_b", "/image/finger_c", "/image/camera", "/image/camera/markers", "/arm/tcp"):
-        assert topic in text
+    for image, lines in (("tactile_1", "outline"), ("tactile_2", "outline"), ("camera", "markers")):
+        assert f'"/image/{image}"' in text
+        assert f'"/image/{image}/{lines}"' in text
+    assert '"/arm/tcp"' in text
     panels = json.dumps(layout["layout"])
     assert all(f'"{panel}"' in panels for panel in layout["configById"])
 
 
 def test_a_client_that_connects_gets_the_messages() -> None:
     pytest.importorskip("foxglove", reason="foxglove-sdk is not installed: extra 'foxglove'")
-    websocket = pytest.importorskip("tornado.websocket")
-    from tornado.httpclient import HTTPRequest
-
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
 
-    async def angle() -> Any:
-        request = HTTPRequest(
-            f"ws://127.0.0.1:{port}/", headers={"Sec-WebSocket-Protocol": "foxglove.sdk.v1"}
-        )
-        client = await websocket.websocket_connect(request, subprotocols=["foxglove.sdk.v1"])
-        while True:
-            data = await client.read_message()
-            if isinstance(data, bytes):
-                client.close()
-                while await client.read_message() is not None:
-                    pass
-                return json.loads(data[13:])
-            for channel in json.loads(data).get("channels", ()):
-                if channel["topic"] == "/angle/estimate":
-                    wanted = {"op": "subscribe", "subscriptions": [{"id": 1, "channelId": channel["id"]}]}
-                    await client.write_message(json.dumps(wanted))
-                    await asyncio.sleep(0.3)
-                    sender.send("figures", {**LIFT, **FIGURES})
+    async def send() -> None:
+        await asyncio.sleep(0.3)
+        sender.send("figures", {**LIFT, **FIGURES})
 
     with live_session(False, None, foxglove=FoxgloveServer("127.0.0.1", port, NAMES)) as (feed, _):
         sender = Sender(LiveFeed(tuple(each for each in feed.listeners if each.pictures)))
-        assert asyncio.run(asyncio.wait_for(angle(), 60.0))["angle_deg"] == -3.0
+        asked = first_message(f"ws://127.0.0.1:{port}/", "/angle/estimate", send)
+        assert asyncio.run(asyncio.wait_for(asked, 60.0))["angle_deg"] == -3.0
         sender.close()
         with pytest.raises(InputError, match=rf"--foxglove-at 127.0.0.1:{port}: nothing can be served there"):
             FoxgloveServer("127.0.0.1", port, NAMES).check()

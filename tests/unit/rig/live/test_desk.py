@@ -9,9 +9,9 @@ from drivers.clock import SystemClock
 from drivers.errors import DeviceError, InputError
 from rig.frames.estimation import Estimation
 from rig.frames.series import read_frames
-from rig.live.desk import OBJECT, Desk, DeskSettings
+from rig.live.desk import Desk, DeskSettings
 from rig.live.desk_sensor import BACKGROUND_FRAMES, DeskSensor, Reading
-from rig.live.feed import Inbox, Listener, LiveFeed, Sender
+from rig.live.feed import OBJECT, Inbox, Listener, LiveFeed, Sender
 from rig.tactile.estimators import choose_estimator
 from support.desk_frames import GivenFrames, desk_digit, desk_frames
 

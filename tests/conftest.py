@@ -41,6 +41,8 @@ PROPERTY_CASES, LONG_PROPERTY_CASES = 25, 200
 """Examples drawn for each property test that names no number, without and with --long."""
 SLOW_FOLDERS = ("tests/cli/", "tests/scenario/", "tests/unit/rig/benchmark/")
 """Their tests run commands, lifts and whole trials, many in processes of their own."""
+LONGEST_ID = 100
+"""Longest text that stands in a test's name, characters."""
 ROOT = Path(__file__).parent.parent
 
 
@@ -65,6 +67,13 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         help=f"run only the tests marked 'long', the fuzz tests with {LONG_FUZZ_CASES} cases each, and the "
         f"property tests with {LONG_PROPERTY_CASES} examples each",
     )
+
+
+def pytest_make_parametrize_id(val: object, argname: str) -> str | None:
+    """Name a long value by its length: workers send each other the names of all tests."""
+    if isinstance(val, str | bytes) and len(val) > LONGEST_ID:
+        return f"{argname} of {len(val)}"
+    return None
 
 
 @pytest.hookimpl(tryfirst=True)

@@ -39,7 +39,7 @@ def test_a_run_prints_one_object_and_a_missed_limit_is_exit_4(
 ) -> None:
     out = tmp_path / "out"
     monkeypatch.setattr(estimators, "stress_tasks", lambda full, seed, names: [])  # a minute less
-    monkeypatch.setattr(timing, "FRAMES_PER_LIFT", 60)
+    monkeypatch.setattr(timing, "FRAMES_PER_LIFT", 12)
     monkeypatch.setattr(lifts, "WINDOWS", lifts.WINDOWS[:2])
     done = rig("benchmark", "--session", one_lift, "--out", out, "--jobs", "1", "--json")
     assert done.returncode == 4, done.stderr

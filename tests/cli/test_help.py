@@ -20,6 +20,7 @@ from rig.export.formats import FORMATS
 from rig.tactile.estimators import ESTIMATORS
 from support.command_line import rig
 from support.documentation import commands
+from support.marks import long
 
 STORED_TRIAL = str(Path(__file__).parents[1] / "data" / "stored_trial")
 FRAME = "╭╮╰╯─│"
@@ -58,7 +59,7 @@ def stated(command: Any) -> Iterator[str]:
         yield inner.help.split("\n\n")[0]
 
 
-@pytest.mark.parametrize("columns", [80, 140])
+@pytest.mark.parametrize("columns", [80, pytest.param(140, marks=pytest.mark.long)])
 @pytest.mark.parametrize("name", EVERY)
 def test_help_neither_cuts_nor_splits_a_word(
     name: str, columns: int, monkeypatch: pytest.MonkeyPatch
@@ -160,15 +161,17 @@ def completed(line: str, folder: Path, code: str = "") -> list[str]:
     [
         ("rig trial --object wr", ["wrench"]),
         ("rig trial --object plas", ["plastic\\ spatula"]),
-        ("rig teach tooth", ["toothbrush"]),
         ("rig estimate frames --estimator ell", ["ellipse", "ellipse-published"]),
-        ("rig export s --to par", ["parquet"]),
         ("rig doctor --bench ", ["fake", "hard", "wire", "my_bench.toml"]),
         ("rig replay ses", ["sessions/one"]),
-        ("rig replay sessions/one sessions/o", ["sessions/one"]),
-        ("rig trial --react ti", ["tighten"]),
         ("rig benchmark est", ["estimators"]),
-        ("rig trial --obj", ["--object", "--objects"]),
+        *long(
+            ("rig teach tooth", ["toothbrush"]),
+            ("rig export s --to par", ["parquet"]),
+            ("rig replay sessions/one sessions/o", ["sessions/one"]),
+            ("rig trial --react ti", ["tighten"]),
+            ("rig trial --obj", ["--object", "--objects"]),
+        ),
     ],
 )
 def test_tab_completes_names(line: str, offered: list[str], tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""What a command prints is lost without a traceback, and its work counts all the same."""
+"""Output that cannot be written: no traceback, and the work of the command is kept."""
 
 import json
 import os
@@ -25,8 +25,8 @@ def process(arguments: Sequence[object], **streams: Any) -> "subprocess.Complete
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="this system has no /dev/full")
-@pytest.mark.parametrize("arguments", [("sessions", STORED), ("sessions", STORED, "--json"), ("--help",)])
-def test_results_that_cannot_be_written_are_one_line(arguments: Sequence[object]) -> None:
+@pytest.mark.parametrize("arguments", [("sessions", STORED, "--json"), ("--help",)])
+def test_unwritable_results_are_a_one_line_error(arguments: Sequence[object]) -> None:
     with open("/dev/full", "w") as full:
         done = process(arguments, stdout=full, stderr=subprocess.PIPE)
     assert done.returncode == 1
@@ -44,7 +44,7 @@ def test_a_silent_command_prints_that_it_is_loading_on_stderr(monkeypatch: pytes
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="this system has no /dev/full")
-def test_progress_that_cannot_be_written_costs_nothing() -> None:
+def test_unwritable_progress_changes_nothing() -> None:
     with open("/dev/full", "w") as full:
         done = process(("sessions", STORED, "--json"), stdout=subprocess.PIPE, stderr=full)
     assert done.returncode == 0
@@ -52,7 +52,7 @@ def test_progress_that_cannot_be_written_costs_nothing() -> None:
 
 
 @pytest.mark.parametrize("arguments", [("sessions", STORED), ("--help",)])
-def test_a_reader_that_leaves_early_changes_no_exit_code(arguments: Sequence[object]) -> None:
+def test_closed_output_pipe_changes_no_exit_code(arguments: Sequence[object]) -> None:
     reading, writing = os.pipe()
     os.close(reading)
     try:
@@ -62,7 +62,7 @@ def test_a_reader_that_leaves_early_changes_no_exit_code(arguments: Sequence[obj
     assert (done.returncode, done.stderr.removeprefix("loading ...\n")) == (0, "")
 
 
-def test_a_trial_whose_reader_left_is_kept_and_done(light_bench_file: Path, tmp_path: Path) -> None:
+def test_trial_with_a_closed_output_pipe_is_finished_and_kept(light_bench_file: Path, tmp_path: Path) -> None:
     reading, writing = os.pipe()
     os.close(reading)
     what = ("trial", "--bench", light_bench_file, "--object", "t2", "--lifts", "1", "--estimator", "pca")

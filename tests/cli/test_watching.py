@@ -18,6 +18,7 @@ import pytest
 from rig.live.onlookers import Event
 from rig.live.watch import WatchPage
 from support.command_line import rig
+from support.marks import long
 from support.waiting import until
 
 AtTerminal = Callable[[list[str], int], Any]
@@ -102,7 +103,7 @@ def test_watching_does_not_change_the_results(
     assert (browser.states[0]["done"], browser.states[0]["total"]) == (0, 1)
 
 
-def test_a_recording_can_be_watched(browser: Browser, light_bench_file: Path, tmp_path: Path) -> None:
+def test_recording_can_be_watched(browser: Browser, light_bench_file: Path, tmp_path: Path) -> None:
     done = rig(
         "record", "--object", 7, "--poses", 1, "--images", 4, "--bench", light_bench_file, "--no-report",
         "--out", tmp_path / "s", "--watch-at", "127.0.0.1:0",
@@ -113,7 +114,8 @@ def test_a_recording_can_be_watched(browser: Browser, light_bench_file: Path, tm
     assert browser.states[0]["what"] == "poses"
 
 
-def test_a_calibration_can_be_watched(browser: Browser, light_bench_file: Path, tmp_path: Path) -> None:
+@pytest.mark.long
+def test_calibration_can_be_watched(browser: Browser, light_bench_file: Path, tmp_path: Path) -> None:
     notify = shlex.join([sys.executable, "-c", KEEPS, str(tmp_path / "told")])
     blocks = ("--block-mm", 20, "--block-mm", 45, "--block-mm", 70)
     done = rig(
@@ -132,7 +134,7 @@ def test_a_calibration_can_be_watched(browser: Browser, light_bench_file: Path, 
 
 @pytest.mark.parametrize(
     "what",
-    [("tactile",), *(pytest.param(w, marks=pytest.mark.long) for w in (("markers",), ("tcp", "--poses", 4)))],
+    [("tactile",), *long((("markers",),), (("tcp", "--poses", 4),))],
 )
 def test_every_calibration_reports_its_progress(
     what: tuple[object, ...], light_bench_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

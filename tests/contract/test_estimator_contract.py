@@ -7,7 +7,7 @@ import pytest
 
 from rig.contract_checks.options import MakeEstimator
 from rig.contract_checks.test_estimator import *  # noqa: F403
-from rig.tactile.estimators import ESTIMATORS, TOSKOV, choose_estimator
+from rig.tactile.estimators import ESTIMATORS, PUBLISHED, TOSKOV, choose_estimator
 from support.own_estimators import MODULE, own_estimators
 
 pytestmark = pytest.mark.slow
@@ -23,7 +23,9 @@ def own(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
         yield imported
 
 
-@pytest.fixture(params=[*NAMES, OWN])
+@pytest.fixture(
+    params=[*(pytest.param(n, marks=pytest.mark.long) if PUBLISHED in n else n for n in NAMES), OWN]
+)
 def make_estimator(request: pytest.FixtureRequest) -> MakeEstimator:
     if request.param == OWN:
         request.getfixturevalue("own")

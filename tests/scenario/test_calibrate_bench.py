@@ -1,7 +1,9 @@
-"""Calibrations as protocols on the simulated bench: what they find is what the fakes are made of."""
+"""Calibration protocols on the simulated bench find the parameters that it is simulated with."""
 
+import csv
 from dataclasses import replace
 from pathlib import Path
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -11,15 +13,18 @@ from calibration.hand_eye.samples import Setup
 from calibration.targets.boards import parse_target
 from calibration.verdict import Verdict
 from drivers.errors import DeviceError, InputError
+from drivers.images import read_image
 from drivers.types import ArmState, Frame, Pose
 from fakes.devices.arm import TOOL_LENGTH_M, FakeArm
 from fakes.devices.plan import unit_seed
 from fakes.gel.sensor import GelSensor
 from fakes.world.fixture import tip_m
+from fakes.world.motion import FingerPath, ToolPath
 from fakes.world.state import BenchLayout
+from fakes.world.world import World
 from rig.bench.operators import ConsoleOperator
 from rig.benchmark.wire.safety_events import as_real
-from rig.calibrate.bench import Station
+from rig.calibrate.bench import Station, grasp_at
 from rig.calibrate.bench_camera import collect_camera
 from rig.calibrate.bench_clocks import WiggleObserver, collect_streams
 from rig.calibrate.bench_fingers import collect_openings
@@ -38,12 +43,19 @@ def station(folder: Path, seed: int = 0, bench: BenchConfig | None = None) -> St
     return Station(bench or load_bench("fake"), seed, folder, person, lambda _: None)
 
 
+def slower(rate_hz: float) -> BenchConfig:
+    """The light bench with fingertips of another rate: their frames take most of the time."""
+    bench = lighter()
+    tips = tuple(tip.model_copy(update={"rate_hz": rate_hz}) for tip in bench.tactile)
+    return bench.model_copy(update={"tactile": tips})
+
+
 def flange_tip_m(seed: int) -> tuple[float, ...]:
     """Where the simulated tip is on the flange, m."""
     return tuple(np.add((0.0, 0.0, TOOL_LENGTH_M), tip_m(seed)))
 
 
-def test_calibrated_tip_is_in_the_flange_frame_and_is_solved_again_from_its_samples(tmp_path: Path) -> None:
+def test_calibrated_tip_is_in_the_flange_frame_and_equals_that_of_its_samples(tmp_path: Path) -> None:
     found = collect_tip(station(tmp_path, seed=3), 10)
     sigma = np.asarray(found.quality["sigma_m"])
     off = np.abs(np.subtract(found.value["translation_m"], flange_tip_m(3)))
@@ -84,8 +96,8 @@ def test_calibrated_tip_does_not_depend_on_the_configured_tcp(
     assert found.assessment.verdict is verdict
 
 
-def test_blocks_give_the_table_of_closing_fingers(tmp_path: Path) -> None:
-    found = collect_openings(station(tmp_path, bench=lighter()), [20.0, 45.0, 70.0])
+def test_blocks_give_the_opening_table_of_the_gripper(tmp_path: Path) -> None:
+    found = collect_openings(station(tmp_path, bench=slower(15.0)), [20.0, 45.0, 70.0])
     limits = load_bench("fake").gripper.limits
     table = found.value["closing"]
     nominal = limits.max_opening_m - (np.asarray(table["counts"]) - 6) * limits.opening_per_count_m
@@ -95,7 +107,7 @@ def test_blocks_give_the_table_of_closing_fingers(tmp_path: Path) -> None:
         collect_openings(station(tmp_path), [200.0])
 
 
-def test_one_wiggle_puts_camera_and_gels_on_the_arms_clock(
+def test_wiggle_gives_the_time_offsets_of_camera_and_fingertips(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     seen = WiggleObserver.frame
@@ -106,7 +118,9 @@ def test_one_wiggle_puts_camera_and_gels_on_the_arms_clock(
         seen(self, frame)
 
     monkeypatch.setattr(WiggleObserver, "frame", late)
-    found = {o.serials["stream"]: o for o in collect_streams(station(tmp_path), "gauge:30", 0.5)}
+    found = {
+        o.serials["stream"]: o for o in collect_streams(station(tmp_path, bench=lighter()), "gauge:30", 0.5)
+    }
     assert sorted(found) == ["SIM-C0001", "SIM-D0001", "SIM-D0002"]
     for serial, outcome in found.items():
         truth = -0.020 if serial == "SIM-C0001" else 0.0
@@ -114,25 +128,27 @@ def test_one_wiggle_puts_camera_and_gels_on_the_arms_clock(
         assert outcome.value["add_to_stream_s"] == pytest.approx(truth, abs=1e-3)
 
 
-def test_a_camera_in_the_hand_is_found(tmp_path: Path) -> None:
+def test_hand_eye_of_a_camera_in_the_hand_is_found(tmp_path: Path) -> None:
     found = collect_hand_eye(station(tmp_path), parse_target("marker:60:DICT_4X4_50:0"), Setup.EYE_IN_HAND, 9)
     assert found.value["parent_frame"] == "tcp"
     assert np.allclose(found.value["translation_m"], (0.0121, -0.0616, -0.1074), atol=2e-3)
 
 
-def test_a_board_on_the_tool_gives_the_focal_length(tmp_path: Path) -> None:
+@pytest.mark.long
+def test_board_on_the_tool_gives_the_focal_length(tmp_path: Path) -> None:
     found = collect_camera(station(tmp_path), parse_target("charuco:8x6:25:18:DICT_5X5_100"), 20)
     assert str(found.assessment) == "good"  # with the poses that it chose by itself
     sigma = np.asarray(found.quality["sigma"])[0]
     assert found.value["camera_matrix"]["data"][0] == pytest.approx(640.0, abs=4 * sigma)
 
 
-def test_balls_give_a_gels_pixels_without_a_ruler(tmp_path: Path) -> None:
-    for outcome in collect_presses(station(tmp_path, bench=lighter()), [12.0], 9):
+@pytest.mark.long
+def test_ball_presses_give_pixel_aspect_and_scale(tmp_path: Path) -> None:
+    for outcome in collect_presses(station(tmp_path, bench=slower(15.0)), [12.0], 9):
         truth = GelSensor(unit_seed(outcome.serials["tactile"])).mm_per_px
         measured = outcome.value["pixel_aspect"]
         assert measured == pytest.approx(truth[0] / truth[1], abs=0.015)
-        # one size of ball cannot tell the gel's bulge: its scale is up to a tenth too large
+        # one ball size does not determine the gel's bulge: its scale is up to a tenth too large
         assert 1.0 < outcome.value["mm_per_px"][0] / truth[0] < 1.12
         filed = file_result(outcome, tmp_path)
         content = yaml.safe_load(filed.path.read_text())
@@ -140,7 +156,23 @@ def test_balls_give_a_gels_pixels_without_a_ruler(tmp_path: Path) -> None:
         assert filed.page.read_text().count('<svg role="img"') >= 3
 
 
-def test_a_real_bench_is_read_before_anybody_is_asked_and_earlier_samples_stay(tmp_path: Path) -> None:
+def test_ball_presses_are_stored_for_each_fingertip(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """`tests/cli/test_calibrate.py` solves such a folder."""
+    monkeypatch.setattr("rig.calibrate.bench_tactile.tactile_from_folder", Mock())
+    assert len(collect_presses(station(tmp_path, bench=slower(15.0)), [12.0], 2)) == 2
+    placed = {}
+    for serial in ("SIM-D0001", "SIM-D0002"):
+        folder = tmp_path / f"tactile-{serial}-samples"
+        rows = list(csv.DictReader((folder / "catalog.csv").read_text().splitlines()))
+        assert [float(row["diameter(mm)"]) for row in rows] == [12.0, 12.0]
+        for row in rows:
+            pressed, untouched = (read_image(folder / row[key]) for key in ("image", "background"))
+            assert np.abs(np.subtract(pressed, untouched, dtype=int)).max() > 40
+        placed[serial] = [(float(row["x_mm"]), float(row["y_mm"])) for row in rows]
+    assert placed["SIM-D0001"] == [(-x, y) for x, y in placed["SIM-D0002"]]
+
+
+def test_unreadable_real_bench_is_an_error_and_keeps_earlier_samples(tmp_path: Path) -> None:
     values = load_bench("wire").model_dump()
     values["arm"]["host"] = values["gripper"]["host"] = "192.0.2.1"
     values["camera"]["address"] = "/dev/video9"
@@ -154,12 +186,7 @@ def test_a_real_bench_is_read_before_anybody_is_asked_and_earlier_samples_stay(t
     assert earlier.read_text() == "an afternoon's work"
 
 
-def test_hands_that_close_off_the_middle_have_it_off_the_middle_of_their_gels() -> None:
-    from drivers.types import Pose
-    from fakes.world.motion import FingerPath, ToolPath
-    from fakes.world.world import World
-    from rig.calibrate.bench import grasp_at
-
+def test_grasp_off_the_middle_contacts_the_gels_off_the_middle() -> None:
     config = load_bench("fake")
     world = World(BenchLayout(Pose(config.table.position_m), grasp_at(config)), 0)
     world.lay("ball:10")

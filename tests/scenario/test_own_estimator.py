@@ -1,4 +1,4 @@
-"""An estimator of a lab's own, wherever the rig's own work: lifts, replays, tables, benchmarks."""
+"""A lab's own estimator in lifts, replays, tables and benchmarks."""
 
 import csv
 import json
@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from drivers.errors import EstimatorError
 from rig.benchmark.clips import study as clips
-from rig.benchmark.estimators.contenders import NO_SKIP
 from rig.benchmark.estimators.lifts import score_lift
 from rig.benchmark.harness import Run
 from rig.benchmark.renderer import study as renderer
@@ -61,7 +60,7 @@ def not_imported(lab: Path) -> Callable[[], bool]:
     return lambda: not lab.exists() and MODULE not in sys.modules
 
 
-def test_own_estimator_measures_as_the_one_it_wraps(session: Path) -> None:
+def test_own_estimator_gives_the_rows_of_the_one_it_wraps(session: Path) -> None:
     rows = read_finished_lifts(session)
     again = run_replay(stored_trial(session, "pca", 1), jobs=1).rows
     assert [replace(row, marker_distance=None) for row in again] == rows
@@ -74,7 +73,7 @@ def test_replay_naming_own_estimator_is_identical(session: Path) -> None:
     assert json.loads(done.stdout)["identical"] == 2
 
 
-def test_a_session_alone_imports_nothing(session: Path, not_imported: Callable[[], bool]) -> None:
+def test_session_of_an_own_estimator_imports_nothing(session: Path, not_imported: Callable[[], bool]) -> None:
     assert stored_trial(session).settings.bench.simulated
     assert list_session(session).problem is None
     write_report([session])
@@ -126,6 +125,7 @@ def test_lift_with_failing_estimator_is_kept_and_reports_it(lab: Path, light_ben
     assert "The estimator itself failed" in write_report([folder]).path.read_text()
 
 
+@pytest.mark.long
 def test_own_estimator_is_compared_on_a_session(session: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(session.parent)
     done = rig("compare", "lab-pca", "pca", "--on", session, "--jobs", "1", "--json")
@@ -174,7 +174,7 @@ def test_renderer_benchmark_reports_faults_of_own_estimator(lab: Path) -> None:
 
 def test_estimator_benchmark_scores_own_estimator(session: Path) -> None:
     row = read_finished_lifts(session)[0]
-    scores = score_lift(session, ("slip", NO_SKIP, "pca", MINE, FAILING), row)
+    scores = score_lift(session, ("pca", MINE, FAILING), row)
     assert scores.scores[MINE, 1] == scores.scores["pca", 1]
     assert scores.scores[MINE, 4] == scores.scores["pca", 4]
     assert list(scores.faults) == [FAILING]

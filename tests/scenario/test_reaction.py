@@ -1,4 +1,4 @@
-"""A slip that is caught beside the same one that is not: rows, recordings, replay, refusals."""
+"""Lifts with a reaction to slip: rows, recordings, replay, rejected settings."""
 
 import csv
 import io
@@ -26,6 +26,7 @@ from rig.sessions.rows import read_finished_lifts
 from rig.tactile.estimators import choose_estimator
 from support.benches import lighter
 from support.command_line import rig
+from support.marks import long
 
 
 def settings(react: str, max_turn_deg: float | None = None) -> TrialSettings:
@@ -130,8 +131,8 @@ def test_tables_tell_reacting_lifts_apart(folder: Path, summary: TrialSummary) -
     assert float(line["reaction_event_s"]) <= float(line["reaction_command_s"])
 
 
-@pytest.mark.parametrize("react", ["stop", "lower"])
-def test_stop_and_lower_end_below_full_height_and_so_catch_nothing(react: str) -> None:
+@pytest.mark.parametrize("react", ["stop", *long("lower")])
+def test_stop_and_lower_end_below_full_height_and_catch_nothing(react: str) -> None:
     row = lifted(react)
     assert row.outcome is LiftOutcome.SLIPPED
     assert row.final_truth_deg is not None
@@ -190,6 +191,7 @@ def test_object_without_largest_grip_is_rejected_before_the_session(tmp_path: Pa
     assert not (tmp_path / "s").exists()
 
 
+@pytest.mark.long
 def test_replay_prints_the_number_of_caught_lifts(folder: Path, summary: TrialSummary) -> None:
     shown = rig("replay", folder, "--json")
     assert shown.returncode == 0

@@ -14,6 +14,7 @@ from rig.frames.of_session import recording_frames
 from rig.sessions.reading import phase_times, recorded_angles
 from rig.sessions.recorder import slip_topic
 from rig.tactile.estimators import choose_estimator
+from support.marks import long
 
 Values = tuple[float | None, float | None, str, float | None]
 
@@ -25,7 +26,7 @@ def recording(tmp_path_factory: pytest.TempPathFactory, light_bench: BenchConfig
     return folder / "lifts" / "001.mcap"
 
 
-@pytest.mark.parametrize("place", [0, 1])
+@pytest.mark.parametrize("place", [0, *long(1)])
 def test_streamed_frames_give_the_angles_of_the_lift(recording: Path, place: int) -> None:
     tip, phases = recording_frames(recording)[place], phase_times(recording)
     lift_ns, lower_ns = phases[Phase.LIFT], phases[Phase.LOWER]

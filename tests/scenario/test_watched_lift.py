@@ -1,4 +1,7 @@
-"""A lift over the wire protocol goes on, whatever happens to the page that shows it."""
+"""A lift over the wire protocol goes on, whatever happens to the page that shows it.
+
+The page alone: `tests/unit/rig/test_watch.py`.
+"""
 
 import os
 import signal
@@ -15,7 +18,7 @@ from rig.config.write import write_bench
 from rig.sessions.rows import read_finished_lifts
 from support.waiting import until
 
-pytestmark = pytest.mark.real_time
+pytestmark = [pytest.mark.real_time, pytest.mark.long]
 REQUESTS_PER_S = 2000
 """More than the page answers: with 300, few lifts were disturbed when the lift itself served the page."""
 HAMMER = f"""if True:
@@ -87,7 +90,6 @@ def test_flood_of_requests_does_not_disturb_a_lift(wire_file: Path, tmp_path: Pa
             hammer.wait()
 
 
-@pytest.mark.long
 def test_stopped_page_does_not_disturb_a_lift(wire_file: Path, tmp_path: Path) -> None:
     with watched_trial(wire_file, tmp_path / "s") as (process, _):
         until(lambda: page_of(process.pid) is not None, 30.0)

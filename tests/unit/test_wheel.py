@@ -46,8 +46,8 @@ def test_the_wheel_holds_the_packages_and_their_data_and_nothing_else(unpacked: 
     ("command", "told"),
     [
         (("trial", "--object", "wrench", "--lifts", "1", "--dry-run"), "nothing was moved"),
-        (("bench", "new", "my_bench.toml"), "my_bench.toml"),
         (("model", "list"), "ours"),
+        pytest.param(("bench", "new", "my_bench.toml"), "my_bench.toml", marks=pytest.mark.long),
     ],
 )
 def test_commands_find_their_data_in_it(

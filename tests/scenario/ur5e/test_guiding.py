@@ -15,6 +15,7 @@ from drivers.types import Vector6
 from drivers.ur5e.arm import UR5e
 from drivers.ur5e.motion import from_ur, to_ur
 from fakes.wire.ur.controller import URController
+from support.marks import long
 from support.ur5e import HOME, make_arm, stands
 from support.waiting import until
 
@@ -94,7 +95,7 @@ def test_guided_arm_stays_where_it_was_led(controller: URController, arm: UR5e) 
     [
         signal.SIGINT,
         signal.SIGHUP,
-        *(pytest.param(n, marks=pytest.mark.long) for n in (signal.SIGTERM, signal.SIGQUIT)),
+        *long(signal.SIGTERM, signal.SIGQUIT),
     ],
 )
 def test_signal_ends_guiding_with_the_arm_held_at_rest(

@@ -22,16 +22,6 @@ def solved(samples: list[HandEyeSample], setup: Setup = Setup.EYE_TO_HAND):
     return calibrate_hand_eye(samples, CAMERA, setup)
 
 
-@pytest.mark.parametrize("setup", list(Setup))
-def test_exact_samples_give_the_exact_answer(setup: Setup) -> None:
-    truth, samples = general_scene(np.random.default_rng(0), 10, setup, noise=EXACT)
-    result = solved(samples, setup)
-    assert result.pose is not None
-    assert result.target is not None
-    assert truth.error(result.pose) == pytest.approx((0.0, 0.0), abs=1e-5)
-    assert np.allclose(result.target.position_m, truth.z.position_m, atol=1e-7)
-
-
 def _poses(seed: int) -> tuple[np.ndarray, ...]:
     _, samples = general_scene(np.random.default_rng(seed), 12)
     problem = make_problem(samples, CAMERA, Setup.EYE_TO_HAND)
@@ -76,9 +66,10 @@ def test_flipped_samples_are_left_out_by_name() -> None:
 
 
 @pytest.mark.slow
-def test_confidence_region_holds_the_truth_as_often_as_stated() -> None:
+@pytest.mark.parametrize("seeds", [6, pytest.param(24, marks=pytest.mark.long)])
+def test_confidence_region_holds_the_truth_as_often_as_stated(seeds: int) -> None:
     held = []
-    for seed in range(24):
+    for seed in range(seeds):
         truth, samples = general_scene(np.random.default_rng(seed))
         result = solved(samples)
         assert result.pose is not None

@@ -19,6 +19,7 @@ from drivers.errors import CalibrationError
 from fakes.studio.calibration_scenes import MarkerPictures
 from rig.benchmark.calibration.markers import find_corners
 from support.markers import find_markers
+from support.marks import long
 
 NEAR = MarkerPictures(side_px=40.0, tilt_deg=15.0)
 
@@ -35,7 +36,7 @@ def _still(pictures: MarkerPictures, count: int, seed: int = 0) -> list[np.ndarr
 
 @pytest.mark.slow
 @pytest.mark.parametrize("refine", [refine_edges, refine_quick])
-@pytest.mark.parametrize("side_px", [24.0, 40.0, 80.0])
+@pytest.mark.parametrize("side_px", [40.0, *long(24.0, 80.0)])
 def test_edges_find_corners_better_than_windows(side_px: float, refine: Refine) -> None:
     pictures = MarkerPictures(side_px=side_px, tilt_deg=15.0)
     rng = np.random.default_rng(1)
@@ -54,8 +55,14 @@ def test_edges_find_corners_better_than_windows(side_px: float, refine: Refine) 
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("turn_deg", [0.0, 0.1, -0.1, 15.0, -30.0, 90.0, 179.9, -179.9, 180.0])
-def test_a_turn_is_measured_with_its_sign_at_every_size(turn_deg: float) -> None:
+@pytest.mark.parametrize(
+    "turn_deg",
+    [
+        0.1, -30.0, 179.9,
+        *long(0.0, -0.1, 15.0, 90.0, -179.9, 180.0),
+    ],
+)  # fmt: skip
+def test_turn_is_measured_with_its_sign(turn_deg: float) -> None:
     angle = angle_of(NEAR)
     angle.take_reference(_still(NEAR, 12))
     angle.forget()

@@ -71,12 +71,6 @@ def test_a_time_without_a_zone_is_utc() -> None:
     assert age_days(NOW.replace(tzinfo=None).isoformat(), NOW + timedelta(days=3)) == pytest.approx(3.0)
 
 
-def test_another_serial_is_refused(tmp_path: Path) -> None:
-    save(camera_file(), tmp_path / "camera.yaml")
-    with pytest.raises(CalibrationError, match="belongs to camera C1, the bench has C2"):
-        read_camera(tmp_path / "camera.yaml", "C2")
-
-
 def test_another_kind_and_a_refused_one_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "camera.yaml"
     save(camera_file("all views are square-on"), path)

@@ -2,7 +2,7 @@
 
 import pytest
 
-from drivers.clock import to_ns, wait_until
+from drivers.clock import to_ns
 from drivers.errors import DeviceError, DeviceTimeoutError
 from drivers.motion import POLL_S, PolledMotion
 from fakes.clock import SimulatedClock
@@ -26,16 +26,6 @@ class Device:
 
     def motion(self) -> PolledMotion:
         return PolledMotion("hand", self.clock, self.ended, self.stop)
-
-
-def test_waiting_ends_with_the_motion() -> None:
-    device = Device(ends_s=0.5)
-    motion = device.motion()
-    assert not motion.done()
-    motion.wait(1.0)
-    assert motion.done()
-    assert 0.5 <= device.clock.now_ns() / 1e9 <= 0.5 + POLL_S
-    assert device.stops == 0
 
 
 def test_a_motion_that_takes_too_long_is_stopped() -> None:
@@ -74,11 +64,3 @@ def test_a_motion_does_not_go_on_when_its_wait_is_interrupted() -> None:
     with pytest.raises(KeyboardInterrupt):
         PolledMotion("hand", device.clock, interrupted, device.stop).wait(1.0)
     assert device.stops == 1
-
-
-def test_a_condition_that_is_met_costs_no_time() -> None:
-    clock = SimulatedClock()
-    assert wait_until(clock, lambda: True, 0.0, 0.1)
-    assert clock.now_ns() == 0
-    assert not wait_until(clock, lambda: False, 0.25, 0.1)
-    assert clock.now_ns() == to_ns(0.3)

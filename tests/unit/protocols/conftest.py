@@ -14,9 +14,9 @@ from fakes.faults import FaultScript
 from protocols.observer import LiftObserver, Phase
 from protocols.slip_trial import LiftPlan, run_lift
 from rig.bench.learning import LearningBench, build_learning_bench
-from rig.config import load_bench
 from rig.experiments.lift_plan import LiftTask, TrialSettings, plan_lift
 from rig.tactile.estimators import choose_estimator
+from support.benches import lighter
 from support.finger_counts import counts_of
 
 When = Callable[[], bool]
@@ -131,7 +131,7 @@ def lift_of(monkeypatch: pytest.MonkeyPatch) -> Callable[..., LiftOf]:
     monkeypatch.setattr(SimulatedClock, "sleep_until", sleep_until)
 
     def make(object_id: str = "t1", step_m: float | None = None) -> LiftOf:
-        config = load_bench("fake")
+        config = lighter()
         if step_m is not None:
             steps = {"max_counts": 6 + round(0.155 / step_m), "opening_per_count_m": step_m}
             limits = config.gripper.limits.model_copy(update=steps)

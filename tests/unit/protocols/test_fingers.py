@@ -16,10 +16,12 @@ from protocols.readiness import make_ready
 from protocols.slip_trial import run_lift
 from rig.bench.operators import ConsoleOperator
 from support.finger_counts import opening_m
+from support.marks import long
 
 LiftOf = Callable[..., Any]
 MOTIONLESS = ("blocked", "stuck", "false_success")
-KINDS = (*MOTIONLESS, "overshoot")
+SEEN = ("blocked", "stuck", "overshoot")
+"""Faults that the reported positions show."""
 SET_DOWN_M = 0.001
 """An object lower than this above its place rests on its support."""
 
@@ -57,8 +59,14 @@ def was_carried(lift: Any) -> bool:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("phase", [None, *Phase])
+@pytest.mark.parametrize(
+    ("phase", "kind"),
+    [
+        *((phase, "false_success") for phase in (None, *Phase)),
+        *((Phase.HOLD, kind) for kind in SEEN),
+        *long(*((phase, kind) for kind in SEEN for phase in (None, *Phase) if phase is not Phase.HOLD)),
+    ],
+)
 def test_arm_never_carries_object_when_gripper_disobeys(
     lift_of: LiftOf, phase: Phase | None, kind: str
 ) -> None:
@@ -78,7 +86,7 @@ def test_arm_never_carries_object_when_gripper_disobeys(
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", MOTIONLESS)
-@pytest.mark.parametrize("phase", [Phase.LIFT, Phase.HOLD, Phase.LOWER])
+@pytest.mark.parametrize("phase", [Phase.LIFT, *long(Phase.HOLD, Phase.LOWER)])
 def test_failed_release_leaves_arm_at_the_place_with_the_object_held(
     lift_of: LiftOf, phase: Phase, kind: str
 ) -> None:
@@ -155,7 +163,7 @@ def test_operator_is_asked_again_after_the_fingers_opened(lift_of: LiftOf) -> No
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", MOTIONLESS[:2])
+@pytest.mark.parametrize("kind", ["blocked", pytest.param("stuck", marks=pytest.mark.long)])
 def test_agreed_release_that_fails_moves_no_arm(lift_of: LiftOf, kind: str) -> None:
     lift = lift_of()
     break_in(lift, Phase.HOLD, kind)
@@ -184,7 +192,7 @@ def test_failed_opening_of_a_free_hand_makes_it_unknown(lift_of: LiftOf) -> None
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("step_m", [0.0002, 0.001])
+@pytest.mark.parametrize("step_m", [0.001, pytest.param(0.0002, marks=pytest.mark.long)])
 def test_grips_are_distances_whatever_the_resolution_of_the_gripper(lift_of: LiftOf, step_m: float) -> None:
     """The wrench's file says 1.9 to 3.7 mm; the fingers close in steps of another gripper."""
     lift = lift_of(step_m=step_m)

@@ -61,7 +61,7 @@ def test_around_the_object_the_fingers_open_and_the_arm_rises_straight_up(lift_o
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("phase", [Phase.LIFT, Phase.HOLD, Phase.LOWER])
+@pytest.mark.parametrize("phase", [Phase.LIFT, pytest.param(Phase.HOLD, marks=pytest.mark.long), Phase.LOWER])
 def test_held_object_is_set_down_at_its_place(lift_of: LiftOf, phase: Phase) -> None:
     lift = lift_of()
     lift.interrupt(lambda: lift.observer.phase_now is phase and lift.height_m > 0.015)
@@ -74,7 +74,7 @@ def test_held_object_is_set_down_at_its_place(lift_of: LiftOf, phase: Phase) -> 
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("phase", [Phase.LIFT, Phase.HOLD, Phase.LOWER])
+@pytest.mark.parametrize("phase", [Phase.LIFT, pytest.param(Phase.HOLD, marks=pytest.mark.long), Phase.LOWER])
 def test_a_second_ctrl_c_stops_the_teardown_and_stays(lift_of: LiftOf, phase: Phase) -> None:
     lift = lift_of()
     lift.interrupt(lambda: lift.observer.phase_now is phase and lift.height_m > 0.02)

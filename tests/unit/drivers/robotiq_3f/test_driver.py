@@ -21,6 +21,7 @@ from drivers.robotiq_3f.registers import Command, FaultCode, GraspMode, pack_com
 from fakes.wire.gripper.server import GripperRtu, GripperServer
 from fakes.world.world import World
 from support.finger_counts import counts_of, opening_m
+from support.marks import long
 
 Wire = GripperServer | GripperRtu
 RaisedBy = Callable[[Callable[[], object]], DeviceError]
@@ -117,9 +118,7 @@ def test_modes_change_only_on_request_and_motions_keep_them(
     assert bytes.fromhex(server.snapshot()["status"])[13] == 90
 
 
-@pytest.mark.parametrize(
-    "after_s", [0.0, 0.02, 0.3, *(pytest.param(s, marks=pytest.mark.long) for s in (0.01, 0.03, 0.05))]
-)
+@pytest.mark.parametrize("after_s", [0.0, 0.02, 0.3, *long(0.01, 0.03, 0.05)])
 def test_stop_ends_an_activation_at_any_moment(world: World, after_s: float, written: Written) -> None:
     slow = GripperServer(world, SystemClock(), activation_s=60.0)
     slow.start()
@@ -148,17 +147,6 @@ def test_stop_ends_an_activation_at_any_moment(world: World, after_s: float, wri
     assert written(slow) == bytes(16)
     gripper.disconnect()
     slow.stop()
-
-
-def test_connecting_keeps_an_activated_gripper_as_it_is(
-    gripper: Robotiq3F, server: GripperServer, written: Written
-) -> None:
-    gripper.move_to(opening_m(gripper, 30)).wait(5.0)
-    before = written(server)
-    gripper.connect()
-    assert written(server) == before
-    assert gripper.state().activated
-    assert counts_of(gripper) == 30
 
 
 @pytest.mark.parametrize("fingers", [("B",), ("B", "B"), ("B", "D"), ()])

@@ -98,22 +98,6 @@ def test_reading_goes_on_by_itself_when_the_line_comes_back(
     assert counts_of(gripper) == 30
 
 
-@pytest.mark.usefixtures("gripper")
-def test_letting_go_in_mid_motion_stops_the_fingers(server: GripperServer, reach: Reach) -> None:
-    slow = Robotiq3F(tcp_link(*server.address), speed_m_s=0.022)
-    slow.connect()
-    slow.move_to(opening_m(slow, 255))
-    reach(slow, 10)
-    slow.disconnect()
-    slow.disconnect()
-    time.sleep(0.05)
-    at = bytes.fromhex(server.snapshot()["status"])[7]
-    time.sleep(0.1)
-    assert bytes.fromhex(server.snapshot()["status"])[7] == at < 250
-    with pytest.raises(NotConnectedError, match="connect"):
-        slow.state()
-
-
 def test_a_place_where_no_gripper_is_says_so_soon(raised_by: RaisedBy) -> None:
     with socket.create_server(("127.0.0.1", 0)) as listener:
         port = listener.getsockname()[1]

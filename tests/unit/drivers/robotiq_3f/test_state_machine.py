@@ -1,4 +1,4 @@
-"""One state machine of what a gripper may be told, run on the simulated one and on the wire."""
+"""A state machine of the gripper's commands, run by the driver over the wire protocol."""
 
 import time
 from abc import abstractmethod
@@ -14,9 +14,6 @@ from drivers.errors import DeviceError, GripperFaultError, NotConnectedError, Ou
 from drivers.interfaces import Gripper, Motion
 from drivers.robotiq_3f.gripper import Robotiq3F, tcp_link
 from drivers.types import GripperState, Pose
-from fakes.clock import SimulatedClock
-from fakes.devices.gripper import FakeGripper
-from fakes.faults import FaultScript
 from fakes.wire.gripper.server import GripperServer
 from fakes.world.world import BenchLayout, World
 from support.finger_counts import opening_m
@@ -136,12 +133,6 @@ class GripperRun(RuleBasedStateMachine):
             assert raised.value.code == code
 
 
-class FakeRun(GripperRun):
-    def make(self) -> tuple[Gripper, Clock]:
-        clock = SimulatedClock()
-        return FakeGripper(make_world(), clock, FaultScript()), clock
-
-
 class WireRun(GripperRun):
     """The driver on the wire; here the gripper may also fail."""
 
@@ -178,7 +169,5 @@ class WireRun(GripperRun):
         self.server.stop()
 
 
-TestSimulatedGripper = FakeRun.TestCase
-TestSimulatedGripper.settings = settings(stateful_step_count=25, deadline=None)
 TestGripperOnTheWire = WireRun.TestCase
 TestGripperOnTheWire.settings = settings(max_examples=15, stateful_step_count=20, deadline=None)

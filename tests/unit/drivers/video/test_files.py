@@ -3,15 +3,12 @@
 import time
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 
 from drivers.clock import SystemClock
 from drivers.errors import DeviceError, DeviceTimeoutError, InputError, NotConnectedError, StaleFrameError
 from drivers.images import encode_jpeg
-from drivers.types import Frame
-from drivers.video.buffer import FrameBuffer
 from drivers.video.digit import Digit
 from drivers.video.external_camera import ExternalCamera
 from support.frame_files import write_folder, write_video
@@ -66,13 +63,6 @@ def test_end_of_recording_is_reported_after_the_last_frame(camera: ExternalCamer
     assert camera.next_frame(1.0).image.shape == (48, 64, 3)
 
 
-def test_beyond_the_backlog_the_oldest_go_and_are_counted() -> None:
-    buffer = FrameBuffer("C1", SystemClock(), backlog=3)
-    pushed_out = [buffer.put(Frame(IMAGES[n], n, n, "C1")) for n in range(5)]
-    assert pushed_out == [False, False, False, True, True]
-    assert [buffer.next(0.1).sequence for _ in range(3)] == [2, 3, 4]
-
-
 def test_the_newest_frame_skips_the_backlog_and_has_an_age(camera: ExternalCamera) -> None:
     time.sleep(0.1)
     frame = camera.newest_frame(0.2)
@@ -110,15 +100,6 @@ def test_jpeg_files_keep_their_bytes_and_damaged_ones_are_withheld(tmp_path: Pat
     assert [frame.jpeg for frame in frames] == [jpegs[number] for number in (0, 1, 3, 4, 5)]
     assert [frame.sequence for frame in frames] == [0, 1, 3, 4, 5]
     assert camera.counters()["damaged"] == 2
-
-
-def test_files_are_played_in_the_order_of_their_numbers(tmp_path: Path) -> None:
-    for number in (1, 2, 10):
-        cv2.imwrite(str(tmp_path / f"frame{number}.png"), np.full((4, 4, 3), number, np.uint8))
-    camera = ExternalCamera("C1", str(tmp_path), RATE_HZ)
-    camera.connect()
-    assert [int(camera.next_frame(1.0).image[0, 0, 0]) for _ in range(3)] == [1, 2, 10]
-    camera.disconnect()
 
 
 def test_lying_files_of_a_digit_are_turned_upright(tmp_path: Path) -> None:

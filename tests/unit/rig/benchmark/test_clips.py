@@ -339,8 +339,18 @@ def test_unknown_version_is_rejected(clips: Path) -> None:
         measure(ClipsOptions(clips, ["pca"], augment="mirror,upside"), Run())
 
 
+@pytest.mark.parametrize("name", ["eraser_1", "potato_0"])
+def test_real_clip_is_measured_within_three_degrees(real_clips: Path, tmp_path: Path, name: str) -> None:
+    """Two of the clips that no one tuned on; `pytest --long` takes all of them."""
+    (tmp_path / name).symlink_to(real_clips / name)
+    score = measure(ClipsOptions(tmp_path, ["slip"]), Run()).tables[1].records[0].score
+    assert (score.labels, score.answered) == (5, 1.0)
+    assert score.mean_deg < 3.0
+
+
+@pytest.mark.long
 @pytest.mark.timeout(600)
-def test_real_clips_are_judged_in_two_halves(real_clips: Path) -> None:
+def test_held_back_real_clips_meet_every_limit(real_clips: Path) -> None:
     """The figures on recordings that nobody tuned on; limits are those of `rig benchmark clips`."""
     options = ClipsOptions(real_clips, ["slip"], HALVES, group="held back", limits=True, p99_ms=100.0)
     report = measure(options, Run())

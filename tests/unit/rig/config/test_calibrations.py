@@ -86,12 +86,6 @@ def test_without_calibrations_the_bench_is_as_its_file_says(tmp_path: Path) -> N
     assert bench.base_T_camera() == bench.camera.base_T_camera()
 
 
-def test_another_units_calibration_is_refused(tmp_path: Path) -> None:
-    keep(tmp_path, "camera", {"camera": "OTHER"}, camera_info(CAMERA, "OTHER"))
-    with pytest.raises(CalibrationError, match="belongs to camera OTHER, the bench has SIM-C0001"):
-        find_calibrations(load_bench("fake"), tmp_path)
-
-
 def test_a_camera_calibrated_at_another_size_is_refused(tmp_path: Path) -> None:
     larger = CameraModel((1280, 720), CAMERA.matrix, CAMERA.distortion)
     keep(tmp_path, "camera", {"camera": "SIM-C0001"}, camera_info(larger, "SIM-C0001"))

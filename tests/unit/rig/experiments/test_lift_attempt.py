@@ -65,7 +65,7 @@ def test_reaction_knows_the_largest_grip_of_a_lab_s_own_object(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("estimator", ["slip", "toskov"])
+@pytest.mark.parametrize("estimator", ["toskov", pytest.param("slip", marks=pytest.mark.long)])
 def test_lift_of_an_arm_without_force_sensor_is_recorded_without_a_wrench(
     light_bench: BenchConfig, tmp_path: Path, estimator: str
 ) -> None:

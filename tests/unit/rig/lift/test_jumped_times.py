@@ -19,6 +19,7 @@ from rig.frames.times import FrameTime
 from rig.sessions.rows import read_finished_lifts
 from rig.tactile.estimators import choose_estimator
 from rig.tactile.sample import State
+from support.marks import long
 
 Image = NDArray[np.uint8]
 HOUR_NS = 3600 * 10**9
@@ -65,7 +66,7 @@ def test_a_lift_goes_on_and_names_the_frame(tmp_path: Path, topic: str) -> None:
     assert len(read_finished_lifts(session)) == 1
 
 
-@pytest.mark.parametrize("name", ["slip", "ecc", "pca"])
+@pytest.mark.parametrize("name", ["slip", *long("ecc", "pca")])
 def test_anyone_s_frames_go_on_and_the_frame_is_named(
     press: Callable[..., Image], blank: Image, name: str
 ) -> None:
@@ -91,7 +92,7 @@ def test_anyone_s_frames_go_on_and_the_frame_is_named(
     [
         (10, 3600),
         (40, -1),
-        *(pytest.param(*j, marks=pytest.mark.long) for j in ((20, -3600), (20, 1), (57, 3600))),
+        *long((20, -3600), (20, 1), (57, 3600)),
     ],
 )
 def test_estimator_gives_equal_angles_on_all_frames_but_the_one_with_the_wrong_time(

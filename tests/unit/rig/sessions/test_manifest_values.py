@@ -26,6 +26,8 @@ VALUES: tuple[Any, ...] = (
     [], ["trial"], [None], [[[]]], {}, {"trial": {}}, None, True, 7, -1.5, 1e300, 10**18,
     "", "x" * 100_000, "\x1b[31m",
 )  # fmt: skip
+SOME = ([[[]]], {}, None, 1e300, "x" * 100_000)
+"""Values that the plain test run tries: one of each kind."""
 LONGEST_PROBLEM = 1000
 Place = tuple[str | int, ...]
 
@@ -62,10 +64,18 @@ def replayed() -> ReplayManifest:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "kind",
-    [TrialManifest, *(pytest.param(k, marks=pytest.mark.long) for k in (RecordManifest, ReplayManifest))],
+    ("kind", "tried"),
+    [
+        (TrialManifest, SOME),
+        *(
+            pytest.param(kind, VALUES, marks=pytest.mark.long)
+            for kind in (TrialManifest, RecordManifest, ReplayManifest)
+        ),
+    ],
 )
-def test_any_value_in_any_field_lists_the_session(tmp_path: Path, kind: type[AnyManifest]) -> None:
+def test_session_with_any_value_in_any_field_is_listed(
+    tmp_path: Path, kind: type[AnyManifest], tried: tuple[Any, ...]
+) -> None:
     manifest = (
         replayed()
         if kind is ReplayManifest
@@ -76,7 +86,7 @@ def test_any_value_in_any_field_lists_the_session(tmp_path: Path, kind: type[Any
     file.write_text(json.dumps(values))
     assert read_manifest(tmp_path)
     for place in places(values):
-        for value in VALUES:
+        for value in tried:
             file.write_text(json.dumps(with_value(values, place, value)))
             entry = list_session(tmp_path)
             assert len(entry.problem or "") < LONGEST_PROBLEM, (place, value)

@@ -12,8 +12,6 @@ from hypothesis import strategies as st
 
 from drivers.errors import SessionError
 from rig.config import load_bench
-from rig.experiments.batch_replay import plan_replays
-from rig.results.listing import SessionState, list_session
 from rig.sessions.codec import json_line, json_value
 from rig.sessions.manifest import RecordManifest, TrialManifest, begun_on, read_manifest, read_manifest_of
 from rig.sessions.records import (
@@ -157,28 +155,3 @@ def test_another_kind_of_session_is_refused_in_one_sentence(drawn_recording: Any
         read_manifest_of(folder, TrialManifest, "only trials have wings")
     with pytest.raises(SessionError, match="no such session folder"):
         read_manifest_of(tmp_path / "none", TrialManifest, "")
-
-
-@pytest.mark.parametrize("line", ["null", '{"number": 1}', None])
-def test_broken_session_is_listed_and_the_others_are_replayed(
-    drawn_trial: Any, tmp_path: Path, line: str | None
-) -> None:
-    good, broken = drawn_trial(tmp_path / "a"), drawn_trial(tmp_path / "b")
-    rows = (broken / "lifts.jsonl").read_text().splitlines()
-    if line is None:
-        row = json.loads(rows[1])
-        del row["accepted"]
-        line = json.dumps(row)
-    (broken / "lifts.jsonl").write_text(f"{rows[0]}\n{line}\n")
-    plan = plan_replays([broken, good], None, None)
-    assert [(task.trial.folder, task.row.number) for task in plan.tasks] == [
-        (broken, 1),
-        (good, 1),
-        (good, 2),
-    ]
-    [(folder, problem)] = plan.broken
-    assert folder == broken
-    assert "lifts.jsonl: line 2 is damaged" in problem
-    assert list_session(good).state is SessionState.COMPLETE
-    assert list_session(broken).state is SessionState.BROKEN
-    assert "lifts.jsonl: line 2 is damaged" in str(list_session(broken).problem)

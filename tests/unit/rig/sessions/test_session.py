@@ -8,9 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from drivers.errors import InputError, OperatorStopError, RecordingError, SessionError
+from drivers.errors import InputError, OperatorStopError, RecordingError
 from rig.config import load_bench
-from rig.sessions.codec import json_line
 from rig.sessions.files import MANIFEST, append_line, write_file
 from rig.sessions.manifest import TrialManifest, begun_on, is_session, read_manifest
 from rig.sessions.records import LIFTS, FinishedLift, LiftRow
@@ -45,14 +44,6 @@ def test_a_line_torn_by_a_crash_is_dropped_and_appending_goes_on(tmp_path: Path,
     with start(tmp_path / "s", resume=True) as again:
         again.add(lift_row(3), TIMING)
     assert [row.number for row in read_lifts(tmp_path / "s")] == [1, 3]
-
-
-def test_a_damaged_line_before_the_end_is_named(tmp_path: Path, lift_row: MakeRow) -> None:
-    lines = [json_line(lift_row(1)), b"rubbish\n", json_line(lift_row(3))]
-    with start(tmp_path / "s"):
-        (tmp_path / "s" / "lifts.jsonl").write_bytes(b"".join(lines))
-    with pytest.raises(SessionError, match=r"lifts\.jsonl: line 2"):
-        start(tmp_path / "s", resume=True)
 
 
 def test_a_taken_folder_and_another_request_are_refused(tmp_path: Path) -> None:

@@ -1,6 +1,7 @@
-"""A bench made of variables: one simulated world and the devices that see and move it.
+"""The simulated bench: one simulated world, and the devices that measure and move it.
 
-`world` is the single truth, on `objects`; `gel` and `camera` draw, `devices` stand behind the
-interfaces of `drivers`, `wire` behind the devices' own protocols, `studio` renders for training and
-benchmarks. Imports the vocabulary of `drivers` alone: no driver, no estimator.
+`world` holds the true state, with the models of `objects`. `gel` and `camera` render images. `devices`
+implement the interfaces of `drivers`; `wire` serves the devices over their wire protocols. `studio` renders
+images for training and benchmarks. Of `drivers`, only the common types are imported, and no driver or
+estimator.
 """

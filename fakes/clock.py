@@ -1,4 +1,4 @@
-"""The simulated bench's clock: the same code path as real time, as fast as the machine allows."""
+"""Clocks of the simulated bench: simulated time that passes as fast as possible, or real time."""
 
 import time
 
@@ -6,10 +6,10 @@ from drivers.clock import NS_PER_S
 
 
 class SimulatedClock:
-    """Time that passes when somebody waits for it.
+    """A clock whose time advances when a caller sleeps.
 
-    With `realtime` it also passes by itself, at the pace of the computer's clock, so that a
-    simulated lift can be watched and the loop's real load measured.
+    With `realtime` the time also advances with the computer's clock, so that a simulated lift can be watched
+    and its load on the computer measured.
     """
 
     def __init__(self, realtime: bool = False) -> None:
@@ -18,13 +18,13 @@ class SimulatedClock:
         self._started_ns = time.monotonic_ns()
 
     def now_ns(self) -> int:
-        """Simulated time since the bench was made, ns."""
+        """Return the simulated time since the bench was made, ns."""
         if self._realtime:
             self._now_ns = max(self._now_ns, time.monotonic_ns() - self._started_ns)
         return self._now_ns
 
     def sleep_until(self, time_ns: int) -> None:
-        """Let simulated time pass until `time_ns`."""
+        """Advance the simulated time to `time_ns`."""
         remaining_ns = time_ns - self.now_ns()
         if remaining_ns <= 0:
             return
@@ -34,13 +34,13 @@ class SimulatedClock:
 
 
 class SharedClock:
-    """Time since `start_ns` of the computer's monotonic clock, the same for all processes told so."""
+    """Time since `start_ns` on the computer's monotonic clock, equal in all processes with this start."""
 
     def __init__(self, start_ns: int) -> None:
         self.start_ns = start_ns
 
     def now_ns(self) -> int:
-        """Time since the start, ns."""
+        """Return the time since the start, ns."""
         return time.monotonic_ns() - self.start_ns
 
     def sleep_until(self, time_ns: int) -> None:

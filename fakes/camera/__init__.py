@@ -1,4 +1,4 @@
-"""What the simulated external camera sees: two markers on an object, or a calibration target.
+"""Render the image of the simulated external camera: two markers on an object, or a calibration target.
 
 Imports `fakes.world`.
 """

@@ -1,8 +1,8 @@
-"""What the simulated external camera sees: a bench, a bar-shaped object, two printed markers on it.
+"""Render the simulated external camera's image: a bench, and a bar-shaped object with two printed markers.
 
-The markers and the bar lie in the object's x-z plane and face the camera. They are one texture,
-blurred beforehand by what the lens would do and then looked up once per pixel: as a homography is
-affine over a blur's width, this is the blurred picture, at a tenth of the cost of supersampling.
+The markers and the bar are in the object's x-z plane and face the camera. They are one texture. The texture
+is blurred as by the lens before it is sampled once per pixel. Because a homography is nearly affine over the
+width of the blur, the result is the blurred image, ten times faster than with supersampling.
 """
 
 import math
@@ -25,9 +25,10 @@ _NOISE_SHIFTS = 128
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Texture:
-    """The object's plane as a picture: (H, W, 4) uint8 premultiplied RGB and opacity.
+    """Texture of the object's plane.
 
-    texel_T_plane: (3, 3), maps plane coordinates (x, z, 1) in m to texel centres.
+    rgba: (H, W, 4) uint8, premultiplied RGB and opacity. texel_T_plane: matrix (3, 3) from plane coordinates
+    (x, z, 1) in m to texels, whose centres are integers.
     """
 
     rgba: Image
@@ -36,14 +37,14 @@ class _Texture:
 
 @dataclass(slots=True, eq=False)
 class MarkerScene:
-    """A simulated picture of two markers on an object; its truth is known exactly.
+    """Renders images of two markers on an object, with exact ground truth.
 
-    size: width and height in px. focal_px: focal length; the principal point is the middle of
-    the picture. marker_centres_m: (x, z) in the object frame (x along the object, z up, y away
-    from the camera). bar_m: length and height of the object. k1: radial distortion, as OpenCV
-    counts it. blur_px: one sigma of the lens. noise_grey: one sigma per pixel. unit_seed: draws
-    what stays the same for one camera and bench (clutter, noise fields).
-    Raises `InputError` for an unknown dictionary.
+    focal_px: focal length; the principal point is the centre of the image. unit_seed: seed of the clutter and
+    the noise fields, which stay the same for one camera and bench. size: width and height in px.
+    marker_centres_m: (x, z) in the object frame (x along the object, z up, y away from the camera). bar_m:
+    length and height of the object. blur_px: standard deviation of the lens blur. noise_grey: standard
+    deviation per pixel. k1: OpenCV's radial distortion coefficient. Raises `InputError` for an unknown
+    dictionary.
     """
 
     focal_px: float
@@ -75,22 +76,22 @@ class MarkerScene:
 
     @property
     def camera_matrix(self) -> NDArray[np.float64]:
-        """The simulated camera's (3, 3) matrix, pixel centres at whole numbers."""
+        """Camera matrix (3, 3); pixel centres have integer coordinates."""
         width, height = self.size
         f = self.focal_px
         return np.array([[f, 0.0, (width - 1) / 2], [0.0, f, (height - 1) / 2], [0.0, 0.0, 1.0]])
 
     @property
     def distortion(self) -> NDArray[np.float64]:
-        """OpenCV's (5,) coefficients k1, k2, p1, p2, k3."""
+        """OpenCV's coefficients k1, k2, p1, p2, k3, (5,)."""
         return np.array([self.k1, 0.0, 0.0, 0.0, 0.0])
 
     def render(self, camera_T_object: Pose, rng: np.random.Generator) -> Image:  # noqa: N803
-        """Return the (H, W, 3) uint8 RGB picture of the object at a pose.
+        """Return the image (H, W, 3) uint8 RGB of the object at a pose.
 
-        camera_T_object: camera axes are x right, y down, z forward. What leaves the picture is
-        clipped; an object behind the camera or seen from behind is not drawn. Takes two draws
-        from `rng`, so equal generators give equal pictures.
+        camera_T_object: in camera axes x right, y down, z forward. Parts outside the image are clipped. An
+        object behind the camera, or whose back faces the camera, is not drawn. Draws two numbers from `rng`,
+        so generators with equal states give equal images.
         """
         picture = self._bench.copy()
         self._draw_object(picture, _plane(camera_T_object))
@@ -101,7 +102,7 @@ class MarkerScene:
         return cv2.subtract(picture, self._noise[1][window], dst=picture)  # type: ignore[return-value]
 
     def exact_corners_px(self, camera_T_object: Pose) -> NDArray[np.float64]:  # noqa: N803
-        """Where the markers' corners truly are: (2, 4, 2) px, clockwise from the top left of each."""
+        """Return the true corners of the markers, (2, 4, 2) px, clockwise from the top left of each."""
         half = self.marker_side_m / 2
         square = np.array([[-half, half], [half, half], [half, -half], [-half, -half]])
         points = np.asarray(self.marker_centres_m)[:, None, :] + square
@@ -121,7 +122,7 @@ class MarkerScene:
     def _draw_object(self, picture: Image, camera_T_plane: NDArray[np.float64]) -> None:  # noqa: N803
         outline = self._outline_m()
         depth = (np.column_stack([outline, np.ones(4)]) @ camera_T_plane.T)[:, 2]
-        # the determinant is (x cross z) . position: negative while the markers face the camera
+        # The determinant is (x cross z) . position; it is negative if the markers face the camera.
         if depth.min() <= 0.01 or np.linalg.det(camera_T_plane) >= 0.0:
             return
         window = self._window(self._project(outline, camera_T_plane))
@@ -133,7 +134,7 @@ class MarkerScene:
         _blend(picture[window], cv2.remap(texture.rgba, where, None, cv2.INTER_LINEAR), self._light[window])  # type: ignore[arg-type]
 
     def _outline_m(self) -> NDArray[np.float64]:
-        """Four corners (x, z) in m of a rectangle that holds the bar, the paper and the blur."""
+        """Return the corners (4, 2), (x, z) in m, of a rectangle around the bar, the paper and the blur."""
         reach = self.marker_side_m * (0.5 + QUIET_ZONE)
         centres = np.asarray(self.marker_centres_m)
         half_bar = np.asarray(self.bar_m) / 2
@@ -150,7 +151,7 @@ class MarkerScene:
         return np.s_[low[1] : high[1], low[0] : high[0]]
 
     def _texture(self, depth_m: float) -> _Texture:
-        """The texture blurred for a distance; distances within 5 % share one."""
+        """Return the texture blurred for a distance; distances within 5 % share one."""
         step = round(math.log(self.focal_px / depth_m, _SCALE_STEP))
         if step not in self._textures:
             self._textures[step] = self._draw_texture(_SCALE_STEP**step)
@@ -169,20 +170,20 @@ class MarkerScene:
         return _Texture(np.rint(blurred).astype(np.uint8), canvas.texel_T_plane)
 
     def _modules(self, marker_id: int) -> NDArray[np.float32]:
-        """A marker's modules with its border, 1 where ink is."""
+        """Return the modules (n, n) of a marker with its border, 1 for ink."""
         dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, self.dictionary))
         modules = dictionary.markerSize + 2
         return (cv2.aruco.generateImageMarker(dictionary, marker_id, modules) == 0).astype(np.float32)
 
 
 def _plane(camera_T_object: Pose) -> NDArray[np.float64]:  # noqa: N803
-    """(3, 3): the object's plane coordinates (x, z, 1) in m to camera coordinates in m."""
+    """Return the matrix (3, 3) from the object's plane coordinates (x, z, 1) to camera coordinates, m."""
     rotation = camera_T_object.rotation.as_matrix()
     return np.column_stack([rotation[:, 0], rotation[:, 2], camera_T_object.position_m])
 
 
 def _pixel_rays(camera_matrix: NDArray[np.float64], k1: float, size: tuple[int, int]) -> NDArray[np.float32]:
-    """(H, W, 2) float32: the undistorted ray (x/z, y/z) of every pixel centre."""
+    """Return the undistorted ray (x/z, y/z) of every pixel centre, (H, W, 2) float32."""
     width, height = size
     grid = np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1)
     distorted = (grid - camera_matrix[:2, 2]) / camera_matrix[0, 0]
@@ -193,7 +194,7 @@ def _pixel_rays(camera_matrix: NDArray[np.float64], k1: float, size: tuple[int, 
 
 
 def _light(size: tuple[int, int]) -> Image:
-    """(H, W, 3) uint8: share of the light that reaches a place, 255 at the brightest."""
+    """Return the illumination of the bench, (H, W, 3) uint8, 255 at the brightest place."""
     width, height = size
     x, y = np.meshgrid(np.linspace(0, 1, width), np.linspace(0, 1, height))
     light = 255.0 * (1.0 - 0.14 * x - 0.10 * y)
@@ -201,7 +202,7 @@ def _light(size: tuple[int, int]) -> Image:
 
 
 def _draw_bench(light: Image, rng: np.random.Generator) -> Image:
-    """(H, W, 3) uint8 RGB: a wall with some clutter, a table in front of it, out of focus."""
+    """Draw the background, (H, W, 3) uint8 RGB: a wall with clutter and a table in front, out of focus."""
     height, width = light.shape[:2]
     bench = np.full((height, width, 3), (96, 99, 104), np.uint8)
     for _ in range(6):
@@ -214,10 +215,10 @@ def _draw_bench(light: Image, rng: np.random.Generator) -> Image:
 
 
 def _noise_fields(size: tuple[int, int], sigma_grey: float, rng: np.random.Generator) -> tuple[Image, Image]:
-    """Two (H + n, W + n, 3) uint8 fields, to add and to subtract, equal in the three channels."""
+    """Return two noise fields (H + n, W + n, 3) uint8, to add and to subtract, equal in all channels."""
     width, height = size
     white = rng.normal(0.0, 1.0, (height + _NOISE_SHIFTS, width + _NOISE_SHIFTS))
-    # A colour camera interpolates its mosaic: neighbours share some of their noise.
+    # A colour camera interpolates its Bayer mosaic, which correlates the noise of neighbouring pixels.
     shared = cv2.GaussianBlur(white, (0, 0), _NOISE_BLUR_PX)
     noise = np.rint(shared * (sigma_grey / shared.std()))
     signs = (np.clip(noise, 0, 255), np.clip(-noise, 0, 255))
@@ -226,7 +227,7 @@ def _noise_fields(size: tuple[int, int], sigma_grey: float, rng: np.random.Gener
 
 
 def _blend(picture: Image, rgba: Image, light: Image) -> None:
-    """Lay a premultiplied (h, w, 4) picture over `picture`, in place, in the bench's light."""
+    """Draw a premultiplied image (h, w, 4) over `picture`, in place, under the bench's illumination."""
     opacity = cv2.bitwise_not(cv2.extractChannel(rgba, 3))
     behind = cv2.multiply(picture, cv2.merge([opacity] * 3), scale=1 / 255)
     lit = cv2.multiply(cv2.cvtColor(rgba, cv2.COLOR_RGBA2RGB), light, scale=1 / 255)

@@ -1,4 +1,4 @@
-"""What the simulated camera sees of a printed calibration target: a flat sheet, on a grey bench."""
+"""Render the simulated camera's image of a printed calibration target, a flat sheet on a grey bench."""
 
 from functools import lru_cache
 
@@ -20,9 +20,9 @@ def render_sheet(
     sheet: Sheet, camera_matrix: NDArray[np.float64], size: tuple[int, int], camera_T_target: Pose,  # noqa: N803
     rng: np.random.Generator,
 ) -> Image:  # fmt: skip
-    """The (H, W, 3) uint8 picture of a sheet through a pinhole; `rng` makes its noise.
+    """Return the image (H, W, 3) uint8 of a sheet in a pinhole camera. rng: draws the noise.
 
-    A sheet seen from behind, or not wholly in front of the camera, is not drawn.
+    A sheet whose back faces the camera, or whose origin is less than 5 cm in front of it, is not drawn.
     """
     width, height = size
     turn, place = camera_T_target.rotation.as_matrix(), np.asarray(camera_T_target.position_m)
@@ -41,7 +41,7 @@ def render_sheet(
 
 
 def _fine(camera_matrix: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Camera coordinates to the finer picture's pixels; pixel centres are whole numbers in both."""
+    """Return the camera matrix (3, 3) of the supersampled image; pixel centres are integers in both."""
     return np.array([[_FINE, 0, (_FINE - 1) / 2], [0, _FINE, (_FINE - 1) / 2], [0, 0, 1.0]]) @ camera_matrix
 
 
@@ -52,7 +52,7 @@ def _sheet_T_plane(sheet: Sheet) -> NDArray[np.float64]:  # noqa: N802 - frame n
 
 
 def _coarser(sheet: Sheet, wanted_px_per_m: float) -> Sheet:
-    """The sheet at about twice the density that is looked at, so that looking it up does not alias."""
+    """Return the sheet reduced to about twice the wanted density, so that sampling it does not alias."""
     return _reduced(sheet, max(1, int(sheet.px_per_m / (2.0 * wanted_px_per_m))))
 
 

@@ -1,4 +1,4 @@
-"""The simulated devices behind the interfaces of `drivers`, in this process.
+"""Simulated devices in this process, which implement the interfaces of `drivers`.
 
-Imports the world, `fakes.gel` and `fakes.camera`, which draw it, and nothing of the wires.
+Imports the world, and `fakes.gel` and `fakes.camera`, which render it; nothing of `fakes.wire`.
 """

@@ -1,4 +1,4 @@
-"""A simulated UR5e: straight motions with trapezoidal speed, limits, and protective stops."""
+"""A simulated UR5e: straight motions with trapezoidal speed, limits and protective stops."""
 
 import math
 from collections.abc import Callable
@@ -23,7 +23,7 @@ TOOL_LENGTH_M = 0.28
 """Flange to fingertips: 3-Finger gripper with DIGITs, nominal."""
 
 STOP_DECELERATION_M_S2 = 10.0
-"""As the driver of the real arm asks for; a protective stop is no gentler."""
+"""As the driver of the real arm requests; a protective stop brakes at least as hard."""
 
 LIMITS = ArmLimits(
     workspace_min_m=(0.15, -0.35, 0.01),
@@ -35,9 +35,9 @@ LIMITS = ArmLimits(
 
 
 class FakeArm(Arm):
-    """Moves the world's tool; knows its joints through the UR5e's nominal kinematics.
+    """Moves the tool of the world; its joint angles follow from the UR5e's nominal kinematics.
 
-    joint_limits_rad: lowest and highest joint angles a motion may end at; a turn each way when None.
+    joint_limits_rad: lowest and highest joint angles at the end of a motion; None for no check.
     """
 
     def __init__(
@@ -61,21 +61,21 @@ class FakeArm(Arm):
 
     @property
     def limits(self) -> ArmLimits:
-        """What this arm refuses to exceed."""
+        """Limits that every motion is checked against."""
         return self._limits
 
     def connect(self) -> None:
-        """Reach the arm."""
+        """Connect to the arm."""
         self._connected = True
 
     def disconnect(self) -> None:
-        """Stop and let go."""
+        """Stop the motion and disconnect."""
         if self._connected:
             self.stop()
         self._connected = False
 
     def state(self) -> ArmState:
-        """State now."""
+        """Return the current state."""
         self._require_connected()
         now = self._clock.now_ns()
         pose = self._world.tool.pose_at(now)
@@ -91,7 +91,7 @@ class FakeArm(Arm):
         )
 
     def move_linear(self, base_T_tcp: Pose, speed_m_s: float, acceleration_m_s2: float) -> PolledMotion:  # noqa: N803
-        """Start a straight motion."""
+        """Start a straight motion; see `drivers.interfaces.Arm`."""
         self._require_connected()
         check_motion(self._limits, base_T_tcp, speed_m_s, acceleration_m_s2)
         self._check_joints(self._reach(base_T_tcp))
@@ -104,13 +104,13 @@ class FakeArm(Arm):
         return PolledMotion("arm", self._clock, self._arrived, self.stop)
 
     def begin_guiding(self) -> None:
-        """Let itself be led by hand, see `lead`."""
+        """Let the arm be led by hand, with `lead`."""
         self._require_connected()
         self._check_running()
         self._guided = True
 
     def end_guiding(self) -> None:
-        """Stay where it is."""
+        """End leading by hand; the arm stays where it is."""
         if self._guided:
             self.stop()
             wait_until(
@@ -118,7 +118,7 @@ class FakeArm(Arm):
             )
 
     def lead(self, to: Pose, over_s: float) -> None:
-        """Do what a person's hand does: lead the tool to a pose, as long as the arm gives way."""
+        """Lead the tool to a pose, as a person's hand would; it does nothing unless guiding is on."""
         now = self._clock.now_ns()
         start = self._world.tool.pose_at(now)
         way = max(distance(start, to), 1e-6)
@@ -128,19 +128,19 @@ class FakeArm(Arm):
             )
 
     def stop(self) -> None:
-        """Brake as the arm can, also where it is led by hand."""
+        """Brake any motion, and end guiding."""
         self._guided = False
         self._world.tool = self._world.tool.braked_at(self._clock.now_ns(), STOP_DECELERATION_M_S2)
 
     def recover(self, confirm: Callable[[str], None]) -> None:
-        """Release a protective stop after a look at the arm."""
+        """Release a protective stop after the operator has confirmed it."""
         self._require_connected()
         if self._protective_stop(self._clock.now_ns()):
             confirm("The arm is in protective stop. Is it free to move, and shall the stop be released?")
             self._released = True
 
     def _protective_stop(self, time_ns: int) -> bool:
-        """Whether a stop is on: from the fault's begin until it is released or the fault ends."""
+        """Whether a protective stop is active: from the start of the fault until its end or its release."""
         active = self._faults.active("protective_stop", time_ns, "arm")
         self._released = self._released and active
         return active and not self._released
@@ -150,7 +150,7 @@ class FakeArm(Arm):
         return self._world.tool.profile.done_at(self._clock.now_ns())
 
     def _check_running(self) -> None:
-        """Raise `ProtectiveStopError` (after stopping) or `DeviceError` when the arm cannot move."""
+        """Stop and raise `ProtectiveStopError` or `DeviceError` if the arm cannot move."""
         now = self._clock.now_ns()
         if self._faults.active("disconnect", now, "arm"):
             self.stop()
@@ -185,7 +185,7 @@ class FakeArm(Arm):
         return joints
 
     def _feel(self, time_ns: int) -> Vector6:
-        """Force and torque at the TCP, base axes, as its sensor shows them."""
+        """Return the measured force (N) and torque (N m) at the TCP in the base's axes."""
         tool = self._world.tool.position_at(time_ns)
         a, b, c, d, e, f = self._sensor.drifted(carried_wrench(self._world, time_ns), time_ns)
         push_n = table_push_n(self._world.layout.floor_z_m, tool[2])

@@ -1,4 +1,4 @@
-"""What all simulated cameras share (a capture schedule, a backlog, faults, JPEG), and the external camera."""
+"""Base class of all simulated cameras (capture schedule, backlog, faults, JPEG), and the external camera."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -17,6 +17,7 @@ from fakes.world.fixture import PrintedSheet, camera_T_target
 from fakes.world.mirror import WorldView
 
 BACKLOG_FRAMES = 32
+"""Number of unread frames that are kept."""
 JPEG_QUALITY = 95
 Render = Callable[[int, np.random.Generator], Image]
 
@@ -32,9 +33,11 @@ class Shutter:
 
 
 class FakeSource:
-    """Frames on a schedule, rendered when they are read; `render(time_ns, rng)` draws one.
+    """A source of frames on a schedule, which are rendered when they are read.
 
-    The noise of a frame is seeded by its number, so that a frame is the same whenever it is read.
+    names: serial, then other names by which faults may address it. render: returns the image for a time in ns
+    and a generator. seed: of the noise and the jitter. The noise of a frame depends on seed and frame number
+    only, so the frame does not depend on when it is read.
     """
 
     def __init__(
@@ -67,7 +70,7 @@ class FakeSource:
         return self._shutter.rate_hz
 
     def connect(self) -> None:
-        """Start capturing: the first frame is the next one due."""
+        """Start capturing with the next frame that is due."""
         self._next = max(self._newest_index() + 1, 0)
 
     def disconnect(self) -> None:
@@ -75,7 +78,7 @@ class FakeSource:
         self._next = None
 
     def next_frame(self, timeout_s: float) -> Frame:
-        """Return the oldest unread frame, see `drivers.interfaces.FrameSource`."""
+        """Return the oldest unread frame; see `drivers.interfaces.FrameSource`."""
         deadline = self._clock.now_ns() + to_ns(timeout_s)
         while True:
             index = max(self._due_index(), self._newest_index() - BACKLOG_FRAMES + 1)
@@ -91,7 +94,7 @@ class FakeSource:
                 return self._capture(index)
 
     def newest_frame(self, max_age_s: float) -> Frame:
-        """Return the newest frame, see `drivers.interfaces.FrameSource`."""
+        """Return the newest frame; see `drivers.interfaces.FrameSource`."""
         index = max(self._newest_index(), 0)
         self._due_index()
         age = (self._clock.now_ns() - self._captured_ns(index)) / NS_PER_S
@@ -122,7 +125,7 @@ class FakeSource:
     def _capture(self, index: int) -> Frame:
         time_ns = self._captured_ns(index)
         if self._active("disconnect", index):
-            raise DeviceError(f"{self.serial}: the device is gone; check its cable, then start again")
+            raise DeviceError(f"{self.serial}: the device is disconnected; check its cable, then start again")
         if self._active("freeze", index) and self._frozen is not None:
             old = self._frozen
             return Frame(old.image, time_ns, index, self.serial, old.jpeg)
@@ -133,7 +136,7 @@ class FakeSource:
 
 
 def _compressed(image: Image, time_ns: int, sequence: int, serial: str) -> Frame:
-    """Encode a frame as the device would; the delivered image is the decoded one."""
+    """Return the frame with its JPEG, encoded as by the device; its image is the decoded JPEG."""
     ok, encoded = cv2.imencode(
         ".jpg", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY]
     )
@@ -144,9 +147,9 @@ def _compressed(image: Image, time_ns: int, sequence: int, serial: str) -> Frame
 
 
 class FakeCamera(FakeSource, Camera):
-    """The external camera: shows two markers on the object, or a calibration target that is mounted.
+    """The external camera; it shows two markers on the object, or the mounted calibration target.
 
-    base_T_camera: its true pose; it looks along the base's y axis.
+    base_T_camera: its true pose; it looks along the base's y axis. printed: prints the sheets of targets.
     """
 
     def __init__(
@@ -168,7 +171,7 @@ class FakeCamera(FakeSource, Camera):
         self._printed = printed
 
     def draw(self, time_ns: int, rng: np.random.Generator) -> Image:
-        """Return the picture at `time_ns`, (H, W, 3) uint8 RGB; `rng` makes its noise."""
+        """Return the image at `time_ns`, (H, W, 3) uint8 RGB. rng: draws the noise."""
         fixture = self._world.fixture
         if fixture is None:
             return self._scene.render(self._camera_T_base @ self._world.object_pose_at(time_ns), rng)

@@ -1,4 +1,4 @@
-"""A simulated DIGIT on a desk: again and again an object is pressed on its gel, turns, and is taken off."""
+"""A simulated DIGIT on a desk, on whose gel an object is repeatedly pressed, turned and taken off."""
 
 import math
 from functools import lru_cache
@@ -16,21 +16,22 @@ from fakes.objects.surfaces import Surface, build_surface, depth_for_force
 
 RATE_HZ = 60.0
 CYCLE_S = 16.0
-"""One object pressed, turned twice and taken off."""
+"""Duration of a cycle, in which an object is pressed, turned twice and taken off."""
 TOUCH_S, HELD_S, TURNS_S, OFF_S = 3.0, 3.5, (6.0, 11.0), 15.5
-"""Times in a cycle: first touch, full force, the two turns, taken off."""
+"""Times in a cycle: first touch, full force, start of both rotations, object taken off."""
 TURN_RATE_DEG_S = 15.0
 FORCE_N = 0.8
 PIVOT_MM = (1.5, -2.0)
-"""Point about which the contact turns, from the contact's middle."""
+"""Centre of rotation relative to the centre of the contact, x right and y down."""
 TILT = (0.008, -0.006)
+"""Slope of the pressed face relative to the gel, along x and y."""
 
 
 class DeskDigit(FakeSource, TactileSensor):
     """A simulated fingertip on a desk.
 
-    side: +1, or -1 for a second one that sees the same object from behind. start_ns: when the first cycle
-    begins, by the clock.
+    side: +1, or -1 for a second sensor on the opposite side of the same object. start_ns: start of the first
+    cycle on the clock.
     """
 
     def __init__(self, serial: str, side: int, start_ns: int, clock: Clock) -> None:
@@ -42,15 +43,15 @@ class DeskDigit(FakeSource, TactileSensor):
         """Do nothing: the light of this unit is fixed."""
 
     def draw(self, time_ns: int, rng: np.random.Generator) -> Image:
-        """Return what the sensor sees at a time, (H, W, 3) uint8 RGB."""
+        """Return the image at a time, (H, W, 3) uint8 RGB. rng: draws the noise."""
         time_s = (time_ns - self._start_ns) / NS_PER_S
         share = _pressed(time_s % CYCLE_S)
         return _gel(self._side).render(self._imprint(time_s, share) if share > 0.0 else None, time_s, rng)
 
     def turn_deg(self, time_ns: int) -> float | None:
-        """Return how far the object has turned since its touch, counter-clockwise as this sensor sees it.
+        """Return the rotation of the object since its first touch, counter-clockwise positive in this image.
 
-        None without contact.
+        Returns None without contact.
         """
         time_s = (time_ns - self._start_ns) / NS_PER_S
         return self._side * _turned_deg(time_s) if _pressed(time_s % CYCLE_S) > 0.0 else None
@@ -65,7 +66,7 @@ class DeskDigit(FakeSource, TactileSensor):
 
 
 def _pressed(in_cycle_s: float) -> float:
-    """Return the share of the full depth, 0 without contact."""
+    """Return the fraction of the full depth, 0 without contact."""
     if in_cycle_s >= OFF_S:
         return 0.0
     return min(max((in_cycle_s - TOUCH_S) / (HELD_S - TOUCH_S), 0.0), 1.0)
@@ -88,6 +89,6 @@ def _gel(side: int) -> GelSensor:
 
 @lru_cache(maxsize=2)
 def _pressed_surface(side: int) -> tuple[Surface, float]:
-    """Return the touched face of a wrench, and its depth in mm at the full force."""
+    """Return the face of a wrench that touches the gel, and its depth in mm at full force."""
     surface = build_surface(find_object("t1").sites[0], side, 0)
     return surface, depth_for_force(surface, FORCE_N, TILT, 0.0, (0.0, 0.0))

@@ -1,4 +1,4 @@
-"""A simulated DIGIT on a finger: what its gel shows of the object the world holds."""
+"""A simulated DIGIT on a finger, whose gel shows the object that the world holds."""
 
 import math
 from functools import lru_cache
@@ -24,15 +24,16 @@ _FORCE_GRID_N = np.array([0.02, 0.05, 0.1, 0.2, 0.4, 0.7, 1.0, 1.4, 1.9, 2.6, 4.
 
 @lru_cache(maxsize=8)
 def _gel(unit_seed: int, variation: Variation, markers: bool) -> GelSensor:
-    """A unit is the same on every bench, and costs fifty frames to make."""
+    """Return the gel of a sensor; cached, because it takes as long to make as fifty frames."""
     return GelSensor(unit_seed, variation=variation, markers=markers)
 
 
 class FakeDigit(FakeSource, TactileSensor):
-    """Sees the object through a gel of its own; `side` +1 looks the way the camera looks.
+    """A DIGIT with its own gel.
 
-    markers: whether dots are printed on its gel. difficulty: of its lifts; a hard one has a gel and light of
-    its own, in place of the unit's.
+    unit_seed: seed of the individual properties of the sensor. side: +1 if it looks in the direction of the
+    camera, else -1. variation: properties of the sensor's family. markers: whether dots are printed on its
+    gel. difficulty: of its lifts; a hard lift has its own gel and light, instead of the sensor's.
     """
 
     def __init__(
@@ -57,11 +58,11 @@ class FakeDigit(FakeSource, TactileSensor):
         self._light = 1.0
 
     def set_light(self, red: float, green: float, blue: float) -> None:
-        """Scale the LEDs together; the simulated unit has one supply."""
+        """Scale the light by the mean of the three values: the simulated LEDs have a common supply."""
         self._light = (red + green + blue) / 3.0
 
     def draw(self, time_ns: int, rng: np.random.Generator) -> Image:
-        """What the sensor sees at `time_ns`, (H, W, 3) uint8 RGB; `rng` makes its noise."""
+        """Return the image at `time_ns`, (H, W, 3) uint8 RGB. rng: draws the noise."""
         state = self._world.state_at(time_ns)
         image = self._gel.render(self._imprint(state), time_ns / NS_PER_S, rng)
         if self._conditions.codec is not None:
@@ -71,12 +72,12 @@ class FakeDigit(FakeSource, TactileSensor):
         return np.clip(image * self._light, 0, 255).astype(np.uint8)
 
     def true_mask(self, time_ns: int) -> Image:
-        """Where object and gel touch at `time_ns` (at most 3 s ago), (H, W) uint8, 0 or 255."""
+        """Return the true contact mask at `time_ns` (at most 3 s ago), (H, W) uint8, 0 or 255."""
         return self._gel.touching(self._imprint(self._world.state_at(time_ns)))
 
     @property
     def _conditions(self) -> Conditions:
-        """What the present lift is like."""
+        """Conditions of the current lift."""
         return draw_conditions(self._difficulty, self._world.seed, self._side)
 
     @property
@@ -86,7 +87,7 @@ class FakeDigit(FakeSource, TactileSensor):
         return _gel(self._unit, unit, self._markers)
 
     def _surface(self, grasp: Grasp) -> tuple[Surface, np.ndarray]:
-        """The touched surface, and the depth it is pressed to over a grid of forces."""
+        """Return the surface in contact, and its depths in mm for the forces `_FORCE_GRID_N`."""
         key = (grasp, self._world.seed)
         if self._pressed is None or self._pressed[0] != key:
             kind, bulge = self._conditions.face(grasp.site.contact)
@@ -122,7 +123,7 @@ class FakeDigit(FakeSource, TactileSensor):
         )
 
     def _shear(self, grasp: Grasp, state: WorldState, turn_rad: float) -> Shear:
-        """How the gel's surface has followed the object since the fingers closed on it."""
+        """Return the shear of the gel's surface by the object since the fingers closed on it."""
         (off_x, off_y), variation = self._off_mm(grasp), self._world.variation
         across = self._side * (variation.misplacement_m[0] * 1e3 + variation.pivot_mm[0]) + off_x
         down = variation.misplacement_m[1] * 1e3 + variation.pivot_mm[1] + off_y
@@ -130,12 +131,12 @@ class FakeDigit(FakeSource, TactileSensor):
         return shear_of(math.degrees(self._side * turn_rad), (across, down), slid)
 
     def _off_mm(self, grasp: Grasp) -> tuple[float, float]:
-        """Where a hand that closed off the middle has the middle on its gel: x right, y down."""
+        """Return the site's centre on the gel, which is off if the hand closed beside it: x right, y down."""
         off_x, off_z = grasp.off_m
         return -self._side * off_x * 1e3, off_z * 1e3
 
     def _centre_mm(self, grasp: Grasp, state: WorldState, turn_rad: float) -> tuple[float, float]:
-        """The surface's origin on the gel: it turns about a pivot that is off the patch's middle."""
+        """Return the surface's origin on the gel; it turns about a pivot beside the centre of the contact."""
         variation, (off_x, off_y) = self._world.variation, self._off_mm(grasp)
         px, py = variation.pivot_mm
         x, y = _turned(px, py, turn_rad)
@@ -147,7 +148,7 @@ class FakeDigit(FakeSource, TactileSensor):
         return self._side * across + off_x, down + off_y
 
     def _bulge_mm(self, grasp: Grasp, state: WorldState) -> tuple[float, float]:
-        """The middle of a bulge on the gel: it creeps down with the object and rocks, but does not turn."""
+        """Return the bulge's centre on the gel; it creeps down with the object and rocks, but never turns."""
         variation, (off_x, off_y) = self._world.variation, self._off_mm(grasp)
         rock_x, rock_y = self._conditions.rock_mm_per_rad
         right = variation.misplacement_m[0] * 1e3 + rock_x * _slipped(state)
@@ -155,7 +156,7 @@ class FakeDigit(FakeSource, TactileSensor):
         return self._side * right + off_x, down + off_y
 
     def _tilt(self, state: WorldState, turn_rad: float) -> tuple[float, float]:
-        """Uneven pressure: fixed to the object, growing as its weight comes onto the pads."""
+        """Return the tilt of the pressed face: fixed to the object, growing with the weight on the pads."""
         variation = self._world.variation
         tx = variation.tilt_at_rest[0] + state.loaded * variation.tilt_under_load[0]
         ty = variation.tilt_at_rest[1] + state.loaded * variation.tilt_under_load[1]
@@ -164,11 +165,11 @@ class FakeDigit(FakeSource, TactileSensor):
 
 
 def _slipped(state: WorldState) -> float:
-    """How far the object has turned since it was grasped, rad, whichever way: it slides as it turns."""
+    """Return the total absolute rotation since the grasp, rad, from the slide that accompanies it."""
     return min(state.slide_m, PAD_M) / SLIDE_M_PER_RAD
 
 
 def _turned(x: float, y_down: float, turn_rad: float) -> tuple[float, float]:
-    """Turn an image vector (x right, y down) counter-clockwise as seen."""
+    """Rotate an image vector (x right, y down) counter-clockwise in the image."""
     c, s = math.cos(turn_rad), math.sin(turn_rad)
     return c * x + s * y_down, -s * x + c * y_down

@@ -1,4 +1,4 @@
-"""A simulated Robotiq 3-Finger gripper: activation, travel in whole counts, contact by object width."""
+"""A simulated Robotiq 3-Finger gripper: activation, motion in whole counts, contact by object width."""
 
 import math
 
@@ -17,7 +17,7 @@ from fakes.world.state import BenchLayout
 from fakes.world.world import FINGER_STIFFNESS_N_M, STALL_FORCE_N, World
 
 SPEED_COUNTS_S = 100.0
-"""About 60 mm/s of opening, mid range of the manual's 22 to 110 mm/s."""
+"""About 60 mm/s of opening, in the middle of the manual's range of 22 to 110 mm/s."""
 ACCELERATION_COUNTS_S2 = 2000.0
 SPEED_M_S, FORCE_N = (0.022, 0.110), (STALL_FORCE_N, 60.0)
 """Lowest and highest speed and force (manual, SPEED and FORCE registers)."""
@@ -27,17 +27,17 @@ ACTIVATION_FAULT = 0x0D
 
 
 def nominal_spec(layout: BenchLayout) -> GripperSpec:
-    """Return the range of the fingers of a simulated bench, not measured."""
+    """Return the nominal range of the fingers of a simulated bench."""
     step_m = layout.opening_per_count_m
     stroke_m = (layout.closed_counts - layout.open_counts) * step_m
     return GripperSpec(layout.max_opening_m, stroke_m, step_m, SPEED_M_S, FORCE_N)
 
 
 class FakeGripper(Gripper):
-    """Moves the world's fingers; the third finger stays parked.
+    """Moves the fingers of the world; the third finger stays parked.
 
-    spec: range of the fingers, by default the world's nominal one; a step is one count. period_s: of the line
-    that carries commands and states: fingers begin and stop one period late, and states are one period old.
+    spec: range of the fingers, by default the nominal one; a step is one count. period_s: polling period of
+    the connection: fingers start and stop one period late, and states are one period old.
     """
 
     def __init__(
@@ -65,25 +65,25 @@ class FakeGripper(Gripper):
         return self._spec
 
     def connect(self) -> None:
-        """Reach the gripper, anew if it was connected."""
+        """Connect to the gripper; reconnect if it is connected."""
         self.disconnect()
         self._connected = True
 
     def disconnect(self) -> None:
-        """Let go; the fingers stay where they are."""
+        """Stop the fingers, which stay where they are, and disconnect."""
         if self._connected:
             self.stop()
         self._connected = False
 
     def activate(self) -> None:
-        """Sweep the fingers open."""
+        """Activate the gripper and open the fingers."""
         self._require_usable()
         self._clock.sleep_until(self._clock.now_ns() + to_ns(ACTIVATION_S))
         self._activated = True
         self.move_to(self._spec.open_m).wait(timeout_s=5.0)
 
     def state(self) -> GripperState:
-        """State now."""
+        """Return the current state."""
         self._require_usable()
         now = self._clock.now_ns() - self._period_ns
         squeeze = self._world.squeeze_at(now)
@@ -106,7 +106,7 @@ class FakeGripper(Gripper):
     def move_to(
         self, opening_m: float, speed_m_s: float | None = None, force_n: float | None = None
     ) -> PolledMotion:
-        """Start moving the fingers; they stall where an object resists with the force, 15 N by default."""
+        """Start moving the fingers; they stall if an object resists with `force_n`, 15 N by default."""
         self._require_usable()
         if not self._activated:
             raise GripperFaultError(
@@ -128,12 +128,12 @@ class FakeGripper(Gripper):
         return PolledMotion("gripper", self._clock, self._arrived, self.stop)
 
     def stop(self) -> None:
-        """Hold the fingers where they are."""
+        """Stop the fingers where they are."""
         self._stalls = False
         self._world.fingers = self._world.fingers.cut_at(self._clock.now_ns() + self._period_ns)
 
     def _end(self, start: float, position_counts: int, now_ns: int) -> float:
-        """Return where a motion ends, in counts: at its target, at an object, or where a fault ends it."""
+        """Return the end of a motion in counts: its target, an object, or the position at a fault."""
         if any(self._has(kind) for kind in ("blocked", "stuck", "false_success")):
             return start
         end = float(position_counts)

@@ -1,4 +1,4 @@
-"""What a simulated bench is made of, in values that travel to another process, and its sensors."""
+"""Describe a simulated bench by values that can be sent to another process; make its sensors."""
 
 import hashlib
 from dataclasses import dataclass, replace
@@ -20,18 +20,19 @@ from fakes.world.mirror import WorldView
 from fakes.world.state import BenchLayout
 
 CAMERA_MISALIGNMENT = Rotation.from_euler("xyz", (0.8, -0.6, 0.4), degrees=True)
-"""The simulated camera does not stand exactly where the bench file says; no real one does."""
+"""Rotation between the camera's pose in the bench file and its true pose, as there is on a real bench."""
 
 _scene = cache(MarkerScene)
-"""A scene is the same on every bench, and costs a hundred frames to make."""
+"""Cached, because a scene takes as long to make as a hundred frames and is the same on every bench."""
 
 
 @dataclass(frozen=True, slots=True)
 class DigitPlan:
-    """A fingertip. side: +1 looks the way the camera looks. number: from 0, for its phase.
+    """Description of a fingertip.
 
-    variation_seed: draws a unit unlike its family, None for one of the family. markers: whether dots
-    are printed on its gel. difficulty: of its lifts.
+    side: +1 if it looks in the direction of the camera, else -1. number: index from 0, which sets the phase
+    of its frames. variation_seed: seed of a sensor with random properties; None for a typical sensor.
+    markers: whether dots are printed on its gel. difficulty: of its lifts.
     """
 
     serial: str
@@ -43,12 +44,12 @@ class DigitPlan:
     difficulty: Difficulty = "easy"
 
     def slowed(self, seed: int) -> "DigitPlan":
-        """Return the fingertip at the rate that it has in the lift of a seed: codecs give fewer frames."""
+        """Return the fingertip with its frame rate in the lift of a seed; some video codecs reduce it."""
         given_hz = draw_conditions(self.difficulty, seed, self.side).rate_hz
         return self if given_hz is None else replace(self, rate_hz=min(given_hz, self.rate_hz))
 
     def make(self, world: WorldView, clock: Clock, faults: FaultScript) -> FakeDigit:
-        """Make the sensor; a unit's peculiarities belong to its serial, on every bench."""
+        """Make the sensor. Its individual properties depend on the serial only, not on the bench."""
         shutter = Shutter(self.rate_hz, phase_s=0.002 + 0.005 * self.number)
         seed, unit = self.variation_seed, unit_seed(self.serial)
         if seed is not None:
@@ -70,9 +71,9 @@ class DigitPlan:
 
 @dataclass(frozen=True, slots=True)
 class CameraPlan:
-    """The external camera. base_T_camera: where the bench file says that it stands.
+    """Description of the external camera.
 
-    printed: prints the sheets of calibration targets.
+    base_T_camera: its pose in the bench file. printed: prints the sheets of calibration targets.
     """
 
     serial: str
@@ -86,7 +87,7 @@ class CameraPlan:
     printed: PrintedSheet = nothing_printed
 
     def make(self, world: WorldView, clock: Clock, faults: FaultScript) -> FakeCamera:
-        """Make the camera, a degree off from where it is said to stand."""
+        """Make the camera with its true pose, which differs from the bench file's by about 1 degree."""
         nominal = self.base_T_camera
         true_pose = Pose.from_rotation(nominal.position_m, nominal.rotation * CAMERA_MISALIGNMENT)
         shutter = Shutter(self.rate_hz, phase_s=0.009, latency_s=0.006)
@@ -103,7 +104,7 @@ class CameraPlan:
 
 @dataclass(frozen=True, slots=True)
 class BenchPlan:
-    """A whole simulated bench."""
+    """Description of a simulated bench."""
 
     layout: BenchLayout
     digits: tuple[DigitPlan, ...]
@@ -111,5 +112,5 @@ class BenchPlan:
 
 
 def unit_seed(serial: str) -> int:
-    """The seed of what is peculiar to a unit."""
+    """Return the seed of the individual properties of a device."""
     return int.from_bytes(hashlib.sha256(serial.encode()).digest()[:4], "big")

@@ -1,4 +1,4 @@
-"""The one simulated world: where tool, fingers and object are, and how the object slips.
+"""The simulated world: the state of tool, fingers and object, and the dynamics of slip.
 
-Imports `fakes.objects`; it knows no device and draws nothing.
+Imports `fakes.objects`, but no simulated device; it renders nothing.
 """

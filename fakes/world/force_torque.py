@@ -1,8 +1,8 @@
-"""The force-torque sensor in a UR5e's flange: what it senses of the object in the fingers, and how well.
+"""Simulate the force-torque sensor in the flange of a UR5e: the wrench of the held object, and its errors.
 
-An object that hangs in the fingers pulls with its weight and turns them with weight times lever. Where
-that is more than the pads' friction can turn, they turn it with as much as their friction allows; the
-object's far end stays on its support, which carries the rest and is dragged along.
+An object that hangs in the fingers loads them with its weight, and with a torque of weight times lever. If
+this torque exceeds the friction torque of the pads, they carry only the friction torque. The far end of the
+object then stays on its support, which carries the rest and adds a friction force.
 """
 
 import math
@@ -15,30 +15,31 @@ from fakes.world.world import World
 
 NOTHING: Vector6 = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 FLOOR_STIFFNESS_N_M = 10_000.0
-"""Of fingers that stand on the table (ours)."""
+"""Stiffness of fingers that stand on the table (our assumption)."""
 SUPPORT_FRICTION = 0.3
-"""Of an object's end that is dragged over the table."""
+"""Friction coefficient between the end of the object and the table (our assumption)."""
 BIAS_N, BIAS_NM = 1.0, 0.05
 NOISE_N, NOISE_NM = 0.1, 0.005
 DRIFT_N, DRIFT_NM = 0.15, 0.008
 STEP_N, STEP_NM = 0.05, 0.002
-"""Data sheet of the UR5e: precision 3.5 N and 0.2 N m, accuracy 4.0 N and 0.3 N m, over range, life and
-temperature. How far readings differ within a lift's few seconds it does not say: spread of the bias, of
-each reading and of the drift, and the smallest step, are our judgement, well within those figures."""
+"""Errors of the sensor: standard deviations of bias, noise and drift, and resolution.
+
+They are our assumptions for the few seconds of a lift, well within the data sheet of the UR5e, which states a
+precision of 3.5 N and 0.2 N m and an accuracy of 4.0 N and 0.3 N m over range, life and temperature."""
 _DRIFT_PERIODS_S = (8.0, 40.0)
 _CYCLE_NS = 2_000_000
 _NOISE_CYCLES = 9973
 
 
 def table_push_n(floor_z_m: float, tcp_z_m: float) -> float:
-    """Force with which the table pushes up fingertips that press on it; 0 above it."""
+    """Return the upward force of the table on the fingertips, N; 0 above the table."""
     return max(floor_z_m - tcp_z_m, 0.0) * FLOOR_STIFFNESS_N_M
 
 
 def carried_wrench(world: World, time_ns: int) -> Vector6:
-    """Force (N) and torque (N m) of the held object on the TCP, base axes; zeros without one.
+    """Return force (N) and torque (N m) of the held object on the TCP in the base's axes; zeros without one.
 
-    Both grow with the share of the weight that the fingers have taken on (`WorldState.loaded`).
+    Both are proportional to the fraction of the weight on the pads (`WorldState.loaded`).
     """
     grip = world.grip_at(time_ns)
     if grip is None:
@@ -48,7 +49,7 @@ def carried_wrench(world: World, time_ns: int) -> Vector6:
     across, down = math.cos(state.object_turn_rad), abs(math.sin(state.object_turn_rad))
     weight_nm = load.weight_n * abs(load.lever_m) * across
     torque_nm = min(weight_nm, load.turning_limit_nm)
-    # moments about the fingertips' axis: the support pushes up at the far end, and drags it outwards
+    # Torque about the fingertips' axis: the support pushes the far end up, and friction pulls it outwards.
     support_n = (weight_nm - torque_nm) / (load.reach_m * (across + SUPPORT_FRICTION * down))
     hanging_n = min(load.weight_n - support_n, load.sliding_limit_n)
     share = state.loaded
@@ -57,9 +58,9 @@ def carried_wrench(world: World, time_ns: int) -> Vector6:
 
 
 class FlangeSensor:
-    """How a sensor shows a wrench: off by its bias, drifting, noisy, in steps; a new reading every 2 ms.
+    """Adds bias, drift and noise to a wrench and rounds it to the resolution; a new reading every 2 ms.
 
-    seed: draws this sensor's peculiarities.
+    seed: of the bias, the drift and the noise.
     """
 
     def __init__(self, seed: int) -> None:
@@ -71,14 +72,14 @@ class FlangeSensor:
         self._phases = rng.uniform(0.0, 2.0 * math.pi, 6).tolist()
 
     def drifted(self, true: Vector6, time_ns: int) -> Vector6:
-        """A wrench with bias and drift added: what changes slowly."""
+        """Return a wrench with bias and drift, the slowly changing errors."""
         time_s = time_ns / NS_PER_S
         waves = zip(true, self.bias, self._drift, self._rates, self._phases, strict=True)
         a, b, c, d, e, f = (w + o + size * math.sin(rate * time_s + p) for w, o, size, rate, p in waves)
         return a, b, c, d, e, f
 
     def shown(self, drifted: Vector6, time_ns: int) -> Vector6:
-        """The reading at a time of what `drifted` gave: with noise, in the sensor's steps."""
+        """Return the reading at a time: the result of `drifted` with noise, rounded to the resolution."""
         n = self._noise[time_ns // _CYCLE_NS % _NOISE_CYCLES].tolist()
         a, b, c, d, e, f = drifted
         return (

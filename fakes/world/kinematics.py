@@ -1,4 +1,4 @@
-"""UR5e kinematics from its nominal Denavit-Hartenberg parameters (Universal Robots, DH page)."""
+"""Kinematics of the UR5e from its nominal Denavit-Hartenberg parameters (Universal Robots, DH page)."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,9 +25,9 @@ def inverse(
     near_rad: Vector6 = ELBOW_UP,
     iterations: int = 60,
 ) -> Vector6 | None:
-    """Return joint angles near `near_rad` that reach a pose, or None when it is out of reach.
+    """Return joint angles near `near_rad` that reach a pose, or None if it is out of reach.
 
-    Damped least squares (Wampler 1986); a nearby start needs two or three iterations.
+    Damped least squares (Wampler 1986); from a nearby start it needs two or three iterations.
     """
     joints = np.array(near_rad, float)
     target_position = np.asarray(base_T_tcp.position_m)

@@ -1,4 +1,4 @@
-"""Copies of the world's state: a mirror for the process that draws the cameras, and a track of motions."""
+"""Copy the state of the world: a mirror for the process that renders the cameras, and a track of motions."""
 
 import threading
 from collections import deque
@@ -14,21 +14,22 @@ from fakes.world.state import BenchLayout, Grasp, LiftVariation, WorldState, bet
 from fakes.world.world import World
 
 KEPT = 512
-"""Snapshots kept: two seconds at 250 per second."""
+"""Number of snapshots kept: two seconds at 250 per second."""
 KEPT_SAMPLES = 50_000
-"""Samples of a track kept: three minutes of motion at 250 per second."""
+"""Number of samples of a track kept: three minutes of motion at 250 per second."""
 STILL_M_S = 0.001
-"""A slower tool stands still."""
+"""Speed below which the tool counts as at rest."""
 PATIENCE_S = 0.1
-"""Longest wait for a snapshot: a late frame is better than one that shows an earlier state."""
+"""Longest wait for a snapshot; a late frame is better than one that shows an earlier state."""
 
 
 @dataclass(frozen=True, slots=True)
 class Snapshot:
     """The world at one instant, small enough to be sent 250 times per second.
 
-    tool: the TCP in base. object_id, site: the grasp site that is held, None without one. off_m: as in
-    `Grasp`. fixture: the calibration target that is mounted. seed: seed of the lift's variation.
+    tool: base_T_tcp. object_id, site: id of the placed object, and index of its grasp site that is held; None
+    if there is none. off_m: as in `Grasp`. fixture: the mounted calibration target. seed: of the lift's
+    variation.
     """
 
     state: WorldState
@@ -41,18 +42,18 @@ class Snapshot:
 
 
 def snapshot_of(world: World, time_ns: int) -> Snapshot:
-    """Advance the world to `time_ns` and return what the cameras need."""
+    """Advance the world to `time_ns`, and return the snapshot that the cameras need."""
     state = world.state_at(time_ns)
     model, site = world.model, world.site
     number = model.sites.index(site) if model is not None and site is not None else None
     off_m = world.grasp.off_m if world.grasp else (0.0, 0.0)
-    # over the wire protocol a path is one control cycle long: the orientation of its end is near enough
+    # Over the wire protocol a path lasts one control cycle, so the orientation of its end is accurate enough.
     tool = Pose(world.tool.position_at(state.time_ns), world.tool.end.quaternion_xyzw)
     return Snapshot(state, tool, model.id if model else None, number, off_m, world.fixture, world.seed)
 
 
 class MirroredWorld:
-    """The part of a `World` that `FakeDigit` and `FakeCamera` use, fed with snapshots of a world."""
+    """Implements the part of `World` that `FakeDigit` and `FakeCamera` use, from snapshots of a world."""
 
     def __init__(self, layout: BenchLayout, first: Snapshot) -> None:
         self.layout = layout
@@ -62,7 +63,7 @@ class MirroredWorld:
         self.feed(first)
 
     def feed(self, snapshot: Snapshot) -> None:
-        """Take the next snapshot; times increase."""
+        """Add the next snapshot; times must increase."""
         with self._arrived:
             self._snapshots.append(snapshot)
             if snapshot.seed != self.seed:
@@ -74,16 +75,16 @@ class MirroredWorld:
 
     @property
     def grasp(self) -> Grasp | None:
-        """How the object is held, the same value each time."""
+        """The grasp of the held object in the newest snapshot; None if nothing is held."""
         return _grasp(self._snapshots[-1])
 
     @property
     def fixture(self) -> Fixture | None:
-        """The calibration target that is mounted, if any."""
+        """The mounted calibration target; None if there is none."""
         return self._snapshots[-1].fixture
 
     def state_at(self, time_ns: int) -> WorldState:
-        """Return the world at `time_ns`; if it does not arrive in time, the newest one."""
+        """Return the state at `time_ns`; if it does not arrive in time, the newest state."""
         return _state(*self._around(time_ns), time_ns)
 
     def object_pose_at(self, time_ns: int) -> Pose:
@@ -98,7 +99,7 @@ class MirroredWorld:
         return _tool(*self._around(time_ns), time_ns)
 
     def _around(self, time_ns: int) -> tuple[Snapshot, Snapshot]:
-        """Return the snapshots before and after a time; at either end the same one twice."""
+        """Return the snapshots before and after a time; the same one twice at either end."""
         with self._arrived:
             self._arrived.wait_for(lambda: self._snapshots[-1].state.time_ns >= time_ns, PATIENCE_S)
             after = self._snapshots[-1]
@@ -110,7 +111,7 @@ class MirroredWorld:
 
 
 WorldView = World | MirroredWorld
-"""The worlds that the simulated cameras can show."""
+"""Types of world that the simulated cameras can show."""
 
 
 def _state(before: Snapshot, after: Snapshot, time_ns: int) -> WorldState:
@@ -135,19 +136,19 @@ def _tool(before: Snapshot, after: Snapshot, time_ns: int) -> Pose:
 
 
 TrackSample = tuple[int, float, float, float, float, bool]
-"""ns of the world's time, tool x y z in m, counts of the fingers, whether the object is held."""
+"""Time in ns, tool x y z in m, finger position in counts, whether the object is held."""
 
 
 @dataclass(slots=True)
 class Track:
-    """Samples of the tool and the fingers; nothing is added while nothing changes."""
+    """Samples of the tool and the fingers; while nothing changes, no samples are added."""
 
     samples: deque[TrackSample] = field(default_factory=lambda: deque(maxlen=KEPT_SAMPLES))
     moving: bool = False
     _last: TrackSample | None = None
 
     def see(self, time_ns: int, tool_m: Vector3, counts: float, held: bool) -> None:
-        """Add the state at a time; times increase."""
+        """Add the state at a time; times must increase."""
         new = (time_ns, *tool_m, counts, held)
         last, self._last = self._last, new
         if last is None:
@@ -157,11 +158,11 @@ class Track:
             self.moving = way_m > STILL_M_S * (time_ns - last[0]) / NS_PER_S
             if new[1:] != last[1:]:
                 if self.samples[-1] != last:
-                    self.samples.append(last)  # until then nothing had changed
+                    self.samples.append(last)  # the end of the time without change
                 self.samples.append(new)
 
     def since(self, time_ns: int) -> list[TrackSample]:
-        """Return the samples from the last one before a time on, and the present one."""
+        """Return the samples from the last one before a time on, and the current one."""
         kept = list(self.samples)
         first = next((i for i in range(len(kept) - 1, 0, -1) if kept[i][0] <= time_ns), 0)
         now = [self._last] if self._last is not None and kept[-1] != self._last else []

@@ -12,11 +12,11 @@ from drivers.types import Pose
 
 @dataclass(frozen=True, slots=True)
 class TrapezoidProfile:
-    """Trapezoidal speed over a `distance` (any unit), from `start_ns` on.
+    """Trapezoidal speed profile over a `distance` (any unit), from `start_ns` on.
 
-    speed and acceleration are in the distance's unit per s and per s^2. `fraction_at` runs
-    from 0 to 1. A motion that was cut short stays at its `stop_fraction`; one that was commanded to brake
-    goes on from `brake_ns` until it stands.
+    speed, acceleration, deceleration: in the distance's unit per s and per s^2. stop_fraction: fraction of
+    the distance at which a motion that was cut short stays. brake_ns: time of a brake command, after which
+    the motion decelerates to rest; None without one.
     """
 
     start_ns: int
@@ -33,7 +33,7 @@ class TrapezoidProfile:
 
     @property
     def duration_s(self) -> float:
-        """Duration of the whole motion, had it not been cut short, s."""
+        """Duration of the whole motion without a stop, s."""
         if self.distance <= 0.0:
             return 0.0
         ramp = self._ramp_s
@@ -41,22 +41,22 @@ class TrapezoidProfile:
         return 2.0 * ramp + max(cruise, 0.0) / self.speed
 
     def fraction_at(self, time_ns: int) -> float:
-        """Share of the distance covered at `time_ns`."""
+        """Return the fraction of the distance covered at `time_ns`, 0 to 1."""
         if self.brake_ns is not None and time_ns > self.brake_ns:
             return self._braking_fraction_at(time_ns, self.brake_ns)
         return min(self._uncut_fraction_at(time_ns), self.stop_fraction)
 
     def done_at(self, time_ns: int) -> bool:
-        """Whether the motion (cut short or not) has ended."""
+        """Whether the motion has ended, by a stop or at its target."""
         if self.brake_ns is not None:
             braked_s = self._speed_at(self.brake_ns) / self.deceleration
             return time_ns >= self.brake_ns + round(braked_s * NS_PER_S)
         return self._uncut_fraction_at(time_ns) >= self.stop_fraction
 
     def braked_at(self, time_ns: int, deceleration: float) -> "TrapezoidProfile":
-        """Return the motion with a brake command at `time_ns`; if it brakes already or has ended, unchanged.
+        """Return the motion with a brake command at `time_ns`; unchanged if it brakes already or has ended.
 
-        It never brakes more gently than it slows down, so that it stays short of its end.
+        The deceleration is at least the acceleration, so that the motion never passes its target.
         """
         if self.brake_ns is not None or self.done_at(time_ns):
             return self
@@ -90,12 +90,12 @@ class TrapezoidProfile:
 
 
 AT_REST = TrapezoidProfile(0, 0.0, 1.0, 1.0)
-"""The profile of a motion over no distance."""
+"""Profile of a motion over the distance 0."""
 
 
 @dataclass(frozen=True, slots=True)
 class ToolPath:
-    """A straight, timed motion of the tool centre point."""
+    """A straight motion of the tool centre point over time."""
 
     start: Pose
     end: Pose
@@ -104,22 +104,22 @@ class ToolPath:
 
     @classmethod
     def between(cls, start: Pose, end: Pose, profile: TrapezoidProfile) -> "ToolPath":
-        """A motion from one pose to another."""
+        """Return a motion from one pose to another."""
         return cls(start, end, profile, (tool_tilt(start), tool_tilt(end)))
 
     @classmethod
     def resting(cls, pose: Pose) -> "ToolPath":
-        """A path that stays where it is."""
+        """Return a path that stays at a pose."""
         return cls.between(pose, pose, AT_REST)
 
     def position_at(self, time_ns: int) -> tuple[float, float, float]:
-        """Position in base, m."""
+        """Return the position in the base frame, m."""
         f = self.profile.fraction_at(time_ns)
         (x0, y0, z0), (x1, y1, z1) = self.start.position_m, self.end.position_m
         return x0 + f * (x1 - x0), y0 + f * (y1 - y0), z0 + f * (z1 - z0)
 
     def pose_at(self, time_ns: int) -> Pose:
-        """`base_T_tcp`, orientation interpolated on the great circle."""
+        """Return `base_T_tcp`; the orientation is interpolated spherically (slerp)."""
         f = self.profile.fraction_at(time_ns)
         if f >= 1.0 or self.start.quaternion_xyzw == self.end.quaternion_xyzw:
             return Pose(self.position_at(time_ns), self.end.quaternion_xyzw)
@@ -127,19 +127,19 @@ class ToolPath:
         return Pose.from_rotation(self.position_at(time_ns), turn(f))
 
     def tilt_at(self, time_ns: int) -> float:
-        """The tool's turn about the base's -y axis, rad: counter-clockwise as the camera sees it."""
+        """Return the tool's rotation about the base's -y axis, rad, counter-clockwise in the camera image."""
         f = self.profile.fraction_at(time_ns)
         start, end = self._tilts_rad
         return start + f * (end - start)
 
     def braked_at(self, time_ns: int, deceleration_m_s2: float) -> "ToolPath":
-        """The same path with the tool braking from `time_ns` on."""
+        """Return the same path with a brake command at `time_ns`."""
         return replace(self, profile=self.profile.braked_at(time_ns, deceleration_m_s2))
 
 
 @dataclass(frozen=True, slots=True)
 class FingerPath:
-    """A timed motion of the grasping fingers, in counts."""
+    """A motion of the grasping fingers over time, in counts."""
 
     start: float
     end: float
@@ -155,18 +155,18 @@ class FingerPath:
         return self.start + self.profile.fraction_at(time_ns) * (self.end - self.start)
 
     def cut_at(self, time_ns: int) -> "FingerPath":
-        """The same path stopped at `time_ns`."""
+        """Return the same path, stopped at `time_ns`."""
         return replace(self, profile=replace(self.profile, stop_fraction=self.profile.fraction_at(time_ns)))
 
 
 def tool_tilt(base_T_tcp: Pose) -> float:  # noqa: N803
-    """Turn of a downward tool about the base's -y axis, rad, from its x axis."""
+    """Return the rotation of a downward tool about the base's -y axis, rad, from its x axis."""
     x_axis = base_T_tcp.rotation.apply([1.0, 0.0, 0.0])
     return math.atan2(float(x_axis[2]), float(x_axis[0]))
 
 
 def distance(start: Pose, end: Pose) -> float:
-    """Length of a straight motion, m; a pure turn counts 0.1 m per radian."""
+    """Return the length of a straight motion, m; a pure rotation counts as 0.1 m per rad."""
     straight = float(np.linalg.norm(np.subtract(end.position_m, start.position_m)))
     turn = float((start.rotation.inv() * end.rotation).magnitude())
     return max(straight, 0.1 * turn)

@@ -1,10 +1,9 @@
-"""How a held object turns between two fingers while it is lifted: one lift's dynamics.
+"""Simulate the rotation of a held object between two fingers during one lift.
 
-The far end of the object stays on its support while the grasp rises, so the support demands
-the angle asin(height / lever). The grip follows it in stick and slip: the gel winds up by a
-threshold, gives way at a bounded rate, sticks again (paper, section IV-B, phases A to C). Where
-the grip's torque exceeds the object's weight torque, the object is held instead: with the turn it
-has, and the gel that was wound up relaxes.
+The far end of the object stays on its support while the grasp rises, so the support forces the object to the
+angle asin(height / reach). The grip follows in stick and slip: the gel is twisted up to a threshold, the
+object slips at a bounded rate, then sticks again (paper, section IV-B, phases A to C). If the friction torque
+of the grip exceeds the torque of the weight, the object keeps its angle, and the twisted gel relaxes.
 """
 
 import math
@@ -14,19 +13,22 @@ import numpy as np
 
 GRAVITY = 9.81
 SLIDE_M_PER_RAD = 0.002
-"""A turning contact also creeps down the pad: about 1 mm over a 30 degree slip."""
+"""Slide down the pads per rotation: about 1 mm for a slip of 30 degrees."""
 PAD_M = 0.012
-"""An object that has slid this far has left the pads."""
+"""Slide after which the object has left the pads."""
 TORSION_LIMIT_RAD = math.radians(1.5)
+"""Largest torsion of the gel."""
 TORSION_RELAXES_S = 0.8
+"""Time constant of the relaxation of the torsion."""
 
 
 @dataclass(frozen=True, slots=True)
 class GripLoad:
-    """What acts on the grip: normal force per finger (N), weight (N), lever (m, signed), reach (m).
+    """The load on the grip.
 
-    lever: centre of mass to grasp, positive when the grasp is on the object's right (+x).
-    reach: distance from the grasp to the end that stays on the support.
+    force_n: normal force per finger. weight_n: of the object. friction: coefficient. patch_radius_m: radius
+    of the contact. lever_m: from the centre of mass to the grasp, positive if the grasp is on the object's
+    right (+x). reach_m: distance from the grasp to the end that stays on the support.
     """
 
     force_n: float
@@ -38,27 +40,27 @@ class GripLoad:
 
     @property
     def sliding_limit_n(self) -> float:
-        """The most that the two pads carry by friction."""
+        """Largest friction force of both pads."""
         return 2.0 * self.friction * self.force_n
 
     @property
     def turning_limit_nm(self) -> float:
-        """The most that the two pads turn by friction: discs of uniform pressure."""
+        """Largest friction torque of both pads, for circular contacts of uniform pressure."""
         return self.sliding_limit_n * (2.0 / 3.0) * self.patch_radius_m
 
     def holds_turn(self) -> bool:
-        """Whether friction carries the weight's torque."""
+        """Whether friction carries the torque of the weight."""
         return self.turning_limit_nm >= self.weight_n * abs(self.lever_m)
 
     def holds_weight(self) -> bool:
-        """Whether the pads carry the share of the weight that the support does not."""
+        """Whether friction carries the part of the weight that is not on the support."""
         share = 1.0 if self.holds_turn() else 1.0 - min(abs(self.lever_m) / self.reach_m, 1.0)
         return self.sliding_limit_n >= share * self.weight_n
 
 
 @dataclass(slots=True)
 class SlipDynamics:
-    """State of one grip: turn (rad, counter-clockwise as the camera sees it), gel torsion, slide."""
+    """State of one grip: rotation (rad, counter-clockwise positive in the camera image), torsion, slide."""
 
     rng: np.random.Generator
     angle_rad: float = 0.0
@@ -71,7 +73,7 @@ class SlipDynamics:
     _rate_rad_s: float = math.radians(30.0)
 
     def step(self, load: GripLoad, height_m: float, dt_s: float) -> None:
-        """Advance by `dt_s` with the grasp `height_m` above where it was closed."""
+        """Advance by `dt_s`. height_m: height of the grasp above the position where the fingers closed."""
         before = self.angle_rad
         if height_m > 0.0 and not load.holds_weight():
             self._fall(dt_s)
@@ -87,9 +89,9 @@ class SlipDynamics:
         self.fallen = self.slide_m >= PAD_M
 
     def _hold(self, load: GripLoad, height_m: float) -> None:
-        """A held object keeps its turn, and twists the gel as its weight comes onto the pads.
+        """Keep the rotation of a held object; its weight twists the gel slightly.
 
-        No slip outlives a grip that carries the torque. Set down, the object is turned back by its support.
+        A slip ends if the grip carries the torque. When the object is set down, the support turns it back.
         """
         self.slipping = False
         wound_up = min(height_m / 0.01, 1.0) * math.radians(0.3)
@@ -114,12 +116,12 @@ class SlipDynamics:
         self.angle_rad = math.copysign(turned, load.lever_m)
 
     def _twist_gel(self, turned_rad: float, dt_s: float) -> None:
-        """The gel is dragged along up to a limit and relaxes within about a second."""
+        """Twist the gel with the object up to a limit, and relax it within about a second."""
         wound = min(abs(self.torsion_rad) / TORSION_LIMIT_RAD, 1.0)
         drag = 1.0 - wound if turned_rad * self.torsion_rad > 0.0 else 1.0
         self.torsion_rad += 0.5 * turned_rad * drag - self.torsion_rad * dt_s / TORSION_RELAXES_S
 
 
 def _demand(load: GripLoad, height_m: float) -> float:
-    """Return by how much the support turns an object that follows it, rad."""
+    """Return the angle to which the support forces the object, rad."""
     return math.asin(min(max(height_m, 0.0) / load.reach_m, 0.95))

@@ -1,4 +1,4 @@
-"""The simulated world at one instant, what differs from lift to lift, and the pose of the object."""
+"""The state of the simulated world, the random variation of a lift, and the pose of the object."""
 
 import math
 from dataclasses import dataclass, replace
@@ -12,14 +12,14 @@ from fakes.objects.catalogue import GraspSite
 
 @dataclass(frozen=True, slots=True)
 class BenchLayout:
-    """Where things are on the simulated bench (base frame, m) and how wide the fingers open."""
+    """Poses on the simulated bench (base frame, m), and the range of the fingers."""
 
     base_T_table: Pose  # noqa: N815
     home: Pose
     open_counts: int = 6
-    """Position when fully open: a software limit, not 0 (manual, gPO)."""
+    """Position when fully open; it is a software limit, not 0 (manual, gPO)."""
     max_opening_m: float = 0.120
-    """Between the gels: the two DIGITs take 35 mm of the gripper's nominal 155 mm."""
+    """Largest distance between the gels: the two DIGITs take 35 mm of the gripper's nominal 155 mm."""
     opening_per_count_m: float = 0.155 / 249.0
     closed_counts: int = 255
     """Highest position that may be commanded."""
@@ -29,7 +29,12 @@ class BenchLayout:
 
 @dataclass(frozen=True, slots=True)
 class WorldState:
-    """The world at one instant. Angles in rad, counter-clockwise as the camera sees them."""
+    """State of the world at one instant; angles are in rad, counter-clockwise positive in the camera image.
+
+    force_n: normal force per finger. object_turn_rad: rotation of the object. wrist_rad: rotation of the
+    tool. torsion_rad: rotation of the gel behind the object. slide_m: slide of the object down the pads.
+    loaded: fraction of the weight on the pads, 0 to 1. held: whether the object is held.
+    """
 
     time_ns: int
     force_n: float
@@ -43,7 +48,7 @@ class WorldState:
 
 @dataclass(frozen=True, slots=True)
 class LiftVariation:
-    """What differs from lift to lift, drawn from the world's seed."""
+    """Random differences between lifts, drawn from the seed of the world."""
 
     misplacement_m: tuple[float, float]
     width_error_m: float
@@ -75,7 +80,7 @@ class LiftVariation:
 
 @dataclass(frozen=True, slots=True)
 class Grasp:
-    """How an object is held: at which site, and how far from its middle, m along the base's x and up."""
+    """How an object is held. off_m: offset of the tool from the site's centre, along the base's x and up."""
 
     site: GraspSite
     off_m: tuple[float, float] = (0.0, 0.0)
@@ -86,7 +91,8 @@ def object_pose(
 ) -> Pose:
     """Return `base_T_object`: origin at the centre of mass, x along the object, z up.
 
-    grasp: how the object is held, None while it lies on its place. tool_m: the TCP in base.
+    grasp: how the object is held; None while it lies on the table. tool_m: position of the TCP in the base
+    frame.
     """
     right, down = variation.misplacement_m
     if not state.held or grasp is None:
@@ -101,7 +107,7 @@ _INTERPOLATED = ("force_n", "object_turn_rad", "wrist_rad", "torsion_rad", "slid
 
 
 def between(before: WorldState, after: WorldState, time_ns: int) -> WorldState:
-    """Return the state at `time_ns` between two others, interpolated linearly."""
+    """Return the state at `time_ns`, linearly interpolated between two states."""
     f = (time_ns - before.time_ns) / (after.time_ns - before.time_ns)
     values: dict[str, float] = {}
     if before.held == after.held:

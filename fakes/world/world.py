@@ -1,7 +1,7 @@
-"""The one world of the simulated bench: all fakes read it and move it.
+"""The world of a simulated bench, which all its simulated devices read and change.
 
-It holds the tool, the fingers, the object, and what happens between them. Only fakes may look:
-protocols, drivers and estimators see what a sensor would show.
+It holds the state of the tool, the fingers and the object, and simulates the contact between them. Only
+simulated devices may read it; protocols, drivers and estimators get only what a sensor would measure.
 """
 
 import math
@@ -25,20 +25,21 @@ HISTORY_STEPS = 1500
 FINGER_STIFFNESS_N_M = 420.0
 """Force per metre of squeeze: one count of 0.6 mm adds about a quarter of a newton per finger."""
 STALL_FORCE_N = 15.0
-"""The weakest the gripper can be told to push (manual: rFR = 0 is 15 N); no finger closes on beyond it."""
+"""Lowest force that can be commanded (manual: rFR = 0 is 15 N); the fingers stall at it."""
 SWAY = 0.04
-"""Share by which the force swings while the object hangs."""
+"""Relative amplitude of the oscillation of the force while the object hangs."""
 REACH_OF_GRASP_M = 0.03
+"""Largest distance of the tool from a grasp site at which the fingers grasp it, along x and z."""
 _OFF_DIGITS = 6
-"""Hands that close a micrometre from the middle of a grasp close at its middle."""
+"""Offsets of a grasp are rounded to this number of digits, to micrometres."""
 
 
 @dataclass(slots=True)
 class World:
-    """Tool, fingers, object and contact, stepped every 2 ms of simulated time.
+    """Tool, fingers, object and contact, simulated in steps of 2 ms.
 
-    Several threads may use one world. `tool` and `fingers` are replaced whole, never changed. start_ns: the
-    bench's time at which it begins.
+    It is thread-safe; `tool` and `fingers` are immutable and replaced as a whole. layout: of the bench. seed:
+    of the variation of a lift. start_ns: bench time at which the world begins.
     """
 
     layout: BenchLayout
@@ -53,7 +54,7 @@ class World:
     _slip: SlipDynamics | None = None
     fixture: Fixture | None = None
     damaged: bool = False
-    """Whether the object keeps a mark of the fingers. The world alone knows; no sensor shows it."""
+    """Whether the fingers have marked the object. No sensor measures it."""
     _slips_ns: list[tuple[int, int]] = field(default_factory=list)
     _off_m: tuple[float, float] = (0.0, 0.0)
     _grasp_height_m: float = 0.0
@@ -72,22 +73,23 @@ class World:
 
     @property
     def grasp(self) -> Grasp | None:
-        """How the object is held, if it is."""
+        """The grasp of the held object; None if nothing is held."""
         return None if self.site is None else Grasp(self.site, self._off_m)
 
     def lay(self, text: str, seed: int | None = None) -> None:
-        """Do what an operator is asked for: lay an object down, or mount a target ("...@tool").
+        """Place an object on the table or mount a target, as the operator would.
 
-        seed: draws how it lies, slips and tilts; as before when None. Raises `InputError`.
+        text: an object's id or name, or a target with its mount ("...@tool"). seed: of the object's pose,
+        slip and tilt; None to keep the current seed. Raises `InputError`.
         """
         fixture = parse_fixture(text)
         self.place(None if fixture else find_object(text), seed)
         self.fixture = fixture
 
     def place(self, model: ObjectModel | None, seed: int | None = None) -> None:
-        """An operator puts an object on the table, where the bench file says; None clears the table.
+        """Place an object on the table at the position of the bench file; None clears the table.
 
-        seed: draws how this object lies, slips and tilts; as before when None.
+        seed: of the object's pose, slip and tilt; None to keep the current seed.
         """
         with self._lock:
             if seed is not None:
@@ -99,10 +101,10 @@ class World:
             self._slips_ns = []
 
     def hold(self, text: str, base_T_tcp: Pose, opening_m: float | None = None) -> None:  # noqa: N803
-        """Have an operator hold something there, as if tool and fingers did.
+        """Put tool and fingers at a pose with something between them, as when an operator holds it there.
 
-        text: as `lay` takes it. opening_m: between the gels, which press it if it is wider; None: untouched.
-        Raises `InputError`.
+        text: as for `lay`. opening_m: between the gels, which press the object if it is wider; None for open
+        fingers. Raises `InputError`.
         """
         self.lay(text)
         with self._lock:
@@ -112,12 +114,12 @@ class World:
             self.fingers = FingerPath.resting(layout.open_counts + closed_m / layout.opening_per_count_m)
 
     def opening_at(self, time_ns: int) -> float:
-        """Distance between the two grasping fingertips, m."""
+        """Return the distance between the two grasping fingertips, m."""
         closed = self.fingers.position_at(time_ns) - self.layout.open_counts
         return self.layout.max_opening_m - closed * self.layout.opening_per_count_m
 
     def squeeze_at(self, time_ns: int) -> float:
-        """How far the fingers are closed beyond the object's surface, m (0 without contact)."""
+        """Return how far the fingers are closed beyond the object's surface, m; 0 without contact."""
         site = self.site or self._reachable_site(time_ns)
         if site is None:
             return 0.0
@@ -125,12 +127,12 @@ class World:
         return max(0.0, width - self.opening_at(time_ns))
 
     def state_at(self, time_ns: int) -> WorldState:
-        """The world at `time_ns`, at most 3 s ago; advances it when it is not there yet."""
+        """Return the state at `time_ns`, at most 3 s ago; advance the world if necessary."""
         with self._lock:
             return self._state_at(time_ns)
 
     def grip_at(self, time_ns: int) -> tuple[WorldState, GripLoad] | None:
-        """The world at `time_ns` and what acts on the grip then; None while nothing is held."""
+        """Return the state at `time_ns` and the load on the grip; None if nothing is held."""
         with self._lock:
             state = self._state_at(time_ns)
             if not state.held or self.model is None or self.site is None:
@@ -138,16 +140,16 @@ class World:
             return state, self._load(self.model, self.site, state.force_n)
 
     def object_pose_at(self, time_ns: int) -> Pose:
-        """`base_T_object`: origin at the centre of mass, x along the object, z up."""
+        """Return `base_T_object`: origin at the centre of mass, x along the object, z up."""
         with self._lock:
             return self._object_pose(time_ns)
 
     def tool_pose_at(self, time_ns: int) -> Pose:
-        """`base_T_tcp`."""
+        """Return `base_T_tcp`."""
         return self.tool.pose_at(time_ns)
 
     def gap_at(self, time_ns: int) -> Vector3:
-        """From the tip in the hand to the hole on the table, base axes, m."""
+        """Return the vector from the clamped tip to the hole on the table, in the base's axes, m."""
         return gap_m(self.tool.pose_at(time_ns), self.layout.base_T_table, self.seed)
 
     def _state_at(self, time_ns: int) -> WorldState:
@@ -166,7 +168,7 @@ class World:
         return object_pose(self.layout, self.variation, self.grasp, state, self.tool.position_at(time_ns))
 
     def _reachable_site(self, time_ns: int) -> GraspSite | None:
-        """The grasp site of the placed object that the fingers stand around, if any."""
+        """Return the grasp site of the placed object that is between the fingers; None if there is none."""
         if self.model is None:
             return None
         x, _, z = self.tool.position_at(time_ns)
@@ -200,7 +202,7 @@ class World:
     def _held(self, time_ns: int, squeeze_m: float, wrist_rad: float) -> WorldState:
         slip, model, site = self._slip, self.model, self.site
         if slip is None or model is None or site is None:
-            raise DeviceError("simulated world: an object is held by no grasp site")
+            raise DeviceError("simulated world: an object is held, but not at a grasp site")
         height = max(0.0, self.tool.position_at(time_ns)[2] - self._grasp_height_m)
         loaded = min(height / 0.015, 1.0)
         sway = SWAY * loaded * math.sin(2 * math.pi * 0.9 * time_ns / NS_PER_S + self.variation.sway_phase)
@@ -220,15 +222,14 @@ class World:
         self._slips_ns.append((began_ns, time_ns))
 
     def would_hold(self, offset_m: float, beyond_counts: int) -> bool:
-        """Whether friction carries the torque of the object that lies here, all the time it hangs.
+        """Return whether friction would hold the placed object without slip as long as it hangs.
 
-        offset_m: of the place where it is grasped, from the centre of mass. beyond_counts: how far the
-        fingers close past contact, unless they are at their end or stall before. Raises `DeviceError`
-        where nothing lies.
+        offset_m: of the grasp from the centre of mass. beyond_counts: counts that the fingers close beyond
+        contact, unless they stall or reach their end before. Raises `DeviceError` if no object is placed.
         """
         with self._lock:
             if self.model is None:
-                raise DeviceError("simulated world: no object lies here")
+                raise DeviceError("simulated world: no object is placed")
             site = min(self.model.sites, key=lambda each: abs(each.offset_m - offset_m))
             layout = self.layout
             free_counts = (layout.max_opening_m - site.width_m) / layout.opening_per_count_m
@@ -239,7 +240,7 @@ class World:
             return self._load(self.model, site, least_n).holds_turn()
 
     def slipped_between(self, since_ns: int, until_ns: int) -> bool:
-        """Whether the object slipped in the fingers, or fell out of them, within a span of time."""
+        """Whether the object slipped in the fingers, or fell out of them, between two times."""
         with self._lock:
             return any(began <= until_ns and ended >= since_ns for began, ended in self._slips_ns)
 

@@ -1,4 +1,4 @@
-"""`rig bridge`: live angles for the nodes of other robot software."""
+"""`rig bridge`: publish live angles for other robot software."""
 
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -16,30 +16,38 @@ from rig.cli.live import (
     stopped_by_person,
 )
 
-bridge = Commands(no_args_is_help=True, help="Live angles, alarms and images for other robot software.")
+bridge = Commands(
+    no_args_is_help=True, help="Publish live angles, alarms and images for other robot software."
+)
 
 
 @dataclass(frozen=True, slots=True)
 class BridgeOptions:
-    """Where the topics are published."""
+    """The ROS domain, and the time limit."""
 
-    # 232: the highest domain whose ports fit into 16 bits (RTPS 2.5, section 9.6.2)
+    # 232: highest domain whose port numbers fit into 16 bits (RTPS 2.5, section 9.6.2)
     domain: int = option(
-        0, "ROS_DOMAIN_ID of the nodes. Default: the environment's.", min=0, max=232, envvar="ROS_DOMAIN_ID"
+        0,
+        "ROS domain of the nodes. Default: the environment variable ROS_DOMAIN_ID, else 0.",
+        min=0,
+        max=232,
+        envvar="ROS_DOMAIN_ID",
     )
-    seconds: float | None = option(None, "End after this time. Default: Ctrl-C ends it.", min=0.0)
+    seconds: float | None = option(None, "End after this time in s. Default: run until Ctrl-C.", min=0.0)
 
 
 @bridge.command("ros2")
 def ros2(source: LiveSourceOptions, how: LiveAngleOptions, to: BridgeOptions) -> None:
-    """Publish the images, angle and slip alarm of one or two sensors for ROS 2 nodes. ROS is not needed here.
+    """Publish images, angle and slip alarm of one or two sensors for ROS 2 nodes.
 
-    Topics of each sensor: /NAME/image_raw/compressed (CompressedImage), /angle/NAME (JointState: angle,
-    angle_sigma, angle_rate in rad and rad/s; NaN if unknown) and /slip/NAME (Bool). Two sensors also give
-    /angle/object and /slip/object. Stamps are capture times. The angle is that of rig live.
+    ROS need not be installed on this computer. Nothing moves. Ctrl-C ends the command.
 
-    Messages go to all computers on the network interface that Cyclone DDS chooses; its environment variable
-    CYCLONEDDS_URI chooses another. Nothing is moved. Ctrl-C ends it.
+    The topics of a sensor are /NAME/image_raw/compressed (CompressedImage), /angle/NAME (JointState: angle,
+    angle_sigma, angle_rate in rad and rad/s; NaN if unknown) and /slip/NAME (Bool). Two sensors also publish
+    /angle/object and /slip/object. Time stamps are capture times. The angle is that of rig live.
+
+    The messages reach all computers on the network interface that Cyclone DDS selects. Set its environment
+    variable CYCLONEDDS_URI to select another interface.
 
     Examples:
       rig bridge ros2 fake
@@ -64,6 +72,6 @@ def ros2(source: LiveSourceOptions, how: LiveAngleOptions, to: BridgeOptions) ->
         desk = stack.enter_context(desk_of(sources_of(source), settings_of(source, how), stack))
         publisher = Ros2Bridge(to.domain, SystemClock())
         topics = ", ".join(publisher.topics([*desk.sensors]))
-        say(f"{mark(FAKE in source.sources)}publishing in domain {to.domain}: {topics}; Ctrl-C ends it")
+        say(f"{mark(FAKE in source.sources)}publishing in domain {to.domain}: {topics}; press Ctrl-C to end")
         run_desk(desk, publisher.publish, to.seconds, stopped)
-    say(f"ended: {publisher.published} messages")
+    say(f"ended: {publisher.published} messages published")

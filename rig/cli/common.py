@@ -1,4 +1,4 @@
-"""What all commands share: options, exit codes, stopping, and where output goes."""
+"""Functions that all commands share: exit codes, signals, JSON output and messages."""
 
 import json
 import os
@@ -13,7 +13,7 @@ from rig.live.output import discard
 
 
 class Exit(IntEnum):
-    """Exit codes (contract, commands)."""
+    """Exit codes of all commands."""
 
     DONE = 0
     FAULT = 1
@@ -23,7 +23,7 @@ class Exit(IntEnum):
 
 
 def say(text: str) -> None:
-    """Print a line for people: on stderr, so that stdout stays for results."""
+    """Print a message on stderr; stdout is for results only."""
     print(text, file=sys.stderr, flush=True)
 
 
@@ -31,7 +31,7 @@ _answered = False
 
 
 def emit_json(value: Mapping[str, object]) -> None:
-    """Print the one JSON object of a command."""
+    """Print the JSON object that is the result of a command."""
     global _answered
     _answered = True
     print(json.dumps(value))
@@ -47,18 +47,18 @@ def print_result(json: bool, values: Mapping[str, object], *lines: object) -> No
 
 
 def mark(simulated: bool) -> str:
-    """Return the mark of simulated results, to print in front of them; "" for those of a real bench."""
+    """Return the prefix of printed results: "SIMULATED " for simulated ones, "" for those of a real bench."""
     return "SIMULATED " if simulated else ""
 
 
 def begin_answer() -> None:
-    """Begin a command, which has printed no JSON object yet."""
+    """Note that the command that begins has not printed its JSON object yet."""
     global _answered
     _answered = False
 
 
 def emit_error(message: str, kind: str, code: int) -> None:
-    """Print what ended a command that was asked for JSON, unless it has printed its object already."""
+    """Print an error as a JSON object if --json was given and the command has not printed its result yet."""
     if "--json" in sys.argv and not _answered:
         with suppress(OSError, ValueError):
             emit_json({"error": {"kind": kind, "message": message, "exit_code": code}})
@@ -72,9 +72,9 @@ def exit_code(error: RigError) -> Exit:
 
 
 def report_broken(problems: Sequence[str]) -> None:
-    """End as with any input that cannot be used, once everything else is done.
+    """Report the broken inputs that a command has left out, after it has processed all others.
 
-    problems: what was left out. Raises `SessionError` where there are any.
+    problems: a message per input that was left out. Raises `SessionError` if there are any.
     """
     for problem in problems[:-1]:
         say(f"left out: {problem}")
@@ -83,16 +83,16 @@ def report_broken(problems: Sequence[str]) -> None:
 
 
 STOPS = (signal.SIGINT, signal.SIGTERM, signal.SIGQUIT)
-"""Signals that always end a command; SIGHUP does, unless the command was told to outlive its terminal."""
+"""Signals that always end a command. SIGHUP ends it too, unless it was ignored at the start (nohup)."""
 
 
 def stop_on_signals() -> None:
-    """Make Ctrl-C, SIGQUIT, a polite kill and a lost terminal end in the same safe teardown as an error.
+    """Handle SIGINT (Ctrl-C), SIGQUIT, SIGTERM and SIGHUP by the same safe teardown as an error.
 
-    The first one raises `OperatorStopError` where the program is. The second one raises it once more,
-    in the teardown, which then stops all motion and leaves everything where it is; further ones are
-    ignored, because nothing may come between a stop and the hardware. A program that was told to
-    outlive its terminal (nohup) does.
+    The first signal raises `OperatorStopError` in the running code. The second one raises it again, in the
+    teardown, which then stops all motion and leaves everything where it is. Further signals are ignored,
+    so that they cannot interrupt the stop commands to the hardware. SIGHUP stays ignored if it was ignored
+    at the start (nohup).
     """
     received = 0
     terminals = [descriptor for descriptor in (0, 1, 2) if os.isatty(descriptor)]
@@ -103,10 +103,10 @@ def stop_on_signals() -> None:
         if number == signal.SIGHUP:
             discard(terminals)
         if received == 1:
-            _say_if_heard("stopping: the bench is being made safe; Ctrl-C again stops all motion at once ...")
-            raise OperatorStopError("stopped by the operator; what was finished is kept")
+            _say_if_possible("stopping: making the bench safe; Ctrl-C again stops all motion at once ...")
+            raise OperatorStopError("stopped by the operator; finished results are kept")
         if received == 2:
-            _say_if_heard("stopping all motion at once ...")
+            _say_if_possible("stopping all motion at once ...")
             raise OperatorStopError("all motion stopped at once by the operator")
 
     for number in STOPS:
@@ -115,16 +115,16 @@ def stop_on_signals() -> None:
         signal.signal(signal.SIGHUP, stop)
 
 
-def _say_if_heard(text: str) -> None:
-    with suppress(OSError, ValueError):  # nobody reads any more: what follows matters more
+def _say_if_possible(text: str) -> None:
+    with suppress(OSError, ValueError):  # stderr is closed: the stop goes on without the message
         say(text)
 
 
 def trial_jobs(asked: int | None, in_process: bool, realtime: bool) -> int:
-    """Return how many lifts run side by side: by default one per core where benches are simulated.
+    """Return the number of lifts to run in parallel: by default one per core on benches simulated in-process.
 
-    Raises `InputError` for several at one bench.
+    asked: value of --jobs. Raises `InputError` for more than one on any other bench.
     """
     if not in_process and (asked or 1) > 1:
-        raise InputError(f"--jobs {asked}: there is one bench, which does one lift at a time; leave it out")
+        raise InputError(f"--jobs {asked}: this bench does one lift at a time; leave --jobs out")
     return asked or (1 if realtime or not in_process else max(1, os.cpu_count() or 1))

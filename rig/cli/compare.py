@@ -1,4 +1,4 @@
-"""`rig compare`: two sessions, or two estimators on one session, lift by lift."""
+"""`rig compare`: compare two sessions, or two estimators on one session, lift by lift."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,23 +17,25 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class CompareOptions:
-    """The two sides, and the page."""
+    """The two sessions or estimators, and the page to write."""
 
     first: str = argument(
-        ..., "Session folder of a trial; with --on, an estimator, also package.module:Class."
+        ..., "Session folder of a trial; with --on, an estimator (a name or package.module:Class)."
     )
-    second: str = argument(..., "The other one.")
-    on: Path | None = option(None, "Session whose lifts both estimators are to see.")
-    jobs: int | None = option(None, "Lifts side by side.", min=1, max=64)
-    out: Path | None = option(None, "The page; default compare_<A>_<B>.html here.", callback=file_place)
+    second: str = argument(..., "Session or estimator to compare the first with.")
+    on: Path | None = option(None, "Session on whose lifts both estimators run.")
+    jobs: int | None = option(None, "Lifts in parallel. Default: one per core.", min=1, max=64)
+    out: Path | None = option(
+        None, "HTML file to write. Default: compare_<A>_<B>.html in this folder.", callback=file_place
+    )
     json: JsonOption = False
 
 
 def compare(options: CompareOptions) -> None:
-    """Compare two trials, or two estimators on the lifts of one: paired differences with intervals.
+    """Compare two trials, or two estimators on one trial, by paired differences with intervals.
 
-    Lifts are paired by object and number. Sessions of one seed hold the same simulated lifts; on a
-    real bench every lift is another one, and pairing takes only the object out.
+    Lifts are paired by object and number. Simulated sessions of the same seed hold the same lifts. On a real
+    bench no two lifts are the same: there the pairing only removes the differences between objects.
 
     Examples:
       rig compare sessions/monday sessions/tuesday
@@ -65,7 +67,7 @@ def compare(options: CompareOptions) -> None:
 
 
 def _sides(options: CompareOptions) -> "tuple[tuple[Side, Side], str]":
-    """Return both sides, and a sentence that says what they are. Raises `InputError`."""
+    """Return both sides and a sentence that describes them. Raises `InputError`."""
     from rig.live.terminal import WorkProgress
     from rig.report.sides import estimator_side, session_side
     from rig.results.notes import lift_note
@@ -99,10 +101,10 @@ def _print(found: "Comparison") -> None:
     from rig.results.metrics import FEWEST_LIFTS, INTERVAL
 
     console = table_console()
-    title = f"{found.names[1]} less {found.names[0]}, with the {INTERVAL}, from {FEWEST_LIFTS} lifts on"
+    title = f"{found.names[1]} minus {found.names[0]}; {INTERVAL} if there are at least {FEWEST_LIFTS} lifts"
     for table in (figure_table(found), object_table(found)):
         console.print(console_table(table.columns, table.rows, title=title))
     console.print(verdict(found))
     for name, alone in zip(found.names, found.alone, strict=True):
         if alone:
-            console.print(f"left out, only in {name}: {'; '.join(alone)}", highlight=False)
+            console.print(f"left out because only {name} has them: {'; '.join(alone)}", highlight=False)

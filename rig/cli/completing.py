@@ -1,4 +1,4 @@
-"""Names that the Tab key completes, found without importing what takes long to import."""
+"""Complete names with the Tab key, without slow imports."""
 
 import os
 import tomllib
@@ -31,9 +31,9 @@ def objects() -> list[str]:
     for file in sorted(files):
         try:
             found.append(str(tomllib.loads(file.read_text(encoding="utf-8"))["name"]))
-        except (OSError, ValueError, KeyError):  # not an object file: nothing to offer
+        except (OSError, ValueError, KeyError):  # not an object file
             continue
-    bash = os.environ.get("_RIG_COMPLETE") == "complete_bash"  # which inserts a word as it is given
+    bash = os.environ.get("_RIG_COMPLETE") == "complete_bash"  # bash inserts the word without quoting it
     return [name.replace(" ", "\\ ") for name in found] if bash else found
 
 
@@ -68,4 +68,4 @@ COMPLETED: dict[str, Callable[..., list[str]]] = {
     "--beside": sessions,
     "--on": sessions,
 }
-"""By option or argument: the function that returns its possible values, given what is typed so far."""
+"""By option or argument: function that returns its possible values for the text typed so far."""

@@ -1,8 +1,9 @@
 """Options of commands, declared as frozen dataclasses.
 
-A parameter of a command whose type is a dataclass becomes one option per field; the command is called with
-the dataclass. So commands share options without repeating them. A field is declared by `option` or
-`argument`, or its type carries what typer needs, as `Annotated[int, typer.Option("--lifts", help="...")]`.
+If the type of a command's parameter is a dataclass, each of its fields becomes an option, and the command is
+called with the dataclass. Commands share options in this way without repeating them. A field is declared by
+`option` or `argument`, or by typer's own annotation, as `Annotated[int, typer.Option("--lifts",
+help="...")]`.
 """
 
 from collections.abc import Callable
@@ -16,7 +17,7 @@ Options = TypeVar("Options")
 
 
 def with_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Return a command for typer: every parameter that is a dataclass is replaced by its fields."""
+    """Return a command for typer in which every dataclass parameter is replaced by its fields."""
     hints = get_type_hints(command, include_extras=True)
     declared: dict[str, Any] = {name: hints[name] for name in signature(command).parameters}
     flat: list[Parameter] = []
@@ -43,23 +44,27 @@ def option(
     read: Callable[[Any], Any] = lambda value: value,
     **settings: Any,
 ) -> Any:
-    """Declare an option. default: its value unless it is given; `...` if it has to be given.
+    """Declare a field of a dataclass as an option.
 
-    text: its help; if empty, the field's type carries what typer needs. flags: its names; by default the
-    field's. stored: name of the manifest's field that stores the value with a session, for its resumption;
-    read: returns the option's value from that of the manifest. settings: those of `typer.Option`.
+    default: value if the option is not given; `...` if it is required. text: its help; if empty, the field's
+    type is annotated for typer already. flags: its names; by default the field's name. stored: field of the
+    manifest that stores the value for --resume. read: converts the manifest's value to the option's.
+    settings: further arguments of `typer.Option`.
     """
     made = [typer.Option, flags, {"help": text, **settings}] if text else None
     return _field(default, {"typer": made, "stored": stored, "read": read})
 
 
 def argument(default: Any, text: str, **settings: Any) -> Any:
-    """Declare an argument. default: `...` if it has to be given. settings: those of `typer.Argument`."""
+    """Declare a field of a dataclass as an argument.
+
+    default: `...` if it is required. settings: further arguments of `typer.Argument`.
+    """
     return _field(default, {"typer": [typer.Argument, (), {"help": text, **settings}]})
 
 
 def resumed(options: Options, manifest: Any, context: typer.Context) -> Options:
-    """Return options for a session that is resumed: those of the command line, all others as stored."""
+    """Return the options of a resumed session: given ones from the command line, all others as stored."""
     of: Any = options
     stored = {
         each.name: each.metadata["read"](getattr(manifest, each.metadata["stored"]))
@@ -100,7 +105,7 @@ def _field(default: Any, metadata: dict[str, Any]) -> Any:
 
 
 def _for_typer(each: Field[Any], hint: Any) -> Any:
-    """Return the type of a field with what typer needs."""
+    """Return the type of a field, annotated for typer."""
     if not each.metadata.get("typer"):
         return hint
     make, flags, settings = each.metadata["typer"]

@@ -1,4 +1,4 @@
-"""`rig doctor`: is the bench fit for a trial, and if not, what to do."""
+"""`rig doctor`: check whether a bench is ready for a trial, and print what to do if not."""
 
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -13,21 +13,23 @@ from rig.cli.places import folder_place
 
 @dataclass(frozen=True, slots=True)
 class DoctorOptions:
-    """The bench, and how it is examined."""
+    """The bench, and settings of the checks."""
 
     bench: BenchOption = "fake"
-    seconds: float = option(3.0, "How long each rate is measured, s.", min=0.5, max=600)
+    seconds: float = option(3.0, "Time over which each frame rate is measured, s.", min=0.5, max=600)
     snapshot: Path | None = option(
-        None, "Save one frame per camera and sensor in this folder.", callback=folder_place
+        None, "Also save one frame per camera and sensor in this folder.", callback=folder_place
     )
-    disk: Path = option(Path(), "Where sessions go: the disk that is measured.")
+    disk: Path = option(
+        Path(), "Folder of the sessions, whose disk is measured. Default: the current folder."
+    )
     json: JsonOption = False
 
 
 def doctor(options: DoctorOptions) -> None:
-    """Look at every device of a bench and at this computer; nothing moves.
+    """Check every device of a bench and this computer. Nothing moves.
 
-    Exit code 1 when something does not work; warnings alone are 0.
+    The exit code is 1 if a check fails, and 0 if there are only warnings.
 
     Examples:
       rig doctor --bench my_bench.toml
@@ -41,7 +43,7 @@ def doctor(options: DoctorOptions) -> None:
 
     config = load_bench(options.bench)
     simulated = mark(config.simulated)
-    say(f"{simulated}bench '{config.name}': looking, nothing moves ...")
+    say(f"{simulated}bench '{config.name}': checking, nothing moves ...")
     folder = Path(options.bench).resolve().parent
     findings = list(examine(config, folder, options.disk, options.seconds, options.snapshot))
     if options.json:

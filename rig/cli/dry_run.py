@@ -1,4 +1,4 @@
-"""`--dry-run`: read every device and show the whole plan; nothing is moved or stored."""
+"""`--dry-run`: read every device and show the plan, without moving or storing anything."""
 
 from dataclasses import asdict
 from typing import TYPE_CHECKING
@@ -13,9 +13,10 @@ if TYPE_CHECKING:
 
 
 def dry_run(config: "BenchConfig", plan: "Plan", json: bool) -> None:
-    """Show what would happen.
+    """Read every device of the bench and print the readings and the plan.
 
-    Raises `typer.Exit`, with 1 where a device cannot be read, else 2 where something would be refused.
+    Always raises `typer.Exit`: with 1 if a device cannot be read, else with 2 if a step of the plan would be
+    refused, else with 0.
     """
     from rig.bench.reading import read_devices
     from rig.bench.source import unconnected_bench
@@ -32,6 +33,6 @@ def dry_run(config: "BenchConfig", plan: "Plan", json: bool) -> None:
         "refused": list(plan.refused),
     }
     read = [f"  {reading.problem or f'{reading.device}: {reading.seen}'}" for reading in readings]
-    print_result(json, figures, "Devices, by reading alone:", *read, plan.text())
-    say("dry run: nothing was moved, nothing kept")
+    print_result(json, figures, "Devices (only read):", *read, plan.text())
+    say("dry run: nothing was moved or stored")
     raise typer.Exit(Exit.FAULT if silent else Exit.USAGE if plan.refused else Exit.DONE)

@@ -1,4 +1,4 @@
-"""`rig estimate`: the angle of the contact in anyone's tactile frames."""
+"""`rig estimate`: estimate the rotation of the contact in your own tactile frames."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class SourceOptions:
-    """The frames, and their times."""
+    """The frames to estimate, and their times."""
 
     frames: Path = argument(
         ...,
@@ -25,36 +25,36 @@ class SourceOptions:
         "a trial of TactileTracking, or bag_00.pkl:FINGER of digit-pose-estimation.",
     )
     sensor: str | None = option(
-        None, "Of a recording or session: serial of one fingertip. Default: all fingertips."
+        None, "Serial of one fingertip of a recording or session. Default: all fingertips."
     )
     timestamps: Path | None = option(
-        None, "CSV with columns frame,t_s (frame: file name, stem or number from 0)."
+        None, "CSV file with columns frame,t_s (frame: file name, stem, or number counted from 0)."
     )
-    fps: float | None = option(None, "Frame rate in Hz. Default: a video's own; images 60.")
+    fps: float | None = option(None, "Frame rate in Hz. Default: that of a video; 60 for images.")
     topic: TopicOption = None
 
 
 @dataclass(frozen=True, slots=True)
 class EstimationOptions:
-    """How the frames are estimated."""
+    """Settings of the estimation."""
 
     background: str | None = option(
         None,
-        "Frame without contact: an IMAGE, first:N (mean of the first N frames) or auto (made from "
-        "all frames, for contacts that move about). Default: a session's own; else the first frames if "
-        "they are alike and later ones differ, or the image that most frames share; refused if neither "
-        "shows an untouched gel.",
+        "Frame without contact: an IMAGE, first:N (mean of the first N frames) or auto (computed from "
+        "all frames, for contacts that change place). Default: that of the session; else the first frames if "
+        "they are alike and later ones differ, or the most frequent image. It is an error if neither "
+        "shows the gel without contact.",
     )
     reference_time: str | None = option(
         None,
-        "Time in s whose angle is zero; without an angle there, the first answer from there on. "
-        "Default: the first frame of stable full contact (area within 5 % over the next 5 frames and "
-        "at least 80 % of its later level).",
+        "Time in s at which the angle is zero; if that frame has no angle, the next frame with one. "
+        "Default: the first frame of stable full contact (area constant within 5 % over the next 5 frames, "
+        "and at least 80 % of its later value).",
     )
     lift_from: str | None = option(
         None,
-        "Time in s at which the lift begins, which arms the slip alarm. Default: a session's own; "
-        "else when each contact has stopped growing (area within 5 % over 6 frames).",
+        "Time in s at which the lift begins; the slip alarm is enabled from then on. Default: that of the "
+        "session; else when the contact has stopped growing (area constant within 5 % over 6 frames).",
     )
     estimator: str | None = option(
         None,
@@ -63,12 +63,13 @@ class EstimationOptions:
         "or your own, as package.module:Class (rig estimators). Default: slip.",
     )
     window: int | None = option(
-        None, "Mean over the last n angles; 2 for the paper's methods, none for slip.", min=1, max=100
-    )
+        None, "Report the mean of the last n angles. Default: 2 for the paper's methods, 1 for others.",
+        min=1, max=100,
+    )  # fmt: skip
     pixel_aspect: float | None = option(
         None,
-        "Width over height of a pixel on the gel, as `rig calibrate tactile` finds it. "
-        "Default: a session's own; else unknown, taken as 1 with a larger sigma.",
+        "Width of a pixel on the gel divided by its height, as measured by `rig calibrate tactile`. "
+        "Default: that of the session; else 1 is assumed, with a larger sigma.",
         min=0.5,
         max=2.0,
     )
@@ -76,29 +77,33 @@ class EstimationOptions:
 
 @dataclass(frozen=True, slots=True)
 class ResultOptions:
-    """Where the result goes."""
+    """Files of the result."""
 
-    out: Path | None = option(None, "CSV file, or folder for a session. Default: the table on stdout.")
+    out: Path | None = option(
+        None, "CSV file to write; for a session, a folder. Default: print the table on stdout."
+    )
     page: Path | None = option(
         None,
-        "Also an HTML page: the curve with its sigma band and states, and frames with the contact.",
+        "Also write an HTML page: the angle over time with its sigma band and states, and frames with the "
+        "contact.",
         callback=file_place,
     )
     json: JsonOption = False
 
 
 def estimate(source: SourceOptions, how: EstimationOptions, to: ResultOptions) -> None:
-    """Estimate how the contact turns in tactile images: a row per frame.
+    """Estimate the rotation of the contact in tactile images, in a table with a row per frame.
 
-    Columns: t_s; angle_deg and sigma_deg, from the zero; state; rate_deg_s; shift_x_px and shift_y_px, how
-    far the contact has moved since the zero, right and down; slip, 1 from the slip alarm on; for a recording
-    also sensor. Angles are image angles, counter-clockwise positive as seen; those of a recording or session
-    are the object's. A field is empty if the estimator refuses or does not report it. With --json and no
-    --out the rows are in the JSON.
+    The columns are t_s; angle_deg and sigma_deg (standard deviation), relative to the zero frame; state;
+    rate_deg_s; shift_x_px and shift_y_px (motion of the contact since the zero frame, to the right and down);
+    slip (1 from the slip alarm on); and, only for a recording, sensor. For images, the angle is
+    counter-clockwise positive in the image. For a recording or session it is the angle of the object. A field
+    is empty if the estimator refuses the frame or does not report the value. With --json and without --out
+    the rows are in the JSON object.
 
-    The lift arms the alarm: a turn while the fingers still close is no slip. If the time of the lift is
-    not known, a contact that has stopped growing stands for it, and one that was gone for half a second
-    is a new grasp.
+    The slip alarm is enabled when the lift begins, because a rotation while the fingers still close is not a
+    slip. If the time of the lift is not known, the lift begins when the contact has stopped growing. A
+    contact that was lost for half a second counts as a new grasp.
 
     Examples:
       rig estimate lift.avi --background first:10 --out lift.csv --page lift.html
@@ -132,7 +137,10 @@ def estimate(source: SourceOptions, how: EstimationOptions, to: ResultOptions) -
 
 
 def _run(source: SourceOptions, how: EstimationOptions, of_rig: bool) -> "Estimation":
-    """Return what is asked of every series. of_rig: whether the frames have times. Raises `InputError`."""
+    """Return the settings of the estimation.
+
+    of_rig: whether the frames are of a recording or session, which has its own times. Raises `InputError`.
+    """
     from rig.frames.estimation import Estimation
     from rig.tactile.estimators import choose_estimator
 
@@ -141,12 +149,12 @@ def _run(source: SourceOptions, how: EstimationOptions, of_rig: bool) -> "Estima
     if of_rig and (source.timestamps is not None or source.fps is not None or run.lift is not None):
         raise InputError(f"{source.frames} has its own times: leave --timestamps, --fps and --lift-from out")
     if of_rig and source.topic is not None:
-        raise InputError(f"{source.frames} is not a ROS bag: leave --topic out, or choose a --sensor")
+        raise InputError(f"{source.frames} is not a ROS bag: leave --topic out, or give --sensor")
     return run
 
 
 def _series(source: SourceOptions, run: "Estimation", to: ResultOptions) -> None:
-    """Estimate frames that are no session."""
+    """Estimate frames that are not from a session."""
     from rig.frames.estimates import rows
     from rig.frames.estimation import EstimatedSeries
     from rig.frames.series import read_frames
@@ -167,7 +175,7 @@ def _series(source: SourceOptions, run: "Estimation", to: ResultOptions) -> None
 
 
 def _recording(source: SourceOptions, run: "Estimation", to: ResultOptions) -> None:
-    """Estimate the fingertips of one recording into one table."""
+    """Estimate all fingertips of one recording and write one table."""
     from rig.frames.estimates import rows
     from rig.frames.estimation import EstimatedSeries
     from rig.frames.of_session import of_sensor, recording_frames
@@ -186,7 +194,7 @@ def _recording(source: SourceOptions, run: "Estimation", to: ResultOptions) -> N
 
 
 def _session(source: SourceOptions, run: "Estimation", to: ResultOptions) -> None:
-    """Estimate each lift and sensor of a session into a file of its own."""
+    """Estimate a session and write one table per lift and sensor."""
     from rig.frames.estimates import rows, table
     from rig.frames.of_session import of_sensor, session_frames
 
@@ -209,7 +217,7 @@ def _session(source: SourceOptions, run: "Estimation", to: ResultOptions) -> Non
 
 
 def _deliver(samples: list[dict[str, object]], figures: dict[str, object], to: ResultOptions) -> None:
-    """Write the table to its file or to stdout; with JSON and no file the rows are in the JSON."""
+    """Write the table to its file or to stdout; with --json and without --out put the rows in the JSON."""
     from rig.frames.estimates import table
 
     if to.out is not None:
@@ -246,7 +254,7 @@ def _write(file: Path, text: str) -> None:
 
 
 def _report(what: str, done: "SeriesEstimate", run: "Estimation") -> dict[str, object]:
-    """Say the summary on stderr and return it for JSON."""
+    """Print the summary on stderr and return it for the JSON output."""
     from dataclasses import asdict
 
     for warning in done.warnings:

@@ -1,4 +1,4 @@
-"""`rig explain`: what the estimator `slip` sees in a turn, as a picture."""
+"""`rig explain`: draw the stages of the estimator `slip` for one rotation."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,23 +11,27 @@ from rig.cli.places import file_place
 
 @dataclass(frozen=True, slots=True)
 class ExplainOptions:
-    """The frames, and the picture."""
+    """The frames, and the picture to write."""
 
     frames: Path = argument(..., "Folder of images (sorted by name), video, ROS bag, or session of a trial.")
-    out: Path = option(..., "The picture, a .png.", callback=file_place)
-    background: str | None = option(None, "Frame without contact, as rig estimate takes it.")
+    out: Path = option(..., "PNG file to write.", callback=file_place)
+    background: str | None = option(None, "Frame without contact, as in rig estimate.")
     topic: TopicOption = None
-    lift: int = option(1, "Of a session: number of the lift.", min=1)
-    serial: str | None = option(None, "Of a session: the sensor. Default: the first.")
-    pixel_aspect: float | None = option(None, "Width over height of a pixel on the gel.", min=0.5, max=2.0)
+    lift: int = option(1, "Number of the lift in a session.", min=1)
+    serial: str | None = option(None, "Serial of the sensor in a session. Default: the first.")
+    pixel_aspect: float | None = option(
+        None, "Width of a pixel on the gel divided by its height. Default: 1.", min=0.5, max=2.0
+    )
     json: JsonOption = False
 
 
 def explain(options: ExplainOptions) -> None:
-    """Draw what slip works with: a contact at its zero and turned farthest, and the gel's slopes in both.
+    """Draw how the estimator slip finds an angle, on the two frames with the largest rotation between them.
 
-    A slope's direction is its colour, its steepness the brightness. The zero's slopes are turned by the
-    estimated angle; what they leave of the later slopes is what a turn does not explain.
+    The first row shows the frame of angle zero, the slopes of its gel surface, and these slopes turned by the
+    estimated angle. The second row shows the frame with the largest angle, its slopes, and the difference
+    from the turned slopes, which the rotation does not explain. Hue is the direction of a slope, brightness
+    its steepness.
 
     Examples:
       rig explain frames/ --background empty.png --out stages.png
@@ -44,13 +48,13 @@ def explain(options: ExplainOptions) -> None:
     if is_session(options.frames):
         if (options.background, options.pixel_aspect, options.topic) != (None, None, None):
             own = "--background, --pixel-aspect and --topic"
-            raise InputError(f"{options.frames} is a session, which has its own: leave {own} out")
+            raise InputError(f"{options.frames} is a session: leave {own} out")
         picture, turn = explained_lift(options.frames, options.lift, options.serial)
     else:
         picture, turn = explained_frames(
             options.frames, options.background, options.pixel_aspect, options.topic
         )
     write_file(options.out, encode_png(picture))
-    say(f"turned by {turn.angle_deg:+.2f} deg in {turn.apart_s:.2f} s, image angle")
+    say(f"turned by {turn.angle_deg:+.2f} deg (image angle) in {turn.apart_s:.2f} s")
     figures = {"angle_deg": turn.angle_deg, "sigma_deg": turn.sigma_deg}
     print_result(options.json, {"picture": str(options.out), **figures}, options.out)

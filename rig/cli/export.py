@@ -1,4 +1,4 @@
-"""`rig export`: a session for other people's tools."""
+"""`rig export`: write a session in the formats of other tools."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,37 +11,37 @@ from rig.cli.places import folder_place
 
 @dataclass(frozen=True, slots=True)
 class ExportOptions:
-    """The session, the format, and the folder."""
+    """The session, the format, and the folder to write."""
 
     session: Path = argument(..., "Session folder of a trial or a recording.")
-    to: str = option(..., "csv, parquet, coco, labelme, lerobot, rosbag2, rerun, zarr or mlflow.")
+    to: str = option(..., "Format: csv, parquet, coco, labelme, lerobot, rosbag2, rerun, zarr or mlflow.")
     out: Path | None = option(
-        None, "New folder; default: export/FORMAT in the session.", callback=folder_place
+        None, "New folder to write. Default: export/FORMAT in the session.", callback=folder_place
     )
-    every: int = option(10, "coco, labelme: every Nth tactile frame of a trial.", min=1)
-    mlflow: str | None = option(None, "mlflow: tracking URI, as http://localhost:5000.")
+    every: int = option(10, "For coco and labelme: export every Nth tactile frame of a trial.", min=1)
+    mlflow: str | None = option(None, "For mlflow: tracking URI, as http://localhost:5000.")
     json: JsonOption = False
 
 
 def export(options: ExportOptions) -> None:
-    """Write a session in a format that other tools open; the session itself stays as it is.
+    """Export a session to a format that other tools open. The session itself is not changed.
 
-    csv, parquet: lifts, angles, arm, gripper, frames; or poses and images.
+    csv, parquet: tables of lifts, angles, arm, gripper and frames; of a recording, poses and images.
 
-    coco, labelme: images with contact outlines, the true ones of simulated
-    recordings, else proposals; the files say which.
+    coco, labelme: images with outlines of the contact. They are ground truth for simulated recordings and
+    proposals for others; the files state which.
 
-    lerobot: a LeRobotDataset v3.0, an episode per lift.
+    lerobot: a LeRobotDataset v3.0 with an episode per lift.
 
     rosbag2: a ROS 2 bag per lift (MCAP), with standard messages.
 
-    rerun: one .rrd file of all lifts for the viewer rerun.
+    rerun: one .rrd file of all lifts, for the viewer rerun.
 
     zarr: arrays for training, in the layout of Open-X-Tactile.
 
-    mlflow: a run with the figures, settings and report of a trial, at --mlflow URI.
+    mlflow: a run with the results, settings and report of a trial, at --mlflow URI.
 
-    The recordings themselves, lifts/NNN.mcap, open in MCAP viewers as they are.
+    The recordings, lifts/NNN.mcap, open in MCAP viewers without export.
 
     Examples:
       rig export sessions/2026-11-21T093000_trial --to csv

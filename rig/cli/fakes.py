@@ -1,4 +1,4 @@
-"""`rig fakes`: simulated devices that speak the wire protocols of the real ones."""
+"""`rig fakes`: serve simulated devices over the wire protocols of the real ones."""
 
 import shlex
 from dataclasses import dataclass
@@ -14,27 +14,29 @@ from rig.cli.options import JsonOption, ObjectsOption, SeedOption
 from rig.cli.places import file_place
 
 fakes = Commands(
-    no_args_is_help=True, help="Simulated devices behind the real wire protocols, on one shared world."
+    no_args_is_help=True,
+    help="Serve simulated devices over the wire protocols of the real ones, in one simulated world.",
 )
-ServedBench = Annotated[str, typer.Option("--bench", help="The bench file that 'rig fakes serve' wrote.")]
+ServedBench = Annotated[str, typer.Option("--bench", help="Bench file that 'rig fakes serve' wrote.")]
 
 
 @dataclass(frozen=True, slots=True)
 class ServeOptions:
-    """The devices that are served, and their addresses."""
+    """The devices to serve, and their addresses."""
 
-    bench: str = option("wire", "wire, or a bench file with \\[fakes]: which devices, where.")
-    host: str = option("127.0.0.1", "Loopback address; another one for a second bench.")
-    polyscope: str = option("5.11.0", "Version that the controller announces.")
-    write: Path | None = option(None, "Also write the bench file to this file.", callback=file_place)
+    bench: str = option("wire", "Bench with the devices: wire, or a bench file with a table \\[fakes].")
+    host: str = option("127.0.0.1", "Loopback address of the devices; use another one for a second bench.")
+    polyscope: str = option("5.11.0", "PolyScope version that the controller reports.")
+    write: Path | None = option(None, "Also write the printed bench file to this path.", callback=file_place)
     seed: SeedOption = 0
 
 
 @fakes.command("serve")
 def serve(options: ServeOptions) -> None:
-    """Start a controller, a gripper, two DIGITs and a camera; print the bench file that reaches them.
+    """Start a simulated controller, gripper, two DIGITs and camera; print a bench file for them.
 
-    Ends with Ctrl-C. What a person would do at the bench is done from another terminal:
+    Runs until Ctrl-C. Use the other commands below in a second terminal, to lift, place objects and inject
+    faults.
 
     Examples:
       rig fakes serve --write fakes.toml
@@ -61,23 +63,27 @@ def serve(options: ServeOptions) -> None:
             if options.write is not None:
                 write_bench(options.write, served)
             print(bench_text(served), flush=True)
-            say("SIMULATED devices are served; Ctrl-C ends them")
+            say("SIMULATED devices are served; press Ctrl-C to end them")
             if options.write is not None:
                 trial = f"rig trial --lifts 1 --object wrench --bench {shlex.quote(str(options.write))}"
                 say(f"next, in another terminal: {trial}")
             running.wait()
     except OperatorStopError:
-        say("the fakes have ended")
+        say("the simulated devices have ended")
 
 
 @fakes.command("place")
 def place(
     name: Annotated[str, typer.Argument(metavar="OBJECT", help="Object id or name.")],
     bench: ServedBench,
-    seed: Annotated[int | None, typer.Option("--seed", min=0, help="How it lies, and how it slips.")] = None,
+    seed: Annotated[
+        int | None, typer.Option("--seed", min=0, help="Seed of the object's pose and of its slip.")
+    ] = None,
     objects: ObjectsOption = None,
 ) -> None:
-    """Lay an object down in the world of running fakes; one of your own as a plain shape.
+    """Place an object in the world of running simulated devices.
+
+    An object of your own is simulated as a plain shape.
 
     Examples:
       rig fakes place wrench --bench fakes.toml
@@ -97,11 +103,11 @@ def place(
 def fault(
     device: Annotated[str, typer.Argument(help="arm, gripper, tactile, camera, a serial, or all.")],
     kind: Annotated[
-        str, typer.Argument(help="What goes wrong; 'clear' ends all faults. A wrong one lists them.")
+        str, typer.Argument(help="Kind of fault; clear ends all faults. An unknown kind prints the list.")
     ],
     bench: ServedBench,
 ) -> None:
-    """Let something go wrong at running fakes.
+    """Inject a fault into running simulated devices, or clear all faults.
 
     Examples:
       rig fakes fault SIM-D0001 freeze --bench fakes.toml
@@ -117,7 +123,7 @@ def fault(
 
 @fakes.command("status")
 def status(bench: ServedBench, json: JsonOption = False) -> None:
-    """Say how the simulated world truly is: tool, fingers, object, and what each fake has served.
+    """Print the true state of the simulated world: tool, fingers, object, and counts of each device.
 
     Examples:
       rig fakes status --bench fakes.toml --json

@@ -1,6 +1,6 @@
-"""The help of every command: options in groups, lines folded at spaces to the terminal's width.
+"""Format the help of every command: options in groups, lines wrapped to the terminal's width.
 
-A command that is made with `Commands` also completes names by the Tab key (`rig.cli.completing`).
+Commands of a `Commands` group also complete names with the Tab key (`rig.cli.completing`).
 """
 
 import re
@@ -23,13 +23,13 @@ if TYPE_CHECKING:
 
 COMMAND_GROUPS = {
     "Run": ("trial", "record", "replay", "teach"),
-    "Look": ("sessions", "report", "play", "compare", "results", "export"),
+    "Results": ("sessions", "report", "play", "compare", "results", "export"),
     "Own images": ("live", "bridge", "estimate", "explain", "segment", "label", "label-angle"),
     "Bench": ("doctor", "bench", "objects", "fakes"),
     "Calibrate": ("calibrate",),
     "Advanced": ("benchmark", "estimators", "new", "model", "train", "train-angle", "train-turning"),
 }
-"""Commands that `rig --help` shows together, in this order."""
+"""Titles of the groups in `rig --help` and their commands, in the order shown."""
 OPTION_GROUPS = {
     "Options": (
         "--object", "--lifts", "--poses", "--images", "--from", "--target", "--estimator", "--background",
@@ -48,12 +48,12 @@ OPTION_GROUPS = {
     "Bench": ("--dry-run", "--yes", "--objects", "--serial", "--seed", "--realtime", "--jobs", "--randomise"),
     "Watch": ("--watch", "--watch-at", "--notify", "--live", "--live-to", "--foxglove", "--foxglove-at"),
 }  # fmt: skip
-"""Options that are shown together, the common ones first; all others are under `REST`."""
+"""Titles of the groups of options and their options; common options first, all others under `REST`."""
 REST = "Further options"
 FEW = 9
-"""A command with at most this number of options shows them in one list."""
+"""Number of options up to which they are shown in one list."""
 NAME_COLUMNS = 28
-"""A longer name has its own line, above its description."""
+"""Width of the column of names, in characters; a longer name gets a line above its description."""
 
 
 SIMULATED_BENCHES = ("fake", "hard", "wire")
@@ -64,7 +64,7 @@ Rows = list[tuple[str, str]]
 
 
 class Commands(typer.Typer):
-    """A group of commands with this help and completion."""
+    """A group of commands with the help format and the completion of this module."""
 
     def __init__(self, **settings: Any) -> None:
         super().__init__(**{"cls": Group, **settings})
@@ -85,10 +85,10 @@ class Commands(typer.Typer):
 
 
 class _Helped:
-    """Replaces the help and the completion of typer's commands and groups."""
+    """Mixin that replaces the help and the completion of typer's commands and groups."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Parse the options and arguments; of a group, up to the command."""
+        """Parse the options and arguments; a group parses them up to the name of the command."""
         _skip_checks_for_completion(self, ctx)
         try:
             return super().parse_args(ctx, args)  # pyright: ignore[reportAttributeAccessIssue]
@@ -102,10 +102,10 @@ class _Helped:
 
 
 class Command(_Helped, TyperCommand):
-    """A command with this help."""
+    """A command with the help format of this module."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Parse the options; from here on the phase of loading says whether the bench is simulated."""
+        """Parse the options; if the bench is simulated, show that from now on while loading."""
         rest = super().parse_args(ctx, args)
         bench = ctx.params.get("bench")
         if bench in SIMULATED_BENCHES and not (ctx.resilient_parsing or ctx.params.get("source")):
@@ -114,20 +114,20 @@ class Command(_Helped, TyperCommand):
 
 
 class Group(_Helped, TyperGroup):
-    """A group of commands with this help."""
+    """A group of commands with the help format of this module."""
 
 
 def _completer(parameter: str, info: ParameterInfo) -> Callable[..., list[str]] | None:
     """Return the function that completes a parameter of a command; None if it is not completed."""
     if not isinstance(info, OptionInfo):
         return COMPLETED.get(parameter)
-    # Inside Annotated, the name that is given to typer.Option is its `default`.
+    # typer stores the flag as `default` if the option is declared inside Annotated.
     given = info.default if isinstance(info.default, str) else f"--{parameter.replace('_', '-')}"
     return COMPLETED.get(given)
 
 
 def _skip_checks_for_completion(command: Any, ctx: Any) -> None:
-    """Leave values as they were typed while a shell completes: checking them imports pydantic."""
+    """Do not validate values during shell completion, because the validation imports pydantic (slow)."""
     if ctx.resilient_parsing:
         for param in command.get_params(ctx):
             param.process_value = lambda _, value: value
@@ -154,7 +154,7 @@ def _print_help(command: Any, ctx: Any) -> None:
 
 
 def _prose(text: str, width: int) -> Iterator[str]:
-    """Fold each paragraph to the width; examples, which are indented, keep their lines."""
+    """Wrap each paragraph to the width; keep the lines of examples, which are indented."""
     listed = False
     for paragraph in text.split("\n\n"):
         heading, *examples = re.split(r"^  ", paragraph, flags=re.MULTILINE)
@@ -167,7 +167,7 @@ def _prose(text: str, width: int) -> Iterator[str]:
 
 
 def _folded(text: str, width: int, indent: str = "", further: str = "") -> list[str]:
-    """Fold a text at spaces only."""
+    """Wrap a text at spaces only."""
     return wrap(
         " ".join(text.split()), width, initial_indent=indent, subsequent_indent=further,
         break_long_words=False, break_on_hyphens=False,
@@ -175,7 +175,7 @@ def _folded(text: str, width: int, indent: str = "", further: str = "") -> list[
 
 
 def _options(command: Any, ctx: Any) -> dict[str, Rows]:
-    """Return names and descriptions of the arguments and options, by the title of their group."""
+    """Return names and descriptions of the arguments and options, by title of the group."""
     panels: dict[str, Rows] = {}
     params = command.get_params(ctx)
     options = sorted((param for param in params if isinstance(param, TyperOption)), key=_rank)
@@ -189,7 +189,7 @@ def _options(command: Any, ctx: Any) -> dict[str, Rows]:
 
 
 def _commands(command: Any, ctx: Any) -> dict[str, Rows]:
-    """Return names and descriptions of the commands of a group, by the title of their group."""
+    """Return names and descriptions of a group's commands, by title in `COMMAND_GROUPS`."""
     inner = {name: each.help.split("\n\n")[0] for name, each in getattr(command, "commands", {}).items()}
     panels = {}
     if ctx.parent is None:
@@ -200,14 +200,14 @@ def _commands(command: Any, ctx: Any) -> dict[str, Rows]:
 
 
 def _rank(option: TyperOption) -> float:
-    """Common options first, --json and --help last."""
+    """Return the sort key of an option: common options first, --json and --help last."""
     common = OPTION_GROUPS["Options"]
     found = [common.index(flag) for flag in option.opts if flag in common]
     return found[0] if found else common.index("--json") - 0.5
 
 
 def _title(option: TyperOption, options: Sequence[TyperOption]) -> str:
-    """Return the title of the group that an option is shown in: `REST` if it is alone in its group."""
+    """Return the title of an option's group; `REST` if the command has no other option of that group."""
     if len(options) <= FEW:
         return "Options"
     flags = {flag for each in options for flag in each.opts}

@@ -1,4 +1,4 @@
-"""`rig label-angle`: lines drawn by hand on a clip's frames become angles with a sigma."""
+"""`rig label-angle`: label angles with a sigma, by lines drawn by hand on the frames of a clip."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,25 +14,32 @@ class LabelAngleOptions:
     """The clip, and the frames to label."""
 
     clip: Path = argument(
-        ..., "Folder with frames/, one video or ROS bag, and background.png, a frame without contact."
+        ...,
+        "Folder with a folder frames/, a video or a ROS bag, and background.png, a frame without contact.",
     )
-    count: int | None = option(None, "Frames to label. Default: 10.", min=2, max=200)
+    count: int | None = option(None, "Number of frames to label. Default: 10.", min=2, max=200)
     reference: int | None = option(
-        None, "Frame whose angle is 0. Default: the first of stable full contact, as in rig estimate.", min=0
+        None,
+        "Number of the frame whose angle is 0. Default: the first frame of stable full contact, as in rig "
+        "estimate.",
+        min=0,
     )
-    overwrite: bool = option(False, "Replace a labels.csv that was not drawn here.")
+    overwrite: bool = option(False, "Replace a labels.csv that this command did not write.")
     topic: TopicOption = None
     browser: bool = option(True, "Open the page in the browser.", "--browser/--no-browser")
     json: JsonOption = False
 
 
 def label_angle(options: LabelAngleOptions) -> None:
-    """Label by hand how far an object has turned: two clicks per frame make a line, in two passes.
+    """Label the rotation of an object in a clip, by a line on each frame that two clicks draw.
 
-    A page on this computer shows each frame enlarged; on request its difference from the frame without
-    contact, and a grid. It writes labels.csv into the clip's folder, as rig benchmark clips reads it; the
-    sigma is from how far the two passes agree. Every click is kept at once in label_lines.json: stop with
-    Ctrl-C when you like, the same command goes on. Ten frames take about ten minutes.
+    A page on this computer shows each frame enlarged, in two passes. It can also show a grid and the
+    difference from the frame without contact. The result is labels.csv in the folder of the clip, for rig
+    benchmark clips. The sigma of the labels is computed from the differences between the two passes. Ten
+    frames take about ten minutes.
+
+    Every click is stored at once in label_lines.json. You can stop with Ctrl-C at any time; the same command
+    continues.
 
     Examples:
       rig label-angle clips/pen_2
@@ -49,7 +56,9 @@ def label_angle(options: LabelAngleOptions) -> None:
     clip, out = options.clip, options.clip / LABELS
     series, drawn = read_frames(clip_frames(clip), topic=options.topic), read_drawn(clip / LINES)
     if out.exists() and drawn is None and not options.overwrite:
-        raise InputError(f"{out}: is there already and was not drawn here: --overwrite replaces it")
+        raise InputError(
+            f"{out}: exists, but was not written by rig label-angle; give --overwrite to replace it"
+        )
     background, note = background_of(clip, series)
     say(note)
     choice, note = chosen_frames(series, background, options.count, options.reference, drawn)
@@ -71,4 +80,4 @@ def _open(way: str) -> None:
     import webbrowser
 
     if not webbrowser.open(way):
-        say("no browser opened: open that address in one on this computer")
+        say("no browser could be started: open the address above in a browser on this computer")

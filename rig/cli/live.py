@@ -1,4 +1,4 @@
-"""`rig live`: the angle of one or two sensors on a desk, without a bench."""
+"""`rig live`: show the angle of one or two sensors live, without a bench."""
 
 import json
 import os
@@ -25,10 +25,11 @@ if TYPE_CHECKING:
 
 CLIPS = Path("clips")
 TERMINAL_EVERY_S = 0.1
+"""Interval at which the lines on a terminal are updated."""
 SHOW_CURSOR = b"\x1b[?25h"
 """Escape sequence (DECTCEM, VT220) that undoes what a display of rich's does to the cursor."""
 PLAIN_EVERY_S = 1.0
-"""Away from a terminal: a line per sensor this often."""
+"""Interval of the lines per sensor if the output is not a terminal."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,61 +38,68 @@ class LiveSourceOptions:
 
     sources: list[str] = argument(
         ...,
-        "One or two of: a DIGIT's serial, /dev/videoN or its number, an MJPEG address (http://...), a video, "
-        "a folder of images, fake.",
+        "One or two sources: a DIGIT's serial, /dev/videoN or its number, an MJPEG address (http://...), a "
+        "video, a folder of images, or fake (simulated).",
     )
     sensor: str | None = option(
         None,
-        "digit, gelsight-mini (its own resolution; the border without gel is cut off) or plain (frames as "
-        "they come). Default: digit for a serial or a device, else plain.",
+        "Kind of sensor: digit; gelsight-mini (opened at its own resolution, cropped to the gel); or plain "
+        "(frames are used unchanged). Default: digit for a serial or a device, else plain.",
     )
     fps: float | None = option(
-        None, "Frame rate in Hz. Default: the sensor's or the video's own; images 60.", min=0.1, max=1000.0
+        None, "Frame rate in Hz. Default: that of the sensor or video; 60 for images.", min=0.1, max=1000.0
     )
     same_side: bool = option(
-        False, "Two sensors see the object from the same side. Default: from both sides, as fingers do."
+        False, "Both sensors touch the object on the same side. Default: on opposite sides, as fingers do."
     )
 
 
 @dataclass(frozen=True, slots=True)
 class LiveAngleOptions:
-    """How the angle is estimated."""
+    """Settings of the estimation."""
 
-    estimator: str | None = option(None, "As in rig estimate. Default: slip.")
+    estimator: str | None = option(None, "Estimator, as in rig estimate. Default: slip.")
     background: Path | None = option(
-        None, "Frame without contact. Default: the mean of the first 15 frames: let nothing touch the gel."
+        None,
+        "Frame without contact. Default: the mean of the first 15 frames; nothing may touch the gel then.",
     )
     pixel_aspect: float | None = option(
-        None, "Width over height of a pixel on the gel. Default: unknown.", min=0.5, max=2.0
+        None,
+        "Width of a pixel on the gel divided by its height. Default: 1 is assumed, with a larger sigma.",
+        min=0.5,
+        max=2.0,
     )
 
 
 @dataclass(frozen=True, slots=True)
 class LiveViewOptions:
-    """How it is shown."""
+    """Output of the angle: page, text or JSON."""
 
-    terminal: bool = option(False, "Show it as text, without a page.")
-    json: bool = option(False, "Print a JSON object per frame, one per line, without a page.")
+    terminal: bool = option(False, "Show the angle as text in the terminal, without a page.")
+    json: bool = option(False, "Print one JSON object per frame on stdout, without a page.")
     browser: bool = option(True, "Open the page in the browser.", "--browser/--no-browser")
     watch_at: str | None = option(
         None,
-        "The page at HOST:PORT; 0.0.0.0:8080 lets other computers look on and press its buttons. Default: a "
-        "free port of this computer alone.",
+        "HOST:PORT of the page. With 0.0.0.0:8080 other computers can open it and press its buttons. "
+        "Default: a free port that only this computer can reach.",
     )
-    foxglove: bool = option(False, "Serve it to Foxglove on this computer (extra 'foxglove').")
-    foxglove_at: str | None = option(None, "The same at HOST:PORT, by default 127.0.0.1:8765.")
-    clips: Path = option(CLIPS, "Folder in which clips are recorded.")
-    seconds: float | None = option(None, "End after this time. Default: Ctrl-C ends it.", min=0.0)
+    foxglove: bool = option(False, "Serve the same data to Foxglove on this computer (extra 'foxglove').")
+    foxglove_at: str | None = option(None, "As --foxglove, at HOST:PORT. Default: 127.0.0.1:8765.")
+    clips: Path = option(CLIPS, "Folder for recorded clips.")
+    seconds: float | None = option(None, "End after this time in s. Default: run until Ctrl-C.", min=0.0)
 
 
 def live(source: LiveSourceOptions, how: LiveAngleOptions, view: LiveViewOptions) -> None:
-    """Show the angle of a tactile sensor live, without a bench: in the browser, as text or as JSON.
+    """Show the angle of one or two tactile sensors live, in the browser, as text or as JSON.
 
-    The page shows each sensor's frame with the contact's outline, the angle with its sigma over the last 30
-    seconds, state, rate, slip alarm, frame rate and latency. Two sensors side by side are fused. The first
-    frames become the background; the angle counts from the moment the contact has settled. Buttons take
-    another reference or background, switch the estimator, and record a clip that rig label-angle, rig
-    estimate and rig benchmark clips read. Nothing is moved. Ctrl-C ends it.
+    No bench is needed, and nothing moves. Ctrl-C ends the command.
+
+    The page shows the frame of each sensor with the outline of the contact; the angle with its sigma over the
+    last 30 seconds; state, rate, slip alarm, frame rate and latency. The angles of two sensors are fused. The
+    first frames become the background. The angle is relative to the frame in which the contact has settled.
+
+    The page has buttons to take a new reference or background, to switch the estimator, and to record a clip
+    for rig label-angle, rig estimate and rig benchmark clips.
 
     Examples:
       rig live fake
@@ -115,7 +123,11 @@ def live(source: LiveSourceOptions, how: LiveAngleOptions, view: LiveViewOptions
         stopped = stack.enter_context(stopped_by_person())
         page = None if view.terminal or view.json else _page(source, how.estimator, view, stack)
         sources, settings = sources_of(source), settings_of(source, how, view.clips)
-        say(f"{_name(source)}; Ctrl-C ends it" if page is None else f"live at {page.address}; Ctrl-C ends it")
+        say(
+            f"{_name(source)}; press Ctrl-C to end"
+            if page is None
+            else f"live at {page.address}; press Ctrl-C to end"
+        )
         if page is not None and view.browser:
             _open(page.address)
         compute_in_one_thread()
@@ -126,7 +138,7 @@ def live(source: LiveSourceOptions, how: LiveAngleOptions, view: LiveViewOptions
 
 
 def _name(source: LiveSourceOptions) -> str:
-    """Return the command with its sensors, marked as simulated if one is."""
+    """Return the command with its sensors, with the prefix "SIMULATED " if one of them is simulated."""
     from rig.bench.live_source import FAKE
 
     return f"{mark(FAKE in source.sources)}rig live {' '.join(source.sources)}"
@@ -135,7 +147,7 @@ def _name(source: LiveSourceOptions) -> str:
 def _page(
     source: LiveSourceOptions, estimator: str | None, view: LiveViewOptions, stack: ExitStack
 ) -> "WatchPage":
-    """Serve the page: its process starts up while this one does."""
+    """Start the process that serves the page; it starts up while this process imports the rest."""
     from rig.live.watch import WatchPage, watch_address
     from rig.tactile.estimators import DEFAULT_ESTIMATOR, ESTIMATORS, TOSKOV
 
@@ -151,11 +163,11 @@ def _open(address: str) -> None:
     import webbrowser
 
     if not webbrowser.open(address):
-        say("no browser opened: open that address in one on this computer")
+        say("no browser could be started: open the address above in a browser on this computer")
 
 
 def _foxglove(view: LiveViewOptions, sources: "Sequence[FrameSource]", stack: ExitStack) -> "list[Listener]":
-    """Serve to Foxglove if that was asked for; return the listener."""
+    """Serve to Foxglove if an option asks for it; return the listener."""
     server = foxglove_server(view.foxglove, view.foxglove_at, {each.serial: each.serial for each in sources})
     if server is None:
         return []
@@ -169,7 +181,9 @@ def sources_of(source: LiveSourceOptions) -> "list[FrameSource]":
     from rig.bench.live_source import SENSORS, live_sources
 
     if len(source.sources) > 2:
-        raise InputError(f"{len(source.sources)} sources: give one, or two that touch the same object")
+        raise InputError(
+            f"{len(source.sources)} sources: give one, or two sensors that touch the same object"
+        )
     if source.sensor not in (None, *SENSORS):
         raise InputError(f"--sensor {source.sensor}: choose one of {', '.join(SENSORS)}")
     return live_sources(source.sources, source.sensor, source.fps)
@@ -206,10 +220,10 @@ def desk_of(
 
 @contextmanager
 def stopped_by_person() -> Iterator[threading.Event]:
-    """Yield an event that is set by Ctrl-C, a polite kill or a lost terminal; a second one ends the program.
+    """Yield an event that SIGINT (Ctrl-C), SIGQUIT, SIGTERM and SIGHUP set; a second signal ends the program.
 
-    An error that is raised wherever the program is just then would leave the threads' locks in disorder, and
-    Python's own end beside threads that are inside a camera's driver has crashed: so neither happens.
+    The first signal raises no exception, because that could leave locks of other threads held, and because
+    Python has crashed at exit while threads were inside a camera's driver.
     """
     stopped = threading.Event()
 
@@ -236,7 +250,11 @@ def run_desk(
     stopped: threading.Event,
     page: "WatchPage | None" = None,
 ) -> None:
-    """Step until a person stops it, the time is over, or, without a page, all sources have ended."""
+    """Process frames until `stopped` is set, the time is over, or, without a page, all sources have ended.
+
+    show: called with each reading. seconds: time limit in s; None for no limit. page: whose buttons are
+    handled.
+    """
     from drivers.clock import SystemClock, to_ns
 
     clock, notice = SystemClock(), ""
@@ -254,14 +272,14 @@ def run_desk(
 
 
 def _shown(view: LiveViewOptions, stack: ExitStack) -> "Callable[[Reading], None]":
-    """Return what shows a reading at the terminal."""
+    """Return the function that prints a reading; with a page it prints nothing."""
     if view.json:
         return lambda reading: print(json.dumps(reading.values()), flush=True)
     return stack.enter_context(_Terminal()) if view.terminal else lambda reading: None
 
 
 class _Terminal:
-    """A line per sensor: in place on a terminal, a new one each second elsewhere."""
+    """Prints a line per sensor: updated in place on a terminal, else a new line every second."""
 
     def __init__(self) -> None:
         from rich.live import Live
@@ -285,7 +303,7 @@ class _Terminal:
         self._shown.close()
 
     def __call__(self, reading: "Reading") -> None:
-        """Show a reading if one is due."""
+        """Print a reading if the interval since the sensor's last line is over."""
         from drivers.clock import to_ns
 
         if reading.time_ns < self._due_ns.get(reading.name, 0):

@@ -84,10 +84,10 @@ app.add_typer(bridge, name="bridge")
 
 def main() -> None:
     """Run the command line."""
-    # Matrices are small here: BLAS threads gain nothing and make a busy computer ten times slower. Read when
-    # numpy is imported, which no command is before it runs.
+    # The matrices are small: BLAS threads gain nothing, and a loaded host becomes ten times slower with them.
+    # numpy reads this variable when it is imported, and commands import numpy only when they run.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    # What is wrong with a picture is said in our own line, not in OpenCV's beside it.
+    # Errors of images are printed by the rig; OpenCV must not print its own as well.
     os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
     stop_on_signals()
     begin_answer()
@@ -99,30 +99,30 @@ def main() -> None:
     except RigError as error:
         notes = "".join(f" [{note}]" for note in getattr(error, "__notes__", []))
         _end(f"{error}{notes}", type(error).__name__, exit_code(error))
-    except OSError as error:  # of a file that nobody thought could fail
+    except OSError as error:  # an access to a file that has no error handling of its own
         _end(f"{error.filename or 'a file'}: {error.strerror or error}", "OSError", Exit.FAULT)
 
 
 def _run(said: Output) -> None:
-    """Run the command that was typed; what typer says of a wrong option is a JSON object as well."""
+    """Run the command that was typed; with --json print usage errors of typer as a JSON object, too."""
     try:
         app()
     except SystemExit as end:
         if isinstance(end.code, int) and end.code != 0:
-            emit_error(_in_the_box(said.tail()), "UsageError", end.code)
+            emit_error(_framed_text(said.tail()), "UsageError", end.code)
         _ignore_stops()
         raise
 
 
-def _in_the_box(text: str) -> str:
-    """What stands in the frame that a wrong option is answered with; else the last line."""
+def _framed_text(text: str) -> str:
+    """Return the text inside the frame in which typer prints a usage error; without a frame the last line."""
     framed = [line.strip("│ ") for line in text.splitlines() if line.startswith("│")]
     lines = framed or text.strip().splitlines()[-1:]
     return " ".join(lines)
 
 
 def _end(message: str, kind: str, code: Exit) -> None:
-    """Say in one line why it ended, whatever the message is made of."""
+    """Print the error as one line without control characters or passwords, and exit."""
     from drivers.formats import without_passwords
 
     _ignore_stops()

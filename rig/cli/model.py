@@ -1,4 +1,4 @@
-"""`rig model`, `rig estimators`: networks and estimators that are installed; import of checkpoints."""
+"""`rig model`, `rig estimators`: list installed networks and estimators, import checkpoints."""
 
 import re
 from dataclasses import dataclass
@@ -11,14 +11,14 @@ from rig.cli.helping import Commands
 from rig.cli.options import JsonOption
 from rig.cli.places import file_place
 
-model = Commands(no_args_is_help=True, help="List the networks that are shipped; import others' checkpoints.")
+model = Commands(no_args_is_help=True, help="List the networks of the rig; import a checkpoint of your own.")
 
 
 def estimators(json: JsonOption = False) -> None:
-    """List the estimators that are here: the rig's own, and those that installed packages offer.
+    """List the available estimators: the rig's own and those of installed packages.
 
-    Nothing is imported: a package says in its own metadata what it offers, as entry points of the group
-    slip_rig.estimators. A class that is in no list is named in full, as package.module:Class.
+    A package lists its estimators in its metadata, as entry points of the group slip_rig.estimators. They
+    are read without importing the package. Any other class is named as package.module:Class.
 
     Examples:
       rig estimators
@@ -44,7 +44,7 @@ def estimators(json: JsonOption = False) -> None:
 
 @model.command("list")
 def list_models(json: JsonOption = False) -> None:
-    """Show the shipped networks: what they see, what they were trained on, how well they do.
+    """List the networks of the rig with their inputs, training data and test scores.
 
     Examples:
       rig model list
@@ -63,23 +63,29 @@ def list_models(json: JsonOption = False) -> None:
 
 @dataclass(frozen=True, slots=True)
 class ImportOptions:
-    """The checkpoint, its network, and the ONNX file."""
+    """The checkpoint to import, its architecture, and the ONNX file to write."""
 
-    checkpoint: Path = argument(..., "PyTorch checkpoint: a state dict, bare or under state_dict.")
-    out: Path = option(..., "ONNX file to write; its card goes beside it.", callback=file_place)
-    arch: str = option("pspnet", "pspnet, deeplabv3plus, unetplusplus or ours.")
-    encoder: str = option("resnet18", "resnet18 or efficientnet-b3.")
-    size: str = option("256x320", "WIDTHxHEIGHT in px of the images it was trained on.")
-    threshold: float = option(0.7, "On the sigmoid; the paper's is 0.7.", min=0.01, max=0.99)
+    checkpoint: Path = argument(
+        ..., "PyTorch checkpoint: a state dict, or a dictionary with one under the key state_dict."
+    )
+    out: Path = option(
+        ..., "ONNX file to write. Its metadata goes into a .json file of the same name.", callback=file_place
+    )
+    arch: str = option("pspnet", "Architecture: pspnet, deeplabv3plus, unetplusplus or ours.")
+    encoder: str = option("resnet18", "Encoder: resnet18 or efficientnet-b3.")
+    size: str = option("256x320", "Size of the training images, WIDTHxHEIGHT in px.")
+    threshold: float = option(
+        0.7, "A pixel is contact if its sigmoid output is above this; the paper uses 0.7.", min=0.01, max=0.99
+    )
     json: JsonOption = False
 
 
 @model.command("import")
 def import_model(options: ImportOptions) -> None:
-    """Turn a checkpoint of segmentation-models-pytorch into ONNX that rig segment runs.
+    """Convert a checkpoint of segmentation-models-pytorch to ONNX, for rig segment.
 
-    This is the format in which the paper's authors publish their weights. Code inside the file is
-    never run. Needs the extra `train`.
+    The paper's authors publish their weights in this format. Code inside the file is never run. Needs the
+    extra `train`.
 
     Examples:
       rig model import PSPNet_resnet18.pth --arch pspnet --out authors.onnx
@@ -116,8 +122,8 @@ def _size(text: str) -> tuple[int, int]:
 def _print(cards: list[dict[str, Any]]) -> None:
     from rig.live.tables import console_table, table_console
 
-    columns = ("network", "sees", "px", "trained on", "test Dice", "test IoU", "file", "MB")
-    title = "Shipped networks; Dice and IoU on objects never trained on"
+    columns = ("network", "input", "px", "trained on", "test Dice", "test IoU", "file", "MB")
+    title = "Networks of the rig; Dice and IoU on objects that are not in the training data"
     table_console().print(console_table(columns, map(_cells, cards), range(len(columns)), title))
 
 

@@ -1,4 +1,4 @@
-"""Options that commands share, each group a frozen dataclass (`rig.cli.declared`)."""
+"""Options that several commands share, in groups that are frozen dataclasses (`rig.cli.declared`)."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,34 +12,38 @@ if TYPE_CHECKING:
     from rig.config import BenchConfig
     from rig.sessions.remarks import Remarks
 
-JsonOption = Annotated[
-    bool, typer.Option("--json", help="Print one JSON object on stdout and nothing else there.")
-]
+JsonOption = Annotated[bool, typer.Option("--json", help="Print only one JSON object on stdout.")]
 TopicOption = Annotated[
     str | None,
-    typer.Option(
-        "--topic", help="Of a ROS bag: the topic of the images. Default: the only topic of images in it."
-    ),
+    typer.Option("--topic", help="Image topic of a ROS bag. Default: its image topic, if there is only one."),
 ]
-SeedOption = Annotated[int, typer.Option("--seed", min=0, help="Seed of everything simulated or drawn.")]
-BenchOption = Annotated[str, typer.Option("--bench", help="fake, hard, wire, or the path of a bench file.")]
-YesOption = Annotated[bool, typer.Option("--yes", help="Agree to every question (for scripts).")]
+SeedOption = Annotated[
+    int, typer.Option("--seed", min=0, help="Seed of all random numbers, also of the simulation.")
+]
+BenchOption = Annotated[
+    str, typer.Option("--bench", help="Bench: fake, hard or wire (simulated), or the path of a bench file.")
+]
+YesOption = Annotated[
+    bool,
+    typer.Option("--yes", help="Answer questions with yes, for scripts, unless they need a check by eye."),
+]
 ObjectsOption = Annotated[
     Path | None,
-    typer.Option("--objects", help="Folder of your own objects; default: objects/ beside the bench file."),
+    typer.Option("--objects", help="Folder of your own objects. Default: objects/ beside the bench file."),
 ]
 DryRunOption = Annotated[
     bool,
     typer.Option(
         "--dry-run",
-        help="Read every device, show the whole plan and what of it would be refused; move and keep nothing.",
+        help="Read every device and show the plan, with the steps that would be refused. Nothing is moved or "
+        "stored.",
     ),
 ]
 ResumeOption = Annotated[
     bool,
     typer.Option(
         "--resume",
-        help="Continue the session in --out, or the newest unfinished one on this bench, with its options.",
+        help="Continue the session in --out with its stored options. Default: the newest unfinished one.",
     ),
 ]
 
@@ -57,7 +61,8 @@ class BenchOptions:
     def config(self, command: str) -> "BenchConfig":
         """Return the bench with its calibrations and own objects.
 
-        command: as in `rig.config.parts.NEEDS`. Raises `InputError`, also if the bench lacks what it needs.
+        command: key of `rig.config.parts.NEEDS`. Raises `InputError`, also if a device that it needs is
+        missing.
         """
         from rig.cli.common import say
         from rig.config.calibrations import load_calibrated_bench
@@ -73,13 +78,13 @@ class BenchOptions:
 class SessionOptions:
     """The folder of a session, its metadata, and its report."""
 
-    out: Path | None = option(None, "Session folder; default sessions/<date>_<what>.")
+    out: Path | None = option(None, "Session folder. Default: sessions/<date>_<kind>.")
     resume: ResumeOption = False
-    name: str | None = option(None, "What the session is called, in one line.")
-    note: str | None = option(None, "A line kept with the session.")
-    tags: list[str] | None = option(None, "A word to find the session by; repeat for more.", "--tag")
-    operator: str | None = option(None, "Who stands at the bench.")
-    no_report: bool = option(False, "Leave the report out: rig report makes it later.")
+    name: str | None = option(None, "Name of the session, one line.")
+    note: str | None = option(None, "Note to store with the session, one line.")
+    tags: list[str] | None = option(None, "Tag of the session, for rig sessions; repeat for more.", "--tag")
+    operator: str | None = option(None, "Name of the operator at the bench.")
+    no_report: bool = option(False, "Do not write the report; rig report can write it later.")
     json: JsonOption = False
 
     def remarks(self) -> "Remarks":
@@ -93,8 +98,10 @@ class SessionOptions:
 class WatchOptions:
     """The page in the browser, and notifications."""
 
-    watch: bool = option(False, "Show it on a page in the browser, on this computer.")
-    watch_at: str | None = option(None, "The same at HOST:PORT; 0.0.0.0:8080 lets other computers look on.")
+    watch: bool = option(False, "Show the progress on a page that only this computer can reach.")
+    watch_at: str | None = option(
+        None, "As --watch, at HOST:PORT. With 0.0.0.0:8080 other computers can open the page."
+    )
     notify: str | None = option(
-        None, "Command to run as COMMAND EVENT TEXT on each fault, question and the end."
+        None, "Command to run at each fault and question and at the end, as COMMAND EVENT TEXT."
     )

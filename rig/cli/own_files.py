@@ -1,4 +1,4 @@
-"""`rig bench`, `rig objects`, `rig new`: files and packages of a lab's own; which objects there are."""
+"""`rig bench`, `rig objects`, `rig new`: write files and packages of a lab's own; list the objects."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -14,19 +14,19 @@ if TYPE_CHECKING:
 
     from protocols.grasps import GraspFile
 
-bench = Commands(no_args_is_help=True, help="Bench files: what a bench is made of.")
-objects = Commands(help="The objects that are grasped: the package's and your own.")
+bench = Commands(no_args_is_help=True, help="Write a bench file, which describes the devices of a bench.")
+objects = Commands(help="List the objects that can be grasped; write an object file of your own.")
 Kind = Literal["estimator", "sensor", "camera", "arm", "gripper", "lerobot"]
 
 
 @bench.callback()
 def _bench() -> None:
-    """Bench files: what a bench is made of."""
+    """Write a bench file, which describes the devices of a bench."""
 
 
 @bench.command("new")
-def new_bench(file: Annotated[Path, typer.Argument(help="The file to write, as my_bench.toml.")]) -> None:
-    """Write a bench file that explains each of its keys; fill in yours.
+def new_bench(file: Annotated[Path, typer.Argument(help="File to write, as my_bench.toml.")]) -> None:
+    """Write a template of a bench file, in which comments explain every key.
 
     Examples:
       rig bench new my_bench.toml
@@ -37,13 +37,13 @@ def new_bench(file: Annotated[Path, typer.Argument(help="The file to write, as m
     from rig.config.load import new_bench_file
 
     new_bench_file(file)
-    say(f"put in your addresses, serials and positions, then run: rig doctor --bench {file}")
+    say(f"fill in your addresses, serials and positions, then run: rig doctor --bench {file}")
     print(file)
 
 
 @bench.command("udev")
 def udev() -> None:
-    """Print udev rules: access to the sensors and the gripper's serial adapter, and names for them.
+    """Print udev rules that give access and fixed names to the sensors and the gripper's serial adapter.
 
     Examples:
       rig bench udev | sudo tee /etc/udev/rules.d/70-slip-rig.rules
@@ -58,9 +58,9 @@ def udev() -> None:
 def _list_objects(
     context: typer.Context, bench: BenchOption = "fake", own: ObjectsOption = None, json: JsonOption = False
 ) -> None:
-    """List the objects that can be named with --object, and where each comes from.
+    """List the objects that can be grasped, with the file of each; write an object file of your own.
 
-    Your own lie in a folder `objects` beside the bench file, or in the folder given with --objects.
+    Object files of your own are in a folder `objects` beside the bench file, or in the folder of --objects.
 
     Examples:
       rig objects
@@ -91,9 +91,11 @@ def _list_objects(
 
 @objects.command("new")
 def new_object(
-    file: Annotated[Path, typer.Argument(help="The file to write, as objects/my_box.toml.")],
+    file: Annotated[Path, typer.Argument(help="File to write, as objects/my_box.toml.")],
 ) -> None:
-    """Write an object file that explains each of its keys; fill in yours, or have `rig teach` do it.
+    """Write a template of an object file, in which comments explain every key.
+
+    Fill in the values, or teach the grasp positions at the bench with `rig teach`.
 
     Examples:
       rig objects new objects/my_box.toml
@@ -102,7 +104,7 @@ def new_object(
     from rig.config.objects import new_object_file
 
     new_object_file(file)
-    say(f"put in where it is grasped, then look at it with: rig objects --objects {file.parent}")
+    say(f"fill in the grasp positions, then check the file with: rig objects --objects {file.parent}")
     print(file)
 
 
@@ -127,17 +129,15 @@ def _table(found: "list[tuple[GraspFile, str]]") -> "Table":
 
 
 def new(
-    kind: Annotated[Kind, typer.Argument(help="What it is to be.")],
-    folder: Annotated[
-        Path, typer.Argument(help="A folder that is made; its name becomes the module's, as my_gel.")
-    ],
+    kind: Annotated[Kind, typer.Argument(help="Kind of package.")],
+    folder: Annotated[Path, typer.Argument(help="New folder; the module gets its name, as my_gel.")],
 ) -> None:
-    """Write a small package of your own: an estimator, sensor, camera, arm or gripper that runs as it is.
+    """Write a template package of your own estimator, sensor, camera, arm or gripper, which runs unchanged.
 
-    lerobot: tactile sensors as LeRobot cameras, their angle as an observation.
+    The kind lerobot is a LeRobot plug-in, with tactile sensors as cameras and the angle as an observation.
 
-    It holds one module of some 40 lines to change, a pyproject.toml and a README that says how to install it,
-    name it and check it.
+    The package has one module of about 40 lines to change, a pyproject.toml, and a README with the commands
+    to install, use and check it.
 
     Examples:
       rig new estimator my_rotation
@@ -150,5 +150,5 @@ def new(
     from rig.config.new_package import write_package
 
     write_package(kind, folder)
-    say(f"change {folder / folder.name}.py; README.md beside it says how to install, name and check it")
+    say(f"change {folder / folder.name}.py; README.md beside it explains how to install, use and check it")
     print(folder)

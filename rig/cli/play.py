@@ -1,4 +1,4 @@
-"""`rig play`: a film of one lift, or of anyone's frames."""
+"""`rig play`: make a film of one lift, or of your own frames."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,50 +19,57 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class SourceOptions:
-    """The lift or the frames that are shown."""
+    """The lift or the frames to show."""
 
     source: Path = argument(
-        ..., "Session folder of a trial, or frames of one sensor as rig estimate takes them."
+        ..., "Session folder of a trial, or frames of one sensor in any form that rig estimate reads."
     )
     lift: str | None = option(
         None,
-        "Number in the session (3), object and lift (t1/3, wrench/3), or an unfinished recording "
+        "Lift of a session: its number (3), object and lift (t1/3, wrench/3), or an unfinished recording "
         "(003.unfinished). Default: the first lift.",
     )
     beside: Path | None = option(
         None,
-        "Another session: its lift of the same object and number is shown below, as one with a "
-        "reaction to slip below one without.",
+        "Second session: its lift of the same object and number is shown below, for example with a "
+        "reaction to slip.",
     )
-    background: str | None = option(None, "Of frames: a frame without contact, as rig estimate takes it.")
+    background: str | None = option(None, "For frames: frame without contact, as in rig estimate.")
     rate: float | None = option(
-        None, "Of frames: their rate in Hz. Default: a video's own; images 60.", min=0.01, max=10_000
+        None,
+        "For frames: frame rate in Hz. Default: that of a video; 60 for images.",
+        min=0.01,
+        max=10_000,
     )
     topic: TopicOption = None
 
 
 @dataclass(frozen=True, slots=True)
 class FilmOptions:
-    """The film."""
+    """The film to write."""
 
     out: Path | None = option(
         None,
-        "The film: .webm or .mp4 (H.264; .webm where OpenCV has no encoder for it), which browsers "
-        "play, .avi (motion JPEG) or .webp (an animated picture). Default: a .webm in this folder, named "
-        "after the session and lift, or after the frames.",
+        "Film to write: .webm, .mp4 (H.264; a .webm if the installed OpenCV cannot encode it), .avi (motion "
+        "JPEG) or .webp (animated picture). Default: a .webm in this folder, named after the session and "
+        "lift, or after the frames.",
         callback=file_place,
     )
     fps: float = option(30.0, "Frames per second of the film.", min=1, max=120)
-    speed: float = option(1.0, "1 as it happened, 0.25 four times slower.", min=0.01, max=20)
-    width: int | None = option(None, "Of the film, px. Default: as drawn.", min=320, max=3840)
+    speed: float = option(1.0, "Speed: 1 is real time, 0.25 is four times slower.", min=0.01, max=20)
+    width: int | None = option(
+        None, "Width of the film in px. Default: as drawn, without scaling.", min=320, max=3840
+    )
 
 
 def play(of: SourceOptions, film: FilmOptions, json: JsonOption = False) -> None:
-    """Make a film: fingertips with contact and axes, the camera of a lift, the growing angle curve.
+    """Make a film of a lift or of your own frames, with contact, axes and the angle over time.
 
-    Needs no display. Browsers play .webm (VP8) and H.264 in .mp4, and show .webp as a picture that moves;
-    VLC, mpv and ffmpeg play all of them. The legend stands below the pictures. The angle in frames is that
-    of rig estimate.
+    The film of a lift also shows the external camera. The legend is below the pictures. For frames, the angle
+    is that of rig estimate.
+
+    No display is needed. Browsers play .webm (VP8) and .mp4 (H.264), and show .webp as an animated picture.
+    VLC, mpv and ffmpeg play all formats.
 
     Examples:
       rig play sessions/2026-11-21T093000_trial
@@ -85,7 +92,7 @@ def play(of: SourceOptions, film: FilmOptions, json: JsonOption = False) -> None
     asked = film.out or default
     place = film_place(asked)
     if place.exists() and of.source.exists() and place.samefile(of.source):
-        raise InputError(f"{place}: is what the film is made of: choose another --out")
+        raise InputError(f"{place}: is the source of the film; choose another --out")
     begin_phase("rendering the film")
     done = write_film(shown, place, film.fps, film.speed, film.width)
     width, height = done.size_px
@@ -99,15 +106,13 @@ def play(of: SourceOptions, film: FilmOptions, json: JsonOption = False) -> None
 
 
 def _shown(of: SourceOptions) -> "tuple[str, Path, Sequence[FilmedLift | EstimatedSeries]]":
-    """Return name, default file, and the lifts or frames of a film. Raises `InputError`."""
+    """Return the name, the default file, and the lifts or frames of a film. Raises `InputError`."""
     from rig.sessions.manifest import is_session
 
     source = of.source
     if is_session(source):
         if (of.background, of.rate, of.topic) != (None, None, None):
-            raise InputError(
-                f"{source} is a session, which has its own: leave --background, --rate and --topic out"
-            )
+            raise InputError(f"{source} is a session: leave --background, --rate and --topic out")
         lifts = _lifts(source, of.lift, of.beside)
         recording = Path(lifts[0].lift.recording).stem
         return lifts[0].lift.name, Path(f"{source.resolve().name}_{recording}.webm"), lifts
@@ -117,7 +122,7 @@ def _shown(of: SourceOptions) -> "tuple[str, Path, Sequence[FilmedLift | Estimat
 
 
 def _lifts(session: Path, lift: str | None, beside: Path | None) -> "list[FilmedLift]":
-    """Find a lift, and the same one of the session beside."""
+    """Return a lift and, with --beside, the lift of the same object and number of the second session."""
     from rig.report.film import FilmedLift
     from rig.report.session import Lift, find_lift
     from rig.report.unfinished import find_unfinished
@@ -137,7 +142,7 @@ def _lifts(session: Path, lift: str | None, beside: Path | None) -> "list[Filmed
 
 
 def _frames(of: SourceOptions) -> "EstimatedSeries":
-    """Estimate anyone's frames as `rig estimate` does."""
+    """Estimate frames as `rig estimate` does."""
     from rig.frames.estimation import EstimatedSeries, Estimation
     from rig.frames.series import read_frames
     from rig.tactile.estimators import choose_estimator

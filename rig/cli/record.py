@@ -1,4 +1,4 @@
-"""`rig record`: grasp an object in many poses and keep the tactile images."""
+"""`rig record`: grasp an object in many poses and store the tactile images."""
 
 import time
 from dataclasses import dataclass
@@ -31,22 +31,26 @@ class RecordOptions:
 
     object_name: str | None = option(
         None,
-        "Object id or name; needed unless a session is continued.",
+        "Object, by id or name. Required, except with --resume.",
         "--object",
         stored="objects",
         read=lambda objects: objects[0],
     )
     by: Literal["arm", "hand"] = option(
-        "arm", "The arm grasps the object, or you press it onto the gels by hand.", stored="by"
+        "arm", "arm: the arm grasps the object. hand: you press the object onto the gels.", stored="by"
     )
     poses: int | None = option(
-        None, "Accepted grasp poses; default: all of the object's file, 15.", min=1, max=720, stored="poses"
+        None,
+        "Number of accepted grasp poses. Default: all poses of the object's file (paper: 15).",
+        min=1,
+        max=720,
+        stored="poses",
     )
     images: int = option(
-        225, "Accepted images in all, over both fingertips.", min=2, max=100000, stored="images"
+        225, "Number of accepted images, of both fingertips together.", min=2, max=100000, stored="images"
     )
     randomise: bool = option(
-        False, "Simulated sensors unlike those of a bench; another seed, other sensors.", stored="randomised"
+        False, "Simulate sensors with random properties, which depend on --seed.", stored="randomised"
     )
 
 
@@ -57,14 +61,13 @@ def record(
     session: SessionOptions,
     watch: WatchOptions,
 ) -> None:
-    """Grasp one object in all poses of its file at varied grip, and keep the images.
+    """Grasp one object in all poses of its file with varied grip, and store the tactile images.
 
-    The paper's objects have 3 positions x 5 orientations; one of your own may have fewer.
+    The paper's objects have 3 positions x 5 orientations. An object of your own may have fewer.
 
     --by hand needs no arm and no gripper: you press the object onto each gel, and confirm each pose.
 
-    Simulated recordings keep the true contacts under truth/masks, apart from what the rig sees: labels
-    for rig train.
+    Simulated recordings also store the true contact masks in truth/masks, as labels for rig train.
 
     Examples:
       rig record --object 7 --poses 15
@@ -101,7 +104,7 @@ def _prepare(
     from rig.experiments.pose_attempt import RecordSettings
     from rig.sessions.manifest import RecordManifest
 
-    # who holds the object in a session that is resumed is not known before it is read
+    # With --resume the manifest, which is read below, states whether the arm or a hand holds the object.
     by_hand = what.by == "hand" or session.resume
     config = bench.config("rig record --by hand" if by_hand else "rig record")
     named = None if what.object_name is None else find_grasp_file(what.object_name, config.objects).id
@@ -111,7 +114,7 @@ def _prepare(
         what, bench = resumed(what, stored, context), resumed(bench, stored, context)
     config = _held_by(what.by, config)
     if what.object_name is None:
-        raise InputError("--object is missing: which object is grasped?")
+        raise InputError("--object is missing: name the object to grasp")
     grasps = find_grasp_file(what.object_name, config.objects)
     poses = what.poses or len(grasp_poses(grasps))
     say(
@@ -122,9 +125,10 @@ def _prepare(
 
 
 def _held_by(by: Literal["arm", "hand"], config: "BenchConfig") -> "BenchConfig":
-    """Return the bench of a recording: by hand its fingertips alone, so that no other device is reached.
+    """Return the bench of a recording; for --by hand only its fingertips, so that no other device is used.
 
-    Raises `InputError` if it lacks what the arm needs, or has simulated sensors that no hand can touch.
+    Raises `InputError` if a device is missing for --by arm, or if --by hand is used with sensors that are
+    simulated over the wire protocols.
     """
     from rig.config.parts import require_parts
 
@@ -133,8 +137,8 @@ def _held_by(by: Literal["arm", "hand"], config: "BenchConfig") -> "BenchConfig"
         return config
     if config.fakes is not None:
         raise InputError(
-            f"--by hand: the sensors of bench '{config.name}' are simulated behind wires, where no hand "
-            "reaches them; use --bench fake, or real sensors"
+            f"--by hand: the sensors of bench '{config.name}' are simulated over the wire protocols and "
+            "cannot be pressed by hand; use --bench fake, or real sensors"
         )
     return config.fingertips_alone()
 

@@ -1,4 +1,4 @@
-"""`rig replay`: the lifts of one or many sessions again, from the stored frames."""
+"""`rig replay`: estimate the lifts of one or many sessions again, from the stored frames."""
 
 import time
 from dataclasses import dataclass, replace
@@ -20,29 +20,29 @@ if TYPE_CHECKING:
 class ReplayOptions:
     """The sessions, the estimator, and the folder of the results."""
 
-    sessions: list[Path] | None = argument(None, "Session folders of trials, or folders of them.")
+    sessions: list[Path] | None = argument(None, "Session folders of trials, or folders that hold them.")
     estimator: str | None = option(
-        None, "Default: the session's own; one that is not the rig's has to be named."
+        None, "Estimator. Default: the session's own; if that is your own class, it has to be named here."
     )
-    window: int | None = option(None, "Default: the session's.", min=1, max=100)
-    jobs: int | None = option(None, "Lifts side by side.", min=1, max=64)
+    window: int | None = option(None, "Mean of the last n angles. Default: the session's.", min=1, max=100)
+    jobs: int | None = option(None, "Lifts in parallel. Default: one per core.", min=1, max=64)
     out: Path | None = option(
         None,
-        "Folder for the table of all lifts (results.csv and .parquet); default, with many "
-        "sessions: sessions/<date>_replay.",
+        "Folder for the table of all lifts (results.csv and results.parquet). Default for many sessions: "
+        "sessions/<date>_replay.",
         callback=folder_place,
     )
     resume: ResumeOption = False
-    engine: str | None = option(None, "dask://HOST:PORT of a running cluster instead of this computer.")
+    engine: str | None = option(None, "Run on a dask cluster: dask://HOST:PORT. Default: this computer.")
     json: JsonOption = False
 
 
 def replay(options: ReplayOptions) -> None:
-    """Estimate every lift again; with the session's own estimator the results are identical.
+    """Estimate the lifts of sessions again from the stored frames.
 
-    Many sessions (or --out) give one table with a line per lift.
-    A run that was stopped or killed goes on with --resume.
-    A broken session is named in the table and the rest goes on; exit code 2.
+    With the session's own estimator the results are identical to the stored ones. Several sessions, or
+    --out, give one table with a row per lift. --resume continues a run that was stopped or killed. A broken
+    session is listed in the table and skipped; the exit code is then 2.
 
     Examples:
       rig replay sessions/2026-11-21T093000_trial
@@ -109,7 +109,7 @@ def _replay_many(options: ReplayOptions) -> None:
             window=options.window or stored.window,
         )
     if not options.sessions:
-        raise InputError("which sessions? give their folders, or a folder that holds them")
+        raise InputError("no session given: give session folders, or a folder that holds them")
     with may_be_continued(folder, session, lambda: _print_partial(folder, options.json)):
         _replay_all(options.sessions, folder, options)
 
@@ -137,7 +137,7 @@ def _replay_all(paths: list[Path], folder: Path, options: ReplayOptions) -> None
 
 
 def _print_partial(folder: Path, json: bool) -> None:
-    """Print the table of the lifts that are replayed when the command ends early."""
+    """Print the table of the lifts that were replayed before the command ended early."""
     from rig.sessions.files import RESULTS
     from rig.sessions.rows import read_rows
     from rig.sessions.table_files import REPLAYS

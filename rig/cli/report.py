@@ -1,4 +1,4 @@
-"""`rig report`: a page that a person looks at and sends."""
+"""`rig report`: write the report of a session as one HTML page."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,9 +12,9 @@ from rig.live.screen import begin_phase
 
 
 def report_after(folder: Path, unwanted: bool) -> str | None:
-    """Write the report at the end of a trial or recording; return its path, None where there is none.
+    """Write the report at the end of a trial or recording; return its path, or None without a report.
 
-    The results are on disk by then, so nothing that goes wrong here may fail the run.
+    The results are already on disk, so an error here must not fail the run.
     """
     if unwanted:
         return None
@@ -23,7 +23,7 @@ def report_after(folder: Path, unwanted: bool) -> str | None:
     begin_phase("writing the report")
     try:
         path = write_report([folder]).path
-    except Exception as error:  # whatever it is: the run itself is complete
+    except Exception as error:  # any error: the run itself is complete
         say(f"note: no report ({type(error).__name__}: {error}); try again: rig report {folder}")
         return None
     say(f"report: {path}")
@@ -36,32 +36,36 @@ class ReportOptions:
     """The sources of a report, and its files."""
 
     sources: list[Path] = argument(
-        ..., "Session folder of a trial or recording; or CSV files of lifts, or a folder of them."
+        ..., "Session folder of a trial or recording; or CSV files of lifts, or a folder of such files."
     )
     out: Path | None = option(
-        None, "The page; default report.html in the session or folder.", callback=file_place
+        None, "HTML file to write. Default: report.html in the session or folder.", callback=file_place
     )
     beside: Path | None = option(
-        None, "Another session of the same lifts: one of the two reacts to slip, one does not."
+        None, "Second session of the same lifts to compare with: one with a reaction to slip, one without."
     )
     picture: Path | None = option(
-        None, "Also a .png of the page's top, as Chromium shows it.", callback=file_place
+        None, "Also write a .png of the top of the page, rendered by Chromium.", callback=file_place
     )
     figures: Path | None = option(
         None,
-        "Folder for each figure as .pdf, .svg and .png, 88.9 mm wide, and the table as .tex and .csv.",
+        "Also write each figure as .pdf, .svg and .png, 88.9 mm wide, and the table as .tex and .csv, to "
+        "this folder.",
         callback=folder_place,
     )
     json: JsonOption = False
 
 
 def report(options: ReportOptions) -> None:
-    """Write a session's report: one HTML page that needs nothing else, and prints.
+    """Write the report of a session as one HTML page without external files.
 
-    A session that is damaged or unfinished gets a page that shows what can be read and says what
-    cannot. CSV files hold one lift each: a column of times in s (`t_s`), the estimated angle
-    (`estimate_deg` or `pred_deg`) and the reference's (`truth_deg` or `aruco_gt_deg`), in degrees;
-    `sigma_deg` if known. Empty or nan is refused; comments begin with #.
+    The page of a damaged or unfinished session shows all data that can be read, and lists the errors of the
+    rest.
+
+    A CSV file holds one lift. Its columns are the time in s (`t_s`), the estimated angle in degrees
+    (`estimate_deg` or `pred_deg`), the ground truth in degrees (`truth_deg` or `aruco_gt_deg`), and
+    optionally the standard deviation (`sigma_deg`). An empty or nan estimate is a refused frame. Lines that
+    begin with # are comments.
 
     Examples:
       rig report sessions/2026-11-21T093000_trial

@@ -1,4 +1,4 @@
-"""`rig results`: a results table of many lifts, summarized; and the tables of lifts that commands print."""
+"""`rig results`: summarize a results table of many lifts. Also prints the tables of other commands."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -17,17 +17,17 @@ if TYPE_CHECKING:
 
 
 By = Literal["object", "session"]
-"""What a line of a summary stands for."""
+"""Whether a row of a summary is an object or a session."""
 
 
 def results(
     table: Annotated[
-        Path, typer.Argument(help="results.csv, results.parquet, or the folder of `rig replay SESSIONS...`.")
+        Path, typer.Argument(help="results.csv, results.parquet, or the folder that `rig replay` wrote.")
     ],
-    by: Annotated[By, typer.Option("--by", help="A line per object or per session.")] = "object",
+    by: Annotated[By, typer.Option("--by", help="Print a row per object or per session.")] = "object",
     json: JsonOption = False,
 ) -> None:
-    """Summarize a results table: MARE with intervals, what was identical, what was broken.
+    """Summarize a results table: MARE with intervals, number of identical lifts, broken sessions.
 
     Examples:
       rig results sessions/ellipse
@@ -44,7 +44,7 @@ def results(
 
 
 def print_results(rows: "list[ReplayRow]", by: By, to_stderr: bool) -> None:
-    """Print the summary of a table's rows by object or by session, then what was broken."""
+    """Print the summary of a table's rows by object or by session, then the broken sessions."""
     from rig.live.tables import table_console
     from rig.results.table import by_reaction, summarize_table
 
@@ -67,7 +67,10 @@ def print_results(rows: "list[ReplayRow]", by: By, to_stderr: bool) -> None:
 
 
 def trial_table(summary: "TrialSummary", simulated: str, wall_s: float, to_stderr: bool = False) -> None:
-    """Print the paper's table per object and the trial's figures."""
+    """Print the paper's table per object, then the figures of the whole trial.
+
+    simulated: prefix of printed results, as of `mark`. wall_s: run time.
+    """
     from rig.live.tables import table_console
     from rig.results.metrics import mare_text
     from rig.results.notes import reaction_text, turn_distribution
@@ -85,7 +88,10 @@ def trial_table(summary: "TrialSummary", simulated: str, wall_s: float, to_stder
 
 
 def object_table(summary: "TrialSummary", simulated: str, react: str = "none") -> "Table":
-    """Return the paper's table per object. react: the reaction to slip."""
+    """Return the paper's table per object.
+
+    simulated: prefix of the title, as of `mark`. react: name of the reaction to slip.
+    """
     from rig.live.tables import console_table
     from rig.results.metrics import HEADING, mare_text
 

@@ -1,4 +1,4 @@
-"""Resumption of a session with its stored options; the command for it is printed if a session ends early."""
+"""Resume a session with its stored options; print the command for it if a session ends early."""
 
 import shlex
 import sys
@@ -21,11 +21,12 @@ Wanted = TypeVar("Wanted", bound="Manifest")
 def continued(
     kind: type[Wanted], name: str, bench: str | None, session: SessionOptions, object_id: str | None = None
 ) -> tuple[Path, Wanted | None]:
-    """Return where a session goes, and the manifest of one that is continued there.
+    """Return the folder of a session, and the manifest of the session to resume there, or None.
 
-    kind, name: of the session, as `TrialManifest`, "trial". bench: its name, None for kinds without.
-    Without --out, --resume continues the newest unfinished session of that kind and bench. Raises
-    `InputError` where there is none, and for a session of another kind.
+    kind, name: kind of session, as `TrialManifest`, "trial". bench: name of the bench; None for kinds without
+    bench. object_id: becomes part of the default folder's name. Without --out, --resume continues the newest
+    unfinished session of that kind and bench. Raises `InputError` if there is none, or if the session in
+    --out is of another kind.
     """
     from rig.sessions.manifest import is_session, read_manifest_of
     from rig.sessions.session import default_folder, newest_unfinished
@@ -40,10 +41,10 @@ def continued(
 
 
 def named_again(estimator: str | None, stored: str | None) -> str | None:
-    """Return the estimator to go on with, the stored one by default.
+    """Return the estimator of a resumed session: the one on the command line, else the stored one.
 
-    Raises `EstimatorError` where that one is not the rig's own: it runs where a person names it, and a
-    session's file is no person.
+    Raises `EstimatorError` if a stored estimator is not the rig's own. Such a class runs code of its own, so
+    the operator must name it on the command line; a session file is not enough.
     """
     from rig.tactile.estimators import stored_choice
 
@@ -53,7 +54,7 @@ def named_again(estimator: str | None, stored: str | None) -> str | None:
 
 
 def say_done(folder: Path, wanted: int) -> int:
-    """Say and return how many of the lifts of a trial that goes on are done. Raises `SessionError`."""
+    """Print and return the number of finished lifts of a trial that is resumed. Raises `SessionError`."""
     from rig.sessions.rows import read_lifts
 
     done = sum(row.accepted for row in read_lifts(folder)) if _holds_results(folder) else 0
@@ -62,7 +63,7 @@ def say_done(folder: Path, wanted: int) -> int:
 
 
 def usual_lift_s(folder: Path, jobs: int) -> float | None:
-    """Return the mean time per lift so far, s, with `jobs` lifts side by side; None without a lift."""
+    """Return the mean time per finished lift in s, with `jobs` lifts in parallel; None without a lift."""
     from statistics import fmean
 
     from rig.report.session import read_timing
@@ -73,9 +74,9 @@ def usual_lift_s(folder: Path, jobs: int) -> float | None:
 
 @contextmanager
 def may_be_continued(folder: Path, session: SessionOptions, partial: Callable[[], None]) -> Iterator[None]:
-    """If a session ends early, print and report what it holds, and print the command that continues it.
+    """If a session ends early, print its results, write its report, and print the command to resume it.
 
-    partial: prints the results that are on disk.
+    partial: function that prints the results on disk.
     """
     try:
         yield

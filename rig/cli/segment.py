@@ -1,4 +1,4 @@
-"""`rig segment`: contact masks of anyone's tactile images. `rig label`: proposals for a person to correct."""
+"""`rig segment`: write contact masks of tactile images. `rig label`: propose labels to correct by hand."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,53 +22,54 @@ ImagesArgument = Annotated[
 BackgroundOption = Annotated[
     str | None,
     typer.Option(
-        help="Frame without contact: an IMAGE, first:N (mean of the first N images) or auto (made from the "
-        "images themselves). Default: a session's own; else auto, from nine images on."
+        help="Frame without contact: an IMAGE, first:N (mean of the first N images) or auto (computed from "
+        "all images). Default: that of the session; else auto if there are at least nine images."
     ),
 ]
 MarginOption = Annotated[
     float,
     typer.Option(
-        help="How loose masks are: their outline is moved out by this share of the image's width; "
-        "negative is tighter. 0 is the label's definition."
+        help="Offset of the mask's outline as a fraction of the image width: positive is larger, negative "
+        "smaller. 0 matches the labels of the training data."
     ),
 ]
 
 
 @dataclass(frozen=True, slots=True)
 class SegmentOptions:
-    """The images, the network, and the folder of the masks."""
+    """The images, the network, and the folder for the masks."""
 
     images: ImagesArgument
     out: Path = option(..., "Folder for the masks.", callback=folder_place)
     background: BackgroundOption = None
-    model: str = option("ours", "ours, pspnet, classical (no network), or the path of an ONNX file.")
+    model: str = option("ours", "Network: ours, pspnet, classical (no network), or the path of an ONNX file.")
     margin: MarginOption = 0.0
-    threads: int = option(1, "Threads of one inference.", min=1, max=64)
+    threads: int = option(1, "Threads per inference.", min=1, max=64)
     json: JsonOption = False
 
 
 @dataclass(frozen=True, slots=True)
 class LabelOptions:
-    """The images, the proposals, and their folder."""
+    """The images, the source of the proposals, and the folder for the labels."""
 
     images: ImagesArgument
     out: Path = option(..., "Folder for labels, masks/ and coco.json.", callback=folder_place)
     background: BackgroundOption = None
     model: str = option(
         "classical",
-        "What proposes: classical (difference from the background), ours, pspnet or an ONNX file.",
+        "Source of the proposals: classical (difference from the background), ours, pspnet or an ONNX file.",
     )
     margin: MarginOption = 0.0
     json: JsonOption = False
 
 
 def segment(options: SegmentOptions) -> None:
-    """Write the contact mask of every image: STEM.png, 0 or 255, at the image's own size.
+    """Write a contact mask STEM.png for every image, of the same size, with values 0 and 255.
 
-    ours compares each image with a frame without contact; pspnet sees the image alone. Both were
-    trained on SIMULATED frames and answer with the convex hull of each part of the contact. Black
-    and saturated images get an empty mask, unreadable ones none; the JSON says which.
+    The network ours compares each image with a frame without contact; pspnet needs only the image. Both were
+    trained on SIMULATED frames. Their masks are the convex hull of each part of the contact. Black and
+    saturated images get an empty mask, unreadable images get none. The JSON output has the state of every
+    image.
 
     Examples:
       rig segment frames/ --out masks
@@ -85,7 +86,7 @@ def segment(options: SegmentOptions) -> None:
     rows = [_write_mask(names[done.file], done) for done in segment_groups(groups, choice)]
     states, median_ms = mask_figures(rows)
     if list(states) == ["unreadable"]:
-        raise InputError(f"{options.images[0]}: not one complete image: copy it again")
+        raise InputError(f"{options.images[0]}: none of the images can be read; copy them again")
     counts = ", ".join(f"{count} {state}" for state, count in states.items())
     say(f"{options.model}: {counts}; {median_ms} ms per image (median); masks in {options.out}")
     if options.json:
@@ -95,11 +96,11 @@ def segment(options: SegmentOptions) -> None:
 
 
 def label(options: LabelOptions) -> None:
-    """Propose a LabelMe polygon round the contact of each image, and export all labels.
+    """Propose a LabelMe polygon around the contact of each image, and export all labels.
 
-    OUT/STEM.json is for LabelMe (labelme IMAGES --output OUT). A label file that is there already is
-    never changed: correct it in LabelMe, then run the same command again, which writes OUT/masks
-    and OUT/coco.json from the labels as they are now.
+    The proposals are OUT/STEM.json. Correct them in LabelMe (labelme IMAGES --output OUT), then run the same
+    command again: it never changes an existing label file, and writes OUT/masks and OUT/coco.json from the
+    corrected labels.
 
     Examples:
       rig label frames/ --background empty.png --out labels
@@ -117,8 +118,8 @@ def label(options: LabelOptions) -> None:
     kept = len(files) - proposed
     export_coco(files, masks, out / COCO, f"contact labels; {proposed} of {len(files)} proposed just now")
     say(
-        f"{counted(proposed, 'label')} proposed, {kept} kept as found, in {out}; "
-        f"masks and {COCO} are of all of them"
+        f"{counted(proposed, 'label')} proposed, {kept} existing kept, in {out}; "
+        f"masks and {COCO} hold all of them"
     )
     if options.json:
         labels = [str(file.path) for file in files]
@@ -128,7 +129,7 @@ def label(options: LabelOptions) -> None:
 def _images(
     options: SegmentOptions | LabelOptions, choice: "SegmentChoice", folder: Path, ending: str
 ) -> "tuple[list[ImageGroup], dict[Path, Path]]":
-    """Return the images, and the file that each one gets in --out; make the folder. Raises `InputError`."""
+    """Create the folder; return the images and the output file of each. Raises `InputError`."""
     from rig.frames.masks import image_groups, make_folder, needs_background, output_names
 
     groups = image_groups(options.images, options.background, needs_background(choice))
@@ -140,7 +141,7 @@ def _images(
 
 
 def _write_mask(path: Path, done: "SegmentedImage") -> dict[str, Any]:
-    """Write the mask of an image unless it is unreadable; return its row of the JSON output."""
+    """Write the mask of an image unless it is unreadable; return its row for the JSON output."""
     from drivers.images import encode_png
     from rig.sessions.files import write_file
 
@@ -152,7 +153,7 @@ def _write_mask(path: Path, done: "SegmentedImage") -> dict[str, Any]:
 
 
 def _proposals(options: LabelOptions, choice: "SegmentChoice", masks: Path) -> "list[LabelFile]":
-    """Write the label files that are missing; return all of them. masks: the folder that is made."""
+    """Write the missing label files; return all label files. masks: folder to create."""
     from rig.frames.masks import segment_groups
     from rig.labels.proposals import propose
 

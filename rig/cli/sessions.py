@@ -1,4 +1,4 @@
-"""`rig sessions`: what a folder of sessions holds."""
+"""`rig sessions`: list the sessions in a folder."""
 
 import os
 from collections.abc import Callable
@@ -20,48 +20,52 @@ if TYPE_CHECKING:
 
 MB = 1e6
 SIDE_BY_SIDE = 200
-"""Sessions from which on it pays to look at them in several processes."""
+"""From this number of sessions on, several processes read them; for fewer, starting them takes longer."""
 AT_ONCE = 20
+"""Sessions per task of a process."""
 MOST_CHECKED = 20
-"""Of more sessions the bytes are only read when asked for: a second for each 45 lifts."""
+"""Largest number of sessions whose checksums are checked by default; it takes a second per 45 lifts."""
 
 
 Sort = Literal["folder", "date", "name", "mare", "done", "size"]
-"""The values that sessions are sorted by."""
+"""The columns that sessions can be sorted by."""
 
 
 @dataclass(frozen=True, slots=True)
 class ListOptions:
-    """The sessions that are listed, and in which order."""
+    """The sessions to list, their order, and the pages to write."""
 
-    folder: Path = argument(Path("sessions"), "Folder that holds sessions, at any depth, or is one.")
-    tags: list[str] | None = option(None, "Those with this tag; repeat: with all of them.", "--tag")
-    objects: list[str] | None = option(
-        None, "Those of this object, id or name; repeat: of any of them.", "--object"
+    folder: Path = argument(Path("sessions"), "Session folder, or folder with sessions at any depth.")
+    tags: list[str] | None = option(
+        None, "Only sessions with this tag; if repeated, with all of these tags.", "--tag"
     )
-    sort: Sort = option("folder", "In this order.")
-    reverse: bool = option(False, "The other way round.")
+    objects: list[str] | None = option(
+        None, "Only sessions of this object (id or name); if repeated, of any of these.", "--object"
+    )
+    sort: Sort = option("folder", "Column to sort by.")
+    reverse: bool = option(False, "Sort in descending order.")
     check: bool | None = option(
         None,
-        "Read every byte and hold it to its checksum: 1 s for 45 lifts. Default: of up to 20 sessions.",
+        "Read all files and compare their checksums (1 s for 45 lifts). Default: for up to 20 sessions.",
         "--check/--quick",
     )
     wear: Path | None = option(
-        None, "Also write a page of noise, contact and error over time.", callback=file_place
-    )
+        None, "Also write a page with noise, contact and error over time, to judge the wear of the gels.",
+        callback=file_place,
+    )  # fmt: skip
     page: Path | None = option(
-        None, "Also write a page of them: search, filters, MARE over time, links to reports.",
+        None, "Also write a page of the sessions: search, filters, MARE over time, links to reports.",
         callback=file_place,
     )  # fmt: skip
     json: JsonOption = False
 
 
 def sessions(options: ListOptions) -> None:
-    """List sessions: date, kind, objects, lifts, MARE, size; broken ones with what is wrong.
+    """List sessions with date, kind, objects, lifts, MARE and size; report broken ones.
 
-    A recording or image that is missing, or whose bytes are not as they were written, makes a session
-    broken. Of more than 20 sessions the bytes are only read with --check, which ends with exit code 2 if a
-    session is broken.
+    A session is broken if a recording or image is missing, or if its checksum differs. With more than 20
+    sessions, checksums are compared only with --check. With --check the exit code is 2 if a session is
+    broken.
 
     Examples:
       rig sessions
@@ -99,14 +103,14 @@ def sessions(options: ListOptions) -> None:
     broken = sum(entry.state == "broken" for entry in entries)
     if options.check and broken:
         raise SessionError(
-            f"{folder}: {broken} of {counted(len(entries), 'session')} broken: each is named above"
+            f"{folder}: {broken} of {counted(len(entries), 'session')} broken; see the messages above"
         )
 
 
 def _selected(options: ListOptions) -> "list[SessionEntry]":
-    """Return the sessions with all of the tags and one of the objects, sorted.
+    """Return the sessions with all of the tags and at least one of the objects, sorted.
 
-    Those without the value that they are sorted by come last.
+    Sessions without a value in the sort column come last.
     """
     tags, names = set(options.tags or ()), {name.lower() for name in options.objects or ()}
     entries = [
@@ -135,7 +139,7 @@ def _listed(folder: Path, check: bool | None) -> "list[SessionEntry]":
 
     found = find_sessions(folder)
     if check is None and len(found) > MOST_CHECKED:
-        say(f"note: {len(found)} sessions, whose bytes are not read; --check holds them to their checksums")
+        say(f"note: the checksums of {len(found)} sessions are not compared; --check compares them")
     quick = len(found) > MOST_CHECKED if check is None else not check
     jobs = (os.cpu_count() or 1) if len(found) >= SIDE_BY_SIDE else 1
     portions = [found[i : i + AT_ONCE] for i in range(0, len(found), AT_ONCE)]
@@ -155,7 +159,7 @@ def _wear_page(entries: "list[SessionEntry]", page: Path) -> str:
 
 
 def _columns(entries: "list[SessionEntry]") -> dict[str, list[str]]:
-    """Return the texts of the listing by heading; without remarks that no session has."""
+    """Return the texts of the listing by heading; without name, tags or operator if no session has one."""
     from rig.results.metrics import mare_text
 
     columns: dict[str, Callable[[SessionEntry], str]] = {

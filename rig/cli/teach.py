@@ -1,4 +1,4 @@
-"""`rig teach`: where an object is grasped, shown to the rig at the bench instead of typed."""
+"""`rig teach`: teach the grasp positions of an object at the bench, instead of typing them."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,25 +18,33 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class TeachOptions:
-    """The object, its positions, and the way the hand is moved."""
+    """The object, its positions, and the way the arm is moved."""
 
-    name: str = argument(..., "One of your own objects: id or name.", metavar="OBJECT")
+    name: str = argument(..., "Object of your own, by id or name.", metavar="OBJECT")
     positions: list[str] | None = option(
-        None, "Teach this one, old or new; repeat. Default: all of the file.", "--position"
+        None,
+        "Position to teach, existing or new; repeat for more. Default: all positions in the file.",
+        "--position",
     )
-    by: Literal["hand", "keys"] = option("hand", "Lead the arm by hand (freedrive), or step it by keys.")
-    lift_height: float | None = option(None, "m; do not ask for it at the bench.", min=0.0, max=0.3)
-    timeout: float = option(120.0, "s; the arm gives way no longer than this.", min=5.0, max=600.0)
+    by: Literal["hand", "keys"] = option(
+        "hand", "hand: lead the arm by hand (freedrive). keys: move it in steps by keys."
+    )
+    lift_height: float | None = option(
+        None, "Height of the lift in m. Default: shown at the bench.", min=0.0, max=0.3
+    )
+    timeout: float = option(120.0, "Time limit of freedrive, s.", min=5.0, max=600.0)
 
 
 def teach(what: TeachOptions, bench: BenchOptions, json: JsonOption = False) -> None:
-    """Show the rig where an object is grasped, how wide it is there, and how far it is lifted.
+    """Teach where an object is grasped, its width there, and the height of the lift.
 
-    At each position you lead the arm by hand, or step it by keys, until the open fingers stand around the
-    object. The fingers then close until both fingertips touch, and you bring the hand to where a lift shall
-    end. What was found is checked against reach, limits, table, boxes and fingers, shown, and written into
-    the object's file, whose comments stay. Each motion is asked about; --yes answers no question that needs
-    a look. Ctrl-C, a lost terminal and the time-out leave the arm standing, held in position control.
+    For each position you lead the arm by hand, or move it by keys, until the object is between the open
+    fingers. The fingers then close until both fingertips detect contact, and you move the hand to the end of
+    the lift. The position is checked against reach, limits, table, boxes and fingers, shown, and written to
+    the object's file. Comments in the file are kept.
+
+    The rig asks before each motion. --yes does not answer questions for which you have to check the bench.
+    After Ctrl-C, a lost terminal or the time limit the arm stands still under position control.
 
     Examples:
       rig objects new objects/my_box.toml
@@ -82,7 +90,7 @@ def _teach(file: Path, lesson: "Lesson", bench: BenchOptions, json: bool) -> Non
 
 
 def _written(file: Path, found: "list[TaughtPosition]", agreed: bool) -> "list[TaughtPosition]":
-    """Write what nothing speaks against, once agreed. Raises `OperatorStopError` unless they agree."""
+    """Write and return the positions without problems. Raises `OperatorStopError` if declined."""
     from drivers.errors import OperatorStopError
     from drivers.formats import write_whole
     from rig.config.objects import with_position
@@ -91,7 +99,7 @@ def _written(file: Path, found: "list[TaughtPosition]", agreed: bool) -> "list[T
     if not good:
         return []
     if not agreed and not ask(f"Write {', '.join(each.name for each in good)} into {file}?"):
-        raise OperatorStopError(f"stopped: {file} was left as it is")
+        raise OperatorStopError(f"stopped: {file} was not changed")
     text = file.read_text(encoding="utf-8")
     for each in good:
         text, _ = with_position(text, each.name, each.values, str(file))

@@ -17,91 +17,103 @@ EPOCHS, PAPER_EPOCHS = 10, 30
 
 @dataclass(frozen=True, slots=True)
 class TrainOptions:
-    """The images that networks are trained and tested on, and the folder of the results."""
+    """The images for training and test, and the folder for the results."""
 
-    out: Path = option(..., "Folder for checkpoints, ONNX files and cards.", callback=folder_place)
+    out: Path = option(
+        ..., "Folder for checkpoints, ONNX files and cards (their metadata).", callback=folder_place
+    )
     data: str = option(
         "simulated",
-        "simulated, or a FOLDER: the paper's data set (VISTASE), LabelMe files, or simulated "
-        "sessions of rig record.",
+        "Training data: simulated, or a FOLDER with the paper's data set (VISTASE), LabelMe files, or "
+        "simulated sessions of rig record.",
     )
     fold: list[str] | None = option(
-        None, "D_s1, D_s2 or D_s3 (by object id, paper Table I); repeat for more."
+        None, "Fold of the objects (paper, Table I): D_s1, D_s2 or D_s3; repeat for more."
     )
-    everything: bool = option(False, "All four networks on all three folds: the paper's Table II.", "--all")
+    everything: bool = option(
+        False, "Train all four networks on all three folds, as in the paper's Table II.", "--all"
+    )
     images: int = option(
-        1500, "Simulated frames to train on, a fold; a fifth more to validate and test.", min=24
+        1500, "Simulated training frames per fold; a fifth more are made for validation and test.", min=24
     )
     units: str = option(
         "varied",
-        "Simulated sensors: varied (unlike one another, to carry over to unseen ones) or family "
+        "Simulated sensors: varied (with random differences, to generalise to other sensors) or family "
         "(of one make, as the paper's).",
     )
     seed: SeedOption = 0
-    resume: bool = option(False, "Continue the session in --out.")
+    resume: bool = option(False, "Continue the run in --out.")
     json: JsonOption = False
 
 
 @dataclass(frozen=True, slots=True)
 class NetworkOptions:
-    """The networks, and how they are trained."""
+    """The networks, and the settings of their training."""
 
-    arch: list[str] | None = option(None, "ours, pspnet, deeplabv3plus or unetplusplus; repeat for more.")
-    paper: bool = option(False, "The paper's settings (256 x 320 px, 30 epochs); wants a GPU.")
-    epochs: int | None = option(None, "Default: 10; 30 with --paper.", min=1)
+    arch: list[str] | None = option(
+        None, "Network: ours, pspnet, deeplabv3plus or unetplusplus; repeat for more. Default: ours."
+    )
+    paper: bool = option(False, "Use the paper's settings (256 x 320 px, 30 epochs); slow without a GPU.")
+    epochs: int | None = option(None, "Training epochs. Default: 10; 30 with --paper.", min=1)
     encoder: str = option("resnet18", "Encoder of the paper's networks: resnet18 or efficientnet-b3.")
     encoder_weights: Path | None = option(
-        None, "File with encoder weights to begin with. Default: random ones."
+        None, "File with initial weights of the encoder. Default: random weights."
     )
-    threads: int | None = option(None, "Threads. Default: torch's own.", min=1)
+    threads: int | None = option(None, "CPU threads. Default: as torch chooses.", min=1)
 
 
 @dataclass(frozen=True, slots=True)
 class AngleOptions:
-    """The network, and the lifts that it is trained on."""
+    """The network, and the lifts to train it on."""
 
-    network: str = argument(..., "anglenet (an angle from one image) or toskov (from the wrist's wrench).")
-    data: list[Path] | None = option(None, "Session of rig trial; repeat for more. Default: SIMULATED lifts.")
-    lifts: int | None = option(
-        None, "Simulated lifts of each object. Default: toskov 120, anglenet 5.", min=1
+    network: str = argument(
+        ..., "Network: anglenet (angle from one image) or toskov (angle from the wrench at the wrist)."
     )
-    epochs: int | None = option(None, "Default: toskov 120, anglenet 8.", min=1)
+    data: list[Path] | None = option(
+        None, "Session of rig trial to train on; repeat for more. Default: SIMULATED lifts."
+    )
+    lifts: int | None = option(
+        None, "Simulated lifts per object. Default: 120 for toskov, 5 for anglenet.", min=1
+    )
+    epochs: int | None = option(None, "Training epochs. Default: 120 for toskov, 8 for anglenet.", min=1)
     on_test_lifts: bool = option(
         False,
-        "Learn from the lifts of --data that are then scored, as the paper trained AngleNet. "
-        "Default: the trial's objects are scored and never learnt from.",
+        "Train on the lifts of --data that are used for the test, too, as the paper trained AngleNet. "
+        "Default: the trial's objects are used for the test only.",
     )
 
 
 @dataclass(frozen=True, slots=True)
 class TurningOptions:
-    """The simulated data."""
+    """The simulated training data, and the number of epochs."""
 
-    faces: int = option(2600, "SIMULATED faces to learn from, six pictures each.", min=2)
-    epochs: int = option(8, "How often each picture is seen.", min=1)
+    faces: int = option(2600, "Number of SIMULATED object faces to train on, with six images each.", min=2)
+    epochs: int = option(8, "Training epochs.", min=1)
 
 
 @dataclass(frozen=True, slots=True)
 class RunOptions:
-    """The folder of one network, and how it is trained."""
+    """The folder for one network, and settings of its training."""
 
-    out: Path = option(..., "Empty folder for the ONNX file and its card.", callback=folder_place)
-    threads: int | None = option(None, "Threads. Default: torch's own.", min=1)
+    out: Path = option(
+        ..., "Empty folder for the ONNX file and its card (its metadata).", callback=folder_place
+    )
+    threads: int | None = option(None, "CPU threads. Default: as torch chooses.", min=1)
     seed: SeedOption = 0
     json: JsonOption = False
 
     def finish(self, card: dict[str, Any], summary: str) -> None:
-        """Print what was trained."""
+        """Print the summary and the path of the trained network."""
         say(summary)
         print_result(self.json, {"out": str(self.out), **card}, self.out / "model.onnx")
 
 
 def train(options: TrainOptions, networks: NetworkOptions) -> None:
-    """Train networks that find the contact, score them on objects they never saw, export them to ONNX.
+    """Train segmentation networks for the contact, test them on other objects, and export them to ONNX.
 
-    OUT/NETWORK_FOLD gets model.onnx (fp32), model.half.onnx (fp16), model.int8.onnx and card.json;
-    rig segment --model takes any of them. Without --data FOLDER everything is SIMULATED.
-    Needs the extra `train`.
+    The folder OUT/NETWORK_FOLD then holds model.onnx (fp32), model.half.onnx (fp16), model.int8.onnx and
+    card.json. Each of the models can be used in rig segment --model. Without --data FOLDER all images are
+    SIMULATED. Needs the extra `train`.
 
     Examples:
       rig train --arch ours --images 9000 --epochs 10 --out runs/ours
@@ -146,10 +158,10 @@ def _settings(options: TrainOptions, networks: NetworkOptions) -> "TrainSettings
 
 
 def train_angle(options: AngleOptions, run: RunOptions) -> None:
-    """Train a network of the paper's peers (its Table IV) that estimates an angle, and export it to ONNX.
+    """Train an angle network that the paper compares with (its Table IV), and export it to ONNX.
 
-    OUT gets model.onnx and card.json; rig benchmark trials takes it with --model anglenet=FILE or
-    toskov=FILE. Needs the extra `train`.
+    The folder OUT then holds model.onnx and card.json. Use the network in rig benchmark trials with --model
+    anglenet=FILE or --model toskov=FILE. Needs the extra `train`.
 
     Examples:
       rig train-angle toskov --out runs/toskov
@@ -173,19 +185,20 @@ def train_angle(options: AngleOptions, run: RunOptions) -> None:
     with TrainingView() as view:
         card = train_angles(run.out, settings, view)
     test, simulated = card["test"], "SIMULATED: " if card["simulated"] else ""
-    scored = "the lifts it learnt from" if options.on_test_lifts else "objects it never saw"
+    scored = "the lifts it was trained on" if options.on_test_lifts else "objects it was not trained on"
     run.finish(
         card,
-        f"{simulated}{card['title']}, {card['parameters']} parameters: off by {test['error_deg']:.2f} deg "
-        f"in the mean on {scored}; 0 all the time is off by {test['saying_zero_deg']:.2f} deg",
+        f"{simulated}{card['title']}, {card['parameters']} parameters: mean absolute error "
+        f"{test['error_deg']:.2f} deg on {scored}; always predicting 0 has {test['saying_zero_deg']:.2f} deg",
     )
 
 
 def train_turning(options: TurningOptions, run: RunOptions) -> None:
-    """Train the network by which slip tells what of a contact turns with the object, and export it to ONNX.
+    """Train the network of slip that marks the parts of a contact that turn with the object, and export it.
 
-    OUT gets model.onnx and card.json. slip runs the one that is shipped, rig/models/turning.onnx. Takes a
-    quarter of an hour on two cores, and 2 GB of memory. Needs the extra `train`.
+    The folder OUT then holds model.onnx and card.json. The estimator slip uses the network of the rig,
+    rig/models/turning.onnx. Training takes 15 minutes on two cores and 2 GB of memory. Needs the extra
+    `train`.
 
     Examples:
       rig train-turning --out runs/turning
@@ -201,11 +214,11 @@ def train_turning(options: TurningOptions, run: RunOptions) -> None:
     with TrainingView() as view:
         card = train_turning(run.out, options.faces, options.epochs, run.seed, run.threads, view)
     error = min(card["validation_error"])
-    run.finish(card, f"SIMULATED: the share that turns is off by {error:.3f} on other faces")
+    run.finish(card, f"SIMULATED: mean error of the turning share {error:.3f} on validation faces")
 
 
 def require_training() -> None:
-    """Raise `InputError` that says what to install where the extra is missing."""
+    """Raise `InputError` with the command to install the extra `train` if a package of it is missing."""
     from importlib.util import find_spec
 
     from drivers.errors import InputError
@@ -213,8 +226,8 @@ def require_training() -> None:
     needed = ("torch", "segmentation_models_pytorch", "onnx", "onnxscript")
     if missing := [name for name in needed if find_spec(name) is None]:
         raise InputError(
-            f'{", ".join(missing)} not installed: training is an extra: pip install -e ".[train]" '
-            "(on a computer without GPU, install torch's CPU build first)"
+            f'{", ".join(missing)} not installed: training needs an extra: pip install -e ".[train]" '
+            "(on a computer without a GPU, install the CPU build of torch first)"
         )
 
 
@@ -223,7 +236,7 @@ def _print(cards: list[dict[str, Any]], to_stderr: bool) -> None:
 
     columns = ("network", "fold", "Dice", "IoU", "ms per frame", "int8 Dice", "settings")
     simulated = "SIMULATED objects" if all(card["simulated"] for card in cards) else "objects"
-    title = f"Test {simulated} that training never saw, mean ± standard deviation"
+    title = f"Test on {simulated} that are not in the training data, mean ± standard deviation"
     table = console_table(columns, map(_cells, cards), range(len(columns)), title)
     table_console(to_stderr).print(table)
 

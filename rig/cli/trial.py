@@ -1,4 +1,4 @@
-"""`rig trial`: lift objects, measure how they turn, compare with the markers."""
+"""`rig trial`: lift objects, measure their rotation, and compare it with the markers."""
 
 import time
 from dataclasses import dataclass, replace
@@ -36,36 +36,43 @@ class TrialOptions:
     lifts: int = option(5, "Accepted lifts per object.", min=1, max=1000, stored="lifts_per_object")
     objects: list[str] | None = option(
         None,
-        "Object id or name; repeat for more. Default: the trial's nine.",
+        "Object, by id or name; repeat for more. Default: the nine objects of the paper's trial.",
         "--object",
         stored="objects",
         read=list,
     )
-    max_mare: float | None = option(None, "Exit 4 when the MARE over B and C is above, degrees.", min=0.0)
-    realtime: bool = option(False, "Pace a simulated bench by the clock.")
-    jobs: int | None = option(None, "Simulated lifts side by side; default: cores.", min=1, max=64)
+    max_mare: float | None = option(
+        None,
+        "Exit with code 4 if the MARE (mean absolute error of the angle, phases B and C) is above this, "
+        "degrees.",
+        min=0.0,
+    )
+    realtime: bool = option(False, "Run a simulated bench in real time. Default: as fast as possible.")
+    jobs: int | None = option(
+        None, "Lifts in parallel on a simulated bench. Default: one per core.", min=1, max=64
+    )
 
 
 @dataclass(frozen=True, slots=True)
 class EstimatorOptions:
-    """The estimator that is used online."""
+    """The estimator that runs during the lifts."""
 
     estimator: str | None = option(
         None,
-        "slip (default), skeleton, ellipse, pca; these three also with -published; ecc, polar, "
-        "kolamuri, anglenet, toskov; or your own, as package.module:Class (rig estimators).",
+        "slip, skeleton, ellipse, pca; the last three also with -published; ecc, polar, "
+        "kolamuri, anglenet, toskov; or your own, as package.module:Class (rig estimators). Default: slip.",
         stored="estimator",
     )
     window: int | None = option(
         None,
-        "Mean of the last n angles; 2 for the paper's methods, none for slip.",
+        "Report the mean of the last n angles. Default: 2 for the paper's methods, 1 for others.",
         min=1,
         max=100,
         stored="window",
     )
     no_skip: bool = option(
         False,
-        "Run every stage on every frame, needed or not (the paper's methods always do).",
+        "Run every stage on every frame, also if it could be skipped (the paper's methods always do).",
         stored="skip",
         read=lambda skip: not skip,
     )
@@ -77,21 +84,22 @@ class ReactionOptions:
 
     react: Literal["none", "stop", "tighten", "lower"] = option(
         "none",
-        "On slip: stop the arm; tighten the grip, then lift on; or lower the object. "
-        "A real bench's file has to allow it.",
+        "Reaction to slip: stop the arm; tighten the grip and continue; or lower the object. "
+        "On a real bench the bench file must allow it.",
         stored="react",
         read=lambda kind: kind.value,
     )
     false_alarms_per_hour: float = option(
         10.0,
-        "How often a resting object may count as slipping, for --react.",
+        "For --react: accepted rate of false slip alarms per hour with a resting object.",
         min=1e-6,
         max=1e5,
         stored="false_alarms_per_hour",
     )
     max_turn_deg: float | None = option(
         None,
-        "React only when the object would else turn by more; without it at once.",
+        "For --react: react only if the object would otherwise turn by more than this. Default: react to "
+        "any slip.",
         min=0.5,
         max=180.0,
         stored="max_turn_deg",
@@ -102,13 +110,15 @@ class ReactionOptions:
 class ViewerOptions:
     """The viewers rerun and Foxglove."""
 
-    live: bool = option(False, "Open rerun: pictures, markers, angles, arm (extra 'live').")
-    live_to: Path | None = option(None, "The same into FILE.rrd, without a display.", callback=file_place)
-    foxglove: bool = option(False, "Serve it to Foxglove on this computer (extra 'foxglove').")
-    foxglove_at: str | None = option(None, "The same at HOST:PORT, by default 127.0.0.1:8765.")
+    live: bool = option(False, "Show images, markers, angles and arm in rerun (extra 'live').")
+    live_to: Path | None = option(
+        None, "As --live, but write FILE.rrd; needs no display.", callback=file_place
+    )
+    foxglove: bool = option(False, "Serve the same data to Foxglove on this computer (extra 'foxglove').")
+    foxglove_at: str | None = option(None, "As --foxglove, at HOST:PORT. Default: 127.0.0.1:8765.")
 
     def server(self, bench: "BenchConfig") -> "FoxgloveServer | None":
-        """Return the server that was asked for, and say how to look at it. Raises `InputError`."""
+        """Return the Foxglove server if an option asks for it; print its address. Raises `InputError`."""
         names = {t.serial: f"finger_{t.finger.lower()}" for t in bench.tactile}
         return foxglove_server(self.foxglove, self.foxglove_at, names)
 
@@ -123,7 +133,7 @@ def trial(
     viewers: ViewerOptions,
     watch: WatchOptions,
 ) -> None:
-    """Lift each object several times and measure its rotation from both fingertips.
+    """Lift each object several times, measure its rotation in the fingers, and compare it with the markers.
 
     Examples:
       rig trial --lifts 5
@@ -159,7 +169,11 @@ def trial(
 
 @dataclass(frozen=True, slots=True)
 class _Trial:
-    """A trial to begin or to resume. began: when the command did. usual_s: mean time per lift so far."""
+    """A trial to begin or to resume.
+
+    began: start of the command on the clock of `perf_counter`, s. done: number of finished lifts. usual_s:
+    mean time per finished lift; None if there is none.
+    """
 
     settings: "TrialSettings"
     folder: Path
@@ -173,12 +187,12 @@ class _Trial:
 
     @property
     def simulated(self) -> str:
-        """The mark of simulated results; "" on a real bench."""
+        """Prefix of printed results: "SIMULATED ", or "" on a real bench."""
         return mark(self.settings.bench.simulated)
 
     @property
     def wanted(self) -> int:
-        """Number of lifts that were asked for."""
+        """Number of requested lifts."""
         return len(self.objects) * self.lifts
 
     def plan(self) -> "Plan":
@@ -196,7 +210,7 @@ def _prepare(
     bench: BenchOptions,
     session: SessionOptions,
 ) -> _Trial:
-    """Read the bench and the session to resume, and make the settings. Raises `InputError`."""
+    """Read the bench and the session to resume; return the trial with its settings. Raises `InputError`."""
     from rig.config.objects import with_more
     from rig.experiments.reactions import require_reaction
     from rig.experiments.trial import resolve_objects
@@ -252,7 +266,7 @@ def _lift_all(
     watch: WatchOptions,
     agreed: bool,
 ) -> "TrialSummary":
-    """Carry out the lifts that are missing; return the summary of all."""
+    """Carry out the missing lifts; return the summary of all lifts."""
     from rig.bench.operators import ConsoleOperator
     from rig.bench.source import session_bench
     from rig.experiments.trial import run_trial
@@ -288,7 +302,7 @@ def _lift_all(
 
 
 def _finish(trial: _Trial, summary: "TrialSummary", session: SessionOptions) -> None:
-    """Print and report the results."""
+    """Print the results and write the report."""
     wall_s = time.perf_counter() - trial.began
     trial_table(summary, trial.simulated, wall_s, session.json)
     page = report_after(trial.folder, session.no_report)
@@ -298,7 +312,7 @@ def _finish(trial: _Trial, summary: "TrialSummary", session: SessionOptions) -> 
 
 
 def _show_partial(trial: _Trial, json: bool) -> None:
-    """Print the table of the finished lifts when a trial ends early."""
+    """Print the table of the lifts that were finished before the trial ended early."""
     from rig.results.summary import summarize_trial
     from rig.sessions.rows import read_lifts
 
@@ -313,5 +327,5 @@ def _check_limit(summary: "TrialSummary", max_mare: float | None) -> None:
         return
     reached = summary.mare.mean_deg if summary.mare else float("inf")
     if reached > max_mare:
-        say(f"rig: MARE {reached:.2f} degrees is above the limit of {max_mare:g} given with --max-mare")
+        say(f"rig: MARE {reached:.2f} degrees is above the limit of {max_mare:g} degrees (--max-mare)")
         raise typer.Exit(Exit.LIMIT_MISSED)

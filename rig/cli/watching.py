@@ -1,4 +1,4 @@
-"""What --watch, --notify and --foxglove add to a command: a page, a command run on events, and a server."""
+"""Serve the page of --watch and the data of --foxglove, and run the command of --notify on events."""
 
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager
@@ -18,7 +18,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Work:
-    """The work that the page shows. what: name of its pieces. done: number of pieces done before it began."""
+    """The work that the page shows.
+
+    what: plural name of its items, as "lifts". total: their number. done: items finished before the start.
+    """
 
     title: str
     what: str
@@ -28,9 +31,9 @@ class Work:
 
 @contextmanager
 def watched(context: typer.Context, work: Work, options: WatchOptions) -> "Iterator[tuple[Listener, ...]]":
-    """Serve the page and start the command that were asked for; yield the listeners of lifts and poses.
+    """Serve the page and notify of events, as the options ask; yield the listeners of lifts and poses.
 
-    The page stays until the command has ended, and ends on its report. Raises `InputError`.
+    The page is served until the command ends; it then shows the report. Raises `InputError`.
     """
     with ExitStack() as stack:
         listeners: tuple[Listener, ...] = ()
@@ -47,13 +50,13 @@ def watched(context: typer.Context, work: Work, options: WatchOptions) -> "Itera
             context.call_on_close(page.close)
             context.call_on_close(report_to(page.show_report))
             stack.enter_context(looking_on(page.tell))
-            say(f"watch it at {page.address}")
+            say(f"watch page: {page.address}")
             listeners = (page.listener,)
         yield listeners
 
 
 def foxglove_server(here: bool, at: str | None, names: "Mapping[str, str]") -> "FoxgloveServer | None":
-    """Return the server that was asked for, checked, and print how to connect to it; None without one.
+    """Return the server of --foxglove, checked, and print how to connect to it; None without the option.
 
     here, at: --foxglove and --foxglove-at. names: as `FoxgloveServer`. Raises `InputError`.
     """
@@ -65,5 +68,5 @@ def foxglove_server(here: bool, at: str | None, names: "Mapping[str, str]") -> "
     host, port = watch_address(at, "--foxglove-at", FOXGLOVE_PORT)
     server = FoxgloveServer(host, port, names)
     server.check()
-    say(f"Foxglove: open the connection ws://{host}:{port}, import the layout {FOXGLOVE_LAYOUT}")
+    say(f"Foxglove: open the connection ws://{host}:{port} and import the layout {FOXGLOVE_LAYOUT}")
     return server

@@ -1,4 +1,4 @@
-"""Sessions for other people's tools: tables, labelled images, data sets.
+"""Export sessions to other tools: tables, labelled images, data sets.
 
 Imports sessions, results and labels.
 """

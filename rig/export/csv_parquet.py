@@ -1,4 +1,4 @@
-"""A session as tables, in CSV or Parquet: lifts, angles, arm, gripper and frames, or poses and images.
+"""Export a session as CSV or Parquet tables: lifts, angles, arm, gripper and frames, or poses and images.
 
 Angles are in degrees, positive counter-clockwise as the external camera sees them, from the zero at
 the end of phase A. `t_s` is the bench's monotonic time, `t_lift_s` counts from the beginning of phase
@@ -64,12 +64,12 @@ IMAGE_COLUMNS: Columns = {
     "time_s": float, "contact_area_px": float,
 }  # fmt: skip
 FUSED, TRUTH = "fused", "markers"
-"""Sources of angles beside the fingertips' serials."""
+"""Sources of angles other than the fingertips' serials."""
 
 
 @dataclass(frozen=True, slots=True)
 class ExportTable:
-    """A table on its way out."""
+    """A table to export, with its rows."""
 
     name: str
     columns: Columns
@@ -132,7 +132,7 @@ def _trial_tables(request: ExportRequest, manifest: TrialManifest) -> list[Expor
 
 
 def _lines_of(request: ExportRequest, row: FinishedLift) -> Iterator[tuple[str, Line]]:
-    """Yield each message of a lift as a line, with the topic it came from."""
+    """Yield each message of a lift as a row of a table, with its topic."""
     path = request.session / row.recording
     phases = sorted((time_ns, phase) for phase, time_ns in phase_times(path).items())
     starts = [time_ns for time_ns, _ in phases]
@@ -151,7 +151,7 @@ def _lines_of(request: ExportRequest, row: FinishedLift) -> Iterator[tuple[str, 
             pose = (*tcp.position_m, *tcp.quaternion_xyzw)
             continue
         if topic == JOINTS_TOPIC and not pose:
-            raise SessionError(f"{path}: the recording is damaged (the arm's joints without its pose)")
+            raise SessionError(f"{path}: the recording is damaged (joints of the arm without its pose)")
         begun = bisect_right(starts, time_ns)
         when = {
             **identity,

@@ -1,4 +1,4 @@
-"""A lift in equal time steps: the latest value of each source at each step."""
+"""Resample a lift at equal time steps, with the latest value of each source at each step."""
 
 from bisect import bisect_right
 from collections.abc import Iterator, Mapping
@@ -34,21 +34,22 @@ from rig.sessions.recording_file import recorded_messages
 
 WRENCH_TRACK, COUNTS_NAME = "wrench", "gripper_counts"
 UNKNOWN_SIGMA_DEG = 180.0
-"""Sigma of an angle that is not known: a number, because NaN would spoil the statistics of a data set."""
+"""Sigma of an unknown angle. A number, because NaN would make the statistics of a data set NaN."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Episode:
-    """A lift from the grasp until it is set down, N steps of 1/rate.
+    """A lift from the grasp to the end of the hold, in N time steps of 1/rate.
 
-    images: by serial, per step the window of its newest stored JPEGs, the newest first. ages_s: by serial,
-    (N, K) float32, how long before the step each of them was taken; a window that reaches back before the
-    first frame repeats that frame. state: (N, K) float32, TCP position in m, quaternion xyzw, position of the
-    gripper, and the wrench in the base's axes (N, N m) if recorded; names: of its components. commanded:
-    number of leading components of the state that are positions. joints_rad: (N, 6) float32. angle: (N, 3)
-    float32, the last estimate (deg, 0 before the first), its sigma (deg, `UNKNOWN_SIGMA_DEG` if unknown),
-    and 1 if the newest message has an angle, else 0. truth_deg: (N,) float32, the last true angle (0 before
-    the first); truth_known: (N,) bool, whether the newest message has one.
+    images: by serial, for each step the window of the newest stored JPEGs, newest first. A window that begins
+    before the first frame repeats that frame. ages_s: by serial, (N, K) float32, time from the capture of
+    each of these frames to the step. state: (N, K) float32, TCP position in m, quaternion xyzw, position of
+    the gripper, and the wrench in the base's axes (N, N m) if recorded. names: of the components of the
+    state. commanded: number of leading components of the state that are positions. joints_rad: (N, 6)
+    float32. angle: (N, 3) float32, the last estimate (deg, 0 before the first), its sigma (deg,
+    `UNKNOWN_SIGMA_DEG` if unknown), and 1 if the newest message has an angle, else 0. truth_deg: (N,)
+    float32, the last true angle (0 before the first). truth_known: (N,) bool, whether the newest message has
+    a true angle.
     """
 
     images: dict[str, list[list[bytes]]]
@@ -69,7 +70,7 @@ class Episode:
 
 @dataclass(slots=True)
 class _Track:
-    """Values of one source over time, for looking up the latest."""
+    """Values of one source over time, with look-up of the latest."""
 
     time_ns: list[int] = field(default_factory=list)
     values: list[Any] = field(default_factory=list)
@@ -79,7 +80,7 @@ class _Track:
         self.values.append(value)
 
     def at(self, time_ns: int) -> Any:
-        """Return the latest value up to a time, None before the first."""
+        """Return the latest value up to a time; None before the first."""
         window = self.window(time_ns, 1)
         return window[0][1] if window else None
 
@@ -94,9 +95,9 @@ class _Track:
 
 
 def read_episode(recording: Path, rate_hz: int, windows: Mapping[str, int]) -> Episode:
-    """Read a recorded lift at `rate_hz` steps a second. Raises `SessionError` when it is damaged.
+    """Read a recorded lift at `rate_hz` steps per second. Raises `SessionError` if it is damaged.
 
-    windows: number of frames in the window of each serial, 1 by default.
+    windows: number of frames in the window of each serial; 1 for serials without entry.
     """
     phases = phase_times(recording)
     tracks: dict[str, _Track] = {}
@@ -106,12 +107,12 @@ def read_episode(recording: Path, rate_hz: int, windows: Mapping[str, int]) -> E
     serials = sorted(topic.removeprefix(IMAGE_PREFIX) for topic in tracks if topic.startswith(IMAGE_PREFIX))
     needed = [tracks.get(topic) for topic in (ARM_TOPIC, JOINTS_TOPIC, GRIPPER_TOPIC)]
     if None in needed or not serials:
-        raise SessionError(f"{recording}: holds no arm, gripper or image; the session is damaged")
+        raise SessionError(f"{recording}: has no arm, gripper or image data; the session is damaged")
     seen = [track for topic, track in tracks.items() if topic not in (FUSED_TOPIC, TRUTH_TOPIC)]
     start = max(phases[Phase.GRASP], *(track.time_ns[0] for track in seen))
     count = (phases[Phase.LOWER] - start) * rate_hz // NS_PER_S
     if count < 1:
-        raise SessionError(f"{recording}: holds no step from its grasp to its end; the session is damaged")
+        raise SessionError(f"{recording}: has no data between grasp and end; the session is damaged")
     times = [start + step * NS_PER_S // rate_hz for step in range(count)]
     frames = {s: [tracks[image_topic(s)].window(t, windows.get(s, 1)) for t in times] for s in serials}
     gripper = tracks[GRIPPER_TOPIC].at(start)[0]
@@ -138,7 +139,7 @@ def read_episode(recording: Path, rate_hz: int, windows: Mapping[str, int]) -> E
 
 
 def _values(topic: str, data: bytes, path: Path) -> Iterator[tuple[str, Any]]:
-    """Yield what a message holds, by the name of its track."""
+    """Yield the values of a message with the names of their tracks."""
     if topic.startswith(IMAGE_PREFIX):
         yield topic, recorded_jpeg(data, path)
     elif topic == ARM_TOPIC:
@@ -164,7 +165,7 @@ def _ages_s(windows: list[list[tuple[int, bytes]]], times: list[int]) -> NDArray
 
 
 def _angles(track: _Track | None, times: list[int]) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-    """Return the last angle known at each time, and whether the newest message had one."""
+    """Return the last known angle at each time, and whether the newest message has an angle."""
     latest = [(track.at(t) or (None,))[0] if track else None for t in times]
     held, last = np.zeros(len(times), np.float32), 0.0
     for step, angle in enumerate(latest):

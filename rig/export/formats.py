@@ -1,4 +1,4 @@
-"""Export formats by name; an export is written completely or not at all."""
+"""Export sessions by the name of a format; an export is written completely or not at all."""
 
 from dataclasses import replace
 from importlib import import_module
@@ -14,9 +14,9 @@ from rig.export.result import Exported, Exporter, ExportRequest, export_request
 
 
 def _needs(package: str, extra: str, to: str) -> Exporter:
-    """Return the exporter `export_TO` of `rig.export.TO`, imported when it is first used.
+    """Return the exporter `export_TO` of the module `rig.export.TO`, which is imported on first use.
 
-    It raises `InputError` if the extra's package is not installed.
+    The exporter raises `InputError` if the package of the extra is not installed.
     """
 
     def export(request: ExportRequest) -> Exported:
@@ -40,23 +40,23 @@ FORMATS: dict[str, Exporter] = {
 
 
 def export_session(session: Path, to: str, out: Path, every: int = 10, uri: str | None = None) -> Exported:
-    """Export a session into the new folder `out`; the session stays as it is.
+    """Export a session to the new folder `out`, without changing the session.
 
-    to: one of `FORMATS`. every, uri: see `ExportRequest`. Raises `InputError` when the folder is taken or
-    the session has nothing of the kind, `SessionError` when it is damaged, `RecordingError` when
-    nothing can be written. Nothing is left in `out` then.
+    to: one of `FORMATS`. every, uri: see `ExportRequest`. Raises `InputError` if the folder exists or the
+    format does not fit the session, `SessionError` if the session is damaged, and `RecordingError` if the
+    folder cannot be written. After an error `out` does not exist.
     """
     if to not in FORMATS:
         raise unknown_name("format", to, FORMATS)
     if not session.is_dir():
-        raise InputError(f"{session}: no such session folder")
+        raise InputError(f"{session}: session folder not found")
     if out.exists():
         raise InputError(f"{out} exists already: remove it, or give another --out")
     request = export_request(session, out, every)
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
         with TemporaryDirectory(prefix=f".{out.name}-", dir=out.parent) as aside:
-            # a folder in it, with the permissions that a folder has here
+            # a folder inside, because the temporary folder itself has restricted permissions
             whole = Path(aside) / out.name
             whole.mkdir()
             exported = FORMATS[to](replace(request, out=whole, uri=uri))

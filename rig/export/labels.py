@@ -1,4 +1,4 @@
-"""Contact masks as COCO or LabelMe, beside copies of the images."""
+"""Export contact masks as COCO or LabelMe files, with copies of the images."""
 
 import json
 from collections import Counter
@@ -22,14 +22,18 @@ from rig.tactile.contact.finder import ContactFinder
 
 TRUE_NOTE = "mask: the simulator's true contact"
 FOUND_NOTE = (
-    "mask: proposed by plain image processing (rig/tactile/contact/finder.py); look before you train on it"
+    "mask: proposed by image processing (rig/tactile/contact/finder.py); check it before you train on it"
 )
 LABEL = "contact"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ContactImage:
-    """An image as stored, (H, W) its mask of 0 and 255, and where the mask comes from."""
+    """An image with its contact mask.
+
+    name: path in the export. encoded: the stored bytes of the image. mask: (H, W) uint8, 0 or 255. note:
+    origin of the mask.
+    """
 
     name: str
     encoded: bytes
@@ -38,12 +42,12 @@ class ContactImage:
 
     @property
     def size(self) -> tuple[int, int]:
-        """Width and height, px."""
+        """Width and height in px."""
         return self.mask.shape[1], self.mask.shape[0]
 
 
 def contact_images(request: ExportRequest) -> Iterator[ContactImage]:
-    """Yield a recording's images, or every Nth frame with contact of a trial's fingertips.
+    """Yield the images of a recording, or every Nth frame with contact of a trial's fingertips.
 
     Raises `SessionError` if an image or a recording is missing or damaged.
     """
@@ -95,7 +99,7 @@ def _read(path: Path) -> Image:
 def _mask(path: Path, picture: Image) -> Image:
     mask = load_image(path, grey=True)
     if mask is None or mask.shape != picture.shape[:2]:
-        raise SessionError(f"{path}: the true mask cannot be read or is not of its image's size")
+        raise SessionError(f"{path}: the true mask cannot be read, or its size differs from the image's")
     return mask
 
 
@@ -114,7 +118,7 @@ def export_coco(request: ExportRequest) -> Exported:
 
 
 def export_labelme(request: ExportRequest) -> Exported:
-    """Write the images with LabelMe's file beside each. Raises `SessionError` for a damaged session."""
+    """Write the images with a LabelMe file for each. Raises `SessionError` for a damaged session."""
     notes = Counter[str]()
     for image in contact_images(request):
         path = PurePosixPath(image.name)

@@ -1,11 +1,11 @@
-"""A trial as a LeRobotDataset, format 3.0: an episode per lift, a file per episode.
+"""Export a trial as a LeRobotDataset, format 3.0: an episode per lift, a file per episode.
 
-A row is a step of the camera. The format has one image per row and feature, so the tactile frames since
-the step before, if fingertips are faster than the camera, are further features of type "image".
+A row is a time step at the rate of the camera. The format has one image per row and feature. If fingertips
+are faster than the camera, their earlier frames since the last step are further features of type "image".
 
-Format: huggingface/lerobot, `datasets/lerobot_dataset.py` and `datasets/utils.py` of version 0.4.
-Images stay the stored JPEGs, inside the Parquet files (feature type "image"): a video codec would
-change the shades that the estimators live on.
+Format: huggingface/lerobot, `datasets/lerobot_dataset.py` and `datasets/utils.py` of version 0.4. The stored
+JPEGs are copied into the Parquet files (feature type "image"), because a video codec would change the small
+differences in brightness that the estimators use.
 """
 
 import math
@@ -42,14 +42,14 @@ EVERY_IMAGE = 30
 
 
 class StoredJpeg(TypedDict):
-    """A stored JPEG as the data set holds it, with the name it would have as a file."""
+    """An entry of an image column: the stored JPEG and a file name."""
 
     bytes: bytes
     path: str
 
 
 def export_lerobot(request: ExportRequest) -> Exported:
-    """Write the data set. Raises `SessionError` for a recording, `InputError` without pyarrow."""
+    """Write the data set. Raises `SessionError` for a session of rig record, `InputError` without pyarrow."""
     why = "a recording has images at rest, no episodes; use --to coco or labelme"
     manifest = require_kind(request.session, request.manifest, TrialManifest, why)
     pyarrow_modules()
@@ -80,12 +80,12 @@ def _task(lift: FinishedLift) -> str:
 
 
 def image_key(name: str, back: int) -> str:
-    """Return the feature of a source's images. back: number of frames before the newest one."""
+    """Return the name of the feature for a source's images. back: number of frames before the newest."""
     return f"observation.tactile.{name}.{back}" if back else f"observation.images.{name}"
 
 
 def _features(episode: Episode, names: Mapping[str, str]) -> dict[str, Feature]:
-    """Return the features as `meta/info.json` lists them. names: of the sources by serial."""
+    """Return the features for `meta/info.json`. names: names of the sources by serial."""
     features: dict[str, Feature] = {}
     for serial, windows in episode.images.items():
         height, width = decode_stored(windows[0][0]).shape[:2]
@@ -104,13 +104,13 @@ def _features(episode: Episode, names: Mapping[str, str]) -> dict[str, Feature]:
 
 
 def _ages(episode: Episode, names: Mapping[str, str]) -> dict[str, NDArray[np.float32]]:
-    """Return the ages of the frames, s, of each source with more than one per step."""
+    """Return the ages of the frames in s, for each source with more than one frame per step."""
     windows = {f"observation.tactile.{names[s]}.age_s": ages for s, ages in episode.ages_s.items()}
     return {key: ages for key, ages in windows.items() if ages.shape[1] > 1}
 
 
 def _pictures(episode: Episode, names: Mapping[str, str], number: int) -> dict[str, list[StoredJpeg]]:
-    """Return the stored images of each feature, one per step."""
+    """Return the stored images by feature, one per step."""
     return {
         image_key(names[serial], back): [
             {"bytes": window[back], "path": f"{serial}-{number:03d}-{step:06d}-{back}.jpg"}
@@ -124,7 +124,7 @@ def _pictures(episode: Episode, names: Mapping[str, str], number: int) -> dict[s
 def _columns(
     episode: Episode, names: Mapping[str, str], number: int, first: int, task: int, fps: int
 ) -> dict[str, NDArray[Any]]:
-    """Return an episode's numbers, each with one value per step."""
+    """Return the numeric columns of an episode, with one row per step."""
     steps = np.arange(episode.steps)
     commanded = episode.state[:, : episode.commanded]
     return {
@@ -166,7 +166,7 @@ def _write_data(
             return arrow.array(columns[name], kind)
         return arrow.array(np.asarray(columns[name]).tolist(), arrow.list_(kind, feature.shape[0]))
 
-    # JPEGs do not compress; without compression the loader maps them as they are.
+    # JPEGs cannot be compressed further; without compression the loader can memory-map them.
     table = arrow.Table.from_arrays([column(name) for name in features], names=list(features))
     parquet.write_table(table, path, compression="none", use_dictionary=False, row_group_size=100)
 

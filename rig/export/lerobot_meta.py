@@ -1,4 +1,4 @@
-"""The metadata of a LeRobotDataset: `meta/` with statistics, and a card for people."""
+"""Write the metadata of a LeRobotDataset: `meta/` with statistics, and the card README.md."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -50,10 +50,10 @@ class _Sums:
 
 @dataclass(slots=True)
 class FeatureStatistics:
-    """Minimum, maximum, mean and standard deviation by feature, accumulated episode by episode.
+    """Minimum, maximum, mean and standard deviation of each feature, accumulated over episodes.
 
-    Vectors by component; images by channel, 1 at full scale. Accumulated because the images of a session do
-    not fit into memory together; LeRobot's own code for this needs torch.
+    Statistics of vectors are per component, those of images per channel, scaled to 0..1. They are accumulated
+    because the images of a session do not fit into memory. LeRobot's own code for this needs torch.
     """
 
     _sums: dict[str, _Sums] = field(default_factory=dict)
@@ -67,7 +67,7 @@ class FeatureStatistics:
         self._add(name, image.reshape(-1, 3) / 255.0, 1, (3, 1, 1))
 
     def as_json(self) -> dict[str, dict[str, Sequence[object]]]:
-        """Return `min`, `max`, `mean`, `std` and `count` of each feature, as LeRobot lists them."""
+        """Return `min`, `max`, `mean`, `std` and `count` of each feature, in LeRobot's format."""
         return {name: _as_json(sums) for name, sums in self._sums.items()}
 
     def _add(self, name: str, values: Floats, count: int, shape: tuple[int, ...]) -> None:
@@ -90,7 +90,7 @@ def _as_json(sums: _Sums) -> dict[str, Sequence[object]]:
 
 @dataclass(frozen=True, slots=True)
 class Feature:
-    """A column of the data set. names: of the components, None for a single number."""
+    """A column of the data set. names: names of the components; None for a single number."""
 
     dtype: str
     shape: list[int]
@@ -106,9 +106,9 @@ def write_meta(
     frames: int,
     statistics: FeatureStatistics,
 ) -> None:
-    """Write `meta/` and the card. features, episodes: as `info.json` and `meta/episodes` list them.
+    """Write `meta/` and the card.
 
-    frames: steps of all episodes.
+    features: as in `info.json`. episodes: rows of `meta/episodes`. frames: number of steps of all episodes.
     """
     arrow, parquet = pyarrow_modules()
     out = request.out
@@ -140,7 +140,7 @@ def write_meta(
 
 
 def _sources(request: ExportRequest) -> str:
-    """Return the sensor behind each key."""
+    """Return a text with the sensor of each image feature."""
     bench = getattr(request.manifest, "config", None)
     if bench is None:
         return "see the session"
@@ -149,7 +149,7 @@ def _sources(request: ExportRequest) -> str:
 
 
 def _tasks_table(tasks: list[str]) -> Any:
-    """Return the tasks with their text as pandas' index, which is how the loader looks them up."""
+    """Return the table of tasks with their text as the pandas index, which the loader needs."""
     arrow, _ = pyarrow_modules()
     index = "__index_level_0__"
     table = arrow.table({"task_index": list(range(len(tasks))), index: tasks})

@@ -1,4 +1,4 @@
-"""A trial as a run of MLflow: its figures, settings, tags and report, at a tracking server or in a store."""
+"""Log a trial as a run of MLflow: figures, settings, tags and report, on a tracking server or in a store."""
 
 import json
 import math
@@ -17,13 +17,14 @@ ENTITIES: Any = import_module("mlflow.entities")
 LOGGED_FILES = ("report.html", "session.json", "lifts.csv")
 """Files of a session that are stored with the run, if they are there."""
 LONGEST_PARAM = 6000
-"""Characters of a parameter that every MLflow takes."""
+"""Number of characters of a parameter that all versions of MLflow accept."""
 
 
 def export_mlflow(request: ExportRequest) -> Exported:
-    """Log the run, and write `run.json`, which names it, into the export's folder.
+    """Log the run, and write `run.json` with its id to the folder of the export.
 
-    Raises `SessionError` for a recording, `InputError` without `request.uri` or if it takes no run.
+    Raises `SessionError` for a session of rig record, `InputError` without `request.uri` or if the server
+    does not accept the run.
     """
     why = "a recording has no figures; --to mlflow is for trials"
     manifest = require_kind(request.session, request.manifest, TrialManifest, why)
@@ -41,7 +42,7 @@ def export_mlflow(request: ExportRequest) -> Exported:
 
 
 def _log(client: Any, request: ExportRequest, manifest: TrialManifest, metrics: list[Any]) -> dict[str, str]:
-    """Log everything; return the names of experiment and run."""
+    """Log everything; return the name of the experiment and the id of the run."""
     name = f"rig trial, bench {manifest.bench}"
     known = client.get_experiment_by_name(name)
     experiment = client.create_experiment(name) if known is None else known.experiment_id
@@ -92,12 +93,12 @@ def _tags(request: ExportRequest, manifest: TrialManifest) -> list[Any]:
 
 
 def _figures(request: ExportRequest) -> list[Any]:
-    """Return the trial's figures under the names of `rig trial --json`."""
+    """Return the figures of the trial as metrics, with the names of `rig trial --json`."""
     return _metrics(summarize_trial(request.lifts).as_json(), "", 0)
 
 
 def _lifts(request: ExportRequest, manifest: TrialManifest) -> list[Any]:
-    """Return the numbers of each lift, named `lift.COLUMN` as in lifts.csv; the step is the lift's number."""
+    """Return the figures of each lift as metrics `lift.COLUMN`, columns as in lifts.csv, by lift number."""
     head = TableHead(
         request.session.name, manifest.started, manifest.bench, manifest.estimator, manifest.window
     )

@@ -1,4 +1,4 @@
-"""A trial as one file for the rerun viewer, with the entities and the layout of the live view."""
+"""Export a trial to one file for the rerun viewer, with the entities and layout of the live view."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -16,7 +16,7 @@ FILE = "lifts.rrd"
 
 
 def export_rerun(request: ExportRequest) -> Exported:
-    """Write the file, the lifts one after the other. Raises `SessionError` for a recording."""
+    """Write the lifts one after the other. Raises `SessionError` for a session of rig record."""
     why = "a recording has images at rest, no lifts; use --to coco or labelme"
     manifest = require_kind(request.session, request.manifest, TrialManifest, why)
     scene, messages, camera = RerunScene(request.out / FILE), 0, manifest.config.camera.serial
@@ -32,7 +32,7 @@ def export_rerun(request: ExportRequest) -> Exported:
 
 
 def _messages(recording: Path, camera: str) -> Iterator[Message]:
-    """Yield a recorded lift as the live view's messages. Raises `SessionError` if it is damaged."""
+    """Yield a recorded lift as messages of the live view. Raises `SessionError` if it is damaged."""
     for phase, time_ns in phase_times(recording).items():
         yield Message("phase", {"phase": phase, "time_ns": time_ns})
     for topic, time_ns, _, data in recorded_messages(recording):

@@ -18,8 +18,8 @@ class ExportRequest:
     """A session and the folder of its export, which exists and is empty.
 
     lifts: all attempts of a trial. poses: all attempts of a recording. every: every Nth frame of a trial
-    becomes a labelled image. left_out: unreadable parts of the session, with reasons. uri: MLflow's tracking
-    URI, None if none was given.
+    becomes a labelled image. left_out: unreadable parts of the session, with reasons. uri: tracking URI of
+    MLflow; None if not given.
     """
 
     session: Path
@@ -33,12 +33,12 @@ class ExportRequest:
 
     @property
     def finished_lifts(self) -> list[FinishedLift]:
-        """Lifts that count."""
+        """The lifts that were completed."""
         return finished(self.lifts)
 
     @property
     def accepted_poses(self) -> list[PoseRow]:
-        """Poses that count."""
+        """The poses that were accepted."""
         return [pose for pose in self.poses if pose.accepted]
 
 
@@ -55,7 +55,7 @@ Exporter = Callable[[ExportRequest], Exported]
 
 
 def export_request(session: Path, out: Path, every: int) -> ExportRequest:
-    """Read the session of an export. Raises `SessionError` if it is no trial or recording."""
+    """Read the session of an export. Raises `SessionError` if it is neither a trial nor a recording."""
     kinds = (TrialManifest, RecordManifest)
     manifest = read_manifest_of(session, kinds, "trials and recordings can be exported")
     if isinstance(manifest, TrialManifest):
@@ -69,16 +69,16 @@ def export_request(session: Path, out: Path, every: int) -> ExportRequest:
             session, out, manifest, poses=tuple(poses), left_out=tuple(flaws), every=every
         )
     if not request.finished_lifts and not request.accepted_poses:
-        raise SessionError(f"{session}: nothing is finished yet; continue it with --resume first")
+        raise SessionError(f"{session}: has no finished lift or pose; continue the session with --resume")
     return request
 
 
 def simulated_mark(manifest: BenchManifest) -> str:
-    """Return "SIMULATED " for a simulated session, else nothing."""
+    """Return "SIMULATED " for a simulated session, else ""."""
     return "SIMULATED " if manifest.simulated else ""
 
 
 def source_name(serial: str, bench: BenchConfig) -> str:
-    """Return the name of a source of images, the same for each bench: "camera", or its finger, "finger_b"."""
+    """Return the name of an image source that is the same on every bench: "camera", or as "finger_b"."""
     fingers = {tactile.serial: f"finger_{tactile.finger.lower()}" for tactile in bench.tactile}
     return CAMERA if serial == bench.camera.serial else fingers.get(serial, serial)

@@ -1,12 +1,14 @@
-"""A trial as ROS 2 bags (MCAP storage), one per lift, with standard messages alone; written without ROS.
+"""Export a trial as ROS 2 bags (MCAP storage), one per lift, with standard messages; ROS is not needed.
 
-Stamps are the recording's own, as dates; of an image, its capture. Frames: `base`, the arm's base as its
-controller has it; `tool`, the tool centre point; `camera_optical_frame` (x right, y down, z forward);
-`table`; `finger_b_optical_frame` of the fingertip on finger B, whose pose on the tool is not measured.
+Stamps are those of the recording, converted to UTC; for an image, its capture time. The frames are `base`
+(base frame of the arm's controller), `tool` (tool centre point), `camera_optical_frame` (x right, y down, z
+forward), `table`, and `finger_b_optical_frame` for the fingertip on finger B. The pose of a fingertip on the
+tool is not measured, so there is no transform to it.
 
-Angles are JointState messages: unlike Vector3Stamped they name their values, here `angle` and `angle_sigma`,
-and unlike a quaternion an angle may pass half a turn. They are in rad (REP 103), NaN if refused or unknown,
-positive counter-clockwise as the camera sees the object, so about -z of its frame.
+Angles are JointState messages. Unlike those of Vector3Stamped, their values have names, here `angle` and
+`angle_sigma`; unlike with a quaternion, an angle may exceed half a turn. They are in rad (REP 103), NaN if
+refused or unknown, and counter-clockwise positive in the camera image, which is a rotation about -z of the
+camera frame.
 """
 
 import math
@@ -59,15 +61,15 @@ from rig.sessions.recording_file import recorded_messages
 BASE, TOOL = "base", "tool"
 STATIC = "/tf_static"
 ANGLES = {FUSED_TOPIC: "estimate", TRUTH_TOPIC: "markers"}
-"""Names of the angles that are not a fingertip's."""
+"""Names of the angles that do not belong to a fingertip."""
 JOINTS = tuple(
     f"{name}_joint" for name in ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
 )
-"""As ur_description names a UR5e's."""
+"""Joint names of a UR5e in ur_description."""
 BAG_VERSION = 8
-"""Version of a bag's metadata: the older of the two that rosbags writes."""
+"""Version of the bag's metadata: the older of the two versions that rosbags can write."""
 LAST_NS = 2**31 * NS_PER_S
-"""End of the times that ROS's stamps can hold, in 2038."""
+"""First time that does not fit into a ROS stamp (int32 seconds), in 2038."""
 _NEVER = QosTime(0, 0)
 LATCHED = Qos(
     QosHistory.KEEP_LAST,
@@ -80,13 +82,16 @@ LATCHED = Qos(
     _NEVER,
     False,
 )
-"""Quality of service of static transforms: a node that starts later receives them too."""
+"""Quality of service of static transforms: nodes that start later receive them, too."""
 Stamped = tuple[int, str, Any]
 """Time in ns, topic, message."""
 
 
 def export_rosbag2(request: ExportRequest) -> Exported:
-    """Write a bag per lift, a folder named after its recording. Raises `SessionError` for a recording."""
+    """Write a bag per lift, in a folder with the name of the lift's recording.
+
+    Raises `SessionError` for a session of rig record.
+    """
     why = "a recording has images at rest, no lifts; use --to coco or labelme"
     manifest = require_kind(request.session, request.manifest, TrialManifest, why)
     mark, messages = simulated_mark(manifest), 0
@@ -100,7 +105,7 @@ def export_rosbag2(request: ExportRequest) -> Exported:
 
 
 def _write(folder: Path, messages: Iterator[Stamped], about: dict[str, str]) -> int:
-    """Write a bag in the order of time; return its number of messages."""
+    """Write a bag with its messages in order of time; return their number."""
     types, connections = get_typestore(Stores.ROS2_HUMBLE), dict[str, Connection]()
     with Writer(folder, version=BAG_VERSION, storage_plugin=StoragePlugin.MCAP) as bag:
         for key, value in about.items():
@@ -123,7 +128,7 @@ def _messages(recording: Path, bench: BenchConfig) -> Iterator[Stamped]:
     static = {_optical(CAMERA): bench.base_T_camera(), "table": Pose(bench.table.position_m)}
     for topic, time_ns, _, data in recorded_messages(recording, dated=True):
         if time_ns >= LAST_NS:
-            raise SessionError(f"{recording}: has a stamp after 2038, which ROS cannot hold; use --to csv")
+            raise SessionError(f"{recording}: has a time after 2038, too late for ROS stamps; use --to csv")
         if static:
             yield time_ns, STATIC, _transforms(time_ns, static)
             static = {}
@@ -157,7 +162,7 @@ def _messages(recording: Path, bench: BenchConfig) -> Iterator[Stamped]:
 
 
 def _fingers(kept: RecordedGripper, bench: BenchConfig) -> dict[str, float]:
-    """Return the opening in m and, if recorded, the counts. Version 1.0 recorded the counts alone."""
+    """Return the opening in m and, if recorded, the counts. Version 1.0 recorded only the counts."""
     fingers: dict[str, float] = {}
     if kept.opening_m is not None:
         fingers["gripper_opening"] = kept.opening_m
@@ -170,7 +175,7 @@ def _fingers(kept: RecordedGripper, bench: BenchConfig) -> dict[str, float]:
 
 
 def _optical(source: str) -> str:
-    """Return the frame of a source's images: x right, y down, z forward (REP 103)."""
+    """Return the name of the frame of a source's images: x right, y down, z forward (REP 103)."""
     return f"{source}_optical_frame"
 
 
@@ -190,7 +195,7 @@ def _values(time_ns: int, frame: str, values: Mapping[str, float]) -> ros.sensor
 
 
 def _transforms(time_ns: int, poses: Mapping[str, Pose]) -> ros.tf2_msgs__msg__TFMessage:
-    """poses: `base_T_child` by the name of the child."""
+    """Return the message of transforms. poses: `base_T_child` by the name of the child."""
     return ros.tf2_msgs__msg__TFMessage(
         [
             ros.geometry_msgs__msg__TransformStamped(
@@ -207,7 +212,7 @@ def _transforms(time_ns: int, poses: Mapping[str, Pose]) -> ros.tf2_msgs__msg__T
 
 
 def _wrench(time_ns: int, tool: Pose, wrench: Vector6) -> ros.geometry_msgs__msg__WrenchStamped:
-    """Turn a wrench at the tool from the base's axes into the tool's, in which ROS has it."""
+    """Return the message of a wrench. wrench: at the TCP in the base's axes; ROS expects the tool's axes."""
     force, torque = tool.rotation.inv().apply(np.reshape(wrench, (2, 3)))
     vectors = (ros.geometry_msgs__msg__Vector3(*map(float, vector)) for vector in (force, torque))
     return ros.geometry_msgs__msg__WrenchStamped(

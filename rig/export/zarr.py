@@ -1,8 +1,8 @@
-"""A trial in the layout of Open-X-Tactile (FTP-1): a Zarr store per object, its lifts one after the other.
+"""Export a trial in the layout of Open-X-Tactile (FTP-1): a Zarr store per object, with all its lifts.
 
-Layout: the page "FTP-1 Data Processing Tutorial" of the repository ftp1-policy, and the cards of data sets of
-Open-X-Tactile. All arrays have one time axis, the steps of the external camera. Arrays that begin with
-`object_angle` are no part of that layout; its loader ignores them.
+Layout: the page "FTP-1 Data Processing Tutorial" of the repository ftp1-policy, and the cards of the data
+sets of Open-X-Tactile. The first axis of all arrays is the time step, at the rate of the external camera.
+Arrays whose name begins with `object_angle` are not part of that layout; its loader ignores them.
 """
 
 from collections.abc import Iterator
@@ -25,11 +25,11 @@ from rig.sessions.manifest import TrialManifest, require_kind
 from rig.sessions.records import FinishedLift
 
 ZARR_FORMAT = 2
-"""The format of the published stores; zarr 3 reads both."""
+"""Zarr format of the published stores; the package zarr 3 reads formats 2 and 3."""
 GRIPPER_SLOT, WRIST_AREA = 28, 15
-"""Canonical slot of a gripper's one joint, and area of a force at the wrist."""
+"""Numbers in the FTP-1 layout: slot of the joint of a gripper, area of a force at the wrist."""
 FRAMES_AT_ONCE = 32
-"""Images that are decoded before they are written: some 30 MB."""
+"""Number of images per source that are decoded at once, about 30 MB."""
 UNITS = {
     "timestamps": "s",
     "right_wrist_pose": "m, rotation vector in rad; base_T_tcp",
@@ -43,7 +43,10 @@ UNITS = {
 
 
 def export_zarr(request: ExportRequest) -> Exported:
-    """Write the stores. Raises `SessionError` for a recording, `InputError` for images of different sizes."""
+    """Write the stores.
+
+    Raises `SessionError` for a session of rig record, `InputError` for images of different sizes.
+    """
     why = "a recording has images at rest, no lifts; use --to coco or labelme"
     manifest = require_kind(request.session, request.manifest, TrialManifest, why)
     fps, mark, steps = round(manifest.config.camera.rate_hz), simulated_mark(manifest).strip(), 0
@@ -74,7 +77,10 @@ def _task(lift: FinishedLift) -> str:
 
 
 def _openings_m(episode: Episode, bench: BenchConfig) -> NDArray[np.float32]:
-    """Return the gripper's opening, (N, 1). The loader takes values above 100, as counts, for glitches."""
+    """Return the gripper's opening in m, (N, 1).
+
+    Counts are converted, because the loader removes values above 100 as outliers.
+    """
     place = len(POSE)
     values = episode.state[:, place]
     if episode.names[place] == COUNTS_NAME:
@@ -84,7 +90,7 @@ def _openings_m(episode: Episode, bench: BenchConfig) -> NDArray[np.float32]:
 
 
 def _numbers(episode: Episode, fps: int, sensors: int) -> Iterator[tuple[str, NDArray[Any]]]:
-    """Yield the arrays that need no other knowledge than the episode's, one row per step."""
+    """Yield names and values of the arrays that depend only on the episode, with one row per step."""
     count, pose = episode.steps, len(POSE)
     rotation = Rotation.from_quat(episode.state[:, 3:pose]).as_rotvec()
     yield "timestamps", np.arange(count) / fps
@@ -115,7 +121,7 @@ def _described(
 
 
 def _append_images(data: Any, name: str, sources: list[list[list[bytes]]]) -> None:
-    """Append the newest image of each step, (N, H, W, 3) of one source, (N, sources, H, W, 3) of several."""
+    """Append the newest image of each step, (N, H, W, 3) for one source, else (N, sources, H, W, 3)."""
     for first in range(0, len(sources[0]), FRAMES_AT_ONCE):
         blocks = [[decode_stored(w[0]) for w in each[first : first + FRAMES_AT_ONCE]] for each in sources]
         shapes = {image.shape for block in blocks for image in block}
@@ -126,9 +132,9 @@ def _append_images(data: Any, name: str, sources: list[list[list[bytes]]]) -> No
 
 
 def _append(data: Any, name: str, values: NDArray[Any]) -> None:
-    """Append to an array, which is made with its unit when it is first used.
+    """Append values to an array; create the array with its unit if it does not exist.
 
-    Images are in chunks of one step.
+    The chunk size of images is one step.
     """
     if name in data:
         data[name].append(values)

@@ -1,5 +1,5 @@
-"""What `import rig` offers to programs: sessions as arrays, estimators over frames, scores, calibrations.
+"""The Python interface of `import rig`: sessions as arrays, estimators over frames, scores, calibrations.
 
-The names stand in `rig/__init__.py`, which imports each when it is first asked for. May import everything
-below the benchmarks.
+`rig/__init__.py` lists its names and imports each on first use. It may import all packages except the
+benchmarks.
 """

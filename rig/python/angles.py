@@ -1,4 +1,4 @@
-"""An angle over time, as arrays."""
+"""Arrays of an angle over time."""
 
 from dataclasses import dataclass, field
 from importlib import import_module
@@ -20,9 +20,9 @@ Floats = NDArray[np.float64]
 class Angles:
     """An angle over time.
 
-    time_s: (N,) s, never going back. angle_deg: (N,) degrees, NaN where refused. sigma_deg: (N,) one standard
-    deviation, NaN where unknown; all of it unknown by default. states: (N,) what the estimator claimed, or
-    empty. Anything numpy makes such arrays of is taken. Raises `InputError` for other shapes.
+    time_s: (N,) s, not decreasing. angle_deg: (N,) degrees, NaN if refused. sigma_deg: (N,) standard
+    deviation, NaN if unknown; by default all are unknown. states: (N,) states of the estimator, or empty.
+    Lists and other types that numpy can convert are accepted. Raises `InputError` for other shapes.
     """
 
     time_s: Floats
@@ -37,9 +37,11 @@ class Angles:
         sigma_deg = _row("sigma_deg", self.sigma_deg)
         sigma_deg = sigma_deg if sigma_deg.size else np.full(time_s.shape, np.nan)
         if not time_s.shape == angle_deg.shape == sigma_deg.shape or len(self.states) not in (0, len(time_s)):
-            raise InputError(f"Angles: {len(time_s)} times and {len(angle_deg)} angles: give as many of each")
+            raise InputError(
+                f"Angles: {len(time_s)} times and {len(angle_deg)} angles: give the same number of each"
+            )
         if not np.isfinite(time_s).all() or (np.diff(time_s) < 0).any():
-            raise InputError("Angles: time_s is to be finite and never to go back: sort the rows by time")
+            raise InputError("Angles: time_s must be finite and not decrease: sort the rows by time")
         for name, values in (("time_s", time_s), ("angle_deg", angle_deg), ("sigma_deg", sigma_deg)):
             object.__setattr__(self, name, values)
 
@@ -47,7 +49,7 @@ class Angles:
         return len(self.time_s)
 
     def to_pandas(self) -> "DataFrame":
-        """Return a pandas DataFrame with the columns time_s, angle_deg, sigma_deg, and state where known."""
+        """Return a pandas DataFrame with the columns time_s, angle_deg, sigma_deg and, if known, state."""
         columns: dict[str, Any] = {
             "time_s": self.time_s, "angle_deg": self.angle_deg, "sigma_deg": self.sigma_deg,
         }  # fmt: skip
@@ -55,7 +57,7 @@ class Angles:
 
 
 def data_frame(columns: Any) -> "DataFrame":
-    """Return a pandas DataFrame. Raises `InputError` where pandas is not installed."""
+    """Return a pandas DataFrame. Raises `InputError` if pandas is not installed."""
     try:
         pandas = import_module("pandas")
     except ImportError as error:
@@ -67,7 +69,7 @@ def _row(name: str, values: ArrayLike) -> Floats:
     try:
         row = np.asarray(values, np.float64)
     except (TypeError, ValueError) as error:
-        raise InputError(f"Angles: {name} are no numbers: {error}") from error
+        raise InputError(f"Angles: {name} are not numbers: {error}") from error
     if row.ndim != 1:
         raise InputError(f"Angles: {name} has shape {row.shape}: give (N,)")
     return row

@@ -1,4 +1,4 @@
-"""Calibrations solved from arrays: a camera from points on a board, a hand-eye from pairs of poses."""
+"""Solve calibrations from arrays: a camera from points on a board, a hand-eye from pairs of poses."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -24,12 +24,13 @@ EYE_TO_HAND = Setup.EYE_TO_HAND.value
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CameraSolution:
-    """A camera and how well it is known.
+    """A calibrated camera with its uncertainty.
 
-    size_px: width, height. matrix: (3, 3) px, pixel centres at whole numbers. distortion: (5,) or (8,),
-    OpenCV's order. sigma: one standard deviation of each free term, by its name (fx, fy, cx, cy, k1 ...).
-    rms_px: of the points fitted; held_out_rms_px: of views the fit had not seen. verdict: "good", "weak" or
-    "refused", with reasons. rejected: number of each view left out (from 0), and why.
+    size_px: width, height. matrix: (3, 3) px, pixel centres at integer coordinates. distortion: (5,) or (8,),
+    in OpenCV's order. sigma: standard deviation of each estimated parameter by name (fx, fy, cx, cy, k1 ...).
+    rms_px: reprojection error of the fitted points. held_out_rms_px: reprojection error on held-out views.
+    verdict: "good", "weak" or "refused". reasons: of the verdict. rejected: reason for each rejected view by
+    number, from 0.
     """
 
     size_px: tuple[int, int]
@@ -47,11 +48,12 @@ class CameraSolution:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HandEyeSolution:
-    """Where a camera is, and how well that is known.
+    """The calibrated pose of a camera with its uncertainty.
 
-    matrix: (4, 4) base_T_camera for eye to hand, tcp_T_camera for eye in hand. target: (4, 4) tcp_T_target or
-    base_T_target. sigma_m, sigma_deg: (3,) one standard deviation of place and turn, in the axes of the
-    answer. All None where refused. verdict, reasons, rejected: as of `CameraSolution`, by pair.
+    matrix: (4, 4) base_T_camera for eye-to-hand, tcp_T_camera for eye-in-hand. target: (4, 4) tcp_T_target or
+    base_T_target. sigma_m, sigma_deg: (3,) standard deviations of position and rotation, in the axes of the
+    base or the TCP. All are None if the calibration is refused. verdict, reasons, rejected: as in
+    `CameraSolution`, by pair.
     """
 
     matrix: Array | None
@@ -68,15 +70,17 @@ class HandEyeSolution:
 def solve_camera(
     board_m: Sequence[ArrayLike], image_px: Sequence[ArrayLike], size_px: tuple[int, int]
 ) -> CameraSolution:
-    """Solve a camera from views of a flat board.
+    """Calibrate a camera from views of a flat board.
 
-    board_m: for each view (N, 2) or (N, 3) m, where its points are on the board (z = 0). image_px: for each
-    view (N, 2) px, where they were seen. size_px: width and height of the pictures. Views that contradict the
-    others are left out. Raises `InputError` for other shapes, `CalibrationError` for views that tell too
-    little.
+    board_m: for each view (N, 2) or (N, 3) m, positions of its points on the board (z = 0). image_px: for
+    each view (N, 2) px, positions of the points in the image. size_px: width and height of the images.
+    Outliers among the views are rejected. Raises `InputError` for other shapes, `CalibrationError` if the
+    views do not determine the camera.
     """
     if len(board_m) != len(image_px):
-        raise InputError(f"solve_camera: {len(board_m)} boards and {len(image_px)} pictures: give as many")
+        raise InputError(
+            f"solve_camera: {len(board_m)} boards and {len(image_px)} pictures: give the same number of each"
+        )
     views = [_view(i, *pair, size_px) for i, pair in enumerate(zip(board_m, image_px, strict=True))]
     result = calibrate_camera(views)
     camera, assessment = result.fit.camera, assess_camera(result)
@@ -98,17 +102,19 @@ def solve_hand_eye(
     camera_T_target: ArrayLike,  # noqa: N803
     setup: str = EYE_TO_HAND,
 ) -> HandEyeSolution:
-    """Solve where a camera is, from robot poses and what the camera saw at each.
+    """Calibrate the pose of a camera from pairs of robot pose and target pose.
 
-    base_T_tcp: (N, 4, 4), as the robot says. camera_T_target: (N, 4, 4), as a detector says; m. setup:
-    "eye-to-hand" (fixed camera, target on the tool) or "eye-in-hand". Pairs in the order of their time;
-    those that contradict the others are left out. Raises `InputError` for what is no pose or no setup.
+    base_T_tcp: (N, 4, 4) of the robot, m. camera_T_target: (N, 4, 4) of a detector, m. setup: "eye-to-hand"
+    (fixed camera, target on the tool) or "eye-in-hand" (camera on the tool, fixed target). The pairs are in
+    order of time. Outliers among them are rejected. Raises `InputError` for an invalid pose or setup.
     """
     if setup not in list(Setup):
         raise InputError(f"solve_hand_eye: setup '{setup}': give one of {', '.join(Setup)}")
     robot, seen = _poses("base_T_tcp", base_T_tcp), _poses("camera_T_target", camera_T_target)
     if len(robot) != len(seen):
-        raise InputError(f"solve_hand_eye: {len(robot)} robot poses, {len(seen)} target poses: give as many")
+        raise InputError(
+            f"solve_hand_eye: {len(robot)} robot poses, {len(seen)} target poses: give the same number"
+        )
     pairs = [PoseSample(str(i), *pair) for i, pair in enumerate(zip(robot, seen, strict=True))]
     result = calibrate_pose_pairs(pairs, Setup(setup))
     sigma = None if result.covariance is None else np.sqrt(np.diag(result.covariance))
@@ -140,7 +146,7 @@ def _poses(name: str, matrices: ArrayLike) -> list[Pose]:
     try:
         stack = np.asarray(matrices, np.float64)
     except (TypeError, ValueError) as error:
-        raise InputError(f"solve_hand_eye: {name} are no numbers: {error}") from error
+        raise InputError(f"solve_hand_eye: {name} are not numbers: {error}") from error
     if stack.ndim != 3:
         raise InputError(f"solve_hand_eye: {name} has shape {stack.shape}: give (N, 4, 4)")
     return [pose_from_matrix(matrix, f"{name}[{i}]") for i, matrix in enumerate(stack)]

@@ -1,4 +1,4 @@
-"""Run an estimator on frames, all at once or as they come, and score its angles against ground truth."""
+"""Run an estimator on stored or live frames, and score its angles against ground truth."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -30,11 +30,12 @@ RATE_HZ = 60.0
 
 @dataclass(frozen=True, slots=True)
 class Score:
-    """How far angles are from the truth.
+    """Errors of angles compared with ground truth.
 
-    mean_deg, std_deg, max_deg: of the absolute error over the frames with both; NaN where there are none.
-    frames: how many those are. answered: share of the frames with truth that have an angle. within_two_sigma:
-    share of the answers with a sigma that are off by at most two; NaN where none has one.
+    mean_deg, std_deg, max_deg: of the absolute error over frames with an angle and ground truth; NaN without
+    such frames. frames: number of these frames. answered: fraction of the frames with ground truth that have
+    an angle. within_two_sigma: fraction of the angles with a sigma whose error is at most two sigma; NaN
+    without such angles.
     """
 
     mean_deg: float
@@ -57,16 +58,17 @@ def estimate(
     window: int | None = None,
     pixel_aspect: float | None = None,
 ) -> Angles:
-    """Estimate how the contact turns in tactile frames, (H, W, 3) uint8 RGB, in order.
+    """Estimate the rotation of the contact in tactile frames.
 
-    background: a frame without contact; None: the mean of the first frames if they are alike and later ones
-    differ, otherwise of the most frequent image. times_s: (N,) when the frames were taken, else at `fps`.
-    estimator: a name (`rig estimators` lists them), "package.module:Class", or a class of your own. window:
-    mean of the last n angles, the estimator's usual by default. pixel_aspect: width over height of a pixel on
-    the gel where it is known. Angles are image angles, counter-clockwise as seen, from the first frame of
-    stable full contact, as those of `rig estimate`. Raises `InputError` for frames or times that cannot be,
-    and if no background is given and no frames show an untouched gel; `EstimatorError` for an estimator that
-    cannot.
+    frames: (H, W, 3) uint8 RGB, in order. background: a frame without contact; by default the mean of the
+    first frames if they are alike and later ones differ, otherwise of the most frequent image. times_s: (N,)
+    capture times; by default frames are `fps` per second. estimator: a name (`rig estimators` lists them),
+    "package.module:Class", or a class of your own. window: mean of the last n angles; the default depends on
+    the estimator. pixel_aspect: width of a pixel on the gel divided by its height, if known.
+
+    Returns image angles as `rig estimate` does: counter-clockwise positive, relative to the first frame of
+    stable full contact. Raises `InputError` for invalid frames or times, or if no background is given and no
+    frames without contact are found; `EstimatorError` if the estimator cannot be made.
     """
     if isinstance(frames, (str, Path)):
         raise InputError(
@@ -97,12 +99,14 @@ def estimator(
     pixel_aspect: float | None = None,
     sign: int = 1,
 ) -> StreamingEstimator:
-    """Make an estimator for the frames of one sensor as they are captured: the one that the rig runs online.
+    """Make an estimator for the live frames of one sensor, the same that the rig runs during a lift.
 
     name, window, pixel_aspect: as for `estimate`. background: a frame without contact, (H, W, 3) uint8 RGB,
-    best the mean of several. sign: -1 for a fingertip that sees the object from behind. From then on OpenCV
-    and BLAS of this program compute in one thread, as on the command line: otherwise the last digits of the
-    angles depend on the number of cores. Raises `InputError`, and `EstimatorError` if it cannot be made.
+    preferably the mean of several. sign: -1 for a fingertip on the side of the object away from the camera.
+    Raises `InputError`, and `EstimatorError` if it cannot be made.
+
+    From then on OpenCV and BLAS compute in one thread in this program, as on the command line. Otherwise the
+    last digits of the angles would depend on the number of cores.
     """
     check_frame(background)
     compute_in_one_thread()
@@ -111,7 +115,7 @@ def estimator(
 
 
 def score(estimate: Angles, truth: Angles) -> Score:
-    """Compare angles with the truth, which is interpolated to their times over gaps of at most 50 ms."""
+    """Compare angles with ground truth, which is interpolated at their times over gaps of at most 50 ms."""
     known = truth_at(
         Curve(truth.time_s, truth.angle_deg, truth.sigma_deg), np.asarray(estimate.time_s, np.float64)
     )
@@ -145,24 +149,24 @@ def _made(
 
 
 def _timed(frames: Iterable[Image], times_s: ArrayLike | None, fps: float) -> Iterator[TimedFrame]:
-    """Read each frame once, when it is its turn: a recording need not fit the memory."""
+    """Yield the frames with their times; each is read only when needed, so they need not fit into memory."""
     times_at_rate(0, fps)  # checks the rate
     seconds = None if times_s is None else _seconds(times_s)
     number = -1
     for number, image in enumerate(frames):
         if seconds is not None and number >= len(seconds):
-            raise InputError(f"estimate: {len(seconds)} times for more frames: give one for each")
+            raise InputError(f"estimate: {len(seconds)} times for more frames: give one time per frame")
         time_s = number / fps if seconds is None else float(seconds[number])
         time = FrameTime(f"{time_s:.9f}", round(time_s * NS_PER_S))
         yield TimedFrame(f"frame {number}", time, np.asarray(image))
     if seconds is not None and number + 1 < len(seconds):
-        raise InputError(f"estimate: {len(seconds)} times for {number + 1} frames: give one for each")
+        raise InputError(f"estimate: {len(seconds)} times for {number + 1} frames: give one time per frame")
 
 
 def _seconds(times_s: ArrayLike) -> np.ndarray:
     seconds = np.asarray(times_s, np.float64)
     if seconds.ndim != 1 or not (np.abs(seconds) < MAX_TIME_S).all() or (np.diff(seconds) < 0).any():
-        raise InputError("estimate: times_s is to be (N,) s, finite and never going back")
+        raise InputError("estimate: times_s must be (N,) s, finite and not decreasing")
     return seconds
 
 

@@ -1,4 +1,4 @@
-"""A tactile sensor of a bench, read and estimated in a thread: for programs with a loop of their own."""
+"""Read a tactile sensor of a bench and estimate its angle in threads, for programs with their own loop."""
 
 import threading
 from contextlib import ExitStack
@@ -15,18 +15,20 @@ from rig.tactile.estimators import DEFAULT_ESTIMATOR, EstimatorChoice
 from rig.tactile.sample import SlipSample, State, TactileEstimator
 
 BACKGROUND_FRAMES = 10
-"""Frames after connecting whose mean is the background."""
+"""Number of frames after connecting whose mean is the background."""
 LATE_NS = NS_PER_S // 10
+"""Age of a frame from which on older frames in the queue are skipped."""
 FRAME_S, STOP_S = 2.0, 5.0
-"""Longest wait for a frame, and for the thread to end."""
+"""Longest wait for a frame, and for a thread to end."""
 
 
 @dataclass(frozen=True, slots=True)
 class FingertipAngle:
-    """The turn of the object since the contact began, by one fingertip.
+    """The rotation of the object since the contact began, estimated by one fingertip.
 
-    angle_deg: degrees, with the fingertip's sign applied: counter-clockwise as the bench's camera sees it.
-    sigma_deg: its standard deviation. Both are None where unknown. state: of the estimator, as "tracking".
+    angle_deg: degrees, counter-clockwise positive in the image of the bench's camera (the fingertip's sign is
+    applied). sigma_deg: its standard deviation. Both are None if unknown. state: of the estimator, as
+    "tracking".
     """
 
     angle_deg: float | None = None
@@ -35,10 +37,10 @@ class FingertipAngle:
 
 
 class LiveFingertip:
-    """A tactile sensor of a bench file; no other device of the bench is connected.
+    """A live tactile sensor of a bench file; no other device of the bench is connected.
 
-    bench: as for `--bench`. finger: as in the bench file. estimator: a name, None if no angle is wanted.
-    Raises `InputError` for an invalid bench or a finger without a sensor.
+    bench: as for `--bench`. finger: name as in the bench file. estimator: a name; None for frames without
+    angles. Raises `InputError` for an invalid bench or a finger without a sensor.
     """
 
     def __init__(self, bench: str, finger: str, estimator: str | None = DEFAULT_ESTIMATOR) -> None:
@@ -60,13 +62,13 @@ class LiveFingertip:
 
     @property
     def connected(self) -> bool:
-        """Whether it is between `connect` and `disconnect`."""
+        """Whether the sensor is connected."""
         return self._opened is not None
 
     def connect(self) -> None:
-        """Open the sensor. Nothing may touch the gel: the first frames are the estimator's background.
+        """Connect the sensor. Nothing may touch the gel, because the first frames become the background.
 
-        Raises `DeviceError` if the sensor cannot be opened or gives no frames, `EstimatorError`.
+        Raises `DeviceError` if the sensor cannot be opened or sends no frames, and `EstimatorError`.
         """
         self.disconnect()
         self._frame, self._unread, self._failure, self._angle = None, False, None, FingertipAngle()
@@ -99,13 +101,16 @@ class LiveFingertip:
             self._opened = stack.pop_all()
 
     def disconnect(self) -> None:
-        """Stop reading and let the sensor go. Safe to call twice."""
+        """Stop reading and disconnect the sensor. May be called repeatedly."""
         opened, self._opened = self._opened, None
         if opened is not None:
             opened.close()
 
     def newest(self, max_age_s: float) -> Frame:
-        """Return the newest frame, returned before or not. Raises `StaleFrameError` if it is older."""
+        """Return the newest frame, also if it was returned before.
+
+        Raises `StaleFrameError` if it is older than `max_age_s`.
+        """
         with self._changed:
             self._require_running()
             if self._frame is None or self._clock.now_ns() - self._frame.time_ns > max_age_s * NS_PER_S:
@@ -114,9 +119,9 @@ class LiveFingertip:
             return self._frame
 
     def next(self, timeout_s: float) -> Frame:
-        """Return the newest frame that was not returned yet; wait for it if necessary.
+        """Return the newest frame that was not returned before; wait for one if necessary.
 
-        Raises `DeviceTimeoutError` if none comes in time.
+        Raises `DeviceTimeoutError` if no frame arrives within `timeout_s`.
         """
         with self._changed:
             self._changed.wait_for(lambda: self._unread or self._failure is not None, timeout_s)
@@ -127,7 +132,7 @@ class LiveFingertip:
             return self._frame
 
     def angle(self) -> FingertipAngle:
-        """Return the newest angle, 0 at the beginning of each contact."""
+        """Return the newest angle; it is 0 at the beginning of each contact."""
         with self._changed:
             self._require_running()
             return self._angle
@@ -140,7 +145,7 @@ class LiveFingertip:
             raise self._failure
 
     def _read(self, tip: Fingertip, stopping: threading.Event) -> None:
-        """Read each frame until stopped or the sensor fails; skip the backlog if reading is late."""
+        """Read frames until stopped or the sensor fails; if reading is late, skip queued frames."""
         while not stopping.is_set():
             try:
                 frame = tip.sensor.next_frame(FRAME_S)
@@ -156,7 +161,7 @@ class LiveFingertip:
                 self._changed.notify_all()
 
     def _estimate(self, estimator: TactileEstimator, sign: int, stopping: threading.Event) -> None:
-        """Estimate from the newest frame until stopped; frames are left out if the estimator is slower."""
+        """Estimate from the newest frame until stopped; skip frames if the estimator is slower."""
         zero: SlipSample | None = None
         done: Frame | None = None
         while not stopping.is_set():

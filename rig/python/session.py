@@ -1,4 +1,4 @@
-"""A stored trial as arrays: its lifts, their angles, the truth, the frames, and what else was recorded."""
+"""Read a stored trial as arrays: lifts, angles, ground truth, frames, and other recorded data."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -39,15 +39,15 @@ if TYPE_CHECKING:
     from rig.frames.masks import FrameSegmenter
 
 CAMERA = "camera"
-"""Name of the external camera in place of a serial."""
+"""Name of the external camera, used instead of a serial."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SensorFrame:
     """A frame of a fingertip or of the camera.
 
-    time_s: s from the start of the lift (phase B). image: (H, W, 3) uint8 RGB. mask: (H, W) uint8, 255 where
-    there is contact, else 0; None where no masks were asked for.
+    time_s: s from the start of the lift (phase B). image: (H, W, 3) uint8 RGB. mask: (H, W) uint8, 255 for
+    contact, else 0; None if no masks were requested.
     """
 
     time_s: float
@@ -60,8 +60,9 @@ class SensorFrame:
 class Lift:
     """One finished lift of a trial.
 
-    Angles are in degrees, counter-clockwise as the external camera sees them. Times are s from the start of
-    phase B. Recordings are read when they are first asked for; then a damaged one raises `SessionError`.
+    Angles are in degrees, counter-clockwise positive in the external camera's image. Times are s from the
+    start of phase B. The recording is read on first access to its data; a damaged recording raises
+    `SessionError` then.
     """
 
     def __init__(self, folder: Path, manifest: TrialManifest, row: FinishedLift) -> None:
@@ -72,27 +73,27 @@ class Lift:
 
     @property
     def number(self) -> int:
-        """Number in the session, from 1."""
+        """Number of the lift in the session, from 1."""
         return self._row.number
 
     @property
     def object(self) -> str:
-        """The object's id."""
+        """Id of the object."""
         return self._row.object
 
     @property
     def name(self) -> str:
-        """The object's name."""
+        """Name of the object."""
         return self._row.name
 
     @property
     def lift(self) -> int:
-        """Number among the lifts of this object, from 1."""
+        """Number of the lift among those of this object, from 1."""
         return self._row.lift
 
     @property
     def outcome(self) -> str:
-        """How it ended: "slipped", "held" or "fallen"."""
+        """Outcome of the lift: "slipped", "held" or "fallen"."""
         return self._row.outcome.value
 
     @property
@@ -102,12 +103,12 @@ class Lift:
 
     @property
     def mean_error_deg(self) -> float:
-        """Mean absolute error over phases B and C, as tables have it; NaN without an answer."""
+        """Mean absolute error over phases B and C, as in tables; NaN if all frames were refused."""
         return float("nan") if self._row.re is None else self._row.re.mean_deg
 
     @property
     def answered(self) -> float:
-        """Share of the frames in phases B and C with an angle."""
+        """Fraction of the frames in phases B and C that have an angle."""
         return self._row.answered
 
     @property
@@ -117,27 +118,27 @@ class Lift:
 
     @property
     def phases_s(self) -> dict[str, float]:
-        """When each phase began."""
+        """Start of each phase by its name, s from the start of phase B."""
         return dict(self._curves.phases_s)
 
     @property
     def estimate(self) -> Angles:
-        """The fused angle of both fingertips."""
+        """Fused angle of both fingertips."""
         return _angles(self._curves.estimate)
 
     @property
     def truth(self) -> Angles:
-        """The markers' angle, at the camera's times."""
+        """Ground truth from the markers, at the times of the camera frames."""
         return _angles(self._curves.truth)
 
     @property
     def error_deg(self) -> Floats:
-        """(N,) estimate minus truth at the estimate's times, NaN where either is missing."""
+        """(N,) estimate minus ground truth at the times of the estimate; NaN if either is missing."""
         return signed_errors(self._curves)
 
     @cached_property
     def arm(self) -> ArmTrack:
-        """Poses of the tool centre point, and joints."""
+        """Poses of the tool centre point, and joint angles."""
         return read_arm(self._recording, self._zero_s)
 
     @cached_property
@@ -152,21 +153,21 @@ class Lift:
 
     @cached_property
     def markers(self) -> MarkerTrack:
-        """The markers' corners in the camera's frames, detected when first used; `truth` is their angle."""
+        """Corners of the markers in the camera frames, detected on first access; `truth` is their angle."""
         camera = self._manifest.config.camera
         tracker = MarkerTracker(camera.marker_ids, camera.marker_dictionary)
         return read_markers(self._recording, self._zero_s, camera.serial, tracker)
 
     def tip(self, serial: str) -> Angles:
-        """Return one fingertip's angle. Raises `InputError` for a serial that is not there."""
+        """Return the angle of one fingertip. Raises `InputError` for an unknown serial."""
         self._require(serial)
         return _angles(self._curves.tips[serial])
 
     def frames(self, serial: str, masks: str | None = None) -> Iterator[SensorFrame]:
-        """Yield a fingertip's frames, or with "camera" the external camera's, in order.
+        """Yield the frames of a fingertip in order, or for "camera" those of the external camera.
 
-        masks: "classical" (compared with the session's frame without contact), "ours", "pspnet" or an ONNX
-        file: how contact is found; none by default. Raises `InputError`, `SessionError`.
+        masks: method of the contact masks, "classical" (difference from the frame without contact), "ours",
+        "pspnet" or an ONNX file; None for no masks. Raises `InputError`, `SessionError`.
         """
         if serial == CAMERA:
             serial = self._manifest.config.camera.serial
@@ -181,14 +182,14 @@ class Lift:
             yield SensorFrame(frame.time_ns / NS_PER_S - self._zero_s, frame.image, mask)
 
     def background(self, serial: str) -> Image:
-        """Return a fingertip's frame without contact, (H, W, 3) uint8 RGB. Raises `InputError`."""
+        """Return the frame of a fingertip without contact, (H, W, 3) uint8 RGB. Raises `InputError`."""
         self._require(serial)
         grasp_ns = round(self._row.phases_s[Phase.GRASP] * NS_PER_S)
         before = (f.image for f in recorded_frames(self._recording, serial) if f.time_ns < grasp_ns)
         return mean_background(list(before))
 
     def to_pandas(self) -> "DataFrame":
-        """Return a pandas DataFrame, a row per answer: time_s, estimate_deg, sigma_deg, truth_deg, state."""
+        """Return a pandas DataFrame, a row per frame: time_s, estimate_deg, sigma_deg, truth_deg, state."""
         estimate = self._curves.estimate
         return data_frame(
             {
@@ -218,9 +219,9 @@ class Lift:
 
 
 class Session:
-    """A stored trial. Nothing in it is ever changed by reading it, and nothing it names is imported.
+    """A stored trial. Reading never changes it, and never imports a class that it names.
 
-    lifts: those that are finished and can be read, in their order. problems: what cannot be read, and why.
+    lifts: the finished lifts that can be read, in order. problems: messages about lifts that cannot be read.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -245,12 +246,12 @@ class Session:
 
     @property
     def folder(self) -> Path:
-        """Where it lies."""
+        """Folder of the session."""
         return self._folder
 
     @property
     def bench(self) -> str:
-        """The bench's name."""
+        """Name of the bench."""
         return self._manifest.bench
 
     @property
@@ -260,17 +261,17 @@ class Session:
 
     @property
     def estimator(self) -> str:
-        """The name of the estimator that measured it."""
+        """Name of the estimator that ran during the lifts."""
         return self._manifest.estimator
 
     @property
     def started(self) -> str:
-        """When it began: UTC, to the second."""
+        """Start of the session, UTC, to the second."""
         return self._manifest.started
 
     @property
     def complete(self) -> bool:
-        """Whether all lifts that were asked for are finished."""
+        """Whether all requested lifts are finished."""
         return self._manifest.status == "complete"
 
     def to_pandas(self) -> "DataFrame":
@@ -280,15 +281,15 @@ class Session:
 
 
 def open_session(folder: str | Path) -> Session:
-    """Open a stored trial, its rows alone; recordings are read lift by lift as they are asked for.
+    """Open a stored trial. Only its tables are read; recordings are read on access to their data.
 
-    Raises `SessionError` for a folder that is no trial, or holds no finished lift.
+    Raises `SessionError` if the folder is not a trial, or has no finished lift.
     """
     return Session(Path(folder))
 
 
 def _segmenter(masks: str, background: Image) -> "FrameSegmenter":
-    # what runs networks takes longer to import than all the rest, and is needed here alone
+    # imported here, because onnxruntime takes longer to import than all the rest
     from rig.frames.masks import SegmentChoice, make_segmenter
 
     return make_segmenter(SegmentChoice(masks), background)

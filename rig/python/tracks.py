@@ -1,4 +1,4 @@
-"""What a lift records beside its frames and angles, as arrays: arm, wrench, gripper and markers."""
+"""Read the other recorded data of a lift as arrays: arm, wrench, gripper and markers."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,10 +21,10 @@ from rig.sessions.recording_file import recorded_messages
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ArmTrack:
-    """Where the arm was. Times are s from the start of the lift (phase B).
+    """Poses and joint angles of the arm.
 
-    time_s: (N,). base_T_tcp: (N, 4, 4) pose of the tool centre point in the arm's base frame, m. joints_rad:
-    (N, 6).
+    time_s: (N,) s from the start of the lift (phase B). base_T_tcp: (N, 4, 4) pose of the tool centre point
+    in the arm's base frame, m. joints_rad: (N, 6).
     """
 
     time_s: Floats
@@ -51,11 +51,11 @@ class WrenchTrack:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GripperTrack:
-    """What the gripper reported.
+    """States of the gripper.
 
-    time_s: (N,) s from the start of the lift. opening_m: (N,) between the fingertips, m; NaN in sessions of
-    versions that kept counts alone. current_a: (N,) motor current, A; NaN for a gripper that measures none.
-    moving: (N,) bool.
+    time_s: (N,) s from the start of the lift. opening_m: (N,) distance between the fingertips, m; NaN in
+    sessions of versions that recorded only counts. current_a: (N,) motor current, A; NaN if the gripper does
+    not measure it. moving: (N,) bool.
     """
 
     time_s: Floats
@@ -70,9 +70,9 @@ class GripperTrack:
 class MarkerTrack:
     """The corners of the two markers in the external camera's frames, detected again.
 
-    time_s: (N,) s from the start of the lift, of every camera frame. corners_px: (N, 2, 4, 2): marker in the
-    order of the bench file's ids, corner clockwise from the marker's own top left, x right and y down, pixel
-    centres at whole numbers; NaN where a marker was not found.
+    time_s: (N,) s from the start of the lift, of every camera frame. corners_px: (N, 2, 4, 2), by marker (in
+    the order of the ids in the bench file), corner (clockwise from the marker's own top left), and x (to the
+    right) and y (down). Pixel centres have integer coordinates. NaN if the marker was not found.
     """
 
     time_s: Floats
@@ -82,7 +82,7 @@ class MarkerTrack:
 
 
 def read_arm(recording: Path, zero_s: float) -> ArmTrack:
-    """Read the arm's states. zero_s: the bench's time that becomes 0. Raises `SessionError`."""
+    """Read the arm's states. zero_s: bench time that becomes time 0. Raises `SessionError`."""
     states = list(recorded_arm_states(recording))
     poses = [pose_matrix(state.base_T_tcp) for state in states]
     joints = [state.joints_rad for state in states]
@@ -90,14 +90,14 @@ def read_arm(recording: Path, zero_s: float) -> ArmTrack:
 
 
 def read_wrench(recording: Path, zero_s: float) -> WrenchTrack:
-    """Read the wrench; as `read_arm`."""
+    """Read the wrench; arguments and errors as for `read_arm`."""
     states = list(recorded_arm_states(recording))
     wrench = _array([state.wrench or (np.nan,) * 6 for state in states], 6)
     return WrenchTrack(_times(states, zero_s), wrench[:, :3], wrench[:, 3:])
 
 
 def read_gripper(recording: Path, zero_s: float) -> GripperTrack:
-    """Read the gripper's states; as `read_arm`."""
+    """Read the gripper's states; arguments and errors as for `read_arm`."""
     messages = [
         (time_ns / NS_PER_S - zero_s, recorded_gripper(data, recording))
         for _, time_ns, _, data in recorded_messages(recording, GRIPPER_TOPIC)
@@ -111,7 +111,7 @@ def read_gripper(recording: Path, zero_s: float) -> GripperTrack:
 
 
 def read_markers(recording: Path, zero_s: float, serial: str, tracker: MarkerTracker) -> MarkerTrack:
-    """Detect the markers in the frames of the camera `serial`; as `read_arm`."""
+    """Detect the markers in the frames of the camera `serial`; the rest as for `read_arm`."""
     times, corners = [], []
     for frame in recorded_frames(recording, serial):
         found = tracker.detect(np.asarray(cv2.cvtColor(frame.image, cv2.COLOR_RGB2GRAY), np.uint8))
@@ -125,5 +125,5 @@ def _times(states: list[ArmState], zero_s: float) -> Floats:
 
 
 def _array(rows: list, *shape: int) -> Floats:
-    """Return rows of a shape as an array, also if there are none."""
+    """Return rows of the given shape as an array (N, *shape), also for N = 0."""
     return np.array(rows, np.float64).reshape(len(rows), *shape)

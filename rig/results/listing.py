@@ -40,8 +40,8 @@ class SessionState(StrEnum):
 class SessionEntry:
     """One session: its manifest, None if it cannot be read, and its state on disk.
 
-    done: number of accepted lifts of a trial or poses of a recording. mare: over phases B and C, by the
-    session's own estimator. problem: why it is broken.
+    problem: why the session is broken; None if it is not. done: number of accepted lifts of a trial, or poses
+    of a recording. mare: over phases B and C, of the session's own estimator; None without any error.
     """
 
     folder: Path
@@ -54,17 +54,17 @@ class SessionEntry:
 
     @property
     def bench_manifest(self) -> TrialManifest | RecordManifest | None:
-        """The manifest of a trial or recording; None for replays and unreadable ones."""
+        """The manifest of a trial or recording; None for replays and unreadable manifests."""
         return self.manifest if isinstance(self.manifest, BenchManifest) else None
 
     @property
     def objects(self) -> tuple[str, ...]:
-        """Ids of the objects asked for."""
+        """Ids of the requested objects."""
         return self.bench_manifest.objects if self.bench_manifest else ()
 
     @property
     def remarks(self) -> Remarks:
-        """The users' remarks."""
+        """Name, note, tags and operator of the session."""
         return self.bench_manifest.remarks if self.bench_manifest else NO_REMARKS
 
     @property
@@ -74,7 +74,7 @@ class SessionEntry:
 
     @property
     def object_names(self) -> set[str]:
-        """Ids and names of those objects, in lower case."""
+        """Ids and names of the requested objects, in lower case."""
         own = self.bench_manifest.config.objects if self.bench_manifest else ()
         names = {object_id.lower() for object_id in self.objects}
         for object_id in self.objects:
@@ -95,7 +95,7 @@ class SessionEntry:
 
     @property
     def objects_text(self) -> str:
-        """The objects for a table, the first two of more than three."""
+        """The objects for a table; of more than three objects only the first two."""
         few, more = self.objects[:2], len(self.objects) - 2
         return f"{', '.join(few)} and {more} more" if more > 1 else ", ".join(self.objects)
 
@@ -123,12 +123,12 @@ class SessionEntry:
 
 
 def find_sessions(folder: Path) -> list[Path]:
-    """Return the session folders at or below a folder, by name. Raises `InputError` without such a folder.
+    """Return the session folders at or below a folder, sorted. Raises `InputError` if it does not exist.
 
-    A folder with results or recordings but no manifest counts too: it is a broken session.
+    A folder with results or recordings but without a manifest is included, as a broken session.
     """
     if not folder.is_dir():
-        raise InputError(f"{folder}: no such folder; give the folder that holds the sessions")
+        raise InputError(f"{folder}: folder not found; give the folder that holds the sessions")
     found = []
     for place, names, files in os.walk(folder):
         if MANIFEST in files or set(RESULTS.values()) & set(files) or Path(place, RECORDINGS).is_dir():
@@ -139,14 +139,14 @@ def find_sessions(folder: Path) -> list[Path]:
 
 
 def holds_sessions(folder: Path) -> bool:
-    """Whether a folder is not a session itself, but contains some."""
+    """Whether a folder is not a session itself but has sessions below it."""
     return folder.is_dir() and find_sessions(folder) not in ([], [folder])
 
 
 def list_session(folder: Path, quick: bool = False) -> SessionEntry:
-    """Check one session, including every byte of its recordings; problems are reported in the entry.
+    """Check one session and the checksums of its recordings; problems are reported in the entry.
 
-    quick: check only that its recordings and images exist.
+    quick: check only that the recordings and images exist.
     """
     sizes = _sizes(os.fspath(folder))
     size = sum(sizes.values())
@@ -159,12 +159,12 @@ def list_session(folder: Path, quick: bool = False) -> SessionEntry:
 
 
 def list_sessions(folders: Sequence[Path], quick: bool) -> list[SessionEntry]:
-    """Check several sessions one after the other, see `list_session`."""
+    """Check several sessions one after the other; see `list_session`."""
     return [list_session(folder, quick) for folder in folders]
 
 
 def _sizes(folder: str, inside: str = "") -> dict[str, int]:
-    """Return the size in bytes of each file of a session, by name; read once: there may be thousands."""
+    """Return the sizes in bytes of a session's files by relative path; there may be thousands of files."""
     found: dict[str, int] = {}
     with suppress(OSError), os.scandir(folder) as entries:
         for entry in entries:
@@ -211,7 +211,7 @@ def _first(problems: list[str]) -> str | None:
 def _damage(
     folder: Path, file: str, sizes: Mapping[str, int], quick: bool, flaw: Callable[[Path], str | None]
 ) -> str | None:
-    """Return the problem of a session's file; quick: check only that it exists."""
+    """Return the problem of a session's file, None without any. quick: check only that it exists."""
     if file not in sizes:
         return f"{folder / file}: the {'image' if flaw is _image_flaw else 'recording'} is missing"
     return None if quick else flaw(folder / file)

@@ -1,4 +1,4 @@
-"""Rotational error of lifts and trials: the paper's RE and MARE (contract, metrics)."""
+"""Compute the rotational error of lifts and trials: the paper's RE and MARE."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -12,22 +12,22 @@ from rig.sessions.records import ErrorSummary
 
 Floats = NDArray[np.float64]
 FEWEST_LIFTS = 5
-"""Fewer lifts have no interval and no verdict. The paper lifts each object five times."""
+"""Smallest number of lifts for an interval or a verdict. The paper lifts each object five times."""
 INTERVAL = "95 % interval of the mean over lifts (Student's t, corrected for skewness)"
-"""For legends of pages, see `mean_interval`."""
+"""Legend of intervals on pages; see `mean_interval`."""
 HEADING = f"mean ± std [95 % interval: skewness-corrected t, from {FEWEST_LIFTS} lifts on]"
-"""For titles of tables."""
+"""Part of the titles of tables."""
 _EQUAL = 1e-12
 """Values whose range is smaller count as equal; smaller differences have no meaningful skewness."""
 
 
 @dataclass(frozen=True, slots=True)
 class Mare:
-    """Mean absolute rotational error over lifts, deg.
+    """Mean absolute rotational error (MARE) over lifts, deg.
 
-    std_deg is the mean over lifts of each lift's standard deviation (the paper's ±), low_deg and high_deg
-    the 95 % interval of the mean over lifts (None below `FEWEST_LIFTS`). lifts: those with an answer, over
-    which the means are taken. refused: those without.
+    std_deg: mean over lifts of each lift's standard deviation (the paper's ±). low_deg, high_deg: ends of the
+    95 % interval of the mean over lifts; None below `FEWEST_LIFTS`. lifts: number of lifts with an angle,
+    over which the means are taken. refused: number of lifts without any angle.
     """
 
     mean_deg: float
@@ -39,17 +39,17 @@ class Mare:
 
     @property
     def ends_deg(self) -> list[float] | None:
-        """The ends of the interval, None without one."""
+        """The ends of the interval; None without an interval."""
         return None if self.low_deg is None or self.high_deg is None else [self.low_deg, self.high_deg]
 
     @property
     def interval(self) -> str:
-        """The interval as text, "" without one."""
+        """The interval as text; "" without an interval."""
         return "" if self.low_deg is None else f"[{self.low_deg:.2f}, {self.high_deg:.2f}]"
 
     @property
     def beside(self) -> str:
-        """Interval and number of refused lifts as text; empty without either."""
+        """Interval and number of refused lifts as text; "" without both."""
         return f"{self.interval} {over_lifts(self.lifts, self.refused) if self.refused else ''}".strip()
 
     @property
@@ -59,12 +59,12 @@ class Mare:
 
 
 def mare_text(value: Mare | None) -> str:
-    """Return a MARE as text, also if no lift has an answer."""
+    """Return a MARE as text; None becomes "no answer"."""
     return "no answer" if value is None else value.text
 
 
 def over_lifts(lifts: int, refused: int) -> str:
-    """Return the number of lifts in a mean, and the number of refused ones, as text."""
+    """Return a text with the number of lifts in a mean and of refused lifts."""
     every = lifts + refused
     return (
         f"over {lifts} of {every} lifts, {refused} refused" if refused else f"over {counted(lifts, 'lift')}"
@@ -72,7 +72,7 @@ def over_lifts(lifts: int, refused: int) -> str:
 
 
 def summarize(errors_deg: Floats) -> ErrorSummary | None:
-    """Summarize a lift's absolute errors (N,) in degrees; None when there are none."""
+    """Summarize the absolute errors (N,) of a lift in degrees; None if there are none."""
     if errors_deg.size == 0:
         return None
     return ErrorSummary(
@@ -81,7 +81,7 @@ def summarize(errors_deg: Floats) -> ErrorSummary | None:
 
 
 def hold_last(angles_deg: Sequence[float | None]) -> Floats:
-    """Fill refused frames with the last answer given (0 before any), so refusing does not pay."""
+    """Fill refused frames with the last angle (0 before the first), so refusing cannot reduce the error."""
     held, last = np.empty(len(angles_deg)), 0.0
     for i, angle in enumerate(angles_deg):
         last = last if angle is None else angle
@@ -90,7 +90,7 @@ def hold_last(angles_deg: Sequence[float | None]) -> Floats:
 
 
 def mare_of(errors: Iterable[ErrorSummary | None]) -> Mare | None:
-    """Return the mean over lifts' errors, None for a refused lift; None without any answer."""
+    """Return the MARE over the errors of lifts, None for a refused lift; None if all are refused."""
     every = list(errors)
     known = [error for error in every if error is not None]
     if not known:
@@ -108,18 +108,19 @@ def mare_of(errors: Iterable[ErrorSummary | None]) -> Mare | None:
 
 
 def mean_interval(values: Floats) -> tuple[float | None, float | None]:
-    """Return the 95 % interval of the mean of (N,) values; None for both below `FEWEST_LIFTS` values.
+    """Return the ends of the 95 % interval of the mean of (N,) values; None below `FEWEST_LIFTS` values.
 
-    Student's t. Errors are skewed: a few lifts have large ones. Then t misses the true mean on the side of
-    the long tail, so the end on that side is corrected for skewness (Hall 1992, J. R. Stat. Soc. B 54,
-    221-228) and the other end is kept. Coverage is measured in tests/unit/rig/results/test_metrics.py.
+    The interval is Student's t interval with a correction. Errors are skewed, because a few lifts have large
+    ones, so a t interval ends too early on the side of the long tail. The end on that side is corrected for
+    skewness (Hall 1992, J. R. Stat. Soc. B 54, 221-228). The coverage is measured in
+    tests/unit/rig/results/test_metrics.py.
     """
     if values.size < FEWEST_LIFTS:
         return None, None
     mean = float(values.mean())
     if np.ptp(values) < _EQUAL:
         return mean, mean
-    from scipy.special import stdtrit  # delays every command if imported above
+    from scipy.special import stdtrit  # imported here, because the import is slow
 
     n = values.size
     skewness = float(np.mean(((values - mean) / values.std()) ** 3))

@@ -1,4 +1,4 @@
-"""Text about lifts and trials for people."""
+"""Make the printed lines about lifts and trials."""
 
 from pathlib import Path
 from statistics import median
@@ -11,7 +11,7 @@ from rig.sessions.table_files import ReplayRow
 
 
 def lift_fault(row: LiftRow) -> str | None:
-    """Return the fault that ended a lift, None without one."""
+    """Return the fault that ended a lift; None without a fault."""
     return row.fault if isinstance(row, FailedLift) else None
 
 
@@ -26,15 +26,15 @@ def lift_note(row: LiftRow | TableLift) -> str:
     if isinstance(row, FinishedLift):
         if row.reactions:
             parts.append(counted(len(row.reactions), "reaction"))
-        amiss = (row.marker_distance, row.estimator_faults)
-        parts += [f"WARNING: {what}" for what in amiss if what]
+        warnings = (row.marker_distance, row.estimator_faults)
+        parts += [f"WARNING: {warning}" for warning in warnings if warning]
     return f"{head}, {', '.join(parts)}"
 
 
 def _without_error(row: FinishedLift | TableLift) -> str:
     """Return why a lift has no error. A results table does not contain the states of the frames."""
     if row.answered:
-        return "no error: the angle of the markers is missing wherever the estimator answered"
+        return "no error: no frame has both an estimate and a marker angle"
     if isinstance(row, TableLift):
         return "no answer"
     why = main_refusal([row.states])
@@ -46,25 +46,25 @@ def row_note(row: ReplayRow) -> str:
     where = Path(row.session).name
     if row.problem:
         return f"{where}: {row.problem}"
-    amiss = f", WARNING: {row.estimator_fault}" if row.estimator_fault else ""
-    return f"{where}: {lift_note(table_lift(row))}{amiss}"
+    warning = f", WARNING: {row.estimator_fault}" if row.estimator_fault else ""
+    return f"{where}: {lift_note(table_lift(row))}{warning}"
 
 
 def reaction_text(reacting: ReactingSummary) -> str:
-    """Return how many lifts were caught by reactions to slip, and that their errors are listed separately."""
+    """Return the line about the effect of reactions to slip."""
     added = reacting.added_counts
-    grip = f", grip added {median(added):g} steps in the middle, {max(added)} at most" if added else ""
-    turn = f", end turn {median(reacting.turns_deg):.1f} deg in the middle" if reacting.turns_deg else ""
+    grip = f", added grip {median(added):g} steps (median), at most {max(added)}" if added else ""
+    turn = f", final turn {median(reacting.turns_deg):.1f} deg (median)" if reacting.turns_deg else ""
     return (
         f"reaction to slip '{reacting.kind}': {reacting.caught} of {counted(reacting.lifts, 'lift')} caught, "
-        f"{counted(reacting.reactions, 'reaction')}, {reacting.early} of them to less than half a degree"
+        f"{counted(reacting.reactions, 'reaction')}, {reacting.early} of them before half a degree of turn"
         f"{grip}{turn}; "
-        "these lifts rotate less, so their MARE is listed separately from that of lifts without reaction"
+        "these lifts turn less, so their MARE is listed separately from that of lifts without reaction"
     )
 
 
 def turn_distribution(summary: TrialSummary) -> str:
-    """Return the histogram of the true turns in steps of 5 degrees, and their directions."""
+    """Return a text with the histogram of the true turns in steps of 5 degrees, and their directions."""
     sizes = [abs(turn) for turn in summary.turns_deg]
     top = max(int(max(sizes, default=0.0) // 5) + 1, 1)
     counts = [sum(5 * i <= size < 5 * (i + 1) for size in sizes) for i in range(top)]

@@ -1,4 +1,4 @@
-"""Errors of the estimated angles of one lift or clip (contract, metrics)."""
+"""Compute the errors of the estimated angles of one lift or clip."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from rig.results.metrics import ErrorSummary, Floats, hold_last, summarize
 
 WRONG_DEG, WRONG_SIGMAS = 10.0, 3.0
+"""An angle is confidently wrong if its error exceeds both limits."""
 
 
 class TimedAngle(Protocol):
@@ -22,24 +23,28 @@ class TimedAngle(Protocol):
 
     @property
     def angle_deg(self) -> float | None:
-        """Angle, None if it was refused."""
+        """Angle; None if the frame was refused."""
         ...
 
     @property
     def sigma_deg(self) -> float | None:
-        """One standard deviation of the angle, None if the method has none."""
+        """Standard deviation of the angle; None if the method has none."""
         ...
 
 
 @dataclass(frozen=True, slots=True)
 class SeriesScore:
-    """One lift or clip of one estimator: errors in degrees, None without an answer.
+    """The errors of one estimator on one lift or clip, in degrees; None if there is no angle.
 
-    re: over all frames (phases B and C of a lift), re_b over phase B, re_held with refused frames held,
-    re_unsigned of the angle's size alone. answered: share of frames. sure: answered frames with a sigma;
-    within: those of them whose error is at most two sigma; wrong: answers that are confidently wrong. Onsets
-    in s since the lift began, None without one: true, found afterwards, and reported online (by an estimator
-    that has rates).
+    key: name of the lift or clip. re: over all frames (phases B and C of a lift). re_b: over phase B.
+    re_held: with refused frames held at the last angle. re_unsigned: of the absolute angle. frames: number of
+    frames. answered: fraction of frames with an angle. sure: number of frames with an angle, a sigma and
+    ground truth. within: number of those whose error is at most two sigma. wrong: number of those that are
+    confidently wrong.
+
+    Onsets of slip are in s since the start of the lift, None without an onset. onset_truth_s: of the ground
+    truth. onset_estimate_s: found afterwards in the estimate. onset_event_s: reported during the lift.
+    has_rates: whether the estimator reports rates, which such a report needs.
     """
 
     key: str
@@ -59,10 +64,10 @@ class SeriesScore:
 
 
 def is_confidently_wrong(error_deg: float, sigma_deg: float | None) -> bool:
-    """Return whether an answer is more than 10 degrees and more than 3 sigma off.
+    """Return whether an error is larger than 10 degrees and larger than 3 sigma.
 
-    error_deg: of either sign. sigma_deg: one standard deviation; an answer with None claims no confidence, so
-    it is never confidently wrong.
+    error_deg: with either sign. sigma_deg: standard deviation of the angle; if it is None, the angle is never
+    confidently wrong.
     """
     return sigma_deg is not None and abs(error_deg) > max(WRONG_DEG, WRONG_SIGMAS * sigma_deg)
 
@@ -70,7 +75,7 @@ def is_confidently_wrong(error_deg: float, sigma_deg: float | None) -> bool:
 def score_angles(
     key: str, angles: Sequence[TimedAngle], true_deg: Sequence[float | None], hold_ns: int
 ) -> SeriesScore:
-    """Score the angles of phases B and C of a lift, as `score_series`. hold_ns: the end of phase B."""
+    """Score the angles of phases B and C of a lift as `score_series` does. hold_ns: end of phase B."""
     in_b = np.array([angle.time_ns < hold_ns for angle in angles], bool)
     return score_series(key, [a.angle_deg for a in angles], [a.sigma_deg for a in angles], true_deg, in_b)
 
@@ -82,9 +87,9 @@ def score_series(
     true_deg: Sequence[float | None],
     in_b: NDArray[np.bool_] | None = None,
 ) -> SeriesScore:
-    """Score angles (N), None if refused, against the truth (N), None if unknown, in degrees.
+    """Compare angles (N), None if refused, with the ground truth (N), None if unknown, in degrees.
 
-    in_b: (N) whether a frame is in phase B; by default all are.
+    in_b: (N), whether a frame is in phase B; None if all are.
     """
     angles, truth, sigmas = _floats(angles_deg), _floats(true_deg), _floats(sigmas_deg)
     errors = np.abs(angles - truth)

@@ -1,4 +1,4 @@
-"""Summaries of trials: the paper's table per object and MARE with intervals; advice on refused frames."""
+"""Summarize trials: the paper's table per object, MARE with intervals, advice on refused frames."""
 
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
@@ -8,16 +8,16 @@ from rig.results.metrics import Mare, mare_of
 from rig.sessions.records import ErrorSummary, FinishedLift, LiftOutcome, LiftRow, finished
 
 ADVICE = {
-    "unobservable": "Such a contact looks the same at every angle: grasp it elsewhere or at an edge.",
-    "lost": "The picture changed more than by a rotation: check the frames for stray light, a new contact or "
+    "unobservable": "The contact looks the same at every angle: grasp the object elsewhere or at an edge.",
+    "lost": "The image changed more than by a rotation: check the frames for stray light, a new contact or "
     "a finger that moved.",
-    "no_contact": "The fingertip detected no contact: grip firmer, or check whether the object slid out.",
+    "no_contact": "The fingertip detected no contact: grip more firmly, or check if the object slid out.",
 }
-"""Advice by state without an angle."""
+"""Advice for each state without an angle."""
 
 
 def main_refusal(states: Iterable[Mapping[str, int]]) -> str:
-    """Return the state without an angle that most frames have; "lost" if there is none.
+    """Return the most frequent state without an angle; "lost" if there is none.
 
     states: frames by state, for each lift.
     """
@@ -70,9 +70,11 @@ class ObjectSummary:
 
 @dataclass(frozen=True, slots=True)
 class ReactingSummary:
-    """Effect of reactions to slip. early: number of reactions before half a degree of rotation.
+    """Effect of reactions to slip.
 
-    added_counts: added to the grip by each lift that reacted. turns_deg: absolute true rotations at the end.
+    kind: the reaction. caught: number of lifts whose slip was stopped. early: number of reactions before half
+    a degree of rotation. added_counts: steps added to the grip, for each lift that reacted. turns_deg:
+    absolute true rotations at the end.
     """
 
     kind: str
@@ -86,7 +88,7 @@ class ReactingSummary:
 
 @dataclass(frozen=True, slots=True)
 class TrialSummary:
-    """The whole trial. reacting: set only if lifts react to slip; their errors are listed separately."""
+    """Summary of a trial. reacting: None unless lifts react to slip; their errors are listed separately."""
 
     objects: tuple[ObjectSummary, ...]
     lifts_accepted: int
@@ -99,7 +101,7 @@ class TrialSummary:
     reacting: ReactingSummary | None = None
 
     def as_json(self) -> dict[str, object]:
-        """Return the trial's figures under the names of the contract."""
+        """Return the figures of the trial for JSON output."""
         reacting = self.reacting
         reacted = {} if reacting is None else {"react": reacting.kind, "caught": reacting.caught}
         return {
@@ -117,7 +119,7 @@ class TrialSummary:
 
 
 def summarize_trial(rows: Sequence[LiftRow]) -> TrialSummary:
-    """Summarize the accepted lifts of a session's rows; attempts ended by faults are ignored."""
+    """Summarize the accepted lifts among the rows of a session; attempts that a fault ended are ignored."""
     lifts = finished(rows)
     summary = summarize_lifts(lifts, sum(row.bench_s for row in rows))
     return replace(
@@ -126,7 +128,7 @@ def summarize_trial(rows: Sequence[LiftRow]) -> TrialSummary:
 
 
 def summarize_lifts(lifts: Sequence[MeasuredLift], bench_s: float) -> TrialSummary:
-    """Summarize lifts. bench_s: total duration including failed attempts, by the bench's clock."""
+    """Summarize lifts. bench_s: total duration by the bench's clock, including failed attempts."""
     ids = list(dict.fromkeys(lift.object for lift in lifts))
     return TrialSummary(
         objects=tuple(_object_summary([lift for lift in lifts if lift.object == i]) for i in ids),
@@ -170,7 +172,7 @@ def _object_summary(lifts: Sequence[MeasuredLift]) -> ObjectSummary:
 
 
 def _turns(lifts: Sequence[MeasuredLift]) -> tuple[float, ...]:
-    """Return the final true angles of the lifts that have one, deg."""
+    """Return the final true angles, deg, of the lifts that have one."""
     return tuple(lift.final_truth_deg for lift in lifts if lift.final_truth_deg is not None)
 
 

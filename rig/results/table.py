@@ -1,6 +1,7 @@
-"""Tables of lifts, one flat line per lift: of one session (`lifts.csv`) and of many (`results.csv`).
+"""Write and read tables with a row per lift: of one session (`lifts.csv`) and of many (`results.csv`).
 
-A line repeats a lift's row in `lifts.jsonl`. `rig.sessions.table_files.ReplayRow` declares its columns.
+A row has the values of the lift's row in `lifts.jsonl`. `rig.sessions.table_files.ReplayRow` declares the
+columns.
 """
 
 from collections.abc import Sequence
@@ -34,14 +35,15 @@ def _plain(hint: Any) -> type:
 COLUMNS = {name: _plain(hint) for name, hint in get_type_hints(ReplayRow).items() if name[0] != "_"}
 """Columns in order, with their types."""
 NEEDED = ("session", "object", "accepted", "re_mean_deg")
+"""Columns that a results table must have."""
 ERRORS = ("re_b", "re", "re_held")
-"""Errors of a lift: over phase B, over B and C, over both with refused frames held at the last answer."""
+"""Errors of a lift: over phase B, over phases B and C, over both with refused frames held."""
 _REACTION_TIMES = ("onset_s", "event_s", "command_s", "standstill_s")
 
 
 @dataclass(frozen=True, slots=True)
 class TableHead:
-    """First columns of a lift's row: its session and the estimator that measured it."""
+    """First columns of a lift's row: its session and its estimator."""
 
     session: str
     started: str
@@ -53,12 +55,12 @@ class TableHead:
 def table_row(
     head: TableHead, row: LiftRow, identical: bool | None = None, problem: str | None = None
 ) -> ReplayRow:
-    """Return a lift's row as a line of a table. identical, problem: see `ReplayRow`."""
+    """Return a lift's row as a row of a table. identical, problem: see `ReplayRow`."""
     return replace(_line(row), **asdict(head), identical=identical, problem=problem)
 
 
 def lifts_csv(rows: Sequence[LiftRow]) -> bytes:
-    """Return the lifts of one session as CSV, a line per attempt."""
+    """Return the lifts of one session as CSV, with a row per attempt."""
     reacts = any(row.react is not ReactionKind.NONE for row in rows)
     columns = {
         each.name: COLUMNS[each.name]
@@ -69,7 +71,7 @@ def lifts_csv(rows: Sequence[LiftRow]) -> bytes:
 
 
 def _line(row: LiftRow) -> ReplayRow:
-    """Return a lift's row as a flat line, without its session."""
+    """Return a lift's row as a row of a table, without the columns of its session."""
     values: dict[str, Any] = {name: getattr(row, name) for name in COLUMNS if hasattr(row, name)}
     for part in ERRORS:
         if (error := getattr(row, part, None)) is not None:
@@ -81,7 +83,7 @@ def _line(row: LiftRow) -> ReplayRow:
 
 
 def _reaction_cells(reactions: tuple[ReactionRecord, ...] | None) -> dict[str, object]:
-    """Return the number of reactions, the grip that they added, and the times of the first one."""
+    """Return the number of reactions, the steps that they added to the grip, and the times of the first."""
     if reactions is None:
         return {"reactions": None}
     first = reactions[0] if reactions else None
@@ -93,7 +95,7 @@ def _reaction_cells(reactions: tuple[ReactionRecord, ...] | None) -> dict[str, o
 
 
 def unread_row(head: TableHead, row: LiftRow, problem: str) -> ReplayRow:
-    """Return the line of a lift whose recording cannot be read, with the reason."""
+    """Return the row of a lift whose recording cannot be read. problem: the reason."""
     named = {
         name: getattr(row, name) for name in ("number", "attempt", "object", "name", "lift", "simulated")
     }
@@ -101,7 +103,7 @@ def unread_row(head: TableHead, row: LiftRow, problem: str) -> ReplayRow:
 
 
 def broken_row(session: str, problem: str) -> ReplayRow:
-    """Return the line of a session that cannot be read as a whole."""
+    """Return the row of a session that cannot be read at all. problem: the reason."""
     return ReplayRow(session=session, number=0, attempt=0, accepted=False, problem=problem)
 
 
@@ -111,13 +113,15 @@ def table_lines(rows: Sequence[ReplayRow]) -> list[Line]:
 
 
 def table_lift(row: ReplayRow) -> TableLift:
-    """Return the fields of a line that a summary needs. Raises `InputError` naming an empty column."""
+    """Return the fields of a row that a summary needs. Raises `InputError` if one of them is empty."""
     needed: dict[str, Any] = {
         key: getattr(row, key) for key in ("object", "name", "lift", "outcome", "answered")
     }
     empty = [key for key, value in needed.items() if value is None]
     if empty:
-        raise InputError(f"session {row.session}, lift {row.number}: no {', '.join(empty)} in the table")
+        raise InputError(
+            f"session {row.session}, lift {row.number}: {', '.join(empty)} is empty in the table"
+        )
     needed |= {part: _error(row, part) for part in ERRORS}
     return TableLift(**needed, final_truth_deg=row.final_truth_deg)
 
@@ -128,16 +132,16 @@ def summarize_table(rows: Sequence[ReplayRow]) -> TrialSummary:
 
 
 def by_reaction(rows: Sequence[ReplayRow]) -> dict[str, list[ReplayRow]]:
-    """Return rows by the reaction to slip, those without reaction first."""
+    """Return the rows by reaction to slip; those without reaction come first."""
     kinds = sorted({row.react or "none" for row in rows}, key=lambda kind: (kind != "none", kind))
     return {kind: [row for row in rows if (row.react or "none") == kind] for kind in kinds}
 
 
 def results_json(rows: Sequence[ReplayRow]) -> dict[str, object]:
-    """Return a table's figures under the names of the contract.
+    """Return the figures of a table for JSON output.
 
-    Lifts that react to slip rotate less: if a table has both kinds, the figures are of those without
-    reaction, and `by_reaction` has the figures of each kind.
+    Lifts that react to slip turn less. If a table has lifts with and without reaction, the figures are those
+    of lifts without reaction, and `by_reaction` has the figures of each reaction.
     """
     good = [row for row in rows if row.measured]
     asked = [row.identical for row in good if row.identical is not None]
@@ -154,9 +158,9 @@ def results_json(rows: Sequence[ReplayRow]) -> dict[str, object]:
 
 
 def read_results(path: Path) -> list[ReplayRow]:
-    """Read a results table, `.csv` or `.parquet`, or the table in a folder.
+    """Read a results table, `.csv` or `.parquet`. path: the file, or the folder that holds it.
 
-    Raises `InputError` for another file, or one without the columns that a summary needs.
+    Raises `InputError` for another file, or for a table without the columns that a summary needs.
     """
     file = _table_in(path) if path.is_dir() else path
     try:
@@ -167,7 +171,7 @@ def read_results(path: Path) -> list[ReplayRow]:
         raise InputError(f"{file}: cannot be read as a results table ({reason(error)})") from error
     missing = [column for column in NEEDED if raw and column not in raw[0]]
     if missing or not raw:
-        what = f"has no column {', '.join(missing)}" if missing else "contains no line"
+        what = f"has no column {', '.join(missing)}" if missing else "has no rows"
         raise InputError(
             f"{file}: {what}; give the results.csv or results.parquet of `rig replay SESSIONS...`"
         )
@@ -191,5 +195,5 @@ def _table_in(folder: Path) -> Path:
         if (folder / name).exists() and (name.endswith(".csv") or has_parquet()):
             return folder / name
     raise InputError(
-        f"{folder}: contains no results.csv or results.parquet; make one: rig replay SESSIONS... --out DIR"
+        f"{folder}: has no results.csv or results.parquet; make one: rig replay SESSIONS... --out DIR"
     )

@@ -1,5 +1,6 @@
-"""From a tactile frame to the object's rotation.
+"""Estimate the rotation of an object from tactile frames.
 
-`contact` finds the contact, `slip` is our estimator, `paper` holds the paper's methods, `peers` those
-of others; `estimators` knows all of them by name. Imports the vocabulary of `drivers` alone.
+`contact` detects the contact. `slip` is the rig's own estimator, `paper` has the paper's methods, and `peers`
+the methods that it is compared with. `estimators` makes each by its name. Of the other packages, only
+`drivers` is imported.
 """

@@ -1,4 +1,4 @@
-"""Estimators by their names."""
+"""Make estimators by name, the rig's own and foreign ones."""
 
 import shlex
 from dataclasses import dataclass, field
@@ -25,24 +25,24 @@ DEFAULT_ESTIMATOR = "slip"
 PUBLISHED = "-published"
 MATCHERS = {"ecc": EccMatcher, "polar": PolarMatcher}
 KOLAMURI = "kolamuri"
-"""Needs a gel with printed markers; without them it refuses every frame with contact."""
+"""Needs a gel with printed markers; without markers it refuses every frame with contact."""
 ANGLENET, TOSKOV = "anglenet", "toskov"
-"""Networks trained on simulated lifts. `toskov` needs the arm's states beside the frames."""
+"""Networks trained on simulated lifts. `toskov` also needs the states of the arm."""
 PEERS = (KOLAMURI, ANGLENET, TOSKOV)
 ESTIMATORS = (DEFAULT_ESTIMATOR, *METHODS, *(name + PUBLISHED for name in ANGLES), *MATCHERS, *PEERS)
 WITH_RATE = (DEFAULT_ESTIMATOR,)
-"""Those that tell how fast the object turns, so that a slip is known in time to react."""
+"""Estimators that report the rotation rate, which the reaction to slip needs."""
 PAPER_WINDOW, MAX_WINDOW = 2, 100
 
 
 @dataclass(frozen=True, slots=True)
 class EstimatorChoice:
-    """Which estimator, and how it runs.
+    """An estimator and its settings.
 
-    name: one of `ESTIMATORS`, an entry point's of the group `slip_rig.estimators`, or
-    `package.module:Class`. window: mean over the last n angles, 1 to 100. skip: leave out what a
-    frame does not need (`slip` only). named: whether a person named it for this run; what only a stored
-    session names is made if it is the rig's own, and else not imported.
+    name: one of `ESTIMATORS`, an entry point of the group `slip_rig.estimators`, or
+    `package.module:Class`. window: number of angles in the mean, 1 to 100. skip: skip stages that a
+    frame does not need (`slip` only). named: whether the operator named it for this run. A foreign estimator
+    that only a stored session names is not imported.
     """
 
     name: str
@@ -51,14 +51,15 @@ class EstimatorChoice:
     named: bool = field(default=True, compare=False)
 
     def make(self, background: Image, aspect: float | None = None, sign: int = 1) -> TactileEstimator:
-        """Build the estimator of one sensor.
+        """Make the estimator for one sensor.
 
-        On a gel with printed dots it sees what lies between them; but for `kolamuri`, which follows them, and
-        those of the published script.
-        background: (H, W, 3) uint8 RGB, a frame without contact. aspect: width over height of a
-        pixel on the gel where known (`slip` only; the paper's methods take pixels as square). sign: of
-        the fingertip (`toskov` only, whose angle is the object's). One that is not the rig's own sees whole
-        frames, and has what its constructor asks for. Raises `EstimatorError` where it cannot be made.
+        background: (H, W, 3) uint8 RGB, a frame without contact. aspect: width of a pixel on the gel divided
+        by its height, if known (`slip` only; the paper's methods assume square pixels). sign: of the
+        fingertip (`toskov` only, whose network estimates the object's angle). Raises `EstimatorError` if it
+        cannot be made.
+
+        If the gel has printed dots, they are filled in each frame. Exceptions are `kolamuri`, which tracks
+        the dots, the published scripts, and foreign estimators, which get the frames unchanged.
         """
         if self.name.endswith(PUBLISHED) and not self.foreign:
             method = ANGLES[self.name.removesuffix(PUBLISHED)]
@@ -70,9 +71,10 @@ class EstimatorChoice:
         return WindowMean(estimator, self.window) if self.window > 1 else estimator
 
     def try_making(self) -> None:
-        """Make one of an even grey before a lift: to see that it can be made, and have loops compiled.
+        """Make the estimator once with a grey background before a lift, to detect errors and compile loops.
 
-        Raises `EstimatorError`. Where it refuses such a background by an `InputError`, nothing is known.
+        Raises `EstimatorError`. An `InputError` is ignored, because the grey background may be its only
+        cause.
         """
         try:
             self.make(np.full((320, 240, 3), 128, np.uint8))
@@ -83,19 +85,19 @@ class EstimatorChoice:
 
     @property
     def foreign(self) -> bool:
-        """Whether it is none of the rig's own."""
+        """Whether the estimator is not one of the rig's own."""
         return is_foreign(self.name)
 
     def require_named(self) -> None:
-        """Raise `EstimatorError` for one that is not the rig's own, and that only a stored session names."""
+        """Raise `EstimatorError` for a foreign estimator that only a stored session names."""
         if self.foreign and not self.named:
             raise EstimatorError(
-                f"the session names the estimator '{self.name}', which is no part of the rig and runs only "
-                f"where you name it: add --estimator {shlex.quote(self.name)}, or another"
+                f"the session names the estimator '{self.name}', which is not part of the rig and runs only "
+                f"if you name it: add --estimator {shlex.quote(self.name)}, or another"
             )
 
     def sees(self, background: Image) -> str:
-        """Say what of the frames of this gel the angles come from."""
+        """Return a text that names the part of the frames from which the angles are estimated."""
         if self.name == KOLAMURI:
             return "the printed dots"
         if self._fills(background):
@@ -111,7 +113,7 @@ class EstimatorChoice:
             self.require_named()
             return ForeignEstimator(self.name, background, aspect, sign)
         if self.name == DEFAULT_ESTIMATOR:
-            from rig.tactile.slip.estimator import SlipEstimator  # its compiler takes long to import
+            from rig.tactile.slip.estimator import SlipEstimator  # here, because importing numba is slow
 
             return SlipEstimator(background, aspect, self.skip)
         if self.name in MATCHERS:
@@ -128,10 +130,11 @@ class EstimatorChoice:
 def choose_estimator(
     name: str | None = None, window: int | None = None, skip: bool = True
 ) -> EstimatorChoice:
-    """Check what a person chose; by default `slip`, and the window of 2 for the paper's methods, else 1.
+    """Return the estimator that the user chose, after checks.
 
-    A class that is not the rig's own is imported here. Raises `InputError` for an unknown name, one that
-    cannot be imported or is no estimator, or a window out of range.
+    name: `slip` by default. window: by default 2 for the paper's methods, else 1. skip: as in
+    `EstimatorChoice`. A foreign class is imported here. Raises `InputError` for an unknown name, a class that
+    cannot be imported or is not an estimator, or a window out of range.
     """
     name = name or DEFAULT_ESTIMATOR
     if is_foreign(name):
@@ -141,12 +144,12 @@ def choose_estimator(
 
 
 def stored_choice(name: str, window: int | None, skip: bool = True) -> EstimatorChoice:
-    """Return the choice that a stored session names; nothing is imported. Raises `InputError` as above."""
+    """Return the estimator that a stored session names; nothing is imported. Raises `InputError`."""
     return EstimatorChoice(name, _window(name, window), skip, named=False)
 
 
 def is_foreign(name: str) -> bool:
-    """Whether a name is none of the rig's own estimators."""
+    """Whether a name is not one of the rig's own estimators."""
     return name not in ESTIMATORS
 
 

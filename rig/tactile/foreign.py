@@ -1,9 +1,9 @@
-"""Estimators that are not the rig's own: made, held to what a sample may say, kept from ending a lift.
+"""Run foreign estimators: make them, validate their samples, and keep their errors from ending a lift.
 
-Such a class follows `TactileEstimator`. It is made with the frame without contact, (H, W, 3) uint8 RGB, and
-with `aspect` and `sign` where its constructor has parameters of these names (see `EstimatorChoice.make`). It
-sees each frame once, in order, of the background's size; whatever it raises or tells amiss becomes a sample
-`lost` that says so.
+A foreign estimator is a class that is not part of the rig and implements `TactileEstimator`. Its constructor
+gets the frame without contact, (H, W, 3) uint8 RGB, and `aspect` and `sign` if it has parameters of these
+names (see `EstimatorChoice.make`). It gets each frame once, in order, of the size of the background. If it
+raises an exception or returns an invalid sample, the frame gets a sample `lost` with the fault.
 """
 
 import inspect
@@ -20,15 +20,16 @@ from drivers.types import ArmState, Image
 from rig.tactile.sample import FreshFrameEstimator, SlipSample, State, check_frame
 
 GROUP = "slip_rig.estimators"
-"""Entry points of this group offer estimators by name."""
+"""Group of the entry points by which installed packages offer estimators."""
 STAGE = "update"
-"""The stage under which an estimator's time is booked that books none itself."""
+"""Name of the stage for the run time of an estimator that reports no stages."""
 LONGEST_FAULT = 300
+"""Length of the text of a fault, in characters; longer ones are cut."""
 
 
 @dataclass(frozen=True, slots=True)
 class EstimatorFaults:
-    """How many frames an estimator failed on, and what was wrong with the first of them."""
+    """The number of frames on which an estimator failed, and the fault of the first of them."""
 
     frames: int
     first: str
@@ -40,23 +41,23 @@ class EstimatorFaults:
 
 
 def faults_of(samples: Iterable[SlipSample]) -> EstimatorFaults | None:
-    """Sum up where an estimator failed; None where it did not."""
+    """Return the faults among samples; None if there are none."""
     faults = [sample.fault for sample in samples if sample.fault is not None]
     return EstimatorFaults(len(faults), faults[0]) if faults else None
 
 
 def together(faults: Sequence[EstimatorFaults]) -> EstimatorFaults:
-    """Sum up what was summed up piece by piece; there has to be one."""
+    """Return the sum of the faults of several parts, in order; there must be at least one."""
     return EstimatorFaults(sum(of.frames for of in faults), faults[0].first)
 
 
 def require_estimator(name: str) -> None:
-    """Import the class of that name. Raises `InputError` where there is none that could be an estimator."""
+    """Import the class of that name. Raises `InputError` if there is none, or it is not an estimator."""
     require_update(name, named_class(name, "estimator", GROUP))
 
 
 def require_update(name: str, kind: type[Any]) -> None:
-    """Raise `EstimatorError` for a class that is no estimator."""
+    """Raise `EstimatorError` if a class has no method `update`."""
     if not callable(getattr(kind, "update", None)):
         raise EstimatorError(
             f"estimator '{name}': {kind.__name__} has no method update(image, time_ns): see docs/extending.md"
@@ -64,10 +65,10 @@ def require_update(name: str, kind: type[Any]) -> None:
 
 
 class ForeignEstimator(FreshFrameEstimator):
-    """An estimator of somebody's own, guarded.
+    """Wraps a foreign estimator, validates its samples and catches its exceptions.
 
-    Raises `EstimatorError` where it cannot be made of this background, `InputError` for a frame of another
-    shape, and nothing else.
+    The constructor raises `EstimatorError` if the estimator cannot be made with this background. `update`
+    raises only `InputError`, for a frame of another shape.
     """
 
     stages = ()
@@ -80,7 +81,7 @@ class ForeignEstimator(FreshFrameEstimator):
         sign: int,
         kind: type[Any] | None = None,
     ) -> None:
-        """Make it. kind: the class, where it is at hand; else it is imported by its name."""
+        """Make the estimator. kind: its class; None to import the class by its name."""
         check_frame(background)
         super().__init__(background.shape)
         self._name, self._arm_fault = name, None
@@ -88,7 +89,7 @@ class ForeignEstimator(FreshFrameEstimator):
         self._inner = _made(name, found, background, {"aspect": aspect, "sign": sign})
 
     def arm(self, state: ArmState) -> None:
-        """Pass the arm's state on, where it wants to know."""
+        """Pass the state of the arm on, if the estimator has a method `arm`."""
         take = getattr(self._inner, "arm", None)
         if take is None:
             return
@@ -130,24 +131,24 @@ def _made(name: str, kind: type[Any], background: Image, more: dict[str, Any]) -
 
 
 def _amiss(sample: Any, image: Image, time_ns: int) -> str | None:
-    """Say what of an answer cannot be; None where all of it can."""
+    """Return a message about the first invalid field of a sample; None if the sample is valid."""
     if not isinstance(sample, SlipSample):
-        return f"update() returned a {type(sample).__name__}, no SlipSample"
+        return f"update() returned a {type(sample).__name__}, not a SlipSample"
     if sample.time_ns != time_ns:
         return f"time_ns is {sample.time_ns!r} for a frame taken at {time_ns}"
     if not isinstance(sample.state, State):
-        return f"state is {sample.state!r}, no rig.tactile.sample.State"
+        return f"state is {sample.state!r}, not a rig.tactile.sample.State"
     shift = (None, None) if sample.shift_px is None else sample.shift_px
     if not isinstance(shift, tuple) or len(shift) != 2:
-        return f"shift_px is {shift!r}, no pair of numbers"
-    told = {
+        return f"shift_px is {shift!r}, not a pair of numbers"
+    optional = {
         "angle_deg": sample.angle_deg, "sigma_deg": sample.sigma_deg, "rate_deg_s": sample.rate_deg_s,
         "shift_px[0]": shift[0], "shift_px[1]": shift[1],
     }  # fmt: skip
     needed = {"unseen_deg": sample.unseen_deg, "contact_area_px": sample.contact_area_px}
-    for key, value in (told | needed).items():
+    for key, value in (optional | needed).items():
         if not _is_number(value) and (value is not None or key in needed):
-            return f"{key} is {value!r}, no finite number"
+            return f"{key} is {value!r}, not a finite number"
     for key, value in {"sigma_deg": sample.sigma_deg or 0.0, **needed}.items():
         if value < 0:
             return f"{key} is {value!r}, below 0"
@@ -157,19 +158,19 @@ def _amiss(sample: Any, image: Image, time_ns: int) -> str | None:
 def _impossible(sample: SlipSample, image: Image) -> str | None:
     pixels = image.shape[0] * image.shape[1]
     if sample.contact_area_px > pixels:
-        return f"contact_area_px is {sample.contact_area_px:g}, the frame has {pixels} pixels"
+        return f"contact_area_px is {sample.contact_area_px:g}, but the frame has {pixels} pixels"
     if sample.state is State.NO_CONTACT and (sample.angle_deg is not None or sample.contact_area_px > 0):
-        return "state no_contact comes with an angle or a contact area"
+        return "state no_contact with an angle or a contact area"
     stages = sample.stage_s
     if not isinstance(stages, dict) or not all(_is_number(spent) for spent in stages.values()):
-        return f"stage_s is {stages!r}, no dict of seconds"
+        return f"stage_s is {stages!r}, not a dict of seconds"
     if not isinstance(sample.skipped, tuple) or not all(isinstance(name, str) for name in sample.skipped):
-        return f"skipped is {sample.skipped!r}, no tuple of names"
+        return f"skipped is {sample.skipped!r}, not a tuple of names"
     return None
 
 
 def _plain(sample: SlipSample, stage_s: dict[str, float]) -> SlipSample:
-    """The same with Python's own numbers, whatever library's they were."""
+    """Return the sample with Python floats in place of the numbers of other libraries."""
     return replace(
         sample,
         angle_deg=_plain_number(sample.angle_deg),

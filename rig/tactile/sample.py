@@ -1,4 +1,4 @@
-"""What an estimator takes, and what it says about one tactile frame."""
+"""The interface of estimators: frames in, one `SlipSample` per frame out."""
 
 import math
 from dataclasses import dataclass, field, replace
@@ -14,12 +14,13 @@ from drivers.types import ArmState, Image
 from drivers.values import short_repr
 
 MIN_SIDE_PX, MAX_SIDE_PX = 8, 4096
+"""Smallest and largest side of a tactile frame."""
 MOST_ELONGATED = 40
-"""Frames are worked on smaller than they are, and nothing would be left of a narrower one."""
+"""Largest ratio of the sides; the reduced copy of a narrower frame would be less than 2 px wide."""
 
 
 class State(StrEnum):
-    """What the estimator can claim about a frame (contract: names are fixed)."""
+    """State of the estimate for a frame; the names are part of the file format."""
 
     NO_CONTACT = "no_contact"
     TRACKING = "tracking"
@@ -30,17 +31,17 @@ class State(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class SlipSample:
-    """The answer for one frame, at the frame's own time.
+    """The estimate for one frame.
 
-    angle_deg: image angle, counter-clockwise positive as seen (theta = -atan2(dy, dx)),
-    unwrapped over time, None where the estimator refuses. Its zero is the estimator's own: only
-    differences mean anything. sigma_deg: one standard deviation, None where the method has
-    none. unseen_deg: the part of it that comes from turns while the contact was lost.
-    rate_deg_s, shift_px (x right, y down, since the reference): None where unknown.
-    contact_area_px: contact area in pixels of the given image, 0 without contact.
-    stage_s: wall time spent per stage; skipped: names of the stages that were not needed. fault: what was
-    wrong where an estimator that is not the rig's own raised, or told what cannot be; then `lost`. jumped:
-    whether the frame's time is implausible in its stream, so that the frame was not used; then `lost`.
+    time_ns: capture time of the frame. angle_deg: image angle, counter-clockwise positive in the image (theta
+    = -atan2(dy, dx)), unwrapped over time; None if the estimator refuses the frame. Its zero is arbitrary, so
+    only differences are meaningful. sigma_deg: standard deviation of the angle; None if the method has none.
+    unseen_deg: part of sigma_deg that is due to rotations while the contact was lost. rate_deg_s: rotation
+    rate; None if unknown. shift_px: shift of the contact since the reference, x to the right and y down; None
+    if unknown. contact_area_px: contact area in pixels of the frame, 0 without contact. stage_s: run time per
+    stage, s. skipped: names of the stages that were not needed. fault: error of a foreign estimator that
+    raised an exception or returned an invalid sample; the state is then `lost`. jumped: whether the time of
+    the frame is implausible in its stream; the frame is then not used, and the state is `lost`.
     """
 
     time_ns: int
@@ -59,9 +60,9 @@ class SlipSample:
     __repr__ = short_repr
 
     def sigma_since(self, zero: "SlipSample | None") -> float | None:
-        """Return one standard deviation of the turn between a zero and this, deg; None as sigma_deg.
+        """Return the standard deviation of the rotation since a zero sample, deg; None if sigma_deg is None.
 
-        What was not seen before both of them does not count, what was not seen in between does.
+        Unobserved rotations before both samples cancel; those between them contribute.
         """
         if self.sigma_deg is None or zero is None:
             return self.sigma_deg
@@ -77,12 +78,12 @@ class TactileEstimator(Protocol):
         ...
 
     def arm(self, state: ArmState) -> None:
-        """Take the arm's state, sampled before the next frames; most estimators look at frames alone."""
+        """Pass a state of the arm that was sampled before the next frames; most estimators ignore it."""
 
     def gripped_further(self) -> None:
-        """Take note that the fingers have closed further: a contact is another than it was.
+        """Notify the estimator that the fingers have closed further, so that the contact has changed.
 
-        Most estimators look at frames alone.
+        Most estimators ignore it.
         """
 
 
@@ -107,16 +108,17 @@ SET_BACK_STEP_NS = NS_PER_S // 30
 
 
 class FreshFrameEstimator(TactileEstimator):
-    """An estimator that looks at each frame once, at a time that only goes forward.
+    """Base class of estimators that process each frame once, with increasing times.
 
-    A frame that is not newer than the one before (repeated, or delivered late) gets the last answer again and
-    counts for nothing. A frame whose time jumps (`drivers.tally.StreamTimes`) is `lost` and changes nothing.
-    If the next frame agrees with it, the stream is followed from there: after a pause, or, if its clock was
-    set back, as if `SET_BACK_STEP_NS` had passed. shape: of the frames, (H, W, 3); any where None.
+    A frame that is not newer than the previous one (repeated, or delivered late) is not processed and gets
+    the last sample again. A frame whose time jumps (`drivers.tally.StreamTimes`) gets the state `lost` and is
+    not processed. If the next frame agrees with the jumped time, the stream continues from there: after a
+    pause or, if its clock was set back, as if `SET_BACK_STEP_NS` had passed. shape: of the frames, (H, W, 3);
+    None for any.
     """
 
     stages: ClassVar[tuple[str, ...]]
-    """What a frame goes through, in order."""
+    """Names of the processing stages, in order."""
 
     def __init__(self, shape: tuple[int, ...] | None = None) -> None:
         self._shape = shape
@@ -125,7 +127,7 @@ class FreshFrameEstimator(TactileEstimator):
         self._set_back_ns = 0
 
     def update(self, image: Image, time_ns: int) -> SlipSample:
-        """Estimate from (H, W, 3) uint8 RGB. Raises `InputError` for another shape or type only."""
+        """Estimate from (H, W, 3) uint8 RGB. Raises only `InputError`, for another shape or type."""
         check_frame(image, self._shape)
         if not self._times.follows(time_ns):
             return SlipSample(time_ns, State.LOST, skipped=self.stages, jumped=True)
@@ -139,5 +141,5 @@ class FreshFrameEstimator(TactileEstimator):
         return replace(self._last, time_ns=time_ns)
 
     def _estimate(self, image: Image, time_ns: int) -> SlipSample:
-        """Estimate from a frame that is newer than any before."""
-        raise TypeError(f"{type(self).__name__} does not say how it estimates")
+        """Estimate from a frame that is newer than all frames before."""
+        raise TypeError(f"{type(self).__name__} does not implement _estimate")

@@ -75,7 +75,7 @@ def test_help_neither_cuts_nor_splits_a_word(
 def test_main_help_lists_every_command_in_its_group() -> None:
     shown = help_of("")
     titles = [line.split("─ ")[1].split(" ─")[0] for line in shown.splitlines() if line.startswith("╭")]
-    assert titles == ["Options", "Run", "Look", "Own images", "Bench", "Calibrate", "Advanced"]
+    assert titles == ["Options", "Run", "Results", "Own images", "Bench", "Calibrate", "Advanced"]
     for title, group in COMMAND_GROUPS.items():
         panel = shown.split(f"╭─ {title} ─")[1].split("╰")[0].splitlines()[1:-1]
         assert [line.split()[1] for line in panel if line[2] != " "] == list(group)

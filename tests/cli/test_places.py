@@ -42,7 +42,7 @@ def refused(command: tuple[object, ...], *words: str) -> None:
 
 @pytest.mark.parametrize("command", FILES, ids=" ".join)
 def test_a_file_in_no_folder_is_refused_before_anything(command: tuple[str, ...], tmp_path: Path) -> None:
-    refused((*command, tmp_path / "missing" / "x.html"), "no folder", "missing")
+    refused((*command, tmp_path / "missing" / "x.html"), "does not exist", "missing")
 
 
 @pytest.mark.parametrize("command", FOLDERS, ids=" ".join)

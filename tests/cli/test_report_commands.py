@@ -160,6 +160,8 @@ def test_own_frames_are_played(tmp_path: Path, press: Draw, monkeypatch: pytest.
     assert last is not None
     assert abs(first[:300, :200] - last[:300, :200]).mean() > 2.0
     said(
-        rig("play", "frames_film.webm", "--out", "frames_film.webm", "--background", "auto"), 2, "is made of"
+        rig("play", "frames_film.webm", "--out", "frames_film.webm", "--background", "auto"),
+        2,
+        "is the source of the film",
     )
     said(rig("play", clip / "frames", *same, "--lift", 1), 2, "leave --lift and --beside out")

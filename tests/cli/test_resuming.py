@@ -53,7 +53,7 @@ def test_resume_without_an_unfinished_session_is_rejected(here: Path, one_lift: 
         assert "no unfinished" in done.stderr.splitlines()[-1]
         assert "--out" in done.stderr.splitlines()[-1]
     assert "--object" in rig("record").stderr
-    assert "which sessions" in rig("replay").stderr
+    assert "no session given" in rig("replay").stderr
 
 
 def test_resume_with_other_options_names_the_difference(
@@ -77,7 +77,7 @@ def test_stopped_trial_writes_its_report_and_prints_the_command_to_continue(
 ) -> None:
     def stopped(folder: Path, *_: object, **__: object) -> None:
         copied(one_lift, folder, lifts_per_object=2)
-        raise OperatorStopError("stopped by the operator; what was finished is kept")
+        raise OperatorStopError("stopped by the operator; finished results are kept")
 
     monkeypatch.setattr("rig.experiments.trial.run_trial", stopped)
     done = rig("trial", "--lifts", 2, "--object", "toothbrush", "--bench", light_bench_file)
@@ -99,7 +99,7 @@ def test_ctrl_c_in_the_first_lift_keeps_the_session_for_resume(
     here: Path, light_bench_file: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def stopped(*_: object, **__: object) -> None:
-        raise OperatorStopError("stopped by the operator; what was finished is kept")
+        raise OperatorStopError("stopped by the operator; finished results are kept")
 
     common = ("trial", "--bench", light_bench_file, "--no-report", "--jobs", 1)
     what = (

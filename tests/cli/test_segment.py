@@ -92,7 +92,7 @@ def test_invalid_input_is_a_one_line_error(frames: Path, tmp_path: Path) -> None
     assert "replace the image" in error("segment", frames, "--out", frames)
     assert "one size" in error("segment", frames / "1.png", "--background", other, *out)
     assert "no such network" in error("segment", frames, "--model", "best", *out)
-    assert "not one complete image" in error("segment", text, "--model", "pspnet", *out)
+    assert "none of the images can be read" in error("segment", text, "--model", "pspnet", *out)
 
 
 def test_a_persons_corrections_are_kept_and_exported(frames: Path, tmp_path: Path) -> None:

@@ -95,7 +95,7 @@ def test_damaged_bytes_are_detected_except_with_quick(
         shutil.copytree(folder, tmp_path / f"{number}")
     many = rig("sessions", tmp_path, "--json")
     assert {entry["state"] for entry in json.loads(many.stdout)["sessions"]} == {"complete"}
-    assert "note: 3 sessions, whose bytes are not read" in many.stderr
+    assert "note: the checksums of 3 sessions are not compared" in many.stderr
     checked = rig("sessions", tmp_path, "--check", "--json")
     assert {entry["state"] for entry in json.loads(checked.stdout)["sessions"]} == {"broken"}
     recording.unlink()
@@ -110,7 +110,7 @@ def test_check_ends_with_exit_code_2_if_a_session_is_broken(tmp_path: Path, one_
     for options in (("--check",), ("--check", "--json")):
         done = rig("sessions", tmp_path, *options)
         assert done.returncode == 2
-        assert done.stderr.splitlines()[-1].endswith("1 of 2 sessions broken: each is named above")
+        assert done.stderr.splitlines()[-1].endswith("1 of 2 sessions broken; see the messages above")
         assert "recording is missing" in done.stdout
     assert rig("sessions", tmp_path / "whole", "--check").returncode == 0
     assert rig("sessions", tmp_path).returncode == 0

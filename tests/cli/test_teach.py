@@ -83,7 +83,7 @@ def test_position_that_a_trial_would_reject_is_not_written(lab: Path) -> None:
 def test_file_is_unchanged_without_agreement(lab: Path) -> None:
     done = rig("teach", "lever", "--bench", lab / "bench.toml")
     assert done.returncode == 3
-    assert "was left as it is" in done.stderr
+    assert "was not changed" in done.stderr
     assert (lab / "objects" / "lever.toml").read_text() == LEVER
 
 

@@ -39,8 +39,8 @@ class Browser:
 
     def hear(self, text: str) -> None:
         print(text, file=sys.stderr)
-        if text.startswith("watch it at "):
-            address = text.removeprefix("watch it at ")
+        if text.startswith("watch page: "):
+            address = text.removeprefix("watch page: ")
             at = urlsplit(address)
             self.stuck = [socket.create_connection((at.hostname, at.port)) for _ in range(2)]
             self.stuck[0].sendall(b"GET / HTTP/1.0\r\n\r\n")
@@ -152,7 +152,7 @@ def test_watch_options_are_rejected_with_recorded_samples(tmp_path: Path) -> Non
         for what in ("camera", "hand-eye", "markers", "tactile", "gripper", "tcp", "sync"):
             done = rig("calibrate", what, "--from", tmp_path, *options)
             assert done.returncode == 2
-            assert f"{options[0]} watches a bench" in done.stderr, what
+            assert f"{options[0]} is for a calibration on a bench" in done.stderr, what
 
 
 def test_invalid_watch_options_are_rejected_before_the_session(tmp_path: Path) -> None:

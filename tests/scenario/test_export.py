@@ -92,7 +92,7 @@ def test_coco_is_read_by_pycocotools_and_says_where_its_masks_come_from(
         coco = coco_module.COCO(str(out / "annotations.json"))
         assert len(coco.getImgIds()) == exported.counts["images"] >= least
         assert "SIMULATED" in coco.dataset["info"]["description"]
-        assert "proposed by plain image processing" in coco.dataset["info"]["description"]
+        assert "proposed by image processing" in coco.dataset["info"]["description"]
         for annotation in coco.loadAnns(coco.getAnnIds()):
             image = coco.loadImgs(annotation["image_id"])[0]
             picture = cv2.imread(str(out / "images" / image["file_name"]))

@@ -180,7 +180,7 @@ def test_recording_by_hand_stops_if_the_person_does_not_press(real_gel: Path, tm
 def test_by_hand_is_refused_behind_wires(tmp_path: Path) -> None:
     shown = rig("record", "--object", "7", "--by", "hand", "--bench", "wire", "--out", tmp_path / "s")
     assert shown.returncode == 2
-    assert "simulated behind wires, where no hand reaches them" in shown.stderr
+    assert "simulated over the wire protocols" in shown.stderr
 
 
 def test_simulated_calibration_is_refused_for_a_real_sensor_of_that_serial(

@@ -70,7 +70,7 @@ def watched_trial(bench: Path, out: Path) -> Iterator[tuple["subprocess.Popen[st
     with subprocess.Popen(command, stdin=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as process:
         assert process.stderr is not None
         lines = iter(process.stderr.readline, "")
-        yield process, next(line for line in lines if "watch it at" in line).split()[-1]
+        yield process, next(line for line in lines if "watch page: " in line).split()[-1]
 
 
 def finish(process: "subprocess.Popen[str]", out: Path) -> None:

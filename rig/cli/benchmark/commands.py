@@ -1,4 +1,4 @@
-"""`rig benchmark`: what the rig does, measured, as tables."""
+"""`rig benchmark`: measure the rig, and print the results as tables."""
 
 from importlib import import_module
 from typing import Any
@@ -42,11 +42,11 @@ MODULES = {
     "safety": "rig.benchmark.wire.safety",
     "endurance": "rig.benchmark.wire.endurance",
 }
-"""Module of a study that is not `rig.benchmark.NAME.study`. It is imported when used: that takes long."""
+"""Modules of the studies that are not in `rig.benchmark.NAME.study`; imported on use, because it is slow."""
 
 
 class Benchmarks(Group):
-    """The benchmarks; `rig benchmark` is `rig benchmark estimators`."""
+    """The group of benchmarks; `rig benchmark` alone runs `rig benchmark estimators`."""
 
     def __init__(self, **settings: Any) -> None:
         super().__init__(**settings)
@@ -63,7 +63,7 @@ class Benchmarks(Group):
         return get_command(alone)
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Put the default subcommand in front of options, and where there is nothing."""
+        """Insert the default subcommand if none is given."""
         if not ctx.resilient_parsing and (not args or (args[0].startswith("-") and args[0] != "--help")):
             args = ["estimators", *args]
         return super().parse_args(ctx, args)
@@ -71,10 +71,10 @@ class Benchmarks(Group):
 
 benchmark = Commands(
     cls=Benchmarks,
-    help="Measure what the rig does, and print it as tables. Without a command: estimators.",
+    help="Measure the rig, and print the results as tables. Without a command: estimators.",
 )
 
 
 @benchmark.callback()
 def _group() -> None:
-    """Make typer keep the group: its commands are not registered here but imported when they are used."""
+    """Make typer keep the group, which registers no commands: `Benchmarks` imports them on use."""

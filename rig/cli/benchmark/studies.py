@@ -1,4 +1,4 @@
-"""The command of a benchmark that is declared as a `rig.benchmark.harness.Study`."""
+"""Make the command of a benchmark from its `rig.benchmark.harness.Study`."""
 
 import time
 from collections.abc import Callable, Iterable
@@ -21,20 +21,22 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class SharedOptions:
-    """Options that most studies have; all have --json, and a study names the others in `Study.shared`."""
+    """Options that most studies share. Every study has --json; `Study.shared` names the others it has."""
 
-    out: Path | None = option(None, "Folder of the results.", callback=folder_place)
-    resume: bool = option(False, "Continue with the cases that are missing in --out.")
+    out: Path | None = option(None, "Folder for the results.", callback=folder_place)
+    resume: bool = option(False, "Continue the run in --out: do only the cases that are missing.")
     readme: Path | None = option(
-        None, "Put the table between its markers in this file, as docs/estimators.md.", callback=file_place
+        None,
+        "Also write the table into this file, between the comments that mark it, as in docs/estimators.md.",
+        callback=file_place,
     )
-    jobs: int | None = option(None, "Lifts side by side; default: cores.", min=1, max=64)
+    jobs: int | None = option(None, "Lifts in parallel. Default: one per core.", min=1, max=64)
     seed: SeedOption = 0
     json: JsonOption = False
 
 
 def command_of(study: "Study[Any]") -> Callable[..., None]:
-    """Return a study's command, for typer."""
+    """Return the command of a study, for typer."""
     own = [each.name for each in fields(study.options)]
     shared = [each for each in option_parameters(SharedOptions) if each.name in (*study.shared, "json")]
 
@@ -75,11 +77,11 @@ def _carry_out(study: "Study[Any]", options: Any, shared: SharedOptions) -> None
 
 
 def _folder(study: "Study[Any]", shared: SharedOptions) -> Path | None:
-    """Return the folder of the results, None without one. Raises `InputError` for --resume without --out."""
+    """Return the folder of the results, or None. Raises `InputError` for --resume without --out."""
     from rig.sessions.session import default_folder
 
     if study.keeps_results and shared.resume and shared.out is None:
-        raise InputError("--resume continues the session in --out: give its folder")
+        raise InputError("--resume continues the run in --out: give its folder with --out")
     return shared.out or (default_folder(study.name) if study.keeps_results else None)
 
 
@@ -114,10 +116,10 @@ def _write(folder: Path, report: "Report", result: dict[str, Any]) -> None:
 
 
 def exit_if_missed(limits: "Iterable[Measured]") -> None:
-    """Name every limit that was missed; if there is any, end the command with its exit code."""
+    """Print every missed limit; if there is one, end the command with exit code 4."""
     missed = [limit for limit in limits if limit.met is False]
     for limit in missed:
-        value = "nothing to measure" if limit.value is None else f"{limit.value:.3g}"
-        say(f"rig: limit missed: {limit.name}: {value}, asked {limit.asked}")
+        value = "no value" if limit.value is None else f"{limit.value:.3g}"
+        say(f"rig: limit missed: {limit.name}: {value}, required {limit.asked}")
     if missed:
         raise typer.Exit(Exit.LIMIT_MISSED)

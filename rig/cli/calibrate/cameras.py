@@ -1,4 +1,4 @@
-"""`rig calibrate camera, hand-eye, markers`: a camera, where it stands, and how well it tells angles."""
+"""`rig calibrate camera, hand-eye, markers`: calibrate a camera, its pose, and its marker angle."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -27,28 +27,30 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class CameraOptions:
-    """The board, and its views."""
+    """The calibration board, and its views."""
 
     target: TargetOption = "charuco:8x6:25:18:DICT_5X5_100"
     pattern: PicturesOption = "*"
     serial: CameraSerial = "unknown"
-    keep_all: bool = option(False, "Keep views that contradict the others.")
+    keep_all: bool = option(False, "Do not reject outliers among the views.")
     poses: PosesOption = 20
 
 
 def camera(context: typer.Context, common: StationOptions, options: CameraOptions) -> None:
-    """Fit a camera to views of a board; the lens model is the one that predicts unseen views best.
+    """Calibrate a camera's intrinsics and lens distortion from views of a board.
 
-    On a bench the arm holds the board and shows it from --poses places and tilts; without an arm you do, and
-    confirm each picture.
+    Several lens models are fitted; the one with the lowest reprojection error on held-out views is kept.
 
-    The folder of --from holds pictures of one board by one camera, at one focus and zoom: 10 to 20,
-    tilted by 30 degrees each way, over the whole picture. --target says which board; lens, outliers
-    and verdict are found from the views.
+    On a bench the arm holds the board in --poses positions and tilts. Without an arm you hold it, and confirm
+    each picture.
 
-    A chessboard's corners are refined in windows that hold no neighbour; :11 behind the target sets
-    OpenCV's fixed 11 px. On OpenCV's own chessboard photos that recipe (--target chessboard:9x6:25:11
-    --keep-all) gives the published numbers and misses unseen views by 0.42 px; the default by 0.18.
+    The folder of --from holds 10 to 20 pictures of one board by one camera, at one focus and zoom. Tilt the
+    board by 30 degrees in each direction, and cover the whole picture. --target names the board.
+
+    Each corner of a chessboard is refined in a window that holds no other corner. Append :N to the target for
+    a fixed window of N px. On OpenCV's own chessboard photos its recipe (--target chessboard:9x6:25:11
+    --keep-all) reproduces the published numbers, with a reprojection error of 0.42 px on held-out views; the
+    default of this command has 0.18 px.
 
     Examples:
       rig calibrate camera --bench fake --poses 20
@@ -76,28 +78,30 @@ def camera(context: typer.Context, common: StationOptions, options: CameraOption
 
 @dataclass(frozen=True, slots=True)
 class HandEyeOptions:
-    """The target, the camera, and its place."""
+    """The target, the camera, and where the camera is mounted."""
 
     target: TargetOption = "marker:60:DICT_4X4_50:0"
     camera_file: CameraFile = None
-    setup: str = option("eye-to-hand", "eye-to-hand or eye-in-hand.")
+    setup: str = option("eye-to-hand", "eye-to-hand (fixed camera) or eye-in-hand (camera on the tool).")
     serial: CameraSerial = "unknown"
     poses: PosesOption = 20
 
 
 def hand_eye(context: typer.Context, common: StationOptions, options: HandEyeOptions) -> None:
-    """Find where the camera is: base_T_camera of one that stands, tcp_T_camera of one in the hand.
+    """Calibrate the pose of the camera: base_T_camera if it is fixed, tcp_T_camera if it is on the tool.
 
-    On a bench the arm visits --poses poses, each the one that tells most, and waits for stillness.
-    eye-to-hand: the target is firm on the tool. eye-in-hand: the target lies on the table's mark, and
-    the camera is on the tool, looking past the fingers. The camera is that of calibrations/, if there.
+    On a bench the arm visits --poses poses. Each is chosen to reduce the uncertainty most, and each picture
+    is taken at rest. For eye-to-hand, fix the target rigidly to the tool. For eye-in-hand, put the target on
+    the mark of the table; the camera on the tool looks past the fingers. The intrinsics are read from
+    calibrations/ if they are there.
 
-    The folder of --from holds <id>.png (or .jpg ...) and poses.csv, one row for each picture: id,
-    x_m, y_m, z_m and qx, qy, qz, qw (or rx_rad, ry_rad, rz_rad, as a UR shows them): base_T_tcp.
-    Pictures and poses are paired by id, never by their order. The answer's quaternion is xyzw.
+    The folder of --from holds pictures <id>.png (or .jpg ...) and poses.csv. Its columns are id, x_m, y_m,
+    z_m and qx, qy, qz, qw (or rx_rad, ry_rad, rz_rad, as a UR shows them), the pose base_T_tcp of each
+    picture. Pictures and poses are paired by id, not by order. The resulting quaternion is in the order xyzw.
 
-    With targets.csv instead of pictures, the target's poses in the camera (camera_T_target) in the same
-    columns, as another detector gave them, no --camera is needed: the noise of both is found from the pairs.
+    The folder may hold targets.csv instead of pictures: the poses camera_T_target that another detector
+    found, in the same columns. Then --camera is not needed. The noise of arm and detector is estimated from
+    the pairs of poses.
 
     Examples:
       rig calibrate hand-eye --from samples --camera camera.yaml --target marker:60:DICT_4X4_50:0
@@ -143,21 +147,21 @@ def _hand_eye_from(
 class MarkersOptions:
     """The markers, and the object that carries them."""
 
-    ids: tuple[int, int] = option((0, 1), "The two marker ids.")
-    dictionary: str = option("DICT_4X4_50", "OpenCV's name, or a file.")
+    ids: tuple[int, int] = option((0, 1), "Ids of the two markers.")
+    dictionary: str = option("DICT_4X4_50", "ArUco dictionary: OpenCV's name, or a file.")
     camera_file: CameraFile = None
     pattern: PicturesOption = "*"
     serial: CameraSerial = "unknown"
-    object_name: str = option("wrench", "Object to look at on a bench.", "--object")
+    object_name: str = option("wrench", "On a bench: object with the markers.", "--object")
     objects: ObjectsOption = None
 
 
 def markers(context: typer.Context, common: StationOptions, options: MarkersOptions) -> None:
-    """Measure how well the two-marker angle is known, from pictures of the object at rest.
+    """Measure the noise of the angle from two markers, on pictures of an object at rest.
 
-    On a bench the camera looks at an object in its place, sixty times; nothing moves.
+    On a bench the camera takes sixty pictures of an object in its place. Nothing moves.
 
-    The folder of --from holds twenty pictures or more, taken one after the other, nothing moving.
+    The folder of --from holds at least twenty pictures, taken one after the other while nothing moves.
 
     Examples:
       rig calibrate markers --bench fake

@@ -1,4 +1,4 @@
-"""`rig calibrate`: calibration files and pages from recorded samples, or from the bench."""
+"""`rig calibrate`: write calibration files and pages, from recorded samples or on the bench."""
 
 from pathlib import Path
 from typing import Annotated
@@ -13,10 +13,10 @@ from rig.cli.places import file_place
 
 calibrate = Commands(
     no_args_is_help=True,
-    help="Turn samples into calibration files with their uncertainty, a verdict and a page.\n\n"
-    "Samples are collected on --bench, by a protocol that asks before it moves, or read with --from FOLDER "
-    "(each command's help says what it holds). Files go to --out, by default calibrations/ beside the bench "
-    "file (for the built-in benches: here), where rig trial and rig record find and use them.",
+    help="Calibrate cameras, sensors, gripper, tool and clocks; write files with uncertainty and a page.\n\n"
+    "Samples are collected on --bench, with a question before each motion, or read with --from FOLDER (the "
+    "help of each command describes the folder). Results go to --out, by default calibrations/ beside the "
+    "bench file (for a built-in bench, in the current folder), where rig trial and rig record find them.",
 )
 for command in (cameras.camera, cameras.hand_eye, cameras.markers):
     calibrate.command()(command)
@@ -27,16 +27,17 @@ for command in (sensors.tactile, sensors.gripper, sensors.tcp, sensors.sync):
 @calibrate.command()
 def board(
     target: Annotated[
-        str, typer.Argument(help="As --target of the other commands.")
+        str, typer.Argument(help="Target, in the form of --target of the other commands.")
     ] = "charuco:8x6:25:18:DICT_5X5_100",
     out: Annotated[
-        Path | None, typer.Option("--out", help="File ending in .svg or .pdf.", callback=file_place)
+        Path | None, typer.Option("--out", help="File to write, .svg or .pdf.", callback=file_place)
     ] = None,
     json: JsonOption = False,
 ) -> None:
-    """Draw a target to print at 100 %, with a bar of 100 mm to check with a ruler.
+    """Draw a target to print at a scale of 100 %, with a bar of 100 mm to check with a ruler.
 
-    Measure one side after printing: what it measures goes into the target's name.
+    Measure one side of a square or marker after printing. If it differs, put the measured length into the
+    target's name.
 
     Examples:
       rig calibrate board charuco:8x6:25:18:DICT_5X5_100 --out board.pdf
@@ -63,10 +64,10 @@ def board(
 @calibrate.command()
 def compare(
     one: Annotated[Path, typer.Argument(help="Calibration file.")],
-    other: Annotated[Path, typer.Argument(help="Another of the same kind.")],
+    other: Annotated[Path, typer.Argument(help="Calibration file of the same kind to compare with.")],
     json: JsonOption = False,
 ) -> None:
-    """Say how far two calibrations differ where it matters: px over the picture, mm in the workspace.
+    """Print how far two calibrations differ, in px over the picture or in mm over the workspace.
 
     Examples:
       rig calibrate compare calibrations/camera-C1.yaml old/camera-C1.yaml

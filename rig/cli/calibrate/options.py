@@ -1,4 +1,4 @@
-"""What the commands of `rig calibrate` share: options, where files go, and what is said at the end."""
+"""Shared by the commands of `rig calibrate`: options, collection of samples, files and printed results."""
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, closing, contextmanager
@@ -28,30 +28,33 @@ TargetOption = Annotated[
     str,
     typer.Option(
         "--target",
-        help="charuco:8x6:25:18:DICT_5X5_100[:legacy], chessboard:9x6:25[:px], marker:60:DICT_4X4_50:0.",
+        help="Target (squares, sizes in mm, ArUco dictionary): charuco:8x6:25:18:DICT_5X5_100[:legacy], "
+        "chessboard:9x6:25[:px] or marker:60:DICT_4X4_50:0.",
     ),
 ]
-CameraFile = Annotated[Path | None, typer.Option("--camera", help="Camera file: ours, ROS or OpenCV.")]
-CameraSerial = Annotated[str, typer.Option("--serial", help="Of the camera.")]
-PicturesOption = Annotated[str, typer.Option("--pictures", help="Which pictures of the folder.")]
-PosesOption = Annotated[int, typer.Option("--poses", min=5, max=60, help="Poses to visit on a bench.")]
+CameraFile = Annotated[Path | None, typer.Option("--camera", help="Camera file of the rig, ROS or OpenCV.")]
+CameraSerial = Annotated[str, typer.Option("--serial", help="Serial of the camera.")]
+PicturesOption = Annotated[
+    str, typer.Option("--pictures", help="With --from: pattern of the picture files, as 'left*.jpg'.")
+]
+PosesOption = Annotated[int, typer.Option("--poses", min=5, max=60, help="On a bench: number of poses.")]
 
 
 @dataclass(frozen=True, slots=True)
 class StationOptions(WatchOptions):
-    """Where the samples of a calibration come from, and where its file goes."""
+    """The source of a calibration's samples, and the folder of its file."""
 
-    source: Path | None = option(None, "Folder of recorded samples.", "--from")
+    source: Path | None = option(None, "Folder of recorded samples. Default: collect on --bench.", "--from")
     bench: BenchOption = "fake"
     seed: SeedOption = 0
     dry: DryRunOption = False
     yes: YesOption = False
-    out: Path | None = option(None, "Folder of the calibration file and its page.", callback=folder_place)
+    out: Path | None = option(None, "Folder for the calibration file and its page.", callback=folder_place)
     json: JsonOption = False
 
     @property
     def folder(self) -> Path:
-        """Folder of the calibration files: --out, or where trials on the bench read them."""
+        """Folder of the calibration files: --out, by default the folder that trials on the bench read."""
         from rig.config.calibrations import calibrations_folder
 
         return self.out or calibrations_folder(self.bench)
@@ -65,9 +68,10 @@ def calibrated(
     from_folder: "Callable[[Path], CalibrationResult]",
     **settings: Any,
 ) -> None:
-    """Carry out a calibration from the folder of --from, or without one on the bench; file and print it.
+    """Calibrate from the folder of --from, or on the bench without it; store and print the results.
 
-    work, settings: as `_station` takes them.
+    on_bench: calibrates on the bench. from_folder: calibrates from the samples of a folder. work: name and
+    number of the items for the watch page. settings: further arguments of `_station`.
     """
     if common.source is not None:
         _file_one(from_folder(_recorded(common.source, common)), common)
@@ -90,11 +94,11 @@ def _station(
     objects: Path | None = None,
     needs: str = "",
 ) -> "Iterator[Station]":
-    """Yield the place of a collection: the bench, the person who is asked, and the folder of the results.
+    """Yield the station of a collection: the bench, the operator, and the folder of the results.
 
-    what, total: name and number of the pieces of work. agreed: to every question, as with --yes. objects:
-    folder of own objects. needs: name in `rig.config.parts.NEEDS` if it is not the command's. With --dry-run
-    the plan is shown, as by `dry_run`, and the command ends. Raises `InputError`.
+    what, total: name and number of the items for the watch page. agreed: whether every question is agreed to,
+    as with --yes. objects: folder of own objects. needs: name in `rig.config.parts.NEEDS`, by default that of
+    the command. With --dry-run the plan is shown, as by `dry_run`, and the command ends. Raises `InputError`.
     """
     from rig.bench.operators import ConsoleOperator
     from rig.calibrate.bench import Station
@@ -123,7 +127,7 @@ def _station(
 
 
 def _show(stack: ExitStack, listeners: "tuple[Listener, ...]") -> "Callable[[Frame], None] | None":
-    """Who takes frames for those who look on; nobody, and nothing of it imported, where nobody does."""
+    """Return the function that sends frames to the watch page; None if there is no page."""
     if not listeners:
         return None
     from rig.live.feed import LiveFeed
@@ -133,19 +137,19 @@ def _show(stack: ExitStack, listeners: "tuple[Listener, ...]") -> "Callable[[Fra
 
 
 def _recorded(source: Path, common: StationOptions) -> Path:
-    """Return the folder of --from. Raises `InputError` if an option to watch a bench was given with it."""
+    """Return the folder of --from. Raises `InputError` if an option of the watch page was given with it."""
     from drivers.errors import InputError
 
     for name in ("watch", "watch_at", "notify"):
         if getattr(common, name):
             named = name.replace("_", "-")
-            raise InputError(f"--{named} watches a bench, and --from {source} needs none: leave it out")
+            raise InputError(f"--{named} is for a calibration on a bench: leave it out with --from {source}")
     begin_phase(f"calibrating from {source}")
     return source
 
 
 def _file_all(results: "Sequence[CalibrationResult]", common: StationOptions) -> None:
-    """File the results of one collection; one that is refused is raised after all are on disk."""
+    """Store the results of one collection. Raises `CalibrationError` at the end if any is refused."""
     from drivers.errors import CalibrationError
 
     filed: list[Filed] = []
@@ -159,17 +163,17 @@ def _file_all(results: "Sequence[CalibrationResult]", common: StationOptions) ->
     figures = {"calibrations": [each.figures for each in filed], "refused": refused}
     print_result(common.json, figures, *(path for each in filed for path in (each.path, each.page)))
     if refused:
-        raise CalibrationError(f"{len(refused)} of {len(results)} were refused; see their pages")
+        raise CalibrationError(f"{len(refused)} of {len(results)} calibrations were refused; see their pages")
 
 
 def _file_one(result: "CalibrationResult", common: StationOptions) -> None:
-    """File a result, and print its verdict, figures and paths. Raises `CalibrationError` if it is refused."""
+    """Store a result; print its verdict, figures and paths. Raises `CalibrationError` if it is refused."""
     filed = _filed(result, common)
     print_result(common.json, filed.figures, filed.path, filed.page)
 
 
 def _filed(result: "CalibrationResult", common: StationOptions) -> "Filed":
-    """File a result and print its verdict and figures. Raises `CalibrationError` for a refused one."""
+    """Store a result and print its verdict and figures. Raises `CalibrationError` if it is refused."""
     from rig.calibrate.result import file_result
 
     filed = file_result(result, common.folder)

@@ -1,4 +1,4 @@
-"""`rig calibrate tactile, gripper, tcp, sync`: gels, fingers, the tool's tip, clocks."""
+"""`rig calibrate tactile, gripper, tcp, sync`: calibrate gels, fingers, the tool's tip, and clocks."""
 
 from dataclasses import dataclass
 
@@ -9,6 +9,7 @@ from rig.cli.declared import is_given, option
 from rig.cli.options import ObjectsOption
 
 _BLOCKS_MM = [8.0, 15.0, 25.0, 35.0, 50.0, 65.0, 80.0, 95.0]
+"""Default widths of the blocks on a bench."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -16,26 +17,26 @@ class TactileOptions:
     """The balls, and the sensor."""
 
     balls_mm: list[float] | None = option(
-        None, "Diameter of a ball to press on a bench; two sizes are good. Repeat.", "--ball-mm"
+        None, "On a bench: diameter of a ball to press, in mm; repeat for a second size.", "--ball-mm"
     )
-    presses: int = option(16, "Places for each ball.", min=8, max=100)
+    presses: int = option(16, "Number of presses of each ball.", min=8, max=100)
     mm_per_px: tuple[float, float] | None = option(
-        None, "With --from: scale along x and y, where it is known."
+        None, "With --from: scale along x and y in mm per px, if known."
     )
-    serial: str = option("unknown", "Of the sensor.")
+    serial: str = option("unknown", "Serial of the sensor.")
 
 
 def tactile(context: typer.Context, common: StationOptions, options: TactileOptions) -> None:
-    """Find a gel's scale along x and y, and how its colours tell its slopes, from ball presses.
+    """Calibrate a gel's scale and its map from colour to surface slope, from presses of balls.
 
-    On a bench with --ball-mm the fingers press each ball at many places of both gels; the arm's steps
-    give the scale. Without --ball-mm nothing moves: every fingertip is looked at untouched, kept as
-    its reference, and compared with the one before (LEDs, gel, drift).
+    On a bench with --ball-mm the fingers press each ball at many places of both gels. The scale in mm per px
+    is found from the steps of the arm. Without --ball-mm nothing moves: a frame of each fingertip without
+    contact is stored as its reference, and compared with the previous reference (LEDs, gel, drift).
 
-    The folder of --from holds background.png (untouched), catalog.csv and its pictures. catalog.csv:
-    image, diameter(mm); where known x_mm, y_mm (how far the ball was moved, right and down as the
-    picture shows it: they give mm per px) and background (another untouched picture for this one).
-    The balls are found by themselves.
+    The folder of --from holds background.png (without contact), catalog.csv and the pictures that it lists.
+    Its columns are image and diameter(mm). Optional columns are x_mm and y_mm (position of the ball, to the
+    right and down in the picture, from which the scale is found), and background (a picture without contact
+    for this row). The balls are detected in the pictures.
 
     Examples:
       rig calibrate tactile --bench fake
@@ -56,7 +57,7 @@ def tactile(context: typer.Context, common: StationOptions, options: TactileOpti
         lambda at: collect_presses(at, balls_mm, options.presses) if balls_mm else collect_references(at),
         lambda samples: tactile_from_folder(samples, options.serial, options.mm_per_px),
         needs="rig calibrate tactile --ball-mm" if balls_mm else "",
-        agreed=not balls_mm,  # without balls nothing moves, so there is nothing to agree to
+        agreed=not balls_mm,  # without balls nothing moves, so no consent is needed
     )
 
 
@@ -65,18 +66,19 @@ class GripperOptions:
     """The blocks, and the gripper."""
 
     blocks_mm: list[float] | None = option(
-        None, "Width of a block to close on at a bench. Repeat.", "--block-mm"
+        None, "On a bench: width in mm of a block to grasp; repeat for more.", "--block-mm"
     )
-    serial: str = option("unknown", "Of the gripper.")
+    serial: str = option("unknown", "Serial of the gripper.")
 
 
 def gripper(context: typer.Context, common: StationOptions, options: GripperOptions) -> None:
-    """Make the table of opening over counts of closing fingers, monotone, and measure the hysteresis.
+    """Calibrate the gripper's opening in mm as a monotone function of its counts, and its hysteresis.
 
-    On a bench the fingers close on blocks of known width (8 to 95 mm, or --block-mm) until both gels
-    feel them, and open until they do not.
+    On a bench the fingers close on blocks of known width (8 to 95 mm, or --block-mm) until both gels detect
+    contact, then open until the contact is lost.
 
-    The folder of --from holds gripper.csv: counts, opening_mm, direction (closing or opening).
+    The folder of --from holds gripper.csv with the columns counts, opening_mm and direction (closing or
+    opening).
 
     Examples:
       rig calibrate gripper --bench fake
@@ -101,27 +103,27 @@ def gripper(context: typer.Context, common: StationOptions, options: GripperOpti
 class TcpOptions:
     """The tilts, and the tool."""
 
-    poses: int = option(12, "Tilts on a bench.", min=4, max=60)
-    serial: str = option("unknown", "Of the tool.")
+    poses: int = option(12, "On a bench: number of tilts.", min=4, max=60)
+    serial: str = option("unknown", "Serial of the tool.")
     accept_change: bool = option(
-        False, "Accept a tip over 50 mm from the bench file's tcp_m; --yes does not."
+        False, "Accept a tip more than 50 mm from the bench file's tcp_m (--yes alone does not accept it)."
     )
 
 
 def tcp(context: typer.Context, common: StationOptions, options: TcpOptions) -> None:
-    """Find the point of a tip clamped in the fingers, on the flange, by pivoting in one small hole.
+    """Calibrate the position of a clamped pointed tip in the flange frame, by pivoting it in a small hole.
 
-    On a bench a pointed tip is in the fingers; the arm tilts it over the hole, and you step it in by
-    typing how far it still has to go (x y z in mm, base axes; empty when it sits).
+    On a bench the fingers hold a pointed tip. The arm tilts it above the hole. You then step it into the hole
+    by typing the remaining distance (x y z in mm, base axes), and press Enter alone when it sits.
 
-    The tip is not tcp_m, the point between the gels: it stands out of them. The result shows both, and the
-    way from tcp_m to the tip along the tool's axes. A calliper measures the same from the middle of the
-    gels to the point; where it differs, correct tcp_m by the difference. The result does not depend on
-    tcp_m, and is refused if it is more than 50 mm from it.
+    The tip is not the bench file's tcp_m, the point between the gels, because it sticks out of the fingers.
+    The result gives both, and the vector from tcp_m to the tip along the tool's axes. Measure the same vector
+    with a calliper, from the middle of the gels to the tip. If the two differ, correct tcp_m by the
+    difference. The calibration does not use tcp_m; it is refused if the tip is more than 50 mm from it.
 
-    The folder of --from holds poses.csv, one row for each seated pose: id, x_m, y_m, z_m and qx, qy,
-    qz, qw (or rx_rad, ry_rad, rz_rad, as a UR shows them), and child_frame: flange, or tcp for poses of the
-    tool centre point that the --bench file states. With --bench the tip is compared with its tcp_m.
+    The folder of --from holds poses.csv with a row per seated pose. The columns are id, x_m, y_m, z_m; qx,
+    qy, qz, qw (or rx_rad, ry_rad, rz_rad, as a UR shows them); and child_frame, which is flange, or tcp for
+    poses of the tool centre point of the --bench file. With --bench the tip is compared with its tcp_m.
 
     Examples:
       rig calibrate tcp --bench fake
@@ -152,24 +154,25 @@ def tcp(context: typer.Context, common: StationOptions, options: TcpOptions) -> 
 class SyncOptions:
     """The streams, and the object that carries the markers."""
 
-    first: str = option("robot", "Stream whose clock counts.", "--reference")
-    second: str = option("camera", "Stream to be moved.", "--stream")
-    search: float = option(0.5, "Largest offset, s.", min=0.01, max=10)
+    first: str = option("robot", "Stream whose clock is the reference.", "--reference")
+    second: str = option("camera", "Stream whose offset from the reference is estimated.", "--stream")
+    search: float = option(0.5, "Largest offset to search for, s.", min=0.01, max=10)
     object_name: str = option(
-        "gauge:30", "What carries the markers on a bench: a block by its width, or an object.", "--object"
+        "gauge:30", "On a bench: object with the markers, or gauge:WIDTH for a block (mm).", "--object"
     )
     objects: ObjectsOption = None
 
 
 def sync(context: typer.Context, common: StationOptions, options: SyncOptions) -> None:
-    """Find the time offset, and the drift, between streams that saw one wiggle.
+    """Estimate the time offset and drift between streams that measured the same motion.
 
-    On a bench the arm holds an object with markers and moves it up and down by a centimetre; the
-    camera and both fingertips are put on the arm's clock.
+    On a bench the arm moves an object with markers up and down by 1 cm. The offsets of the camera and of both
+    fingertips from the arm's clock are estimated.
 
-    The folder of --from holds <name>.csv of both streams: time_ns (or t_s) and value, anything that
-    the motion changes; the longer, faster and less regular, the better. Or an orientation, qx, qy, qz, qw:
-    then how fast it turns is compared, which two sensors on one body see alike.
+    The folder of --from holds <name>.csv for both streams. The columns are time_ns (or t_s) and value, any
+    quantity that changes with the motion. Long, fast and irregular motions give the best results. Instead of
+    value the columns may be an orientation, qx, qy, qz, qw. Then the turning speeds are compared, which
+    are equal for two sensors on one rigid body.
 
     Examples:
       rig calibrate sync --bench fake

@@ -1,4 +1,4 @@
-"""Where the object touches the gel: gate, classical mask, networks, and frames without contact.
+"""Detect where the object touches the gel, by image processing or a network; make backgrounds.
 
-Imports nothing else of `rig.tactile`.
+Of `rig.tactile` it imports only the interface of samples.
 """

@@ -1,4 +1,4 @@
-"""The frame without contact, made from frames that may all show contacts."""
+"""Compute a frame without contact from frames that may all show contacts."""
 
 from collections.abc import Sequence
 
@@ -11,16 +11,16 @@ from drivers.types import Image
 from rig.tactile.contact.finder import WORK_LONG_SIDE_PX, ContactFinder
 from rig.tactile.sample import check_frame
 
-# Frames looked at: more do not help the median and cost memory (60 DIGIT frames are 14 MB).
+# Number of frames used: more do not improve the median and need memory (60 DIGIT frames are 14 MB).
 MAX_FRAMES = 60
 MIN_FRAMES = 3
-# Rounds of "mask the contacts, take the median of the rest"; later ones change nothing.
+# Number of iterations of masking the contacts and computing the median of the rest; more change nothing.
 PASSES = 4
-# The plainest frame is preferred as a start only where its result is plainer by this factor: it may
-# be plain because it is dark. Faint contacts left in the median raise the slopes by 2 %, large ones
-# by 5 to 20 %.
+# The result that started from the frame with the weakest edges is used only if its edges are weaker than
+# those of the other result by this factor, because a frame may have weak edges because it is dark. Faint
+# contacts that remain in the median raise the gradients by 2 %, large ones by 5 to 20 %.
 PLAINER = 0.985
-# Rows whose median is taken at once, which bounds the memory of the sort.
+# Rows whose median is computed at once, which limits the memory of the sort.
 ROWS_AT_ONCE = 32
 MASKED = np.iinfo(np.int16).max
 
@@ -35,12 +35,12 @@ def mean_background(frames: Sequence[Image]) -> Image:
 
 
 def auto_background(frames: Sequence[Image]) -> Image:
-    """Make the frame without contact, (H, W, 3) uint8 RGB, from frames that may all show contacts.
+    """Compute the frame without contact, (H, W, 3) uint8 RGB, from frames that may all show contacts.
 
-    Every pixel has to be free of contact in some frames, so contacts must move about, or be absent
-    in some frames. Two first guesses (the median of all frames; the plainest frame) are refined by
-    taking the median of what lies outside the contacts; the second is returned where it is plainer,
-    as a contact left in a background adds edges to it. At most 60 frames, evenly spread, are used.
+    Every pixel has to be without contact in some frames, so contacts must change place, or be absent in some
+    frames. Two initial backgrounds (the median of all frames, and the frame with the weakest edges) are
+    refined by the median of the pixels outside the contacts. The second is returned if its edges are weaker,
+    because a contact that remains in a background adds edges. At most 60 frames, evenly spread, are used.
     Raises `InputError` for fewer than 3 frames or mixed sizes.
     """
     check_frames(frames, MIN_FRAMES)
@@ -66,7 +66,7 @@ def check_frames(frames: Sequence[Image], least: int) -> None:
 
 
 def structure(image: Image) -> float:
-    """Return the mean slope of the logarithm of an image: edges, whatever the light's strength."""
+    """Return the strength of an image's edges, independent of light: the mean gradient of its logarithm."""
     logarithm = np.log(image.astype(np.float32) + 10.0)
     smooth = cv2.GaussianBlur(logarithm, (0, 0), 2.0)
     return float(np.abs(np.diff(smooth, axis=0)).mean() + np.abs(np.diff(smooth, axis=1)).mean())
@@ -80,7 +80,7 @@ def _reduced(stack: Image) -> Image:
 
 
 def _refined(work: Image, guess: Image) -> tuple[Image, Image]:
-    """Return masks (N, h, w) and the background (h, w, 3) after the rounds of masking."""
+    """Return the masks (N, h, w) of the contacts and the background (h, w, 3) after all iterations."""
     background = guess
     masks = np.zeros(work.shape[:3], np.uint8)
     for _ in range(PASSES):
@@ -92,7 +92,10 @@ def _refined(work: Image, guess: Image) -> tuple[Image, Image]:
 
 
 def _median(stack: Image, masks: Image | None, fallback: Image) -> Image:
-    """Return the median over frames of the pixels outside the masks; the fallback where none is left."""
+    """Return the median over frames of the pixels outside the masks.
+
+    fallback: (H, W, 3), used for pixels that are masked in all frames.
+    """
     result = np.empty(stack.shape[1:], np.uint8)
     for top in range(0, stack.shape[1], ROWS_AT_ONCE):
         rows = np.s_[top : top + ROWS_AT_ONCE]

@@ -1,4 +1,4 @@
-"""An estimator of a dotted gel that sees what lies between the dots."""
+"""Run an estimator on a gel with printed dots, on frames whose dots are filled."""
 
 from dataclasses import replace
 
@@ -8,20 +8,20 @@ from rig.tactile.sample import SlipSample, TactileEstimator
 from rig.tactile.stopwatch import Stopwatch
 
 DOTS = "dots"
-"""The stage in which they are filled."""
+"""Name of the stage that fills the dots."""
 
 
 class DotFreeEstimator(TactileEstimator):
-    """Fills the dots of each frame before another estimator sees it.
+    """Fills the dots of each frame, then passes the frame to another estimator.
 
-    estimator: made with a background whose dots are filled.
+    estimator: an estimator that was made with a background whose dots are filled.
     """
 
     def __init__(self, estimator: TactileEstimator) -> None:
         self._estimator = estimator
 
     def update(self, image: Image, time_ns: int) -> SlipSample:
-        """Estimate from (H, W, 3) uint8 RGB. Raises `InputError` for another shape or type only."""
+        """Estimate from (H, W, 3) uint8 RGB. Raises only `InputError`, for another shape or type."""
         watch = Stopwatch()
         plain = without_dots(image)
         watch.lap(DOTS)
@@ -29,9 +29,9 @@ class DotFreeEstimator(TactileEstimator):
         return replace(sample, stage_s={**watch.stage_s, **sample.stage_s})
 
     def arm(self, state: ArmState) -> None:
-        """Take the arm's state."""
+        """Pass the state of the arm on."""
         self._estimator.arm(state)
 
     def gripped_further(self) -> None:
-        """Take note that the fingers have closed further."""
+        """Notify the estimator that the fingers have closed further."""
         self._estimator.gripped_further()

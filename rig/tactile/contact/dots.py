@@ -1,9 +1,9 @@
-"""Dark dots printed on a gel: where they are, and what a frame would look like without them.
+"""Find the dark dots printed on a gel, and fill them from their surroundings.
 
-A gel is printed with dots so that its own motion can be seen: small dark blobs at regular distances, dark
-in all three channels, as ink swallows every colour of light while a slope swallows one and reflects another.
-They are no contact, and they move when the gel is pushed. So they are looked for in each frame anew, and
-filled from what is around them.
+Some gels are printed with dots, called markers, that show the motion of the gel: small dark blobs at regular
+distances. Ink absorbs light of every colour, so a dot is dark in all three channels; a slope of the gel is
+dark in some channels and bright in others. Dots are not a contact, and they move with the gel. Therefore they
+are detected in every frame.
 """
 
 from collections.abc import Callable
@@ -16,33 +16,35 @@ from scipy.spatial import KDTree
 from drivers.types import Image
 from rig.tactile.sample import check_frame
 
-# Markers are wider than noise and narrower than this share of the frame's short side: on a GelSight
-# Mini (320 x 240) 12 to 20 px wide, 26 to 45 px apart.
+# Side of the search window as a fraction of the frame's short side. Markers are narrower: on a GelSight Mini
+# (320 x 240) they are 12 to 20 px wide and 26 to 45 px apart.
 REACH_SHARE = 0.10
-# How much darker than its surroundings a marker is, as a share of them.
+# A marker is darker than its surroundings by at least this fraction.
 DARKER_SHARE = 0.25
-# Area of a marker between these shares of the square that is looked through.
+# Smallest and largest area of a marker as fractions of the search window.
 LEAST_AREA, MOST_AREA = 0.06, 0.8
-# Below this grey level surroundings are too dark to show anything.
+# Lower bound of the surroundings in grey levels, for the relative darkness.
 DARK_GREY = 12.0
-# So many dots make a print. Dirt on a gel is fewer spots, or lies about at random: then the distance to the
-# nearest neighbour differs from spot to spot by half of its mean, and that is half of what as many spots in
-# rows and columns on the same area would have (Clark and Evans 1954: 1 at random, 2 on a square grid).
+# A gel counts as dotted if it has at least LEAST_DOTS spots on a regular grid. Dirt on a gel has fewer spots,
+# or random positions. For random positions the distances to the nearest neighbour have a standard deviation
+# of half their mean; IRREGULAR is the largest ratio accepted. Their mean, relative to the density, is 1 for
+# random positions and 2 for a square grid (Clark and Evans 1954); SPREAD is the smallest value accepted.
 LEAST_DOTS, IRREGULAR, SPREAD = 12, 0.3, 1.6
-# Whether there is a print is seen on a copy of this long side.
-LOOKED_AT_PX = 640
-# A dot's soft edge is filled too: this share of its width beside it. With more, more is lost of what turns.
+# Long side of the copy on which a gel is checked for dots.
+CHECKED_PX = 640
+# Width of the margin around a dot that is filled, too, as a fraction of the dot's width: the edge is blurred.
+# A wider margin would remove more of the texture that turns.
 MARGIN_SHARE, LEAST_MARGIN_PX = 0.15, 2
-# What fills a dot is smooth: it is worked out on a copy reduced by so much.
+# The filling is smooth, so it is computed on a copy that is reduced by this factor.
 REDUCED = 4
 
 Points = NDArray[np.float64]
 
 
 def find_dots(image: Image) -> Points:
-    """Return the centres (N, 2) of the markers in an (H, W, 3) uint8 RGB frame: x right, y down, px.
+    """Return the centres (N, 2) of the markers in an (H, W, 3) uint8 RGB frame: x to the right, y down, px.
 
-    Those cut by the frame's edge are left out. Raises `InputError` for another shape or type.
+    Markers on the edge of the frame are left out. Raises `InputError` for another shape or type.
     """
     check_frame(image)
     grey, around, side = _surroundings(image)
@@ -60,17 +62,17 @@ def find_dots(image: Image) -> Points:
 
 
 def without_markers(image: Image) -> Image:
-    """Return the frame with what is dark and narrow filled from around it, channel by channel."""
+    """Return the frame with all dark spots that are narrower than the search window removed, per channel."""
     check_frame(image)
     return np.asarray(cv2.morphologyEx(image, cv2.MORPH_CLOSE, _square(image)), np.uint8)
 
 
 def is_dotted(background: Image) -> bool:
-    """Whether a frame without contact, (H, W, 3) uint8 RGB, is of a gel with printed dots."""
+    """Whether a frame without contact, (H, W, 3) uint8 RGB, shows a gel with printed dots."""
     check_frame(background)
     longest = max(background.shape[:2])
-    if longest > LOOKED_AT_PX:
-        size = [max(8, round(side * LOOKED_AT_PX / longest)) for side in background.shape[1::-1]]
+    if longest > CHECKED_PX:
+        size = [max(8, round(side * CHECKED_PX / longest)) for side in background.shape[1::-1]]
         background = np.asarray(cv2.resize(background, size, interpolation=cv2.INTER_AREA), np.uint8)
     dots = find_dots(background)
     if len(dots) < LEAST_DOTS:
@@ -81,9 +83,9 @@ def is_dotted(background: Image) -> bool:
 
 
 def without_dots(image: Image) -> Image:
-    """Return a frame whose dots are filled from what is around them, (H, W, 3) uint8 RGB.
+    """Return the frame, (H, W, 3) uint8 RGB, with its dots filled from their surroundings.
 
-    Also those that the frame's edge cuts. Raises `InputError` for another shape or type.
+    Dots on the edge of the frame are filled, too. Raises `InputError` for another shape or type.
     """
     check_frame(image)
     spots, side = _spots(image)
@@ -100,12 +102,15 @@ def without_dots(image: Image) -> Image:
 
 
 def plain_of(background: Image) -> Callable[[Image], Image]:
-    """Return what makes frames of this gel plain: it fills the dots of a dotted one, and nothing else."""
+    """Return the function that fills the dots of this gel's frames; for a gel without dots, the identity."""
     return without_dots if is_dotted(background) else lambda image: image
 
 
 def _filled(image: Image, hidden: Image, width_px: float) -> Image:
-    """Fill what is hidden with the mean of what is near, weighted by a Gaussian as wide as a dot."""
+    """Fill the masked pixels with a Gaussian-weighted mean of the others; its sigma is half of `width_px`.
+
+    hidden: (H, W) uint8, 1 in pixels to fill. width_px: width of a dot with its margin.
+    """
     height, width = hidden.shape
     size = (max(1, width // REDUCED), max(1, height // REDUCED))
     kept = cv2.resize(cv2.copyTo(image, 1 - hidden), size, interpolation=cv2.INTER_AREA)
@@ -118,15 +123,16 @@ def _filled(image: Image, hidden: Image, width_px: float) -> Image:
 
 
 def _spots(image: Image) -> tuple[NDArray[np.uint8], int]:
-    """Return where a frame is darker than its surroundings, (H, W) 0 or 1, and the side of the square, px."""
+    """Return the mask (H, W), 0 or 1, of pixels darker than their surroundings, and the window's side, px."""
     grey, around, side = _surroundings(image)
     return ((around - grey) > DARKER_SHARE * np.maximum(around, DARK_GREY)).astype(np.uint8), side
 
 
 def _surroundings(image: Image) -> tuple[NDArray[np.float32], NDArray[np.float32], int]:
-    """Return grey levels, what they are without markers, and the side of the square looked through, px.
+    """Return the grey levels, the grey levels without markers, and the side of the search window, px.
 
-    The brightest channel: coloured light leaves one dark where there is no marker, never all three.
+    The grey level is that of the brightest channel: without a marker, coloured light leaves some channels
+    dark, but never all three.
     """
     red, green, blue = cv2.split(image)
     bright = cv2.GaussianBlur(cv2.max(cv2.max(red, green), blue), (0, 0), 1.0)
@@ -141,7 +147,10 @@ def _square(image: Image) -> NDArray[np.uint8]:
 
 
 def _complete(stats: NDArray[np.int32], shape: tuple[int, ...], side: int) -> NDArray[np.bool_]:
-    """Which components (label 0 is the rest) are whole markers: of their size, and off the edge."""
+    """Return which components are complete markers: of a valid size, and not on the frame's edge.
+
+    stats: of OpenCV, per label; label 0 is the background. side: of the search window, px.
+    """
     left, top, width, height, area = stats.T
     inside = (left > 0) & (top > 0) & (left + width < shape[1]) & (top + height < shape[0])
     size = (area >= LEAST_AREA * side**2) & (area <= MOST_AREA * side**2)

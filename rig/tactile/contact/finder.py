@@ -1,9 +1,8 @@
-"""Where the object touches the gel: a contact mask by plain image processing.
+"""Segment the contact by image processing, without a network.
 
-A frame is compared with the same sensor's frame without contact. The light of a DIGIT multiplies
-(LEDs dim, white balance drifts), so the difference is taken relative to the background after a
-gain per channel. Its smoothed magnitude is split by Otsu's threshold; a gate on contrast and area
-decides whether the split shows a contact or only noise.
+A frame is compared with the frame without contact of the same sensor, by the relative difference of
+`rig.tactile.contact.relative`. Otsu's threshold splits its smoothed magnitude into contact and rest. Limits
+on contrast and area decide whether the split shows a contact or only noise.
 """
 
 from dataclasses import dataclass
@@ -17,33 +16,33 @@ from drivers.types import Image
 from rig.tactile.contact.relative import RelativeDifference, upper_median
 from rig.tactile.sample import check_frame
 
-# Long side of the copy that is looked at: half a DIGIT's, fine for outlines smeared by the gel.
+# Long side of the reduced copy: half a DIGIT's frame, fine enough because the gel blurs outlines.
 WORK_LONG_SIDE_PX = 160
-# Gaussian blur of the signed difference (averages noise) and of its magnitude (closes the gap
-# between the lit and the shaded flank of a contact), in work pixels.
+# Standard deviations of the Gaussian blur of the signed difference (reduces noise) and of its magnitude
+# (closes the gap between the lit and the shaded side of a contact), in work pixels.
 NOISE_BLUR_PX = 1.0
 SHAPE_BLUR_PX = 2.0
-# Opening and closing with an ellipse of this size: removes light streaks, fills rims.
+# Size of the ellipse for opening and closing, which remove streaks of light and fill rims.
 MORPH_PX = 7
-# A flat face shows by its edges alone: parts of this share of the largest one's area belong to the
-# same contact. Smaller ones are mostly streaks of light.
+# Parts with at least this fraction of the largest part's area belong to the same contact, because only the
+# edges of a flat face are visible. Smaller parts are mostly streaks of light.
 PART_SHARE = 0.5
-# A contact begins when inside and outside differ by this share of the background's light, and
-# ends below the lower one; drift that a gain per channel cannot follow stays below both.
+# A contact begins if the mean relative difference inside exceeds that outside by the first value, and ends
+# below the second (hysteresis). Drift that gain and offset cannot correct stays below both.
 CONTRAST_ENTER, CONTRAST_LEAVE = 0.035, 0.025
-# The same in multiples of the frame's own pixel noise: what a split of pure noise can reach.
+# The same limits in multiples of the frame's pixel noise; a split of pure noise stays below them.
 NOISE_ENTER, NOISE_LEAVE = 2.0, 1.5
-# Share of the frame a contact covers at least: 1 % of a DIGIT is a 4 mm long edge contact.
+# Smallest area of a contact as a fraction of the frame: 1 % of a DIGIT is an edge contact 4 mm long.
 AREA_ENTER, AREA_LEAVE = 0.01, 0.006
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Contact:
-    """The contact seen in one frame of (H, W).
+    """The contact in one frame of size (H, W).
 
-    mask: (H, W) uint8, 0 or 255; None without contact. area_px: its area, 0 without contact.
-    contour: (N, 1, 2) float32 points about 1 px apart along its outline, x and y in pixels of the
-    frame (0 is the middle of the first pixel); empty without contact.
+    mask: (H, W) uint8, 0 or 255; None without contact. area_px: area of the mask, 0 without contact.
+    contour: (N, 1, 2) float32, points about 1 px apart along its outline, x and y in pixels of the
+    frame (0 is the centre of the first pixel); empty without contact.
     """
 
     mask: Image | None
@@ -57,9 +56,9 @@ NO_CONTACT = Contact(None, 0.0, np.empty((0, 1, 2), np.float32))
 class ContactFinder:
     """Finds the contact in the frames of one sensor.
 
-    background: (H, W, 3) uint8 RGB, a frame without contact. tightness scales the threshold: above
-    1 the mask keeps closer to the middle of the contact, below 1 it reaches further out. Frames
-    are independent of one another but for the gate, which lets a contact begin later than end.
+    background: (H, W, 3) uint8 RGB, a frame without contact. tightness: factor of the threshold, 0.1 to 10;
+    above 1 the mask is smaller, below 1 larger. Frames are independent except for the hysteresis of the
+    limits.
     """
 
     def __init__(self, background: Image, tightness: float = 1.0) -> None:
@@ -84,7 +83,7 @@ class ContactFinder:
         return self._contact(outline) if outline is not None and self._in_contact else NO_CONTACT
 
     def _energy(self, image: Image) -> tuple[NDArray[np.float32], float]:
-        """Return the smoothed magnitude of the relative difference, and the pixel noise in its unit."""
+        """Return the smoothed magnitude (h, w) of the relative difference, and its pixel noise."""
         raw = self._light.of(self._light.reduced(image))
         smooth = cv2.GaussianBlur(raw, (0, 0), NOISE_BLUR_PX)
         noise = 1.4826 * float(upper_median(np.abs(raw[::8, ::8] - smooth[::8, ::8]).reshape(-1, 1))[0])
@@ -92,7 +91,7 @@ class ContactFinder:
         return np.asarray(cv2.GaussianBlur(cv2.sqrt(squares), (0, 0), SHAPE_BLUR_PX), np.float32), noise
 
     def _outline(self, energy: NDArray[np.float32]) -> NDArray[np.int32] | None:
-        """Return the convex outline of the large parts above the threshold, in work pixels."""
+        """Return the convex hull of the large parts above the threshold, in work pixels; None without any."""
         peak = float(energy.max())
         if peak <= 0.0:
             return None
@@ -109,7 +108,7 @@ class ContactFinder:
         return np.asarray(cv2.convexHull(large), np.int32)
 
     def _passes(self, outline: NDArray[np.int32], energy: NDArray[np.float32], noise: float) -> bool:
-        """Whether the split shows a contact: enough area, enough contrast for light and for noise."""
+        """Whether area and contrast of the split reach the limits of a contact."""
         inside = np.zeros(energy.shape, np.uint8)
         cv2.fillConvexPoly(inside, outline, 255)
         area = cv2.countNonZero(inside) / inside.size
@@ -119,12 +118,12 @@ class ContactFinder:
         return area >= AREA_ENTER and contrast >= max(CONTRAST_ENTER, NOISE_ENTER * noise)
 
     def _contact(self, outline: NDArray[np.int32]) -> Contact:
-        """Bring the outline to the frame's own pixels."""
+        """Return the contact of an outline in work pixels, converted to pixels of the frame."""
         height, width = self._shape[:2]
         factor = np.array([width / self._size[0], height / self._size[1]], np.float32)
         corners = (outline.reshape(-1, 2) + np.float32(0.5)) * factor - np.float32(0.5)
         mask = np.zeros((height, width), np.uint8)
-        # fillConvexPoly reads fixed-point corners: 4 bits are a sixteenth of a pixel.
+        # fillConvexPoly takes fixed-point corners: 4 fractional bits are a sixteenth of a pixel.
         cv2.fillConvexPoly(mask, np.rint(corners * 16).astype(np.int32), 255, shift=4)
         return Contact(mask, float(cv2.countNonZero(mask)), _dense(corners))
 

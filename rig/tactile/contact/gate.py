@@ -1,4 +1,4 @@
-"""Whether a frame shows a contact, and roughly where: the first and cheapest stage."""
+"""Detect whether a frame shows a contact, and roughly where: the first and fastest stage."""
 
 from dataclasses import dataclass
 
@@ -9,34 +9,37 @@ from numpy.typing import NDArray
 from drivers.types import Image
 from rig.tactile.contact.steadiness import Levels, changed
 
-# Blur of the squared difference, in work pixels: a contact is wider than noise.
+# Standard deviation of the blur of the squared difference, in work pixels: a contact is wider than noise.
 ENERGY_BLUR_PX = 1.5
-# The strength of a contact is what this share of the frame exceeds.
+# The strength is the difference that this fraction of the frame's pixels exceeds.
 STRENGTH_SHARE = 0.01
-# A contact begins at this relative difference and ends below the lower one; drift that a gain per
-# channel cannot follow stays below both. The second pair is in multiples of the frame's own floor.
+# A contact begins if the strength reaches the first value, and ends if it falls below the second
+# (hysteresis). Drift that gain and offset cannot correct stays below both. The second pair are multiples of
+# the floor.
 STRENGTH_ENTER, STRENGTH_LEAVE = 0.04, 0.03
 FLOOR_ENTER, FLOOR_LEAVE = 3.5, 2.5
-# The floor is what this share of the frame stays below: even a wide contact leaves so much free.
+# The floor is the difference below which this fraction of the pixels is: even a wide contact leaves them
+# free.
 FLOOR_SHARE = 0.2
-# The region reaches to where the difference falls to this share of its strength.
+# The region ends where the difference falls to this fraction of the strength.
 EDGE_SHARE = 0.25
-# Parts of this share of the largest one's area belong to the contact; smaller ones are specks.
+# Parts with at least this fraction of the largest part's area belong to the contact; smaller ones are specks.
 PART_SHARE = 0.2
 LEAST_AREA_PX = 12
-# A video's codec changes all of a picture a little when it begins anew (0.02 and less). What covers more
-# than this share of the frame is a contact only if its mean relative difference is larger than that.
+# At a key frame a video codec changes the whole image slightly (relative difference up to 0.02). A region
+# that covers more than WIDE_SHARE of the frame is a contact only if its mean difference exceeds the second
+# value.
 WIDE_SHARE, LEAST_WIDE_STRENGTH = 0.5, 0.022
-# Strength and floor are read from every third pixel, counted row by row.
+# Strength and floor are computed from every third pixel, counted row by row.
 LEVEL_STEP = 3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Region:
-    """Where a frame differs from its background.
+    """The region where a frame differs from its background.
 
-    mask: (h, w) uint8, 1 inside the convex hull of the large differing parts. area_px: its area in
-    work pixels. strength: the mean relative difference inside.
+    mask: (h, w) uint8, 1 inside the convex hull of the large parts. area_px: its area in work pixels.
+    strength: mean relative difference inside.
     """
 
     mask: Image
@@ -45,16 +48,19 @@ class Region:
 
     @property
     def levels(self) -> Levels:
-        """Area and strength, which say whether the contact still grows."""
+        """Area and strength, from which `Steadiness` detects whether the contact still grows."""
         return self.area_px, self.strength
 
     def changed(self, before: "Region | None", share: float) -> bool:
-        """Whether strength or area differ from an earlier contact's by more than a share; True with none."""
+        """Whether area or strength differ from an earlier region's by more than a fraction.
+
+        before: the earlier region; the result is True if it is None.
+        """
         return changed(self.levels, None if before is None else before.levels, share)
 
 
 class ContactGate:
-    """Lets a contact begin later than end, so that it does not flicker."""
+    """Detects the contact with hysteresis: to begin, it has to be stronger than to continue."""
 
     def __init__(self) -> None:
         self._in_contact = False

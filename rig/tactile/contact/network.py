@@ -1,8 +1,8 @@
-"""A segmentation network in an ONNX file, run with onnxruntime.
+"""Run a segmentation network in an ONNX file with onnxruntime.
 
-The file's metadata says what the network is fed and how its answer is read (`rig train` and `rig model
-import` write it). A file without it is taken by its channels: three are the frame, six the
-difference and the frame.
+The metadata of the file states the network's input and the threshold of its output (`rig train` and `rig
+model import` write them). If they are missing, the input follows from the number of channels: three are the
+frame, six the difference and the frame.
 """
 
 import json
@@ -32,8 +32,9 @@ _FLOATS = {"tensor(float)": np.float32, "tensor(float16)": np.float16}
 class Recipe:
     """How a network is used.
 
-    threshold: share above which a pixel is contact. convex: whether it learnt labels whose parts are
-    convex (`rig.labels.polygons`), so that parts of a mask may be replaced by their hulls.
+    inputs: kind of input. threshold: a pixel is contact if its sigmoid output is above this. convex: whether
+    the network was trained on labels with convex parts (`rig.labels.polygons`), so that parts of a mask are
+    replaced by their hulls.
     """
 
     inputs: NetworkInput
@@ -41,12 +42,12 @@ class Recipe:
     convex: bool = False
 
     def metadata(self) -> str:
-        """Return the text that goes into an ONNX file."""
+        """Return the text of the metadata in an ONNX file."""
         return json.dumps({"inputs": self.inputs.value, "threshold": self.threshold, "convex": self.convex})
 
 
 class Network:
-    """A network ready to answer. size: (width, height) in px at which it looks."""
+    """A network that is ready to run. size: (width, height) of its input in px."""
 
     def __init__(self, session: onnxruntime.InferenceSession, name: str) -> None:
         self._session, self.name = session, name
@@ -56,37 +57,40 @@ class Network:
         self.recipe = _recipe(session, int(entry.shape[1]), name)
 
     def logits(self, planes: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return the logits (h, w) float32 of planes (C, h, w) float32; contact is positive.
+        """Return the logits (h, w) float32 for planes (C, h, w) float32; they are positive for contact.
 
-        Raises `InputError` for a network that fails.
+        Raises `InputError` if the network fails.
         """
         fed = planes[None].astype(self._dtype, copy=False)
         answer = run_model(self._session, self.name, {self._key: fed})[0]
         if answer.shape != (1, 1, *planes.shape[1:]):
-            raise InputError(f"{self.name}: answers {list(answer.shape)}, not what it says: export it again")
+            raise InputError(
+                f"{self.name}: its output has the shape {list(answer.shape)}, not the one it declares: "
+                "export it again"
+            )
         return answer[0, 0]
 
 
 def load_network(name: str | Path, threads: int = 1) -> Network:
-    """Load a shipped network by its name, or an ONNX file.
+    """Load a network of the rig by its name, or an ONNX file.
 
-    threads: of one inference; the answer does not depend on it. Raises `InputError` for a file
-    that is missing, damaged or no segmentation network.
+    threads: threads per inference; the output does not depend on it. Raises `InputError` if the file is
+    missing, damaged or not a segmentation network.
     """
     with as_file(MODELS / f"{name}.onnx") as shipped:
         path = shipped if str(name) in SHIPPED else Path(name)
         if not path.is_file():
             raise InputError(
-                f"{name}: there is no such network: give {' or '.join(SHIPPED)}, or the path of an ONNX file"
+                f"{name}: network not found: give {' or '.join(SHIPPED)}, or the path of an ONNX file"
             )
         return Network(open_model(path, threads, HOW), str(name))
 
 
 def _checked_entry(session: onnxruntime.InferenceSession, name: str) -> Any:
-    """Return the network's one input; raise `InputError` unless it maps (1, 3 or 6, h, w) to (1, 1, h, w)."""
+    """Return the input of a network. Raises `InputError` unless it maps (1, 3 or 6, h, w) to (1, 1, h, w)."""
     entries, answers = session.get_inputs(), session.get_outputs()
     if not entries or not answers:
-        raise InputError(f"{name}: takes nothing, or answers nothing: export it again")
+        raise InputError(f"{name}: has no input or no output: export it again")
     entry, answer = entries[0], answers[0]
     shape = list(entry.shape)
     good = (
@@ -100,8 +104,8 @@ def _checked_entry(session: onnxruntime.InferenceSession, name: str) -> Any:
     )
     if not good:
         raise InputError(
-            f"{name}: maps {entry.type} {shape} to {list(answer.shape)}: a segmentation network maps float "
-            "(1, 3 or 6, h, w) to (1, 1, h, w)"
+            f"{name}: maps {entry.type} {shape} to {list(answer.shape)}, but a segmentation network maps "
+            "float (1, 3 or 6, h, w) to (1, 1, h, w)"
         )
     return entry
 

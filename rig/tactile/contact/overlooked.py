@@ -1,16 +1,20 @@
-"""What a segmentation network overlooks of a contact, and the frame shows all the same.
+"""Find the parts of a contact that a segmentation network has missed.
 
-Networks leave out what looks unlike the sensors they learnt from: half an edge in a dark corner of a
-real DIGIT, half of all balls on a GelSight. How a frame differs from the frame without contact tells of
-it without learning. A slope turns the gel towards one LED and away from the others, so a dent changes
-all colours or two of them; a shadow takes away one, and the gel's own slope round a dent is short.
+Networks miss contacts that look unlike those of the sensors in their training data: half an edge in a dark
+corner of a real DIGIT, half of all balls on a GelSight. The difference from the frame without contact shows
+them without training. A slope turns the gel surface towards one LED and away from the others, so a dent
+changes two or three colour channels. A shadow changes only one channel. The gel also slopes around a dent,
+but only over a short distance, the foot.
 
-- Where all colours changed clearly, further out than that slope, joined to what was found and no weaker
-  than half of it, the contact goes on; a slope that reaches far falls off.
-- A large region where two colours changed clearly, of which next to nothing was found, is a contact.
+- A region where all channels changed clearly extends the contact if it is outside the foot, is connected to
+the
+  contact, and has at least half the change of the contact.
+- A large region where two channels changed clearly is a contact of its own if the network found almost
+nothing
+  in it.
 
-On simulated sensors, which the networks know, both do nothing in any of 1,260 frames; of 400 others that
-show no contact, one gets one.
+On SIMULATED sensors, on which the networks were trained, both rules add nothing in 1,260 frames, and a false
+contact in one of 400 other frames without contact.
 """
 
 from typing import Any
@@ -23,24 +27,30 @@ from drivers.types import Image
 from rig.tactile.contact.relative import upper_median
 
 CLEARLY = 3.0
-"""Times the median change outside the contact; noise and a light that drifts stay below."""
+"""Threshold of a clear change, as a multiple of the median change outside the contact.
+
+Noise and drifting light stay below."""
 LEAST_CHANGE = 0.02
-"""Of the background's light; below it the surroundings count as still."""
+"""Lower bound of that median change, relative to the background."""
 FOOT_SHARE = 0.05
-"""Reach of the gel's own slope round a contact, of the image's width: 0.7 mm of a DIGIT's gel."""
+"""Width of the foot around a contact as a fraction of the image width: 0.7 mm on the gel of a DIGIT."""
 LEAST_STRENGTH = 0.5
-"""Of the change in the contact; the gel's slope had 0.2 to 0.4 of it where it reached beyond the foot."""
+"""Smallest change of a part that extends a contact, relative to the contact's.
+
+The slope of the gel beyond the foot had 0.2 to 0.4."""
 JOINED_SHARE, APART_SHARE = 0.003, 0.01
-"""Of the image: smaller parts are specks, joined to a contact or by themselves."""
+"""Smallest area of a part that extends a contact, and of a contact of its own, as fractions of the image."""
 OVERLOOKED_SHARE = 0.25
-"""A region of which less was found than this was overlooked."""
+"""A region was missed if less than this fraction of it was found."""
 _SMOOTH_PX, _SMOOTH_SIDE_PX = 1.0, 5
+"""Standard deviation and side of the Gaussian blur of the changes."""
 
 
 def overlooked_part(found: Image, difference: NDArray[np.float32]) -> Image | None:
-    """Return what belongs to contacts beside what was found, (h, w) uint8 0 or 1; None for nothing.
+    """Return the missed parts of contacts, (h, w) uint8 0 or 1; None if there are none.
 
-    found: (h, w) uint8, 0 or 1. difference: (3, h, w) float32, relative (`rig.tactile.contact.relative`).
+    found: mask of the network, (h, w) uint8, 0 or 1. difference: (3, h, w) float32, relative difference from
+    the background (`rig.tactile.contact.relative`).
     """
     changes = np.abs(difference)
     one, two, three = changes
@@ -56,7 +66,7 @@ def overlooked_part(found: Image, difference: NDArray[np.float32]) -> Image | No
 def _clear(found: Image, change: Any) -> Image:
     """Where a change (h, w) stands out from that of the surroundings, (h, w) uint8 0 or 1."""
     smooth = np.asarray(cv2.GaussianBlur(change, (_SMOOTH_SIDE_PX, _SMOOTH_SIDE_PX), _SMOOTH_PX), np.float32)
-    # an eighth of the pixels tells the median as well as all of them
+    # an eighth of the pixels is sufficient for the median
     around = smooth[::4, ::2][found[::4, ::2] == 0]
     usual = float(upper_median(around)) if around.size else np.inf
     return np.asarray(smooth > CLEARLY * max(usual, LEAST_CHANGE), np.uint8)
@@ -65,7 +75,7 @@ def _clear(found: Image, change: Any) -> Image:
 def _joined(
     found: Image, foot: Image, reach: int, clear: Image, changes: NDArray[np.float32]
 ) -> Image | None:
-    """Return the clear parts further out than the foot of what was found, with the foot between."""
+    """Return the clearly changed parts that extend the contact, with the foot between; None without any."""
     further = clear & (1 - foot)
     if cv2.countNonZero(further) < JOINED_SHARE * found.size or not found.any():
         return None
@@ -78,7 +88,7 @@ def _joined(
 
 
 def _apart(found: Image, foot: Image, clear: Image) -> Image | None:
-    """Return the large clear regions that were overlooked; most of one is no foot of what was found."""
+    """Return the large clearly changed regions that the network missed; None without any."""
     if cv2.countNonZero(clear & (1 - foot)) < (1.0 - OVERLOOKED_SHARE) * APART_SHARE * found.size:
         return None
     parts, large = _numbered_parts(clear, APART_SHARE)
@@ -87,7 +97,10 @@ def _apart(found: Image, foot: Image, clear: Image) -> Image | None:
 
 
 def _numbered_parts(mask: Image, share: float) -> tuple[NDArray[np.int32], NDArray[np.intp]]:
-    """Return the mask's connected parts, numbered, and the numbers of those larger than a share of it."""
+    """Return the labels (h, w) of the mask's connected parts, and those labels whose part is large.
+
+    share: smallest area of a large part as a fraction of the mask.
+    """
     _, parts, stats, _ = cv2.connectedComponentsWithStats(mask)
     large = np.flatnonzero(stats[1:, cv2.CC_STAT_AREA] >= share * mask.size) + 1
     return np.asarray(parts, np.int32), large

@@ -1,8 +1,8 @@
-"""How a frame differs from the frame without contact, whatever the light's strength.
+"""Compute the difference between a frame and the frame without contact, independent of the light.
 
-The light of a DIGIT-like sensor multiplies: LEDs dim, white balance drifts, corners are dark; stray
-light adds. A frame is therefore brought to the background's light by a gain and an offset per
-channel, and its difference is taken relative to the background. Everything happens on a reduced copy.
+In a DIGIT-like sensor most changes of the light multiply the image (dimmed LEDs, white balance, dark
+corners); stray light adds to it. Therefore a frame is corrected by a gain and an offset per channel, and its
+difference is divided by the background. All of this is done on a reduced copy.
 """
 
 from typing import Any
@@ -14,20 +14,20 @@ from numpy.typing import NDArray
 from drivers.types import Image
 from rig.tactile.sample import check_frame
 
-# Added to the background before dividing: in the dark corners a grey level of noise is no contact.
+# Grey levels added to the background before the division, so that noise in dark corners is not a contact.
 DARK_OFFSET = 20.0
-# The gain looks at the means of blocks of so many pixels a side (single pixels would put their noise
-# into every gradient at once) and trusts the two fifths of them that fit it best, as a wide contact
-# can cover more than half of a fingertip.
+# Gain and offset are fitted to the means of blocks with this side in px, because the noise of single pixels
+# would bias them. The fit uses the fraction GAIN_TRUSTED of the blocks that fit best, because a wide contact
+# can cover more than half of a fingertip. GAIN_ROUNDS is the number of refits.
 GAIN_BLOCK_PX, GAIN_TRUSTED, GAIN_ROUNDS = 6, 0.4, 2
-# Stray light adds to a frame; how far a fit of gain and offset is pulled to one without offset.
+# Weight of the ridge term that pulls the offset towards zero.
 OFFSET_RIDGE = 0.01
-# Keeps a black background from dividing by zero, grey levels squared.
+# Added to denominators against division by zero for a black background, grey levels squared.
 NEGLIGIBLE = 1e-3
-# A frame darker than this share of the background is black: nothing to scale up.
+# Smallest gain: a darker frame counts as black and is not scaled up further.
 DARKEST_GAIN = 0.02
 CHANNELS = 3
-# Long side of the copy that is looked at: a quarter of a DIGIT's, fine for gel that is 0.2 mm soft.
+# Long side of the reduced copy: a quarter of a DIGIT's frame, fine enough because the gel blurs by 0.2 mm.
 WORK_LONG_SIDE_PX = 80
 
 Light = tuple[NDArray[np.float64], NDArray[np.float64]]
@@ -54,7 +54,7 @@ class RelativeDifference:
 
     def reduced(self, image: Image) -> Image:
         """Return the reduced copy, (h, w, 3) uint8."""
-        # Halving is a fast path of OpenCV, several times faster than any other reduction.
+        # OpenCV has a fast path for halving, which is several times faster than other reductions.
         while min(image.shape[0] / self.size[1], image.shape[1] / self.size[0]) >= 2.0 and _even(image):
             half = (image.shape[1] // 2, image.shape[0] // 2)
             image = np.asarray(cv2.resize(image, half, interpolation=cv2.INTER_AREA), np.uint8)
@@ -63,10 +63,10 @@ class RelativeDifference:
     def of(self, work: Image, light: Light | None = None) -> NDArray[np.float32]:
         """Return the relative difference of a reduced copy from the background, (h, w, 3) float32.
 
-        light: the frame's, where a copy of it, of this or another size, has told it (`light_of`).
+        light: gain and offset of the frame from `light_of`, also of a copy of another size; None to fit them.
         """
         gain, offset = light or self.light_of(work)
-        # Four values are a scalar to OpenCV.
+        # OpenCV takes an array of four values as a scalar per channel.
         lit = cv2.multiply(work, np.append(1.0 / gain, 1.0), dtype=cv2.CV_32F)
         lit = cv2.subtract(lit, np.append(offset / gain, 0.0), dtype=cv2.CV_32F)
         return np.asarray(cv2.subtract(cv2.multiply(lit, self._weight), self._relative), np.float32)
@@ -98,10 +98,10 @@ def _sample(work: NDArray[Any]) -> NDArray[np.float64]:
 
 
 def _line(light: NDArray[np.float64], seen: NDArray[np.float64]) -> tuple[Any, Any]:
-    """Fit seen = gain light + offset per channel; a proportion where the light varies little.
+    """Fit seen = gain * light + offset per channel; the ridge term favours an offset of zero.
 
-    light: (6,), the means of the light and of its square. seen: (6,), those of what is seen and of its
-    product with the light.
+    light: (6,), means of the background's blocks and of their squares, per channel. seen: (6,), means of the
+    frame's blocks and of their products with the background's, per channel.
     """
     mean_light, mean_seen = light[:CHANNELS], seen[:CHANNELS]
     pull = OFFSET_RIDGE * mean_light
@@ -111,19 +111,22 @@ def _line(light: NDArray[np.float64], seen: NDArray[np.float64]) -> tuple[Any, A
 
 
 def full_area(area_px: float, work: tuple[int, ...], frame: tuple[int, ...]) -> float:
-    """Return an area of a reduced copy (h, w) in pixels of the frame (H, W), at most the frame's own."""
+    """Convert an area from pixels of a reduced copy (h, w) to pixels of the frame (H, W)."""
     full = float(frame[0] * frame[1])
     return min(area_px * (frame[1] / work[1] * (frame[0] / work[0])), full)
 
 
 def upper_median(values: NDArray[Any]) -> NDArray[Any]:
-    """Return the upper median of each column of (N, K); np.median costs several times as much."""
+    """Return the upper median of each column of (N, K); several times faster than np.median."""
     middle = len(values) // 2
     return np.partition(values, middle, axis=0)[middle]
 
 
 def work_size(shape: tuple[int, ...], aspect: float) -> tuple[int, int]:
-    """Return width and height in px of the reduced copy: square on the gel, as near as whole pixels go."""
+    """Return width and height of the reduced copy in px, such that its pixels are nearly square on the gel.
+
+    shape: of the frame, (H, W, ...). aspect: width of a frame pixel on the gel divided by its height.
+    """
     height, width = shape[:2]
     wanted = width * aspect / height
     longest = min(WORK_LONG_SIDE_PX, max(height, width))

@@ -1,7 +1,7 @@
-"""Where the object touches the gel: a contact mask by a network, found as `rig.tactile.contact.finder` does.
+"""Segment the contact with a network; the interface is that of `rig.tactile.contact.finder`.
 
-The network's answer is brought to the frame's own size before it is cut, so outlines are finer
-than the network's pixels.
+The output of the network is scaled to the size of the frame before the threshold is applied, so outlines are
+finer than the pixels of the network.
 """
 
 from dataclasses import dataclass
@@ -20,17 +20,18 @@ from rig.tactile.contact.overlooked import overlooked_part
 from rig.tactile.contact.relative import RelativeDifference
 from rig.tactile.sample import check_frame
 
-# Parts below this share of the largest one's area are specks.
+# Parts with less than this fraction of the largest part's area are specks.
 PART_SHARE = 0.1
-# A contact covers at least this share of the frame, as in rig.tactile.contact.finder.
+# Smallest area of a contact as a fraction of the frame, as in rig.tactile.contact.finder.
 LEAST_SHARE = 0.006
-# Grey levels below which a frame is black, above which a pixel is saturated; share of such pixels.
+# A frame is black if all pixels are below the first grey level. It is saturated if more than the fraction
+# WHITE_SHARE of its pixels is above the second.
 BLACK_LEVEL, WHITE_LEVEL, WHITE_SHARE = 12, 250, 0.5
 MAX_MARGIN = 0.2
 
 
 class FrameState(Enum):
-    """What a segmented frame was; the value stands in tables."""
+    """State of a segmented frame; the values are used in tables."""
 
     CONTACT = "contact"
     NO_CONTACT = "no_contact"
@@ -40,19 +41,18 @@ class FrameState(Enum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Segmentation:
-    """The contact in a frame, and whether the frame could be judged at all."""
+    """The contact in a frame, and the state of the frame."""
 
     contact: Contact
     state: FrameState
 
 
 class Segmenter:
-    """Finds the contact in the frames of one sensor with a network.
+    """Segments the contact in the frames of one sensor with a network; frames are independent.
 
-    background: (H, W, 3) uint8 RGB, a frame without contact; networks that see the frame alone need
-    none. margin: how much looser (positive) or tighter than the label's definition a mask is, as a
-    share of the image's width by which its outline is moved; -0.2 to 0.2. Frames are independent of
-    one another. Raises `InputError`.
+    background: (H, W, 3) uint8 RGB, a frame without contact; not needed for networks whose input is only the
+    frame. margin: distance by which the outline is moved outwards (negative: inwards), as a fraction of the
+    image width, -0.2 to 0.2; 0 matches the labels. Raises `InputError`.
     """
 
     def __init__(self, network: Network, background: Image | None = None, margin: float = 0.0) -> None:
@@ -70,11 +70,11 @@ class Segmenter:
         self._level = float(np.log(threshold / (1.0 - threshold)))
 
     def find(self, image: Image) -> Contact:
-        """Return the contact in an (H, W, 3) uint8 RGB frame. Raises `InputError` for another one."""
+        """Return the contact in an (H, W, 3) uint8 RGB frame. Raises `InputError` for an invalid frame."""
         return self.segment(image).contact
 
     def segment(self, image: Image) -> Segmentation:
-        """Return the contact and the frame's state; black and saturated frames show no contact."""
+        """Return the contact and the state of a frame; black and saturated frames have no contact."""
         check_frame(image, self._shape)
         state = frame_exposure(image)
         if state is not None:
@@ -100,14 +100,14 @@ class Segmenter:
 
 
 def check_margin(margin: float) -> float:
-    """Return a margin within its range. Raises `InputError`."""
+    """Return the margin. Raises `InputError` if it is out of range."""
     if not -MAX_MARGIN <= margin <= MAX_MARGIN:
-        raise InputError(f"margin {margin:g} is not within {MAX_MARGIN:g} of the image's width")
+        raise InputError(f"margin {margin:g} is out of range: choose -{MAX_MARGIN:g} to {MAX_MARGIN:g}")
     return margin
 
 
 def moved_outline(mask: Image, margin: float) -> Image:
-    """Return a mask (H, W) uint8, 0 or 255, whose outline lies further out by a share of the width."""
+    """Return a mask (H, W) uint8, 0 or 255, with its outline moved outwards by a fraction of the width."""
     reach_px = margin * mask.shape[1]
     if reach_px == 0.0 or not mask.any():
         return mask
@@ -118,7 +118,7 @@ def moved_outline(mask: Image, margin: float) -> Image:
 
 
 def frame_exposure(image: Image) -> FrameState | None:
-    """Whether a frame is too dark or too bright to show anything."""
+    """Return `BLACK` or `SATURATED` for a frame that is too dark or too bright; None for other frames."""
     one, two, three = cv2.split(np.ascontiguousarray(image[::8, ::8]))
     if cv2.max(cv2.max(one, two), three).max() < BLACK_LEVEL:
         return FrameState.BLACK
@@ -127,7 +127,7 @@ def frame_exposure(image: Image) -> FrameState | None:
 
 
 def _large_parts(inside: Image, convex: bool) -> Image:
-    """Return a mask, 0 or 255, without specks; of a network for convex labels, each part as its hull."""
+    """Return a mask, 0 or 255, without specks. convex: whether each part is replaced by its convex hull."""
     mask = np.zeros(inside.shape, np.uint8)
     parts, _ = cv2.findContours(inside, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     least = PART_SHARE * max(map(cv2.contourArea, parts), default=0.0)
@@ -138,7 +138,7 @@ def _large_parts(inside: Image, convex: bool) -> Image:
 
 
 def contact_of(mask: Image) -> Contact:
-    """Return the contact of a mask (H, W) uint8, 0 or 255; its outline is that of the largest part."""
+    """Return the contact of a mask (H, W) uint8, 0 or 255; its contour is the outline of the largest part."""
     parts, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     if not parts:
         return NO_CONTACT

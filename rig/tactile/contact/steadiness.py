@@ -1,23 +1,24 @@
-"""When a contact has settled: until then it grows, and a reference taken of it is soon out of date."""
+"""Detect when a contact has stopped growing; a reference frame taken earlier would soon be outdated."""
 
 SETTLED_SHARE = 0.05
+"""Largest relative change of a level that counts as no change."""
 
 Levels = tuple[float, ...]
-"""How large or strong a contact is in one frame: its area, and its strength where that is known."""
+"""Levels of a contact in one frame: its area, and its strength if known."""
 
 
 def changed(levels: Levels, before: Levels | None, share: float) -> bool:
-    """Whether any level differs from an earlier frame's by more than a share; True with no earlier frame."""
+    """Whether a level differs from an earlier frame's by more than a fraction; True without earlier frame."""
     if before is None:
         return True
     return any(abs(now / was - 1.0) > share for now, was in zip(levels, before, strict=True))
 
 
 class Steadiness:
-    """Follows one contact from its first touch on; it has settled once its levels stay for some frames.
+    """Tracks one contact from its first frame on; sets `settled` if its levels stay within `SETTLED_SHARE`.
 
-    They stay when they remain within `SETTLED_SHARE`. frames: how many, the first of them included.
-    drifting: each frame is compared with the one before, which lets a slow drift pass; else with the first.
+    frames: number of frames over which the levels have to stay, including the first. drifting: whether each
+    frame is compared with the previous one, which permits a slow drift; otherwise with the first.
     """
 
     def __init__(self, frames: int, drifting: bool = False) -> None:
@@ -27,7 +28,7 @@ class Steadiness:
         self._levels: Levels | None = None
 
     def update(self, levels: Levels) -> bool:
-        """Take the next frame's contact; whether its levels have changed."""
+        """Process the levels of the next frame; return whether they have changed."""
         moved = changed(levels, self._levels, SETTLED_SHARE)
         if moved or self._drifting:
             self._levels = levels

@@ -1,22 +1,22 @@
-"""When contact counts as touch: one noisy frame stops nothing."""
+"""Debounce contact, so that a single noisy frame does not stop a motion."""
 
 from dataclasses import dataclass
 
 TOUCH_FRAMES = 2
-"""Contact counts when this many frames in a row show it."""
+"""Number of consecutive frames with contact that count as a touch."""
 
 
 @dataclass(slots=True)
 class TouchDebounce:
-    """Counts the frames of one fingertip that show contact, in a row."""
+    """Counts the consecutive frames of one fingertip that show contact."""
 
     frames: int = 0
 
     def update(self, contact: bool) -> None:
-        """Take the next frame's contact."""
+        """Process the contact of the next frame."""
         self.frames = self.frames + 1 if contact else 0
 
     @property
     def sure(self) -> bool:
-        """Whether the last frames showed contact."""
+        """Whether the last `TOUCH_FRAMES` frames all showed contact."""
         return self.frames >= TOUCH_FRAMES

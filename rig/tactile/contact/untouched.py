@@ -1,8 +1,9 @@
-"""The frames of a recording that show the untouched gel.
+"""Find the frames of a recording that show the gel without contact.
 
-Most recordings begin with an untouched gel: its frames are alike, later ones differ. Otherwise the image
-that most frames share may be the gel at rest. Either is only used if it is plainer than the frames that
-differ from it, where they differ: a contact adds edges, so a background with a contact in it is refused.
+Most recordings begin without contact: these frames are alike, and later ones differ. Otherwise the most
+frequent image may be the gel without contact. Both candidates are checked: in the regions where other frames
+differ, the candidate must have weaker edges, because a contact adds edges. So a background that contains a
+contact is refused.
 """
 
 from collections.abc import Iterable, Sequence
@@ -18,27 +19,27 @@ from rig.tactile.contact.gate import ContactGate, Region
 from rig.tactile.contact.relative import RelativeDifference, work_size
 
 LEAST_FRAMES = 3
-"""Fewer alike frames are no rest: a moving contact has two."""
+"""Smallest number of alike frames: a moving contact can have two."""
 FIRM_FRAMES = 5
-"""As many alike frames in a row are no coincidence."""
+"""Number of alike first frames from which on a weaker check of their edges is sufficient."""
 LEAST_SHARE = 0.2
-"""The most frequent image has at least this share of the frames: of a contact that moves, few are alike."""
+"""Smallest fraction of frames that show the most frequent image; of a moving contact, fewer are alike."""
 OPENING_FRAMES = 30
-"""More frames do not reduce the noise of their mean visibly (8 bits), and light drifts meanwhile."""
+"""Largest number of first frames: more do not reduce the noise of an 8-bit mean, and the light drifts."""
 ONSET_FRAMES = 5
 """Frames before the first visible contact that may show its beginning: 80 ms at 60 Hz."""
 CANDIDATES = 20
-"""Frames, evenly spread, that are tried as the image that most frames share."""
+"""Number of evenly spread frames that are tried as the most frequent image."""
 SLOPE_PX = 1.0
-"""Blur before slopes are measured, in pixels of the reduced copy."""
+"""Standard deviation of the blur before image gradients are computed, in pixels of the reduced copy."""
 DARK = 10.0
-"""Grey levels added before a logarithm, so that noise in dark pixels does not dominate."""
+"""Grey levels added before the logarithm, so that noise in dark pixels does not dominate."""
 FLAT = 1e-6
-"""Added to slopes, so that a frame of one colour has a logarithm."""
+"""Added to gradients, so that the logarithm exists for a frame of one colour."""
 DECISIVE = 0.03
-"""Least difference of the logarithms of two slopes that distinguishes a contact from a gel at rest. On the 24
-clips of rotation_clips the untouched opening has -0.74 to -0.002; clips that are cut so that they begin in
-contact have -0.02 to 0.06."""
+"""Smallest difference of the log gradients that distinguishes a contact from a gel without contact. On the 24
+clips of rotation_clips the first frames without contact have -0.74 to -0.002. Clips that are cut so that they
+begin in contact have -0.02 to 0.06."""
 
 
 class Comparison:
@@ -49,11 +50,11 @@ class Comparison:
         self._light = RelativeDifference(self._plain(background), work_size(background.shape, 1.0))
 
     def region(self, image: Image) -> Region | None:
-        """Return where a frame differs as a contact does; None if it does not."""
+        """Return the region where a frame differs from the background like a contact; None without any."""
         return ContactGate().find(self._light.of(self._reduced(image)))
 
     def slopes(self, image: Image) -> NDArray[np.float32]:
-        """Return the slopes (h, w) of the logarithm of a frame's reduced copy."""
+        """Return the gradient magnitude (h, w) of the logarithm of a frame's reduced copy."""
         logarithm = cv2.GaussianBlur(np.log(self._reduced(image).astype(np.float32) + DARK), (0, 0), SLOPE_PX)
         right, down = np.gradient(logarithm, axis=1), np.gradient(logarithm, axis=0)
         return np.asarray(np.hypot(right, down).mean(axis=2) + FLAT, np.float32)
@@ -63,9 +64,9 @@ class Comparison:
 
 
 def still_opening(images: Iterable[Image]) -> list[Image]:
-    """Return the first frames as long as they are alike, without those that may show the onset of a contact.
+    """Return the first frames that are alike, without those that may show the onset of a contact.
 
-    Empty if they are too few. At most `OPENING_FRAMES` are returned.
+    The list is empty if there are too few, and has at most `OPENING_FRAMES` frames.
     """
     alike: list[Image] = []
     comparison: Comparison | None = None
@@ -86,7 +87,7 @@ def still_opening(images: Iterable[Image]) -> list[Image]:
 
 
 def most_frequent(frames: Sequence[Image]) -> list[Image]:
-    """Return the frames that are alike and the most numerous. frames: evenly spread over a recording."""
+    """Return the largest group of frames that are alike. frames: evenly spread over a recording."""
     largest: list[Image] = []
     for index in np.unique(np.linspace(0, len(frames) - 1, CANDIDATES).round().astype(int)):
         comparison = Comparison(frames[index])
@@ -96,7 +97,7 @@ def most_frequent(frames: Sequence[Image]) -> list[Image]:
 
 
 def untouched_frames(images: Iterable[Image], spread: Sequence[Image]) -> tuple[list[Image], bool]:
-    """Return frames of the untouched gel, and whether they are the first ones; none if that is not certain.
+    """Return frames without contact, and whether they are the first frames; an empty list if uncertain.
 
     images: all frames in order. spread: frames evenly spread over them.
     """
@@ -114,12 +115,13 @@ def untouched_frames(images: Iterable[Image], spread: Sequence[Image]) -> tuple[
 
 
 def _roughness(alike: Sequence[Image], others: Sequence[Image]) -> float | None:
-    """Return how much stronger the slopes of alike frames are than those of other frames, where these differ.
+    """Return the mean logarithm of the gradients of alike frames over those of others, where they differ.
 
-    Mean logarithm of the ratio; below 0 the others have more edges, as contacts add. None if none differs.
+    A negative value means that the other frames have stronger edges, as contacts have. None if no other frame
+    differs.
     """
     comparison = Comparison(mean_background(alike))
-    own = comparison.slopes(_middle(alike))  # of a single frame: a mean has less noise than the others have
+    own = comparison.slopes(_middle(alike))  # a single frame, because a mean would have less noise
     ratios = [
         float(np.log(own[region.mask > 0].mean() / comparison.slopes(image)[region.mask > 0].mean()))
         for image in others

@@ -1,4 +1,4 @@
-"""The paper's methods, mended and as published: contact, long axis, window.
+"""The paper's methods, corrected and as published: contact, long axis, window mean.
 
 Imports `rig.tactile.contact`.
 """

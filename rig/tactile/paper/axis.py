@@ -1,7 +1,7 @@
-"""The direction of a contact's long axis, by the three methods the paper compares.
+"""Estimate the direction of a contact's long axis, by the three methods that the paper compares.
 
-Angles are image angles: theta = -atan2(dy, dx), counter-clockwise positive as seen, and as an
-axis has no head they are known modulo 180 degrees.
+Angles are image angles, theta = -atan2(dy, dx), counter-clockwise positive in the image. An axis has no
+direction, so they are known modulo 180 degrees.
 """
 
 import math
@@ -16,22 +16,22 @@ from drivers.types import Image
 
 Contour = NDArray[np.float32] | NDArray[np.int32]
 
-# cv2.fitEllipse needs five points.
+# Number of points that cv2.fitEllipse needs.
 MIN_POINTS = 5
-# Points that stray less than this from a line (standard deviation) enclose nothing.
+# Points whose standard deviation across their main direction is below this count as a line without area.
 MIN_SPREAD_PX = 0.3
-# An ellipse whose half axis exceeds this multiple of its points' extent is a fit gone wrong.
+# A fit has failed if the ellipse's half axis exceeds this multiple of the extent of its points.
 MAX_OVERSHOOT = 2.0
-# Larger ellipses are drawn at this half axis: half the height of the paper's picture, which bounds
-# the time that thinning takes on the frames of larger cameras.
+# Larger ellipses are drawn with this half axis, half the height of the paper's image. This limits the time
+# for thinning on frames of larger cameras.
 MAX_DRAWN_PX = 160.0
-# Room around the drawn ellipse: thinning never removes a picture's outermost pixels.
+# Margin around the drawn ellipse, because thinning never removes the outermost pixels of an image.
 MARGIN_PX = 2
 
 
 @dataclass(frozen=True, slots=True)
 class Axis:
-    """A long axis: angle_deg in (-90, 90], elongation = long over short axis, 1 where round."""
+    """A long axis. angle_deg: in (-90, 90]. elongation: long over short axis, 1 for a circle."""
 
     angle_deg: float
     elongation: float
@@ -42,7 +42,7 @@ AxisMethod = Callable[[Contour], Axis | None]
 
 @dataclass(frozen=True, slots=True)
 class Ellipse:
-    """A fitted ellipse: centre in px, half axes long and short in px, angle as in `Axis`."""
+    """A fitted ellipse: centre and half axes in px, angle_deg as in `Axis`."""
 
     center_px: tuple[float, float]
     long_px: float
@@ -57,9 +57,9 @@ def largest_contour(mask: Image) -> NDArray[np.int32] | None:
 
 
 def pca_axis(contour: Contour) -> Axis | None:
-    """Return the direction in which the contour's points spread most (paper: PCA).
+    """Return the first principal axis of the contour's points (paper: PCA).
 
-    contour: (N, 1, 2) or (N, 2), px. None for fewer than five points, a point or a line.
+    contour: (N, 1, 2) or (N, 2), px. Returns None for fewer than five points, a point or a line.
     """
     points = _points(contour)
     spread = None if points is None else _spread(points)
@@ -71,7 +71,7 @@ def pca_axis(contour: Contour) -> Axis | None:
 
 
 def fit_ellipse(contour: Contour) -> Ellipse | None:
-    """Fit an ellipse to a contour's points; None where the points fix none (few, in line)."""
+    """Fit an ellipse to a contour's points; None if they are too few or on a line."""
     found = _points(contour)
     if found is None or _spread(found) is None:
         return None
@@ -98,8 +98,8 @@ def ellipse_axis(contour: Contour) -> Axis | None:
 def skeleton_axis(contour: Contour) -> Axis | None:
     """Return the direction of the thinned ellipse (paper: skeleton thinning, section III-A).
 
-    The ellipse fitted to the contour is drawn filled, thinned to a line one pixel wide, and a
-    straight line is fitted to that. None also where the skeleton is a single point.
+    The ellipse fitted to the contour is drawn filled and thinned to a line one pixel wide. A straight line is
+    fitted to the result. Returns None if there is no ellipse, or if the skeleton is a single point.
     """
     ellipse = fit_ellipse(contour)
     if ellipse is None:
@@ -114,7 +114,7 @@ def skeleton_axis(contour: Contour) -> Axis | None:
 def thinned(mask: Image) -> Image:
     """Thin a mask to lines one pixel wide by the method of Guo and Hall (CACM 32 (3), 1989).
 
-    mask: (H, W) uint8, 0 or 255; returns the same. Only the part of the picture that holds the set pixels is
+    mask: (H, W) uint8, 0 or 255; the result has the same format. Only the bounding box of the set pixels is
     thinned, with a margin of one pixel, because OpenCV never removes pixels on the edge of its input.
     """
     x, y, width, height = cv2.boundingRect(mask)
@@ -128,12 +128,12 @@ def thinned(mask: Image) -> Image:
 
 
 def wrapped(angle_deg: float) -> float:
-    """Bring an axis angle to (-90, 90]."""
+    """Wrap an axis angle to (-90, 90]."""
     return 90.0 - (90.0 - angle_deg) % 180.0
 
 
 def _drawn(ellipse: Ellipse) -> Image:
-    """Draw the filled ellipse in a picture that just holds it, (H, W) uint8."""
+    """Draw the filled ellipse in an image of its size, (H, W) uint8."""
     scale = min(1.0, MAX_DRAWN_PX / ellipse.long_px)
     long_px, short_px = ellipse.long_px * scale, ellipse.short_px * scale
     radius = math.ceil(long_px) + MARGIN_PX
@@ -144,7 +144,7 @@ def _drawn(ellipse: Ellipse) -> Image:
 
 
 def _spread(points: NDArray[np.float64]) -> tuple[float, float, float] | None:
-    """Return the points' covariance xx, xy, yy; None where they lie in a point or on a line."""
+    """Return the covariances xx, xy, yy of points; None if they form a point or a line."""
     x, y = (points - points.mean(axis=0)).T
     xx, xy, yy = (float(u @ v) / (len(points) - 1) for u, v in ((x, x), (x, y), (y, y)))
     middle, half = (xx + yy) / 2, math.hypot((xx - yy) / 2, xy)
@@ -152,14 +152,14 @@ def _spread(points: NDArray[np.float64]) -> tuple[float, float, float] | None:
 
 
 def _elongation(points: NDArray[np.float64]) -> float:
-    """Return the axis ratio of the ellipse with the enclosed area's second moments.
+    """Return the axis ratio of the ellipse that has the second moments of the enclosed area.
 
-    Not that of the points, which for one ellipse is nearer to 1 than the ratio of its axes.
+    The second moments of the points are not used: their ratio is nearer to 1 than that of the axes.
     """
     moments = cv2.moments(points.astype(np.float32).reshape(-1, 1, 2))
     middle = (moments["mu20"] + moments["mu02"]) / 2
     half = math.hypot((moments["mu20"] - moments["mu02"]) / 2, moments["mu11"])
-    # An outline that crosses itself encloses areas of both signs: nothing to take a ratio of.
+    # An outline that crosses itself encloses areas of both signs, for which the ratio is not defined.
     return math.sqrt((middle + half) / (middle - half)) if middle > half else 1.0
 
 

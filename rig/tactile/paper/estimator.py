@@ -1,9 +1,9 @@
 """The paper's methods as estimators: frame -> contact -> axis -> filter -> slip sample.
 
-`skeleton`, `ellipse` and `pca` are the paper's three ways to an angle with the published script's
-faults mended: true pixels instead of stretched ones, the sign kept, angles unwrapped over time,
-frames counted instead of loop passes, and a refusal where the contact has no long axis. The same
-names with `-published` answer as that script does (`rig.tactile.paper.published`).
+`skeleton`, `ellipse` and `pca` are the paper's three methods, with the faults of the published script
+corrected: the image is not stretched, the sign is kept, angles are unwrapped over time, the window counts
+frames instead of loop passes, and a contact without a long axis is refused. The same names with `-published`
+reproduce the script (`rig.tactile.paper.published`).
 """
 
 from dataclasses import replace
@@ -19,14 +19,14 @@ from rig.tactile.paper.published import ScriptAngle, ScriptError, ScriptFilter, 
 from rig.tactile.sample import FreshFrameEstimator, SlipSample, State, TactileEstimator
 from rig.tactile.stopwatch import Stopwatch
 
-# Ratio of long to short axis at which a contact's angle is believed first, and down to which it is
-# followed. On the nine real frames our masks of nearly round contacts differ from the human labels
-# by up to 0.3 in it: below that, the light may have drawn the axis.
+# Ratio of long to short axis from which on the angle is reported, and below which it is refused again. On the
+# nine real frames this ratio differs by up to 0.3 between our masks of nearly round contacts and the human
+# labels, so a smaller ratio could be an effect of the light.
 ELONGATION_ENTER, ELONGATION_LEAVE = 1.3, 1.15
 
 
 class FindsContact(Protocol):
-    """Where the axis methods get their contact from: plain image processing, or a network."""
+    """Interface that detects the contact for the axis methods, by image processing or a network."""
 
     def find(self, image: Image) -> Contact:
         """Return the contact in an (H, W, 3) uint8 RGB frame."""
@@ -34,12 +34,12 @@ class FindsContact(Protocol):
 
 
 class AxisEstimator(FreshFrameEstimator):
-    """One of the paper's methods, mended.
+    """One of the paper's methods, corrected.
 
-    States: `no_contact`; `unobservable` where the contact is too round for an axis (its axis ratio
-    has not reached 1.3, or fell below 1.15) or encloses nothing; else `tracking`. When contact
-    returns after it was lost, the first answer is `rekeyed`: the measured axis in the branch nearest
-    to the last answer, as a turn in between is known modulo 180 only.
+    States: `no_contact`; `unobservable` if the contact has no area or is too round for an axis (its axis
+    ratio has not reached 1.3, or fell below 1.15); else `tracking`. If contact returns after it was lost, the
+    first angle is `rekeyed`. It is the branch of the measured axis nearest to the last angle, because a
+    rotation in between is known only modulo 180 degrees.
     """
 
     stages = ("contact", "axis", "filter")
@@ -78,7 +78,7 @@ class AxisEstimator(FreshFrameEstimator):
         self._contact_lost = self._unwrapped_deg is not None
 
     def _unwrapped(self, axis: Axis) -> float:
-        """Unwrap modulo 180 against the last measured angle."""
+        """Return the axis angle, unwrapped modulo 180 degrees against the last angle."""
         self._contact_lost = False
         if self._unwrapped_deg is None:
             self._unwrapped_deg = axis.angle_deg
@@ -89,12 +89,12 @@ class AxisEstimator(FreshFrameEstimator):
 
 
 class PublishedEstimator(TactileEstimator):
-    """One of the paper's methods as published, fed with our contact mask.
+    """One of the paper's methods as published, with the contact mask of the rig.
 
-    It answers every frame with a contact, 0 until the window is full, as the script does. Without one the
-    script repeats itself; here the state is `no_contact` and there is no angle, as of every estimator. Where
-    the script would end with an exception the state is `lost` and there is no angle. Repeated frames count
-    again. Nothing else but the mask's origin differs from the script.
+    As in the script, every frame with contact has an angle, which is 0 until the window is full, and repeated
+    frames are counted again. There are three differences: the origin of the mask; without contact there is no
+    angle and the state is `no_contact`, whereas the script repeats its last angle; and if the script would
+    end with an exception, there is no angle and the state is `lost`.
     """
 
     def __init__(self, finder: ContactFinder, method: ScriptAngle, window: int) -> None:
@@ -104,7 +104,7 @@ class PublishedEstimator(TactileEstimator):
         self._times = StreamTimes()
 
     def update(self, image: Image, time_ns: int) -> SlipSample:
-        """Estimate from (H, W, 3) uint8 RGB. Raises `InputError` for another shape or type only."""
+        """Estimate from (H, W, 3) uint8 RGB. Raises only `InputError`, for another shape or type."""
         if not self._times.follows(time_ns):
             return SlipSample(time_ns, State.LOST, jumped=True)
         watch = Stopwatch()

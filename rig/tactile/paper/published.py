@@ -1,9 +1,9 @@
-"""The paper's published script as it is, faults included, for comparison.
+"""Reproduce the paper's published script with its faults, for comparison.
 
-Its conventions: the frame is stretched to 256 x 320 whatever its shape, angles are clockwise
-positive, the sign is dropped (`abs`) before averaging and again after subtracting the reference,
-and the window gives an answer from the n-th contact on. Source: the authors' online script for
-"Measuring object rotation via visuo-tactile segmentation of grasping region" (RA-L 2023).
+In the script, frames of any shape are stretched to 256 x 320, and angles are clockwise positive. The sign is
+removed (`abs`) before averaging, and again after the reference is subtracted. The window reports angles from
+the n-th frame with contact on. Source: the authors' online script for "Measuring object rotation via
+visuo-tactile segmentation of grasping region" (RA-L 2023).
 """
 
 import math
@@ -20,11 +20,11 @@ HEIGHT_PX, WIDTH_PX = 320, 256
 
 
 class ScriptError(Exception):
-    """The published script would have ended with an exception here."""
+    """Raised where the published script would end with an exception."""
 
 
 def stretched(mask: Image) -> Image:
-    """Resize a mask (H, W) to the script's 320 x 256, 0 or 255."""
+    """Resize a mask (H, W) to the script's (320, 256), 0 or 255."""
     resized = cv2.resize(mask, (WIDTH_PX, HEIGHT_PX), interpolation=cv2.INTER_LINEAR)
     return np.where(resized > 127, 255, 0).astype(np.uint8)
 
@@ -32,8 +32,8 @@ def stretched(mask: Image) -> Image:
 def skeleton_angle(mask: Image) -> float | None:
     """Return the script's angle in degrees for a mask (320, 256); None without a contour.
 
-    Raises `ScriptError` where the script raises: fewer than five contour points, or an ellipse
-    that leaves no skeleton in the picture.
+    Raises `ScriptError` as the script does, for fewer than five contour points or an ellipse without a
+    skeleton in the image.
     """
     contour = _contour(mask)
     if contour is None:
@@ -45,13 +45,13 @@ def skeleton_angle(mask: Image) -> float | None:
         raise ScriptError(str(error)) from error
     lines, _ = cv2.findContours(thinned(filled), cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
     if not lines:
-        raise ScriptError("the ellipse leaves no skeleton")
+        raise ScriptError("the ellipse has no skeleton in the image")
     dx, dy = cv2.fitLine(lines[0], cv2.DIST_L2, 0, 0.01, 0.001).reshape(-1)[:2]
     return math.degrees(math.atan2(dy, dx))
 
 
 def ellipse_angle(mask: Image) -> float | None:
-    """Return the angle of the fitted ellipse for a mask; None and errors as `skeleton_angle`."""
+    """Return the angle of the fitted ellipse of a mask, deg; None and errors as for `skeleton_angle`."""
     contour = _contour(mask)
     if contour is None:
         return None
@@ -59,7 +59,7 @@ def ellipse_angle(mask: Image) -> float | None:
 
 
 def pca_angle(mask: Image) -> float | None:
-    """Return the angle of the contour points' first principal axis; None as `skeleton_angle`."""
+    """Return the angle of the contour points' first principal axis, deg; None as for `skeleton_angle`."""
     contour = _contour(mask)
     if contour is None:
         return None
@@ -72,7 +72,7 @@ ANGLES: dict[str, ScriptAngle] = {"skeleton": skeleton_angle, "ellipse": ellipse
 
 
 class ScriptFilter:
-    """The script's window of n angles and its reference."""
+    """The script's filter: a window of n angles, and a reference that is subtracted."""
 
     def __init__(self, window: int) -> None:
         self._window = window
@@ -80,7 +80,7 @@ class ScriptFilter:
         self._reference_deg: float | None = None
 
     def update(self, angle_deg: float | None) -> float:
-        """Return what the script publishes in degrees: 0 without contact or before n angles."""
+        """Return the angle that the script publishes, deg: 0 without contact or before n angles."""
         if angle_deg is None:
             return 0.0
         self._angles.append(abs(angle_deg))

@@ -8,9 +8,9 @@ from rig.tactile.sample import SlipSample, TactileEstimator
 
 
 class WindowMean(TactileEstimator):
-    """Another estimator's angles, averaged over the last n of them; after a refusal it starts empty.
+    """Wraps an estimator and reports the mean of its last n angles; a refused frame empties the window.
 
-    A frame that is not newer than the one before, or whose time jumped, counts for nothing.
+    A frame that is not newer than the previous one, or whose time jumped, is not counted.
     """
 
     def __init__(self, estimator: TactileEstimator, window: int) -> None:
@@ -19,15 +19,15 @@ class WindowMean(TactileEstimator):
         self._last: SlipSample | None = None
 
     def arm(self, state: ArmState) -> None:
-        """Pass the arm's state on."""
+        """Pass the state of the arm on."""
         self._estimator.arm(state)
 
     def gripped_further(self) -> None:
-        """Pass it on."""
+        """Notify the estimator that the fingers have closed further."""
         self._estimator.gripped_further()
 
     def update(self, image: Image, time_ns: int) -> SlipSample:
-        """Estimate from (H, W, 3) uint8 RGB. Raises `InputError` for another shape or type only."""
+        """Estimate from (H, W, 3) uint8 RGB. Raises only `InputError`, for another shape or type."""
         sample = self._estimator.update(image, time_ns)
         if sample.jumped:
             return sample

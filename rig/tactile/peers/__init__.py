@@ -1,4 +1,4 @@
-"""Other people's methods, to compare with: image alignments, printed dots, networks.
+"""Methods from the literature for comparison: image alignment, printed dots, networks.
 
 Imports `rig.tactile.contact`.
 """

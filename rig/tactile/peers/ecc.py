@@ -1,10 +1,10 @@
-"""Two standard image alignments as estimators, to compare with: `ecc` and `polar`.
+"""Two standard methods of image alignment as estimators, for comparison: `ecc` and `polar`.
 
-Both look at the magnitude of the relative difference from the background on a reduced copy, which
-turns with the object while colours do not, and compare each frame with the contact's first stable
-one. `ecc` is OpenCV's maximisation of the enhanced correlation coefficient over rotation and
-translation (Evangelidis and Psarakis, IEEE TPAMI 30 (10), 2008). `polar` correlates pictures in polar
-coordinates about the contact's middle, where a turn is a shift, by the Fourier transform.
+Both align the magnitude of the relative difference from the background, on a reduced copy, with that of the
+contact's first stable frame. The magnitude turns with the object; the colours do not. `ecc` is OpenCV's
+maximisation of the enhanced correlation coefficient over rotation and translation (Evangelidis and Psarakis,
+IEEE TPAMI 30 (10), 2008). `polar` correlates the images in polar coordinates about the centre of the contact,
+in which a rotation is a shift, with the Fourier transform.
 """
 
 import math
@@ -25,19 +25,24 @@ from rig.tactile.sample import FreshFrameEstimator, SlipSample, State
 from rig.tactile.stopwatch import Stopwatch
 
 NOISE_BLUR_PX = 1.0
-# The reference is taken anew until area and strength have settled: they have stayed for so many frames.
+# The reference is replaced until area and strength have stayed within SETTLED_SHARE for this number of
+# frames.
 SETTLED_FRAMES = 6
-# Share of the reference's energy that a turn by 1 rad changes beyond what a shift can imitate: below
-# this the contact is round (simulated smooth balls reach 0.1, cans 0.3 and more).
+# Smallest fraction of the reference's energy that a rotation changes, per rad squared, after the part that a
+# shift can explain is removed. Below this the contact is round (SIMULATED smooth balls reach 0.1, cans at
+# least 0.3).
 LEAST_CONTRAST = 0.15
-# A contact gone for longer is a new grasp.
+# After a loss of contact for longer than this, a contact is a new grasp.
 FORGET_S = 0.5
+# Stopping criteria of cv2.findTransformECC.
 ECC_ITERATIONS, ECC_STEP = 30, 1e-5
+# Lowest correlation that is accepted.
 LEAST_CORRELATION, LEAST_POLAR_CORRELATION = 0.6, 0.4
-# Turns beside the last one from which a lost contact is looked for.
+# Initial angles of the alignment relative to the last angle, tried in this order.
 SEARCH_RAD = tuple(math.radians(turn) for turn in (0, -20, 20, -40, 40))
 POLAR_ROWS, POLAR_COLUMNS = 360, 32
 POLAR_STEP_RAD = 2 * math.pi / POLAR_ROWS
+# Largest rotation between two frames that `polar` searches.
 MAX_JUMP_RAD = math.radians(20.0)
 
 Energy = NDArray[np.float32]
@@ -45,22 +50,26 @@ Energy = NDArray[np.float32]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Match:
-    """How a frame lies to the reference: angle_rad counter-clockwise; shift_px of its middle, or None."""
+    """The alignment of a frame with the reference.
+
+    angle_rad: counter-clockwise positive. shift_px: (2,), of the contact's centre in work pixels; None if
+    unknown.
+    """
 
     angle_rad: float
     shift_px: NDArray[np.float64] | None
 
 
 class Matcher(Protocol):
-    """Compares frames with one reference."""
+    """Aligns frames with one reference."""
 
     def match(self, energy: Energy, mask: Image, last: Match) -> Match | None:
-        """Return the frame's match, looked for near the last one; None where there is none."""
+        """Return the match of a frame, searched near the last match; None if there is none."""
         ...
 
 
 class EccMatcher(Matcher):
-    """OpenCV's ECC for a rotation and a translation. reference: (h, w) float32; mask: (h, w) uint8."""
+    """OpenCV's ECC for a rotation and a translation. reference: (h, w) float32. mask: (h, w) uint8."""
 
     def __init__(self, reference: Energy, mask: Image) -> None:
         self._reference = reference
@@ -68,7 +77,7 @@ class EccMatcher(Matcher):
         self._center = _middle(mask)
 
     def match(self, energy: Energy, mask: Image, last: Match) -> Match | None:
-        """Return the frame's match, looked for near the last one; None where there is none."""
+        """Return the match of a frame, searched near the last match; None if there is none."""
         shift = last.shift_px if last.shift_px is not None else np.zeros(2)
         for turn in SEARCH_RAD:
             found = self._from(energy, last.angle_rad + turn, shift)
@@ -87,7 +96,7 @@ class EccMatcher(Matcher):
             correlation, warp = cv2.findTransformECC(
                 self._reference, energy, warp, cv2.MOTION_EUCLIDEAN, criteria, self._everywhere, 1
             )
-        except cv2.error:  # OpenCV raises where the iteration does not converge
+        except cv2.error:  # OpenCV raises if the iteration does not converge
             return None
         if not (correlation >= LEAST_CORRELATION and np.isfinite(warp).all()):
             return None
@@ -96,18 +105,18 @@ class EccMatcher(Matcher):
 
 
 class PolarMatcher(Matcher):
-    """Correlation over the angle of polar pictures about the contact's middle, modulo 360 degrees."""
+    """Correlation over the angle of polar images about the centre of the contact, modulo 360 degrees."""
 
     def __init__(self, reference: Energy, mask: Image) -> None:
         self._reference = np.conj(_polar_spectrum(reference, mask))
         self._size = float(np.linalg.norm(self._reference))
 
     def match(self, energy: Energy, mask: Image, last: Match) -> Match | None:
-        """Return the frame's match, looked for near the last one; None where there is none."""
+        """Return the match of a frame, searched near the last match; None if there is none."""
         spectrum = _polar_spectrum(energy, mask)
         size = max(self._size * float(np.linalg.norm(spectrum)), 1e-12)
         scores = np.fft.irfft((spectrum * self._reference).sum(axis=1), POLAR_ROWS) * (POLAR_ROWS / 2 / size)
-        # Rows go clockwise.
+        # The rows of a polar image go clockwise.
         turned = -np.arange(POLAR_ROWS) * POLAR_STEP_RAD
         from_last = (turned - last.angle_rad + math.pi) % (2 * math.pi) - math.pi
         best = int(np.argmax(np.where(np.abs(from_last) <= MAX_JUMP_RAD, scores, -1.0)))
@@ -120,11 +129,11 @@ class PolarMatcher(Matcher):
 
 
 class ReferenceEstimator(FreshFrameEstimator):
-    """Aligns each frame with the contact's first stable one.
+    """Aligns each frame with the contact's first stable frame.
 
-    background: (H, W, 3) uint8 RGB, a frame without contact. States: `no_contact`; `unobservable`
-    where the reference is round; `lost` where no alignment is found; `rekeyed` where a new reference
-    begins after a first answer; else `tracking`. It gives no sigma.
+    background: (H, W, 3) uint8 RGB, a frame without contact. matcher: makes the matcher of a reference.
+    States: `no_contact`; `unobservable` if the reference is round; `lost` if no alignment is found; `rekeyed`
+    at a new reference after a first angle; else `tracking`. It has no sigma.
     """
 
     stages = ("contact", "alignment")
@@ -187,12 +196,12 @@ class ReferenceEstimator(FreshFrameEstimator):
         )
 
     def _is_reference(self, region: Region) -> bool:
-        """Follow a contact's growth; whether a new reference has to be taken of this frame."""
+        """Track the growth of a contact; return whether this frame becomes the new reference."""
         changed = self._steadiness.update(region.levels)
         return changed or self._steadiness.settled
 
     def _rebase(self, energy: Energy, region: Region) -> None:
-        """Take this frame as the reference, at the angle it was found to have."""
+        """Make this frame the reference, at its estimated angle."""
         self._zero_rad += self._match.angle_rad
         self._match = Match(0.0, np.zeros(2))
         observable = _contrast(energy, region.mask) >= LEAST_CONTRAST
@@ -215,7 +224,7 @@ def _middle(mask: Image) -> NDArray[np.float64]:
 
 
 def _polar_spectrum(energy: Energy, mask: Image) -> NDArray[np.complex128]:
-    """Spectrum over the angle of each ring about the contact's middle, weighted by the ring's size."""
+    """Return the spectrum over the angle of each ring about the contact's centre, weighted by its length."""
     x, y = _middle(mask)
     flags = cv2.INTER_LINEAR | cv2.WARP_FILL_OUTLIERS
     polar = cv2.warpPolar(energy, (POLAR_COLUMNS, POLAR_ROWS), (float(x), float(y)), POLAR_COLUMNS, flags)
@@ -224,7 +233,7 @@ def _polar_spectrum(energy: Energy, mask: Image) -> NDArray[np.complex128]:
 
 
 def _contrast(energy: Energy, mask: Image) -> float:
-    """Share of a reference's energy that a turn by 1 rad changes, beyond what a shift can imitate."""
+    """Return the energy of the reference's change per rad that no shift explains, relative to its energy."""
     smooth = cv2.GaussianBlur(energy, (0, 0), 1.5)
     rows, columns = np.nonzero(mask)
     x, y = _middle(mask)

@@ -1,8 +1,8 @@
-"""The rotation of marked gel under a contact, after Kolamuri et al. (see `rotation_centre`).
+"""Estimate the rotation of a gel with markers under a contact, after Kolamuri et al. (see `rotation_centre`).
 
-The contact is found by subtraction on frames without their markers; the markers inside it are followed
-from the contact's first stable frame, and their displacement gives centre and angle. It measures
-the gel: where the object slides over it, the markers stay behind, and so does the angle.
+The contact is detected on frames whose markers are removed. The markers inside it are tracked from the
+contact's first stable frame on. Their displacements give centre and angle of the rotation. The method
+measures the rotation of the gel: if the object slides on the gel, the angle is too small.
 """
 
 import math
@@ -21,21 +21,21 @@ from rig.tactile.peers.rotation_centre import Degenerate, Rotation, find_rotatio
 from rig.tactile.sample import FreshFrameEstimator, SlipSample, State, check_frame
 from rig.tactile.stopwatch import Stopwatch
 
-# The reference is taken anew until the area has settled: it has stayed for so many frames.
+# The reference is replaced until the area has stayed within SETTLED_SHARE for this number of frames.
 SETTLED_FRAMES = 6
-# Larger frames are reduced to this long side: dots are found as exactly, and many times faster.
+# Larger frames are reduced to this long side: this is many times faster, and the dots are found as
+# accurately.
 MOST_PX = 1024
-# A contact gone for longer is a new grasp.
+# After a loss of contact for longer than this, a contact is a new grasp.
 FORGET_S = 0.5
 
 
 class KolamuriEstimator(FreshFrameEstimator):
     """Centre and angle of rotation by least squares from the markers in the contact.
 
-    background: (H, W, 3) uint8 RGB, a frame without contact. States: `no_contact`; `unobservable`
-    where the markers have no centre of rotation (`refusal` says why), but for markers that have not
-    moved, whose angle is the last one's; `rekeyed` at a new reference after a first answer; else
-    `tracking`. It gives no sigma.
+    background: (H, W, 3) uint8 RGB, a frame without contact. States: `no_contact`; `unobservable` if the
+    markers have no centre of rotation (`refusal` has the reason); `rekeyed` at a new reference after a first
+    angle; else `tracking`. If the markers have not moved, the last angle is reported. It has no sigma.
     """
 
     stages = ("contact", "markers", "rotation")
@@ -88,7 +88,7 @@ class KolamuriEstimator(FreshFrameEstimator):
         return state, math.degrees(self._zero_rad + self._angle_rad)
 
     def _rotation(self, image: Image, mask: Image, watch: Stopwatch) -> Rotation | Degenerate:
-        """Return how the markers that were inside the contact have turned since the reference."""
+        """Return the rotation, since the reference, of the markers that were inside the contact then."""
         if self._tracker is None:
             self._tracker = DotTracker(image)
             columns, rows = np.rint(self._tracker.first_px).astype(int).T
@@ -101,7 +101,7 @@ class KolamuriEstimator(FreshFrameEstimator):
         return found
 
     def _settle(self, image: Image, contact: Contact) -> bool:
-        """Follow a contact's growth; whether this frame becomes the reference."""
+        """Track the growth of a contact; return whether this frame becomes the reference."""
         if self._steadiness.settled:
             return False
         if self._steadiness.update((contact.area_px,)) or self._steadiness.settled:
@@ -110,7 +110,7 @@ class KolamuriEstimator(FreshFrameEstimator):
         return False
 
     def _rebase(self) -> None:
-        """Forget the reference, at the angle it has led to."""
+        """Drop the reference, and continue from the current angle."""
         self._zero_rad += self._angle_rad
         self._angle_rad, self._tracker = 0.0, None
 
@@ -120,7 +120,7 @@ class KolamuriEstimator(FreshFrameEstimator):
 
 
 def _work_size(image: Image) -> tuple[int, int]:
-    """Return width and height of what is looked at, px: the frame's, or smaller."""
+    """Return width and height in px to which frames are reduced, at most their own."""
     share = min(1.0, MOST_PX / max(image.shape[:2]))
     width, height = (max(8, round(side * share)) for side in image.shape[1::-1])
     return width, height

@@ -1,7 +1,7 @@
-"""The paper's peers that answer with a network: AngleNet from one image, Toskov et al. from the wrist.
+"""The network methods that the paper compares with: AngleNet (one image) and Toskov et al. (wrist wrench).
 
-Both tell whether there is contact as the other estimators do, by image processing: a lift needs to
-know when the fingers touch.
+Both detect the contact by image processing, as the other estimators do, because a lift has to detect when the
+fingers touch.
 """
 
 from drivers.types import ArmState, Image
@@ -18,9 +18,9 @@ from rig.tactile.stopwatch import Stopwatch
 
 
 class AngleNetEstimator(FreshFrameEstimator):
-    """An angle regressed from each image by itself (see the paper, section IV-D), by a small ConvNeXt.
+    """Estimates the angle from each image independently, with a small ConvNeXt (paper, section IV-D).
 
-    States: `no_contact`, else `tracking`: it never says that it cannot know.
+    States: `no_contact`, else `tracking`; it never refuses a frame with contact.
     """
 
     stages = ("contact", "network")
@@ -44,11 +44,11 @@ class AngleNetEstimator(FreshFrameEstimator):
 
 
 class ToskovEstimator(FreshFrameEstimator):
-    """The object's turn from the wrench at the wrist, by a recurrent network (Toskov et al. 2022).
+    """Estimates the object's rotation from the wrist's wrench, with a recurrent network (Toskov et al. 2022).
 
-    It learns nothing from frames but whether there is contact; its angle is that of the arm's newest
-    state. sign: of the fingertip, as the wrist knows the object's turn and an estimator answers with
-    the image's. States: `no_contact`; `unobservable` until the wrist's rest is known; else `tracking`.
+    Frames are used only to detect contact. The angle is that of the newest state of the arm. sign: of the
+    fingertip, which converts the object's angle to an image angle. States: `no_contact`; `unobservable` until
+    the wrench at rest is known; else `tracking`.
     """
 
     stages = ("contact", "network")
@@ -62,7 +62,7 @@ class ToskovEstimator(FreshFrameEstimator):
         self._spent_s = 0.0
 
     def arm(self, state: ArmState) -> None:
-        """Feel the wrench of the arm's state."""
+        """Process the wrench in a state of the arm."""
         watch = Stopwatch()
         step = self._steps.add(state)
         if step is not None:

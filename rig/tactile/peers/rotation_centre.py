@@ -1,9 +1,9 @@
-"""Centre and angle of a rotation by least squares from the displacement of points.
+"""Estimate centre and angle of a rotation by least squares from the displacements of points.
 
-After Kolamuri, Si, Zhang, Agarwal and Yuan, "Improving grasp stability with rotation measurement from
-tactile sensing" (IROS 2021, arXiv:2108.00301): a turning point moves at right angles to its ray from
-the centre, so the normals of all displacements meet there; with the centre known, one angle is left.
-The normals are drawn at the middles of the displacements, which makes the centre exact for any turn.
+After Kolamuri, Si, Zhang, Agarwal and Yuan, "Improving grasp stability with rotation measurement from tactile
+sensing" (IROS 2021, arXiv:2108.00301). In a rotation every point moves at right angles to its ray from the
+centre. Therefore the perpendicular bisectors of all displacements meet in the centre, also for large
+rotations. With the centre known, the angle is the only unknown.
 """
 
 import math
@@ -16,36 +16,37 @@ from numpy.typing import NDArray
 from drivers.errors import InputError
 
 MIN_POINTS = 3
-# Places of markers are known to a tenth of a pixel or two: smaller motions tell no direction.
+# Smallest rms displacement that has a direction: positions of markers are accurate to 0.1 to 0.2 px.
 NOISE_PX = 0.15
-# Points whose spread across is below this share of the spread along lie on a line: the normals of their
-# displacements are one and the same line where the centre lies on it too.
+# Points count as collinear if their spread across a line is below this fraction of the spread along it. If
+# the centre is on that line, the perpendicular bisectors of their displacements coincide.
 LEAST_SPREAD = 0.1
 
 Points = NDArray[np.float64]
 
 
 class Degenerate(StrEnum):
-    """Why displacements have no centre of rotation."""
+    """Reason why displacements have no centre of rotation."""
 
-    TOO_FEW = "fewer than 3 points were seen before and after"
-    COLLINEAR = "the points lie on one line"
+    TOO_FEW = "fewer than 3 points were found before and after"
+    COLLINEAR = "the points are on one line"
     STILL = "the points have not moved"
-    TRANSLATION = "all points moved alike: a shift, no turn"
+    TRANSLATION = "all points moved in the same way: a translation without rotation"
 
 
 @dataclass(frozen=True, slots=True)
 class Rotation:
-    """A turn. centre_px: (x, y), x right, y down. angle_rad: counter-clockwise positive as seen."""
+    """A rotation. centre_px: (x, y), x to the right, y down. angle_rad: counter-clockwise positive."""
 
     centre_px: tuple[float, float]
     angle_rad: float
 
 
 def find_rotation(before_px: Points, after_px: Points) -> Rotation | Degenerate:
-    """Return the rotation that took points (N, 2) to (N, 2), x right and y down, or why there is none.
+    """Return the rotation between two sets of points, or the reason why there is none.
 
-    The angle is within +-pi. Raises `InputError` for shapes that differ or values that are not finite.
+    before_px, after_px: (N, 2), x to the right, y down. The angle is within +-pi. Raises `InputError` for
+    different shapes, or for NaN or infinite values.
     """
     before, after = np.asarray(before_px, np.float64), np.asarray(after_px, np.float64)
     _check(before, after)
@@ -64,7 +65,7 @@ def find_rotation(before_px: Points, after_px: Points) -> Rotation | Degenerate:
 
 
 def turn_about(before: Points, after: Points) -> float:
-    """Return the least-squares angle, rad, counter-clockwise as seen, of rays (N, 2) from the centre."""
+    """Return the least-squares angle between rays (N, 2) from the centre, rad, counter-clockwise positive."""
     across = (before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]).sum()
     return -math.atan2(float(across), float((before * after).sum()))
 
@@ -82,6 +83,6 @@ def _rms(vectors: Points) -> float:
 
 def _check(before: Points, after: Points) -> None:
     if before.ndim != 2 or before.shape[1:] != (2,) or before.shape != after.shape:
-        raise InputError(f"points of shapes {before.shape} and {after.shape}: both have to be (N, 2)")
+        raise InputError(f"points have the shapes {before.shape} and {after.shape}: both have to be (N, 2)")
     if not (np.isfinite(before).all() and np.isfinite(after).all()):
-        raise InputError("points hold values that are not finite: leave points out that were not seen")
+        raise InputError("points have values that are not finite: leave out points that were not found")

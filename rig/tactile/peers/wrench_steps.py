@@ -1,4 +1,4 @@
-"""The wrench at the wrist as a recurrent network takes it: in even steps, from what it was at rest."""
+"""Convert the wrench at the wrist to the input of a recurrent network: equal time steps, relative to rest."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -7,17 +7,18 @@ from drivers.clock import to_ns
 from drivers.types import ArmState
 
 PERIOD_S = 1.0 / 30.0
-"""Of a step; states that come faster are averaged."""
+"""Duration of a step; states within a step are averaged."""
 REST_S = 0.5
-"""The first moments of a grasp, whose mean is what the wrist feels of everything but the object."""
+"""Time from the start of a grasp over which the wrench at rest, without the object, is averaged."""
 
 Wrench = NDArray[np.float32]
 
 
 class WrenchSteps:
-    """Turns the arm's states, from the grasp on, into steps of (6,) float32: force in N, torque in N m.
+    """Converts the arm's states from the grasp on to steps of (6,) float32, relative to the wrench at rest.
 
-    Base axes, at the TCP. States that are not newer than the previous one, or have no wrench, are skipped.
+    A step is the force in N and the torque in N m, at the TCP in the base's axes. States that are not newer
+    than the previous one, or have no wrench, are skipped.
     """
 
     def __init__(self) -> None:
@@ -28,7 +29,7 @@ class WrenchSteps:
         self._rest: NDArray[np.float64] | None = None
 
     def add(self, state: ArmState) -> Wrench | None:
-        """Take a state; return the step that it completes, None where none is due or the rest still lasts."""
+        """Process a state; return the step that it completes, or None if it completes none."""
         if state.wrench is None or (self._began_ns is not None and state.time_ns <= self._newest_ns):
             return None
         self._newest_ns = state.time_ns
@@ -40,7 +41,7 @@ class WrenchSteps:
                 self._rest, self._due_ns = np.mean(self._resting, 0), state.time_ns
             return None
         self._gathered.append(state.wrench)
-        # half a period early: the state nearest to the step's end completes it
+        # Half a period earlier than due, so that the state nearest to the step's end completes it.
         if state.time_ns < self._due_ns + to_ns(0.5 * PERIOD_S):
             return None
         self._due_ns = max(self._due_ns + to_ns(PERIOD_S), state.time_ns)

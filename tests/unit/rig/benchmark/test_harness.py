@@ -135,7 +135,7 @@ def test_command_prints_one_json_object_and_writes_files(tmp_path: Path) -> None
 def test_command_ends_with_exit_code_4_if_a_limit_is_missed() -> None:
     result = run_command("--limit", "1")
     assert result.exit_code == 4  # type: ignore[attr-defined]
-    assert "limit missed: largest square: 4, asked at most 1" in result.stderr  # type: ignore[attr-defined]
+    assert "limit missed: largest square: 4, required at most 1" in result.stderr  # type: ignore[attr-defined]
 
 
 def test_resume_needs_a_folder_if_results_are_kept() -> None:
@@ -143,7 +143,7 @@ def test_resume_needs_a_folder_if_results_are_kept() -> None:
     app.command()(command_of(replace(STUDY, keeps_results=True)))
     result = CliRunner().invoke(app, ["--resume"])
     assert isinstance(result.exception, InputError)
-    assert "--resume continues the session in --out: give its folder" in str(result.exception)
+    assert "--resume continues the run in --out: give its folder" in str(result.exception)
 
 
 @pytest.mark.parametrize("name", STUDIES)

@@ -73,7 +73,7 @@ def test_invalid_arguments_are_input_errors() -> None:
     for arguments, match in (
         ({"times_s": [0.0]}, "1 times for more frames"),
         ({"times_s": [0.0, 1.0, 2.0]}, "3 times for 2 frames"),
-        ({"times_s": [1.0, 0.0]}, "never going back"),
+        ({"times_s": [1.0, 0.0]}, "not decreasing"),
         ({"fps": 0.0}, "no frame rate"),
         ({"estimator": "no such"}, "unknown estimator"),
         ({"estimator": len}, "give a name or a class"),
@@ -95,10 +95,10 @@ def test_angles_validate_their_shapes() -> None:
     assert np.isnan(told.sigma_deg).all()
     for arguments, match in (
         (([0, 1], [1.0]), "2 times and 1 angles"),
-        (([1, 0], [1.0, 2.0]), "never to go back"),
+        (([1, 0], [1.0, 2.0]), "not decrease"),
         (([0, 1], [[1.0], [2.0]]), "shape"),
-        (([0, 1], ["a", "b"]), "no numbers"),
-        (([0, 1], [1.0, 2.0], [0.1, 0.1], ("tracking",)), "as many of each"),
+        (([0, 1], ["a", "b"]), "not numbers"),
+        (([0, 1], [1.0, 2.0], [0.1, 0.1], ("tracking",)), "same number of each"),
     ):
         with pytest.raises(InputError, match=match):
             rig.Angles(*arguments)
@@ -138,7 +138,7 @@ def test_a_camera_is_solved_from_points() -> None:
     with pytest.raises(CalibrationError):
         rig.solve_camera(board, seen, SIZE)
     for wrong, match in (
-        (([board[0]], seen), "give as many"),
+        (([board[0]], seen), "give the same number"),
         (([board[0][:5]], seen[:1]), "a row per point"),
         (([board[0] + 0.1], seen[:1]), "z = 0"),
     ):
@@ -171,11 +171,11 @@ def test_a_hand_eye_is_solved_from_pairs_of_poses() -> None:
     refused = rig.solve_hand_eye(robot[:2], seen[:2])
     assert (refused.verdict, refused.matrix) == ("refused", None)
     for wrong, match in (
-        ((robot, seen[:3]), "give as many"),
+        ((robot, seen[:3]), "give the same number"),
         ((robot[0], seen[0]), r"give \(N, 4, 4\)"),
         ((robot, 2 * seen), "last row"),
         ((robot, seen, "on the table"), "give one of eye-to-hand"),
-        (("robot", seen), "no numbers"),
+        (("robot", seen), "not numbers"),
     ):
         with pytest.raises(InputError, match=match):
             rig.solve_hand_eye(*wrong)

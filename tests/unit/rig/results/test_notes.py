@@ -19,9 +19,9 @@ def row(make: MakeRow, number: int, error_deg: float | None) -> FinishedLift:
 @pytest.mark.parametrize(
     ("states", "why"),
     [
-        ({"unobservable": 200, "lost": 3}, "'unobservable': Such a contact looks the same"),
+        ({"unobservable": 200, "lost": 3}, "'unobservable': The contact looks the same"),
         ({"no_contact": 200, "tracking": 0}, "'no_contact': The fingertip detected no contact"),
-        ({"lost": 200}, "'lost': The picture changed more"),
+        ({"lost": 200}, "'lost': The image changed more"),
     ],
 )
 def test_lift_without_an_answer_says_why(lift_row: MakeRow, states: dict[str, int], why: str) -> None:
@@ -32,7 +32,7 @@ def test_lift_without_an_answer_says_why(lift_row: MakeRow, states: dict[str, in
 def test_answered_lift_without_marker_angle_is_not_called_unanswered(lift_row: MakeRow) -> None:
     note = lift_note(lift_row(1, re=None, re_b=None, answered=1.0))
     assert "no answer" not in note
-    assert "angle of the markers is missing" in note
+    assert "no frame has both an estimate and a marker angle" in note
 
 
 def test_json_has_no_interval_below_five_lifts_and_counts_refused_ones(lift_row: MakeRow) -> None:

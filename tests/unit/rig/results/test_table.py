@@ -59,7 +59,7 @@ def test_an_empty_or_strange_cell_is_named(tmp_path: Path, lift_row: MakeRow) ->
     with pytest.raises(InputError, match=r"results\.csv: row 2: 'session'"):
         read_results(path)
     path.write_bytes(csv_bytes(COLUMNS, [{**lines[0], "answered": None}]))
-    with pytest.raises(InputError, match="lift 0: no answered"):
+    with pytest.raises(InputError, match="lift 0: answered is empty"):
         summarize_table(read_results(path))
 
 

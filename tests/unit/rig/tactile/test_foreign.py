@@ -52,7 +52,7 @@ def test_estimator_named_only_by_a_session_is_not_imported(imported: Path) -> No
         choice = stored_choice(name, 2)
         with pytest.raises(EstimatorError, match=r"add --estimator .*, or another"):
             choice.require_named()
-        with pytest.raises(EstimatorError, match="no part of the rig"):
+        with pytest.raises(EstimatorError, match="not part of the rig"):
             choice.make(GEL)
     assert not imported.exists()
     assert stored_choice("slip", None).make(GEL).update(GEL, 0).state is State.NO_CONTACT
@@ -121,7 +121,7 @@ def test_invalid_samples_are_lost_with_a_reason(imported: Path) -> None:
     said = [str(sample.fault) for sample in told]
     words = (
         "NoneType", "float", "time_ns", "dict", "angle_deg is nan", "'12'", "True",
-        "no rig.tactile.sample.State", "below 0", "no pair", "contact_area_px is None",
+        "not a rig.tactile.sample.State", "below 0", "not a pair", "contact_area_px is None",
         "inf", "pixels", "no_contact", "stage_s", "skipped",
     )  # fmt: skip
     assert all(word in text for word, text in zip(words, said, strict=True)), said

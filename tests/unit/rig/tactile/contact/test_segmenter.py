@@ -108,7 +108,7 @@ def test_invalid_network_file_is_rejected_with_its_path(tmp_path: Path) -> None:
     cut.write_bytes((MODELS / "ours.onnx").read_bytes()[:5000])
     empty = tmp_path / "empty.onnx"
     empty.touch()
-    for path, said in ((tmp_path / "none.onnx", "no such network"), (cut, "ONNX"), (empty, "ONNX")):
+    for path, said in ((tmp_path / "none.onnx", "network not found"), (cut, "ONNX"), (empty, "ONNX")):
         with pytest.raises(InputError, match=said) as caught:
             load_network(path)
         assert str(path) in str(caught.value)

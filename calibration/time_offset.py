@@ -30,6 +30,7 @@ _GRID_S = 0.002
 _HILL = 1.05
 """Two minima are distinct if the cost between them exceeds the higher one by this factor."""
 _ROUNDS = 30
+"""Most iterations of the refinement."""
 _DRIFT_FROM_S = 60.0
 """Shortest overlap for which a drift is fitted."""
 _SPAN_NS = 100_000_000

@@ -22,7 +22,7 @@ class NotConnectedError(DeviceError):
 
 
 class DeviceTimeoutError(DeviceError):
-    """A device did not answer, or a motion did not end, within its time."""
+    """A device did not answer, or a motion did not end, within its time limit."""
 
 
 class InvalidStateError(DeviceError):

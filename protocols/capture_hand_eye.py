@@ -12,12 +12,16 @@ from drivers.types import Frame, Pose
 
 SPEED_M_S = 0.15
 ACCELERATION_M_S2 = 0.5
+"""Speed and acceleration between the poses."""
 MOTION_TIMEOUT_S = 20.0
+"""Time limit of a motion between two poses."""
 SETTLE_S = 0.4
 """The arm counts as still if its pose does not change over this time."""
 STILL_TIMEOUT_S = 4.0
+"""Time limit for the arm to come to rest."""
 _STILL_M = 5e-5
 _STILL_RAD = 2e-4
+"""Largest change of the pose during `SETTLE_S`, m and rad."""
 _FRAME_AGE_S = 1.0
 """If the newest frame is older, the stream has stopped. The stored frame is captured after this check."""
 _MOST_EARLIER = 300

@@ -17,7 +17,9 @@ from protocols.capture_hand_eye import wait_until_still
 
 SPEED_M_S = 0.05
 ACCELERATION_M_S2 = 0.3
+"""Speed and acceleration of the tool."""
 MOTION_TIMEOUT_S = 30.0
+"""Time limit of a motion."""
 ABOVE_M = 0.015
 """Height above the hole at which the tool is turned."""
 FIRST_ABOVE_M = 0.12

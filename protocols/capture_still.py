@@ -10,6 +10,7 @@ from protocols.capture_hand_eye import wait_until_still
 FRAME_AGE_S = 0.25
 """Largest age of the newest frame before the capture starts; an older one means a stopped stream."""
 FRAME_TIMEOUT_S = 1.0
+"""Time limit for the next frame."""
 
 
 def capture_still(

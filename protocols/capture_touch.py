@@ -26,7 +26,9 @@ from protocols.steps import (
 )
 
 REFERENCE_S = 0.2
+"""Duration of the frames without contact before the fingers close."""
 SETTLE_S = 0.3
+"""Time for the gels to settle after the fingers have moved."""
 PAST_CONTACT_M = 0.0019
 """Closing beyond the first contact, m: three steps of a Robotiq 3-Finger. Then both gels are certainly
 touched, and the fingers open again."""

@@ -18,7 +18,9 @@ from protocols.steps import (
 )
 
 ACCELERATION_M_S2 = 0.8
+"""Acceleration of each stroke."""
 SETTLE_S = 0.5
+"""Time at rest before the strokes."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,6 +17,7 @@ from drivers.types import GripperSpec, GripperState, Holding
 from protocols.pump import Pump
 
 MOTION_TIMEOUT_S = 15.0
+"""Time limit of a motion of arm or fingers."""
 REACHED_M = 0.002
 """Tolerance of a reached opening, m: a third of the 6 mm by which a release opens wider than the object
 (2 x `steps.MARGIN_M`), so fingers within this tolerance do not touch the object. Three steps of a Robotiq

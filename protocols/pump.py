@@ -17,6 +17,7 @@ from protocols.observer import LiftEvents
 from protocols.release import Contact, Imprint, imprint
 
 FRAME_TIMEOUT_S = 0.25
+"""Time without a frame after which a source counts as silent."""
 JITTER = 0.1
 """Fraction of its period by which a frame may be captured early."""
 CATCH_UP_S = 3.0

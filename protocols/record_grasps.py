@@ -11,7 +11,9 @@ from protocols.safe_end import safe_end
 from protocols.steps import approach, close_to_contact, lower_and_release, step_fingers
 
 REFERENCE_S = 0.5
+"""Duration of the frames without contact before the fingers close."""
 CAPTURE_TIMEOUT_S = 4.0
+"""Time limit for capturing the images of one grip."""
 
 
 class CaptureObserver(LiftObserver, Protocol):

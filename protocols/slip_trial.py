@@ -26,6 +26,7 @@ HOLD_S = 1.2
 SEEN_S = 0.3
 """Observation time before an early set-down after a reaction, so that the final angle is recorded."""
 LIFT_TIMEOUT_S = 8.0
+"""Time limit of the lift."""
 
 
 @dataclass(frozen=True, slots=True)

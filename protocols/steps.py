@@ -15,6 +15,7 @@ from protocols.pump import Pump
 TRAVEL_SPEED_M_S = 0.25
 LOWER_SPEED_M_S = 0.10
 ACCELERATION_M_S2 = 1.0
+"""Speed of travel, speed of setting down, and acceleration of all motions."""
 CLEARANCE_M = 0.10
 """Height above the grasp from which the hand approaches, and to which it retreats."""
 LEVEL_M = 0.001
@@ -22,6 +23,7 @@ LEVEL_M = 0.001
 MARGIN_M = 0.003
 """Gap on each side between finger and object before the step-by-step closing begins."""
 STEP_SETTLE_S = 0.05
+"""Time for the gels to settle after a closing step."""
 FIRMER = 1.02
 """Smallest ratio of `Pump.contact_strength` after the last step of tightening to before it. Measured in 36
 simulated lifts that tighten by 2 to 6 steps of 0.62 mm, half of them on the hard bench: at least 1.046; 0.99

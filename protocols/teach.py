@@ -19,10 +19,14 @@ from protocols.safe_end import safe_end
 from protocols.steps import MOTION_TIMEOUT_S, close_to_contact, open_around, start_watching
 
 REFERENCE_S = 0.25
+"""Duration of the frames without contact before the fingers close."""
 STEP_SPEED_M_S, STEP_ACCELERATION_M_S2 = 0.02, 0.2
+"""Speed and acceleration of a step by keys."""
 STEPS_M = {"1": 0.0005, "2": 0.002, "3": 0.01}
 STEPS_DEG = {"1": 0.5, "2": 2.0, "3": 5.0}
+"""Step by key, m and degrees."""
 AXES = {"x": (1, 0, 0), "y": (0, 1, 0), "z": (0, 0, 1)}
+"""Axis of the base frame by key."""
 KEYS = (
     "x y z step along the base's axes, X Y Z back; t turns the hand counter-clockwise as the camera sees it, "
     "T back; 1 2 3 steps of 0.5, 2, 10 mm (0.5, 2, 5 degrees); Enter when it is there; q stops"

@@ -12,6 +12,7 @@ from drivers.types import Pose
 Array = NDArray[np.floating]
 
 _BORDER_PX = 8.0
+"""Corners nearer to the border count as outside the picture."""
 _LEAST_FACING = 0.6
 """Cosine of the largest angle at which a board is still detected reliably."""
 _INTRINSIC = 6

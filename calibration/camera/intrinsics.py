@@ -19,9 +19,11 @@ from drivers.errors import CalibrationError
 Array = NDArray[np.floating]
 
 FEWEST_VIEWS = 3
+"""Fewest views of the board for a calibration."""
 _BAD_VIEW = 3.0
 """A view is rejected above this multiple of the median error."""
 _LEAST_BAD_PX = 0.3
+"""Views with a smaller error are never rejected."""
 _WORTH = 0.99
 """A richer lens model must reduce the error on held-out views at least to this fraction."""
 _STOP = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 60, 1e-9)

@@ -18,6 +18,7 @@ from drivers.types import Pose
 Array = NDArray[np.floating]
 
 _BORDER_PX = 10.0
+"""Corners nearer to the border count as outside the picture."""
 _LARGEST_TILT = np.cos(np.radians(60.0))
 """Cosine of the largest angle between the target's normal and the line of sight."""
 _LEVER_M = 0.3

@@ -41,6 +41,7 @@ it."""
 _MOST_REJECTED = 0.34
 """Largest fraction of rejected pairs; above it the data contradict themselves."""
 _ROUNDS, _NOISE_ROUNDS = 40, 12
+"""Most iterations of the least-squares fit, and of the noise estimate."""
 _MOST_PAIRS = 200
 """Longer series are thinned to this many pairs."""
 _FOR_STARTS = 40

@@ -17,6 +17,7 @@ from calibration.hand_eye.samples import Problem
 Array = NDArray[np.floating]
 
 _ROUNDS = 60
+"""Most iterations of the refinement."""
 _STILL = 1e-9
 """Relative change of the cost below which the iteration has converged."""
 _NEAREST_M = 1e-3

@@ -30,14 +30,19 @@ Array = NDArray[np.floating]
 FEWEST_SAMPLES = 5
 """Three samples give as many equations as unknowns, and no redundancy to check them."""
 _SOFT_PX = 1.0
+"""Scale of the robust loss that is used to find the initial value."""
 _STANDS_OUT = 3.0
 """A sample is an outlier above this multiple of the median error."""
 _LEAST_OUTLIER_PX = 1.0
+"""Samples with a smaller error are never rejected."""
 _MOST_REJECTED = 0.34
 """Largest fraction of rejected samples; above it the data contradict themselves."""
 _DRAWS = 6
+"""Random halves of the samples that give further initial values."""
 _WORST_RMS_PX = 5.0
+"""Residual above which the result is refused."""
 _GOOD_RMS_PX, _GOOD_SAMPLES = 1.5, 10
+"""Largest residual and fewest samples of a good calibration."""
 _LOOSE = "residual of the samples {value:.2f} px: is the target rigidly mounted, the robot at rest?"
 _BETTER_CAMERA = "calibrate the camera again before this, with tilted and nearer views"
 

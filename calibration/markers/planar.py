@@ -20,8 +20,10 @@ Array = NDArray[np.floating]
 
 FEWEST_FRAMES = 10
 _WORST_FIT_PX = 1.0
-_WORST_SCATTER_PX = 1.0
+"""Largest residual of two equal squares for markers of up to 100 px; it grows with their side."""
+_WORST_SCATTER_PX = 1.0  # standard deviation of a corner at rest
 _SMALLEST_AREA_PX = 64.0
+"""Smallest area of a marker, px squared; it is negative if corners are not clockwise."""
 _USUAL_PX = 0.15
 """Residual up to which a corner gets full weight; in noisy pictures, three sigma instead."""
 _REWEIGHTED = 4

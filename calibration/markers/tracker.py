@@ -25,6 +25,7 @@ Refine = Callable[[Image, Corners], Corners | Refusal]
 """Refines (M, 4, 2) px corners in a (H, W) uint8 picture to sub-pixel accuracy."""
 
 SMALLEST_SIDE_PX = 16.0
+"""Smallest side of a marker that is measured."""
 FORGET_AFTER_FRAMES = 10
 """After this many frames without the markers, the last position is no longer used."""
 _REGION_MARGIN = 0.35

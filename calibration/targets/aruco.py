@@ -24,20 +24,25 @@ Corners = NDArray[np.float64]
 Array = NDArray[np.floating]
 
 _NEXT, _BEFORE = np.array([1, 2, 3, 0]), np.array([3, 0, 1, 2])
+"""Indices of the corners after and before each corner."""
 _FROM_CORNER = 0.1
 """Fraction of a side at each end that is not sampled, because the other edge blurs into it."""
 _ACROSS_PX = 3.0
 """Largest distance from a side at which it is sampled."""
 _STEPS = 13
+"""Samples across a side, on each line."""
 _FEWEST = 4
 """Fewest edge points per side."""
 _LEAST_CONTRAST = 12.0
+"""Smallest contrast of an edge, grey levels."""
 _ROUNDS = 2
+"""Iterations of the edge refinement."""
 _ONE_ROUND_PX = 32.0
 """Side from which one round, starting from window-refined corners, is as good as two, in 2/3 of the time."""
 _SAME_PLACE = 0.3
 """Two quads closer than this fraction of the side are the same marker."""
 _ONE_WINDOW = 23
+"""Window of the adaptive threshold in small regions, px."""
 
 
 class Refusal(StrEnum):

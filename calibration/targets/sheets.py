@@ -14,8 +14,11 @@ from drivers.errors import InputError
 from drivers.types import Image
 
 _PX_PER_MODULE = 24
+"""Resolution of a drawn sheet: at least half this many px per narrowest rectangle."""
 _MARGIN_MM = 12.0
+"""Margin of the sheet."""
 _BAR_MM = 100.0
+"""Length of the printed scale bar."""
 TEXT_MM = 3.2
 """Font size of the text on the sheet."""
 Rectangle = tuple[float, float, float, float]

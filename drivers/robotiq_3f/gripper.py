@@ -57,6 +57,7 @@ NOMINAL_SPEC = GripperSpec(
 """Fingers without fingertip mounts: 155 mm over the 249 counts from 6 to 255."""
 ACTIVATION = "activation"
 RESET_TIMEOUT_S = 2.0
+"""Time limit for the gripper to confirm a reset or the activation bit."""
 ACTIVATION_TIMEOUT_S = 30.0
 """The fingers sweep their range for several seconds; a blocked sweep ends in fault 0x0D, interference in
 fault 0x0E after 20 s (manual, FAULT STATUS)."""

@@ -28,6 +28,7 @@ them, are shorter than the second within which a dead connection must be reporte
 logging.getLogger("pymodbus").addHandler(logging.NullHandler())
 
 READ_HOLDING, READ_INPUT, WRITE_MULTIPLE = 3, 4, 16
+"""Modbus function codes (Modbus application protocol)."""
 
 
 @dataclass(frozen=True, slots=True)

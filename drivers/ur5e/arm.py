@@ -26,6 +26,7 @@ from drivers.ur5e.shared_state import StateSample
 from drivers.ur5e.status import arm_mode, program_reason, stop_reason
 
 STOP_DECELERATION_M_S2 = 10.0
+"""Deceleration of a commanded stop."""
 PROBE_S = 1.5
 """Time limit of the first exchange with the controller."""
 STOP_LIMIT_S = 0.6

@@ -20,8 +20,11 @@ _ROOT = Path(__file__).resolve().parents[2]
 _TAIL_BYTES = 400
 """Bytes at the end of a process's output that are searched for its last line."""
 _END_S = 1.0
+"""Longest wait for the end of a child process that was killed."""
 _SEND_S = 1.0
+"""Time limit for sending a call."""
 _CHECK_S = 0.1
+"""Interval at which a waiting call checks whether the process still runs."""
 Arguments = ParamSpec("Arguments")
 Answer = TypeVar("Answer")
 Check = Callable[[], object]

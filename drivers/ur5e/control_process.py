@@ -30,13 +30,19 @@ from drivers.ur5e.heartbeat import Heartbeat, Program
 from drivers.ur5e.shared_state import SharedState
 
 START_LIMIT_S = 10.0
+"""Time limit for ur-rtde to connect and upload its program; then the process exits."""
 STATE_LIMIT_S = 0.6
 """Age of the arm's state at which this process exits; ur-rtde reconnects after 2.5 s."""
 WATCH_S = 0.05
+"""Interval between checks of the state's age and of the parent process."""
 TICK_S = 0.005
+"""Longest wait for a call between two checks of the heartbeat."""
 STOP_S = 1.0
+"""Time for the arm to stop before the process exits because its parent ended."""
 STOP_DECELERATION_M_S2 = 10.0
+"""Deceleration of the stop after the client has closed the connection."""
 STATE_LOST, PARENT_LOST = 3, 4
+"""Exit codes of this process."""
 AT_ONCE = ("stop_linear", "end_program", "operation", "halted")
 """Calls that stop the arm or need no answer of the controller; they keep the real-time priority."""
 COMMANDS = {name: method for name, method in vars(ControlCommands).items() if not name.startswith("_")}

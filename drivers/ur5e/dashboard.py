@@ -12,8 +12,11 @@ from drivers.errors import DeviceError, DeviceTimeoutError
 from drivers.ur5e.probe import Deadline, connect, receive
 
 PORT = 29999
+"""TCP port of the controller's dashboard server (dashboard manual)."""
 TIMEOUT_S = 0.5
+"""Time limit of a request."""
 _LONGEST_LINE = 4096
+"""Size limit of an answer, bytes."""
 RELEASED = "Protective stop releasing"
 
 

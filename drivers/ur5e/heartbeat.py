@@ -25,6 +25,7 @@ CPUCLOCK_SCHED = 2
 MOST_WAY_M = 0.020
 """Longest distance that the arm may travel after the last heartbeat of a program that hangs."""
 BRAKE_M_S2 = 10.0
+"""Deceleration of the stop."""
 REACTION_S = 0.010
 """Time from the decision to stop to the first slower cycle, and from a heartbeat to its check; rounded up."""
 LEAST_S, LONGEST_S = 0.03, 0.35

@@ -18,13 +18,17 @@ from drivers.values import require_fraction, require_number, require_numbers
 STALE_S = 0.4
 """Age of the controller's newest time stamp from which the arm's state counts as unknown."""
 STREAM_START_S = 3.0
+"""Time limit for the first state after connecting."""
 CONTROL_START_S = 8.0
+"""Time limit for the control program to start on the controller."""
 START_TRIES = 3
 """After a stop the first attempts of the control interface sometimes fail (users' reports)."""
 END_S = 0.5
+"""Time limit for the end of the state process."""
 WITH_PAYLOAD: Version = (5, 6, 0, 0)
 """First controller software that reports the payload in its state."""
 _POLL_S = 0.005
+"""Interval at which the first state is polled."""
 CALL_S = 1.0
 """Time limit of a call of the command process."""
 STOP_CALL_S = 0.3

@@ -14,7 +14,9 @@ from drivers.errors import DeviceError, DeviceTimeoutError
 from drivers.values import require_fraction
 
 RTDE_PORT, SCRIPT_PORT = 30004, 30003
+"""TCP ports of the controller for RTDE and for URScript (UR client interfaces)."""
 PROTOCOL_VERSION = 2
+"""Version of the RTDE protocol that is requested (RTDE guide)."""
 SERIES = 5
 """Major version of PolyScope on an e-Series arm such as the UR5e."""
 _HEADER = struct.Struct(">HB")
@@ -23,6 +25,7 @@ _VERSION, _CONTROLLER, _OUTPUTS, _START, _DATA, _TEXT = b"V", b"v", b"O", b"S", 
 _TRIAL_HZ = 125.0
 """Rate at which the controller is asked to send its state during the probe."""
 _LONGEST = 4096
+"""Size limit of an RTDE package, bytes."""
 Version = tuple[int, int, int, int]
 
 

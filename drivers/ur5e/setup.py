@@ -21,15 +21,17 @@ from drivers.ur5e.status import PLAYING, program_reason, refused, stop_reason
 RELEASE_LIMIT_S = 8.0
 """A protective stop can be released 5 s after it began (dashboard manual)."""
 RELEASE_PAUSE_S = 0.5
-NORMAL_LIMIT_S = 3.0
-END_LIMIT_S = 1.0
+"""Time between two attempts to release it."""
+NORMAL_LIMIT_S, END_LIMIT_S = 3.0, 1.0
+"""Time limits for leaving a released stop, and for ending a program on the controller."""
 ZERO_LIMIT_S, ZEROED_N = 0.4, 3.0
 """Time limit for zeroing the force sensor, and the largest force that then counts as zero."""
 REASON_LIMIT_S = 0.1
 """Longest delay between the answer to a command and the state sample that contains the reason."""
 _POLL_S = 0.004
-STAND_LIMIT_S = 1.0
-PAYLOAD_LIMIT_S = 0.5
+"""Interval at which the arm's state is polled."""
+STAND_LIMIT_S, PAYLOAD_LIMIT_S = 1.0, 0.5
+"""Time limits for standing still after guiding, and for reporting a payload that was set."""
 SAME_TCP, SAME_KG, SAME_COG_M = 1e-4, 1e-3, 1e-3
 """Tolerances for equal settings: TCP in m and rad, mass in kg, centre of gravity in m."""
 
@@ -172,7 +174,7 @@ class ToolSetting:
         if self._other is not None:
             confirm(
                 f"The arm's controller has {self._other} in the bench file. Is the bench file right, and "
-                "shall it be set? (If the installation on the pendant has the same, this is not asked.)"
+                "should the rig set it? (To avoid this question, set the same on the pendant.)"
             )
             self._agreed.add(self._other)
             self._set(link)
@@ -182,7 +184,7 @@ class ToolSetting:
         if self._other is not None:
             raise DeviceError(
                 f"arm: the controller has {self._other} in the bench file, and overwriting it was not "
-                "confirmed; put the same into both"
+                "confirmed; enter the same values in both"
             )
 
     def _set(self, link: ArmLink) -> None:

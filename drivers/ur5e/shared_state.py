@@ -15,6 +15,7 @@ from typing import Any
 from drivers.values import Vector3, Vector6
 
 _WORD = 8
+"""Bytes of a word of the shared memory."""
 _SAMPLE = struct.Struct("<d2q6d6d6d6dd3dd4i2Q")
 _COUNT, _POLLED = 0, 1 + 2 * _SAMPLE.size // _WORD
 _GUIDING_LOST = _POLLED + 1

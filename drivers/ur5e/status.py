@@ -8,7 +8,9 @@ from drivers.types import ArmMode
 from drivers.ur5e.shared_state import StateSample
 
 PLAYING = 2
+"""Runtime state of a running program (RTDE guide)."""
 RUNNING_MODE = 7
+"""Robot mode of an arm that is powered on with its brakes released (RTDE guide)."""
 NORMAL, REDUCED, PROTECTIVE, RECOVERY, SAFEGUARD = (1 << bit for bit in range(5))
 EMERGENCY = 1 << 5 | 1 << 6 | 1 << 7
 VIOLATION, FAULT, STOPPED_FOR_SAFETY = 1 << 8, 1 << 9, 1 << 10

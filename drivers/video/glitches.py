@@ -16,12 +16,19 @@ BANDS = 4
 MAX_SHIFTED = 30
 """After this many shifted images in a row the stream does not recover without reopening."""
 _STEP_PX = 8
+"""Spacing of the rows and columns that are checked for green."""
 _DEAD_SHARE = 0.1
+"""Fraction of empty columns from which an image is green."""
 _GREEN_OVER = 60
+"""Grey levels by which green exceeds red and blue in an empty column; it is 135 in an empty buffer."""
 _FLAT = 16
+"""Largest range of grey levels along an empty column, which is constant except for JPEG artefacts."""
 _LEAST_CHANGE = 1.5
+"""Mean change of a profile, grey levels, below which no shift is searched."""
 _LEAST_SHIFT_PX = 3
+"""Smallest shift that is searched."""
 _MOST_REST = 0.1
+"""Largest squared difference after shifting back, relative to the one before."""
 _SEAM_OVER = 1.4
 """Least step at the seam of a shift, relative to the 90 % quantile of all steps. It is low, because the edges
 of an object are as steep, and JPEG blurs a seam."""

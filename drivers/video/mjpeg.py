@@ -25,6 +25,7 @@ READ_TIMEOUT_S = 1.5
 WARM_UP_IMAGES = 10
 """Images to discard after opening, as with a DIGIT (its first ones may be green or dark)."""
 _PORTION = 65_536
+"""Most bytes read at once."""
 
 
 class MjpegStream(FrameStream):

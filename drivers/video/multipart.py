@@ -18,11 +18,13 @@ from drivers.errors import DamagedFrameError, DeviceError
 from drivers.video.decode import read_header
 
 MAX_HEADER = 16_384
+"""Size limit of the header of one part, bytes."""
 MAX_PART = 16_777_216
 """Size limits of a part's header and body in bytes."""
 _HEADER_END = re.compile(rb"\r?\n\r?\n")
 _JPEG_START, _JPEG_END = b"\xff\xd8", b"\xff\xd9"
 _RETURN = 0x0D
+"""Byte of a carriage return."""
 
 
 @dataclass(frozen=True, slots=True)

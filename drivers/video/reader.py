@@ -22,7 +22,9 @@ from drivers.video.stream import CaptureTimes, FrameStream, RawFrame, SequenceCo
 BACKLOG_S = 2.0
 """Unread frames are kept for this long, so that a loaded host can catch up without losing frames."""
 OPEN_TIMEOUT_S = 5.0
+"""Time limit for the first frame after opening a source."""
 STOP_TIMEOUT_S = 0.8
+"""Time limit for the end of the reading thread."""
 FIRST_PAUSE_S, LONGEST_PAUSE_S = 0.1, 2.0
 """Pause before reopening: the first one, doubled after each further failure up to the longest."""
 KINDS = ("frames", "unread", "frozen", "green", "shifted", "damaged", "warm_up", "reopened")

@@ -24,9 +24,11 @@ from rig.bench.twins import laid_as
 from rig.config import BenchConfig
 
 START_S = 60.0
+"""Time limit for the start of the simulated devices."""
 CHECK_S = 0.5
 """Interval at which the fakes' process checks that all its parts are alive."""
 STOP_S = 10.0
+"""Time limit for their end."""
 LED_LATER_S = 0.1
 """Extra time after a guided motion until the simulated person reports its end, s."""
 _SHOWN = (

@@ -18,6 +18,7 @@ from rig.tactile.contact.finder import ContactFinder
 from rig.tactile.contact.touch import TOUCH_FRAMES
 
 FRAME_S = 1.0
+"""Largest age of a stored frame, and time limit for the next one."""
 _log = logging.getLogger("rig.bench.hand")
 
 

@@ -16,6 +16,7 @@ from rig.config.models import BenchConfig, known_keys
 
 BENCHES = Path(__file__).parent.parent / "benches"
 MOST_FAULTS = 4
+"""Most faults listed in one message."""
 
 
 def load_bench(name_or_path: str) -> BenchConfig:

@@ -18,6 +18,7 @@ from rig.config.models import BenchConfig
 
 FOLDER = "objects"
 MOST_FILES = 1000
+"""Most object files read from a folder."""
 _POSITION = re.compile(r"\s*\[\[\s*position\s*\]\]")
 _TABLE = re.compile(r"\s*\[")
 _VALUE = re.compile(r"(?P<key>\s*[\w-]+\s*=\s*)(?P<value>\"[^\"]*\"|'[^']*'|[^#\s]+)(?P<rest>\s*(?:#.*)?)$")

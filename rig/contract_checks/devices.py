@@ -9,6 +9,7 @@ from drivers.errors import DeviceError
 
 EVERY = frozenset({"arm", "gripper", "frames"})
 FIRST_FRAME_S, FRAME_S = 5.0, 1.0
+"""Time limits for the first frame and for each further one."""
 
 
 def of_test(module: ModuleType, bench: Bench) -> frozenset[str]:

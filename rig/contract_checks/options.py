@@ -20,6 +20,7 @@ from rig.tactile.sample import TactileEstimator
 for checks in ("arm", "diagnosis", "estimator", "frames", "gripper"):
     pytest.register_assert_rewrite(f"rig.contract_checks.test_{checks}")
 HOME_SPEED_M_S, HOME_ACCELERATION_M_S2, MOTION_S = 0.25, 1.0, 10.0
+"""Speed, acceleration and time limit of the motion to the home pose."""
 MakeEstimator = Callable[[Image], TactileEstimator]
 
 

@@ -15,6 +15,7 @@ from rig.contract_checks.options import MakeEstimator
 from rig.tactile.sample import SlipSample, State, TactileEstimator
 
 STEP_NS = 16_666_667
+"""Time between two frames, at 60 frames per second."""
 SIZES = [(8, 8), (9, 8), (13, 17), (8, 320), (320, 9), (41, 1601), (240, 320), (241, 319), (333, 250)]
 REFUSED: list[NDArray[np.generic]] = [
     np.zeros((1, 1, 3), np.uint8), np.zeros((0, 0, 3), np.uint8), np.zeros((7, 320, 3), np.uint8),

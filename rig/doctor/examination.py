@@ -24,9 +24,11 @@ PACKAGES = ("rig", "drivers", "fakes", "calibration", "protocols")
 CAMPAIGN_BYTES = 3_000_000_000
 """A campaign of 45 lifts takes at most 3 GB (contract)."""
 PROBE_BYTES = 32 * 2**20
+"""Bytes written to measure the disk's rate."""
 LEAST_MB_S = 20.0
 """Four times the data rate of two DIGITs at 60 and a camera at 30 frames per second, about 5 MB/s."""
 OLD_DAYS = 30.0
+"""Age of a calibration from which the doctor warns."""
 
 
 def look_at_disk(folder: Path) -> list[Finding]:

@@ -17,6 +17,7 @@ from rig.sessions.session import Session
 from rig.sessions.timing import TimingLine
 
 MAX_FAULTS_IN_A_ROW = 3
+"""Consecutive faults after which a run ends."""
 _log = logging.getLogger("rig.experiments.attempts")
 
 

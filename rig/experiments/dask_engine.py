@@ -15,6 +15,7 @@ Task = TypeVar("Task")
 Result = TypeVar("Result")
 SCHEME = "dask://"
 CONNECT_TIMEOUT_S = 10
+"""Time limit for connecting to the scheduler."""
 
 
 def engine_address(engine: str) -> str:

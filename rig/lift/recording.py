@@ -13,6 +13,7 @@ from rig.tactile.contact.finder import ContactFinder
 from rig.tactile.sample import SlipSample, State
 
 OUTLINE_EVERY_S = 0.1
+"""Interval between recorded outlines."""
 OUTLINE_STEP = 4
 """The points of an outline are 1 px apart; every 4th point is kept."""
 

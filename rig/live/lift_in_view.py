@@ -1,4 +1,4 @@
-"""A lift in progress as viewers show it: what its messages say so far."""
+"""A lift in progress as viewers show it: the state after the messages received so far."""
 
 from dataclasses import dataclass, field
 

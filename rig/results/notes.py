@@ -53,11 +53,11 @@ def row_note(row: ReplayRow) -> str:
 def reaction_text(reacting: ReactingSummary) -> str:
     """Return the line about the effect of reactions to slip."""
     added = reacting.added_counts
-    grip = f", added grip {median(added):g} steps (median), at most {max(added)}" if added else ""
-    turn = f", final turn {median(reacting.turns_deg):.1f} deg (median)" if reacting.turns_deg else ""
+    grip = f", added grip: median {median(added):g}, at most {max(added)} steps" if added else ""
+    turn = f", median final turn {median(reacting.turns_deg):.1f} deg" if reacting.turns_deg else ""
     return (
         f"reaction to slip '{reacting.kind}': {reacting.caught} of {counted(reacting.lifts, 'lift')} caught, "
-        f"{counted(reacting.reactions, 'reaction')}, {reacting.early} of them before half a degree of turn"
+        f"{counted(reacting.reactions, 'reaction')}, {reacting.early} of them before half a degree"
         f"{grip}{turn}; "
         "these lifts turn less, so their MARE is listed separately from that of lifts without reaction"
     )

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from rig.results.metrics import ErrorSummary, Floats, hold_last, summarize
 
 WRONG_DEG, WRONG_SIGMAS = 10.0, 3.0
-"""An angle is confidently wrong if its error exceeds both limits."""
+"""An answer is confidently wrong if its error exceeds both: degrees, and multiples of its sigma."""
 
 
 class TimedAngle(Protocol):

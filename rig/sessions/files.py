@@ -163,5 +163,5 @@ def not_written(path: Path, error: OSError) -> RecordingError:
     """Return the error of a file that cannot be written."""
     return RecordingError(
         f"{path}: cannot be written ({error.strerror or error}); finished work is safe: free space or fix "
-        "the permission, then run the command again, a session with --resume"
+        "the permission, then run the command again (a session: with --resume)"
     )

@@ -29,6 +29,7 @@ picture."""
 MOST_RATIO = 20
 """Largest decompression ratio of a recording; its pictures are compressed already."""
 LAST_NS = 2**63 - 1
+"""Largest time that fits in a signed 64-bit integer."""
 RECORD, _MESSAGE = struct.Struct("<BQ"), struct.Struct("<HIQQ")
 FOOTER, DATA_END = struct.Struct("<BQQQI"), struct.Struct("<BQI")
 _CHUNK_HEAD = struct.Struct("<QQQII")

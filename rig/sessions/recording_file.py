@@ -37,6 +37,7 @@ _LONGEST_S = 3600.0
 MOST_NAMED = 3
 """Most gaps that an error message lists."""
 _PORTION = 1 << 20
+"""Most bytes read at once."""
 
 RecordedMessage = tuple[str, int, int, bytes]
 """Topic, time in ns, sequence, data."""

@@ -7,6 +7,7 @@ from drivers.errors import InputError
 from rig.sessions.codec import strict
 
 LONGEST_NAME, LONGEST_NOTE, LONGEST_TAG, MOST_TAGS = 80, 2000, 40, 20
+"""Limits of the metadata: characters of a name, a note and a tag; number of tags."""
 _TAG = re.compile(r"\w[\w.+-]*")
 
 

@@ -186,7 +186,9 @@ def test_another_tool_on_the_controller_is_asked_about_before_it_is_overwritten(
     def refuse(question: str) -> None:
         raise OperatorStopError(question)
 
-    with pytest.raises(OperatorStopError, match=r"payload 2\.500 kg instead of 1\.800 kg.*shall it be set"):
+    with pytest.raises(
+        OperatorStopError, match=r"payload 2\.500 kg instead of 1\.800 kg.*should the rig set it"
+    ):
         arm.recover(refuse)
     assert controller.robot.bank.get("payload") == installed
     assert "3" not in controller.snapshot()["commands"], "no motion was sent"

@@ -65,9 +65,12 @@ def turned_left(jpeg: bytes) -> bytes:
     return _START + _TURN_LEFT + jpeg[2:]
 
 
-def decode(encoded: bytes) -> Image:
-    """Decode to (H, W, 3) uint8 RGB, upright by its orientation header. Raises `DamagedFrameError`."""
-    image = decode_image(encoded)
+def decode(encoded: bytes, shrink: int = 1) -> Image:
+    """Decode to (H, W, 3) uint8 RGB, upright by its orientation header. Raises `DamagedFrameError`.
+
+    shrink: as `decode_image`.
+    """
+    image = decode_image(encoded, shrink=shrink)
     if image is None:
         raise DamagedFrameError(f"image of {len(encoded)} bytes: cannot be decoded; check the cable")
     return image

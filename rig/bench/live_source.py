@@ -5,15 +5,14 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import cv2
-import numpy as np
 
 from drivers.clock import Clock, SystemClock
 from drivers.errors import DeviceError, InputError
 from drivers.formats import without_passwords
 from drivers.interfaces import FrameSource
-from drivers.types import Frame, Image
 from drivers.video.digit import Digit
 from drivers.video.external_camera import ExternalCamera
+from drivers.video.gelsight_mini import GelSightMini
 from drivers.video.v4l2 import VideoNode, list_video_nodes
 from fakes.devices.desk import DeskDigit
 
@@ -21,58 +20,8 @@ SENSORS = ("digit", "gelsight-mini", "plain")
 FAKE = "fake"
 FILE_RATE_HZ = 60.0
 """Of a folder of images, as `rig estimate` assumes."""
-MINI_MODE_PX, MINI_RATE_HZ = (640, 480), 25.0
-"""Mode asked of a GelSight Mini's camera. Not tried on a device."""
-MINI_BORDER = 1 / 7
-"""Share of each side that shows no gel; GelSight's own software (gsrobotics) cuts off the same."""
-MINI_PX = (320, 240)
-"""Width and height at which GelSight's own software, and published frames, are."""
-
-
-class CroppedMini(FrameSource):
-    """A GelSight Mini: the gel alone, of the frames of its camera, 320 x 240 px."""
-
-    def __init__(self, camera: FrameSource) -> None:
-        self._camera = camera
-
-    @property
-    def serial(self) -> str:
-        """Serial number of the camera."""
-        return self._camera.serial
-
-    @property
-    def rate_hz(self) -> float:
-        """Requested frame rate."""
-        return self._camera.rate_hz
-
-    def connect(self) -> None:
-        """Start capturing."""
-        self._camera.connect()
-
-    def disconnect(self) -> None:
-        """Stop capturing."""
-        self._camera.disconnect()
-
-    def next_frame(self, timeout_s: float) -> Frame:
-        """Oldest frame not read yet."""
-        return self._cropped(self._camera.next_frame(timeout_s))
-
-    def newest_frame(self, max_age_s: float) -> Frame:
-        """Newest frame."""
-        return self._cropped(self._camera.newest_frame(max_age_s))
-
-    def _cropped(self, frame: Frame) -> Frame:
-        return Frame(crop_mini(frame.image), frame.time_ns, frame.sequence, frame.serial)
-
-
-def crop_mini(image: Image) -> Image:
-    """Cut the border off a GelSight Mini's frame; return (240, 320, 3). Frames of that size are unchanged."""
-    height, width = image.shape[:2]
-    if (width, height) == MINI_PX:
-        return image
-    down, across = int(height * MINI_BORDER), int(width * MINI_BORDER)
-    gel = image[down : height - down, across : width - across]
-    return np.asarray(cv2.resize(gel, MINI_PX, interpolation=cv2.INTER_AREA), np.uint8)
+PLAIN_RATE_HZ = 30.0
+"""Asked of a camera that no driver of ours knows: most USB cameras have it."""
 
 
 def live_sources(
@@ -111,8 +60,9 @@ def _source(text: str, sensor: str | None, rate_hz: float | None, clock: Clock) 
         name = without_passwords(text) if is_address else path.name
         if kind == "digit":
             return Digit(name, rate_hz, address=text, clock=clock)
-        camera = ExternalCamera(name, text, rate_hz, clock=clock)
-        return CroppedMini(camera) if kind == "gelsight-mini" else camera
+        if kind == "gelsight-mini":
+            return GelSightMini(name, text, rate_hz, clock)
+        return ExternalCamera(name, text, rate_hz, clock=clock)
     if not is_device and ("/" in text or path.suffix):
         raise InputError(
             f"{text}: there is no such file or folder: give a DIGIT's serial, /dev/videoN or its number, an "
@@ -128,9 +78,9 @@ def _device(text: str, kind: str, rate_hz: float | None, is_node: bool, clock: C
         _check_device(Path(_node_of(text).device))
     if kind == "digit":
         return Digit(text, rate_hz or 60.0, address=address, clock=clock)
-    size = MINI_MODE_PX if kind == "gelsight-mini" else None
-    camera = ExternalCamera(text, address, rate_hz or MINI_RATE_HZ, size, clock=clock)
-    return CroppedMini(camera) if kind == "gelsight-mini" else camera
+    if kind == "gelsight-mini":
+        return GelSightMini(text, address, rate_hz, clock)
+    return ExternalCamera(text, address, rate_hz or PLAIN_RATE_HZ, clock=clock)
 
 
 def _node_of(serial: str) -> VideoNode:

@@ -2,7 +2,6 @@
 
 import threading
 from contextlib import ExitStack
-from dataclasses import dataclass
 
 from drivers.bench import Fingertip
 from drivers.clock import NS_PER_S, Clock
@@ -10,9 +9,10 @@ from drivers.errors import DeviceError, DeviceTimeoutError, InputError, NotConne
 from drivers.types import Frame
 from rig.bench.source import unconnected_bench
 from rig.config import load_bench
+from rig.frames.streaming import AngleSample, StreamingEstimator
 from rig.tactile.contact.background import mean_background
 from rig.tactile.estimators import DEFAULT_ESTIMATOR, EstimatorChoice
-from rig.tactile.sample import SlipSample, State, TactileEstimator
+from rig.tactile.sample import State
 
 BACKGROUND_FRAMES = 10
 """Number of frames after connecting whose mean is the background."""
@@ -22,18 +22,8 @@ FRAME_S, STOP_S = 2.0, 5.0
 """Longest wait for a frame, and for a thread to end."""
 
 
-@dataclass(frozen=True, slots=True)
-class FingertipAngle:
-    """The rotation of the object since the contact began, estimated by one fingertip.
-
-    angle_deg: degrees, counter-clockwise positive in the image of the bench's camera (the fingertip's sign is
-    applied). sigma_deg: its standard deviation. Both are None if unknown. state: of the estimator, as
-    "tracking".
-    """
-
-    angle_deg: float | None = None
-    sigma_deg: float | None = None
-    state: str = State.NO_CONTACT.value
+NO_ANGLE = AngleSample(0.0, None, None, State.NO_CONTACT.value, None, None, 0.0, False)
+"""Before the first frame."""
 
 
 class LiveFingertip:
@@ -58,7 +48,7 @@ class LiveFingertip:
         self._frame: Frame | None = None
         self._unread = False
         self._failure: DeviceError | None = None
-        self._angle = FingertipAngle()
+        self._angle = NO_ANGLE
 
     @property
     def connected(self) -> bool:
@@ -71,7 +61,7 @@ class LiveFingertip:
         Raises `DeviceError` if the sensor cannot be opened or sends no frames, and `EstimatorError`.
         """
         self.disconnect()
-        self._frame, self._unread, self._failure, self._angle = None, False, None, FingertipAngle()
+        self._frame, self._unread, self._failure, self._angle = None, False, None, NO_ANGLE
         with ExitStack() as stack:
             bench = stack.enter_context(unconnected_bench(self._bench))
             tip = next(tip for tip in bench.fingertips if tip.finger == self._finger)
@@ -87,10 +77,8 @@ class LiveFingertip:
                 choice = EstimatorChoice(self._estimator, window=1)
                 choice.try_making()
                 estimator = choice.make(untouched, sign=tip.sign)
-                estimate = threading.Thread(
-                    target=self._estimate, args=(estimator, tip.sign, stopping), daemon=True
-                )
-                work.append(estimate)
+                stream = StreamingEstimator(estimator, untouched.shape, tip.sign)
+                work.append(threading.Thread(target=self._estimate, args=(stream, stopping), daemon=True))
             for thread in work:
                 stack.callback(thread.join, STOP_S)
             stack.callback(stopping.set)
@@ -131,8 +119,8 @@ class LiveFingertip:
             self._unread = False
             return self._frame
 
-    def angle(self) -> FingertipAngle:
-        """Return the newest angle; it is 0 at the beginning of each contact."""
+    def angle(self) -> AngleSample:
+        """Return the newest angle, 0 at the beginning of each contact, with the fingertip's sign applied."""
         with self._changed:
             self._require_running()
             return self._angle
@@ -160,9 +148,9 @@ class LiveFingertip:
                 self._frame, self._unread = frame, True
                 self._changed.notify_all()
 
-    def _estimate(self, estimator: TactileEstimator, sign: int, stopping: threading.Event) -> None:
-        """Estimate from the newest frame until stopped; skip frames if the estimator is slower."""
-        zero: SlipSample | None = None
+    def _estimate(self, stream: StreamingEstimator, stopping: threading.Event) -> None:
+        """Estimate from the newest frame until stopped; frames are left out if the estimator is slower."""
+        touched = False
         done: Frame | None = None
         while not stopping.is_set():
             with self._changed:
@@ -171,17 +159,12 @@ class LiveFingertip:
             if frame is None or frame is done:
                 continue
             done = frame
-            sample = estimator.update(frame.image, frame.time_ns)
+            sample = stream.update_at(frame.image, frame.time_ns)
             if sample.state == State.NO_CONTACT:
-                zero = None
-            elif zero is None and sample.angle_deg is not None:
-                zero = sample
+                touched = False
+            elif not touched and sample.angle_deg is not None:
+                touched = True
+                stream.set_reference()
+                sample = stream.update_at(frame.image, frame.time_ns)  # the same frame, from its own angle
             with self._changed:
-                self._angle = _since(zero, sample, sign)
-
-
-def _since(zero: SlipSample | None, sample: SlipSample, sign: int) -> FingertipAngle:
-    if zero is None or zero.angle_deg is None or sample.angle_deg is None:
-        return FingertipAngle(state=sample.state.value)
-    turn = sign * (sample.angle_deg - zero.angle_deg)
-    return FingertipAngle(turn, sample.sigma_since(zero), sample.state.value)
+                self._angle = sample

@@ -8,13 +8,14 @@ import numpy as np
 import pytest
 
 from drivers.errors import DeviceError, InputError, RigError
-from drivers.images import encode_png
+from drivers.images import encode_jpeg, encode_png
 from drivers.video.digit import Digit
 from drivers.video.external_camera import ExternalCamera
+from drivers.video.gelsight_mini import GEL_PX, RAW_PX, GelSightMini, crop_gel
 from drivers.video.v4l2 import VideoNode
 from fakes.devices.desk import DeskDigit
 from rig.bench import live_source
-from rig.bench.live_source import MINI_PX, CroppedMini, crop_mini, live_sources
+from rig.bench.live_source import live_sources
 
 
 @pytest.fixture
@@ -46,7 +47,7 @@ def test_serial_and_device_are_a_digit(plugged: Callable[..., None], tmp_path: P
     assert isinstance(digit, Digit)
     assert (digit.serial, digit.rate_hz) == ("D20641", 60.0)
     (mini,) = live_sources(["D20641"], "gelsight-mini", None)
-    assert isinstance(mini, CroppedMini)
+    assert isinstance(mini, GelSightMini)
 
 
 @pytest.mark.parametrize(
@@ -106,7 +107,7 @@ def test_video_of_a_gelsight_mini_is_cropped(tmp_path: Path) -> None:
     source.connect()
     frame = source.next_frame(2.0)
     source.disconnect()
-    assert frame.image.shape == (MINI_PX[1], MINI_PX[0], 3)
+    assert frame.image.shape == (GEL_PX[1], GEL_PX[0], 3)
     assert (frame.serial, source.rate_hz) == ("mini.avi", 25.0)
 
 
@@ -118,8 +119,21 @@ def test_one_source_twice_is_rejected(tmp_path: Path) -> None:
 
 def test_border_of_a_gelsight_mini_is_cut_off() -> None:
     image = np.zeros((480, 640, 3), np.uint8)
-    image[68:412, 91:549] = 200
-    cropped = crop_mini(image)
-    assert cropped.shape == (MINI_PX[1], MINI_PX[0], 3)
+    image[72:408, 96:544] = 200
+    cropped = crop_gel(image)
+    assert cropped.shape == (GEL_PX[1], GEL_PX[0], 3)
     assert cropped.min() == 200
-    assert crop_mini(cropped) is cropped, "published frames are cropped already"
+    assert crop_gel(cropped) is cropped, "published frames are cropped already"
+
+
+def test_full_frame_of_a_gelsight_mini_is_decoded_at_a_quarter_and_cropped(tmp_path: Path) -> None:
+    image = np.zeros((RAW_PX[1], RAW_PX[0], 3), np.uint8)
+    image[400:-400, 540:-540] = (200, 60, 20)
+    (tmp_path / "1.jpg").write_bytes(encode_jpeg(image, 90))
+    mini = GelSightMini("M", str(tmp_path), 25.0)
+    mini.connect()
+    frame = mini.next_frame(5.0)
+    mini.disconnect()
+    assert frame.image.shape == (GEL_PX[1], GEL_PX[0], 3)
+    assert np.abs(frame.image[20:-20, 20:-20].astype(int) - (200, 60, 20)).max() <= 4, "red stays red"
+    assert frame.image[0, 0].max() <= 4, "dark where the border of 0.15 ends"

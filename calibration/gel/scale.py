@@ -30,12 +30,15 @@ class GelScale:
 
     mm_per_px: (2,) along x and y of the picture; sigma: (2,) one sigma of each; aspect_sigma: of
     their ratio, in which the bulge cancels. residual_px: rms.
+    centres_px, missed_px: (N, 2) the contact centres, and the residual of each.
     """
 
     mm_per_px: Array
     sigma: Array
     aspect_sigma: float
     residual_px: float
+    centres_px: Array
+    missed_px: Array
     assessment: Assessment
 
     @property
@@ -110,4 +113,4 @@ def _scale(centres_px: Array, moves_mm: Array, radii_mm: Array) -> GelScale:
         100 * float((sigma / scale).max()), 2.0, 20.0, "the scale is known to {value:.1f} % only"
     )
     assessment += floor(count, 6, FEWEST, "{value} places; 9 are good")
-    return GelScale(scale, sigma, aspect_sigma, residual_px, assessment)
+    return GelScale(scale, sigma, aspect_sigma, residual_px, centres_px, missed / scale, assessment)

@@ -98,14 +98,17 @@ class MarkerAngle:
 class MarkerReport:
     """Results of the measurement on pictures at rest.
 
-    plane: of the reference. rest_deg: (N,) angles at rest, deg; sigma_deg: their one sigma. drift_deg: change
-    from the first to the last quarter. refused: number of pictures by reason. plane_sigma_deg,
-    camera_sigma_deg: uncertainty of a rotation by `TURN_DEG` from the reference corners and from the camera.
+    plane: of the reference. rest_deg: (N,) angles at rest, deg; sigma_deg: their one sigma.
+    corners_px: (M, 2, 4, 2), of the pictures after the reference in which both markers were found.
+    drift_deg: change from the first to the last quarter. refused: number of pictures by reason.
+    plane_sigma_deg, camera_sigma_deg: uncertainty of a rotation by `TURN_DEG` from the reference corners and
+    from the camera.
     """
 
     assessment: Assessment
     plane: PlaneReference
     rest_deg: Array
+    corners_px: Array
     sigma_deg: float
     drift_deg: float
     refused: dict[str, int]
@@ -128,7 +131,8 @@ def assess_markers(pictures: Sequence[Image], angle: MarkerAngle) -> MarkerRepor
         )
     half = max(FEWEST_FRAMES, len(pictures) // 2)
     plane = angle.take_reference(pictures[:half])
-    answers = [angle.measure(picture) for picture in pictures[half:]]
+    seen = [angle.find(picture) for picture in pictures[half:]]
+    answers = [found if isinstance(found, Refusal) else angle.turn(found) for found in seen]
     rest = np.array([a.angle_deg for a in answers if not isinstance(a, Refusal)])
     refused = dict(Counter(str(a) for a in answers if isinstance(a, Refusal)))
     if len(rest) < 5:
@@ -142,7 +146,8 @@ def assess_markers(pictures: Sequence[Image], angle: MarkerAngle) -> MarkerRepor
     parts = turn_sigma_deg(plane, TURN_DEG)
     doubts = rests_on("camera", () if plane.camera is None else plane.camera.doubts)
     assessment = _assess(plane, sigma, drift, len(rest) / len(answers)) + _assess_turn(*parts) + doubts
-    return MarkerReport(assessment, plane, rest, sigma, drift, refused, *parts)
+    corners = np.array([found for found in seen if not isinstance(found, Refusal)])
+    return MarkerReport(assessment, plane, rest, corners, sigma, drift, refused, *parts)
 
 
 def _assess_turn(plane_deg: float, camera_deg: float) -> Assessment:

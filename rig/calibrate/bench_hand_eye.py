@@ -62,10 +62,11 @@ def collect_hand_eye(station: Station, target: Target, setup: Setup, count: int)
         capture_hand_eye(bench, session.next, session.keep, session.skip)
     write_poses(session.raw, session.rows, "tcp")
     serial = config.camera.serial
+    pictures = {path.stem: path for path in picture_files(session.raw)}
     result = hand_eye_result(
-        session.samples, camera, serial, setup, str(session.raw), session.rejected, target
+        session.samples, camera, serial, setup, str(session.raw), session.rejected, target, pictures
     )
-    files = [*picture_files(session.raw), session.raw / "poses.csv"]
+    files = [*pictures.values(), session.raw / "poses.csv"]
     return replace(result, files=files).marked(config.simulated)
 
 

@@ -51,7 +51,7 @@ def camera_from_folder(
         len(result.fit.views),
         rejected,
         files,
-        _pictures(result, projected_px),
+        _pictures(result, projected_px, folder),
         [Thumbnail.of(r, folder / r.id, found[r.id]) for r in rejected],
     )
 
@@ -92,15 +92,17 @@ def _numbers(result: CameraFit, projected_px: figures.Array) -> dict[str, str]:
     }
 
 
-def _pictures(result: CameraFit, projected_px: figures.Array) -> list[Picture]:
+def _pictures(result: CameraFit, projected_px: figures.Array, folder: Path) -> list[Picture]:
     fit, size = result.fit, result.fit.camera.size
     points = np.vstack([view.image_px for view in fit.views])
-    missed, boards = [], []
+    fitted, boards = [], []
     for view, turn, move in zip(fit.views, fit.rotations, fit.translations, strict=True):
-        missed.append(view.image_px - fit.camera.project_from(view.board_m, turn, move)[0])
+        fitted.append(fit.camera.project_from(view.board_m, turn, move)[0])
         boards.append(Pose.from_rotation(move, Rotation.from_rotvec(turn)))
     limit = 3.0 * float(np.median(fit.view_rms_px))
     by_lens = {k: v for k, v in result.held_out_px.items() if v < 5 * result.held_out_rms_px}
+    worst = int(np.argmax(fit.view_rms_px))
+    shown = fit.views[worst]
     return [
         Picture(
             "Poses in 3D",
@@ -108,15 +110,27 @@ def _pictures(result: CameraFit, projected_px: figures.Array) -> list[Picture]:
             figures.poses({"board": boards, "camera": [Pose((0.0, 0.0, 0.0))]}),
         ),
         Picture(
+            "Residuals of the worst view",
+            f"{shown.id}: each arrow points from where the calibrated camera projects a corner to where it "
+            "was found.",
+            figures.arrows(
+                fitted[worst],
+                shown.image_px - fitted[worst],
+                size,
+                "residuals",
+                read_image(folder / shown.id, grey=True),
+            ),
+        ),
+        Picture(
+            "Residuals of all views",
+            "Noise points anywhere; arrows that agree show a lens that the model does not follow.",
+            figures.arrows(np.vstack(fitted), points - np.vstack(fitted), size, "residuals"),
+        ),
+        Picture(
             "Uncertainty over the picture",
             "One sigma of where a distant point is projected, the best turn of "
             "the camera taken out; dots: corners seen.",
-            figures.field(projected_px, size, "px", points),
-        ),
-        Picture(
-            "Residuals over the picture",
-            "Noise points anywhere; arrows that agree show a lens the model does not follow.",
-            figures.arrows(points, np.vstack(missed), size, "residuals"),
+            figures.field(projected_px, size, "one sigma, px", points),
         ),
         Picture(
             "Coverage",
@@ -124,12 +138,14 @@ def _pictures(result: CameraFit, projected_px: figures.Array) -> list[Picture]:
             figures.field(coverage(fit.views), size, "corners", points),
         ),
         Picture(
-            "Error per view", "Rms px of each view used.", figures.bars(_view_rms_px(result), "px", limit)
+            "Error per view",
+            "Rms residual of each view used. Dashed: three times the median.",
+            figures.bars(_view_rms_px(result), "rms, px", limit),
         ),
         Picture(
             "Lens models",
-            "Rms px of views held out: the simplest model within 1 % of the best is taken.",
-            figures.bars(by_lens, "px"),
+            "Rms residual of views held out: the simplest model within 1 % of the best is taken.",
+            figures.bars(by_lens, "rms, px"),
         ),
     ]
 
@@ -161,7 +177,8 @@ def markers_from_folder(
         reasons = (f"{count} ({reason})" for reason, count in report.refused.items())
         numbers["pictures without an angle"] = ", ".join(reasons)
     places = np.arange(float(len(report.rest_deg)))
-    shown = figures.curves({"angle": (places, report.rest_deg)}, "picture", "degrees")
+    shown = figures.curves({"angle": (places, report.rest_deg)}, "picture", "angle, degrees")
+    mean = np.broadcast_to(plane.corners_px, report.corners_px.shape)
     return CalibrationResult(
         "markers",
         {"camera": serial},
@@ -184,6 +201,19 @@ def markers_from_folder(
         numbers,
         len(files),
         files=files,
-        pictures=[Picture("Angle at rest", "It should scatter round zero, without a trend.", shown)],
-        thumbnails=[Thumbnail("first picture", "", figures.thumbnail(pictures[0]))],
+        pictures=[
+            Picture(
+                "Corners at rest",
+                "Each arrow points from a corner's mean over the first half of the pictures to its place in "
+                "one of the others. Scattered arrows are noise; arrows that agree show a marker that moved.",
+                figures.arrows(
+                    mean.reshape(-1, 2),
+                    (report.corners_px - mean).reshape(-1, 2),
+                    pictures[0].shape[::-1],
+                    "residuals",
+                    pictures[0],
+                ),
+            ),
+            Picture("Angle at rest", "It should scatter around zero, without a trend.", shown),
+        ],
     )

@@ -63,7 +63,7 @@ def _with_tip(
 ) -> CalibrationResult:
     sigma = np.sqrt(np.diag(covariance))
     missed = {name: 1e3 * v for name, v in (found.residual_m or {}).items()}
-    text = "How far each pose puts the tip from the common point."
+    text = "Distance from the common point to where each pose puts the tip."
     return replace(
         result,
         value={"parent_frame": FLANGE, "child_frame": "tip", "translation_m": tip_m},
@@ -73,7 +73,7 @@ def _with_tip(
             "one sigma": " / ".join(f"{1e3 * v:.2f}" for v in sigma) + " mm",
             "largest turn": f"{found.cone_deg:.0f} degrees",
         },
-        pictures=[Picture("Error per pose", text, figures.bars(missed, "mm"))],
+        pictures=[Picture("Error per pose", text, figures.bars(missed, "distance, mm"))],
     )
 
 

@@ -7,9 +7,10 @@ from typing import Any
 
 import cv2
 import numpy as np
+from jinja2.utils import htmlsafe_json_dumps
 from markupsafe import Markup
 from matplotlib.axes import Axes
-from matplotlib.collections import PolyCollection
+from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
@@ -18,13 +19,19 @@ from calibration.targets.sheets import TEXT_MM, target_sheet
 from drivers.images import encode_png
 from drivers.types import Image, Pose
 from rig.pages.figure import drawing, legend_above, svg
-from rig.pages.palette import ESTIMATE, INK, SERIES, WARNING
+from rig.pages.palette import ESTIMATE, INK, LINE, SERIES, WARNING
 
 Array = NDArray[np.floating]
 _WIDTH_PX = 440
 _MM_PER_INCH = 25.4
 _POINTS_PER_INCH = 72.0
 _MOST_POSES = 60
+_TURN_RAD, _TILT_RAD = -1.05, 0.52
+"""First view of poses in 3D: about the vertical axis, and from above."""
+_AXIS, _LENGTHS = 0.06, np.array([0.6, 0.6, 1.6])
+"""Length of drawn axes as a share of the shown box's diagonal, and of x, y and z in it."""
+_ON_PICTURE = "#ffd400"
+"""Colour of arrows on a grey picture: seen on dark and on bright parts."""
 _MOST_NAMES = 14
 """Names below an axis that a phone still shows apart."""
 
@@ -56,23 +63,36 @@ def field(values: Array, size: tuple[int, int], label: str, points: Array | None
         if points is not None:
             axes.plot(points[:, 0], points[:, 1], ".", color="white", markersize=1.5, alpha=0.6)
         axes.grid(False)
-        _over_picture(axes, size)
+        _over_picture(axes, (0, size[0], size[1], 0))
         return svg(figure, f"over the picture: {label}")
 
 
-def arrows(places: Array, vectors: Array, size: tuple[int, int], label: str) -> Markup:
-    """Vectors over the picture, enlarged so that they can be seen."""
+def arrows(
+    places: Array, vectors: Array, size: tuple[int, int], label: str, picture: Image | None = None
+) -> Markup:
+    """Vectors over the picture, enlarged so that they can be seen.
+
+    picture: (H, W) grey, drawn below them as far as they reach, with a margin.
+    """
     lengths = np.linalg.norm(vectors, axis=1)
     typical = max(float(np.percentile(lengths, 90)), 1e-9)
-    scale = 0.05 * size[0] / typical
+    margin = 0.25 * float(np.ptp(places, axis=0).max()) if picture is not None else max(size)
+    left, top = np.maximum(places.min(axis=0) - margin, 0).astype(int)
+    right, bottom = np.minimum(places.max(axis=0) + margin, size).astype(int)
+    scale = 0.08 * float(right - left) / typical
     with drawing(330, _WIDTH_PX) as figure:
         axes = figure.subplots()
+        extent = (left, right, bottom, top)
+        if picture is not None:
+            part = picture[top:bottom, left:right]
+            axes.imshow(part, cmap="gray", vmin=0, vmax=255, extent=extent, interpolation="none")
+            axes.grid(False)
         axes.quiver(
-            *places.T, *(vectors.T * scale), angles="xy", scale_units="xy", scale=1, color=ESTIMATE.light,
-            width=0.003,
+            *places.T, *(vectors.T * scale), angles="xy", scale_units="xy", scale=1, width=0.004,
+            color=ESTIMATE.light if picture is None else _ON_PICTURE,
         )  # fmt: skip
         axes.set_aspect("equal")
-        _over_picture(axes, size)
+        _over_picture(axes, extent)
         axes.set_title(f"{label} (enlarged {scale:.0f} times)")
         return svg(figure, f"arrows: {label}")
 
@@ -96,37 +116,79 @@ def curves(groups: Mapping[str, tuple[Array, Array]], x_label: str, y_label: str
 def poses(groups: Mapping[str, Sequence[Pose]]) -> Markup:
     """Poses of several groups in 3D, in one parent frame: a dot each, with its x, y and z axes.
 
-    The z axis is the longest line, so that the direction in which a camera looks or a tool points is seen.
+    The z axis is the longest line: a camera looks along it, a tool points along it. The figure is the first
+    view of `rig/pages/poses.js`, which rotates the poses where JavaScript runs.
     """
-    groups = {name: group[:: -(-len(group) // _MOST_POSES)] for name, group in groups.items() if group}
-    places = {name: np.array([pose.position_m for pose in group]) for name, group in groups.items()}
-    everywhere = np.vstack(list(places.values()))
-    middle = (everywhere.max(axis=0) + everywhere.min(axis=0)) / 2
-    half = 0.6 * max(float(np.ptp(everywhere, axis=0).max()), 0.05)
-    length = 0.13 * half
-    with drawing(400, _WIDTH_PX, arranged=False) as figure:
-        axes: Any = figure.add_axes((0.0, 0.05, 0.9, 0.87), projection="3d")
-        for (name, at), colour in zip(places.items(), cycle(SERIES), strict=False):
-            axes.plot(*at.T, "o", markersize=3.0, label=name, color=colour.light)
-            turns = np.array([pose.rotation.as_matrix() for pose in groups[name]])
-            ends = at[:, None] + np.swapaxes(turns, 1, 2) * (length * np.array([[0.6], [0.6], [1.6]]))
-            gap = np.full_like(ends, np.nan)
-            lines = np.stack([np.broadcast_to(at[:, None], ends.shape), ends, gap], axis=2).reshape(-1, 3)
-            axes.plot(*lines.T, linewidth=0.9, color=colour.light)
-        for name in "xyz":
-            getattr(axes, f"set_{name}label")(f"{name}, m", labelpad=4)
-        axes.set_box_aspect((1.0, 1.0, 1.0))
-        axes.tick_params(labelsize=10, pad=0)
-        for axis, centre in zip((axes.xaxis, axes.yaxis, axes.zaxis), middle, strict=True):
-            axis.set_view_interval(centre - half, centre + half, ignore=True)
-            axis.set_pane_color((0.0, 0.0, 0.0, 0.0))
-            axis.set_major_locator(MaxNLocator(3))
-        axes.legend(loc="upper left", bbox_to_anchor=(0.0, 1.08), ncols=len(places), columnspacing=1.1)
-        return svg(figure, f"poses in 3D: {', '.join(places)}")
+    shown = {name: group[:: -(-len(group) // _MOST_POSES)] for name, group in groups.items() if group}
+    colours = dict(zip(shown, SERIES, strict=False))
+    everywhere = np.array([pose.position_m for group in shown.values() for pose in group])
+    lowest, highest = everywhere.min(axis=0), everywhere.max(axis=0)
+    across = max(float((highest - lowest).max()), 0.05)
+    step = float(MaxNLocator(5, steps=[1, 2, 5, 10]).tick_values(0.0, across)[1])
+    low, high = np.floor(lowest / step) * step, np.ceil(highest / step) * step
+    length = _AXIS * float(np.linalg.norm(high - low))
+    with drawing(400, _WIDTH_PX) as figure:
+        axes = figure.subplots()
+        axes.axis("off")
+        axes.set_aspect("equal")
+        for floor in _floor_lines(low, high, step):
+            axes.plot(*_flat(floor).T, color=LINE.light, linewidth=0.8)
+        for name, group in shown.items():
+            lines = [_flat(np.array([pose.position_m, end])) for pose in group for end in _ends(pose, length)]
+            axes.add_collection(LineCollection(lines, colors=colours[name].light, linewidths=0.9))
+            places = _flat(np.array([pose.position_m for pose in group]))
+            axes.plot(*places.T, "o", markersize=3.5, color=colours[name].light)
+        axes.text(0.0, 0.0, f"grid: {step:g} m", transform=axes.transAxes)
+        drawn = svg(figure, f"poses in 3D: {', '.join(shown)}")
+    data = {
+        "low": low.tolist(),
+        "high": high.tolist(),
+        "step": step,
+        "view": [_TURN_RAD, _TILT_RAD],
+        "groups": [
+            {"name": name, "colour": colours[name].name, "poses": [_posed(pose, length) for pose in group]}
+            for name, group in shown.items()
+        ],
+    }
+    entry = Markup('<li><i class="fill" style="background: {}"></i>{}</li>')
+    key = Markup("").join(entry.format(colours[name].css, name) for name in shown)
+    place = Markup(
+        '<div class="poses"><ul class="key">{}</ul>{}<script type="application/json">{}</script></div>'
+    )
+    return place.format(key, drawn, htmlsafe_json_dumps(data))
 
 
-def _over_picture(axes: Axes, size: tuple[int, int]) -> None:
-    axes.set(xlim=(0, size[0]), ylim=(size[1], 0), xlabel="x, px", ylabel="y, px")
+def _flat(points: Array) -> Array:
+    """Project (N, 3) points to the first view, (N, 2), seen from the side and from above."""
+    turn, tilt = (np.array([np.sin(angle), np.cos(angle)]) for angle in (_TURN_RAD, _TILT_RAD))
+    deep = points[:, 0] * turn[0] + points[:, 1] * turn[1]
+    across = points[:, 0] * turn[1] - points[:, 1] * turn[0]
+    return np.column_stack([across, points[:, 2] * tilt[1] + deep * tilt[0]])
+
+
+def _ends(pose: Pose, length: float) -> Array:
+    """Ends of a pose's x, y and z axes, (3, 3) m."""
+    return pose.position_m + length * _LENGTHS[:, None] * pose.rotation.as_matrix().T
+
+
+def _posed(pose: Pose, length: float) -> dict[str, list[Any]]:
+    return {"at": np.round(pose.position_m, 5).tolist(), "ends": np.round(_ends(pose, length), 5).tolist()}
+
+
+def _floor_lines(low: Array, high: Array, step: float) -> list[Array]:
+    """Lines of a grid below all poses, (2, 3) m each. low, high: (3,) corners of the box around them."""
+    lines = []
+    for axis, other in ((0, 1), (1, 0)):
+        for value in np.arange(low[axis], high[axis] + step / 2, step):
+            ends = np.array([low, low])
+            ends[:, axis], ends[1, other] = value, high[other]
+            lines.append(ends)
+    return lines
+
+
+def _over_picture(axes: Axes, extent: tuple[int, int, int, int]) -> None:
+    """Show a part of a picture. extent: left, right, bottom, top in px."""
+    axes.set(xlim=extent[:2], ylim=extent[2:], xlabel="x, px", ylabel="y, px")
 
 
 def thumbnail(picture: Image, marks: Sequence[Array] = ()) -> bytes:

@@ -32,7 +32,9 @@ def gripper_from_folder(folder: Path, serial: str) -> CalibrationResult:
         numbers[str(way)] = f"{counts[0]:g} to {counts[-1]:g} counts, {ends_mm}"
     if result.hysteresis_m is not None:
         numbers["hysteresis"] = f"{1e3 * result.hysteresis_m:.2f} mm"
-    text = "As measured, monotone each way; nothing beyond its ends. The bench uses the closing one."
+    text = (
+        "As measured, monotone in each direction, not extrapolated. The bench uses that of closing fingers."
+    )
     used = result.tables.get(Direction.CLOSING)
     return CalibrationResult(
         "gripper",
@@ -45,7 +47,13 @@ def gripper_from_folder(folder: Path, serial: str) -> CalibrationResult:
         len(samples) - len(result.rejected),
         result.rejected,
         [path],
-        [Picture("Opening over counts", text, figures.curves(curves, "counts", "opening, mm", "o-"))]
+        [
+            Picture(
+                "Opening over counts",
+                text,
+                figures.curves(curves, "gripper position, counts", "opening, mm", "o-"),
+            )
+        ]
         if curves
         else [],
     )
@@ -94,7 +102,7 @@ def _with_offset(
             (other.values - other.values.mean()) / (found.gain or 1.0),
         ),
     }
-    text = "The second moved by the offset and scaled: they should lie on each other."
+    text = "The second is shifted by the offset and scaled; both should coincide."
     return replace(
         result,
         value={
@@ -104,5 +112,5 @@ def _with_offset(
             "drift_ppm": found.drift_ppm,
         },
         numbers=numbers,
-        pictures=[Picture("Both streams", text, figures.curves(shown, "s", "value"))],
+        pictures=[Picture("Both streams", text, figures.curves(shown, "time, s", "value without its mean"))],
     )

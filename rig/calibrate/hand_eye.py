@@ -1,6 +1,6 @@
 """`rig calibrate hand-eye`: the pose of a camera, from pictures or poses of a target at known robot poses."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -48,7 +48,7 @@ def hand_eye_from_folder(
             samples.append(HandEyeSample(name, poses[name], view))
     pictures = {path.stem: path for path in files}
     rejected += [Rejected(name, "no picture of this id") for name in poses.keys() - pictures.keys()]
-    result = hand_eye_result(samples, camera, serial, setup, str(folder), rejected, target)
+    result = hand_eye_result(samples, camera, serial, setup, str(folder), rejected, target, pictures)
     thumbs = [Thumbnail.of(r, pictures.get(r.id), views.get(r.id)) for r in result.rejected]
     return replace(result, files=[*files, folder / "poses.csv"], thumbnails=thumbs)
 
@@ -89,8 +89,9 @@ def hand_eye_result(
     source: str,
     rejected: Sequence[Rejected],
     target: Target,
+    files: Mapping[str, Path],
 ) -> CalibrationResult:
-    """Solve, and make the figures of the page."""
+    """Solve, and make the figures of the page. files: the pictures by the id of their sample."""
     result = calibrate_hand_eye(samples, camera, setup)
     robot = [s.base_T_tcp for s in samples if s.id in result.used]
     return CalibrationResult(
@@ -105,6 +106,7 @@ def hand_eye_result(
         [*rejected, *result.rejected],
         pictures=[
             *_poses_picture(setup, result.pose, result.target, robot),
+            *_residuals(result, camera, files),
             *_pictures(result, [s.view for s in samples], camera),
         ],
     )
@@ -211,16 +213,36 @@ def _pose_numbers(pose: Pose, name: str) -> dict[str, str]:
     }
 
 
+def _residuals(result: HandEyeResult, camera: CameraModel, files: Mapping[str, Path]) -> list[Picture]:
+    """Draw residuals: the worst sample's on its picture, and all; nothing without an answer."""
+    problem, refined = result.problem, result.refined
+    if problem is None or refined is None:
+        return []
+    worst = int(np.argmax(refined.sample_rms_px(problem)))
+    name, own = problem.ids[worst], problem.owner == worst
+    text = "each arrow points from where the answer puts a point of the target to where it was found."
+    of_all = "Arrows of one sample that agree show a robot pose or a picture that does not fit the others."
+    shown = figures.arrows(
+        problem.seen_px[own], -refined.missed_px[own], camera.size, "residuals",
+        read_image(files[name], grey=True),
+    )  # fmt: skip
+    everywhere = figures.arrows(problem.seen_px, -refined.missed_px, camera.size, "residuals")
+    return [
+        Picture("Residuals of the worst sample", f"{name}: {text}", shown),
+        Picture("Residuals of all samples", of_all, everywhere),
+    ]
+
+
 def _pictures(result: HandEyeResult, views: list[View], camera: CameraModel) -> list[Picture]:
     pictures = []
     if result.sample_px:
         limit = 3.0 * float(np.median(list(result.sample_px.values())))
-        text = "Rms error of each sample in px; orange samples are outliers."
-        pictures.append(Picture("Error per sample", text, figures.bars(result.sample_px, "px", limit)))
+        text = "Rms residual of each sample. Dashed: three times the median."
+        pictures.append(Picture("Error per sample", text, figures.bars(result.sample_px, "rms, px", limit)))
     if result.spread is not None:
         held = dict(zip(result.used, result.spread.held_out_px.tolist(), strict=True))
-        text = "Rms error in px of each sample for the answer from all others."
-        pictures.append(Picture("Error of samples left out", text, figures.bars(held, "px")))
+        text = "Rms residual of each sample for the answer from all others."
+        pictures.append(Picture("Error of samples left out", text, figures.bars(held, "rms, px")))
     if views and result.motion is not None:
         points = np.vstack([v.image_px for v in views])
         places = {"points": (points[:, 0], camera.size[1] - points[:, 1])}

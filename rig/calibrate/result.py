@@ -95,8 +95,15 @@ def file_result(result: CalibrationResult, folder: Path) -> Filed:
         "rig.calibrate",
         "page.html",
         result=result,
-        created=filed.created,
-        verdict=str(verdict),
+        head=_head(result),
+        tiles=[
+            (str(verdict), "verdict (good, weak or refused)"),
+            (str(result.used), "samples used"),
+            (str(len(result.rejected)), "samples left out"),
+        ],
+        reasons=_notices(result.assessment),
+        rotates=any(isinstance(p.shown, Markup) and 'class="poses"' in p.shown for p in result.pictures),
+        created=f"{filed.created[:16].replace('T', ' ')} UTC",
         software=", ".join(f"{name} {number}" for name, number in filed.software.items()),
         inputs=filed.inputs,
     )
@@ -119,6 +126,26 @@ def file_result(result: CalibrationResult, folder: Path) -> Filed:
         "simulated": result.simulated,
     }
     return Filed(path, page, plain(figures, str(path)))
+
+
+def _head(result: CalibrationResult) -> dict[str, str]:
+    kind = "TCP" if result.kind == "tcp" else f"{result.kind[:1].upper()}{result.kind[1:]}"
+    return {
+        "mark": "SIMULATED" if result.simulated else "",
+        "bench": ", ".join(f"{role} {serial}" for role, serial in result.serials.items()),
+        "what": f"{kind} calibration{result.part and f', {result.part}'}",
+        "details": f"samples: {result.source}",
+        "remarks": "",
+    }
+
+
+def _notices(assessment: Assessment) -> list[dict[str, str]]:
+    """The reasons of a verdict as the page's notices."""
+    if not assessment.reasons:
+        return [{"level": "good", "what": "All measured values are within their limits.", "advice": ""}]
+    reasons = [("bad", reason) for reason in assessment.refusals]
+    reasons += [("warn", reason) for reason in assessment.doubts]
+    return [{"level": level, "what": f"{r[:1].upper()}{r[1:]}.", "advice": ""} for level, r in reasons]
 
 
 def _as_file(result: CalibrationResult) -> CalibrationFile:

@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 
 from calibration.gel.balls import BallFit, BallPress, calibrate_gel
@@ -77,7 +78,7 @@ def tactile_from_folder(
         numbers=_numbers(fit, (across, along), scale),
         used=len(fit.true_mm),
         rejected=[*presses.rejected, *fit.rejected],
-        pictures=_pictures(fit, presses.found),
+        pictures=[*_residuals(scale, presses.background), *_pictures(fit, presses.found)],
     )
 
 
@@ -163,6 +164,20 @@ def _numbers(fit: BallFit, mm_per_px: tuple[float, float], scale: GelScale | Non
     }
 
 
+def _residuals(scale: GelScale | None, background: Image) -> list[Picture]:
+    """Draw the residuals of the scale on the untouched gel; nothing without known moves of the presses."""
+    if scale is None:
+        return []
+    grey = cv2.cvtColor(background, cv2.COLOR_RGB2GRAY)
+    rows, columns = grey.shape
+    vectors = -scale.missed_px
+    shown = figures.arrows(
+        scale.centres_px - vectors, vectors, (columns, rows), "residuals", np.asarray(grey, np.uint8)
+    )
+    text = "Each arrow points from where the known move and the scale put a contact to where it was seen."
+    return [Picture("Residuals of the scale", text, shown)]
+
+
 def _pictures(fit: BallFit, presses: list[BallPress]) -> list[Picture]:
     rows, columns = fit.map.shape
     places = {}
@@ -176,17 +191,17 @@ def _pictures(fit: BallFit, presses: list[BallPress]) -> list[Picture]:
     return [
         Picture(
             "Ball diameter of each press left out",
-            "As the map of the others says it.",
-            figures.bars({i: 2 * fit.held_out_mm[i] for i in fit.true_mm}, "mm"),
+            "Estimated by the colour map that was fitted to the other presses.",
+            figures.bars({i: 2 * fit.held_out_mm[i] for i in fit.true_mm}, "diameter, mm"),
         ),
         Picture(
             "Where the balls were pressed",
-            "Gaps are where the map is not known.",
+            "The colour map is not fitted where no ball was pressed.",
             figures.curves(places, "x, px", "up, px", "."),
         ),
         Picture(
             "Slopes of one press",
-            f"{press.id}: dz/dx as the map sees it.",
+            f"{press.id}: the slope dz/dx that the colour map estimates.",
             figures.field(slopes, (columns, rows), "dz/dx"),
         ),
     ]

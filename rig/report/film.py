@@ -1,8 +1,8 @@
-"""A film of a lift, or of anyone's frames: fingertips, camera and the growing angle curve side by side."""
+"""A film of a lift, or of anyone's frames: fingertips and camera, and below them the growing angle curve."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 from pathlib import Path
 
 import cv2
@@ -25,10 +25,10 @@ from rig.report.unfinished import UnfinishedLift
 from rig.sessions.manifest import TrialManifest
 from rig.sessions.reading import recorded_frames
 
-HEIGHT_PX, BAND_PX, GAP_PX = 360, 36, 8
-CURVE_WIDTH_PX = 560
+HEIGHT_PX, CURVE_PX, BAND_PX, LEGEND_PX, GAP_PX = 360, 240, 36, 30, 8
+"""Heights of pictures, curve, line of text and line of the legend, and the gap between pictures."""
+LEAST_WIDTH_PX = 720
 DEFAULT_FPS = 30.0
-LEGEND_PX = 30
 MOST_PICTURES = 100_000
 _TEXT = cv2.FONT_HERSHEY_SIMPLEX
 
@@ -41,7 +41,6 @@ class _Scene:
     curves: LiftCurves
     tips: tuple[tuple[TipFrames, "_ImageAt"], ...]
     camera: "_ImageAt | None"
-    panel: CurvePanel
 
 
 _ImageAt = Callable[[float], Image | None]
@@ -94,16 +93,14 @@ def _read(filmed: FilmedLift) -> _Scene:
         for frame in recorded_frames(path, serial, gaps=[])
     )
     mark = "SIMULATED, " if manifest.simulated else ""
-    panel = draw_panel(lift.curves, CURVE_WIDTH_PX, HEIGHT_PX)
     reaction = "" if manifest.react is ReactionKind.NONE else f", on a slip: {manifest.react}"
-    return _Scene(f"{mark}{lift.name}{reaction}", lift.curves, tuple(tips), _newest(camera), panel)
+    return _Scene(f"{mark}{lift.name}{reaction}", lift.curves, tuple(tips), _newest(camera))
 
 
 def _own_frames(series: EstimatedSeries) -> _Scene:
     curves = estimate_curves(series)
     frames = ((f.time.time_ns / NS_PER_S, f.image) for f in series.frames if f.image is not None)
-    panel = draw_panel(curves, CURVE_WIDTH_PX, HEIGHT_PX)
-    return _Scene(series.name, curves, ((tip_of(series), _newest(frames)),), None, panel)
+    return _Scene(series.name, curves, ((tip_of(series), _newest(frames)),), None)
 
 
 def _newest(frames: Iterable[tuple[float, Image]]) -> _ImageAt:
@@ -131,8 +128,13 @@ def _pictures(scenes: Sequence[_Scene], step_s: float) -> Iterator[Image]:
         yield _even(np.concatenate([*(_widened(row, width) for row in rows), legend]))
 
 
+@lru_cache(maxsize=8)
+def _curve(scene: _Scene, width: int) -> CurvePanel:
+    return draw_panel(scene.curves, width, CURVE_PX)
+
+
 def _widened(picture: Image, width: int) -> Image:
-    missing = np.full((picture.shape[0], width - picture.shape[1], 3), rgb(PAPER.light), np.uint8)
+    missing = _blank(picture.shape[0], width - picture.shape[1])
     return np.concatenate([picture, missing], axis=1)
 
 
@@ -154,22 +156,24 @@ def _picture(scene: _Scene, time_s: float) -> Image:
     if scene.camera is not None:
         view = scene.camera(time_s)
         panels.append(_empty("no camera frames") if view is None else _labelled(view, "camera"))
-    panels.append(scene.panel.until(time_s))
-    gap = np.full((HEIGHT_PX, GAP_PX, 3), rgb(PAPER.light), np.uint8)
+    gap = _blank(HEIGHT_PX, GAP_PX)
     row = np.concatenate([part for panel in panels for part in (panel, gap)][:-1], axis=1)
-    return np.concatenate([row, _band(scene, time_s, row.shape[1])])
+    width = max(row.shape[1], LEAST_WIDTH_PX)
+    curve = _curve(scene, width).until(time_s)
+    return np.concatenate([_widened(row, width), curve, _band(scene, time_s, width)])
 
 
 def _band(scene: _Scene, time_s: float, width: int) -> Image:
     """The line below: which lift, which phase, both angles."""
-    band = np.full((BAND_PX, width, 3), rgb(PAPER.light), np.uint8)
+    band = _blank(BAND_PX, width)
     begun = [(t, name) for name, t in scene.curves.phases_s.items() if t <= time_s]
     phase = max(begun)[1] if begun else ""
     estimate, truth = angles_at(scene.curves, "", time_s)
     angles = caption(time_s, estimate, truth if scene.curves.phases_s else None)
     stage = f"   phase {phase}" if scene.curves.phases_s else ""
     text = f"{scene.title}{stage}   {angles.replace('°', ' deg')}"
-    cv2.putText(band, text, (10, BAND_PX - 12), _TEXT, 0.6, rgb(INK.light), 1, cv2.LINE_AA)
+    size = min(0.6, 0.6 * (width - 20) / cv2.getTextSize(text, _TEXT, 0.6, 1)[0][0])
+    cv2.putText(band, text, (10, BAND_PX - 12), _TEXT, size, rgb(INK.light), 1, cv2.LINE_AA)
     return band
 
 
@@ -178,18 +182,27 @@ _OF_A_LIFT = ((TRUTH, 5, "marker angle, thick axis"), (PHASE, 12, "phase B: the 
 
 @cache
 def _legend(width: int, of_a_lift: bool) -> Image:
-    """What the colours and lines mean, (LEGEND_PX, width, 3) uint8. of_a_lift: with markers and phases."""
-    band = np.full((LEGEND_PX, width, 3), rgb(PAPER.light), np.uint8)
-    middle, x = LEGEND_PX // 2, 10
-    for colour, thick, text in (
+    """What the colours and lines mean, (N LEGEND_PX, width, 3) uint8. of_a_lift: with markers and phases."""
+    entries = (
         (ESTIMATE, 2, "estimated angle, thin axis"),
         *(_OF_A_LIFT if of_a_lift else ()),
         (MUTED, 1, "white in the fingertips: outline of the contact"),
-    ):
-        cv2.line(band, (x, middle), (x + 26, middle), rgb(colour.light), thick, cv2.LINE_AA)
-        cv2.putText(band, text, (x + 34, middle + 5), _TEXT, 0.5, rgb(INK.light), 1, cv2.LINE_AA)
-        x += 34 + cv2.getTextSize(text, _TEXT, 0.5, 1)[0][0] + 28
-    return band
+    )
+    lines, x = [_blank(LEGEND_PX, width)], 10
+    middle = LEGEND_PX // 2
+    for colour, thick, text in entries:
+        ends = x + 34 + cv2.getTextSize(text, _TEXT, 0.5, 1)[0][0]
+        if ends > width and x > 10:
+            lines.append(_blank(LEGEND_PX, width))
+            x, ends = 10, ends - x + 10
+        cv2.line(lines[-1], (x, middle), (x + 26, middle), rgb(colour.light), thick, cv2.LINE_AA)
+        cv2.putText(lines[-1], text, (x + 34, middle + 5), _TEXT, 0.5, rgb(INK.light), 1, cv2.LINE_AA)
+        x = ends + 28
+    return np.concatenate(lines)
+
+
+def _blank(height: int, width: int) -> Image:
+    return np.full((height, width, 3), rgb(PAPER.light), np.uint8)
 
 
 def _scaled(image: Image) -> Image:

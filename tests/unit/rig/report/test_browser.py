@@ -125,6 +125,7 @@ def calibration(folder: Path) -> Path:
         figures.bars(samples, "px", limit=0.03),
         figures.field(np.ones((6, 8)), (640, 480), "sigma, px", places),
         figures.arrows(places, places / 1e4, (640, 480), "misses"),
+        figures.arrows(places, places / 1e4, (640, 480), "misses", np.full((480, 640), 90, np.uint8)),
         figures.curves({"arm": curve, "camera SIM-C0001, moved": curve}, "s", "value"),
         figures.curves({"points": (places[:, 0], places[:, 1])}, "x, px", "up, px", "."),
         figures.poses({"TCP": POSES, "camera": [Pose((0.9, 0.1, 0.4))], "base": [Pose((0.0, 0.0, 0.0))]}),
@@ -151,6 +152,7 @@ POSES = [
     for i in range(12)
 ]
 FIGURES = {"trial": 12, "recording": 3, "table": 5, "comparison": 3, "broken": 0, "calibration": 6}
+"""Figures drawn as SVG; poses in 3D are drawn on a canvas."""
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
@@ -254,6 +256,54 @@ def test_a_page_of_a_thousand_sessions_opens_within_five_seconds(browser: Browse
     assert browser.value(timing) < 5000.0
     assert browser.value("document.querySelector('.filter output').textContent") == "1000 of 1000"
     assert browser.said() == []
+
+
+def test_poses_rotate_by_mouse_and_keys_and_name_the_pose_under_the_pointer(
+    browser: Browser, pages: dict[str, Path]
+) -> None:
+    browser.open(pages["calibration"].as_uri(), 1280)
+    canvas = "document.querySelector('.poses canvas')"
+    browser.value(f"{canvas}.scrollIntoView({{block: 'center'}})")
+    drawn = f"new Promise(done => requestAnimationFrame(() => done({canvas}.toDataURL())))"
+    box = json.loads(browser.value(f"JSON.stringify({canvas}.getBoundingClientRect())"))
+    middle = {"x": box["left"] + box["width"] / 2, "y": box["top"] + box["height"] / 2}
+    views = [browser.value(drawn)]
+    browser.call("Input.dispatchMouseEvent", type="mousePressed", button="left", clickCount=1, **middle)
+    for across in (20, 60):
+        moved = {"x": middle["x"] + across, "y": middle["y"]}
+        browser.call("Input.dispatchMouseEvent", type="mouseMoved", button="left", **moved)
+    browser.call("Input.dispatchMouseEvent", type="mouseReleased", button="left", clickCount=1, **moved)
+    views.append(browser.value(drawn))
+    browser.value(f"{canvas}.focus()")
+    browser.key("ArrowUp")
+    views.append(browser.value(drawn))
+    assert len(set(views)) == 3
+    browser.value(f"{canvas}.dispatchEvent(new MouseEvent('dblclick'))")
+    assert browser.value(drawn) == views[0]
+    text = "document.querySelector('.poses .small').textContent"
+    assert browser.value(text).startswith("Grid: 0.2 m.")
+    everywhere = "[...Array(80).keys()].flatMap(i => [...Array(60).keys()].map(j => [i / 80, j / 60]))"
+    names = browser.value(
+        f"(() => {{ const canvas = {canvas}, box = canvas.getBoundingClientRect();"
+        f"return [...new Set({everywhere}.map(([x, y]) => {{"
+        "canvas.dispatchEvent(new PointerEvent('pointermove', {"
+        "clientX: box.left + x * box.width, clientY: box.top + y * box.height}));"
+        f"return {text}; }}))]; }})()"
+    )
+    assert "camera: x 0.900, y 0.100, z 0.400 m" in names
+    assert browser.said() == []
+
+
+def test_poses_without_javascript_are_a_figure(browser: Browser, pages: dict[str, Path]) -> None:
+    browser.call("Emulation.setScriptExecutionDisabled", value=True)
+    try:
+        seen = seen_of(browser, pages["calibration"], 390, "light")
+        assert browser.value("document.querySelector('.poses svg').getAttribute('aria-label')") == (
+            "poses in 3D: TCP, camera, base"
+        )
+    finally:
+        browser.call("Emulation.setScriptExecutionDisabled", value=False)
+    assert (seen["figures"], seen["cut"], seen["overlap"]) == (7, [], [])
 
 
 def test_long_pages_have_contents_whose_links_lead_there(browser: Browser, pages: dict[str, Path]) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from drivers.errors import InputError, SessionError
-from rig.report.film import HEIGHT_PX, LEGEND_PX, FilmedLift, write_film
+from rig.report.film import CURVE_PX, HEIGHT_PX, LEGEND_PX, FilmedLift, write_film
 from rig.report.film_file import Film, has_h264
 from rig.report.session import find_lift
 from rig.sessions.manifest import TrialManifest, read_manifest_of
@@ -43,7 +43,8 @@ def test_film_has_the_length_of_the_lift_and_its_curve_grows(
     assert len(pictures) == made.frames
     height, width = pictures[0].shape[:2]
     assert (width, height) == made.size_px
-    curve = [picture[30 : HEIGHT_PX - 60, -500:-40].astype(int) for picture in (pictures[5], pictures[-1])]
+    below = slice(HEIGHT_PX + 30, HEIGHT_PX + CURVE_PX - 60)
+    curve = [picture[below, -500:-40].astype(int) for picture in (pictures[5], pictures[-1])]
     # blue in BGR pictures: the estimate's line is there at the end only
     blue = [int(np.sum((c[..., 0] > c[..., 2] + 60) & (c[..., 0] > 100))) for c in curve]
     assert blue[1] > blue[0] + 200
@@ -75,9 +76,9 @@ def test_a_film_plays_in_a_browser(trial: Path, tmp_path: Path) -> None:
         browser.open((tmp_path / "film.html").as_uri(), 1280)
         played = """(async () => { const v = document.querySelector('video');
           await v.play(); await new Promise(r => v.ontimeupdate = () => v.currentTime > 0.1 && r());
-          return JSON.stringify([v.videoWidth, v.videoHeight, v.error]); })()"""
+          return JSON.stringify([v.videoWidth, v.videoHeight, v.error, v.readyState >= 2]); })()"""
         answer = browser.call("Runtime.evaluate", expression=played, awaitPromise=True)
-        assert answer["result"]["value"] == f"[{made.size_px[0]},{made.size_px[1]},null]"
+        assert answer["result"]["value"] == f"[{made.size_px[0]},{made.size_px[1]},null,true]"
     finally:
         browser.close()
 
@@ -113,4 +114,4 @@ def test_a_lift_beside_another_is_shown_below_it(trial: Path, tmp_path: Path) ->
     both = write_film([filmed, filmed], tmp_path / "both.webm", fps=5.0)
     assert both.frames == one.frames
     assert both.size_px[0] == one.size_px[0]
-    assert both.size_px[1] == pytest.approx(2 * one.size_px[1] - LEGEND_PX, abs=2)
+    assert both.size_px[1] == pytest.approx(2 * one.size_px[1] - 2 * LEGEND_PX, abs=2)

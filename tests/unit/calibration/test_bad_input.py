@@ -1,4 +1,4 @@
-"""Bad pictures, views and tables: each is refused with its reason, or answered right."""
+"""Bad pictures, views and tables are refused with the reason, or give correct results."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import replace
@@ -42,7 +42,7 @@ def rng() -> np.random.Generator:
 
 
 def refusal(answer: Callable[[], object]) -> str:
-    """Return the reason of a refusal, whether it is raised or returned; "" for an answer."""
+    """Return the reason of a refusal, raised or returned; "" for a result."""
     try:
         found = answer()
     except RigError as error:

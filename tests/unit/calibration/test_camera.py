@@ -1,4 +1,4 @@
-"""Boards found, cameras fitted, bad sets of views told from good ones."""
+"""Detection of boards, fits of cameras, and rejection of bad sets of views."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -32,7 +32,7 @@ def views(
     ["charuco:8x6:25:18:DICT_5X5_100", "charuco:8x6:25:18:DICT_5X5_100:legacy",
      "charuco:7x5:25:18:DICT_4X4_50", "chessboard:9x6:25", "marker:60:DICT_4X4_50:3"],
 )  # fmt: skip
-def test_every_target_is_drawn_and_found_where_it_is(spec: str) -> None:
+def test_every_target_is_drawn_and_detected_at_its_position(spec: str) -> None:
     target = parse_target(spec)
     assert target.spec == spec
     rng = np.random.default_rng(1)
@@ -49,12 +49,12 @@ def test_every_target_is_drawn_and_found_where_it_is(spec: str) -> None:
     ["", "charuco", "charuco:8x6:18:25:DICT_5X5_100", "chessboard:2x2:25", "marker:0:DICT_4X4_50:0", "ring:4",
      "charuco:8x6:25:18:DICT_5X5_100:old", "marker:60:DICT_4X4_50:-1", "chessboard:9x6:nan"]
 )  # fmt: skip
-def test_a_target_not_understood_names_the_forms(spec: str) -> None:
+def test_invalid_target_is_rejected_with_the_valid_forms(spec: str) -> None:
     with pytest.raises(InputError, match="chessboard:9x6:25"):
         parse_target(spec)
 
 
-def test_nothing_is_found_in_noise_and_that_is_said() -> None:
+def test_noise_picture_is_refused_with_a_reason() -> None:
     noise = np.random.default_rng(0).integers(0, 255, (200, 300), dtype=np.uint8)
     for spec in ("charuco:8x6:25:18:DICT_5X5_100", "chessboard:9x6:25", "marker:60:DICT_4X4_50:3"):
         target = parse_target(spec)
@@ -79,7 +79,7 @@ def test_camera_is_found_within_its_sigma(fitted: CameraFit) -> None:
     assert predict(found, views(5, seed=9)) < 0.1
 
 
-def test_uncertainty_grows_where_nothing_was_seen(fitted: CameraFit) -> None:
+def test_uncertainty_grows_in_unobserved_regions(fitted: CameraFit) -> None:
     whole, middle = projection_sigma_px(fitted), projection_sigma_px(calibrate_camera(views(15, reach=0.2)))
     assert middle.max() > 3 * whole.max()
     assert middle[0, 0] > 3 * middle[6, 8]

@@ -1,4 +1,4 @@
-"""The gel: reference and drift, scale, balls found, and the map from colour to slope."""
+"""The gel: reference and drift, scale, detection of balls, and the map from colour to slope."""
 
 import csv
 
@@ -30,7 +30,7 @@ def _found(image: np.ndarray, name: str) -> Press:
     return press
 
 
-def test_balls_left_out_come_out_at_their_radius(fitted) -> None:
+def test_held_out_balls_are_reconstructed_at_their_radius(fitted) -> None:
     assert set(fitted.radius_error()) == {3.0, 5.0}
     # the simulated colours saturate with the slope, which the map follows in part only
     assert all(abs(error) < 0.12 for error in fitted.radius_error().values()), fitted.radius_error()
@@ -40,7 +40,7 @@ def test_balls_left_out_come_out_at_their_radius(fitted) -> None:
         assert found == pytest.approx(made.radius_mm, rel=0.2)
 
 
-def test_slopes_fall_away_from_the_middle_of_a_dent(fitted) -> None:
+def test_slopes_point_away_from_the_middle_of_a_dent(fitted) -> None:
     made = GEL.presses(1, seed=2)[0]
     press = _found(made.image, made.name)
     x, y = (round(v) for v in made.centre_px)
@@ -49,7 +49,7 @@ def test_slopes_fall_away_from_the_middle_of_a_dent(fitted) -> None:
     assert slope[0] < 0.0 < slope[1]
 
 
-def test_the_map_is_exact_where_colour_is_linear_in_slope() -> None:
+def test_map_is_exact_if_colour_is_linear_in_slope() -> None:
     rng = np.random.default_rng(0)
     normals = rng.uniform(-0.4, 0.4, (4000, 2))
     places = rng.uniform(0, 1, (4000, 2)) * (320, 240)
@@ -62,7 +62,7 @@ def test_the_map_is_exact_where_colour_is_linear_in_slope() -> None:
         fit_gradient_map(change * np.nan, places, normals, (240, 320))
 
 
-def test_a_ball_smaller_than_its_print_is_left_out() -> None:
+def test_ball_smaller_than_its_imprint_is_rejected() -> None:
     made = GEL.presses(10, seed=4)
     presses = [BallPress(_found(p.image, p.name), p.radius_mm) for p in made]
     wrong = [BallPress(presses[0].press, 0.5), BallPress(presses[1].press, float("nan")), *presses]
@@ -95,7 +95,7 @@ def test_invalid_references_are_rejected() -> None:
             make_reference(frames)
 
 
-def test_scales_along_x_and_y_are_told_apart() -> None:
+def test_scales_along_x_and_y_are_distinguished() -> None:
     rng = np.random.default_rng(0)
     x, y = np.meshgrid(np.linspace(-4, 4, 3), np.linspace(-5, 5, 3))
     moves = np.column_stack([x.ravel(), y.ravel()])
@@ -110,7 +110,7 @@ def test_scales_along_x_and_y_are_told_apart() -> None:
 
 
 @pytest.mark.slow
-def test_real_gelsight_balls_left_out_come_out_within_five_percent(real_data) -> None:
+def test_held_out_real_gelsight_balls_are_reconstructed_within_five_percent(real_data) -> None:
     folder = real_data / "gelsight_ball"
 
     def rgb(name: str) -> np.ndarray:

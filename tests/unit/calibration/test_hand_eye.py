@@ -1,4 +1,4 @@
-"""Hand-eye: closed forms against OpenCV, accuracy, honesty, and every motion that determines nothing."""
+"""Hand-eye: closed forms compared with OpenCV, accuracy, sigma, and motions that do not determine it."""
 
 from dataclasses import replace
 
@@ -29,7 +29,7 @@ def _poses(seed: int) -> tuple[np.ndarray, ...]:
     return problem.a_R, problem.a_t, turns[:, 0], moves[:, 0]
 
 
-def test_park_is_opencvs_park() -> None:
+def test_park_equals_opencv() -> None:
     a_R, a_t, b_R, b_t = _poses(3)  # noqa: N806
     inverse = a_R.transpose(0, 2, 1)
     back = -(inverse @ a_t[..., None])
@@ -41,7 +41,7 @@ def test_park_is_opencvs_park() -> None:
     assert ours.x_t == pytest.approx(move.ravel(), abs=1e-9)
 
 
-def test_shah_is_opencvs_shah() -> None:
+def test_shah_equals_opencv() -> None:
     a_R, a_t, b_R, b_t = _poses(4)  # noqa: N806
     z_R, z_t, x_R, x_t = cv2.calibrateRobotWorldHandEye(  # noqa: N806
         list(a_R),
@@ -79,7 +79,7 @@ def test_confidence_region_holds_the_truth_as_often_as_stated(seeds: int) -> Non
 
 
 def unsure_camera(rng: np.random.Generator | None) -> CameraModel:
-    """A camera as calibrated, its focal lengths known to 6 px of 980; off by what that says, if drawn."""
+    """A calibrated camera with focal lengths known to 6 px of 980; drawn: with an error of that size."""
     covariance = np.array([[36.0, 35.0, 0, 0], [35.0, 36.0, 0, 0], [0, 0, 4.0, 0], [0, 0, 0, 4.0]])
     known = CameraUncertainty((0, 1, 2, 3), covariance)
     off = np.zeros(4) if rng is None else rng.multivariate_normal(np.zeros(4), covariance)
@@ -119,7 +119,7 @@ def test_verdict_names_the_input_that_limits_it() -> None:
     assert "add samples" in str(few.assessment)
 
 
-def test_verdict_is_no_better_than_the_cameras() -> None:
+def test_verdict_is_at_most_that_of_the_camera() -> None:
     _, samples = general_scene(np.random.default_rng(1), 20)
     doubted = CameraUncertainty(doubts=("corners cover 20% of the picture",))
     result = calibrate_hand_eye(samples, replace(CAMERA, uncertainty=doubted), Setup.EYE_TO_HAND)

@@ -1,4 +1,4 @@
-"""Edges fitted, and the two-marker angle from picture to degrees."""
+"""Edge refinement, and the two-marker angle from picture to degrees."""
 
 import cv2
 import numpy as np
@@ -75,7 +75,7 @@ def test_turn_is_measured_with_its_sign(turn_deg: float) -> None:
         assert abs(off) < 6 * max(answer.sigma_deg, 0.01)
 
 
-def test_a_report_at_rest_judges_size_and_scatter() -> None:
+def test_report_at_rest_assesses_size_and_scatter() -> None:
     good = assess_markers(_still(NEAR, 30), angle_of(NEAR))
     assert good.assessment.verdict is Verdict.GOOD, good.assessment
     small = MarkerPictures(side_px=20.0, tilt_deg=5.0)
@@ -93,7 +93,7 @@ def test_pictures_without_markers_and_too_few_are_refused() -> None:
         assess_markers(_still(NEAR, 5), angle)
 
 
-def test_every_gold_marker_is_found_where_it_is(real_data) -> None:
+def test_every_reference_marker_is_detected_at_its_position(real_data) -> None:
     folder = real_data / "opencv_photos"
     gold = np.genfromtxt(folder / "gold_corners.csv", delimiter=",", dtype=None, names=True, encoding=None)
     for name in np.unique(gold["image"]):

@@ -1,4 +1,4 @@
-"""Finding and following two markers: sub-pixel corners, and a reason for every refusal."""
+"""Detecting and tracking two markers: sub-pixel corners, and a reason for every refusal."""
 
 import csv
 import os
@@ -30,7 +30,7 @@ def scene():
 
 
 def picture(scene, pose, seed=0):
-    """Grey picture as it comes out of a JPEG camera."""
+    """A grey picture of a JPEG camera."""
     rgb = scene.render(pose, np.random.default_rng(seed))
     _, jpeg = cv2.imencode(".jpg", rgb[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 95])
     return cv2.cvtColor(cv2.imdecode(jpeg, cv2.IMREAD_COLOR_RGB), cv2.COLOR_RGB2GRAY)
@@ -45,14 +45,14 @@ def hidden(gray, corners):
 
 
 def copied(gray, corners, to):
-    """The picture with one marker seen again elsewhere; `to`: x, y of the copy's top left."""
+    """The picture with a copy of one marker; `to`: x, y of the copy's top left."""
     low, high = corners.min(axis=0).astype(int) - 8, corners.max(axis=0).astype(int) + 8
     doubled, (width, height) = gray.copy(), high - low
     doubled[to[1] : to[1] + height, to[0] : to[0] + width] = gray[low[1] : high[1], low[0] : high[0]]
     return doubled
 
 
-def test_corners_follow_the_exact_projection(scene):
+def test_detected_corners_match_the_exact_projection(scene):
     tracker = MarkerTracker((0, 1))
     for k in range(30):
         pose = seen_from(turn_deg=k, x=0.002 * k - 0.03, y=0.03 - 0.002 * k)
@@ -80,7 +80,7 @@ def test_a_picture_without_markers_is_refused_before_and_after(scene, gray):
     assert isinstance(tracker.detect(picture(scene, seen_from())), np.ndarray)
 
 
-def test_one_hidden_marker_refuses_the_frame(scene):
+def test_frame_with_a_hidden_marker_is_refused(scene):
     gray, exact = picture(scene, seen_from()), scene.exact_corners_px(seen_from())
     for first_seen in (False, True):
         tracker = MarkerTracker((0, 1))
@@ -90,13 +90,13 @@ def test_one_hidden_marker_refuses_the_frame(scene):
             assert tracker.detect(hidden(gray, marker)) is Refusal.ONE_HIDDEN
 
 
-def test_a_copy_refuses_the_first_frame(scene):
+def test_duplicate_marker_in_the_first_frame_is_refused(scene):
     gray, exact = picture(scene, seen_from()), scene.exact_corners_px(seen_from())
     tracker = MarkerTracker((0, 1))
     assert tracker.detect(copied(gray, exact[0], (60, 60))) is Refusal.DUPLICATE
 
 
-def test_a_copy_alone_is_an_implausible_jump(scene):
+def test_duplicate_marker_alone_is_refused_as_a_jump(scene):
     gray, exact = picture(scene, seen_from()), scene.exact_corners_px(seen_from())
     tracker = MarkerTracker((0, 1))
     tracker.detect(gray)
@@ -105,7 +105,7 @@ def test_a_copy_alone_is_an_implausible_jump(scene):
     assert tracker.detect(phantom) is Refusal.JUMP
 
 
-def test_markers_are_taken_up_elsewhere_after_a_while(scene):
+def test_markers_are_found_at_a_new_position_after_missed_frames(scene):
     tracker = MarkerTracker((0, 1))
     tracker.detect(picture(scene, seen_from(x=-0.1)))
     moved = picture(scene, seen_from(x=0.12))
@@ -115,7 +115,7 @@ def test_markers_are_taken_up_elsewhere_after_a_while(scene):
 
 
 @pytest.mark.parametrize("x", [-0.24, 0.24])
-def test_a_marker_cut_by_the_border_refuses_the_frame(scene, x):
+def test_frame_with_a_marker_cut_by_the_border_is_refused(scene, x):
     tracker = MarkerTracker((0, 1))
     for k in range(9):
         found = tracker.detect(picture(scene, seen_from(x=x * (1.0 + 0.02 * k)), k))

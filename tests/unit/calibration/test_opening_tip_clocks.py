@@ -1,4 +1,4 @@
-"""Time offsets, pivots, gripper tables: right, or refused for what is wrong."""
+"""Time offsets, pivots and gripper tables: correct, or refused with the reason."""
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ from drivers.types import Pose
 from rig.benchmark.calibration.motion_scenes import pivot_scene, wiggle_scene
 
 
-def test_a_wiggle_gives_the_offset_within_its_sigma() -> None:
+def test_offset_from_a_wiggle_is_within_its_sigma() -> None:
     errors, sigmas = [], []
     for seed in range(20):
         robot, camera = wiggle_scene(np.random.default_rng(seed), offset_s=0.0473)
@@ -27,7 +27,7 @@ def test_a_wiggle_gives_the_offset_within_its_sigma() -> None:
 
 
 def test_offset_of_two_pose_streams_follows_from_their_turning_rates() -> None:
-    """The second sees the motion from elsewhere, 80 ms late, at 30 Hz with noise and half its frames."""
+    """The second sees the motion from another pose, 80 ms late, at 30 Hz with noise and half its frames."""
     rng = np.random.default_rng(2)
 
     def turn(t: np.ndarray) -> Rotation:
@@ -58,7 +58,7 @@ def test_invalid_orientations_are_discarded_or_rejected() -> None:
         turning_rate(times, turns[:, :3], "camera")
 
 
-def test_a_drift_is_found_over_minutes() -> None:
+def test_clock_drift_is_estimated_over_minutes() -> None:
     robot, camera = wiggle_scene(np.random.default_rng(1), seconds=240.0, drift_ppm=80.0)
     found = time_offset(robot, camera)
     assert found.drift_ppm is not None
@@ -79,7 +79,7 @@ def test_streams_are_sorted_and_cleaned() -> None:
     assert abs(time_offset(robot, mixed).offset_s - time_offset(robot, camera).offset_s) < 2e-4  # type: ignore[operator]
 
 
-def test_a_pivot_is_found_with_its_sigma_and_a_slip_left_out() -> None:
+def test_pivot_is_within_its_sigma_and_a_slipped_sample_is_rejected() -> None:
     tip, poses = pivot_scene(np.random.default_rng(0), 14)
     moved = Pose(tuple(np.add(poses[3][1].position_m, (0.01, 0, 0))), poses[3][1].quaternion_xyzw)  # type: ignore[arg-type]
     poses[3] = ("slipped", moved)

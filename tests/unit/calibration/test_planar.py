@@ -1,4 +1,4 @@
-"""The angle in the markers' plane: exact corners give the exact angle, at every tilt."""
+"""The angle in the plane of the markers: exact corners give the exact angle, at every tilt."""
 
 import numpy as np
 import pytest
@@ -18,7 +18,7 @@ TOWARDS_CAMERA = Rotation.from_euler("x", 180, degrees=True)
 
 
 def corners(turn_deg, tilt_deg=(0.0, 0.0), shift_m=(0.0, 0.0), out_of_plane_deg=0.0, depth_m=0.7):
-    """(2, 4, 2) px: a board with y up, turned in its plane, then tilted; its second marker is askew."""
+    """(2, 4, 2) px: a board with y up, rotated in its plane, then tilted; its second marker is rotated."""
     askew = Rotation.from_euler("z", 4.0, degrees=True).apply(SQUARE)
     board = np.concatenate([SQUARE + np.array([-0.06, 0.0, 0.0]), askew + np.array([0.06, 0.005, 0.0])])
     lean = Rotation.from_euler("y", out_of_plane_deg, degrees=True)
@@ -57,7 +57,7 @@ def test_exact_corners_give_the_exact_angle(turn, tilt, shift, known):
 @pytest.mark.slow
 @pytest.mark.parametrize("known", [False, True])
 @pytest.mark.parametrize("tilt", [(10.0, 11.0), *long(((0.0, 0.0),), ((7.5, 0.0),))])
-def test_noise_is_answered_with_an_honest_sigma(tilt, known):
+def test_sigma_matches_the_error_under_noise(tilt, known):
     rng = np.random.default_rng(4)
     scores, errors = [], []
     for seed in range(30):
@@ -73,7 +73,7 @@ def test_noise_is_answered_with_an_honest_sigma(tilt, known):
 
 
 @given(turn=st.floats(-30, 30))
-def test_lens_distortion_is_taken_off(turn):
+def test_lens_distortion_is_corrected(turn):
     bent = CameraModel(KNOWN.size, CAMERA, np.array([-0.2, 0.05, 0.0, 0.0, 0.0]))
 
     def distorted(points_px):
@@ -93,9 +93,9 @@ def test_motion_out_of_the_plane_is_flagged(lean):
 
 
 TORN = np.array([[[0.0, 0.0]], [[0.0, 6.0]]])
-"""px; one marker moved against the other."""
+"""px; one marker moved relative to the other."""
 WRONG = np.pad([[[3.0, 0.0], [-2.0, 3.0], [0.0, -3.0]]], ((0, 1), (0, 1), (0, 0)))
-"""px; three wrong corners, more than may be hidden."""
+"""px; three wrong corners, more than may be occluded."""
 
 
 @pytest.mark.parametrize(
@@ -124,12 +124,12 @@ def test_corners_inconsistent_with_a_planar_turn_are_flagged(seen, in_plane):
     ],
     ids=["few", "nan", "moving", "coincident", "not square"],
 )
-def test_a_useless_reference_is_refused(reference, told):
+def test_degenerate_reference_is_refused(reference, told):
     with pytest.raises(CalibrationError, match=told):
         fit_plane(reference, KNOWN)
 
 
-def test_corners_that_are_not_numbers_are_refused():
+def test_nan_corners_are_refused():
     broken = corners(0.0)
     broken[0, 0, 0] = np.inf
     with pytest.raises(CalibrationError, match="finite"):

@@ -1,4 +1,4 @@
-"""Hand-eye from pairs of poses: exact, honest under each kind of noise, refused where it cannot know."""
+"""Hand-eye from pairs of poses: exact data, sigma under noise, refusal of undetermined motions."""
 
 from dataclasses import replace
 
@@ -17,11 +17,11 @@ from support.marks import long
 
 ROBOT = (np.radians(0.03), 3e-4)
 TARGET = (np.radians(0.2), np.radians(0.05), 1e-3, 4e-3)
-"""Tilt, turn about the axis, across, depth."""
+"""Noise of tilt, rotation about the axis, lateral position, and depth."""
 
 
 def disturbed(pose: Pose, rng: np.random.Generator, turns: np.ndarray, moves: np.ndarray) -> Pose:
-    """A pose turned and moved in its own parent's axes by normal steps of these sigmas."""
+    """Perturb a pose in its parent's axes by normal steps of these sigmas."""
     turn = Rotation.from_rotvec(rng.normal(0, 1, 3) * turns)
     return Pose.from_rotation(pose.position_m + rng.normal(0, 1, 3) * moves, turn * pose.rotation)
 
@@ -29,7 +29,7 @@ def disturbed(pose: Pose, rng: np.random.Generator, turns: np.ndarray, moves: np
 def scene(
     seed: int, count: int = 20, setup: Setup = Setup.EYE_TO_HAND, noise: float = 1.0, size: float = 1.0
 ) -> tuple[Truth, list[PoseSample]]:
-    """Pairs with the noise above, times `noise`; of a target whose distances look `size` times as long."""
+    """Pairs with the noise above, times `noise`; target distances appear `size` times as long."""
     rng = np.random.default_rng((5, seed))
     truth, views = general_scene(rng, count, setup, noise=Noise(0.0, 0.0, 0.0))
     samples = []
@@ -123,7 +123,7 @@ def test_motions_about_one_axis_and_too_few_pairs_are_refused() -> None:
 
 
 @pytest.mark.slow
-def test_errors_that_neighbours_share_widen_sigma() -> None:
+def test_correlated_errors_increase_sigma() -> None:
     truth, samples = scene(8, 60)
     rng = np.random.default_rng(1)
     drift = np.cumsum(rng.normal(0, 1e-3, (len(samples), 3)), axis=0)

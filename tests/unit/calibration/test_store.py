@@ -1,4 +1,4 @@
-"""Calibration files: written, read back, and refused where they do not belong."""
+"""Calibration files: written, read back, and rejected if they do not fit."""
 
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
@@ -41,7 +41,7 @@ def test_calibration_file_is_read_as_it_was_written(tmp_path: Path) -> None:
     assert np.array_equal(read.distortion, CAMERA.distortion)
 
 
-def test_a_camera_comes_back_with_its_uncertainty(tmp_path: Path) -> None:
+def test_stored_camera_is_read_with_its_uncertainty(tmp_path: Path) -> None:
     quality = {"terms": ["fx", "fy", "k1"], "covariance": np.diag([4.0, 4.0, 1e-4])}
     save(replace(camera_file(), quality=quality), tmp_path / "camera.yaml")
     known = read_camera(tmp_path / "camera.yaml").uncertainty
@@ -67,11 +67,11 @@ def test_damaged_covariance_is_rejected(tmp_path: Path, quality: dict[str, objec
         read_camera(tmp_path / "camera.yaml")
 
 
-def test_a_time_without_a_zone_is_utc() -> None:
+def test_time_without_a_zone_is_read_as_utc() -> None:
     assert age_days(NOW.replace(tzinfo=None).isoformat(), NOW + timedelta(days=3)) == pytest.approx(3.0)
 
 
-def test_another_kind_and_a_refused_one_are_refused(tmp_path: Path) -> None:
+def test_calibration_of_another_kind_or_with_refused_verdict_is_rejected(tmp_path: Path) -> None:
     path = tmp_path / "camera.yaml"
     save(camera_file("all views are square-on"), path)
     with pytest.raises(CalibrationError, match="'tcp' is needed"):

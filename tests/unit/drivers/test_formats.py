@@ -1,4 +1,4 @@
-"""The readers of formats: what they take, what they refuse, and how soon."""
+"""The readers of file formats: accepted files, rejected files, and time limits."""
 
 import struct
 import zlib
@@ -33,13 +33,13 @@ from drivers.images import decode_image, image_flaw, load_image
         (b"", "Expecting value"), (b'{"a":', "Expecting value"), (b"{} {}", "Extra data"),
     ],
 )  # fmt: skip
-def test_json_that_is_none_is_named(data: bytes, said: str) -> None:
+def test_invalid_json_is_rejected_with_its_place(data: bytes, said: str) -> None:
     with pytest.raises(FormatError, match=r"^here: is (not complete|rejected as) JSON") as raised:
         parse_json(data, "here")
     assert said in str(raised.value)
 
 
-def test_json_is_read_as_it_is_written() -> None:
+def test_valid_json_is_read() -> None:
     assert parse_json('\ufeff{"a": [1, -2.5e3, "ä\\ud83d\\ude00", null, true]}'.encode(), "") == {
         "a": [1, -2500.0, "ä😀", None, True]
     }
@@ -56,13 +56,13 @@ def test_json_is_read_as_it_is_written() -> None:
         ("a = " + "{a=" * 5000 + "1" + "}" * 5000, "nested too deeply"),
     ],
 )  # fmt: skip
-def test_toml_that_is_none_is_named_at_once(text: str, said: str) -> None:
+def test_invalid_toml_is_rejected_quickly(text: str, said: str) -> None:
     with pytest.raises(FormatError, match=r"^here: (is rejected as|not valid) TOML") as raised:
         parse_toml(text, "here")
     assert said in str(raised.value)
 
 
-def test_points_in_numbers_and_comments_are_no_keys() -> None:
+def test_dots_in_numbers_and_comments_are_not_counted_as_keys() -> None:
     numbers = ", ".join(["0.5"] * 40)
     text = f"a = [{numbers}]\n# {'one. ' * 30}\nb = 'x.y'\nc.d.e = 1.0\n"
     assert len(parse_toml(text, "")["a"]) == 40
@@ -79,7 +79,7 @@ def test_points_in_numbers_and_comments_are_no_keys() -> None:
         ("a: =", "could not determine"), ("\tb", "cannot start any token"),
     ],
 )  # fmt: skip
-def test_yaml_that_is_none_is_named(tmp_path: Path, text: str, said: str) -> None:
+def test_invalid_yaml_is_rejected_with_its_place(tmp_path: Path, text: str, said: str) -> None:
     path = tmp_path / "x.yaml"
     path.write_text(text)
     with pytest.raises(FormatError, match=r"x\.yaml: is not valid YAML") as raised:
@@ -87,7 +87,7 @@ def test_yaml_that_is_none_is_named(tmp_path: Path, text: str, said: str) -> Non
     assert said in str(raised.value)
 
 
-def test_yaml_is_read_as_it_is_written(tmp_path: Path) -> None:
+def test_valid_yaml_is_read(tmp_path: Path) -> None:
     path = tmp_path / "x.yaml"
     path.write_text(
         "%YAML:1.0\n---\nmade: 2026-13-45\nwhole: [7, -1_000, 0x1f, 017]\n"
@@ -104,13 +104,13 @@ def test_yaml_is_read_as_it_is_written(tmp_path: Path) -> None:
         ("," * 3_000_001, "3000000 fields"),
     ],
 )  # fmt: skip
-def test_csv_that_is_none_is_named(text: str, said: str) -> None:
+def test_invalid_csv_is_rejected_with_its_line(text: str, said: str) -> None:
     with pytest.raises(FormatError, match=r"^here: is not valid CSV") as raised:
         parse_csv(text, "here")
     assert said in str(raised.value)
 
 
-def test_csv_is_read_as_it_is_written() -> None:
+def test_valid_csv_is_read() -> None:
     table = parse_csv('# made by hand\n a ;b\n\n1;"x\ny"\n2\n3;4;5\n', "here", ",;")
     assert list(table.rows()) == [
         (5, {"a": "1", "b": "x\ny"}), (6, {"a": "2", "b": ""}), (7, {"a": "3", "b": "4"}),
@@ -119,7 +119,7 @@ def test_csv_is_read_as_it_is_written() -> None:
         table.require("a", "c")
 
 
-def test_a_file_larger_than_any_is_not_read(tmp_path: Path) -> None:
+def test_file_above_the_size_limit_is_not_read(tmp_path: Path) -> None:
     path = tmp_path / "x"
     path.write_bytes(bytes(1001))
     with pytest.raises(FormatError, match=r"is larger than the size limit of 0\.001 MB"):
@@ -131,7 +131,7 @@ def test_a_file_larger_than_any_is_not_read(tmp_path: Path) -> None:
 
 
 def png_of(width: int, height: int, data: bytes = b"") -> bytes:
-    """A PNG that says how large it is, and holds next to nothing."""
+    """A PNG whose header states a large size, with almost no data."""
     return b"\x89PNG\r\n\x1a\n" + b"".join(
         struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body))
         for kind, body in (
@@ -149,7 +149,7 @@ def written_as(suffix: str, image: np.ndarray) -> bytes:
 
 
 @pytest.mark.parametrize("side", [12_000, 30_000, 2**31 - 1])
-def test_a_picture_larger_than_any_is_refused_by_its_header(tmp_path: Path, side: int) -> None:
+def test_picture_above_the_size_limit_is_rejected_by_its_header(tmp_path: Path, side: int) -> None:
     path = tmp_path / "large.png"
     path.write_bytes(png_of(side, side))
     assert image_flaw(path) == f"is {side} x {side} px; at most 50 megapixels are read"
@@ -171,7 +171,7 @@ def test_sizes_are_known_before_pictures_are_decoded(suffix: str, monkeypatch: p
         assert picture_flaw(data[:length]) is not None
 
 
-def test_each_byte_of_a_png_counts() -> None:
+def test_any_changed_byte_of_a_png_is_detected() -> None:
     data = written_as(".png", np.zeros((9, 9, 3), np.uint8))
     for place in range(len(data)):
         damaged = bytearray(data)
@@ -187,7 +187,7 @@ def test_a_jpeg_of_very_many_scans_is_not_decoded() -> None:
     assert "scans, which exceeds the decoding limit" in str(picture_flaw(many))
 
 
-def test_what_an_error_shows_is_short_printable_and_keeps_passwords_to_itself() -> None:
+def test_error_text_is_short_printable_and_without_passwords() -> None:
     assert len(shown("x" * 10_000)) < 70
     assert len(reason(ValueError("x" * 10_000))) < 170
     assert "\n" not in reason(ValueError("two\nlines \ud800"))

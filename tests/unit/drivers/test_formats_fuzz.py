@@ -1,4 +1,4 @@
-"""Whatever the bytes are: every reader of a format answers, or raises its typed error, within a second."""
+"""Every reader of a format returns a value or raises its typed error within a second, for any bytes."""
 
 import json
 from functools import cache

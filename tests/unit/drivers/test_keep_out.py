@@ -1,4 +1,4 @@
-"""Ways through boxes are refused, ways around them are not."""
+"""Paths through keep-out boxes are refused; paths around them are accepted."""
 
 import numpy as np
 import pytest
@@ -11,13 +11,13 @@ from drivers.types import ArmLimits, Box, Pose, Vector3
 
 BOX = Box("stand", (0.4, -0.1, 0.0), (0.6, 0.1, 0.2))
 LARGER = Box("", (0.399, -0.101, -0.001), (0.601, 0.101, 0.201))
-"""By more than the points of a line are apart."""
+"""By more than the spacing of the checked points."""
 LIMITS = ArmLimits((-1.0, -1.0, -1.0), (1.0, 1.0, 1.0), 0.5, 1.5, 5.0, keep_out=(BOX,))
 POINTS = st.tuples(*[st.floats(-0.5, 1.0, allow_nan=False).map(lambda v: round(v, 3))] * 3)
 
 
 @given(POINTS, POINTS)
-def test_a_line_meets_a_box_where_one_of_its_points_lies_inside(here: Vector3, there: Vector3) -> None:
+def test_line_intersects_a_box_if_one_of_its_points_is_inside(here: Vector3, there: Vector3) -> None:
     points = np.linspace(here, there, 2000)
     inside = bool(np.any(np.all((points > BOX.min_m) & (points < BOX.max_m), axis=1)))
     near = bool(np.any(np.all((points > LARGER.min_m) & (points < LARGER.max_m), axis=1)))
@@ -36,7 +36,7 @@ def test_a_line_meets_a_box_where_one_of_its_points_lies_inside(here: Vector3, t
         (((0.5, 0.0, 0.2), (0.8, 0.0, 0.2)), False),
     ],
 )
-def test_the_only_way_out_of_a_box_is_straight_up(way: tuple[Vector3, ...], refused: bool) -> None:
+def test_hand_may_leave_a_box_only_straight_up(way: tuple[Vector3, ...], refused: bool) -> None:
     poses = [Pose(point) for point in way]
     if not refused:
         return check_way(LIMITS, poses)

@@ -1,4 +1,4 @@
-"""The one waiting motion: it asks until the device says done, and stops what takes too long."""
+"""Polled motions: they are polled until the device reports the end, and stopped at their time limit."""
 
 import pytest
 
@@ -9,7 +9,7 @@ from fakes.clock import SimulatedClock
 
 
 class Device:
-    """Ends a motion by itself at a time, or by a stop."""
+    """A motion that ends at a given time, or by a stop."""
 
     def __init__(self, ends_s: float, breaks_s: float = 1e9) -> None:
         self.clock = SimulatedClock()
@@ -36,14 +36,14 @@ def test_a_motion_that_takes_too_long_is_stopped() -> None:
     assert device.stops == 1
 
 
-def test_what_is_wrong_with_the_device_ends_the_wait_and_stops_the_motion() -> None:
+def test_device_error_ends_the_wait_and_stops_the_motion() -> None:
     device = Device(ends_s=5.0, breaks_s=0.2)
     with pytest.raises(DeviceError, match="hand: broken"):
         device.motion().wait(1.0)
     assert device.stops == 1
 
 
-def test_a_device_that_cannot_be_stopped_either_is_told_of_by_its_first_error() -> None:
+def test_first_error_is_raised_if_the_stop_fails_too() -> None:
     device = Device(ends_s=5.0, breaks_s=0.2)
 
     def refuse() -> None:
@@ -53,7 +53,7 @@ def test_a_device_that_cannot_be_stopped_either_is_told_of_by_its_first_error() 
         PolledMotion("hand", device.clock, device.ended, refuse).wait(1.0)
 
 
-def test_a_motion_does_not_go_on_when_its_wait_is_interrupted() -> None:
+def test_motion_is_stopped_if_its_wait_is_interrupted() -> None:
     device = Device(ends_s=5.0)
 
     def interrupted() -> bool:

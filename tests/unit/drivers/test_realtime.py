@@ -1,4 +1,4 @@
-"""A process asks to be woken on time, and goes on where that is not allowed."""
+"""A process requests real-time priority, and continues without it if the request is refused."""
 
 import gc
 import os
@@ -11,7 +11,7 @@ from drivers.realtime import ask_for_realtime, ordinary, realtime
 
 
 class Asked:
-    """Notes what threads are asked for; nothing changes."""
+    """Records the requests for each thread; nothing changes."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.of: list[tuple[int, int, int]] = []
@@ -27,7 +27,7 @@ class Asked:
 
 @pytest.fixture
 def other() -> Iterator[int]:
-    """A thread of this process that waits."""
+    """A waiting thread of this process."""
     over = threading.Event()
     thread = threading.Thread(target=over.wait)
     thread.start()
@@ -37,7 +37,7 @@ def other() -> Iterator[int]:
     thread.join()
 
 
-def test_the_lowest_real_time_priority_is_asked_for_all_threads(
+def test_lowest_real_time_priority_is_requested_for_all_threads(
     monkeypatch: pytest.MonkeyPatch, other: int
 ) -> None:
     asked = Asked(monkeypatch)
@@ -46,7 +46,7 @@ def test_the_lowest_real_time_priority_is_asked_for_all_threads(
     assert {(threading.get_native_id(), os.SCHED_RR, lowest), (other, os.SCHED_RR, lowest)} <= set(asked.of)
 
 
-def test_a_refusal_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_refused_real_time_priority_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(*_: object) -> None:
         raise PermissionError(1, "Operation not permitted")
 
@@ -56,7 +56,7 @@ def test_a_refusal_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     assert os.sched_getscheduler(0) == before
 
 
-def test_punctual_for_a_while_ends_as_it_began(monkeypatch: pytest.MonkeyPatch, other: int) -> None:
+def test_real_time_priority_ends_with_its_context(monkeypatch: pytest.MonkeyPatch, other: int) -> None:
     asked = Asked(monkeypatch)
     with realtime():
         assert gc.get_freeze_count() > 0
@@ -71,7 +71,7 @@ def test_punctual_for_a_while_ends_as_it_began(monkeypatch: pytest.MonkeyPatch, 
     assert not asked.of_thread(begun_within.native_id or 0), "a device's thread keeps what it began with"
 
 
-def test_what_computes_while_it_waits_has_no_real_time_priority(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_busy_waiting_code_has_no_real_time_priority(monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[int] = []
     monkeypatch.setattr(os, "sched_setscheduler", lambda pid, policy, p: asked.append(policy))
     with ordinary():

@@ -27,7 +27,7 @@ INVALID_INTEGER = st.one_of(NOT_FINITE, NO_NUMBER, st.floats(), st.just(np.int64
 
 @st.composite
 def invalid_vectors(draw: st.DrawFn, length: int) -> Any:
-    """Tuples of a wrong length or with an invalid number, and values that are no tuples."""
+    """Tuples of a wrong length or with an invalid number, and values of other types."""
     valid: list[Any] = draw(st.lists(st.floats(-1, 1), min_size=length, max_size=length))
     kind = draw(st.sampled_from(["number", "shorter", "longer", "list", "array", "other"]))
     if kind == "number":
@@ -118,7 +118,7 @@ def test_opening_far_outside_the_range_of_the_fingers_is_rejected(opening_m: flo
 
 @st.composite
 def specs(draw: st.DrawFn) -> GripperSpec:
-    """Grippers with a nominal or a measured range, the measured openings in part equal."""
+    """Grippers with a nominal or a measured range; some measured openings are equal."""
     steps = draw(st.integers(1, 400))
     resolution_m = draw(st.floats(1e-4, 2e-3))
     at = sorted(draw(st.sets(st.integers(0, 2 * steps), max_size=6)))
@@ -128,8 +128,8 @@ def specs(draw: st.DrawFn) -> GripperSpec:
 
 
 @given(spec=specs())
-def test_opening_of_a_position_stands_for_that_position(spec: GripperSpec) -> None:
-    """Whatever was measured, openings fall strictly, and each one is turned back into its position."""
+def test_opening_and_position_in_counts_convert_both_ways(spec: GripperSpec) -> None:
+    """For any measurement, openings decrease strictly, and each one is converted back to its position."""
     openings = [spec.opening_at(step) for step in range(spec.steps + 1)]
     assert [spec.step_at(opening_m) for opening_m in openings] == list(range(spec.steps + 1))
     assert all(more > less for more, less in pairwise(openings))

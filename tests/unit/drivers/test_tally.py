@@ -1,4 +1,4 @@
-"""What is dropped, repeated and frozen, and that encoded bytes and pixels tell the same."""
+"""Counting of dropped, repeated and frozen frames; encoded bytes and pixels give the same result."""
 
 from dataclasses import replace
 
@@ -16,7 +16,7 @@ def frame(number: int, brightness: int, jpeg: bytes | None = None) -> Frame:
 
 
 @given(st.sets(st.integers(0, 60), min_size=1))
-def test_gaps_in_the_numbers_are_drops(numbers: set[int]) -> None:
+def test_gaps_in_sequence_numbers_count_as_drops(numbers: set[int]) -> None:
     tally = FrameTally()
     for number in sorted(numbers):
         tally.add(frame(number, number))
@@ -73,7 +73,7 @@ def test_late_repeated_and_slow_frames_are_not_jumps() -> None:
 
 
 @given(st.lists(st.integers(0, 2**63 - 1), max_size=40))
-def test_a_stream_is_never_given_up(times_ns: list[int]) -> None:
+def test_stream_is_never_abandoned_after_jumped_times(times_ns: list[int]) -> None:
     times = StreamTimes()
     for time_ns in times_ns:
         times.follows(time_ns)
@@ -81,7 +81,7 @@ def test_a_stream_is_never_given_up(times_ns: list[int]) -> None:
     assert all([times.follows(start + n * PERIOD_NS) for n in range(5)][2:])
 
 
-def test_the_tally_counts_what_jumped() -> None:
+def test_tally_counts_jumped_frames() -> None:
     tally = FrameTally()
     for number in range(10):
         tally.add(

@@ -1,4 +1,4 @@
-"""A lift on a simulated bench that nobody draws, and a person who presses Ctrl-C when something is so."""
+"""Lifts on a simulated bench without images, and a person who presses Ctrl-C under a given condition."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -38,7 +38,7 @@ class Touching(LiftObserver):
 
 
 class SwitchedFaults(FaultScript):
-    """Faults of the gripper that a test switches on while a lift is under way."""
+    """Faults of the gripper that a test switches on during a lift."""
 
     on: ClassVar[set[str]] = set()
 
@@ -48,16 +48,16 @@ class SwitchedFaults(FaultScript):
 
 @dataclass
 class LiftOf:
-    """A lift to be carried out, and what happened to the bench meanwhile."""
+    """A lift to execute, and a trace of the bench meanwhile."""
 
     made: LearningBench
     plan: LiftPlan
     observer: Touching
     trace: list[tuple[float, float, int, bool]] = field(default_factory=list)
-    """Tool's x and z, m, counts of the fingers, and whether they press on something, every 8 ms."""
+    """x and z of the tool, m, counts of the fingers, and whether they press an object, every 8 ms."""
     interruptions: list[tuple[When, Exception]] = field(default_factory=list)
     interrupted_at: list[int] = field(default_factory=list)
-    """Places in the trace."""
+    """Heights and positions in the trace."""
     kept: list[HandState] = field(default_factory=list)
 
     @property
@@ -66,12 +66,13 @@ class LiftOf:
 
     @property
     def pose(self) -> Pose:
-        """Of the tool, from the world: the arm's state would solve its joints as well, ten times the work."""
+        """Position of the tool, from the world: the arm's state would also solve its joints, at ten times
+        the cost."""
         return self.bench.arm._world.tool_pose_at(self.bench.clock.now_ns())  # type: ignore[attr-defined]
 
     @property
     def height_m(self) -> float:
-        """Of the tool over the grasp."""
+        """Height of the tool over the grasp."""
         return self.pose.position_m[2] - self.plan.base_T_grasp.position_m[2]
 
     @property
@@ -83,7 +84,7 @@ class LiftOf:
         return self.made.force_n(self.bench.clock.now_ns()) > 0.0
 
     def run(self) -> str:
-        """Carry it out; return how it ended: the notes of its error, or "done"."""
+        """Execute the lift; return the notes of its error, or "done"."""
         try:
             run_lift(self.bench, self.plan, self.observer)
         except (OperatorStopError, DeviceError) as error:
@@ -91,15 +92,15 @@ class LiftOf:
         return "done"
 
     def break_gripper(self, kind: str) -> None:
-        """Switch on one of the faults that `fakes.faults.KINDS` lists for a gripper."""
+        """Switch on one of the gripper faults in `fakes.faults.KINDS`."""
         SwitchedFaults.on.add(kind)
 
     def interrupt(self, when: When, by: Exception | None = None) -> None:
-        """Let a signal (or a fault) come as soon as something is so."""
+        """Send a signal (or start a fault) as soon as a condition holds."""
         self.interruptions.append((when, by or OperatorStopError("stopped")))
 
     def see(self) -> None:
-        """Note how things are, and interrupt where the time has come."""
+        """Append to the trace, and interrupt if the time has come."""
         try:
             x, _, z = self.pose.position_m
             self.trace.append((x, z, self.counts, self.held))
@@ -112,10 +113,8 @@ class LiftOf:
 
 @pytest.fixture
 def lift_of(monkeypatch: pytest.MonkeyPatch) -> Callable[..., LiftOf]:
-    """Makes a connected, activated bench with an object in its place: `lift_of(object_id="t1")`.
-
-    step_m: resolution of the gripper, that of a Robotiq 3-Finger if None.
-    """
+    """Create a connected, activated bench with an object at its place: `lift_of(object_id="t1")`. step_m:
+    resolution of the gripper; None: that of a Robotiq 3-Finger."""
     lifts: list[LiftOf] = []
     SwitchedFaults.on.clear()
     passes = SimulatedClock.sleep_until

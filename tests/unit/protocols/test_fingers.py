@@ -1,4 +1,4 @@
-"""Finger motions are verified: a gripper that disobeys never leads to a moving arm."""
+"""Finger motions are verified: if the gripper disobeys, the arm does not move."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -21,13 +21,13 @@ from support.marks import long
 LiftOf = Callable[..., Any]
 MOTIONLESS = ("blocked", "stuck", "false_success")
 SEEN = ("blocked", "stuck", "overshoot")
-"""Faults that the reported positions show."""
+"""Faults that are visible in the reported positions."""
 SET_DOWN_M = 0.001
-"""An object lower than this above its place rests on its support."""
+"""An object lower than this above its place is on its support."""
 
 
 class NobodyAtTheTerminal(ConsoleOperator):
-    """An operator of a run with --yes and no terminal: agrees beforehand, cannot look."""
+    """An operator of a run with --yes and without a terminal: agrees beforehand, cannot inspect the bench."""
 
     def __init__(self) -> None:
         self.asked: list[str] = []
@@ -101,7 +101,7 @@ def test_failed_release_leaves_arm_at_the_place_with_the_object_held(
 
 
 @pytest.mark.parametrize("real_counts", [0, 1, 2])
-def test_grip_that_exists_in_the_reports_only_is_not_lifted(lift_of: LiftOf, real_counts: int) -> None:
+def test_falsely_reported_grip_is_not_lifted(lift_of: LiftOf, real_counts: int) -> None:
     """The fault begins at the first contact, or after one or two of the three counts of tightening."""
     lift = lift_of()
     assert lift.plan.grip_steps == 3
@@ -194,7 +194,7 @@ def test_failed_opening_of_a_free_hand_makes_it_unknown(lift_of: LiftOf) -> None
 @pytest.mark.slow
 @pytest.mark.parametrize("step_m", [0.001, pytest.param(0.0002, marks=pytest.mark.long)])
 def test_grips_are_distances_whatever_the_resolution_of_the_gripper(lift_of: LiftOf, step_m: float) -> None:
-    """The wrench's file says 1.9 to 3.7 mm; the fingers close in steps of another gripper."""
+    """The wrench's object file has grips of 1.9 to 3.7 mm; this gripper closes in other steps."""
     lift = lift_of(step_m=step_m)
     least_m, most_m = find_grasp_file("t1").grip_m
     assert least_m - step_m <= lift.plan.grip_steps * step_m <= most_m + step_m

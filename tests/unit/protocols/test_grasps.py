@@ -1,4 +1,4 @@
-"""The object files: what a reaction to slip may close to."""
+"""The object files: the largest grip of a reaction to slip."""
 
 from pathlib import Path
 
@@ -13,7 +13,7 @@ STIFFNESS_N_M = 420.0
 
 
 @pytest.mark.parametrize("object_id", TRIAL_OBJECTS)
-def test_the_largest_grip_of_a_trial_object_is_above_its_light_ones_and_marks_nothing(object_id: str) -> None:
+def test_largest_grip_of_a_trial_object_exceeds_its_light_grips(object_id: str) -> None:
     grasp_file, model = find_grasp_file(object_id), find_object(object_id)
     largest = grasp_file.require_largest_grip()
     assert largest > max(grasp_file.grip_m)
@@ -21,7 +21,7 @@ def test_the_largest_grip_of_a_trial_object_is_above_its_light_ones_and_marks_no
     assert model.marked_above_n is None or swaying_n < model.marked_above_n
 
 
-def test_an_object_without_a_largest_grip_is_refused_with_what_to_do() -> None:
+def test_object_without_largest_grip_is_refused_with_advice() -> None:
     with pytest.raises(InputError, match=r"3 orange.*no largest_grip_mm.*--react stop"):
         find_grasp_file("orange").require_largest_grip()
 

@@ -1,4 +1,4 @@
-"""The way down ends where the hand meets something, and the lift with it, by name."""
+"""A downward motion stops at contact, and the lift ends with a named fault."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -18,14 +18,14 @@ from protocols.steps import CLEARANCE_M, LOWER_SPEED_M_S, MOTION_TIMEOUT_S, move
 
 
 def raise_table(bench: Any, floor_z_m: float) -> None:
-    """Have the simulated table stand higher than the bench file says."""
+    """Make the simulated table higher than in the bench file."""
     arm = bench.arm
     assert isinstance(arm, FakeArm)
     world = arm._world
     world.layout = replace(world.layout, floor_z_m=floor_z_m)
 
 
-def test_fingers_that_meet_the_table_on_their_way_down_stop_and_rise(lift_of: Callable[[], Any]) -> None:
+def test_arm_stops_and_rises_if_the_fingers_meet_the_table(lift_of: Callable[[], Any]) -> None:
     lift = lift_of()
     grasp_z_m = lift.plan.base_T_grasp.position_m[2]
     floor_z_m = grasp_z_m + 0.02
@@ -40,7 +40,9 @@ def test_fingers_that_meet_the_table_on_their_way_down_stop_and_rise(lift_of: Ca
     assert lift.height_m == pytest.approx(CLEARANCE_M, abs=2e-3)
 
 
-def test_the_limit_is_the_bench_files(lift_of: Callable[[], Any], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_force_limit_is_that_of_the_bench_file(
+    lift_of: Callable[[], Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
     lift = lift_of()
     limits = replace(lift.bench.arm.limits, max_contact_force_n=1e4)
     monkeypatch.setattr(FakeArm, "limits", property(lambda arm: limits))
@@ -49,7 +51,7 @@ def test_the_limit_is_the_bench_files(lift_of: Callable[[], Any], monkeypatch: p
 
 
 @pytest.mark.slow
-def test_an_object_that_is_set_down_is_nothing_met(lift_of: Callable[..., Any]) -> None:
+def test_setting_down_an_object_is_not_reported_as_contact(lift_of: Callable[..., Any]) -> None:
     for object_id in ("t1", "7", "9"):
         assert lift_of(object_id).run() == "done"
 
@@ -90,7 +92,7 @@ NAN = float("nan")
 def test_descent_stops_at_invalid_wrench(
     lift_of: Callable[[], Any], monkeypatch: pytest.MonkeyPatch, before: Any, after: Any
 ) -> None:
-    """Each comparison with NaN is false: it would let the arm push with any force."""
+    """Comparisons with NaN are false, so the arm would push with any force."""
     lift = lift_of()
     bench = lift.bench
     start = bench.arm.state().base_T_tcp

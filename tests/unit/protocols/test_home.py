@@ -1,4 +1,4 @@
-"""The way home: rising first, within limits; where the arm is home, nothing moves."""
+"""The way home: it rises first, stays within limits, and causes no motion if the arm is home."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
@@ -22,7 +22,7 @@ HOME = (0.45, 0.0, 0.30)
 
 @dataclass
 class WatchedArm(Arm):
-    """The simulated arm, where it was sent, how often it was stopped; lost once it was sent so often."""
+    """The simulated arm; it records targets and stops, and is lost after a number of motions."""
 
     arm: Arm
     sent: list[Pose] = field(default_factory=list)
@@ -80,7 +80,7 @@ def test_home_is_reached_by_rising_then_across_then_down(watched: tuple[Bench, W
     assert bench.arm.state().base_T_tcp.position_m == pytest.approx(HOME)
 
 
-def test_from_above_home_the_arm_goes_across_first_and_comes_down_over_home(
+def test_arm_above_home_height_travels_first_and_then_descends(
     watched: tuple[Bench, WatchedArm],
 ) -> None:
     bench, arm = watched
@@ -89,7 +89,7 @@ def test_from_above_home_the_arm_goes_across_first_and_comes_down_over_home(
     assert [pose.position_m for pose in arm.sent] == [(HOME[0], HOME[1], 0.40), HOME]
 
 
-def test_a_home_just_above_the_table_is_not_reached_through_the_objects(
+def test_way_to_a_low_home_avoids_the_objects(
     watched: tuple[Bench, WatchedArm],
 ) -> None:
     bench, arm = watched
@@ -100,7 +100,7 @@ def test_a_home_just_above_the_table_is_not_reached_through_the_objects(
     assert [pose.position_m[2] for pose in arm.sent] == pytest.approx([over, over, 0.08])
 
 
-def test_at_home_nothing_moves(watched: tuple[Bench, WatchedArm]) -> None:
+def test_no_motion_if_the_arm_is_home(watched: tuple[Bench, WatchedArm]) -> None:
     bench, arm = watched
     make_ready(bench, ConsoleOperator(lambda _: False))
     assert not arm.sent
@@ -124,7 +124,7 @@ def test_arm_lost_on_the_way_home_is_stopped(watched: tuple[Bench, WatchedArm]) 
     assert bench.arm.state().base_T_tcp.position_m != pytest.approx(HOME)
 
 
-def test_without_a_look_after_a_fault_the_arm_stays(watched: tuple[Bench, WatchedArm]) -> None:
+def test_arm_stays_after_a_fault_without_an_inspection(watched: tuple[Bench, WatchedArm]) -> None:
     bench, arm = watched
     stand_at(bench, arm, 0.50, 0.0, 0.16)
     with pytest.raises(OperatorStopError):

@@ -1,4 +1,4 @@
-"""The pump: every frame once, the fingertips' in the order of capture, whatever phases and jitter."""
+"""The pump delivers every frame once, fingertips in order of capture, for all phases and jitter."""
 
 from dataclasses import replace
 from itertools import pairwise
@@ -23,7 +23,7 @@ BENCH = load_bench("fake")
 
 
 class Seen:
-    """An observer that notes what it is shown."""
+    """An observer that records what it receives."""
 
     def __init__(self) -> None:
         self.frames: list[Frame] = []
@@ -40,7 +40,7 @@ class Seen:
 
 
 def pumped(shutters: list[Shutter], duration_s: float) -> tuple[list[Frame], int]:
-    """The frames of three sources with these shutters, and when the pump was told to start."""
+    """The frames of three sources with these shutter times, and the start time of the pump."""
     bench, _ = build_bench(BENCH)
     assert isinstance(bench.clock, SimulatedClock)
 
@@ -67,7 +67,7 @@ PHASES = st.floats(0.0, 0.016)
 
 
 @given(PHASES, PHASES, PHASES, st.floats(0.0, 0.0015))
-def test_fingertips_frames_are_delivered_in_the_order_of_capture_none_missing(
+def test_all_frames_of_the_fingertips_are_delivered_in_order_of_capture(
     one: float, two: float, three: float, jitter_s: float
 ) -> None:
     shutters = [Shutter(60.0, one, jitter_s=jitter_s), Shutter(60.0, two), Shutter(30.0, three, 0.02)]
@@ -93,7 +93,7 @@ def test_a_fingertips_frame_does_not_wait_for_a_slow_camera() -> None:
 
 
 @pytest.mark.parametrize("phase_s", [0.0, 0.005, 0.008, 0.014])
-def test_no_picture_of_the_camera_is_begun_shortly_before_a_fingertips_frame_is_due(phase_s: float) -> None:
+def test_camera_picture_is_not_processed_shortly_before_a_fingertip_frame(phase_s: float) -> None:
     tips = [Shutter(60.0, 0.0, jitter_s=0.0), Shutter(60.0, 0.003, jitter_s=0.0)]
     frames, _ = pumped([*tips, Shutter(30.0, phase_s, jitter_s=0.0)], 0.5)
     order = [frame.serial for frame in frames]
@@ -114,7 +114,7 @@ def test_silent_camera_is_an_error_while_the_fingertips_continue() -> None:
         assert bench.clock.now_ns() - silent_ns < to_ns(0.4)
 
 
-def test_a_while_ends_when_its_last_frame_was_delivered_not_before() -> None:
+def test_run_for_ends_after_its_last_frame_is_delivered() -> None:
     late = Shutter(60.0, 0.0, latency_s=0.3)
     frames, began = pumped([late, Shutter(60.0, 0.002), Shutter(30.0, 0.005)], 0.4)
     last = max(frame.time_ns for frame in frames if frame.serial == "S0")

@@ -1,4 +1,4 @@
-"""What the hand does about a slip, on a simulated bench and with slips that are told by a script."""
+"""Reactions to slips that a script reports, on a simulated bench."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -23,7 +23,7 @@ STEP = ReactionStep
 
 @dataclass
 class Script:
-    """Says that the object slips at some heights of the lift, and at rest after so many closings."""
+    """Reports slips at given heights of the lift, and rest after a number of closings."""
 
     lift: Any
     at_m: list[float]
@@ -70,7 +70,7 @@ def test_without_reaction_a_slip_changes_nothing(lift_of: LiftOf) -> None:
     assert script.steps == []
 
 
-def test_tighten_stands_while_it_closes_and_then_lifts_on_to_full_height(lift_of: LiftOf) -> None:
+def test_tighten_stops_the_arm_while_closing_and_then_completes_the_lift(lift_of: LiftOf) -> None:
     lift = lift_of()
     script = reacted(lift, ReactionKind.TIGHTEN, Script(lift, [0.010]))
     assert [s for s, _, _ in script.steps] == [STEP.STOP, STEP.STANDS, STEP.CLOSE, STEP.CLOSED, STEP.REST]
@@ -81,14 +81,14 @@ def test_tighten_stands_while_it_closes_and_then_lifts_on_to_full_height(lift_of
     assert script.reached_m == pytest.approx(lift.plan.lift_height_m, abs=1e-6)
 
 
-def test_each_closing_is_twice_as_far_as_the_one_before(lift_of: LiftOf) -> None:
+def test_each_closing_is_twice_the_previous_one(lift_of: LiftOf) -> None:
     lift = lift_of()
     script = reacted(lift, ReactionKind.TIGHTEN, Script(lift, [0.005, 0.010], closings=2), largest=200)
     before = script.positions(STEP.STOP)[0]
     assert [c - before for c in script.positions(STEP.CLOSED)] == [6, 18, 42, 70]  # the closed end
 
 
-def test_it_never_closes_beyond_the_largest_grip(lift_of: LiftOf) -> None:
+def test_reaction_never_closes_beyond_the_largest_grip(lift_of: LiftOf) -> None:
     lift = lift_of()
     slips = Script(lift, [0.005, 0.010, 0.015])
     script = reacted(lift, ReactionKind.TIGHTEN, slips, largest=lift.plan.grip_steps + 10)
@@ -98,7 +98,7 @@ def test_it_never_closes_beyond_the_largest_grip(lift_of: LiftOf) -> None:
     assert script.reached_m == pytest.approx(lift.plan.lift_height_m, abs=1e-6)
 
 
-def test_a_slip_at_the_largest_grip_ends_the_lift_where_one_more_would_be_too_much(lift_of: LiftOf) -> None:
+def test_slip_at_the_largest_grip_ends_the_lift_if_another_would_exceed_the_limit(lift_of: LiftOf) -> None:
     lift = lift_of()
     slips = Script(lift, [0.006, 0.010, 0.014], too_much=True)
     script = reacted(lift, ReactionKind.TIGHTEN, slips, largest=lift.plan.grip_steps + FIRST_CLOSING_STEPS)
@@ -107,7 +107,7 @@ def test_a_slip_at_the_largest_grip_ends_the_lift_where_one_more_would_be_too_mu
     assert script.reached_m < 0.012 < lift.plan.lift_height_m
 
 
-def test_an_object_that_slips_too_often_is_lifted_no_higher(lift_of: LiftOf) -> None:
+def test_lift_ends_after_too_many_slips(lift_of: LiftOf) -> None:
     lift = lift_of()
     script = reacted(lift, ReactionKind.TIGHTEN, Script(lift, [0.004] * 20, closings=0), largest=250)
     stops = script.positions(STEP.STOP)
@@ -116,7 +116,7 @@ def test_an_object_that_slips_too_often_is_lifted_no_higher(lift_of: LiftOf) -> 
     assert script.reached_m < 0.01
 
 
-def test_a_slip_at_the_largest_grip_that_ends_by_itself_lets_the_lift_go_on(lift_of: LiftOf) -> None:
+def test_lift_continues_if_a_slip_at_the_largest_grip_ends(lift_of: LiftOf) -> None:
     lift = lift_of()
     slips = Script(lift, [0.010], closings=0)
     script = reacted(lift, ReactionKind.TIGHTEN, slips, largest=lift.plan.grip_steps)
@@ -142,14 +142,14 @@ def test_lower_sets_down_sooner_than_stop(lift_of: LiftOf) -> None:
     assert held_s(ReactionKind.LOWER) < held_s(ReactionKind.STOP) - 0.5
 
 
-def test_a_slip_while_it_is_held_is_answered_as_well(lift_of: LiftOf) -> None:
+def test_slip_in_the_hold_phase_causes_a_reaction(lift_of: LiftOf) -> None:
     lift = lift_of()
     script = reacted(lift, ReactionKind.TIGHTEN, Script(lift, [lift.plan.lift_height_m]))
     assert script.steps[-1][0] is STEP.REST
     assert lift.height_m > 0.05  # risen beside it, after it was set down
 
 
-def test_a_fault_in_a_reaction_ends_as_any_other(lift_of: LiftOf) -> None:
+def test_fault_in_a_reaction_ends_like_any_other_fault(lift_of: LiftOf) -> None:
     lift = lift_of()
     script = Script(lift, [0.010])
     lift.interrupt(lambda: bool(script.positions(STEP.CLOSE)), DeviceError("arm: gone"))

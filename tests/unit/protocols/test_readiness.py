@@ -1,4 +1,4 @@
-"""Before the first motion: what is in the hand is looked at, asked about where it has to be, and set down."""
+"""Before the first motion the rig checks the hand, asks if necessary, and sets an object down."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -17,7 +17,7 @@ LiftOf = Callable[..., Any]
 
 
 class Person(ConsoleOperator):
-    """Says the same to every question; was asked `asked`. Agreed beforehand, as --yes does."""
+    """Gives the same answer to every question and records `asked`. It agrees beforehand, like --yes."""
 
     def __init__(self, says: bool = True) -> None:
         self.asked: list[str] = []
@@ -25,7 +25,7 @@ class Person(ConsoleOperator):
 
 
 def left_in_the_air(lift_of: LiftOf) -> Any:
-    """A lift whose program was killed while the object hung in the fingers."""
+    """A lift whose program was killed while the object was in the fingers."""
     lift = lift_of()
     lift.interrupt(lambda: lift.observer.phase_now is Phase.HOLD)
     lift.interrupt(lambda: True)
@@ -36,7 +36,7 @@ def left_in_the_air(lift_of: LiftOf) -> Any:
 
 
 def restarted(lift: Any, state: HandState) -> Any:
-    """The same bench as another program finds it."""
+    """The same bench in a new program."""
     return replace(lift.bench, hand=Hand(state, lift.kept.append))
 
 
@@ -80,7 +80,7 @@ def test_fingers_closed_for_unknown_reason_open_only_after_a_question(lift_of: L
         assert lift.held
 
 
-def test_open_fingers_hold_nothing_whatever_was_recorded(lift_of: LiftOf) -> None:
+def test_open_fingers_override_a_recorded_object(lift_of: LiftOf) -> None:
     lift, person = lift_of(), Person(says=False)
     place = lift.plan.base_T_grasp
     for known in (

@@ -1,4 +1,4 @@
-"""The imprint of a contact: how much of it a release leaves, whatever the light does."""
+"""The imprint of a contact, and how much of it remains after a release, in any light."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ SIZE = (320, 240, 3)
 
 
 def gel(contact: float = 0.0, light: float = 1.0, drift: float = 0.0, seed: int = 0) -> Image:
-    """A gel with noise, a bar of contact, light of some strength, and light that drifts across the frame."""
+    """A gel with noise, a bar-shaped contact, light of some strength, and drifting light across the frame."""
     rng = np.random.default_rng(seed)
     image = rng.normal(110.0, 2.0, SIZE)
     image[140:170, 80:160] += 60.0 * contact
@@ -31,14 +31,12 @@ def untouched() -> Imprint:
     strength=st.floats(0.2, 1.0),
     seed=st.integers(9, 99),
 )
-def test_release_is_seen_whatever_the_light_does(
-    light: float, drift: float, strength: float, seed: int
-) -> None:
+def test_release_is_detected_in_any_light(light: float, drift: float, strength: float, seed: int) -> None:
     held = imprint(gel(strength, seed=100))
     assert share_left(untouched(), held, imprint(gel(0.0, light, drift, seed))) < LEFT_SHARE
     assert share_left(untouched(), held, imprint(gel(strength, light, drift, seed))) > LEFT_SHARE
 
 
-def test_print_left_in_the_gel_is_no_contact() -> None:
+def test_remaining_imprint_in_the_gel_is_not_a_contact() -> None:
     held = imprint(gel(1.0))
     assert share_left(untouched(), held, imprint(gel(0.3, seed=9))) == pytest.approx(0.3, abs=0.1)

@@ -1,4 +1,4 @@
-"""How a lift ends that ends early: by what is known of the hand; and a second Ctrl-C ends that, too."""
+"""The early end of a lift depends on the state of the hand; a second Ctrl-C ends that, too."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -15,14 +15,14 @@ from protocols.steps import CLEARANCE_M
 
 LiftOf = Callable[..., Any]
 STOPPING_M = 0.0025
-"""The simulated arm stops at once; between two looks of the trace it moves by 2 mm."""
+"""The simulated arm stops at once; between two samples of the trace it moves by 2 mm."""
 
 
 def lowest(lift: Any, since: int) -> float:
     return min(z for _, z, _, _ in lift.trace[since:])
 
 
-def test_a_lift_that_is_not_interrupted_leaves_a_free_hand(lift_of: LiftOf) -> None:
+def test_uninterrupted_lift_ends_with_a_free_hand(lift_of: LiftOf) -> None:
     lift = lift_of()
     assert lift.run() == "done"
     assert lift.bench.hand.state.holding is Holding.FREE
@@ -41,7 +41,7 @@ def test_arm_stops_in_place_if_nothing_is_held_and_hand_is_clear(lift_of: LiftOf
     assert lift.bench.hand.state.holding is Holding.FREE
 
 
-def test_a_fault_before_the_approach_moves_nothing_at_all(lift_of: LiftOf) -> None:
+def test_fault_before_the_approach_causes_no_motion(lift_of: LiftOf) -> None:
     lift = lift_of()
     before = lift.pose
     lift.interrupt(lambda: True, DeviceError("gripper: no answer"))
@@ -49,7 +49,7 @@ def test_a_fault_before_the_approach_moves_nothing_at_all(lift_of: LiftOf) -> No
     assert lift.pose == before
 
 
-def test_around_the_object_the_fingers_open_and_the_arm_rises_straight_up(lift_of: LiftOf) -> None:
+def test_open_hand_around_the_object_opens_wide_and_rises_straight_up(lift_of: LiftOf) -> None:
     lift = lift_of()
     lift.interrupt(lambda: lift.observer.phase_now is Phase.REFERENCE)
     note = lift.run()
@@ -111,7 +111,7 @@ def test_lost_gripper_keeps_its_grip_and_the_arm_stays(lift_of: LiftOf) -> None:
     assert lift.height_m == pytest.approx(lift.height_at_loss, abs=STOPPING_M)
 
 
-def test_a_stop_of_the_safety_system_is_seen_while_the_lift_waits_for_something_else(
+def test_protective_stop_is_detected_during_any_wait_of_the_lift(
     lift_of: LiftOf, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     lift = lift_of()
@@ -173,7 +173,7 @@ def test_an_object_too_wide_for_the_hand_is_refused_before_anything_moves(lift_o
 
 
 @pytest.mark.parametrize("z_m", [0.10, 0.20])
-def test_a_plan_that_leads_into_a_box_is_refused_before_anything_moves(
+def test_plan_into_a_keep_out_box_is_refused_before_any_motion(
     lift_of: LiftOf, monkeypatch: pytest.MonkeyPatch, z_m: float
 ) -> None:
     lift = lift_of()
@@ -188,7 +188,7 @@ def test_a_plan_that_leads_into_a_box_is_refused_before_anything_moves(
     assert (lift.pose, lift.counts) == before
 
 
-def test_a_hand_that_stands_low_rises_before_it_goes_anywhere(lift_of: LiftOf) -> None:
+def test_low_hand_rises_before_it_travels(lift_of: LiftOf) -> None:
     lift = lift_of()
     low = lift.plan.base_T_grasp.translated(x_m=0.12, z_m=0.01)
     lift.bench.arm.move_linear(low, 0.25, 1.0).wait(5.0)

@@ -1,4 +1,4 @@
-"""Teaching at a simulated bench: led by hand or stepped by keys, and held, standing, however it ends."""
+"""Teaching on a simulated bench, guided by hand or stepped by keys; the arm is held at any end of it."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -25,7 +25,7 @@ def made(light_bench: BenchConfig) -> Iterator[tuple[Bench, Operator]]:
 
 
 class Person:
-    """A person at the bench who says and does as the test says."""
+    """A person at the bench whose answers and actions the test sets."""
 
     def __init__(self, there: Callable[[], bool] = lambda: False, keys: str = "") -> None:
         self._there, self.keys, self.questions = there, list(keys), []
@@ -51,7 +51,7 @@ def moves_when_pushed(bench: Bench) -> bool:
     return bench.arm.state().base_T_tcp != here
 
 
-def test_the_arm_is_where_it_was_led_and_held_there(made: tuple[Bench, Operator]) -> None:
+def test_guided_arm_is_held_at_the_pose_it_was_led_to(made: tuple[Bench, Operator]) -> None:
     bench, operator = made
     where = bench.arm.state().base_T_tcp.translated(x_m=0.05, z_m=-0.1)
     there = lead_by_hand(bench, operator, "", where, 30.0)

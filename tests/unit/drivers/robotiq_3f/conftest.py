@@ -1,4 +1,4 @@
-"""A gripper on the wire, in a world whose time runs five times as fast as ours, and what is asked of it."""
+"""A simulated gripper server whose world runs at five times real time, and helpers to inspect it."""
 
 import time
 from collections.abc import Callable, Iterator
@@ -19,7 +19,7 @@ Wire = GripperServer | GripperRtu
 
 
 class HurriedClock(SystemClock):
-    """The world's time, so that nobody waits for fingers."""
+    """World clock at five times real time, so that tests do not wait for fingers."""
 
     def now_ns(self) -> int:
         return 5 * super().now_ns()
@@ -32,7 +32,7 @@ def world() -> World:
 
 @pytest.fixture(params=["tcp", "rtu"])
 def wire(request: pytest.FixtureRequest, world: World, tmp_path: Path) -> Iterator[tuple[Wire, Link]]:
-    """A gripper, served as the preset says, and the link to it."""
+    """A gripper server for a preset, and the link to it."""
     clock = HurriedClock()
     if request.param == "rtu":
         fake: Wire = GripperRtu(world, clock, tmp_path / "gripper", activation_s=0.1)
@@ -56,7 +56,7 @@ def server(world: World) -> Iterator[GripperServer]:
 
 @pytest.fixture
 def gripper(server: GripperServer) -> Iterator[Robotiq3F]:
-    """Over TCP, connected and activated, as fast as the gripper goes."""
+    """A connected and activated gripper over TCP, at full speed."""
     gripper = Robotiq3F(tcp_link(*server.address), speed_m_s=0.11)
     gripper.connect()
     gripper.activate()
@@ -72,7 +72,7 @@ def written() -> Callable[[Wire], bytes]:
 
 @pytest.fixture
 def raised_by() -> Callable[[Callable[[], object]], DeviceError]:
-    """The error that a repeated call raises sooner or later; how soon is for the benchmark."""
+    """Repeat a call until it raises, and return the error. The benchmark measures the delay."""
 
     def raised(call: Callable[[], object]) -> DeviceError:
         give_up = time.monotonic() + 10.0
@@ -89,7 +89,7 @@ def raised_by() -> Callable[[Callable[[], object]], DeviceError]:
 
 @pytest.fixture
 def reach() -> Callable[[Robotiq3F, int], None]:
-    """Wait until the fingers have passed a position on their way."""
+    """Wait until the fingers have passed a position."""
 
     def wait(gripper: Robotiq3F, counts: int) -> None:
         while counts_of(gripper) <= counts:

@@ -1,4 +1,4 @@
-"""The gripper's driver against a gripper on the wire, over TCP and over a serial line."""
+"""The gripper's driver with a simulated gripper, over TCP and over a serial line."""
 
 import threading
 import time
@@ -56,7 +56,7 @@ def test_gripper_activates_moves_and_stops_over_every_transport(
 
 
 @pytest.mark.parametrize(("fingers", "requests"), [(("A", "B"), (50, 50, 6)), (("A", "B", "C"), (50, 0, 0))])
-def test_the_fingers_that_grasp_are_the_users_choice(
+def test_only_the_chosen_fingers_move(
     server: GripperServer, fingers: tuple[str, ...], requests: tuple[int, int, int], written: Written
 ) -> None:
     gripper = Robotiq3F(tcp_link(*server.address), fingers=fingers, speed_m_s=0.11)
@@ -69,10 +69,10 @@ def test_the_fingers_that_grasp_are_the_users_choice(
     gripper.disconnect()
 
 
-def test_a_status_without_the_echo_is_not_believed(
+def test_status_without_the_echo_of_the_command_is_ignored(
     gripper: Robotiq3F, server: GripperServer, raised_by: RaisedBy
 ) -> None:
-    """The gripper acknowledges, and goes on telling of the motion before."""
+    """The gripper acknowledges the command, but still reports the previous motion."""
     gripper.move_to(opening_m(gripper, 20)).wait(5.0)
     server.inject("deaf")
     motion = gripper.move_to(opening_m(gripper, 30))
@@ -83,7 +83,7 @@ def test_a_status_without_the_echo_is_not_believed(
 
 
 def set_mode(server: GripperServer, mode: GraspMode) -> None:
-    """Set a grasping mode as another master on the wire does, and wait until the scissor axis has turned."""
+    """Set a grasping mode as another master on the bus does, and wait until the scissor axis has turned."""
     host, port = server.address
     with ModbusTcpClient(host, port=port) as client:
         client.write_registers(0, list(pack_command(Command(activate=True, mode=mode))), device_id=2)
@@ -95,7 +95,8 @@ def set_mode(server: GripperServer, mode: GraspMode) -> None:
 
 
 def moved_after_the_change(gripper: Robotiq3F, counts: int) -> Motion:
-    """Ask for a motion until the driver has seen the mode change end too: meanwhile it is refused."""
+    """Repeat a motion command until the driver has detected the end of the mode change; until then it is
+    refused."""
     while True:
         try:
             return gripper.move_to(opening_m(gripper, counts))

@@ -1,4 +1,4 @@
-"""What goes wrong with the gripper's line or the gripper: named, and mended by reconnecting."""
+"""Faults of the gripper and its line are reported, and cleared by reconnecting."""
 
 import re
 import socket
@@ -32,7 +32,7 @@ FAULTS: list[tuple[str, dict[str, object], type[DeviceError], str]] = [
 
 
 @pytest.mark.parametrize(("kind", "arguments", "expected", "says"), FAULTS)
-def test_what_breaks_in_a_motion_is_named_and_mended_by_reconnecting(
+def test_fault_in_a_motion_is_reported_and_cleared_by_reconnecting(
     wire: tuple[Wire, Link],
     kind: str,
     arguments: dict[str, object],
@@ -59,7 +59,7 @@ def test_what_breaks_in_a_motion_is_named_and_mended_by_reconnecting(
     gripper.disconnect()
 
 
-def test_a_lost_activation_is_an_error_until_somebody_activates(
+def test_lost_activation_is_an_error_until_the_next_activation(
     gripper: Robotiq3F, server: GripperServer, raised_by: RaisedBy, written: Written
 ) -> None:
     server.inject("power_lost", duration_s=0.0)
@@ -74,7 +74,7 @@ def test_a_lost_activation_is_an_error_until_somebody_activates(
     assert gripper.state().activated
 
 
-def test_something_in_the_way_of_the_activation_is_fault_13(server: GripperServer) -> None:
+def test_obstacle_during_activation_is_fault_13(server: GripperServer) -> None:
     server.inject("blocked")
     gripper = Robotiq3F(tcp_link(*server.address))
     gripper.connect()
@@ -87,7 +87,7 @@ def test_something_in_the_way_of_the_activation_is_fault_13(server: GripperServe
     gripper.disconnect()
 
 
-def test_reading_goes_on_by_itself_when_the_line_comes_back(
+def test_reading_resumes_when_the_line_recovers(
     gripper: Robotiq3F, server: GripperServer, raised_by: RaisedBy
 ) -> None:
     gripper.move_to(opening_m(gripper, 30)).wait(5.0)
@@ -98,7 +98,7 @@ def test_reading_goes_on_by_itself_when_the_line_comes_back(
     assert counts_of(gripper) == 30
 
 
-def test_a_place_where_no_gripper_is_says_so_soon(raised_by: RaisedBy) -> None:
+def test_address_without_a_gripper_is_reported_quickly(raised_by: RaisedBy) -> None:
     with socket.create_server(("127.0.0.1", 0)) as listener:
         port = listener.getsockname()[1]
         silent = Robotiq3F(tcp_link("127.0.0.1", port))

@@ -1,4 +1,4 @@
-"""The driver against a gripper that is not ours: pymodbus's simulator, slow, strict about its unit."""
+"""The driver with pymodbus's simulator as the gripper: slow, and strict about the unit id."""
 
 import asyncio
 import threading
@@ -19,7 +19,7 @@ COUNTS_PER_S = 300.0
 
 
 class SlowGripper:
-    """Shows what it was told a dozen refreshes later; bytes as in the manual's tables."""
+    """A gripper that reports each command a dozen refreshes later; bytes as in the manual's tables."""
 
     def __init__(self) -> None:
         self.writes: list[tuple[float, bytes]] = [(0.0, bytes(16))]
@@ -35,7 +35,7 @@ class SlowGripper:
         registers: list[int],
         values: list[int] | None,
     ) -> ExcCodes | None:
-        """Both directions: take a written image, or put the status into the registers read."""
+        """Process a written register image, or put the status into the registers that are read."""
         if values is not None:
             data = b"".join(value.to_bytes(2, "big") for value in values)
             self.writes.append((time.monotonic(), data.ljust(16, b"\0")))
@@ -65,7 +65,7 @@ class SlowGripper:
 
 @pytest.fixture
 def foreign() -> Iterator[tuple[SlowGripper, int]]:
-    """The gripper, and the port it is served on."""
+    """The gripper, and the port of its server."""
     gripper, ready, loop = SlowGripper(), threading.Event(), asyncio.new_event_loop()
     ports: list[int] = []
 
@@ -90,7 +90,7 @@ def foreign() -> Iterator[tuple[SlowGripper, int]]:
     loop.close()
 
 
-def test_a_slow_gripper_is_never_believed_too_early(foreign: tuple[SlowGripper, int]) -> None:
+def test_stale_status_of_a_slow_gripper_does_not_end_a_motion(foreign: tuple[SlowGripper, int]) -> None:
     simulated, port = foreign
     gripper = Robotiq3F(tcp_link("127.0.0.1", port))
     gripper.connect()
@@ -111,7 +111,7 @@ def test_a_slow_gripper_is_never_believed_too_early(foreign: tuple[SlowGripper, 
     gripper.disconnect()
 
 
-def test_letting_go_stops_a_motion_that_the_status_does_not_show_yet(
+def test_disconnecting_stops_a_motion_not_yet_in_the_status(
     foreign: tuple[SlowGripper, int],
 ) -> None:
     simulated, port = foreign
@@ -128,7 +128,7 @@ def test_letting_go_stops_a_motion_that_the_status_does_not_show_yet(
     gripper.disconnect()
 
 
-def test_a_gripper_of_the_other_edition_is_refused_with_what_to_try(foreign: tuple[SlowGripper, int]) -> None:
+def test_gripper_with_another_register_map_is_rejected_with_advice(foreign: tuple[SlowGripper, int]) -> None:
     gripper = Robotiq3F(tcp_link("127.0.0.1", foreign[1], preset="tcp-2014"))
     with pytest.raises(DeviceError, match="exception 2; check preset"):
         gripper.connect()

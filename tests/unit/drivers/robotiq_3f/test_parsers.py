@@ -1,4 +1,4 @@
-"""Random, truncated and broken bytes at every parser of the gripper's driver: typed errors only."""
+"""Every parser of the gripper's driver with random, truncated and corrupted bytes: typed errors only."""
 
 import random
 from collections.abc import Callable, Iterator
@@ -20,7 +20,7 @@ LONGEST = 300
 
 
 def broken(good: bytes, dice: random.Random) -> bytes:
-    """A frame as a bad line delivers it: whole, cut, with changed or added bytes, or all noise."""
+    """A frame as a bad line delivers it: complete, truncated, with changed or added bytes, or random."""
     kind = dice.randrange(5)
     if kind == 0:
         return dice.randbytes(dice.randrange(LONGEST))
@@ -35,7 +35,7 @@ def broken(good: bytes, dice: random.Random) -> bytes:
 
 
 def chunks(data: bytes, dice: random.Random) -> Iterator[bytes]:
-    """The same bytes as they may arrive."""
+    """The same bytes in any split."""
     while data:
         size = dice.randrange(1, len(data) + 1)
         yield data[:size]
@@ -43,7 +43,7 @@ def chunks(data: bytes, dice: random.Random) -> Iterator[bytes]:
 
 
 class BabblingTcp(ModbusTcpClient):
-    """A client whose server answers with a broken status, and is then gone."""
+    """A client whose server answers with a corrupted status and then closes the connection."""
 
     dice = random.Random(5)
 
@@ -83,7 +83,7 @@ class BabblingSerial(ModbusSerialClient):
 
 @pytest.mark.fuzz
 @pytest.mark.parametrize("preset", ["tcp", "rtu"])
-def test_any_bytes_from_the_gripper_are_read_or_rejected(preset: str, cases: Callable[[int], int]) -> None:
+def test_any_bytes_from_the_gripper_are_parsed_or_rejected(preset: str, cases: Callable[[int], int]) -> None:
     client = BabblingTcp("nowhere") if preset == "tcp" else BabblingSerial("nowhere")
     requests = StatusClient(Link("gripper", PRESETS[preset], lambda: client), SystemClock())
     read, refused, count = 0, 0, cases(12_000)

@@ -1,4 +1,4 @@
-"""The register map of the 3-Finger gripper, held to the frames printed in its manual."""
+"""The register map of the 3-Finger gripper, compared with the frames printed in its manual."""
 
 import pytest
 from hypothesis import given
@@ -58,17 +58,17 @@ def whole_hand(position: int) -> Command:
         (Command(), "00 00 00 00 00 00"),
     ],
 )
-def test_commands_are_the_manuals(command: Command, written: str) -> None:
+def test_command_registers_match_the_manual(command: Command, written: str) -> None:
     assert pack_command(command) == image(written)
 
 
-def test_individual_requests_lie_in_the_bytes_of_their_fingers() -> None:
+def test_individual_requests_are_packed_in_the_bytes_of_their_fingers() -> None:
     axes = (AxisRequest(1, 2, 3), AxisRequest(4, 5, 6), AxisRequest(7, 8, 9), AxisRequest(10, 11, 12))
     command = Command(activate=True, mode=GraspMode.WIDE, go_to=True, individual_fingers=True, axes=axes)
     assert pack_command(command) == image("0D 04 00 01 02 03 04 05 06 07 08 09 0A 0B 0C")
 
 
-def test_a_finished_grip_reads_as_the_manual_explains_it() -> None:
+def test_status_of_a_finished_grip_matches_the_manual() -> None:
     status = unpack_status(image("B9 EA 00 FF BC 00 00 C1 00 00 BD 00 00 89 00 00"))
     assert status.ready
     assert status.go_to
@@ -89,14 +89,16 @@ def test_a_finished_grip_reads_as_the_manual_explains_it() -> None:
         ("F9 FF 00 00 07 00 00 06 00 00 06 00 00 89 00 00", Stage.READY, MotionStatus.AT_REQUEST, True),
     ],
 )
-def test_statuses_are_the_manuals(read: str, stage: Stage, motion: MotionStatus, ready: bool) -> None:
+def test_status_registers_match_the_manual(
+    read: str, stage: Stage, motion: MotionStatus, ready: bool
+) -> None:
     status = unpack_status(image(read))
     assert (status.stage, status.motion, status.ready) == (stage, motion, ready)
     assert pack_status(status) == image(read)
 
 
 @given(statuses)
-def test_every_status_survives_the_way_through_the_registers(status: Status) -> None:
+def test_every_status_is_unchanged_after_packing_and_parsing(status: Status) -> None:
     assert unpack_status(pack_status(status)) == status
 
 
@@ -107,18 +109,18 @@ def test_invalid_register_image_is_rejected(registers: list[int]) -> None:
 
 
 @pytest.mark.parametrize("position", [-1, 256, 100.0, None])
-def test_counts_that_fit_no_byte_are_not_packed(position: object) -> None:
+def test_counts_outside_a_byte_are_rejected(position: object) -> None:
     with pytest.raises(OutOfLimitsError, match="0 to 255"):
         pack_command(whole_hand(position))  # type: ignore[arg-type]
 
 
-def test_every_fault_code_has_a_name_and_a_cure() -> None:
+def test_every_fault_code_has_a_name_and_a_remedy() -> None:
     assert set(FAULT_TEXTS) == set(FaultCode) - {FaultCode.NONE}
     assert "0x0D, activation failed; free the fingers" in fault_code_text(0x0D)
     assert "0x42, which is not in the manual" in fault_code_text(0x42)
 
 
-def test_force_and_speed_end_where_the_gripper_does() -> None:
+def test_force_and_speed_are_limited_to_the_range_of_the_gripper() -> None:
     assert (force_counts(15.0), force_counts(60.0)) == (0, 255)
     assert (speed_counts(0.022), speed_counts(0.110)) == (0, 255)
     for force in (1.8, 14.9, 61.0, float("nan")):

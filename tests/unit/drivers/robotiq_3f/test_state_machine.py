@@ -1,4 +1,4 @@
-"""A state machine of the gripper's commands, run by the driver over the wire protocol."""
+"""A hypothesis state machine of the gripper's commands, executed by the driver over the wire protocol."""
 
 import time
 from abc import abstractmethod
@@ -28,26 +28,26 @@ def make_world() -> World:
 
 
 class HurriedClock(SystemClock):
-    """The world's time, twenty times as fast as ours."""
+    """World clock at twenty times real time."""
 
     def now_ns(self) -> int:
         return 20 * super().now_ns()
 
 
 class GripperRun(RuleBasedStateMachine):
-    """Any order of commands: nothing moves unasked, errors are typed, motions end where they were sent."""
+    """Any order of commands: no unrequested motion, typed errors only, motions end at their targets."""
 
     def __init__(self) -> None:
         super().__init__()
         self.connected = self.activated = False
         self.at: int | None = OPEN
-        """Where the fingers stand; None while they are, or may be, on their way."""
+        """Known position of the fingers; None while they are, or may be, moving."""
         self.motion: Motion | None = None
         self.gripper, self.clock = self.make()
 
     @abstractmethod
     def make(self) -> tuple[Gripper, Clock]:
-        """The gripper, and the clock that its world goes by."""
+        """The gripper, and the clock of its world."""
 
     @rule()
     def connect(self) -> None:
@@ -134,7 +134,7 @@ class GripperRun(RuleBasedStateMachine):
 
 
 class WireRun(GripperRun):
-    """The driver on the wire; here the gripper may also fail."""
+    """The driver over the wire protocol; here the gripper may also fail."""
 
     def make(self) -> tuple[Gripper, Clock]:
         self.server = GripperServer(make_world(), HurriedClock(), activation_s=0.1)
@@ -144,7 +144,8 @@ class WireRun(GripperRun):
     @precondition(lambda self: self.activated)
     @rule(code=st.sampled_from([0, 0x0D, 0x0E, 0x0F]))
     def fail(self, code: int) -> None:
-        """A fault, or (0) lost power: the activation is gone, and that is an error where it was seen."""
+        """Inject a fault, or (0) a loss of power: the activation is lost, which is an error when it is
+        detected."""
         if not self.connected:
             self.connect()
         if self.motion is not None:

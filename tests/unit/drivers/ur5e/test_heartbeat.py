@@ -1,4 +1,4 @@
-"""How long a motion may go on unwatched, by its speed and by what its program does meanwhile."""
+"""How long an unpolled motion may continue, depending on its speed and on the state of its program."""
 
 import os
 import signal
@@ -36,7 +36,7 @@ def test_unpolled_motion_stops_within_the_allowed_distance(speed_m_s: float) -> 
 
 
 class Control:
-    """A controller with a motion that goes on until it is stopped."""
+    """A controller with a motion that continues until it is stopped."""
 
     def __init__(self) -> None:
         self.running, self.stops = True, 0
@@ -49,7 +49,7 @@ class Control:
 
 
 class ScriptedProgram(Program):
-    """A program that waits for a core for a share of the time."""
+    """A program that waits for a core for a fraction of the time."""
 
     def __init__(self, waits: float = 0.0) -> None:
         super().__init__(os.getpid())
@@ -69,7 +69,7 @@ class ScriptedProgram(Program):
 
 
 class SteppedClock(SystemClock):
-    """A clock that goes as the test says."""
+    """A clock that the test sets."""
 
     def __init__(self) -> None:
         self.time_ns = to_ns(100.0)
@@ -86,7 +86,7 @@ def state() -> Iterator[SharedState]:
 
 
 class Watched:
-    """A motion at the speed of an approach, begun now."""
+    """A motion at approach speed, just begun."""
 
     def __init__(self, state: SharedState, program: ScriptedProgram) -> None:
         self.control, self.clock, self.state, self.program = Control(), SteppedClock(), state, program
@@ -101,7 +101,7 @@ class Watched:
             self.heartbeat.check()
 
     def pass_unchecked(self, duration_s: float) -> None:
-        """Let the process that commands do something else, or nothing."""
+        """Suspend or occupy the command process."""
         self.clock.time_ns += to_ns(duration_s)
         self.program.pass_time(to_ns(duration_s))
 
@@ -201,7 +201,7 @@ def test_stopped_and_dead_programs_are_detected(started: "subprocess.Popen[bytes
 
 
 def waited_share(program: Program, duration_s: float) -> float:
-    """For which share of a time a program could have run and got no core."""
+    """Fraction of the time in which a program was ready to run but got no core."""
     program.note()
     began = last = time.monotonic_ns()
     waited = 0

@@ -1,4 +1,4 @@
-"""Random bytes, truncated and mixed packages at every parser of the arm: typed errors only, never a hang."""
+"""Every parser of the arm with random bytes, truncated or mixed packages: typed errors, never a hang."""
 
 import contextlib
 import json
@@ -36,7 +36,7 @@ def make_robot() -> Robot:
 
 
 @pytest.mark.fuzz
-def test_any_line_of_the_dashboard_is_read_or_rejected(cases: Cases) -> None:
+def test_any_dashboard_line_is_parsed_or_rejected(cases: Cases) -> None:
     rng, reader = random.Random(3), LineReader()
     robot = make_robot()
     requests = ["running", "robotmode", "stop", "unlock protective stop", "power on", "popup"]
@@ -57,13 +57,13 @@ def test_any_line_of_the_dashboard_is_read_or_rejected(cases: Cases) -> None:
 
 
 def _typed(call: Callable[[], object]) -> None:
-    """Let a call end well or with an error of ours."""
+    """Make a call succeed, or fail with one of the rig's errors."""
     with contextlib.suppress(DeviceError):
         call()
 
 
 @pytest.mark.fuzz
-def test_any_first_package_is_read_or_rejected(cases: Cases) -> None:
+def test_any_first_package_is_parsed_or_rejected(cases: Cases) -> None:
     rng = random.Random(4)
     for _ in range(cases(25_000)):
         good = struct.pack(">HB", 19, ord("v")) + struct.pack(">4I", 5, 11, 0, 0)
@@ -87,7 +87,7 @@ def test_any_first_package_is_read_or_rejected(cases: Cases) -> None:
 
 
 class Interface:
-    """ur-rtde's control interface, good on some days."""
+    """A stand-in for ur-rtde's control interface that fails at random."""
 
     def __init__(self, rng: random.Random) -> None:
         self._rng = rng
@@ -119,7 +119,7 @@ CALLS = (
 
 @pytest.mark.fuzz
 def test_every_call_gets_its_own_answer_or_an_error(cases: Cases) -> None:
-    """Whatever the library raises, and however the line is cut, a call has its own answer or an error."""
+    """For any exception of the library and any split of the line, a call gets its own answer or an error."""
     rng = random.Random(6)
     interface, state = Interface(rng), SharedState()
     commands = ControlCommands(interface, Watchdog(None), Heartbeat(interface, state, Program(os.getppid())))
@@ -147,7 +147,7 @@ def test_every_call_gets_its_own_answer_or_an_error(cases: Cases) -> None:
 
 
 class Interrupted(SystemClock):
-    """A clock at which Ctrl-C comes while an answer is waited for."""
+    """A clock that raises Ctrl-C while an answer is awaited."""
 
     def __init__(self) -> None:
         self.looks = 0

@@ -1,4 +1,4 @@
-"""The driver's first words with a controller, against peers that are silent, odd, broken or slow."""
+"""The driver's first exchange with a controller, and with silent, wrong, broken or slow peers."""
 
 import itertools
 import os
@@ -21,7 +21,7 @@ _addresses = itertools.count(1)
 
 
 class Peer:
-    """Something that listens on a controller's ports, on an address of its own."""
+    """A server on a controller's ports, at a separate address."""
 
     def __init__(self) -> None:
         pid = os.getpid()
@@ -57,7 +57,7 @@ class Peer:
 def controller(
     version: tuple[int, ...] = (5, 11, 0, 1), stamps: Iterator[float] | None = None, cut: int = 4096
 ) -> Serve:
-    """A peer that answers as a controller does, in pieces of `cut` bytes."""
+    """A peer that answers like a controller, in pieces of `cut` bytes."""
     times = stamps or itertools.count(1.0, 0.008)
     answers = {
         b"V": lambda: b"\x01",
@@ -89,7 +89,7 @@ def controller(
 
 
 def silent(connection: socket.socket) -> None:
-    """Takes a connection and says nothing."""
+    """Accept a connection and send nothing."""
 
 
 def talks(data: bytes, pause_s: float = 0.0) -> Serve:
@@ -110,7 +110,7 @@ def peer() -> Iterator[Peer]:
 
 
 @pytest.mark.parametrize("cut", [1, 4096])
-def test_a_controller_is_greeted(peer: Peer, cut: int) -> None:
+def test_probe_of_a_controller_returns_its_version(peer: Peer, cut: int) -> None:
     peer.listen(RTDE, controller(cut=cut))
     peer.listen(SCRIPT, silent)
     assert probe_controller(peer.host, 2.0) == (5, 11, 0, 1)
@@ -121,7 +121,7 @@ def test_unreachable_controller_is_reported(peer: Peer) -> None:
         probe_controller(peer.host, LIMIT_S)
 
 
-def test_no_script_port(peer: Peer) -> None:
+def test_closed_script_port_is_reported(peer: Peer) -> None:
     peer.listen(RTDE, controller())
     with pytest.raises(DeviceError, match="30003"):
         probe_controller(peer.host, LIMIT_S)
@@ -174,13 +174,13 @@ def test_peer_that_is_no_dashboard_is_rejected(peer: Peer, serve: Serve, said: s
         Dashboard(peer.host, LIMIT_S)
 
 
-def test_a_dashboard_connection_that_broke_is_opened_once_more(peer: Peer) -> None:
+def test_broken_dashboard_connection_is_reopened_once(peer: Peer) -> None:
     peer.listen(DASHBOARD, talks(b"Connected\nStopped\n"))
     with Dashboard(peer.host) as dashboard:
         assert [dashboard.ask("stop") for _ in range(3)] == ["Stopped"] * 3
 
 
-def test_a_late_answer_is_not_taken_for_the_next_one(peer: Peer) -> None:
+def test_late_answer_is_not_returned_for_the_next_request(peer: Peer) -> None:
     peer.listen(DASHBOARD, talks(b"Connected\n"))
     with Dashboard(peer.host, LIMIT_S) as dashboard:
         with pytest.raises(DeviceError):

@@ -1,4 +1,4 @@
-"""Memory that one process writes and another reads, without locks."""
+"""Shared memory that one process writes and another reads, without locks."""
 
 import subprocess
 import sys
@@ -17,8 +17,8 @@ print(least)
 """
 
 
-def test_a_look_is_never_read_half_written() -> None:
-    """One that was read as 0 stopped an arm whose program looked."""
+def test_poll_time_is_never_read_half_written() -> None:
+    """A poll time that was read as 0 stopped an arm although its program polled."""
     state = SharedState()
     state.note_poll(1000)
     command = [sys.executable, "-c", READING, str(state.fd)]

@@ -1,4 +1,4 @@
-"""Bits and modes of the controller to typed errors; the board that carries them; the clocks' map."""
+"""Conversion of the controller's bits and modes to typed errors; shared state; clock map."""
 
 import math
 import threading
@@ -76,7 +76,7 @@ def test_every_refusal_has_a_cause() -> None:
     assert "'moveL' was rejected" in str(refused("moveL"))
 
 
-def test_the_board_shows_the_newest_sample_to_all() -> None:
+def test_shared_state_returns_newest_sample_to_every_reader() -> None:
     board = SharedState()
     assert board.read() is None
     board.write(sample(number=1))
@@ -107,7 +107,7 @@ def test_a_reader_never_sees_two_samples_mixed() -> None:
     board.close()
 
 
-def test_the_fastest_delivery_dates_a_sample() -> None:
+def test_sample_time_follows_the_fastest_delivery() -> None:
     times, offset_ns = ClockMap(), 5 * NS_PER_S
     taken_ns = dated = 0
     for cycle in range(2000):
@@ -117,7 +117,7 @@ def test_the_fastest_delivery_dates_a_sample() -> None:
     assert dated == taken_ns + offset_ns + 100_000
 
 
-def test_the_clocks_map_follows_a_slow_drift() -> None:
+def test_clock_map_follows_a_slow_drift() -> None:
     times = ClockMap()
     arrived_ns = dated = 0
     for second in range(100):

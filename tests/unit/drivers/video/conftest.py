@@ -9,7 +9,7 @@ from support.mjpeg_servers import Behaviour, RawServer
 
 @pytest.fixture
 def serve() -> Iterator[Callable[[Behaviour], RawServer]]:
-    """Start servers by what they do; they are stopped afterwards."""
+    """Start servers with given handlers; they are stopped after the test."""
     started: list[RawServer] = []
 
     def start(behaviour: Behaviour) -> RawServer:

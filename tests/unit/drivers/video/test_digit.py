@@ -1,4 +1,4 @@
-"""The DIGIT driver against a sensor served over HTTP: settings, faults, re-opening, numbers."""
+"""The DIGIT driver with a sensor served over HTTP: settings, faults, reopening, sequence numbers."""
 
 import time
 from collections.abc import Iterator
@@ -24,7 +24,7 @@ def drawn(time_ns: int) -> np.ndarray:
 
 @pytest.fixture
 def light() -> list[tuple[float, float, float]]:
-    """What the sensor was told about its LEDs."""
+    """LED settings that the sensor received."""
     return []
 
 
@@ -45,7 +45,7 @@ def digit(server: MjpegServer) -> Iterator[Digit]:
 
 
 def until(digit: Digit, kind: str, count: int = 1) -> None:
-    """Read until a counter has grown by so much."""
+    """Read until a counter has grown by a number."""
     target = digit.counters()[kind] + count
     ends = time.monotonic() + 5.0
     while digit.counters()[kind] < target:
@@ -57,7 +57,7 @@ def until(digit: Digit, kind: str, count: int = 1) -> None:
 
 
 def said_in_the_end(digit: Digit, words: str) -> str:
-    """Ask for frames until what is said instead of one holds these words; how soon is for the benchmark."""
+    """Request frames until the error contains these words. The benchmark measures the delay."""
     ends, said = time.monotonic() + 10.0, ""
     while words not in said and time.monotonic() < ends:
         try:
@@ -144,7 +144,7 @@ def test_setting_light_without_leds_is_an_error(tmp_path) -> None:
         ("truncate", "damaged", "end is"),
     ],
 )
-def test_spoilt_images_are_withheld_counted_and_named(
+def test_damaged_images_are_withheld_counted_and_named(
     server: MjpegServer, digit: Digit, fault: str, counter: str, words: str
 ) -> None:
     server.inject(fault, frames=5)
@@ -177,7 +177,7 @@ def test_a_frozen_sensor_is_counted_frame_by_frame(server: MjpegServer, digit: D
 
 
 @pytest.mark.real_time(beside=True)
-def test_a_lost_sensor_is_opened_again_and_keeps_its_numbers(server: MjpegServer, digit: Digit) -> None:
+def test_lost_sensor_is_reopened_and_its_sequence_continues(server: MjpegServer, digit: Digit) -> None:
     before = digit.next_frame(1.0)
     server.inject("disconnect")
     assert "opening it again" in said_in_the_end(digit, "opening it again")
@@ -190,7 +190,7 @@ def test_a_lost_sensor_is_opened_again_and_keeps_its_numbers(server: MjpegServer
     assert server.snapshot()["last"] >= after.sequence
 
 
-def test_modes_a_digit_does_not_have_are_refused_with_those_it_has() -> None:
+def test_unsupported_digit_mode_is_rejected_with_the_supported_ones() -> None:
     with pytest.raises(InputError, match=r"240 x 320 px at 60 or 30 Hz; 480 x 640 px at 30 or 15 Hz"):
         Digit("D1", 60.0, (480, 640))
     with pytest.raises(InputError, match="does not exist"):

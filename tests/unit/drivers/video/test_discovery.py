@@ -1,4 +1,4 @@
-"""A sensor is found by its serial, on a table and on what udev says of a described machine."""
+"""Sensors are found by serial: in a table of devices, and with udev on an emulated machine."""
 
 import shutil
 import subprocess
@@ -23,7 +23,7 @@ def test_the_node_with_the_serial_is_found() -> None:
     assert find_video_node("D20002", TABLE).device == "/dev/video2"
 
 
-def test_a_serial_that_is_not_there_names_those_that_are() -> None:
+def test_missing_serial_is_reported_with_the_found_ones() -> None:
     with pytest.raises(DeviceError, match=r"D9: not plugged in; udev lists D20001 at /dev/video0, D20002"):
         find_video_node("D9", TABLE)
     with pytest.raises(DeviceError, match="no video device"):
@@ -35,13 +35,13 @@ def test_two_devices_with_one_serial_are_refused() -> None:
         find_video_node("TWIN", TABLE)
 
 
-def test_devices_that_share_a_bus_are_known() -> None:
+def test_devices_on_the_same_bus_are_listed() -> None:
     assert on_same_bus(TABLE[0], TABLE) == [TABLE[1]]
     assert on_same_bus(TABLE[3], TABLE) == []
 
 
 def usb_device(port: str) -> str:
-    """A USB device as umockdev describes it."""
+    """A USB device in umockdev's notation."""
     path = f"/devices/pci0000:00/0000:00:14.0/usb1/{port}"
     return f"P: {path}\nE: SUBSYSTEM=usb\nE: DEVTYPE=usb_device\nE: BUSNUM=001\n"
 
@@ -61,7 +61,7 @@ def video_node(name: str, serial: str, revision: str, capabilities: str, port: s
 
 
 @pytest.mark.skipif(shutil.which("umockdev-run") is None, reason="umockdev is not installed")
-def test_udev_is_asked_for_nodes_that_capture(tmp_path: Path) -> None:
+def test_only_capture_nodes_of_udev_are_used(tmp_path: Path) -> None:
     pytest.importorskip("pyudev")
     machine = tmp_path / "machine.umockdev"
     parts = [

@@ -1,4 +1,4 @@
-"""Recorded frames through the camera's one class: bit-exact, at the clock's pace, equally fresh."""
+"""Recorded frames through the camera driver: bit-exact, at the clock's rate, with correct age."""
 
 import time
 from pathlib import Path
@@ -17,7 +17,7 @@ RATE_HZ = 100.0
 
 
 def drawn(time_ns: int) -> np.ndarray:
-    """A picture of its own for each time, 64 x 48."""
+    """A different picture for each time, 64 x 48."""
     return np.random.default_rng(time_ns).integers(0, 256, (48, 64, 3), dtype=np.uint8)
 
 
@@ -41,13 +41,13 @@ def camera(recording: Path):
     camera.disconnect()
 
 
-def test_frames_are_those_of_the_files_to_the_last_bit(camera: ExternalCamera) -> None:
+def test_frames_equal_the_files_bit_for_bit(camera: ExternalCamera) -> None:
     frames = [camera.next_frame(1.0) for _ in range(len(IMAGES))]
     assert [frame.sequence for frame in frames] == list(range(len(IMAGES)))
     assert all(np.array_equal(frame.image, image) for frame, image in zip(frames, IMAGES, strict=True))
 
 
-def test_frames_come_at_the_pace_that_was_asked_for(camera: ExternalCamera) -> None:
+def test_frames_come_at_the_requested_rate(camera: ExternalCamera) -> None:
     frames = [camera.next_frame(1.0) for _ in range(30)]
     assert set(np.diff([frame.time_ns for frame in frames])) == {10_000_000}
     assert frames[-1].time_ns <= SystemClock().now_ns()
@@ -102,7 +102,7 @@ def test_jpeg_files_keep_their_bytes_and_damaged_ones_are_withheld(tmp_path: Pat
     assert camera.counters()["damaged"] == 2
 
 
-def test_lying_files_of_a_digit_are_turned_upright(tmp_path: Path) -> None:
+def test_sideways_files_of_a_digit_are_rotated_upright(tmp_path: Path) -> None:
     write_folder(tmp_path, lambda time_ns: np.ascontiguousarray(drawn(time_ns)), RATE_HZ, 20)
     digit = Digit("D1", RATE_HZ, (48, 64), str(tmp_path))
     digit.connect()

@@ -1,4 +1,4 @@
-"""Spoilt images are told from good ones: on simulated units, on real frames, on what is neither."""
+"""Detection of damaged images: on simulated units, on real frames, and on undamaged images of other kinds."""
 
 from functools import cache
 from pathlib import Path
@@ -18,7 +18,7 @@ SHIFTS = (3, 5, 12, 37, 160, 317)
 
 @cache
 def unit(seed: int, frame: int = 0) -> np.ndarray:
-    """A frame of a sensor of its own, to be looked at only."""
+    """A read-only frame of another sensor unit."""
     return GelSensor(seed).render(None, 0.0, np.random.default_rng(frame))
 
 
@@ -28,25 +28,25 @@ def judged(*images: np.ndarray) -> list[str | None]:
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_a_shift_is_seen_on_every_unit_at_every_size(seed: int) -> None:
+def test_shift_is_detected_on_every_unit_at_every_size(seed: int) -> None:
     for shift in SHIFTS:
         assert judged(unit(seed, 1), np.roll(unit(seed, 2), shift, axis=0)) == [None, "shifted"]
 
 
-def test_noise_light_and_touch_are_no_glitch(press) -> None:
+def test_noise_light_and_contact_are_not_reported_as_glitches(press) -> None:
     images = [press(None, seed=1), press(20.0, seed=2), press(80.0, center=(60, 250), seed=3)]
     images += [press(None, light=(0.5, 0.5, 0.5), seed=4), np.zeros_like(images[0])]
     assert judged(*images) == [None] * len(images)
 
 
-def test_flat_and_drawn_pictures_are_no_glitch() -> None:
+def test_flat_and_drawn_pictures_are_not_reported_as_glitches() -> None:
     square = np.zeros((320, 240, 3), np.uint8)
     square[40:120, 50:150] = 255
     flat = [np.full((320, 240, 3), grey, np.uint8) for grey in (0, 90, 255)]
     assert judged(*flat, square, np.roll(square, 60, axis=0), square[::-1]) == [None] * 6
 
 
-def test_an_empty_buffer_is_green_whole_or_in_part_also_after_jpeg() -> None:
+def test_empty_or_partly_empty_buffer_is_green_also_after_jpeg() -> None:
     image = unit(2).copy()
     assert not is_green(image)
     image[:, 200:] = (0, 135, 0)  # lines that never came: columns of the upright image
@@ -67,7 +67,7 @@ def test_a_stream_that_stays_shifted_has_to_be_opened_again() -> None:
     assert check.flaw(unit(1, 3)) is None
 
 
-def test_real_frames_are_good_and_shifted_ones_are_seen(real_data: Path) -> None:
+def test_real_frames_pass_and_shifted_ones_are_detected(real_data: Path) -> None:
     files = [real_data / "aurova_figures" / "digit_raw.png", *(real_data / "digit_backgrounds").glob("*.jpg")]
     files += sorted((real_data / "aurova_figures" / "panels").glob("*_raw.png"))
     assert len(files) > 9

@@ -1,4 +1,4 @@
-"""MJPEG from servers of all kinds: read, timed, opened again."""
+"""MJPEG from various servers: read, timed, reopened."""
 
 import socket
 import threading
@@ -24,7 +24,7 @@ def test_streams_of_other_servers_are_read_byte_for_byte(serve, kind: str) -> No
     assert camera.time_kind == "arrival"
 
 
-def test_a_server_that_stops_is_opened_again_and_the_gap_shows(serve) -> None:
+def test_stopped_server_is_reopened_and_the_gap_is_counted(serve) -> None:
     camera = ExternalCamera("C1", serve(lambda c, _: plain(c)).url, 30.0, SIZE)
     camera.connect()
     frames = [camera.next_frame(2.0) for _ in range(len(JPEGS) + 5)]
@@ -35,7 +35,7 @@ def test_a_server_that_stops_is_opened_again_and_the_gap_shows(serve) -> None:
     assert camera.counters()["dropped"] == steps[len(JPEGS) - 1] - 1
 
 
-def test_times_of_our_own_clock_are_taken_from_the_server(serve) -> None:
+def test_server_times_of_this_computers_clock_are_used(serve) -> None:
     camera = ExternalCamera("C1", serve(stamped(0.0, list(range(30)))).url, 30.0)
     camera.connect()
     times_ns = [(camera.next_frame(1.0).time_ns, SystemClock().now_ns()) for _ in range(20)]
@@ -45,7 +45,7 @@ def test_times_of_our_own_clock_are_taken_from_the_server(serve) -> None:
 
 
 @pytest.mark.parametrize("offset_s", [1.7e9, -500.0, 10.0])
-def test_times_of_another_clock_are_not_taken(serve, offset_s: float) -> None:
+def test_server_times_of_another_clock_are_ignored(serve, offset_s: float) -> None:
     camera = ExternalCamera("C1", serve(stamped(offset_s, list(range(30)))).url, 30.0)
     camera.connect()
     frame = camera.newest_frame(1.0)
@@ -54,7 +54,7 @@ def test_times_of_another_clock_are_not_taken(serve, offset_s: float) -> None:
     assert abs(SystemClock().now_ns() - frame.time_ns) < 1e9
 
 
-def test_numbers_of_the_server_show_what_never_came(serve) -> None:
+def test_missing_frames_are_detected_from_server_numbers(serve) -> None:
     camera = ExternalCamera("C1", serve(stamped(0.0, [5, 6, 9, 10, 11, 20])).url, 30.0)
     camera.connect()
     assert [camera.next_frame(1.0).sequence for _ in range(6)] == [5, 6, 9, 10, 11, 20]
@@ -62,7 +62,7 @@ def test_numbers_of_the_server_show_what_never_came(serve) -> None:
     assert camera.counters()["dropped"] == 2 + 8
 
 
-def test_disconnecting_wakes_a_reader_that_waits(serve) -> None:
+def test_disconnecting_wakes_a_waiting_reader(serve) -> None:
     camera = ExternalCamera("C1", serve(silent_after(1, 1.0)).url, 30.0)
     camera.connect()
     camera.next_frame(1.0)

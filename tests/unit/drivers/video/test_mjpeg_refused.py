@@ -1,4 +1,4 @@
-"""MJPEG servers that send no stream, damage it or fall silent: refused and given up by name."""
+"""MJPEG servers that send no stream, damage it or fall silent are rejected with their address."""
 
 import random
 import socket

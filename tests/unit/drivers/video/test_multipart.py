@@ -1,4 +1,4 @@
-"""The multipart parser: every way servers write parts, in any portions, and any rubbish between."""
+"""The multipart parser: all spellings of servers, any split of the stream, and any bytes between parts."""
 
 import itertools
 import random
@@ -49,7 +49,7 @@ def parse(data: bytes, delimiter: bytes = b"--frame", cuts: list[int] | None = N
     cuts=st.lists(st.integers(0, sum(map(len, IMAGES)) + 300), max_size=12),
     lead=st.sampled_from([b"", b"\r\n", b"preamble\r\n"]),
 )
-def test_parts_come_out_whole_however_they_come_in(
+def test_parts_are_complete_for_any_split_of_the_stream(
     length: bool, line: bytes, cuts: list[int], lead: bytes
 ) -> None:
     data = lead + stream_of(IMAGES, length=length, line=line)
@@ -58,7 +58,7 @@ def test_parts_come_out_whole_however_they_come_in(
 
 
 @pytest.mark.parametrize("length", [True, False])
-def test_a_part_is_given_as_soon_as_its_last_byte_is_there(length: bool) -> None:
+def test_part_is_returned_as_soon_as_its_last_byte_arrives(length: bool) -> None:
     head = stream_of([IMAGES[0]], length=length).partition(IMAGES[0])[0]
     parser = MultipartParser(b"--frame")
     assert list(parser.feed(head + IMAGES[0][:-1])) == []
@@ -75,16 +75,16 @@ def test_a_part_is_given_as_soon_as_its_last_byte_is_there(length: bool) -> None
         ("multipart/x-mixed-replace", b"--"),
     ],
 )
-def test_the_boundary_is_found_as_servers_write_it(content_type: str, delimiter: bytes) -> None:
+def test_boundary_is_parsed_in_all_spellings_of_servers(content_type: str, delimiter: bytes) -> None:
     assert boundary_of(content_type) == delimiter
 
 
-def test_a_stream_that_announces_no_boundary_is_read_by_its_first_line() -> None:
+def test_boundary_is_taken_from_the_first_line_if_not_announced() -> None:
     assert [part.body for part in parse(stream_of(IMAGES, b"found"), b"--")] == IMAGES
 
 
 @pytest.mark.parametrize("length", [True, False])
-def test_the_parser_finds_its_way_after_a_damaged_part(length: bool) -> None:
+def test_parser_recovers_after_a_damaged_part(length: bool) -> None:
     cut = IMAGES[1][: len(IMAGES[1]) // 2]
     data = stream_of([IMAGES[0]], length=length)[: -len("--frame--\r\n")]
     data += (
@@ -99,12 +99,12 @@ def test_the_parser_finds_its_way_after_a_damaged_part(length: bool) -> None:
 
 
 @pytest.mark.parametrize("length", [b"-5", b"1e9", b"99999999999999999999", b"nonsense", b"0", "٣".encode()])
-def test_an_impossible_length_is_not_believed(length: bytes) -> None:
+def test_impossible_content_length_is_ignored(length: bytes) -> None:
     data = b"--frame\r\nContent-Length: " + length + b"\r\n\r\n" + IMAGES[0] + b"\r\n--frame"
     assert [part.body for part in parse(data)] == [IMAGES[0]]
 
 
-def test_an_endless_part_is_given_up_and_memory_stays_bounded() -> None:
+def test_endless_part_is_discarded_with_bounded_memory() -> None:
     parser = MultipartParser(b"--frame")
     assert list(parser.feed(b"--frame\r\n\r\n" + b"\x00" * (MAX_PART + 1))) == []
     for _ in range(40):
@@ -166,13 +166,13 @@ def test_padding_after_an_image_is_cut_off() -> None:
     assert whole_jpeg(IMAGES[0] + b"\x00" * 100) == (IMAGES[0], (32, 24))
 
 
-def test_turning_leaves_the_coded_image_and_turns_what_is_seen() -> None:
+def test_orientation_header_rotates_the_view_and_keeps_the_coded_image() -> None:
     turned = turned_left(IMAGES[0])
     assert turned.endswith(IMAGES[0][2:])
     assert np.array_equal(decode(turned), np.rot90(decode(IMAGES[0])))
 
 
-def test_an_orientation_that_is_already_there_does_not_count() -> None:
+def test_existing_orientation_header_is_replaced() -> None:
     upright = turned_left(IMAGES[0]).replace(b"\x00\x01\x00\x08", b"\x00\x01\x00\x01", 1)
     assert np.array_equal(decode(upright), decode(IMAGES[0]))
     assert np.array_equal(decode(turned_left(upright)), np.rot90(decode(IMAGES[0])))

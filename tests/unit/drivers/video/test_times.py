@@ -1,4 +1,4 @@
-"""Capture times and sequence numbers, from what sources give of each."""
+"""Capture times and sequence numbers, from the times and numbers of the source."""
 
 from itertools import pairwise
 
@@ -20,7 +20,7 @@ def test_numbers_of_the_source_are_kept_and_gaps_counted(steps: list[int]) -> No
 
 
 @given(st.lists(st.tuples(st.integers(0, 5), st.integers(-2_500_000, 2_500_000)), min_size=1, max_size=40))
-def test_missing_images_are_found_in_the_kernels_times_despite_jitter(holes: list[tuple[int, int]]) -> None:
+def test_missing_images_are_detected_from_kernel_times_despite_jitter(holes: list[tuple[int, int]]) -> None:
     count, slot = SequenceCounter(60.0), 20
     for n in range(20):
         count.sequence_of(None, n * PERIOD_NS, True)
@@ -31,7 +31,7 @@ def test_missing_images_are_found_in_the_kernels_times_despite_jitter(holes: lis
     assert count.dropped == sum(lost for lost, _ in holes)
 
 
-def test_arrival_times_say_nothing_about_drops() -> None:
+def test_no_drops_are_counted_from_arrival_times() -> None:
     count = SequenceCounter(60.0)
     times_ns = [n * PERIOD_NS + (300_000_000 if n == 20 else 0) for n in range(20)] + [700_000_000]
     assert [count.sequence_of(None, t, False) for t in times_ns] == list(range(21))
@@ -39,7 +39,7 @@ def test_arrival_times_say_nothing_about_drops() -> None:
 
 
 @given(st.integers(0, 1000), st.integers(0, 1000))
-def test_a_source_that_counts_anew_goes_on_where_it_was(before: int, after: int) -> None:
+def test_sequence_continues_if_the_source_restarts_its_numbers(before: int, after: int) -> None:
     count = SequenceCounter(60.0)
     last = count.sequence_of(before, 0, True)
     count.opened(after_failure=True)
@@ -49,7 +49,7 @@ def test_a_source_that_counts_anew_goes_on_where_it_was(before: int, after: int)
     assert count.dropped == first - last - 1
 
 
-def test_what_passed_while_nobody_was_connected_is_not_dropped() -> None:
+def test_frames_before_reconnecting_are_not_counted_as_dropped() -> None:
     count = SequenceCounter(60.0)
     count.opened(after_failure=False)
     assert [count.sequence_of(number, number * PERIOD_NS, True) for number in (5, 10)] == [5, 10]
@@ -60,7 +60,7 @@ def test_what_passed_while_nobody_was_connected_is_not_dropped() -> None:
 
 
 @given(st.lists(st.integers(-(10**9), 10**9), min_size=1, max_size=60))
-def test_capture_times_increase_whatever_the_stamps(offsets: list[int]) -> None:
+def test_capture_times_increase_for_any_time_stamps(offsets: list[int]) -> None:
     times = CaptureTimes("peer")
     shots = [RawFrame(10**12 + n * PERIOD_NS, None, None, 10**12 + o) for n, o in enumerate(offsets)]
     seen = [times.time_of(shot) for shot in shots]
@@ -68,7 +68,7 @@ def test_capture_times_increase_whatever_the_stamps(offsets: list[int]) -> None:
     assert all(time_ns <= shot.arrived_ns for time_ns, shot in zip(seen, shots, strict=True))
 
 
-def test_the_first_stamp_decides_whose_clock_it_is() -> None:
+def test_first_time_stamp_determines_the_clock() -> None:
     ours, theirs = CaptureTimes("kernel"), CaptureTimes("kernel")
     assert ours.time_of(RawFrame(10**10, stamped_ns=10**10 - 5)) == 10**10 - 5
     assert ours.time_of(RawFrame(3 * 10**10, stamped_ns=10**10 + 5)) == 10**10 + 5  # late, and known to be

@@ -99,7 +99,7 @@ def test_size_is_set_before_rate_and_light_last() -> None:
 
 
 @pytest.mark.parametrize("jpeg", [True, False])
-def test_each_image_is_encoded_once_and_is_what_its_bytes_say(jpeg: bool) -> None:
+def test_each_image_is_encoded_once_and_equals_its_decoded_bytes(jpeg: bool) -> None:
     digit = digit_on(FakeCapture(jpeg))
     digit.connect()
     frames = [digit.next_frame(1.0) for _ in range(12)]
@@ -116,7 +116,7 @@ def test_each_image_is_encoded_once_and_is_what_its_bytes_say(jpeg: bool) -> Non
     assert identity["capture time"] == "kernel"
 
 
-def test_missing_buffers_are_found_by_the_kernels_times() -> None:
+def test_missing_buffers_are_detected_from_kernel_times() -> None:
     capture = FakeCapture()
     digit = digit_on(capture)
     digit.connect()
@@ -129,13 +129,13 @@ def test_missing_buffers_are_found_by_the_kernels_times() -> None:
     assert sorted(np.diff(frames))[-2:] == [1, 8]
 
 
-def test_no_first_image_beside_others_on_the_bus_is_named_as_bandwidth() -> None:
+def test_missing_first_image_on_a_shared_bus_is_reported_as_bandwidth() -> None:
     digit = digit_on(FakeCapture(sends=0))
     with pytest.raises(DeviceError, match=r"no USB bandwidth is left.*usb1 also carries D2 at /dev/video2"):
         digit.connect()
 
 
-def test_no_first_image_alone_on_the_bus_is_not() -> None:
+def test_missing_first_image_alone_on_a_bus_is_not_reported_as_bandwidth() -> None:
     capture = FakeCapture(sends=0)
     camera = ExternalCamera("C1", "/dev/video9", discover=lambda: NODES, open_device=lambda device: capture)
     with pytest.raises(DeviceError, match="sends nothing; unplug it"):
@@ -156,7 +156,7 @@ def test_a_device_that_stops_is_opened_again() -> None:
     assert digit.counters()["reopened"] == 1
 
 
-def test_a_device_that_cannot_be_opened_or_lit_says_so() -> None:
+def test_device_that_cannot_be_opened_or_lit_is_reported() -> None:
     with pytest.raises(DeviceError, match="cannot be opened; is it plugged in, unused"):
         digit_on(FakeCapture(opens=False)).connect()
     capture = FakeCapture(zoom=False)
@@ -165,7 +165,7 @@ def test_a_device_that_cannot_be_opened_or_lit_says_so() -> None:
     assert capture.released
 
 
-def test_light_is_packed_as_the_firmware_takes_it() -> None:
+def test_light_is_packed_in_the_firmware_format() -> None:
     assert light_value((1.0, 1.0, 1.0), "0200") == 4095
     assert light_value((1.0, 0.0, 0.0), "0200") == 0xF00
     assert light_value((0.0, 1.0, 0.0)) == 0x0F0

@@ -1,4 +1,4 @@
-"""What a bench file says of limits holds on the simulated bench."""
+"""The limits of a bench file are those of the simulated bench."""
 
 from collections.abc import Callable
 from typing import Any
@@ -26,7 +26,7 @@ def bench_with(change: Callable[[dict[str, Any]], None]) -> BenchConfig:
         ({"joint_max_deg": (360.0, 360.0, 360.0, 360.0, 360.0, -170.0)}, "joint 6 would end at"),
     ],
 )
-def test_the_arms_limits_are_those_of_the_file(limits: dict[str, Any], said: str) -> None:
+def test_arm_limits_equal_those_of_the_bench_file(limits: dict[str, Any], said: str) -> None:
     target = Pose.from_rotation((0.50, 0.10, 0.20), TOOL_DOWN)
     for config, refused in ((bench_with(lambda v: v["arm"]["limits"].update(limits)), True),
                             (load_bench("fake"), False)):  # fmt: skip
@@ -40,7 +40,7 @@ def test_the_arms_limits_are_those_of_the_file(limits: dict[str, Any], said: str
                 bench.arm.move_linear(target, 0.2, 1.0).wait(10.0)
 
 
-def test_the_grippers_range_is_that_of_the_file() -> None:
+def test_gripper_range_equals_that_of_the_bench_file() -> None:
     limits = {"min_counts": 10, "max_counts": 230, "max_opening_m": 0.1, "opening_per_count_m": 0.0005}
     config = bench_with(lambda v: v["gripper"]["limits"].update(limits))
     bench, _ = build_bench(config)
@@ -53,7 +53,7 @@ def test_the_grippers_range_is_that_of_the_file() -> None:
                 bench.gripper.move_to(beyond_m)
 
 
-def test_a_file_without_limits_gives_the_simulated_cell_it_always_gave() -> None:
+def test_bench_file_without_limits_gives_the_default_simulated_cell() -> None:
     layout = simulated_bench_plan(load_bench("fake")).layout
     assert (layout.open_counts, layout.closed_counts) == (6, 255)
     assert (layout.max_opening_m, layout.opening_per_count_m) == (0.120, 0.155 / 249.0)

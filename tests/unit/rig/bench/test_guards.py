@@ -34,7 +34,7 @@ ARGUMENTS: dict[str, tuple[Any, ...]] = {
     "set_light": (1.0, 1.0, 1.0),
 }
 FROM_THE_BENCH_FILE = {"limits", "spec", "serial", "rate_hz"}
-"""Members that a guard answers itself, whatever the driver says."""
+"""Members that a guard answers without the driver."""
 
 
 class Motion:

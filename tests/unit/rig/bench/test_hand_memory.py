@@ -1,4 +1,4 @@
-"""What the hand does outlives the program: kept file by file, recalled by the next one."""
+"""The state of the hand is stored in files and read by the next program."""
 
 from pathlib import Path
 from types import SimpleNamespace
@@ -24,7 +24,7 @@ def state_home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def tips(*images: Any) -> Any:
-    """A bench of fingertips that show these images."""
+    """A bench with fingertips that show these images."""
 
     def sensor(number: int, image: Any) -> Any:
         frame = None if image is None else Frame(image, 0, 0, f"D{number}")
@@ -39,7 +39,7 @@ def tips(*images: Any) -> Any:
     return SimpleNamespace(fingertips=[SimpleNamespace(sensor=sensor(n, i)) for n, i in enumerate(images, 1)])
 
 
-def test_the_next_program_knows_what_this_one_held() -> None:
+def test_next_program_reads_the_stored_state_of_the_hand() -> None:
     memory = HandMemory("192.0.2.10")
     assert memory.recall().holding is Holding.UNKNOWN
     hand = Hand(memory.recall(), memory.keep)
@@ -65,7 +65,7 @@ FREE = '{"holding": "free", "what": "", "base_T_grasp": null, "width_m": 0.0, "%
         *(FREE % ("finger_opening_m", value) for value in ("true", '"9"')),
     ],
 )
-def test_what_cannot_be_read_is_not_known(state_home: Path, text: str) -> None:
+def test_unreadable_hand_memory_is_unknown(state_home: Path, text: str) -> None:
     HandMemory("arm").recall()
     HandMemory("arm").keep(HELD)
     (file,) = (state_home / "visuotactile-slip-rig" / "hands").iterdir()
@@ -76,7 +76,7 @@ def test_what_cannot_be_read_is_not_known(state_home: Path, text: str) -> None:
 
 
 def test_free_hand_whose_fingers_are_known_in_counts_is_unknown(state_home: Path) -> None:
-    """Files of earlier versions; a hand that held something keeps its place."""
+    """Files of earlier versions; a hand that held an object keeps its place."""
     HandMemory("arm").recall()
     HandMemory("arm").keep(HELD)
     (file,) = (state_home / "visuotactile-slip-rig" / "hands").iterdir()
@@ -89,7 +89,7 @@ def test_free_hand_whose_fingers_are_known_in_counts_is_unknown(state_home: Path
     assert HandMemory("arm").recall() == HELD
 
 
-def test_where_nothing_can_be_kept_no_run_begins_but_one_under_way_goes_on(
+def test_unwritable_hand_memory_refuses_a_new_run_and_not_a_running_one(
     state_home: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (state_home / "file").write_text("")
@@ -100,7 +100,7 @@ def test_where_nothing_can_be_kept_no_run_begins_but_one_under_way_goes_on(
     memory.keep(HELD)
 
 
-def test_fingertips_are_compared_with_how_they_look_untouched(press: Any) -> None:
+def test_fingertips_are_compared_with_their_stored_no_contact_frames(press: Any) -> None:
     untouched, touched = press(None, seed=1), press(20.0, seed=2)
     memory = HandMemory("arm")
     memory.recall()

@@ -1,4 +1,4 @@
-"""A bench is simulated only where running fakes name each of its devices as theirs; else it is a real one."""
+"""A bench is simulated only if running fakes confirm each of its devices; otherwise it is real."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -23,7 +23,7 @@ FAR = "192.0.2.10"
 
 @pytest.fixture
 def control() -> Iterator[ControlServer]:
-    """The side channel of fakes that serve these devices; nothing listens at their addresses."""
+    """The side channel of fakes with these devices; there are no servers at their addresses."""
     server = ControlServer({"identity": lambda: SERVED, "place": lambda object, seed: None})
     server.start()
     yield server
@@ -31,7 +31,7 @@ def control() -> Iterator[ControlServer]:
 
 
 def bench(control: str | None, **changed: Any) -> BenchConfig:
-    """A bench file's content as `rig fakes serve --write` leaves it, but for what is changed in it."""
+    """A bench file as `rig fakes serve --write` creates it, with changes."""
     values = load_bench("wire").model_dump()
     served = SERVED | changed
     values["fakes"] = {"control": control}
@@ -42,7 +42,7 @@ def bench(control: str | None, **changed: Any) -> BenchConfig:
     return BenchConfig.model_validate(values)
 
 
-def test_fakes_that_name_every_device_prove_it(control: ControlServer) -> None:
+def test_bench_is_simulated_if_fakes_confirm_every_device(control: ControlServer) -> None:
     prove_simulated(bench(control.address))
     operator = simulated_operator(bench(control.address), seed=0)
     operator.confirm("Anything?")
@@ -63,7 +63,7 @@ def test_fakes_that_name_every_device_prove_it(control: ControlServer) -> None:
         ({"SIM-C0001": f"http://{FAR}/stream.mjpg"}, "SIM-C0001 at"),
     ],
 )
-def test_one_device_that_is_not_theirs_makes_it_a_real_bench_and_its_fakes_a_mistake(
+def test_one_unconfirmed_device_makes_the_bench_real_and_its_fakes_an_error(
     control: ControlServer, changed: dict[str, Any], named: str
 ) -> None:
     person = ConsoleOperator(lambda _: pytest.fail("nobody is to be asked"), agreed=True)
@@ -74,14 +74,14 @@ def test_one_device_that_is_not_theirs_makes_it_a_real_bench_and_its_fakes_a_mis
         pass
 
 
-def test_a_serial_line_that_is_not_theirs_is_named(control: ControlServer) -> None:
+def test_unconfirmed_serial_line_is_named(control: ControlServer) -> None:
     values = bench(control.address).model_dump()
     values["gripper"] |= {"transport": "rtu", "device": "/dev/ttyUSB0", "preset": None}
     with pytest.raises(InputError, match="gripper at /dev/ttyUSB0 is not one of the fakes"):
         prove_simulated(BenchConfig.model_validate(values))
 
 
-def test_fakes_that_do_not_answer_prove_nothing(control: ControlServer) -> None:
+def test_bench_is_not_simulated_if_its_fakes_do_not_answer(control: ControlServer) -> None:
     config = bench(control.address)
     operator = simulated_operator(config, seed=0)
     operator.confirm("Activate it now?")
@@ -96,7 +96,7 @@ def test_fakes_that_do_not_answer_prove_nothing(control: ControlServer) -> None:
         pass
 
 
-def test_a_side_channel_elsewhere_proves_nothing() -> None:
+def test_bench_is_not_simulated_by_fakes_on_another_computer() -> None:
     with pytest.raises(InputError, match="not on this computer"):
         prove_simulated(bench(f"{FAR}:5000"))
     with pytest.raises(InputError, match="no side channel"):

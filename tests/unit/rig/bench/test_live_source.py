@@ -1,4 +1,4 @@
-"""The sources that `rig live` opens for each argument, and errors that name the cure."""
+"""The sources that `rig live` opens for each argument, and errors with the remedy."""
 
 from collections.abc import Callable
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""The person at the bench: asked before anything moves, and no oftener than needed."""
+"""The operator is asked before any motion, and not more often than necessary."""
 
 from typing import Any
 
@@ -24,7 +24,7 @@ from rig.tactile.estimators import choose_estimator
 
 
 def real_bench() -> BenchConfig:
-    """The simulated bench's file with real drivers named; none is ever connected here."""
+    """The simulated bench's file with real drivers; none of them is connected here."""
     config = load_bench("fake").model_dump()
     config["arm"]["driver"], config["gripper"]["driver"] = "ur5e", "robotiq_3f"
     config["camera"]["driver"], config["camera"]["address"] = "camera", "/dev/video0"
@@ -64,7 +64,7 @@ def test_object_wider_than_the_opening_is_rejected_before_any_question() -> None
         trial_plan(TrialSettings(bench, 0, choose_estimator()), ["t1"], 5)
 
 
-def test_without_agreement_nothing_is_connected_and_the_question_shows_the_speed_slider(
+def test_nothing_is_connected_before_consent_and_the_question_shows_the_speed_slider(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(UR5e, "speed_fraction", lambda arm: 0.4)
@@ -112,7 +112,7 @@ def test_real_time_lift_limits_libraries_to_one_thread() -> None:
 
 
 def unreachable() -> BenchConfig:
-    """A real bench none of whose devices is there."""
+    """A real bench whose devices are all unreachable."""
     values = real_bench().model_dump()
     values["arm"]["host"] = values["gripper"]["host"] = "127.0.0.9"
     values["camera"]["address"] = "/dev/video99"
@@ -131,7 +131,7 @@ def test_simulated_bench_asks_no_questions() -> None:
         assert bench.arm.state().mode is ArmMode.RUNNING
 
 
-def test_yes_option_does_not_cover_questions_that_need_a_look() -> None:
+def test_yes_option_does_not_answer_questions_that_need_an_inspection() -> None:
     asked: list[str] = []
     person = ConsoleOperator(lambda question: bool(asked.append(question)), agreed=True)
     person.confirm("Begin?")
@@ -141,7 +141,7 @@ def test_yes_option_does_not_cover_questions_that_need_a_look() -> None:
     assert asked == ["Is the arm free?"]
 
 
-def test_a_protective_stop_is_released_only_after_a_look() -> None:
+def test_protective_stop_is_released_only_after_an_inspection() -> None:
     fault = {"device": "arm", "kind": "protective_stop", "at_s": 0.0}
     config = BenchConfig.model_validate({**load_bench("fake").model_dump(), "faults": [fault]})
     bench, _ = build_bench(config)

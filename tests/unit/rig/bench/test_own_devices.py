@@ -1,4 +1,4 @@
-"""Drivers of somebody's own, named in a bench file: how they are made, and what the bench is guarded from."""
+"""User-defined drivers in a bench file: how they are created, and which faults the guards catch."""
 
 import sys
 from collections.abc import Iterator
@@ -42,7 +42,7 @@ def imported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
 
 
 def values(**options: dict[str, Any]) -> dict[str, Any]:
-    """A real bench of own drivers alone. options: of the devices, by their section."""
+    """A real bench with user-defined drivers only. options: of the devices, by section."""
     bench = load_bench(str(NEW)).model_dump(exclude={"calibrations"}, exclude_unset=True)
     for section, theirs in OF_OUR_DRIVERS.items():
         bench[section] = {key: value for key, value in bench[section].items() if key not in theirs}
@@ -62,7 +62,7 @@ OF_OUR_DRIVERS = {
     "gripper": ("transport", "host", "port", "preset"),
     "camera": ("address",),
 }
-"""Keys that these drivers do not take."""
+"""Keys that these drivers do not accept."""
 NEW = Path(__file__).resolve().parents[4] / "rig" / "config" / "new_bench.toml"
 
 
@@ -74,7 +74,7 @@ def bench(**options: dict[str, Any]) -> Bench:
     return build_real_bench(config(**options))
 
 
-def test_a_file_with_own_drivers_reads_back_as_it_was_and_imports_nothing(imported: Path) -> None:
+def test_bench_file_with_user_drivers_is_read_back_without_importing_them(imported: Path) -> None:
     made = config(arm={"stuck": False, "ports": [1, 2], "tuning": {"gain": 0.5, "name": 'a "b"'}})
     tip = made.tactile[0].model_copy(update={"options": {"says": "frames", "deep": {"x": [True]}}})
     made = made.model_copy(update={"tactile": (tip, made.tactile[1])})
@@ -111,7 +111,7 @@ def test_unknown_driver_and_options_of_a_built_in_driver_are_rejected(
         parse_bench(text, "file")
 
 
-def test_a_bench_with_own_drivers_is_never_a_simulated_one() -> None:
+def test_bench_with_user_drivers_is_never_simulated() -> None:
     text = bench_text(config())
     with pytest.raises(InputError, match="this is a real bench: remove it"):
         parse_bench(text + '\n[fakes]\ncontrol = "127.0.0.1:9"\n', "file")
@@ -266,7 +266,7 @@ def test_failed_arm_stop_is_reported_and_fingers_are_still_held(
         ("array", DeviceError, "returned ndarray, expected Frame"),
     ],
 )
-def test_a_frame_that_cannot_be_is_not_let_through(says: str, error: type[Exception], match: str) -> None:
+def test_invalid_frame_is_rejected(says: str, error: type[Exception], match: str) -> None:
     camera = bench(camera={"says": says}).camera
     with pytest.raises(error, match=match):
         camera.next_frame(0.1)

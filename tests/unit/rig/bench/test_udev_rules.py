@@ -1,4 +1,4 @@
-"""The shipped udev rules: each line is one that udev reads."""
+"""The shipped udev rules: every line is valid."""
 
 import re
 
@@ -8,7 +8,7 @@ MATCH, ASSIGN = r'[A-Z]+(?:\{[\w/]+\})?(?:==|!=)"[^"]*"', r'[A-Z]+(?:\{[\w/]+\})
 KNOWN = {"ACTION", "SUBSYSTEM", "DRIVER", "ATTR", "ATTRS", "TEST", "GROUP", "MODE", "TAG", "SYMLINK"}
 
 
-def test_the_rules_are_printed_and_each_is_matches_then_assignments() -> None:
+def test_printed_udev_rules_have_matches_followed_by_assignments() -> None:
     done = rig("bench", "udev")
     assert done.returncode == 0, done.stderr
     rules = [line for line in done.stdout.splitlines() if line and not line.startswith("#")]

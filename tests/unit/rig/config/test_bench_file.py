@@ -1,4 +1,4 @@
-"""Bench files: whatever is wrong is refused, with the line it is on."""
+"""Errors in bench files are reported with their line."""
 
 import tomllib
 from pathlib import Path
@@ -27,7 +27,7 @@ def line_with(text: str, part: str) -> int:
 
 
 @pytest.mark.parametrize("name", ["fake", "wire"])
-def test_the_benches_that_come_with_the_product_are_simulated(name: str) -> None:
+def test_built_in_benches_are_simulated(name: str) -> None:
     assert load_bench(name).simulated
 
 
@@ -115,7 +115,7 @@ def test_keep_out_boxes_grow_by_the_size_of_the_hand() -> None:
     assert table.max_m[2] == pytest.approx(0.035)
 
 
-def test_the_line_is_the_keys_own() -> None:
+def test_error_names_the_line_of_the_key() -> None:
     head, _, tail = REAL.rpartition("rate_hz = 60")
     second = f"{head}rate_hz = 59{tail}"
     assert f"line {line_with(second, 'rate_hz = 59')}: tactile.1.rate_hz" in refusal(second)
@@ -129,7 +129,7 @@ def test_invalid_toml_is_rejected_with_its_line() -> None:
     assert "line 3" in refusal("a = 1\n\nb = = 2\n")
 
 
-def test_a_file_that_is_no_text_is_refused(tmp_path: Path) -> None:
+def test_binary_file_is_rejected(tmp_path: Path) -> None:
     path = tmp_path / "bench.toml"
     path.write_bytes(b"\xff\xfe\x00")
     with pytest.raises(InputError, match="cannot be read"):
@@ -141,7 +141,7 @@ VALUES = st.sampled_from(["1", '"x"', "[\n 1,\n 2,\n]", '"""a\nb = 3\n"""', "{ k
 
 
 @given(st.dictionaries(KEYS, st.dictionaries(KEYS, VALUES, min_size=1, max_size=4), min_size=1, max_size=4))
-def test_every_key_is_found_on_the_line_it_was_written_on(tables: dict[str, dict[str, str]]) -> None:
+def test_line_of_every_key_is_found(tables: dict[str, dict[str, str]]) -> None:
     lines: list[str] = []
     where: dict[tuple[str, str], int] = {}
     for table, keys in tables.items():

@@ -1,4 +1,4 @@
-"""Calibrations beside a bench file: found, checked, used; and the same in a replay."""
+"""Calibrations beside a bench file are found, checked and used, also in a replay."""
 
 import json
 from collections.abc import Callable
@@ -78,7 +78,7 @@ def test_uncertainty_of_camera_and_hand_eye_is_used(tmp_path: Path) -> None:
     assert stored.camera_turn_sigma_rad() == pytest.approx(0.002)
 
 
-def test_without_calibrations_the_bench_is_as_its_file_says(tmp_path: Path) -> None:
+def test_bench_without_calibrations_equals_its_file(tmp_path: Path) -> None:
     bench = load_bench("fake")
     found = find_calibrations(bench, tmp_path / "nothing")
     assert not found.files
@@ -174,7 +174,7 @@ def test_simulated_calibration_is_rejected_on_a_real_bench(tmp_path: Path) -> No
         find_calibrations(real, tmp_path)
 
 
-def test_measured_openings_count_between_their_ends_and_the_nominal_slope_beyond() -> None:
+def test_measured_openings_are_extrapolated_with_the_nominal_slope() -> None:
     limits = GripperLimitsConfig(min_counts=6, max_opening_m=0.120, opening_per_count_m=0.0006)
     spec = limits.spec(((50.0, 0.090), (100.0, 0.065), (150.0, 0.030)))
     for counts, opening_m in ((100, 0.065), (125, 0.0475), (40, 0.096), (160, 0.024)):

@@ -1,4 +1,4 @@
-"""A lab's object files: found beside the bench file, and refused with the line that is wrong."""
+"""A lab's object files: found beside the bench file, and rejected with the line of the error."""
 
 from pathlib import Path
 
@@ -51,7 +51,7 @@ def test_objects_beside_the_bench_file_are_found_by_id_and_name(folder: Path) ->
         find_grasp_file("boxx", config.objects)
 
 
-def test_a_folder_that_is_given_counts_instead_and_has_to_be_there(folder: Path, tmp_path: Path) -> None:
+def test_given_folder_replaces_the_default_and_must_exist(folder: Path, tmp_path: Path) -> None:
     other = tmp_path / "others"
     other.mkdir()
     assert objects_folder(str(tmp_path / "bench.toml"), other) == other
@@ -66,7 +66,7 @@ def test_missing_objects_folder_adds_nothing(tmp_path: Path, monkeypatch: pytest
     assert objects_folder("fake") is None, "the package's own objects are no lab's"
 
 
-def test_fewer_places_and_turns_than_the_paper_s_make_fewer_poses() -> None:
+def test_fewer_positions_and_orientations_give_fewer_poses() -> None:
     assert [pose.orientation_deg for pose in grasp_poses(parse_object(BOX, "box.toml"))] == [0.0, 15.0]
 
 
@@ -130,7 +130,7 @@ def test_two_objects_of_one_name_are_refused_with_both_files(folder: Path, key: 
         read_objects(folder)
 
 
-def test_a_bench_file_does_not_hold_objects(tmp_path: Path, folder: Path) -> None:
+def test_objects_in_a_bench_file_are_rejected(tmp_path: Path, folder: Path) -> None:
     config = with_objects(load_bench("fake"), "fake", folder)
     assert "cardboard" not in bench_text(config)
     file = tmp_path / "bench.toml"

@@ -1,4 +1,4 @@
-"""Benches that lack parts, or mix simulated and real devices: what is refused, what a command needs."""
+"""Benches that lack parts, or mix simulated and real devices: rejected files, needs of commands."""
 
 import re
 from itertools import combinations
@@ -40,7 +40,7 @@ def refusal(text: str) -> str:
 
 
 def as_digits(text: str) -> str:
-    """Make the fingertips of a bench file real ones."""
+    """Make the fingertips of a bench file real."""
     head, *tips = text.split("[[tactile]]")
     last, camera, tail = tips[-1].partition("[camera]")
     real = [tip.replace('driver = "fake"', 'driver = "digit"') for tip in [*tips[:-1], last]]
@@ -48,7 +48,7 @@ def as_digits(text: str) -> str:
 
 
 def with_camera(text: str) -> str:
-    """Make the camera of a bench file a real one."""
+    """Make the camera of a bench file real."""
     head, camera, tail = text.partition("[camera]\n")
     return head + camera + tail.replace('driver = "fake"', EYE, 1)
 

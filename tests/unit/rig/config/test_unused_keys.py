@@ -1,4 +1,4 @@
-"""A key that would do nothing on a bench is refused with its line, and never in a session's stored copy."""
+"""A key without effect on a bench is rejected with its line, but never in a session's stored copy."""
 
 import pytest
 
@@ -12,7 +12,7 @@ REAL = (BENCHES.parent / "config" / "new_bench.toml").read_text()
 
 
 def after(text: str, head: str, line: str) -> str:
-    """The text with a line behind the first one that begins with `head`."""
+    """Insert a line after the first one that begins with `head`."""
     assert f"\n{head}" in text
     before, _, rest = text.partition(f"\n{head}")
     first, _, rest = rest.partition("\n")
@@ -49,9 +49,7 @@ def after(text: str, head: str, line: str) -> str:
         (REAL, "name", 'difficulty = "hard"', "difficulty: is only for simulated lifts"),
     ],
 )
-def test_a_key_that_would_do_nothing_is_refused_with_its_line(
-    text: str, head: str, line: str, said: str
-) -> None:
+def test_key_without_effect_is_rejected_with_its_line(text: str, head: str, line: str, said: str) -> None:
     # [table] and what follows it are written behind the last table's keys
     changed = (
         after(text, "position_m = [0.45, 0.0, 0.06]", line) if head == "[table]" else after(text, head, line)
@@ -88,7 +86,7 @@ def test_limits_and_dots_of_a_simulated_bench_may_be_written() -> None:
     assert parse_bench(after(WIRE, "[[tactile]]", "markers = true"), "b.toml").tactile[0].markers
 
 
-def test_a_sessions_copy_which_holds_every_key_is_read_as_ever() -> None:
+def test_stored_copy_with_every_key_is_accepted() -> None:
     stored = parse_bench(FAKE, "b.toml").model_dump(mode="json")
     again = BenchConfig.model_validate(stored)
     assert again == parse_bench(FAKE, "b.toml")

@@ -1,4 +1,4 @@
-"""The one loop of trials and recordings: repeated until it counts, kept at once, ended by faults in a row."""
+"""The loop of trials and recordings repeats faults, stores results at once, ends after repeated faults."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
@@ -21,7 +21,7 @@ WORDING = Wording("trial", "lift")
 
 @dataclass(frozen=True)
 class Piece:
-    """A lift to do."""
+    """A lift to execute."""
 
     number: int
     attempt: int = 0
@@ -33,7 +33,7 @@ class Piece:
 
 @dataclass
 class Bench:
-    """Makes attempts of which the given ones fail, by number and attempt."""
+    """Creates attempts; the given ones fail, by number and attempt."""
 
     make: MakeRow
     failing: set[tuple[int, int]]
@@ -55,7 +55,7 @@ def session(folder: Path, resume: bool = False) -> Session[LiftRow]:
     return open_session(folder, manifest, LIFTS, resume)
 
 
-def test_a_fault_is_kept_and_the_same_work_comes_again_at_once(tmp_path: Path, lift_row: MakeRow) -> None:
+def test_fault_is_stored_and_the_attempt_is_repeated_at_once(tmp_path: Path, lift_row: MakeRow) -> None:
     seen: list[tuple[int, int, int, bool]] = []
 
     def progress(done: int, total: int, row: LiftRow) -> None:

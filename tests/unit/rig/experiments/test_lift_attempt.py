@@ -48,7 +48,7 @@ lift_height_m = 0.05
 """
 
 
-def test_reaction_knows_the_largest_grip_of_a_lab_s_own_object(
+def test_reaction_uses_the_largest_grip_of_a_user_defined_object(
     light_bench: BenchConfig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     reactions: list[Reaction] = []

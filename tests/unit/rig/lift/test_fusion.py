@@ -1,4 +1,4 @@
-"""Two fingertips in one angle."""
+"""Fusion of two fingertips into one angle."""
 
 import math
 from dataclasses import replace
@@ -20,7 +20,7 @@ def answer(angle: float | None, sigma: float | None = None, time_ns: int = 0) ->
 
 
 @given(angles, sigmas, angles, sigmas)
-def test_an_answer_lies_between_and_is_no_surer_than_two_would_be(
+def test_fused_angle_lies_between_and_its_sigma_is_not_too_small(
     a: float, sa: float, b: float, sb: float
 ) -> None:
     fused = fuse(answer(a, sa), [answer(b, sb)])
@@ -31,7 +31,9 @@ def test_an_answer_lies_between_and_is_no_surer_than_two_would_be(
 
 
 @given(st.floats(-30.0, 30.0), st.floats(0.1, 2.0), st.floats(0.5, 2.0), st.floats(-1.0, 1.0))
-def test_of_two_that_agree_the_surer_one_counts_more(a: float, sa: float, times: float, gap: float) -> None:
+def test_more_certain_of_two_agreeing_fingertips_has_more_weight(
+    a: float, sa: float, times: float, gap: float
+) -> None:
     sb = times * sa
     fused = fuse(answer(a, sa), [answer(a + gap * min(sa, sb), sb)])
     assert fused.angle_deg is not None
@@ -44,7 +46,7 @@ def test_of_two_that_agree_the_surer_one_counts_more(a: float, sa: float, times:
 
 
 @pytest.mark.parametrize("turn_deg", [12.0, -25.0])
-def test_stuck_fingertip_does_not_hold_the_other_back(turn_deg: float) -> None:
+def test_stuck_fingertip_does_not_affect_the_fused_angle(turn_deg: float) -> None:
     fused = fuse(answer(0.2, 0.5), [answer(turn_deg, 1.0)])
     assert fused.angle_deg == turn_deg
     assert fused.sigma_deg is not None
@@ -52,7 +54,7 @@ def test_stuck_fingertip_does_not_hold_the_other_back(turn_deg: float) -> None:
     assert fused.disagreement is Disagreement.ONE_PAD_SLIPS
 
 
-def test_the_rate_is_of_those_that_are_believed() -> None:
+def test_fused_rate_uses_only_the_accepted_fingertips() -> None:
     stuck = replace(answer(0.0, 0.5), rate_deg_s=0.1)
     assert fuse(stuck, [replace(answer(20.0, 1.0), rate_deg_s=50.0)]).rate_deg_s == 50.0
     assert fuse(stuck, [replace(answer(0.5, 0.5), rate_deg_s=0.3)]).rate_deg_s == pytest.approx(0.2)
@@ -70,12 +72,12 @@ def test_one_answer_is_enough() -> None:
     assert fuse(answer(None), []).state is State.UNOBSERVABLE
 
 
-def test_an_old_answer_does_not_count() -> None:
+def test_old_answer_is_not_fused() -> None:
     fused = fuse(answer(1.0, time_ns=MAX_SKEW_NS + 1), [answer(9.0)])
     assert fused.angle_deg == 1.0
 
 
-def test_an_older_answer_is_brought_to_the_newer_ones_time() -> None:
+def test_older_answer_is_extrapolated_to_the_newer_time() -> None:
     moving = TipAnswer(SlipSample(0, State.TRACKING, 5.0, 0.1), 5.0, 0.1, rate_deg_s=60.0)
     fused = fuse(answer(None, time_ns=10_000_000), [moving])
     assert fused.angle_deg == pytest.approx(5.6)
@@ -96,11 +98,11 @@ def test_different_turns_are_reported_as_disagreement(
     assert fuse(answer(first, 0.2), [answer(second, 0.2)]).disagreement is expected
 
 
-def test_unsure_fingertips_do_not_disagree() -> None:
+def test_uncertain_fingertips_are_not_reported_as_disagreeing() -> None:
     assert fuse(answer(10.0, 3.0), [answer(1.0, 3.0)]).disagreement is None
 
 
-def test_the_noise_of_an_unsure_fingertip_does_not_move_a_sure_ones_answer() -> None:
+def test_noise_of_an_uncertain_fingertip_does_not_change_the_fused_angle() -> None:
     unsure = replace(answer(12.0, 20.0, time_ns=16_000_000), before=(0, 2.0))
     fused = fuse(unsure, [replace(answer(15.0, 1.0, time_ns=8_000_000), rate_deg_s=0.0)])
     assert fused.angle_deg == pytest.approx(15.0, abs=0.1)

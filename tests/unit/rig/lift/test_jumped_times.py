@@ -1,4 +1,4 @@
-"""One frame stamped an hour ahead costs that frame: in a lift, in its replay, in anyone's frames."""
+"""A frame stamped an hour ahead affects only that frame: in lifts, replays and other frames."""
 
 import io
 import shutil
@@ -50,7 +50,7 @@ def stamped_ahead(recording: Path, topic: str, number: int) -> None:
 
 
 @pytest.mark.parametrize("topic", ["/image/SIM-D0001", "/image/SIM-C0001"])
-def test_a_lift_goes_on_and_names_the_frame(tmp_path: Path, topic: str) -> None:
+def test_lift_continues_and_reports_the_frame_with_jumped_time(tmp_path: Path, topic: str) -> None:
     session = shutil.copytree(STORED, tmp_path / "trial")
     [stored] = run_replay(stored_trial(session), jobs=1).rows
     half = min(stored.frames.values()) // 2
@@ -67,7 +67,7 @@ def test_a_lift_goes_on_and_names_the_frame(tmp_path: Path, topic: str) -> None:
 
 
 @pytest.mark.parametrize("name", ["slip", *long("ecc", "pca")])
-def test_anyone_s_frames_go_on_and_the_frame_is_named(
+def test_frames_of_other_sources_continue_and_the_jumped_frame_is_reported(
     press: Callable[..., Image], blank: Image, name: str
 ) -> None:
     angles = [20.0] * 8 + list(np.linspace(20.0, 36.0, 41)[1:]) + [36.0] * 10

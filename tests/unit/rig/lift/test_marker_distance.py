@@ -1,4 +1,4 @@
-"""Markers that look nearer or farther than the camera's place says: seen in the row, the log, on the page."""
+"""A distance to the markers that contradicts the camera's position is reported in row, log and page."""
 
 from pathlib import Path
 
@@ -37,7 +37,7 @@ def test_marker_side_and_intrinsics_give_the_distance() -> None:
 
 
 @pytest.mark.parametrize(("sides", "off"), [(15.7, False), (17.2, False), (17.4, True), (14.0, True)])
-def test_a_tenth_is_the_bound(sides: float, off: bool) -> None:
+def test_distance_warning_begins_at_ten_percent(sides: float, off: bool) -> None:
     found = MarkerDistance(0.04 * sides, 0.628) if off else None
     assert ExpectedDistance(0.04, 0.628).warning(sides) == found
 

@@ -27,7 +27,7 @@ def scene():
 
 
 def about_y(turn_deg):
-    """Counter-clockwise as a camera that looks along +y sees it."""
+    """Counter-clockwise for a camera along +y."""
     return Rotation.from_euler("y", -turn_deg, degrees=True)
 
 
@@ -36,7 +36,7 @@ def known(scene):
 
 
 class Lift:
-    """Feeds a measurement with pictures of an object on a wrist."""
+    """Feeds a measurement with pictures of an object on a rotating wrist."""
 
     def __init__(self, scene, camera=None, place_sigma_rad=0.0):
         self.scene = scene
@@ -60,7 +60,7 @@ class Lift:
         self.time_ns += FRAME_NS
 
     def rest(self, frames=STILL_FRAMES):
-        """Frames at rest, then the zero."""
+        """Frames at rest, then set the zero."""
         start = self.time_ns
         for _ in range(frames):
             self.see(0.0)
@@ -108,7 +108,7 @@ def test_sigma_includes_the_camera_and_its_pose(scene):
 
 
 @pytest.mark.parametrize("with_camera", [True, False])
-def test_the_wrist_is_not_the_object(scene, with_camera):
+def test_rotation_of_the_wrist_is_not_measured_as_the_object(scene, with_camera):
     lift = Lift(scene, known(scene) if with_camera else None)
     lift.rest()
     for k in range(1, 11):
@@ -130,7 +130,7 @@ def test_live_angle_waits_for_the_zero_and_ends_with_the_markers(scene):
     assert lift.truth.latest_angle_deg() is None
 
 
-def test_a_gap_breaks_the_unwrapping(scene):
+def test_angle_is_not_unwrapped_across_a_gap(scene):
     lift = Lift(scene)
     lift.rest()
     for k in range(1, 14):
@@ -185,7 +185,7 @@ def test_missing_frames_are_not_blamed_on_markers_or_light(scene):
     assert "light" not in str(raised.value)
 
 
-def test_a_slow_camera_takes_its_zero_from_further_back_but_not_from_the_grasp(scene):
+def test_zero_of_a_slow_camera_uses_earlier_frames_but_none_of_the_grasp(scene):
     lift = Lift(scene)
     for k in range(8):
         lift.see(2.0 * k)  # the fingers close
@@ -223,7 +223,7 @@ def test_series_since_zero_begins_at_the_zero(scene):
 
 
 @pytest.mark.parametrize("shape", [(480, 640, 4), (480, 640, 1)])
-def test_other_pictures_are_refused(scene, shape):
+def test_pictures_of_another_shape_are_refused(scene, shape):
     with pytest.raises(InputError, match="RGB"):
         Lift(scene).truth.update(np.zeros(shape, np.uint8), 0, CAMERA)
 
@@ -254,5 +254,5 @@ def test_truth_is_interpolated_over_short_gaps_only(time_ns, expected):
     assert answer == (None if expected is None else pytest.approx(expected))
 
 
-def test_no_truth_gives_no_interpolation():
+def test_empty_truth_is_not_interpolated():
     assert interpolate(series_of([], []), 0) is None

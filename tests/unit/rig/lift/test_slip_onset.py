@@ -1,4 +1,4 @@
-"""When the true angle leaves its rest: ramps, noise, jolts, gaps."""
+"""Onset of the true rotation: ramps, noise, jolts, gaps."""
 
 import numpy as np
 import pytest
@@ -28,7 +28,7 @@ def test_onset_of_a_ramp_is_its_half_degree(sign, rate_hz):
 
 @given(st.integers(0, 10_000), st.sampled_from([1.0, -1.0]), st.floats(2.0, 60.0))
 def test_onset_of_a_noisy_stick_slip_ramp(seed, sign, rate_deg_s):
-    """A ramp that advances in steps of 40 ms, seen with the two-marker angle's noise."""
+    """A ramp with steps every 40 ms, with the noise of the two-marker angle."""
     times = frames(150)
     stepped = np.floor(np.maximum(0.0, times / 1e9 - 1.0) / 0.04) * 0.04
     angles = sign * stepped * rate_deg_s + np.random.default_rng(seed).normal(0.0, 0.02, 150)
@@ -57,7 +57,7 @@ def test_a_jolt_that_falls_back_is_no_onset(sign):
     assert onset / 1e9 == pytest.approx(1.525, abs=0.005)
 
 
-def test_growth_that_is_not_seen_is_no_onset():
+def test_growth_in_a_gap_is_no_onset():
     times = frames(120)
     ramp = np.maximum(0.0, times / 1e9 - 1.0) * 10.0
     ended = times < 1_140 * MS

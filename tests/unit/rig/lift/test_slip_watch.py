@@ -1,4 +1,4 @@
-"""When a slip asks for a reaction: thresholds from noise at rest, re-armed, and not sooner than needed."""
+"""Slip events that need a reaction: thresholds from noise at rest, rearming, and delayed reactions."""
 
 import numpy as np
 import pytest
@@ -37,7 +37,7 @@ def show(to: SlipWatch, *answers: tuple[int, float | None, float | None]) -> Non
 
 
 @pytest.mark.parametrize("rate", [0.0, -1.0, 1e6])
-def test_a_rate_that_no_threshold_gives_is_refused(rate: float) -> None:
+def test_impossible_false_alarm_rate_is_rejected(rate: float) -> None:
     with pytest.raises(InputError, match="false-alarms-per-hour"):
         sigmas_for(rate, 60.0)
 
@@ -58,7 +58,7 @@ def test_fingertip_without_rate_raises_no_alarm() -> None:
     assert made.thresholds() == {}
 
 
-def test_a_gel_that_gives_way_and_comes_to_rest_is_no_slip() -> None:
+def test_yielding_gel_that_comes_to_rest_is_no_slip() -> None:
     made = watch()
     show(made, *((100 + i, 0.7 * (1.0 - 0.9**i), 4.0 * 0.9**i) for i in range(60)))
     assert made.slip_ns() is None
@@ -75,8 +75,8 @@ def test_slowest_fingertip_decides_whether_the_slip_continues() -> None:
         assert (made.slip_ns() is None) is (slowest_deg_s < 4.0)
 
 
-def test_noise_alone_is_a_slip_no_more_often_than_asked() -> None:
-    """Ten minutes of rest at 1,000 an hour; re-armed after each alarm."""
+def test_false_alarms_from_noise_stay_below_the_requested_rate() -> None:
+    """Ten minutes of rest with 1,000 permitted false alarms per hour; rearmed after each alarm."""
     made = SlipWatch(SlipSettings(false_alarms_per_hour=1000.0))
     made.begin({TIP: resting(1.5, 20.0, 2000)})
     rng = np.random.default_rng(1)
@@ -90,7 +90,7 @@ def test_noise_alone_is_a_slip_no_more_often_than_asked() -> None:
     assert 0.2 * asked < len(made.events) <= asked + 2.0 * asked**0.5
 
 
-def test_turn_away_from_rest_is_a_slip_and_turn_back_is_not() -> None:
+def test_rotation_away_from_rest_is_a_slip_and_rotation_back_is_not() -> None:
     made = watch()
     show(made, (100, 0.45, -20.0), (101, 0.2, 20.0))
     assert made.slip_ns() is None
@@ -123,7 +123,8 @@ def test_both_fingertips_have_to_show_a_slip() -> None:
 
 
 def slipped(made: SlipWatch, frame: int, by_deg: float, from_deg: float, closes: bool) -> bool:
-    """Show a slip and its reaction; return whether another would have been too much just before its end."""
+    """Feed a slip and its reaction; return whether another slip would have exceeded the limit just before
+    its end."""
     show(made, (frame, from_deg, 0.0), (frame + 1, from_deg + by_deg, 30.0))
     made.reacted(ReactionStep.STOP, (frame + 1) * FRAME_NS, 20)
     if closes:
@@ -144,7 +145,7 @@ def test_next_slip_is_too_much_if_150_percent_of_the_largest_passes_the_limit() 
     assert slipped(strict, 100, 1.0, 0.0, closes=False)
 
 
-def test_a_slow_drift_is_no_slip_and_a_slip_from_where_it_has_got_to_is_one() -> None:
+def test_slow_drift_is_no_slip_and_a_slip_after_it_is_detected() -> None:
     made = watch()
     drift_deg = 0.02 * FRAME_NS / 1e9
     frames = 3000
@@ -169,7 +170,7 @@ def test_alarm_is_rearmed_at_the_angle_after_a_reaction() -> None:
     assert made.slip_ns() == 116 * FRAME_NS
 
 
-def test_rest_is_a_tenth_of_a_second_below_the_noise_of_every_tip_that_answers() -> None:
+def test_rest_needs_a_tenth_of_a_second_below_the_noise_of_every_answering_fingertip() -> None:
     made = SlipWatch(SlipSettings())
     made.begin({"a": resting(0.02, 0.5), "b": resting(0.02, 0.5)})
     assert not made.at_rest()
@@ -181,7 +182,7 @@ def test_rest_is_a_tenth_of_a_second_below_the_noise_of_every_tip_that_answers()
     assert not made.at_rest()
 
 
-def test_with_a_largest_turn_the_reaction_waits_until_it_would_be_too_late() -> None:
+def test_reaction_with_a_turn_limit_waits_until_the_limit_would_be_exceeded() -> None:
     made = watch(max_turn_deg=5.0)
     show(made, (100, 0.5, 5.0), (101, 0.6, 5.0))
     assert made.slip_ns() is None

@@ -12,7 +12,7 @@ from rig.results.metrics import Floats, hold_last, mare_of, mean_interval, summa
 from rig.sessions.records import ErrorSummary
 
 
-def test_a_lift_is_its_mean_deviation_and_maximum() -> None:
+def test_errors_of_a_lift_have_mean_deviation_and_maximum() -> None:
     summary = summarize(np.array([1.0, 3.0]))
     assert summary is not None
     assert (summary.mean_deg, summary.std_deg, summary.max_deg, summary.frames) == (2.0, 1.0, 3.0, 2)
@@ -20,7 +20,7 @@ def test_a_lift_is_its_mean_deviation_and_maximum() -> None:
 
 
 def errors(*means_deg: float | None) -> list[ErrorSummary | None]:
-    """Errors of lifts by their mean, None for a refused lift."""
+    """Lifts with these mean errors; None for a refused lift."""
     return [None if mean is None else ErrorSummary(mean, mean / 2, 2 * mean, 100) for mean in means_deg]
 
 
@@ -93,7 +93,7 @@ def test_refused_frames_hold_the_last_angle() -> None:
     assert hold_last([None, 2.0, None, 5.0]).tolist() == [0.0, 2.0, 2.0, 5.0]
 
 
-def test_the_authors_real_curves_give_the_stated_differences(real_data: Path) -> None:
+def test_real_curves_of_the_authors_give_the_published_differences(real_data: Path) -> None:
     """The same metric on curves of real lifts, digitised from the paper's plots."""
     folder = real_data / "aurova_figures" / "curves"
     with (folder / "summary.csv").open() as stream:

@@ -1,4 +1,4 @@
-"""Lines and tables of trials on the terminal."""
+"""Text about trials on the terminal."""
 
 from collections.abc import Callable
 
@@ -24,7 +24,9 @@ def row(make: MakeRow, number: int, error_deg: float | None) -> FinishedLift:
         ({"lost": 200}, "'lost': The image changed more"),
     ],
 )
-def test_lift_without_an_answer_says_why(lift_row: MakeRow, states: dict[str, int], why: str) -> None:
+def test_note_of_a_lift_without_an_answer_gives_the_reason(
+    lift_row: MakeRow, states: dict[str, int], why: str
+) -> None:
     lift = lift_row(1, re=None, re_b=None, answered=0.0, states=states)
     assert f"no answer, most frames are {why}" in lift_note(lift)
 

@@ -1,4 +1,4 @@
-"""The table of many lifts: the same from CSV and Parquet, back to rows, and quick to summarize."""
+"""The table of many lifts: equal in CSV and Parquet, convertible to rows, and summarised quickly."""
 
 import random
 from collections.abc import Callable
@@ -36,7 +36,7 @@ def table(make: MakeRow, count: int) -> list[ReplayRow]:
 
 
 @pytest.mark.parametrize("kind", ["csv", "parquet"])
-def test_a_table_is_read_back_as_it_was_written(kind: str, tmp_path: Path, lift_row: MakeRow) -> None:
+def test_written_table_is_read_back_unchanged(kind: str, tmp_path: Path, lift_row: MakeRow) -> None:
     if kind == "parquet":
         pytest.importorskip("pyarrow")
     rows = [*table(lift_row, 20), broken_row("/s/two", 'no, "x"')]
@@ -52,7 +52,7 @@ def test_the_summary_of_a_table_is_that_of_its_rows(lift_row: MakeRow) -> None:
     assert summarize_table([table_row(HEAD, r) for r in rows]) == summarize_trial(rows)
 
 
-def test_an_empty_or_strange_cell_is_named(tmp_path: Path, lift_row: MakeRow) -> None:
+def test_empty_or_invalid_cell_is_named(tmp_path: Path, lift_row: MakeRow) -> None:
     lines = table_lines(table(lift_row, 3))
     path = tmp_path / "results.csv"
     path.write_bytes(csv_bytes(COLUMNS, [lines[0], {**lines[1], "session": None}]))
@@ -63,7 +63,7 @@ def test_an_empty_or_strange_cell_is_named(tmp_path: Path, lift_row: MakeRow) ->
         summarize_table(read_results(path))
 
 
-def test_a_file_that_is_no_results_table_is_refused(tmp_path: Path) -> None:
+def test_file_without_a_results_table_is_rejected(tmp_path: Path) -> None:
     other = tmp_path / "other.csv"
     other.write_text("frame,t_s\n1,0.5\n")
     with pytest.raises(InputError, match="no column session"):

@@ -1,4 +1,4 @@
-"""A recording with damaged chunks is used apart from these, and the gap is reported."""
+"""Recordings with damaged chunks are used without these, and the gap is reported."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -35,7 +35,7 @@ def trial(tmp_path: Path, stored_trial_twice: Callable[[Path], Path]) -> Path:
 
 @pytest.fixture
 def damaged_chunk(trial: Path) -> int:
-    """A chunk of lift 2, in the middle of the lift, in which a bit has flipped."""
+    """A chunk in the middle of lift 2 with a flipped bit."""
     recording = trial / "lifts" / "002.mcap"
     number = chunk_with(recording, "/phase", 2) + 1
     damage_chunks(recording, number)

@@ -33,14 +33,14 @@ Place = tuple[str | int, ...]
 
 
 def whole(manifest: AnyManifest) -> dict[str, Any]:
-    """Every field of a manifest by its schema, also those that a file leaves out at their default."""
+    """Every field of a manifest's schema, including optional ones."""
     if isinstance(manifest, BenchManifest):
         manifest = replace(manifest, remarks=Remarks("name", "note", ("gel-7",), "operator"))
     return TypeAdapter(type(manifest)).dump_python(manifest, mode="json")
 
 
 def places(value: Any, place: Place = ()) -> Iterator[Place]:
-    """The places of a JSON value and of all values in it."""
+    """The paths of a JSON value and of all values in it."""
     yield place
     inner = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
     for key, each in inner:
@@ -48,7 +48,7 @@ def places(value: Any, place: Place = ()) -> Iterator[Place]:
 
 
 def with_value(manifest: Any, place: Place, value: Any) -> Any:
-    """A copy of a manifest with another value in one place."""
+    """A copy of a manifest with another value at one path."""
     if not place:
         return value
     copy = dict(manifest) if isinstance(manifest, dict) else list(manifest)

@@ -1,4 +1,4 @@
-"""A session whose trial has another phase than this version's opens, replays and reports."""
+"""A session with a further phase opens, replays and is reported."""
 
 import json
 import shutil
@@ -19,12 +19,12 @@ from support.recordings import Edit, written_again
 
 STORED = Path(__file__).parents[3] / "data" / "stored_trial"
 BEFORE_B_NS = 300_000_000
-"""The phase that is added begins 0.3 s before phase B."""
+"""The added phase begins 0.3 s before phase B."""
 
 
 @pytest.fixture
 def longer_trial(tmp_path: Path) -> Path:
-    """The stored trial as a version of the rig would write it whose trial has a phase "settle" before B."""
+    """The stored trial as another version writes it, with a phase "settle" before B."""
     folder = Path(shutil.copytree(STORED, tmp_path / "trial"))
     row = json.loads((folder / "lifts.jsonl").read_text())
     row["phases_s"]["settle"] = row["phases_s"]["B"] - BEFORE_B_NS / 1e9

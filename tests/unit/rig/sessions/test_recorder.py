@@ -1,4 +1,4 @@
-"""Messages are in the order of arrival, then angles in theirs; each keeps its own time."""
+"""Messages are in order of arrival, followed by angles in their order; each keeps its time."""
 
 import io
 from pathlib import Path

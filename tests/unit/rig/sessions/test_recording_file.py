@@ -1,4 +1,4 @@
-"""Recordings are read as they were written, or rejected as damaged."""
+"""Recordings are read as written, or rejected as damaged."""
 
 import io
 import os
@@ -250,7 +250,7 @@ def written(
 
 
 def sized(data: bytes, size: int) -> bytes:
-    """Let a recording of one chunk say that it has another size, with checksums that agree."""
+    """Make a recording of one chunk state another size, with matching checksums."""
     with io.BytesIO(data) as stream:
         summary = make_reader(stream).get_summary()
     assert summary is not None

@@ -1,4 +1,4 @@
-"""Stored rows: written as they are, read as strictly, and what is wrong with one named by its key."""
+"""Stored rows are written and read strictly; errors name the key."""
 
 import json
 from collections.abc import Callable
@@ -39,7 +39,7 @@ def failed(row: FinishedLift) -> FailedLift:
     return FailedLift(**head, accepted=False, outcome=LiftOutcome.FAULT, fault="lost", bench_s=1.5)
 
 
-def test_rows_are_read_back_as_they_were_written(lift_row: MakeRow) -> None:
+def test_written_rows_are_read_back_unchanged(lift_row: MakeRow) -> None:
     whole = lift_row(3, re=None, onset_truth_s=None)
     for row in (whole, failed(whole)):
         assert LIFTS.parsed(json_line(row)) == row
@@ -50,7 +50,7 @@ def test_rows_are_read_back_as_they_were_written(lift_row: MakeRow) -> None:
 
 
 @given(st.floats(allow_nan=False, allow_infinity=False), st.floats(allow_nan=False, allow_infinity=False))
-def test_every_number_comes_back_to_the_last_bit(one: float, other: float) -> None:
+def test_every_number_is_read_back_bit_for_bit(one: float, other: float) -> None:
     row = replace(POSE, orientation_deg=other)
     assert POSES.parsed(json_line(row)) == row
     timing = LiftTiming(number=1, attempt=0, wall_s=one, stages={})
@@ -117,7 +117,7 @@ def test_a_wrong_row_is_named_by_file_line_and_key(
 @pytest.mark.parametrize(
     "text", [b"null", b"[]", b"7", b'"row"', b"{", b"\xff\xfe", b"[" * 100_000, b"1" * 6000]
 )
-def test_a_line_that_is_no_row_at_all_is_named(tmp_path: Path, text: bytes) -> None:
+def test_invalid_line_is_named(tmp_path: Path, text: bytes) -> None:
     (tmp_path / "lifts.jsonl").write_bytes(text + b"\n")
     with pytest.raises(SessionError, match="line 1 is damaged"):
         read_lifts(tmp_path)

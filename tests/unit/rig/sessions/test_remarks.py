@@ -1,4 +1,4 @@
-"""What people say of a session: kept beside what was asked for, and no part of it."""
+"""Names, notes and tags of a session are stored beside the request, and are not part of it."""
 
 from pathlib import Path
 
@@ -35,7 +35,7 @@ def test_remarks_are_stored_and_not_part_of_the_request(tmp_path: Path) -> None:
     assert "tags: gel-7, übung · operator: Ada" in header(kept, "Slip trial")["remarks"]
 
 
-def test_a_session_without_any_is_written_as_before() -> None:
+def test_session_without_remarks_has_no_extra_keys() -> None:
     assert "remarks" not in json_value(manifest())
 
 

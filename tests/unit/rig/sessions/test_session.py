@@ -1,4 +1,4 @@
-"""The session folder: what is finished stays, whatever happens."""
+"""The session folder keeps finished work under all faults."""
 
 import json
 import logging
@@ -27,7 +27,7 @@ def start(folder: Path, resume: bool = False, seed: int = 0) -> Session[LiftRow]
     return open_session(folder, manifest, LIFTS, resume)
 
 
-def test_results_are_on_disk_as_they_come_and_found_again(tmp_path: Path, lift_row: MakeRow) -> None:
+def test_each_result_is_on_disk_at_once_and_read_on_resume(tmp_path: Path, lift_row: MakeRow) -> None:
     with start(tmp_path / "s") as session:
         session.add(lift_row(1), TIMING)
         assert read_lifts(tmp_path / "s") == [lift_row(1)]
@@ -36,7 +36,7 @@ def test_results_are_on_disk_as_they_come_and_found_again(tmp_path: Path, lift_r
         assert not again.complete
 
 
-def test_a_line_torn_by_a_crash_is_dropped_and_appending_goes_on(tmp_path: Path, lift_row: MakeRow) -> None:
+def test_incomplete_last_line_is_removed_and_appending_continues(tmp_path: Path, lift_row: MakeRow) -> None:
     with start(tmp_path / "s") as session:
         session.add(lift_row(1), TIMING)
     with (tmp_path / "s" / "lifts.jsonl").open("ab") as stream:
@@ -46,7 +46,7 @@ def test_a_line_torn_by_a_crash_is_dropped_and_appending_goes_on(tmp_path: Path,
     assert [row.number for row in read_lifts(tmp_path / "s")] == [1, 3]
 
 
-def test_a_taken_folder_and_another_request_are_refused(tmp_path: Path) -> None:
+def test_folder_in_use_or_with_another_request_is_refused(tmp_path: Path) -> None:
     start(tmp_path / "s").close()
     with pytest.raises(InputError, match="--resume"):
         start(tmp_path / "s")
@@ -107,7 +107,7 @@ def test_the_newest_unfinished_session_of_a_bench_is_found(tmp_path: Path) -> No
         assert newest_unfinished("trial", "fake", tmp_path) == tmp_path / "a"
 
 
-def test_two_writers_at_once_are_refused_and_a_lock_left_behind_is_not_in_the_way(tmp_path: Path) -> None:
+def test_second_writer_is_refused_and_a_stale_lock_is_ignored(tmp_path: Path) -> None:
     first = start(tmp_path / "s")
     with pytest.raises(RecordingError, match="another rig process"):
         start(tmp_path / "s", resume=True)
@@ -147,7 +147,7 @@ def test_a_failed_write_keeps_the_old_file(tmp_path: Path, monkeypatch: pytest.M
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_no_password_of_a_camera_is_kept_and_the_session_goes_on(tmp_path: Path) -> None:
+def test_password_of_a_camera_is_not_stored_and_the_session_continues(tmp_path: Path) -> None:
     bench = load_bench("wire")
     secret = "http://me:s3cret@192.0.2.7/video?pwd=s3cret"
     camera = bench.camera.model_copy(update={"address": secret})
@@ -163,7 +163,7 @@ def test_no_password_of_a_camera_is_kept_and_the_session_goes_on(tmp_path: Path)
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="this system has no full disk to write to")
-def test_a_log_that_cannot_be_written_says_so_once(capsys: pytest.CaptureFixture[str]) -> None:
+def test_unwritable_log_is_reported_once(capsys: pytest.CaptureFixture[str]) -> None:
     log = SessionLog("/dev/full")
     for _ in range(3):
         log.emit(logging.LogRecord("rig", logging.INFO, "", 0, "something", None, None))

@@ -1,4 +1,4 @@
-"""A recording is on the disk while its lift goes on, and keeps its unfinished name if that is interrupted."""
+"""A recording is on disk during its lift, and keeps its unfinished name if the lift is interrupted."""
 
 import os
 import resource
@@ -111,7 +111,7 @@ def test_disk_that_stalls_for_too_long_is_an_error(tmp_path: Path, monkeypatch: 
 
 @pytest.fixture
 def small_disk() -> Iterator[None]:
-    """No file of this process may become larger than 1 MB."""
+    """Limit files of this process to 1 MB."""
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (MB, hard))
     yield
@@ -141,7 +141,7 @@ def test_full_disk_is_an_error_within_the_lift(tmp_path: Path) -> None:
 def test_final_name_is_given_without_overwriting_a_recording_that_has_no_line(
     tmp_path: Path, lift_row: Callable[..., FinishedLift]
 ) -> None:
-    """As after a crash between the renaming of a recording and its line in the results."""
+    """The state after a crash between renaming a recording and appending its line."""
     asked = begun_on(load_bench("fake"), "trial", 0, ["t1"])
     manifest = TrialManifest(**vars(asked), lifts_per_object=3, estimator="slip", window=1, skip=True)
     with open_session(tmp_path / "s", manifest, LIFTS, resume=False) as session:

@@ -83,10 +83,10 @@ class SeedRow:
 
 
 def measure(options: SeedsOptions, run: Run) -> Report:
-    """Carry out SIMULATED trials of several seeds; print how far off and how confidently wrong they are.
+    """Carry out SIMULATED trials of several seeds; print errors and confidently wrong angles.
 
-    The estimator is slip, as it answers in the lifts. A trial of 45 lifts takes two minutes on two cores.
-    Recordings are removed once they are scored. Exit code 4 if a limit was missed.
+    The estimator is slip. A trial of 45 lifts takes two minutes on two cores. Recordings are deleted after
+    they are scored. The exit code is 4 if a limit is missed.
 
     Examples:
       rig benchmark seeds

@@ -204,9 +204,10 @@ class CalibrationOptions:
 
 
 def measure(options: CalibrationOptions, run: Run) -> Report:
-    """Measure the calibrations against their limits, on simulated and, where they are, real data.
+    """Compare the errors of the calibrations with their limits, on simulated and real data.
 
-    Exit code 4 when a limit is missed, or bad data went through without being refused.
+    Real data are used if they are available. The exit code is 4 if a limit is missed, or if bad data are not
+    refused.
 
     Examples:
       rig benchmark calibration

@@ -1,4 +1,4 @@
-"""`rig benchmark clips`: estimators on labelled clips.
+"""`rig benchmark clips`: score estimators on labelled clips.
 
-May import `rig.frames`, `rig.tactile`, `rig.pages` and what other benchmarks share.
+It may import `rig.frames`, `rig.tactile`, `rig.pages` and the shared modules of the benchmarks.
 """

@@ -1,7 +1,7 @@
-"""Labelled clips in further versions: mirrored left to right, flipped top to bottom, and backwards in time.
+"""Make further versions of labelled clips: mirrored left-right, flipped top-bottom, and reversed in time.
 
-An estimator that knows an object, a light or a direction of turning from the clips it was tuned on does worse
-in these versions, so their figures show over-fitting. The labels are transformed with the frames.
+The labels are transformed with the frames. An estimator that is overfitted to the objects, the light or the
+direction of rotation of the clips has larger errors on these versions.
 """
 
 import math
@@ -40,7 +40,7 @@ def augmented(clips: Sequence[LabelledClip], versions: Sequence[ClipVersion]) ->
 
 
 def clip_version(clip: LabelledClip, version: ClipVersion) -> LabelledClip:
-    """Return a clip in a version, named after it; the plain version is the clip itself."""
+    """Return a clip in a version, with the version in its name; the plain version is the clip itself."""
     if version is ClipVersion.PLAIN:
         return clip
     found = _backwards(clip) if version is ClipVersion.REVERSE else _mirrored(clip, _IMAGE_AXIS[version])
@@ -70,8 +70,8 @@ def _flipped(image: Image, axis: int) -> Image:
 def _backwards(clip: LabelledClip) -> LabelledClip:
     """Return a clip that runs backwards from its last labelled frame, which becomes the reference.
 
-    The background stays: a frame without contact is the same in both directions of time. The former
-    reference becomes a label. Frame intervals keep their lengths in reversed order.
+    The background is unchanged. The former reference becomes a label. The intervals between frames keep their
+    lengths, in reversed order.
     """
     reference = ClipLabel(clip.reference_frame, 0.0, 0.0)
     *earlier, last = sorted([*clip.labels, reference], key=lambda label: label.frame)
@@ -85,8 +85,9 @@ def _backwards(clip: LabelledClip) -> LabelledClip:
             yield replace(frame, time=FrameTime(f"{time_ns / NS_PER_S:.6f}", time_ns))
 
     def relative(label: ClipLabel) -> ClipLabel:
-        # A label's variance is that of two lines drawn by hand, one of them at the reference. The difference
-        # of two labels does not contain that line, whose variance is taken as half of the surest label's.
+        # The variance of a label is the sum of those of two lines drawn by hand, one of them at the
+        # reference. The line at the reference cancels in the difference of two labels. Its variance is
+        # assumed to be half of the smallest variance of a label.
         common = 0.0 if reference in (label, last) else surest_deg**2
         variance = label.sigma_deg**2 + last.sigma_deg**2 - common
         return ClipLabel(last.frame - label.frame, label.angle_deg - last.angle_deg, math.sqrt(variance))

@@ -1,9 +1,8 @@
-"""Labelled clips: a folder per clip, with frames, a background, times and hand-measured angles.
+"""Read labelled clips: a folder per clip with frames, a background, times and angles labelled by hand.
 
-Frames are images, a video or a ROS bag.
-
-Also the trials of TactileTracking and the sequences of digit-pose-estimation, in their own layouts: their
-turns are known at every sample, and one in half a second is a label.
+Frames are images, a video or a ROS bag. The trials of TactileTracking and the sequences of
+digit-pose-estimation are read in their published layouts. Their angles are known at every sample; one every
+half second becomes a label.
 """
 
 from collections.abc import Mapping, Sequence
@@ -32,6 +31,7 @@ from rig.frames.series import FrameSeries, make_background, read_frames
 GROUPS, CONTACTS = "groups.csv", "contacts.csv"
 NO_GROUP = "-"
 LABEL_EVERY_NS = NS_PER_S // 2
+"""Interval of the labels in public sets."""
 _NEEDED = ("reference_frame", "keyframe", "angle_deg", "sigma_deg")
 
 
@@ -46,7 +46,7 @@ class ClipVersion(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class ClipLabel:
-    """An angle measured by hand at a frame (numbered from 0), counter-clockwise as seen, and its sigma."""
+    """An angle labelled by hand. frame: number from 0. angle_deg: counter-clockwise positive in the image."""
 
     frame: int
     angle_deg: float
@@ -55,7 +55,7 @@ class ClipLabel:
 
 @dataclass(frozen=True, slots=True)
 class ContactSpan:
-    """Consecutive frames, the last one included, that are all in contact or all without contact."""
+    """Consecutive frames, from `first` to `last` inclusive, that are all with or all without contact."""
 
     first: int
     last: int
@@ -66,9 +66,9 @@ class ContactSpan:
 class LabelledClip:
     """A clip and its ground truth.
 
-    reference_frame: the frame whose angle is 0. labels: in the order of frames, without the reference.
-    background: (H, W, 3) uint8 RGB. contacts: frames of which it is known whether they are in contact.
-    version: see `rig.benchmark.clips.augmented`.
+    background: (H, W, 3) uint8 RGB. reference_frame: number of the frame whose angle is 0. labels: in order
+    of frames, without the reference. contacts: frames with known contact state. version: see
+    `rig.benchmark.clips.augmented`.
     """
 
     name: str
@@ -84,17 +84,17 @@ class LabelledClip:
 def read_clips(
     folder: Path, groups: Path | None = None, sign: int = 1, topic: str | None = None
 ) -> list[LabelledClip]:
-    """Read all clips of a folder, or the one clip that it is, sorted by name.
+    """Read one clip, or all clips of a folder sorted by name.
 
-    sign: -1 turns the known angles of public sets round, for one whose sense of turning is not told.
-    groups: CSV with columns `clip,group`; by default `groups.csv` in the folder, else the column `group` of
-    each clip's labels. topic: of clips that are ROS bags, see `read_frames`. Raises `InputError` naming what
-    is missing or wrong.
+    folder: of the clips, or of one clip. groups: CSV with columns `clip,group`; by default `groups.csv` in
+    the folder, else the column `group` of the labels. sign: -1 to negate the known angles of public sets
+    whose direction of rotation is not documented. topic: image topic of ROS bags, see `read_frames`. Raises
+    `InputError` if a file is missing or invalid.
     """
     if bag_of(folder) is not None or is_trial(folder):
         return [public_clip(folder, folder.stem, sign)]
     if not folder.is_dir():
-        raise InputError(f"{folder}: there is no such folder: give one with a folder per labelled clip")
+        raise InputError(f"{folder}: folder not found: give one with a folder per labelled clip")
     if (folder / LABELS).exists():
         return [_clip(folder, {}, topic)]
     own = folder / GROUPS
@@ -105,7 +105,7 @@ def read_clips(
     if public:
         return [replace(clip, group=named.get(clip.name, clip.group)) for clip in public]
     if not folders:
-        raise InputError(f"{folder}: no folder in it has a {LABELS}: rig label-angle CLIP makes one")
+        raise InputError(f"{folder}: no folder in it has a {LABELS}: make one with rig label-angle CLIP")
     return [_clip(clip, named, topic) for clip in folders]
 
 
@@ -131,7 +131,7 @@ def public_clip(path: Path, name: str, sign: int = 1) -> LabelledClip:
             labels.append(ClipLabel(place, sign * float(turn), 0.0))
             last_ns = times_ns[place]
     if not labels:
-        raise InputError(f"{path}: is shorter than half a second: nothing to compare")
+        raise InputError(f"{path}: is shorter than half a second, so there is no label to compare with")
     return LabelledClip(name, group, series, background, 0, tuple(labels))
 
 
@@ -146,7 +146,7 @@ def _public_clips(folder: Path, sign: int) -> list[LabelledClip]:
 
 
 def read_labels(path: Path) -> tuple[int, tuple[ClipLabel, ...], str]:
-    """Read a clip's labels: the reference frame, the labels beside it, the group. Raises `InputError`."""
+    """Read the labels of a clip; return reference frame, other labels and group. Raises `InputError`."""
     rows = _rows(path, _NEEDED)
     references = {_number(path, line, row, "reference_frame", whole=True) for line, row in rows}
     if len(references) != 1:
@@ -155,10 +155,10 @@ def read_labels(path: Path) -> tuple[int, tuple[ClipLabel, ...], str]:
     labels = [_label(path, line, row) for line, row in rows]
     frames = [label.frame for label in labels]
     if len(set(frames)) < len(frames):
-        raise InputError(f"{path}: a frame has two labels: keep one row a frame")
+        raise InputError(f"{path}: a frame has two labels: keep one row per frame")
     beside = sorted((label for label in labels if label.frame != reference), key=lambda label: label.frame)
     if not beside:
-        raise InputError(f"{path}: no label beside the reference frame {reference}: label one frame or more")
+        raise InputError(f"{path}: no label except the reference frame {reference}: label at least one frame")
     return reference, tuple(beside), (rows[0][1].get("group") or NO_GROUP).strip()
 
 
@@ -166,7 +166,7 @@ def _label(path: Path, line: int, row: Mapping[str, str]) -> ClipLabel:
     frame = int(_number(path, line, row, "keyframe", whole=True))
     angle, sigma = (_number(path, line, row, name) for name in ("angle_deg", "sigma_deg"))
     if sigma < 0.0:
-        raise InputError(f"{path}: line {line}: sigma_deg {sigma:g} is negative: give degrees from 0 on")
+        raise InputError(f"{path}: line {line}: sigma_deg {sigma:g} is negative: give 0 or more")
     return ClipLabel(frame, angle, sigma)
 
 
@@ -177,10 +177,12 @@ def _clip(folder: Path, groups: Mapping[str, str], topic: str | None) -> Labelle
     count = sum(1 for _ in series.read())
     last = max(reference, *(label.frame for label in labels))
     if not 0 <= last < count:
-        raise InputError(f"{folder / LABELS}: frame {last} is labelled, the clip has frames 0 to {count - 1}")
+        raise InputError(
+            f"{folder / LABELS}: frame {last} is labelled, but the clip has frames 0 to {count - 1}"
+        )
     background = clip_background(folder)
     if background is None:
-        raise InputError(f"{folder}: no background.png: put one there, a frame without contact")
+        raise InputError(f"{folder}: no background.png: add a frame without contact under this name")
     contacts = folder / CONTACTS
     return LabelledClip(
         name=folder.name,
@@ -194,14 +196,14 @@ def _clip(folder: Path, groups: Mapping[str, str], topic: str | None) -> Labelle
 
 
 def _contacts(path: Path, frames: int) -> tuple[ContactSpan, ...]:
-    """Read spans of frames with and without contact of a clip of `frames` frames. Raises `InputError`."""
+    """Read the spans of frames with and without contact. frames: of the clip. Raises `InputError`."""
     spans = []
     for line, row in _rows(path, ("first", "last", "contact")):
         first, last = (int(_number(path, line, row, name, whole=True)) for name in ("first", "last"))
         if not first <= last < frames:
             raise InputError(
-                f"{path}: line {line}: frames {first} to {last}: the clip has frames 0 to {frames - 1}, "
-                "give them in order"
+                f"{path}: line {line}: frames {first} to {last}: give the first frame, then the last; the "
+                f"clip has frames 0 to {frames - 1}"
             )
         if row["contact"].strip() not in ("yes", "no"):
             raise InputError(f"{path}: line {line}: contact {shown(row['contact'])}: give yes or no")
@@ -216,7 +218,7 @@ def _groups(path: Path) -> dict[str, str]:
 def _rows(path: Path, needed: Sequence[str]) -> list[tuple[int, dict[str, str]]]:
     rows = read_csv_rows(path, needed)
     if not rows:
-        raise InputError(f"{path}: line 2 is missing: give one row or more")
+        raise InputError(f"{path}: line 2 is missing: give at least one row")
     return rows
 
 
@@ -227,6 +229,6 @@ def _number(path: Path, line: int, row: Mapping[str, str], column: str, whole: b
     except ValueError:
         value = float("nan")
     if not abs(value) < 1e9 or (whole and value < 0):
-        wanted = "a frame's number from 0 on" if whole else "a number of degrees"
+        wanted = "the number of a frame, from 0" if whole else "a number of degrees"
         raise InputError(f"{path}: line {line}: {column} {shown(text)}: give {wanted}")
     return value

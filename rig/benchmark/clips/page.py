@@ -27,7 +27,7 @@ _BEFORE, _AFTER = 10, 5
 
 
 def page(title: str, runs: Mapping[str, Sequence[ClipRun]], verdict: str, tables: Sequence[Table]) -> str:
-    """Return the HTML page. runs: of each estimator, in the same order of clips."""
+    """Return the HTML page. runs: by estimator, all in the same order of clips."""
     clips = sorted(zip(*runs.values(), strict=True), key=lambda of: -of[0].score.mean_deg)
     return render(
         "rig.benchmark.clips",
@@ -60,10 +60,10 @@ def chart(names: Sequence[str], runs: Sequence[ClipRun]) -> Markup:
 
 
 def draw_clip(figure: Figure, names: Sequence[str], runs: Sequence[ClipRun]) -> Axes:
-    """Draw labels with two sigma, the first estimator's angle with two sigma, the others' angles thinner.
+    """Draw the labels and the first estimator's angle with two sigma, and the angles of the others thinner.
 
-    The axes contain every label and angle; only the band of a large sigma is cut off, so that it does not
-    shrink the curves.
+    All labels and angles are inside the axes. Only the band of a large sigma is clipped, so that it does not
+    compress the curves.
     """
     axes = figure.add_subplot()
     first = runs[0]
@@ -92,7 +92,7 @@ def draw_clip(figure: Figure, names: Sequence[str], runs: Sequence[ClipRun]) -> 
 
 
 def stills(run: ClipRun) -> list[Still]:
-    """Return the reference and the labelled frames as small pictures."""
+    """Return the reference frame and the labelled frames as small images."""
     wanted: dict[int, str] = {run.clip.reference_frame: "reference"}
     wanted |= {judged.label.frame: _caption(judged) for judged in run.labels}
     return [

@@ -1,4 +1,4 @@
-"""Estimators on labelled clips: one after the other, timed, and compared with the labels."""
+"""Run estimators on labelled clips, measure their time, and compare their angles with the labels."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -18,8 +18,9 @@ ALL = "all"
 class ClipRun:
     """One estimator on one clip.
 
-    estimate: its answers from the clip's reference. frame_ms: (N,) of each frame. contacts: for each frame of
-    a contact span, whether it is in contact and whether it was reported as contact.
+    estimate: angles relative to the clip's reference. labels: labels with the angles at their frames.
+    frame_ms: (N,) run time of each frame. contacts: for each frame of a contact span, whether it is in
+    contact and whether it was reported as contact.
     """
 
     clip: LabelledClip
@@ -31,13 +32,13 @@ class ClipRun:
 
     @property
     def score(self) -> ClipScore:
-        """Figures of the one clip."""
+        """Figures of this clip."""
         return score(self.labels, self.frame_ms, self.has_sigma, self.contacts)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EstimatorRuns:
-    """One estimator on all clips. groups: its figures by group, in the order of names; `ALL` first."""
+    """One estimator on all clips. groups: its figures by group, `ALL` first, then sorted by name."""
 
     name: str
     runs: tuple[ClipRun, ...]
@@ -49,12 +50,12 @@ class EstimatorRuns:
 
     @property
     def faults(self) -> EstimatorFaults | None:
-        """Failures of an estimator that is not the rig's own."""
+        """Faults of a foreign estimator; None without faults."""
         return faults_of(answer.sample for run in self.runs for answer in run.estimate.answers)
 
 
 def run_clip(clip: LabelledClip, choice: EstimatorChoice) -> ClipRun:
-    """Let one estimator answer one clip."""
+    """Run one estimator on one clip."""
     answers = estimate_series(clip.series, choice.make(clip.background))
     estimate = zeroed(answers, answers[clip.reference_frame].time)
     has_sigma = any(sigma is not None for sigma in estimate.sigmas_deg)
@@ -69,7 +70,7 @@ def run_clip(clip: LabelledClip, choice: EstimatorChoice) -> ClipRun:
 
 
 def summed(name: str, runs: Sequence[ClipRun]) -> EstimatorRuns:
-    """Summarise an estimator's clips, together and by group."""
+    """Summarize the runs of an estimator over all clips and by group."""
     names = sorted({run.clip.group for run in runs})
     groups = {name: _together([run for run in runs if run.clip.group == name]) for name in names}
     return EstimatorRuns(name, tuple(runs), {ALL: _together(runs), **groups})

@@ -1,4 +1,4 @@
-"""How well an estimator's answers agree with hand-measured angles."""
+"""Compare the angles of an estimator with angles labelled by hand."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,18 +10,21 @@ from rig.benchmark.harness import column
 from rig.results.scores import is_confidently_wrong
 
 CLOSE_DEG, LABEL_SIGMAS = 3.0, 2.0
-"""Within 3 degrees; an error below 2 label sigmas is no evidence of a fault."""
+"""An error counts as small up to 3 degrees, or up to 2 label sigmas, which the label's error may explain."""
 SMALL_TURN_DEG = 30.0
+"""Largest angle of a label that counts as a small rotation."""
 USEFUL_SIGMA_DEG = 5.0
+"""Largest sigma of a useful angle."""
 TURNED_DEG, MISSED_SHARE = 10.0, 0.5
+"""A rest is false if a label is at least 10 degrees and more than half of its angle was missed."""
 
 
 @dataclass(frozen=True, slots=True)
 class JudgedLabel:
-    """A label and what was answered there.
+    """A label with the estimate at its frame.
 
-    angle_deg, sigma_deg: from the clip's reference, None where refused, or where the estimator has no
-    sigma. held_deg: the last angle answered, 0 before any.
+    angle_deg, sigma_deg: relative to the clip's reference; None if the frame was refused, sigma_deg also if
+    the estimator has no sigma. held_deg: the last angle up to this frame, 0 before the first.
     """
 
     clip: str
@@ -32,49 +35,49 @@ class JudgedLabel:
 
     @property
     def error_deg(self) -> float:
-        """Size of the error; a refused label's is that of the last angle answered."""
+        """Absolute error; for a refused frame the error of the last angle before it."""
         return abs(self.held_deg - self.label.angle_deg)
 
     @property
     def close(self) -> bool:
-        """Whether it was answered within 3 degrees."""
+        """Whether there is an angle with an error of at most 3 degrees."""
         return self.angle_deg is not None and self.error_deg <= CLOSE_DEG
 
     @property
     def close_enough(self) -> bool:
-        """Whether it was answered within 3 degrees or 2 label sigmas, whichever is more."""
+        """Whether there is an angle with an error of at most 3 degrees or 2 label sigmas."""
         allowed = max(CLOSE_DEG, LABEL_SIGMAS * self.label.sigma_deg)
         return self.angle_deg is not None and self.error_deg <= allowed
 
     @property
     def useful(self) -> bool:
-        """Whether it was answered with a sigma of at most 5 degrees."""
+        """Whether there is an angle with a sigma of at most 5 degrees."""
         return self.sigma_deg is not None and self.sigma_deg <= USEFUL_SIGMA_DEG
 
     @property
     def joint_sigma_deg(self) -> float | None:
-        """Sigma of answer and label together; None without an answer or its sigma."""
+        """Combined sigma of estimate and label; None without an estimate or its sigma."""
         return None if self.sigma_deg is None else float(np.hypot(self.sigma_deg, self.label.sigma_deg))
 
     @property
     def sigmas_off(self) -> float | None:
-        """Error in sigmas of answer and label together; None without an answer or its sigma."""
+        """Error divided by the combined sigma of estimate and label; None without a sigma of the estimate."""
         sigma = self.joint_sigma_deg
         return None if sigma is None else self.error_deg / max(sigma, 1e-9)
 
     @property
     def confidently_wrong(self) -> bool:
-        """Whether it is confidently wrong by the sigma of answer and label together."""
+        """Whether the estimate is confidently wrong, by the combined sigma of estimate and label."""
         return is_confidently_wrong(self.error_deg, self.joint_sigma_deg)
 
     @property
     def turned(self) -> bool:
-        """Whether the object has turned far enough for a rest to be false."""
+        """Whether the object has turned by at least 10 degrees."""
         return abs(self.label.angle_deg) >= TURNED_DEG
 
     @property
     def false_rest(self) -> bool:
-        """Whether more than half of a turn by 10 degrees or more was missed, with a sigma of at most 5."""
+        """Whether the object has turned, but more than half of it was missed with a useful sigma."""
         if not (self.turned and self.useful):
             return False
         true = self.label.angle_deg
@@ -83,12 +86,12 @@ class JudgedLabel:
 
 @dataclass(frozen=True, slots=True)
 class ClipScore:
-    """Figures over labels; None if there is nothing to measure. Times are per frame, ms.
+    """Figures over labels; None if there is no value. Times are per frame, ms.
 
-    within_3, within, useful, confidently_wrong: shares of all labels, the last three by the label's sigma
-    too where it is asked for. two_sigma: of answers with a sigma. false_rest: of labels turned by 10
-    degrees or more. empty_as_contact, held_as_contact: shares reported as contact, of the frames known to be
-    without contact and in contact.
+    within_3, within, useful, confidently_wrong: fractions of all labels; see the properties close,
+    close_enough, useful and confidently_wrong of `JudgedLabel`. two_sigma: fraction of the angles with a
+    sigma. false_rest: fraction of the labels of at least 10 degrees. empty_as_contact, held_as_contact:
+    fractions reported as contact of the frames labelled as without and with contact.
     """
 
     answered: float
@@ -120,7 +123,7 @@ def score(
     has_sigma: bool,
     contacts: Sequence[tuple[bool, bool]] = (),
 ) -> ClipScore:
-    """Summarise labels, at least one, and the times of frames, at least one.
+    """Summarize labels and run times of frames; there must be at least one of each.
 
     has_sigma: whether the estimator reports a sigma; without it, figures that need one are None. contacts:
     for each frame of a contact span, whether it is in contact and whether it was reported as contact.

@@ -1,7 +1,7 @@
-"""`rig benchmark clips`: estimators on labelled clips, side by side.
+"""`rig benchmark clips`: compare estimators on labelled clips.
 
 `rotation_clip_halves.csv` divides 24 real clips of a GelSight Mini by object into two halves that were about
-equally hard for an earlier estimator. Constants are tuned on the half `development` only.
+equally difficult for an earlier estimator. Constants are fitted on the half `development` only.
 """
 
 from collections.abc import Sequence
@@ -34,9 +34,9 @@ from rig.benchmark.measured import Measured, at_least, at_most
 from rig.tactile.estimators import choose_estimator
 
 ESTIMATORS = ("slip", "ecc", "polar", "ellipse", "pca", "anglenet")
-"""Compared by default."""
+"""Estimators that are compared by default."""
 PROJECT = {"within": 0.5, "confidently_wrong": 0.04, "two_sigma": 0.88, "p99_ms": 8.0}
-"""The project's limits for its own clips, by option."""
+"""Limits of this project for its own clips, by option."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,83 +55,90 @@ class ClipsOptions:
         list[str] | None,
         typer.Option(
             "--estimator",
-            help="Repeat for more; limits are for the first. Default: slip, ecc, polar, ellipse, pca, "
-            "anglenet. Your own: package.module:Class.",
+            help="Estimator, also your own as package.module:Class; repeat for more. Limits apply to the "
+            "first. Default: slip, ecc, polar, ellipse, pca, anglenet.",
         ),
     ] = None
     groups: Annotated[
         Path | None,
         typer.Option(
             "--groups",
-            help="CSV with columns clip,group. Default: groups.csv in the folder, or a column of labels.csv.",
+            help="CSV file with columns clip,group. Default: groups.csv in the folder, else the column group "
+            "of labels.csv.",
         ),
     ] = None
     topic: Annotated[
         str | None,
-        typer.Option("--topic", help="Of ROS bags: the topic of the images. Default: each bag's only one."),
+        typer.Option("--topic", help="Image topic of ROS bags. Default: the only image topic of each bag."),
     ] = None
     group: Annotated[
         str | None,
-        typer.Option("--group", help="The group whose figures limits are for. Default: all clips."),
+        typer.Option("--group", help="Group that limits apply to. Default: all clips."),
     ] = None
     limits: Annotated[
         bool,
         typer.Option(
             "--limits",
-            help="Apply the project's limits for its own clips: --within 0.5, --confidently-wrong 0.04, "
-            "--two-sigma 0.88, --p99-ms 8. Default: only the limits given here.",
+            help="Apply this project's limits for its own clips: --within 0.5, --confidently-wrong 0.04, "
+            "--two-sigma 0.88, --p99-ms 8.",
         ),
     ] = False
     within: Annotated[
         float | None,
-        typer.Option("--within", help="Lowest share of labels within max(3 degrees, 2 label sigmas)."),
+        typer.Option("--within", help="Limit: lowest fraction of labels within 3 degrees or 2 label sigmas."),
     ] = None
     confidently_wrong: Annotated[
         float | None,
         typer.Option(
-            "--confidently-wrong", help="Highest share of labels more than 10 degrees and 3 sigma off."
+            "--confidently-wrong",
+            help="Limit: highest fraction of labels with an error of more than 10 degrees and 3 sigma.",
         ),
     ] = None
     two_sigma: Annotated[
-        float | None, typer.Option("--two-sigma", help="Lowest share of answers within two sigma.")
+        float | None, typer.Option("--two-sigma", help="Limit: lowest fraction of angles within two sigma.")
     ] = None
     false_rest: Annotated[
         float | None,
-        typer.Option("--false-rest", help="Highest share of turned labels reported as at rest."),
+        typer.Option("--false-rest", help="Limit: highest fraction of turned labels reported as at rest."),
     ] = None
     mean_deg: Annotated[
-        float | None, typer.Option("--mean-deg", help="Largest mean error up to 30 degrees of turn.")
+        float | None,
+        typer.Option("--mean-deg", help="Limit: largest mean error for angles up to 30 degrees, degrees."),
     ] = None
-    p99_ms: Annotated[float | None, typer.Option("--p99-ms", help="Longest time per frame, 99 %, in ms.")] = (
-        None
-    )
+    p99_ms: Annotated[
+        float | None,
+        typer.Option("--p99-ms", help="Limit: longest time per frame (99th percentile), ms."),
+    ] = None
     empty: Annotated[
         float | None,
-        typer.Option("--empty", help="Highest share of frames without contact reported as contact."),
+        typer.Option(
+            "--empty", help="Limit: highest fraction of frames without contact reported as contact."
+        ),
     ] = None
     held: Annotated[
-        float | None, typer.Option("--held", help="Lowest share of frames in contact reported as contact.")
+        float | None,
+        typer.Option("--held", help="Limit: lowest fraction of frames in contact reported as contact."),
     ] = None
     augment: Annotated[
         str | None,
         typer.Option(
             "--augment",
-            help="Also each clip in these versions, separated by commas: mirror (left-right), flip "
-            "(top-bottom), reverse (in time, from the last labelled frame). Limits are for all versions.",
+            help="Also score these versions of each clip, separated by commas: mirror (left-right), flip "
+            "(top-bottom), reverse (in time, from the last labelled frame). Limits apply to all versions.",
         ),
     ] = None
     reversed_turns: Annotated[
         bool,
         typer.Option(
             "--reversed-turns",
-            help="Take public sets' known turns the other way: digit-pose-estimation does not say which.",
+            help="Negate the known angles of public sets (digit-pose-estimation does not document the sign).",
         ),
     ] = False
 
 
 @dataclass(frozen=True, slots=True)
 class GroupRow:
-    """The clips of one group for one estimator: a row of the first table."""
+    """One estimator on the clips of one group, a row of the first table."""
 
     estimator: str = column("estimator")
     clips: str = column("clips", doc="group, or all")
@@ -140,7 +147,7 @@ class GroupRow:
 
 @dataclass(frozen=True, slots=True)
 class VersionRow:
-    """The clips of one group in one version, or in all of them: a row of the table by version."""
+    """One estimator on the clips of one group in one or all versions, a row of the table by version."""
 
     estimator: str = column("estimator")
     clips: str = column("clips", doc="group, or all")
@@ -150,7 +157,7 @@ class VersionRow:
 
 @dataclass(frozen=True, slots=True)
 class ClipRow:
-    """One clip: a row of the second table."""
+    """One clip, a row of the second table."""
 
     clip: str = column("clip")
     group: str = column("group")
@@ -158,19 +165,20 @@ class ClipRow:
 
 
 def measure(options: ClipsOptions, run: Run) -> Report:
-    """Let estimators answer labelled clips, real or simulated, and compare with the labels.
+    """Compare the angles of estimators with the labels of clips, real or simulated.
 
-    labels.csv has the columns reference_frame, keyframe, angle_deg (counter-clockwise as seen, 0 at the
-    reference), sigma_deg; frames count from 0; `rig label-angle` makes one. Every label counts: a
-    refused one is not within, and enters the means with the last angle answered. Exit code 4 if the
-    first estimator misses a limit that was given.
+    `rig label-angle` writes labels.csv. Its columns are reference_frame, keyframe, angle_deg
+    (counter-clockwise positive, 0 at the reference) and sigma_deg; frames are numbered from 0. Every label
+    counts: a refused frame counts as wrong, and its error in the means is that of the last angle before it.
+    The exit code is 4 if the first estimator misses a limit that was given.
 
-    With --augment each clip is also judged in further versions, with its labels transformed, and a table has
-    a row per version. Mirrored and flipped versions negate the angles. The reversed version starts at the
-    last labelled frame, which is its reference.
+    With --augment each clip is also scored in further versions with transformed labels, and a table has a row
+    per version. Mirroring and flipping negate the angles. The reversed version starts at the last labelled
+    frame, which is its reference.
 
-    A clip's contacts.csv, if there is one, has the columns first, last, contact (yes or no): frames that are
-    all in contact or all without contact. It adds two columns: how many of them were reported as contact.
+    An optional contacts.csv has the columns first, last and contact (yes or no), for ranges of frames that
+    are all with or all without contact. It adds two columns with the fractions of these frames that were
+    reported as contact.
 
     Examples:
       rig benchmark clips clips/ --out clips_page
@@ -190,7 +198,7 @@ def measure(options: ClipsOptions, run: Run) -> Report:
     names = sorted({clip.group for clip in clips})
     if options.group is not None and options.group not in names:
         raise InputError(unknown_name("group", options.group, names))
-    # Times per frame are measured: one clip after the other.
+    # One worker, because the time per frame is measured.
     runs = run.each(
         lambda clip: [run_clip(clip, choice) for choice in choices], clips, attrgetter("name"), workers=1
     )
@@ -202,7 +210,7 @@ def measure(options: ClipsOptions, run: Run) -> Report:
 
 
 def judge(of: ClipScore, options: ClipsOptions) -> tuple[Measured, ...]:
-    """Return the limits that were given, and whether they were kept."""
+    """Return the requested limits with the measured values."""
     rows = (
         ("within", at_least, "share of labels within max(3 degrees, 2 label sigmas)", of.within),
         ("confidently_wrong", at_most, "share of labels confidently wrong", of.confidently_wrong),
@@ -219,9 +227,9 @@ def judge(of: ClipScore, options: ClipsOptions) -> tuple[Measured, ...]:
 
 
 def verdict(limits: Sequence[Measured]) -> str:
-    """Return which limits were missed, as a sentence; "" without limits."""
+    """Return a sentence with the missed limits; "" without limits."""
     missed = [
-        f"{limit.name} {'-' if limit.value is None else f'{limit.value:.3g}'}, asked {limit.asked}"
+        f"{limit.name} {'-' if limit.value is None else f'{limit.value:.3g}'}, required {limit.asked}"
         for limit in limits
         if not limit.met
     ]
@@ -230,7 +238,7 @@ def verdict(limits: Sequence[Measured]) -> str:
 
 
 def overall_table(estimators: Sequence[EstimatorRuns]) -> Table:
-    """Return a row per estimator and group, all clips first; one group is all clips and has no row."""
+    """Return a row per estimator and group, all clips first; a single group has no row of its own."""
     rows = [
         GroupRow(of.name if group == ALL else "", group, found)
         for of in estimators
@@ -241,7 +249,7 @@ def overall_table(estimators: Sequence[EstimatorRuns]) -> Table:
 
 
 def version_table(estimators: Sequence[EstimatorRuns], versions: Sequence[ClipVersion]) -> Table:
-    """Return a row per estimator, group and version; first all groups, and first all versions of each."""
+    """Return a row per estimator, group and version; the rows for all groups and all versions come first."""
     rows = [
         VersionRow(*_first_only(of.name, group, version), found)
         for of in estimators
@@ -257,12 +265,12 @@ def version_table(estimators: Sequence[EstimatorRuns], versions: Sequence[ClipVe
 def _by_version(
     of: EstimatorRuns, group: str, versions: Sequence[ClipVersion]
 ) -> list[tuple[str, ClipScore]]:
-    """Return the figures of a group in all versions together, then in each."""
+    """Return the figures of a group in all versions together, then in each version."""
     return [(ALL, of.groups[group]), *((name, of.of_version(name).groups[group]) for name in versions)]
 
 
 def _first_only(name: str, group: str, version: str) -> tuple[str, str, str]:
-    """Return the first cells of a row; estimator and group are shown in their first row only."""
+    """Return the first cells of a row; estimator and group are shown only in their first row."""
     return name if group == version == ALL else "", group if version == ALL else "", version
 
 

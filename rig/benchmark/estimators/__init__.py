@@ -1,4 +1,4 @@
-"""Run time against error: every estimator on the same lifts and under stress.
+"""`rig benchmark estimators`: measure run time and error of every estimator, on lifts and disturbed clips.
 
-Imports experiments, sessions and estimators; its own scenes are from `fakes.studio`.
+Imports experiments, sessions and estimators; the scenes of the disturbed clips are from `fakes.studio`.
 """

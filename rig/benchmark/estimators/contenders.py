@@ -1,4 +1,4 @@
-"""The estimators that are compared: one unfiltered pass over the frames, every window afterwards."""
+"""Make the estimators to compare; they run once without window, and every window is applied afterwards."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -22,13 +22,13 @@ PAPER = (*METHODS, *(name + PUBLISHED for name in ANGLES))
 ALIGNMENTS = tuple(MATCHERS)
 CONTENDERS = (*OURS, *ALIGNMENTS, *PAPER)
 WINDOWS = tuple(range(1, 11))
-"""1: no filter. The paper compares 2 to 10."""
+"""Windows to compare; 1 is no filter. The paper compares 2 to 10."""
 
 
 def complete(name: str, background: Image, aspect: float | None = None, sign: int = 1) -> TactileEstimator:
-    """Make a contender as a user gets it, with its usual window: for timing.
+    """Make an estimator with its default window, as users run it, for the measurement of run time.
 
-    aspect, sign: as `EstimatorChoice.make` takes them.
+    aspect, sign: as for `EstimatorChoice.make`.
     """
     choice = choose_estimator(DEFAULT_ESTIMATOR, skip=False) if name == NO_SKIP else choose_estimator(name)
     return choice.make(background, aspect, sign)
@@ -37,16 +37,16 @@ def complete(name: str, background: Image, aspect: float | None = None, sign: in
 def unfiltered(
     background: Image, aspect: float | None = None, names: Sequence[str] = CONTENDERS, sign: int = 1
 ) -> dict[str, TactileEstimator]:
-    """Make contenders that give the angles before any window; the paper's share one contact mask.
+    """Make estimators without a window, by name; those of the paper share one contact mask.
 
-    A published one gives the script's own angle of the frame (clockwise, signed), None without contact.
+    A published estimator reports the script's angle of the frame (clockwise, signed), None without contact.
     """
     finder = SharedContact(ContactFinder(background))
     return {name: _unfiltered(name, background, aspect, finder, sign) for name in names}
 
 
 def filtered(name: str, samples: Sequence[SlipSample], window: int) -> list[SlipSample]:
-    """Return the samples of an unfiltered pass as the contender gives them with a window of n."""
+    """Apply a window of n angles to the samples of an unfiltered run."""
     if name in PAPER and name.endswith(PUBLISHED):
         script = ScriptFilter(window)
         return [_published(sample, script) for sample in samples]
@@ -58,7 +58,7 @@ def filtered(name: str, samples: Sequence[SlipSample], window: int) -> list[Slip
 
 
 def _published(sample: SlipSample, script: ScriptFilter) -> SlipSample:
-    """Return a sample after the script's filter; without a contact it is unchanged."""
+    """Return a sample after the script's filter; a sample without contact is unchanged."""
     if sample.state is State.LOST:
         return sample
     angle_deg = script.update(sample.angle_deg)
@@ -66,10 +66,7 @@ def _published(sample: SlipSample, script: ScriptFilter) -> SlipSample:
 
 
 class SharedContact:
-    """The contacts of a finder, found once per frame for several estimators.
-
-    cost_s: wall time of each search.
-    """
+    """Finds the contact once per frame for several estimators. cost_s: run time of each search."""
 
     def __init__(self, finder: FindsContact) -> None:
         self._finder = finder
@@ -78,7 +75,7 @@ class SharedContact:
         self.cost_s: list[float] = []
 
     def find(self, image: Image) -> Contact:
-        """Return the contact in a frame; the same array is not searched twice in a row."""
+        """Return the contact in a frame; repeated calls with the same array do not search again."""
         if self._found is None or image is not self._of:
             began = perf_counter()
             self._of, self._found = image, self._finder.find(image)
@@ -88,13 +85,13 @@ class SharedContact:
 
 @dataclass(slots=True)
 class ScriptPass(TactileEstimator):
-    """The published script's angle of each frame before its filter, on our contact mask."""
+    """Reports the published script's angle of each frame before its filter, with the rig's contact mask."""
 
     finder: FindsContact
     angle: ScriptAngle
 
     def update(self, image: Image, time_ns: int) -> SlipSample:
-        """Return the script's angle as it is, None without contact; state `lost` if it raises."""
+        """Return the script's angle; None without contact, and state `lost` if the script raises."""
         contact = self.finder.find(image)
         if contact.mask is None:
             return SlipSample(time_ns, State.NO_CONTACT)
@@ -106,7 +103,7 @@ class ScriptPass(TactileEstimator):
 
 
 class _Replayed(TactileEstimator):
-    """Gives stored samples again, in order."""
+    """Returns stored samples in order."""
 
     def __init__(self, samples: Sequence[SlipSample]) -> None:
         self._samples = iter(samples)

@@ -1,4 +1,4 @@
-"""What may go wrong with a clip's images on their way to the estimator: pure functions, seeded."""
+"""Disturb the images of a clip, as noise, blur, codecs, light and lost frames do; functions with a seed."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -14,19 +14,20 @@ from fakes.studio.clips import Clip
 
 Disturbance = Callable[[Clip, np.random.Generator], Clip]
 LED_PATTERN = (1.0, -1.0, 0.5)
-"""Which way red, green and blue go wrong when LEDs do."""
+"""Relative error of red, green and blue for a fault of the LEDs."""
 GAP_S = 0.25
+"""Length of the gap in the stream."""
 
 
 def nothing(clip: Clip, rng: np.random.Generator) -> Clip:
-    """Leave the clip as it is."""
+    """Return the clip unchanged."""
     return clip
 
 
 def noise(sigma_grey: float) -> Disturbance:
-    """Add white noise to every frame, on top of the sensor's own.
+    """Add white noise to every frame, in addition to the noise of the sensor.
 
-    A field larger than the frame, shifted at random, is as good as fresh noise and costs little.
+    One noise field larger than the frame is shifted at random, which is much faster than new noise per frame.
     """
 
     def noisy(clip: Clip, rng: np.random.Generator) -> Clip:
@@ -43,17 +44,17 @@ def noise(sigma_grey: float) -> Disturbance:
 
 
 def blur(sigma_px: float) -> Disturbance:
-    """Defocus frames and background alike."""
+    """Blur frames and background."""
     return _each(lambda image: np.asarray(cv2.GaussianBlur(image, (0, 0), sigma_px), np.uint8))
 
 
 def jpeg(quality: int) -> Disturbance:
-    """Encode and decode every frame; the background is kept as it was."""
+    """Encode and decode every frame as JPEG; the background is unchanged."""
     return _each(lambda image: decode_stored(encode_jpeg(image, quality)), background=False)
 
 
 def resized(width: int, height: int) -> Disturbance:
-    """Bring frames and background to another size."""
+    """Resize frames and background."""
 
     def change(image: Image) -> Image:
         way = cv2.INTER_AREA if width < image.shape[1] else cv2.INTER_CUBIC
@@ -63,18 +64,18 @@ def resized(width: int, height: int) -> Disturbance:
 
 
 def landscape(clip: Clip, rng: np.random.Generator) -> Clip:
-    """Turn frames and background by a quarter, as of a sensor that is mounted lying down."""
+    """Rotate frames and background by 90 degrees, as of a sensor mounted on its side."""
     lying = _each(lambda image: np.ascontiguousarray(np.rot90(image)))(clip, rng)
     return replace(lying, aspect=None if clip.aspect is None else 1.0 / clip.aspect)
 
 
 def uncalibrated(clip: Clip, rng: np.random.Generator) -> Clip:
-    """Remove the aspect of the pixels."""
+    """Remove the known aspect of the pixels."""
     return replace(clip, aspect=None)
 
 
 def gains(error: float, pattern: Sequence[float] = LED_PATTERN) -> Disturbance:
-    """Scale the channels by 1 + error * pattern since the background was taken."""
+    """Scale the channels of all frames, but not of the background, by 1 + error * pattern."""
     return _lit((1.0, 1.0), error, pattern)
 
 
@@ -84,29 +85,29 @@ def drift(error: float, pattern: Sequence[float] = LED_PATTERN) -> Disturbance:
 
 
 def offset(grey: float) -> Disturbance:
-    """Add a constant to every frame but the background: stray light."""
+    """Add a constant to every frame, but not to the background, as stray light does."""
     return _lit((0.0, 0.0), grey=grey)
 
 
 def dropped(clip: Clip, rng: np.random.Generator) -> Clip:
-    """Lose half of the frames at random."""
+    """Drop half of the frames at random."""
     return _kept(clip, rng.random(len(clip.frames)) < 0.5)
 
 
 def gap(clip: Clip, rng: np.random.Generator) -> Clip:
-    """Lose a quarter of a second in mid-turn."""
+    """Drop the frames of a quarter of a second during the rotation."""
     times = np.array(clip.time_ns)
     begins = clip.moves_ns + to_ns(0.2)
     return _kept(clip, (times < begins) | (times >= begins + to_ns(GAP_S)))
 
 
 def every(step: int) -> Disturbance:
-    """Keep every n-th frame: a camera that is slower."""
+    """Keep every Nth frame, as of a slower camera."""
     return lambda clip, rng: _kept(clip, np.arange(len(clip.frames)) % step == 0)
 
 
 def duplicated(clip: Clip, rng: np.random.Generator) -> Clip:
-    """Deliver the frame before again in every third frame's place, at the new frame's time."""
+    """Replace every third frame by a copy of the previous frame, at its own time."""
     frames = list(clip.frames)
     truth = clip.angle_deg.copy()
     for i in range(2, len(frames), 3):
@@ -115,7 +116,7 @@ def duplicated(clip: Clip, rng: np.random.Generator) -> Clip:
 
 
 def torn(clip: Clip, rng: np.random.Generator) -> Clip:
-    """Take the lower part of every tenth frame from three frames before."""
+    """Replace the lower part of every tenth frame by that of the frame three frames earlier."""
     frames = list(clip.frames)
     for i in range(5, len(frames), 10):
         cut = int(rng.integers(frames[i].shape[0] // 4, 3 * frames[i].shape[0] // 4))
@@ -124,7 +125,7 @@ def torn(clip: Clip, rng: np.random.Generator) -> Clip:
 
 
 def late(clip: Clip, rng: np.random.Generator) -> Clip:
-    """Deliver every tenth frame after the one that follows it."""
+    """Swap every tenth frame with the next one, as if it were delivered late."""
     order = np.arange(len(clip.frames))
     for i in range(5, len(order) - 1, 10):
         order[i], order[i + 1] = order[i + 1], order[i]
@@ -132,7 +133,7 @@ def late(clip: Clip, rng: np.random.Generator) -> Clip:
 
 
 def _each(change: Callable[[Image], Image], background: bool = True) -> Disturbance:
-    """Change every frame, and the background if asked."""
+    """Return a disturbance that changes every frame, and the background if `background`."""
     return lambda clip, rng: replace(
         clip,
         background=change(clip.background) if background else clip.background,
@@ -143,7 +144,11 @@ def _each(change: Callable[[Image], Image], background: bool = True) -> Disturba
 def _lit(
     share: tuple[float, float], error: float = 0.0, pattern: Sequence[float] = (0.0,) * 3, grey: float = 0.0
 ) -> Disturbance:
-    """Change the light by a share of the error that goes linearly from the first frame to the last."""
+    """Return a disturbance of the light.
+
+    share: fractions of the error at the first and the last frame, interpolated linearly. error, pattern: see
+    `gains`. grey: constant to add.
+    """
 
     def lit(clip: Clip, rng: np.random.Generator) -> Clip:
         shares = np.linspace(*share, len(clip.frames))

@@ -1,4 +1,4 @@
-"""Every contender on the stored frames of a session's lifts, scored as a trial scores its own."""
+"""Run every estimator on the stored frames of a session's lifts, and score it as in a trial."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -44,11 +44,11 @@ class RecordedLift:
 
 @dataclass(frozen=True, slots=True)
 class LiftScores:
-    """One lift: a score per contender and window, and how far `--no-skip` is from skipping.
+    """One lift: a score per estimator and window, and the effect of `--no-skip`.
 
-    skip_gap_deg: largest difference of the two fused angles. skip_apart: frames that only one
-    of them answers. skipped: stages left out, by name, and `frames` looked at. faults: where
-    contenders that are not the rig's own failed, by name.
+    skip_gap_deg: largest difference of the fused angles with and without `--no-skip`. skip_apart: number of
+    frames with an angle in only one of the two runs. frames: number of frames of the default estimator.
+    skipped: how often each stage was skipped in these frames. faults: of foreign estimators, by name.
     """
 
     scores: Scores
@@ -60,14 +60,14 @@ class LiftScores:
 
 
 def open_lift(folder: Path, row: FinishedLift) -> RecordedLift:
-    """Read what comes before the grasp. Raises `SessionError` for a missing or damaged recording."""
+    """Open the recording of a lift. Raises `SessionError` if it is missing or damaged."""
     recording = folder / row.recording
     tips = {tip.serial: tip for tip in recording_frames(recording)}
     return RecordedLift(row, recording, phase_times(recording), tips)
 
 
 def score_lift(folder: Path, names: Sequence[str], row: FinishedLift) -> LiftScores:
-    """Run every contender over one lift's frames; what a worker process does. names: theirs."""
+    """Run every estimator on the frames of one lift, in a worker process. names: of the estimators."""
     cv2.setNumThreads(1)
     lift = open_lift(folder, row)
     passes = _passes(lift, names)
@@ -88,7 +88,7 @@ def score_lift(folder: Path, names: Sequence[str], row: FinishedLift) -> LiftSco
 
 
 def _passes(lift: RecordedLift, names: Sequence[str]) -> Passes:
-    """Return every contender's unfiltered samples of every fingertip, from phase A on."""
+    """Return the unfiltered samples of every estimator and fingertip, from phase A on."""
     passes: Passes = {name: {} for name in names}
     for serial, tip in lift.tips.items():
         estimators = unfiltered(tip.background, tip.aspect, names, tip.sign)
@@ -124,15 +124,16 @@ def _object_angle(lift: RecordedLift, samples: Mapping[str, list[SlipSample]]) -
 
 
 def truth_at(lift: RecordedLift, samples: Mapping[str, list[SlipSample]]) -> dict[int, float | None]:
-    """Return the true angle in degrees at every tactile frame, None where there is no truth."""
+    """Return the true angle in degrees at the time of every tactile frame; None if it is unknown."""
     series = recorded_truth(lift.recording)
     return {s.time_ns: interpolate(series, s.time_ns) for tip in samples.values() for s in tip}
 
 
 def _skip_gap(lift: RecordedLift, passes: Passes) -> tuple[float, int]:
-    """Largest difference in degrees between skipping and not, and frames that one alone answers.
+    """Return the largest difference of the angles with and without `--no-skip`, and the frames with one only.
 
-    Of the fused angles since the trial's zero: an estimator's own zero means nothing.
+    The difference is in degrees. Fused angles relative to the zero of the trial are compared, because an
+    estimator's own zero is arbitrary.
     """
     gap, apart = 0.0, 0
     fused = (_object_angle(lift, passes[name]).fused for name in (DEFAULT_ESTIMATOR, NO_SKIP))

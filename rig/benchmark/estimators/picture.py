@@ -1,4 +1,4 @@
-"""The benchmark's picture: run time against error, and error by window."""
+"""Draw the chart of the benchmark: error over run time, and error over window."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ from rig.pages.palette import ESTIMATE, FIRST, INK, LINE, MUTED, TRUTH, WARNING
 from rig.pages.palette import PAPER as SHEET
 from rig.tactile.estimators import DEFAULT_ESTIMATOR, PUBLISHED
 
-# The palette of Okabe and Ito, told apart with any colour vision; shapes differ too.
+# The palette of Okabe and Ito, distinguishable with any colour vision; the shapes differ, too.
 _LOOKS = {
     DEFAULT_ESTIMATOR: (ESTIMATE.light, "o"),
     NO_SKIP: (ESTIMATE.light, "o"),
@@ -36,7 +36,7 @@ _USUAL_WINDOW = 2
 
 @dataclass(frozen=True, slots=True)
 class Point:
-    """One estimator in the picture: median time in ms, MARE in degrees by window."""
+    """One estimator in the chart: median run time in ms, MARE in degrees by window."""
 
     name: str
     time_ms: float
@@ -44,19 +44,20 @@ class Point:
 
     @property
     def window(self) -> int:
-        """The window it is used with: the paper's is 2, the others have none."""
+        """The default window: 2 for the paper's methods, 1 (none) for the others."""
         return _USUAL_WINDOW if self.name in PAPER else 1
 
     @property
     def usual_deg(self) -> float:
-        """MARE with the window it is used with."""
+        """MARE with the default window."""
         return self.mare_deg[self.window]
 
 
 def draw(result: EstimatorsResult) -> tuple[bytes, Markup]:
-    """Return the picture as PNG, and as SVG in a page's colours.
+    """Return the chart as PNG, and as SVG in the colours of pages.
 
-    Left the front of run time and error, right the error by window.
+    The left axes show the error over the run time with the Pareto front, the right axes the error over the
+    window.
     """
     points = [point for name in result.timing.contenders if (point := _point(result, name))]
     with drawing(HEIGHT_PX, WIDTH_PX) as figure:
@@ -71,7 +72,7 @@ def draw(result: EstimatorsResult) -> tuple[bytes, Markup]:
 
 
 def pareto(points: Sequence[Point]) -> list[Point]:
-    """Return the points that no other beats in both time and error, by time."""
+    """Return the Pareto front: points that no other beats in both run time and error, sorted by time."""
     front: list[Point] = []
     for point in sorted(points, key=lambda p: (p.time_ms, p.usual_deg)):
         if not front or point.usual_deg < front[-1].usual_deg:
@@ -80,7 +81,7 @@ def pareto(points: Sequence[Point]) -> list[Point]:
 
 
 def spread_labels(places: Sequence[float], gap: float) -> list[float]:
-    """Move label places in 0 to 1 apart to at least `gap`, in order, near to where they were."""
+    """Return positions of labels, 0 to 1, moved apart to at least `gap` in the same order."""
     order = sorted(range(len(places)), key=lambda i: places[i])
     gap = min(gap, 1.0 / max(len(places) - 1, 1))
     moved = [min(max(places[i], 0.0), 1.0) for i in order]
@@ -155,10 +156,11 @@ def label_points(
     margin: float,
     line: dict[str, Any],
 ) -> None:
-    """Give logarithmic axes plain ticks, and put labels in the right margin with a line to each point.
+    """Set plain ticks on logarithmic axes, and write labels in the right margin with a line to each point.
 
-    points: label, x, y, and colour of the line. gap: least distance between two labels, as a share of the
-    axes' height. margin: place of the labels, as a share of the axes' width. line: style of the lines.
+    points: label, x, y, and colour of the line. gap: smallest distance between two labels, as a fraction of
+    the axes' height. margin: position of the labels, as a fraction of the axes' width. line: style of the
+    lines.
     """
     for axis in (axes.yaxis, axes.xaxis) if axes.get_xscale() == "log" else (axes.yaxis,):
         axis.set_major_locator(LogLocator(base=10, subs=(1.0, 2.0, 5.0)))

@@ -1,4 +1,4 @@
-"""Errors of estimated angles over many lifts or clips (contract, metrics)."""
+"""Combine the errors of estimated angles over many lifts or clips."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,19 +9,21 @@ from rig.results.metrics import Mare, mare_of
 from rig.results.scores import SeriesScore
 
 ELONGATED = ("t1", "t2", "t3", "t4", "t6", "t7")
-"""Objects whose contacts are long (contract, objects)."""
+"""Objects with elongated contacts."""
 ONSET_WITHIN_S = 0.05
+"""Largest error of an onset that counts as within."""
 EARLY_S = 0.1
-"""An onset that is reported earlier than this before the true one is a false alarm."""
+"""An onset reported earlier than this before the true one is a false alarm."""
 
 
 @dataclass(frozen=True, slots=True)
 class OnsetScore:
     """Slip onsets over many lifts.
 
-    true: lifts that have one. error_s: median of |estimated - true|. within: share of the true ones
-    that were reported within 50 ms. missed: lifts whose onset was not reported; false_alarms: lifts
-    without an onset in which one was reported, or in which it was reported over 100 ms early.
+    true: number of lifts with an onset. error_s: median of |estimated - true|. within: fraction of the true
+    onsets that were reported with an error of at most 50 ms. missed: number of lifts whose onset was not
+    reported. false_alarms: number of lifts with a report but without an onset, or with a report over 100 ms
+    too early.
     """
 
     true: int
@@ -33,11 +35,13 @@ class OnsetScore:
 
 @dataclass(frozen=True, slots=True)
 class ContenderScore:
-    """Many lifts or clips of one contender.
+    """Figures of one estimator over many lifts or clips.
 
-    worst_deg: the largest mean error of one of them, whose key is `worst`. within_two_sigma: share of
-    answered frames, None without sigmas. wrong_lifts: those with a confidently wrong answer. onset: found
-    afterwards; event: reported online, None for a contender without rates.
+    mare, mare_b, mare_held, mare_unsigned: see `SeriesScore`. mare_elongated: over objects with elongated
+    contacts. worst_deg, worst: largest mean error of a lift or clip, and its key. answered: fraction of
+    frames with an angle. within_two_sigma: fraction of these frames, None without sigmas. wrong_lifts: number
+    of lifts with a confidently wrong angle. onset: onsets found afterwards. event: onsets reported during the
+    lift; None for an estimator without rates.
     """
 
     mare: Mare | None
@@ -55,12 +59,12 @@ class ContenderScore:
 
     @property
     def worst_text(self) -> str:
-        """The largest mean error, and whose it is."""
+        """The largest mean error with the key of its lift or clip."""
         return "-" if self.worst_deg is None else f"{self.worst_deg:.2f} ({self.worst})"
 
 
 def score_all(series: Sequence[SeriesScore]) -> ContenderScore:
-    """Combine lifts or clips; a lift's key begins with its object, as "t1/3"."""
+    """Combine the scores of lifts or clips; the key of a lift begins with its object, as "t1/3"."""
     means = [(s.re.mean_deg, s.key) for s in series if s.re]
     worst_deg, worst = max(means, default=(None, ""))
     long = [s for s in series if s.key.split("/")[0] in ELONGATED]
@@ -85,7 +89,7 @@ def score_all(series: Sequence[SeriesScore]) -> ContenderScore:
 
 
 def _onsets(onsets_s: Sequence[tuple[float | None, float | None]]) -> OnsetScore:
-    """Score pairs of a true and an estimated onset."""
+    """Score pairs of true and estimated onset, None without an onset."""
     errors = [e - t for t, e in onsets_s if t is not None and e is not None]
     true = sum(t is not None for t, _ in onsets_s)
     unfounded = sum(t is None and e is not None for t, e in onsets_s)

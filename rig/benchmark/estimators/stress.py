@@ -1,4 +1,4 @@
-"""Stress sets: clips with known angles under one disturbance at a time, for every estimator compared."""
+"""Score every estimator on SIMULATED clips with known angles, under one disturbance at a time."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -21,16 +21,16 @@ from rig.tactile.sample import SlipSample
 CONTACTS = ("t1:1", "t3:2", "5:1", "t5:2")
 MORE_CONTACTS = ("1:2", "7:1", "t2:1", "t4:1", "t6:0", "t7:1")
 ROUND_CONTACTS = tuple(f"{name}:{site}" for name in ("3", "16", "12") for site in (0, 1))
-"""Smooth balls and a dome, of the objects 3, 12 and 16: their turn cannot be seen."""
+"""Smooth balls and a dome, of the objects 3, 12 and 16, whose rotation is unobservable."""
 NAMES = ("slip", "ecc", "polar", "skeleton", "ellipse", "pca")
 
 
 @dataclass(frozen=True, slots=True)
 class Condition:
-    """One stress: how the standard scene differs, and what happens to its images.
+    """One condition: changes to the standard scene, and a disturbance of its images.
 
-    contacts: instead of the standard ones. full: only in the long run. refused: whether frames should be
-    refused. both_signs: also with the turn in the other direction.
+    contacts: used instead of the standard contacts. full: only with --full. refused: whether frames should be
+    refused. both_signs: also with the opposite rotation.
     """
 
     group: str
@@ -45,7 +45,7 @@ class Condition:
 
 @dataclass(frozen=True, slots=True)
 class StressTask:
-    """What one worker does in one go: all conditions of a group, for one contact and seed."""
+    """A task of one worker: all conditions of a group, for one contact and seed."""
 
     group: str
     contact: str
@@ -59,7 +59,7 @@ class StressTask:
 
 @dataclass(frozen=True, slots=True)
 class StressedClip:
-    """One clip of one estimator under one condition."""
+    """Score of one estimator on one clip under one condition."""
 
     condition: str
     estimator: str
@@ -68,7 +68,7 @@ class StressedClip:
 
 @dataclass(frozen=True, slots=True)
 class StressRow:
-    """All clips of one estimator under one condition."""
+    """Score of one estimator on all clips under one condition."""
 
     group: str
     condition: str
@@ -79,12 +79,12 @@ class StressRow:
 
 
 def conditions(full: bool = False) -> list[Condition]:
-    """Return the conditions of the plain or of the long run, groups together."""
+    """Return the conditions in order of their groups. full: also those of --full."""
     return [c for c in CONDITIONS if full or not c.full]
 
 
 def stress_tasks(full: bool, seed: int, names: tuple[str, ...] = NAMES) -> list[StressTask]:
-    """Return the pieces of work, the same for the same seed. names: of the estimators."""
+    """Return the tasks, the same for the same seed. names: of the estimators."""
     seeds = range(seed, seed + (3 if full else 1))
     groups = dict.fromkeys(c.group for c in conditions(full))
     return [
@@ -96,7 +96,7 @@ def stress_tasks(full: bool, seed: int, names: tuple[str, ...] = NAMES) -> list[
 
 
 def run_stress(task: StressTask) -> list[StressedClip]:
-    """Score every estimator on the clips of a task; what a worker process does."""
+    """Score every estimator on the clips of a task, in a worker process."""
     cv2.setNumThreads(1)
     scores = []
     for condition in conditions(task.full):
@@ -133,9 +133,9 @@ def _scored(condition: Condition, task: StressTask, scene: Scene, name: str, cli
 
 
 def _series_score(key: str, samples: Sequence[SlipSample], clip: Clip) -> SeriesScore:
-    """Score from the beginning of the turn on, zero being the mean over the rest before it.
+    """Score from the start of the rotation on, relative to the mean angle of the last 10 frames before it.
 
-    A sample counts at the time it was asked for: a late or repeated frame gets the last answer again.
+    Samples are compared at the time of their frame: a late or repeated frame gets the last sample again.
     """
     still = [
         s.angle_deg

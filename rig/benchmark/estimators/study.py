@@ -1,4 +1,4 @@
-"""`rig benchmark estimators`: run time against error of every estimator, on lifts and under stress."""
+"""`rig benchmark estimators`: measure run time and error of every estimator, on lifts and disturbed clips."""
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
@@ -35,7 +35,7 @@ from rig.tactile.estimators import DEFAULT_ESTIMATOR, EstimatorChoice, choose_es
 from rig.tactile.foreign import EstimatorFaults, together
 
 LIFTS, FULL_LIFTS = 5, 10
-"""Lifts of each object that are recorded, without and with --full."""
+"""Recorded lifts per object, without and with --full."""
 TIMED_LIFTS, FULL_TIMED_LIFTS = 5, 18
 PICTURE, PAGE, TABLE = "pareto.png", "index.html", "table.md"
 
@@ -44,19 +44,20 @@ PICTURE, PAGE, TABLE = "pareto.png", "index.html", "table.md"
 class EstimatorsOptions:
     """Options of `rig benchmark estimators`."""
 
-    full: bool = option(False, "More lifts, seeds and steps: about an hour on two cores.")
-    session: Path | None = option(None, "Use the lifts of this trial instead of recording 45 simulated ones.")
+    full: bool = option(False, "Use more lifts, seeds and steps; takes about an hour on two cores.")
+    session: Path | None = option(None, "Trial whose lifts are used. Default: record 45 simulated lifts.")
     estimator: list[str] | None = option(
-        None, "One more beside those that are always compared, as package.module:Class; repeat for more."
+        None, "Additional estimator to compare, as package.module:Class; repeat for more."
     )
 
 
 def measure(options: EstimatorsOptions, run: Run) -> Report:
-    """Time and score every estimator by window on 45 lifts, then put them under stress.
+    """Measure run time and error of every estimator, on 45 lifts and on disturbed clips.
 
-    About 8 minutes on two quiet cores; run time is measured in one process and one thread. The folder
-    gets results.json, pareto.png, index.html, table.md and the recorded lifts; an interrupted recording
-    continues there. Exit code 4 when a limit of the default estimator was missed.
+    It takes about 8 minutes on two idle cores. Run time is measured in one process and one thread; errors are
+    computed for every window. The folder of the results holds results.json, pareto.png, index.html, table.md
+    and the recorded lifts; an interrupted recording continues there. The exit code is 4 if the default
+    estimator misses a limit.
 
     Examples:
       rig benchmark
@@ -73,10 +74,10 @@ def measure(options: EstimatorsOptions, run: Run) -> Report:
 
 
 def compare(options: EstimatorsOptions, run: Run) -> EstimatorsResult:
-    """Record or read the lifts, time and score every estimator on them, and put them under stress.
+    """Record or read the lifts; measure run time and error of every estimator on lifts and disturbed clips.
 
-    Raises `SessionError` for a session without lifts, `InputError` for an unknown estimator, and what
-    `run_trial` raises.
+    Raises `SessionError` for a session without lifts, `InputError` for an unknown estimator, and the errors
+    of `run_trial`.
     """
     more = tuple(options.estimator or ())
     for name in more:
@@ -87,7 +88,7 @@ def compare(options: EstimatorsOptions, run: Run) -> EstimatorsResult:
         run, "session", load_bench("fake"), choose_estimator(), TRIAL_OBJECTS, recorded
     )
     rows = read_finished_lifts(folder)
-    # Timed first and alone: worker processes beside it would share its core.
+    # Run time is measured first and alone, because worker processes would compete for the core.
     timed = _spread_out(rows, FULL_TIMED_LIFTS if options.full else TIMED_LIFTS)
     timing = time_lifts(folder, timed, run.progress, names)
     lifts = run.each(
@@ -107,7 +108,7 @@ def compare(options: EstimatorsOptions, run: Run) -> EstimatorsResult:
 
 
 def report_of(result: EstimatorsResult, endurance: Endurance | None = None) -> Report:
-    """Return tables, limits and files. endurance: measured in a long run only."""
+    """Return tables, limits and files. endurance: None unless with --full."""
     limits = judge(result, endurance)
     whose, section = f"'{DEFAULT_ESTIMATOR}'", readme_section(result, limits)
     tables = (time_table(result), stress_table(result), estimator_table(result))
@@ -137,7 +138,7 @@ def report_of(result: EstimatorsResult, endurance: Endurance | None = None) -> R
 
 
 def _figures(result: EstimatorsResult, endurance: Endurance | None) -> dict[str, Any]:
-    """Return the JSON values that the tables do not show."""
+    """Return the values for JSON that are not in the tables."""
     best = result.closest_of_paper
     return {
         "simulated": result.simulated,
@@ -159,9 +160,9 @@ def _figures(result: EstimatorsResult, endurance: Endurance | None) -> dict[str,
 def record(
     run: Run, name: str, bench: BenchConfig, estimator: EstimatorChoice, objects: Sequence[str], lifts: int
 ) -> Path:
-    """Carry out the simulated lifts that are missing in a session of the results' folder; return its folder.
+    """Carry out the missing simulated lifts of a session in the folder of the results; return its folder.
 
-    lifts: of each object. Raises what `run_trial` raises.
+    name: of the session. lifts: per object. Raises the errors of `run_trial`.
     """
     folder = (run.folder or Path()) / name
     trial = TrialSettings(bench, run.seed, estimator)
@@ -179,7 +180,7 @@ def _faults(lifts: Sequence[LiftScores]) -> dict[str, EstimatorFaults]:
 
 
 def _spread_out(rows: Sequence[FinishedLift], wanted: int) -> list[FinishedLift]:
-    """Return some of the lifts, evenly spread, so that all kinds of objects are among them."""
+    """Return evenly spread lifts, so that they include all kinds of objects. wanted: their number."""
     wanted = min(wanted, len(rows))
     return [rows[i * len(rows) // wanted + (i % 2) * (len(rows) // wanted // 2)] for i in range(wanted)]
 

@@ -1,4 +1,4 @@
-"""What `rig benchmark estimators` measured: limits of the default estimator, tables, and notes."""
+"""Make the tables, limits and notes of `rig benchmark estimators`."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ from rig.results.metrics import HEADING, Mare, mare_text
 from rig.tactile.estimators import DEFAULT_ESTIMATOR, PAPER_WINDOW
 
 README_COLUMNS = 10
-"""Number of columns of the estimators' table that the section of a document has."""
+"""Number of columns of the table of estimators in a document."""
 
 MARE_DEG, ELONGATED_DEG, WORST_DEG = 0.5, 0.25, 2.0
 ANSWERED, REFUSED = 0.95, 0.95
@@ -25,19 +25,19 @@ TIMES_MORE_ACCURATE, TIMES_FASTER = 5.0, 10.0
 MEDIAN_MS, P99_MS = 1.0, 3.0
 SKIP_GAP_DEG = 0.02
 WANDER_DEG, GROWN_MB = 0.1, 5.0
-"""Memory may grow by what an allocator needs."""
+"""Limits of an hour at rest: largest angle, and growth of memory; an allocator needs a few MB."""
 FRAME_SIZE_PX = (240, 320)
-"""The limits on time are for this size."""
+"""Frame size for which the limits on time apply."""
 PAPER_BEST = ("skeleton", 2)
-"""The method and window that the paper finds best (1.85 degrees), here without the script's faults."""
+"""Best method and window in the paper (1.85 degrees); here the faults of its script are corrected."""
 
 
 @dataclass(frozen=True, slots=True)
 class EstimatorsResult:
-    """Everything measured.
+    """All measurements.
 
-    session: the folder of the lifts. more: estimators beside those that are always compared. scores: by
-    estimator and window, over all lifts.
+    session: folder of the lifts. more: additional estimators given by the user. scores: by estimator and
+    window, over all lifts.
     """
 
     session: Path
@@ -51,12 +51,12 @@ class EstimatorsResult:
 
     @property
     def mark(self) -> str:
-        """What titles begin with: whether the lifts are simulated."""
+        """Prefix of titles: "SIMULATED " if the lifts are simulated, else ""."""
         return "SIMULATED " if self.simulated else ""
 
     @property
     def closest_of_paper(self) -> tuple[str, int] | None:
-        """The paper's method and window (2 to 10) that are best on these lifts."""
+        """The paper's method and window (2 to 10) with the lowest MARE on these lifts; None without any."""
         known = {
             key: score.mare.mean_deg
             for key, score in self.scores.items()
@@ -66,17 +66,17 @@ class EstimatorsResult:
 
     @property
     def skip_gap_deg(self) -> float:
-        """Largest difference of the angles with and without --no-skip, degrees."""
+        """Largest difference between the angles with and without --no-skip, degrees."""
         return max(lift.skip_gap_deg for lift in self.lifts)
 
     @property
     def skip_apart(self) -> int:
-        """Number of frames that are answered either with or without --no-skip only."""
+        """Number of frames with an angle only with, or only without, --no-skip."""
         return sum(lift.skip_apart for lift in self.lifts)
 
     @property
     def skipped(self) -> dict[str, float]:
-        """Share of the frames in which each stage was skipped."""
+        """Fraction of the frames in which each stage was skipped."""
         frames = sum(lift.frames for lift in self.lifts)
         stages = dict.fromkeys(stage for lift in self.lifts for stage in lift.skipped)
         return {stage: sum(lift.skipped.get(stage, 0) for lift in self.lifts) / frames for stage in stages}
@@ -111,7 +111,7 @@ class TimeRow:
 
 
 def judge(result: EstimatorsResult, endurance: Endurance | None = None) -> list[Measured]:
-    """Return all limits in the order of the table. endurance: measured in a long run only."""
+    """Return all limits in the order of the table. endurance: None unless with --full."""
     ours, timing = result.scores[DEFAULT_ESTIMATOR, 1], result.timing
     mare = ours.mare and ours.mare.mean_deg
     theirs = result.scores[PAPER_BEST].mare
@@ -151,7 +151,7 @@ def judge(result: EstimatorsResult, endurance: Endurance | None = None) -> list[
 
 
 def estimator_table(result: EstimatorsResult, windows: bool = False) -> Table:
-    """Return a row per estimator with its usual window, and the paper's best; or a row per window."""
+    """Return a row per estimator with its default window, and the paper's best; or a row per window."""
     lifts = counted(len(result.lifts), "lift")
     title = f"{result.mark}rotational error in degrees over {lifts}, and run time"
     keys = list(result.scores) if windows else _usual(result)
@@ -160,7 +160,7 @@ def estimator_table(result: EstimatorsResult, windows: bool = False) -> Table:
 
 
 def time_table(result: EstimatorsResult) -> Table:
-    """Return percentiles of run time per stage, and of the published second stage."""
+    """Return the percentiles of the run time of each stage, and of the published second stage."""
     rows = []
     for name, timing in result.timing.contenders.items():
         rows.append(TimeRow(name, "frame in to angle out", timing.contact))
@@ -175,7 +175,7 @@ def time_table(result: EstimatorsResult) -> Table:
 
 
 def stress_table(result: EstimatorsResult) -> Table:
-    """Return the MARE per condition and estimator; a share in brackets if not every frame was answered."""
+    """Return the MARE per condition and estimator, with the share of frames with an angle if not 1."""
     by = {(row.condition, row.estimator): row for row in result.stress}
     conditions = dict.fromkeys((row.group, row.condition) for row in result.stress)
     names = tuple(dict.fromkeys((*NAMES, *(row.estimator for row in result.stress))))
@@ -190,7 +190,7 @@ def stress_table(result: EstimatorsResult) -> Table:
 
 
 def notes(result: EstimatorsResult) -> list[str]:
-    """Return what else was measured, a sentence each."""
+    """Return further results, one sentence each."""
     threads, saved = result.timing.threads, result.timing.skip_saves
     shares = ", ".join(f"{stage} {share:.0%}" for stage, share in result.skipped.items())
     scores = [(name, result.scores[name, window]) for name, window in _usual(result)]
@@ -213,7 +213,7 @@ def notes(result: EstimatorsResult) -> list[str]:
 
 
 def readme_section(result: EstimatorsResult, limits: Sequence[Measured]) -> str:
-    """Return the section of a document in Markdown, without its markers."""
+    """Return the section for a document in Markdown, without the comments that mark it."""
     table, missed = estimator_table(result), [limit.name for limit in limits if not limit.met]
     rows = [row[:README_COLUMNS] for row in table.rows if row[0] != NO_SKIP]
     of = machine()
@@ -230,7 +230,7 @@ def readme_section(result: EstimatorsResult, limits: Sequence[Measured]) -> str:
 
 
 def _usual(result: EstimatorsResult) -> list[tuple[str, int]]:
-    """Return each estimator with its usual window, and the paper's best method if that is another."""
+    """Return each estimator with its default window, and the paper's best method if it is not among them."""
     keys = [(DEFAULT_ESTIMATOR, 1), (NO_SKIP, 1), *((name, 1) for name in ALIGNMENTS)]
     keys += [(name, PAPER_WINDOW) for name in PAPER]
     keys += [(name, 1) for name in result.more if (name, 1) not in keys]
@@ -258,7 +258,7 @@ def _estimator_row(result: EstimatorsResult, name: str, window: int) -> Estimato
 
 
 def _against_paper(result: EstimatorsResult) -> str:
-    """Compare with the paper's method that does best here, not only with the one that it prefers."""
+    """Return a sentence that compares `slip` with the paper's method that is best on these lifts."""
     best, ours = result.closest_of_paper, result.scores[DEFAULT_ESTIMATOR, 1].mare
     theirs = result.scores[best].mare if best else None
     if best is None or ours is None or theirs is None:

@@ -1,4 +1,4 @@
-"""Run time per frame and stage of every contender in one thread, and an hour of a contact at rest."""
+"""Measure the run time per frame and stage of every estimator, and an hour of a static contact."""
 
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -27,9 +27,9 @@ from rig.tactile.slip.estimator import SlipEstimator
 
 PERCENTILES = (50, 90, 95, 99)
 FRAMES_PER_LIFT = 600
-"""Of a fingertip, from the grasp on: 10 s."""
+"""Frames of a fingertip from the grasp on, 10 s."""
 TURN_FRAMES = 8
-"""Frames that a contender gets in a row; the published second stage, which is slow, gets one of them."""
+"""Frames that an estimator gets in a row; the published second stage, which is slow, gets one of them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,9 +46,10 @@ class Spread:
 
 @dataclass(frozen=True, slots=True)
 class Timing:
-    """One contender: frame in to angle out on frames with contact, its stages, and the sum of all frames.
+    """Run time of one estimator.
 
-    total_s: over all frames, also those without contact.
+    contact: from frame to angle, on frames with contact. stages: of each stage on these frames. frames:
+    number of all frames. total_s: sum over all frames, also those without contact.
     """
 
     contact: Spread
@@ -59,9 +60,10 @@ class Timing:
 
 @dataclass(frozen=True, slots=True)
 class PublishedStage:
-    """The published second stage: stretched mask to angle, and the thinning of its full picture alone.
+    """Run time of the published second stage.
 
-    cropped: the same stage, bit for bit, if only the part of the picture that holds the contact is thinned.
+    stage: from the stretched mask to the angle. thinning: of its thinning of the full image. cropped: of the
+    stage if only the bounding box of the contact is thinned, which gives the same angle.
     """
 
     stage: Spread
@@ -71,7 +73,7 @@ class PublishedStage:
 
 @dataclass(frozen=True, slots=True)
 class Threads:
-    """One OpenCV thread against two: medians in ms, and the largest difference of the angles, deg."""
+    """One and two OpenCV threads: median run times in ms, and the largest difference of the angles, deg."""
 
     one_ms: float
     two_ms: float
@@ -81,7 +83,7 @@ class Threads:
 
 @dataclass(frozen=True, slots=True)
 class TimingReport:
-    """Everything timed in one pass. size_px: width and height of the frames."""
+    """All run times. size_px: width, height of the frames. skip_saves: fraction of time saved by skipping."""
 
     size_px: tuple[int, int]
     contenders: dict[str, Timing]
@@ -96,10 +98,10 @@ def time_lifts(
     progress: Callable[[int, int, str], None] = lambda done, total, note: None,
     names: Sequence[str] = CONTENDERS,
 ) -> TimingReport:
-    """Time every contender on one fingertip's frames of some lifts, in this process, single-threaded.
+    """Measure the run time of every estimator on one fingertip's frames of some lifts, in one thread.
 
-    The contenders get a few frames in turn, in an order that moves on by one from turn to turn: a rig runs
-    one of them, so that the cost of caches that the others have filled does not count.
+    The estimators get several frames in a row, in turn, in an order that is rotated from turn to turn. In use
+    only one estimator runs, and caches that other estimators have filled would increase its time.
     """
     before = cv2.getNumThreads()
     cv2.setNumThreads(1)
@@ -122,7 +124,7 @@ def time_lifts(
 
 
 def spread(durations_s: Sequence[float]) -> Spread:
-    """Return percentiles of durations in s, as ms; zeros without any."""
+    """Return the percentiles of durations in s, in ms; zeros if there are none."""
     values = np.asarray(durations_s if len(durations_s) else [0.0], float) * 1e3
     p50, p90, p95, p99 = (float(p) for p in np.percentile(values, PERCENTILES))
     return Spread(float(values.max()), p50, p90, p95, p99, len(durations_s))
@@ -149,7 +151,7 @@ def _time_tip(
 
 
 def _time_published(mask: Image | None, stage: Mapping[str, list[float]]) -> None:
-    """Time the script's way from a mask to an angle, with the full and with the cropped picture."""
+    """Measure the time of the published script from mask to angle, with the full and the cropped image."""
     if mask is None:
         return
     began = time.perf_counter()
@@ -186,7 +188,7 @@ def _timing(timed: Sequence[TimedSample]) -> Timing:
 
 
 def _threads(lift: RecordedLift) -> Threads:
-    """Run the default estimator on one fingertip's frames with one OpenCV thread and with two."""
+    """Compare one and two OpenCV threads with the default estimator on the frames of one fingertip."""
     tip = next(iter(lift.tips.values()))
     passes = []
     for threads in (1, 2):
@@ -203,7 +205,7 @@ def _threads(lift: RecordedLift) -> Threads:
 RATE_HZ = 60.0
 FRAMES = 216_000
 WARM_UP_S = 1.0
-"""The angle counts from here on, its mean over the next second being its zero."""
+"""Time after which the angle is evaluated; its zero is the mean over the next second."""
 CONTACT = "t1:0"
 _STATM = Path("/proc/self/statm")
 _PAGE_MB = 4096 / 2**20
@@ -211,10 +213,11 @@ _PAGE_MB = 4096 / 2**20
 
 @dataclass(frozen=True, slots=True)
 class Endurance:
-    """What an hour came to.
+    """Results of an hour of a static contact.
 
-    wander_deg: largest distance of an angle from its zero. answered: share of frames. grown_mb:
-    resident memory at the end over that after a tenth of the frames, None where the system does not tell.
+    wander_deg: largest deviation of the angle from its zero. answered: fraction of frames with an angle.
+    grown_mb: growth of the resident memory from a tenth of the frames to the end; None if the system does not
+    report it.
     """
 
     frames: int
@@ -226,7 +229,7 @@ class Endurance:
 def measure_endurance(
     seed: int = 0, frames: int = FRAMES, progress: Callable[[int, int, str], None] = lambda *_: None
 ) -> Endurance:
-    """Show `slip` a contact at rest under fresh noise and drifting light, skipping nothing."""
+    """Run `slip` without skipping on a static contact with noise and drifting light."""
     background, stream = resting_frames(Scene(CONTACT, rate_hz=RATE_HZ, seed=seed))
     tracker = SlipEstimator(background, skip=False)
     angles, before = np.full(frames, np.nan), None

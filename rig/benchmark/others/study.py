@@ -27,11 +27,11 @@ PARTS: dict[str, Callable[[OthersOptions, Run], list[Row]]] = {
 
 
 def measure(options: OthersOptions, run: Run) -> Report:
-    """Run foreign clients on the simulated devices, and foreign readers on the files of a session.
+    """Run third-party clients on the simulated devices, and third-party readers on session files.
 
-    Each client and reader is a package or clone that does not come with the rig. If it is missing, it is
-    skipped, and its row says how to install it. All connections are on loopback. See docs/others.md. Exit
-    code 4 if a result is not as expected.
+    Each client and reader is a package or clone that is not part of the rig. If it is missing, its row is
+    skipped and shows how to install it. All connections are on loopback. See docs/others.md. The exit code is
+    4 if a result is not as expected.
 
     Examples:
       rig benchmark others --part clients

@@ -76,9 +76,10 @@ class ReactionRow:
 def measure(options: ReactionOptions, run: Run) -> Report:
     """Lift the same SIMULATED objects without and with a reaction to slip, and compare.
 
-    What was caught, how far the objects turned, how long it took to detect a slip, false reactions, fallen
-    and damaged objects. The ground truth comes from the simulated world. A few more lifts run in real time,
-    behind wires, for the time from a frame to its command. Exit code 4 when a limit was missed.
+    The tables show caught slips, rotations of the objects, time to detect a slip, false reactions, and fallen
+    and damaged objects. The ground truth is that of the simulated world. A few more lifts run in real time
+    over the wire protocols, to measure the time from a frame to its command. The exit code is 4 if a limit is
+    missed.
 
     Examples:
       rig benchmark reaction

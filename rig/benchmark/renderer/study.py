@@ -76,10 +76,11 @@ class FaceRow:
 
 
 def measure(options: RendererOptions, run: Run) -> Report:
-    """Let estimators follow SIMULATED lifts of a second renderer, which shares nothing with the bench's.
+    """Score estimators on SIMULATED lifts of a second renderer, independent of the bench's.
 
-    Its gel, LEDs, faces and turns are its own, so an estimator tuned to the other simulator does worse here.
-    Exit code 4 if a limit of the first estimator was missed.
+    It shares no code with the renderer of the simulated bench, and has another gel, LEDs, object faces and
+    rotations. An estimator that is overfitted to the simulated bench has larger errors here. The exit code is
+    4 if the first estimator misses a limit.
 
     Examples:
       rig benchmark renderer

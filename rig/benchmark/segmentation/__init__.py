@@ -1,1 +1,1 @@
-"""Contact masks: networks and the classical mask against labels, and their run time."""
+"""`rig benchmark segmentation`: compare contact masks of networks and image processing with labels."""

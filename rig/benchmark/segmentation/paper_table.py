@@ -1,4 +1,4 @@
-"""The paper's Table II: kept results of trained networks beside the paper's."""
+"""Make the paper's Table II: stored results of trained networks beside those of the paper."""
 
 import json
 from dataclasses import dataclass
@@ -8,7 +8,7 @@ from typing import Any
 from rig.benchmark.harness import Table, column, table_of
 
 NETWORKS = {"deeplabv3plus": "DeepLabV3+", "unetplusplus": "UNet++", "pspnet": "PSPNet"}
-"""The paper's networks by their names of `rig train`, in its order."""
+"""The paper's networks by their names in `rig train`, in the order of the paper."""
 OURS = "ours"
 PAPER = {
     ("UNet++", "D_s1"): ("0.950 ± 0.018", "0.906 ± 0.033"),
@@ -37,7 +37,7 @@ class MeanStd:
 
 @dataclass(frozen=True, slots=True)
 class TrainedRow:
-    """A network trained on one fold, and the paper's figures."""
+    """Results of a network trained on one fold, and those of the paper."""
 
     network: str = column("network")
     fold: str = column("fold")
@@ -50,13 +50,13 @@ class TrainedRow:
 
 
 def trained_models() -> list[dict[str, Any]]:
-    """Return the kept results of `rig train` (network, fold, Dice, IoU, time, settings)."""
+    """Return the stored results of `rig train` (network, fold, Dice, IoU, time, settings)."""
     text = (files("rig") / "models" / "table2.json").read_text(encoding="utf-8")
     return json.loads(text)["models"]
 
 
 def table_two() -> Table:
-    """Return the kept results of `rig train --all` beside the paper's, by network and fold."""
+    """Return the stored results of `rig train --all` beside the paper's, by network and fold."""
     kept = {(row["title"], row["fold"]): row for row in trained_models()}
     title = "Table II: test objects of each fold, SIMULATED, units of one make; the paper's are real. "
     title += "ms: frame in to mask out, in the training's run"

@@ -1,4 +1,4 @@
-"""`rig benchmark segmentation`: how well and how fast contacts are found, and the limits of both."""
+"""`rig benchmark segmentation`: measure accuracy and run time of contact masks, and check their limits."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -25,11 +25,11 @@ from rig.tactile.contact.relative import RelativeDifference
 from rig.training.examples import Examples, examples_of, simulated_examples
 
 HELD_OUT = ("2", "12", "t1", "t2", "t3", "t4", "t5", "t6", "t7")
-"""The test objects of fold D_s3, and the trial objects: no shipped network was trained on them."""
+"""The test objects of fold D_s3, and the trial objects; no network of the rig was trained on them."""
 FRAME_SIZE = (240, 320)
 LEAST_DICE, LEAST_IOU = 0.97, 0.94
 LEAST_UNLIKE_DICE = 0.90
-"""Limit on frames unlike those that a network was trained on: real frames and hard lifts."""
+"""Limit for frames that differ from the training data: real frames and hard lifts."""
 MOST_MS, MOST_SHARE, MOST_LOSS = 3.0, 0.1, 0.005
 TIMED_FRAMES, WARM_UP_FRAMES, TURN_FRAMES = 200, 20, 10
 RANDOMISED, FAMILY = "SIMULATED, units unlike one another", "SIMULATED, units of the bench"
@@ -44,15 +44,15 @@ class SegmentationOptions:
 
     model: list[str] | None = option(
         None,
-        "NAME=FILE: a network of rig train or rig model import beside the shipped ones, or instead "
-        "(pspnet, deeplabv3plus, unetplusplus, ours); repeat for more.",
+        "Network of rig train or rig model import to add or to replace, as NAME=FILE (NAME: pspnet, "
+        "deeplabv3plus, unetplusplus or ours); repeat for more.",
     )
-    frames: int = option(360, "Simulated frames to score on.", min=24)
+    frames: int = option(360, "Number of simulated test frames.", min=24)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Panels:
-    """Frames (H, W, 3) uint8 RGB, their labels (H, W) uint8, 0 or 255, and a background made from them."""
+    """Real frames (H, W, 3) uint8 RGB, labels (H, W) uint8, 0 or 255, and a background from the frames."""
 
     frames: list[Image]
     labels: list[Image]
@@ -61,7 +61,7 @@ class Panels:
 
 @dataclass(frozen=True, slots=True)
 class MethodScore:
-    """A method on a set of frames."""
+    """Dice and IoU of a method on a set of frames."""
 
     method: str = column("method")
     data: str = column("data")
@@ -82,10 +82,11 @@ class MethodTime:
 
 
 def measure(options: SegmentationOptions, run: Run) -> Report:
-    """Score the shipped networks on objects they never saw, and on nine real frames where they are.
+    """Score the segmentation networks on SIMULATED objects and on nine real frames.
 
-    Prints the paper's Table II with the kept results of rig train --all, what is measured now, and the
-    limits. Simulated figures are marked SIMULATED. Exit code 4 when a limit is missed.
+    The networks were not trained on these objects. The real frames are used if they are available. The
+    command prints the paper's Table II with the stored results of rig train --all, the new measurements, and
+    the limits. Simulated figures are marked SIMULATED. The exit code is 4 if a limit is missed.
 
     Examples:
       rig benchmark segmentation
@@ -101,7 +102,7 @@ def measure(options: SegmentationOptions, run: Run) -> Report:
     data = data_folder()
     panels = None if data is None else read_panels(data)
     cv2.setNumThreads(1)
-    run.say(f"rendering {options.frames} SIMULATED frames of objects never trained on")
+    run.say(f"rendering {options.frames} SIMULATED frames of objects that are not in the training data")
     half = options.frames // 2
     sets = {
         RANDOMISED: simulated_examples(HELD_OUT, options.frames, run.seed + 1, FRAME_SIZE),
@@ -117,9 +118,9 @@ def measure(options: SegmentationOptions, run: Run) -> Report:
             scores.append(_scored(method, REAL, masks, panels.labels))
         return scores
 
-    # in this process: the simulated frames are there already
+    # one worker, in this process, because the simulated frames are in its memory
     scores = [row for of in run.each(score, list(models), workers=1) for row in of]
-    run.say("measuring: run time, methods turn about, one thread")
+    run.say("measuring run time: methods alternate, one thread")
     times = measure_times(models, sets[RANDOMISED])
     title = f"Run time, one thread, {FRAME_SIZE[0]} x {FRAME_SIZE[1]} px, median, methods turn about"
     return Report(
@@ -134,9 +135,9 @@ def measure(options: SegmentationOptions, run: Run) -> Report:
 
 
 def read_panels(data: Path) -> Panels | None:
-    """Read the frames in a folder of real recordings; return None if it has none.
+    """Read the labelled real frames in a folder of recordings; return None if it has none.
 
-    Raises `InputError` for damaged ones.
+    Raises `InputError` if a file is damaged.
     """
     folder = data / PANELS
     if not folder.is_dir():
@@ -145,7 +146,7 @@ def read_panels(data: Path) -> Panels | None:
     read = [read_image(folder / f"{number}_label.png").max(axis=2) for number in range(1, PANEL_COUNT + 1)]
     labels = [np.where(label > 127, 255, 0).astype(np.uint8) for label in read]
     if any(frame.shape[:2] != label.shape for frame, label in zip(frames, labels, strict=True)):
-        raise InputError(f"{folder}: a label's size is not its frame's: copy the folder again")
+        raise InputError(f"{folder}: a label and its frame differ in size: copy the folder again")
     return Panels(frames, labels, auto_background(frames))
 
 
@@ -157,13 +158,13 @@ def parse_models(texts: Sequence[str], known: Sequence[str]) -> dict[str, Path]:
         if name not in known or not file:
             raise InputError(f"--model {text}: give NAME=FILE, NAME being one of {', '.join(known)}")
         if not Path(file).is_file():
-            raise InputError(f"--model {text}: there is no file {file}")
+            raise InputError(f"--model {text}: file not found: {file}")
         models[name] = Path(file)
     return models
 
 
 def score_examples(method: str, model: str, title: str, examples: Examples) -> MethodScore:
-    """Segment every frame with its own background, and compare with its label.
+    """Segment every frame with its own background, and compare the mask with the label.
 
     method, title: names of the network and of the frames. model: as in `SegmentChoice`.
     """
@@ -174,10 +175,10 @@ def score_examples(method: str, model: str, title: str, examples: Examples) -> M
 
 
 def measure_times(models: Mapping[str, str], examples: Examples) -> list[MethodTime]:
-    """Time the methods alternately on the frames of one unit, each on one thread. models: by method.
+    """Measure the run time of the methods in turn on the frames of one sensor, with one thread each.
 
-    Each method gets a few frames in a row: a rig runs one method on a stream of frames, so that the cost of
-    caches that other methods have filled does not count.
+    models: by method. Each method gets several frames in a row, because in use only one method runs, and
+    caches that other methods have filled would increase its time.
     """
     background = examples.backgrounds[0]
     pairs = zip(examples.frames, examples.backgrounds, strict=True)

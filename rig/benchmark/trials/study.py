@@ -63,11 +63,11 @@ class TrialsOptions:
 
 
 def measure(options: TrialsOptions, run: Run) -> Report:
-    """Run networks, angle methods, windows and the paper's peers over the same SIMULATED lifts.
+    """Score networks, angle methods, windows and the paper's rivals on the same SIMULATED lifts.
 
-    One fingertip at 30 frames per second over phase B, as the paper compares. The tables name networks that
-    are not trained yet, with the command that trains them. An interrupted run continues with --out.
-    At most 20 minutes on 2 cores with all nine objects and five lifts of each.
+    As in the paper, one fingertip is used, at 30 frames per second, over phase B. For networks that are not
+    trained yet the tables show the command that trains them. An interrupted run continues with --out. The run
+    takes at most 20 minutes on two cores, with all nine objects and five lifts of each.
 
     Examples:
       rig benchmark trials --out trials

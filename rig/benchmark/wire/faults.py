@@ -132,12 +132,12 @@ class FaultsOptions:
 
 
 def measure(options: FaultsOptions, run: Run) -> Report:
-    """Let each device fail in mid-lift over the wire protocols; print how the rig recovers.
+    """Let each device fail during a lift over the wire protocols; print how the rig recovers.
 
-    Runs in real time, about 25 s a lift. The lifts are stored as a session in the folder of the results. With
-    --full they are deleted except that of the worst case, worst.mcap, and --readme takes the table. Exit code
-    4 if a fault was not seen, not named or not made safe within a second, if an object was dropped, or if the
-    next lift did not run.
+    The lifts run in real time, about 25 s per lift, and are stored as a session in the folder of the results.
+    With --full they are deleted except that of the worst case, worst.mcap, and --readme receives the table.
+    The exit code is 4 if a fault was not detected, not named or not made safe within a second, if an object
+    was dropped, or if the next lift did not run.
 
     Examples:
       rig benchmark faults

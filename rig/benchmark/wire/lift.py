@@ -90,13 +90,13 @@ class WireLift:
 
 
 def measure(options: WireOptions, run: Run) -> Report:
-    """Do one lift over the wire protocols, in real time: frames lost, rates, agreement.
+    """Do one lift over the wire protocols in real time; measure lost frames, rates and agreement.
 
-    The lift is stored as a session in the folder of the results. Exit code 4 if a frame that was served is
-    not in the recording, if the arm's driver received fewer than 490 of its 500 states a second, if the
-    simulated controller used more than a quarter of a core, if a fingertip's angle came later than one frame
-    period after its frame's capture (99th percentile), or if the result differs from that of the same lift in
-    this process by more than the spread over seeds.
+    The lift is stored as a session in the folder of the results. The exit code is 4 in these cases: a frame
+    that was sent is not in the recording; the arm's driver received fewer than 490 of 500 states per second;
+    the simulated controller used more than a quarter of a core; the time from capture to angle of a fingertip
+    exceeded one frame period (99th percentile); or the result differs from that of the same lift in this
+    process by more than the spread over seeds.
 
     Examples:
       rig benchmark wire

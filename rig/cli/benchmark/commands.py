@@ -10,29 +10,21 @@ from rig.cli.benchmark.studies import command_of
 from rig.cli.helping import Commands, Group
 
 STUDIES = {
-    "estimators": "Time and score every estimator by window on 45 lifts, then put them under stress.",
-    "clips": "Let estimators answer labelled clips, real or simulated, and compare with the labels.",
-    "calibration": (
-        "Measure the calibrations against their limits, on simulated and, where they are, real data."
-    ),
-    "others": "Run foreign clients on the simulated devices, and foreign readers on the files of a session.",
+    "estimators": "Measure run time and error of every estimator, on 45 lifts and on disturbed clips.",
+    "clips": "Compare the angles of estimators with the labels of clips, real or simulated.",
+    "calibration": "Compare the errors of the calibrations with their limits, on simulated and real data.",
+    "others": "Run third-party clients on the simulated devices, and third-party readers on session files.",
     "reaction": "Lift the same SIMULATED objects without and with a reaction to slip, and compare.",
-    "renderer": (
-        "Let estimators follow SIMULATED lifts of a second renderer, which shares nothing with the bench's."
-    ),
-    "seeds": (
-        "Carry out SIMULATED trials of several seeds; print how far off and how confidently wrong they are."
-    ),
-    "segmentation": (
-        "Score the shipped networks on objects they never saw, and on nine real frames where they are."
-    ),
-    "wire": "Do one lift over the wire protocols, in real time: frames lost, rates, agreement.",
-    "faults": "Let each device fail in mid-lift over the wire protocols; print how the rig recovers.",
+    "renderer": "Score estimators on SIMULATED lifts of a second renderer, independent of the bench's.",
+    "seeds": "Carry out SIMULATED trials of several seeds; print errors and confidently wrong angles.",
+    "segmentation": "Score the segmentation networks on SIMULATED objects and on nine real frames.",
+    "wire": "Do one lift over the wire protocols in real time; measure lost frames, rates and agreement.",
+    "faults": "Let each device fail during a lift over the wire protocols; print how the rig recovers.",
     "safety": "Stop, kill or break a lift at random moments; print how the arm comes to rest.",
     "endurance": (
         "Hold an object still over the wire protocols, in real time, and print the measurements per minute."
     ),
-    "trials": "Run networks, angle methods, windows and the paper's peers over the same SIMULATED lifts.",
+    "trials": "Score networks, angle methods, windows and the paper's rivals on the same SIMULATED lifts.",
 }
 """First line of help by name."""
 MODULES = {

@@ -132,7 +132,7 @@ def test_the_labels_sigma_counts_with_the_estimates() -> None:
     [
         ("reference_frame,keyframe,angle_deg\n9,9,0\n", "no column sigma_deg"),
         (labels_text([]), "line 2 is missing"),
-        (labels_text([(9, 0.0)]), "no label beside the reference"),
+        (labels_text([(9, 0.0)]), "no label except the reference"),
         (labels_text([(9, 0.0), (400, 1.0)]), "frames 0 to 24"),
         (labels_text([(14, 1.0), (14, 2.0)]), "two labels"),
         (labels_text([(14, 1.0)]) + "8,15,1,1\n", "2 reference frames"),

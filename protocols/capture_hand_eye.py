@@ -1,4 +1,7 @@
-"""Capture samples for a hand-eye calibration: move, wait until the arm is still, store pose and picture."""
+"""Capture samples for a hand-eye calibration: move, wait until the arm is still, store pose and picture.
+
+Also pictures of something at rest, for other calibrations.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -8,6 +11,7 @@ import numpy as np
 from drivers.bench import Bench
 from drivers.clock import to_ns
 from drivers.errors import DeviceTimeoutError, OutOfLimitsError
+from drivers.interfaces import FrameSource
 from drivers.types import Frame, Pose
 
 SPEED_M_S = 0.15
@@ -121,3 +125,27 @@ def _captured_since(bench: Bench, time_ns: int) -> Frame:
 def _moved(one: Pose, other: Pose) -> bool:
     step = one.inverse() @ other
     return bool(np.linalg.norm(step.position_m) > _STILL_M or step.rotation.magnitude() > _STILL_RAD)
+
+
+FRAME_AGE_S = 0.25
+"""Largest age of the newest frame before the capture starts; an older one means a stopped stream."""
+FRAME_TIMEOUT_S = 1.0
+"""Time limit for the next frame."""
+
+
+def capture_still(
+    bench: Bench, source: FrameSource, count: int, shown: Callable[[Frame], None] | None = None
+) -> list[Frame]:
+    """Capture `count` frames of a source after the arm has come to rest; moves nothing.
+
+    shown: called with each frame. Raises `DeviceTimeoutError` if the arm does not come to rest or a frame is
+    late.
+    """
+    wait_until_still(bench)
+    source.newest_frame(FRAME_AGE_S)
+    frames = []
+    for _ in range(count):
+        frames.append(source.next_frame(FRAME_TIMEOUT_S))
+        if shown is not None:
+            shown(frames[-1])
+    return frames

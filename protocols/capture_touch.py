@@ -1,11 +1,15 @@
-"""Close gently on gauges of known size: balls that indent the gels, blocks that calibrate the opening."""
+"""Close gently on gauges of known size, and wiggle a held object.
+
+Balls indent the gels, blocks calibrate the opening. A held object that is moved up and down shows arm, camera
+and gels the same motion, each at its own times.
+"""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from drivers.bench import Bench
 from drivers.types import HandState, Holding, Pose
-from protocols.observer import LiftObserver
+from protocols.observer import LiftObserver, Phase
 from protocols.operator import Operator
 from protocols.pump import Pump
 from protocols.readiness import make_ready
@@ -148,4 +152,42 @@ def _beside(bench: Bench, touch: Touch, pump: Pump | None) -> None:
 
 def _leave(bench: Bench, touch: Touch | None, pump: Pump | None) -> None:
     if touch is not None:
+        lower_and_release(bench, touch.base_T_grasp, touch.width_m, pump)
+
+
+ACCELERATION_M_S2 = 0.8
+"""Acceleration of each stroke."""
+WIGGLE_SETTLE_S = 0.5
+"""Time at rest before the strokes."""
+
+
+@dataclass(frozen=True, slots=True)
+class Stroke:
+    """A straight motion to a height above the grasp, m, at a speed, m/s."""
+
+    height_m: float
+    speed_m_s: float
+
+
+def capture_wiggle(
+    bench: Bench, operator: Operator, observer: LiftObserver, touch: Touch, strokes: Sequence[Stroke]
+) -> None:
+    """Grasp, wiggle, set down; the observer receives all of it, the wiggle between LIFT and LOWER.
+
+    strokes: of different heights and speeds, because a periodic motion correlates with itself at several
+    offsets. Raises the error of a device after a safe end.
+    """
+    make_ready(bench, operator)
+    operator.place(touch.gauge, touch.name)
+    with safe_end(bench):
+        approach(bench, touch.base_T_grasp, touch.width_m, touch.name)
+        pump = start_watching(bench, observer, REFERENCE_S)
+        tighten_by(bench, pump, observer, close_to_contact(bench, pump, observer), touch.grip_m)
+        pump.run_for(WIGGLE_SETTLE_S)
+        observer.phase(Phase.LIFT, pump.seen_ns)
+        for stroke in strokes:
+            goal = touch.base_T_grasp.translated(z_m=stroke.height_m)
+            motion = bench.arm.move_linear(goal, stroke.speed_m_s, ACCELERATION_M_S2)
+            pump.run_until(motion.done, MOTION_TIMEOUT_S)
+        observer.phase(Phase.LOWER, pump.seen_ns)
         lower_and_release(bench, touch.base_T_grasp, touch.width_m, pump)

@@ -5,10 +5,8 @@ middle.
 """
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from itertools import count
 
 import numpy as np
 from numpy.typing import NDArray
@@ -89,15 +87,6 @@ def render_clip(scene: Scene) -> Clip:
         to_ns(REST_S),
         across / down,
     )
-
-
-def resting_frames(scene: Scene) -> tuple[Image, Iterator[Image]]:
-    """Return a background, and frames of the scene at rest without end: fresh noise, drifting light."""
-    sensor, surface = _sensor(scene.unit), _surface(scene.contact, scene.seed)
-    rng = np.random.default_rng((scene.seed, scene.unit, 31))
-    imprint = _imprint(scene, surface, 0.0)
-    frames = (sensor.render(imprint, i / scene.rate_hz, rng) for i in count())
-    return sensor.render(None, 0.0, rng), frames
 
 
 def opposite(scene: Scene) -> Scene:

@@ -17,8 +17,7 @@ import cv2
 import typer
 
 from drivers.errors import InputError, counted
-from rig.benchmark.measured import Measured
-from rig.benchmark.readme import markdown_table
+from rig.benchmark.measured import Measured, markdown_table
 from rig.experiments.process_pool import run_tasks
 from rig.frames.masks import make_folder
 from rig.sessions.codec import Codec, json_line, json_value

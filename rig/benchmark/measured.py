@@ -1,9 +1,12 @@
-"""A measured number and its limit, and the folder of real recordings."""
+"""A measured number and its limit, a table in a document, and the folder of real recordings."""
 
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import SupportsFloat
+
+from drivers.errors import InputError
 
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
 """Folder of real recordings, unless RIG_TEST_DATA names another one."""
@@ -59,3 +62,30 @@ def _within(name: str, value: SupportsFloat | None, low: float, high: float, ask
     if value is None:
         return Measured(name, None, asked, False)
     return Measured(name, float(value), asked, low <= float(value) <= high)
+
+
+def markers(name: str) -> tuple[str, str]:
+    """Return the two lines between which the table of `rig benchmark NAME` stands."""
+    return f"<!-- rig benchmark {name}: begin -->", f"<!-- rig benchmark {name}: end -->"
+
+
+def check_readme(path: Path, name: str) -> None:
+    """Raise `InputError` unless a file has the two marker lines, once each and in order."""
+    begin, end = markers(name)
+    text = path.read_text(encoding="utf-8") if path.is_file() else ""
+    if not (text.count(begin) == text.count(end) == 1 and text.index(begin) < text.index(end)):
+        raise InputError(f"{path}: put these two lines where the table belongs: {begin} and {end}")
+
+
+def write_section(path: Path, name: str, section: str) -> None:
+    """Replace what stands between the two markers. Raises `InputError` where they are not there."""
+    check_readme(path, name)
+    begin, end = markers(name)
+    head, _, rest = path.read_text(encoding="utf-8").partition(begin)
+    path.write_text(f"{head}{begin}\n{section}\n{end}{rest.partition(end)[2]}", encoding="utf-8")
+
+
+def markdown_table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Return a table in Markdown. A "|" in a cell is written as "/"."""
+    lines = [columns, ["---"] * len(columns), *rows]
+    return "\n".join("| " + " | ".join(cell.replace("|", "/") for cell in cells) + " |" for cells in lines)

@@ -18,7 +18,7 @@ from rig.experiments.lift_attempt import attempt_lift
 from rig.experiments.lift_plan import LiftTask, TrialSettings
 from rig.experiments.trial import resolve_objects
 from rig.lift.marker_truth import interpolate
-from rig.lift.recorded_truth import recorded_truth
+from rig.lift.recording import recorded_truth
 from rig.results.metrics import HEADING, Mare, mare_text
 from rig.results.scores import SeriesScore, score_angles
 from rig.sessions.reading import phase_times, recorded_angles

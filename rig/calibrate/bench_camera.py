@@ -11,8 +11,7 @@ from calibration.targets.boards import Target
 from calibration.targets.sheets import target_picture
 from drivers.errors import InputError
 from drivers.types import Pose
-from protocols.capture_hand_eye import SPEED_M_S, HandEyeCapture, capture_hand_eye
-from protocols.capture_still import capture_still
+from protocols.capture_hand_eye import SPEED_M_S, HandEyeCapture, capture_hand_eye, capture_still
 from protocols.grasps import find_grasp_file
 from protocols.readiness import agree_to_carry
 from rig.bench.assembly import TOOL_DOWN

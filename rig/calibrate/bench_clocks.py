@@ -11,8 +11,7 @@ from calibration.targets.aruco import Refusal
 from drivers.errors import CalibrationError, InputError, counted
 from drivers.interfaces import Arm
 from drivers.types import ArmState, Frame
-from protocols.capture_touch import Touch
-from protocols.capture_wiggle import Stroke, capture_wiggle
+from protocols.capture_touch import Stroke, Touch, capture_wiggle
 from protocols.grasps import find_grasp_file
 from protocols.observer import Phase
 from rig.bench.twins import refuse_undrawn

@@ -8,7 +8,7 @@ import numpy as np
 from calibration.gel.reference import Reference, assess_reference, drift_since, make_reference
 from drivers.errors import CalibrationError, InputError
 from drivers.images import load_image
-from protocols.capture_still import capture_still
+from protocols.capture_hand_eye import capture_still
 from protocols.capture_touch import Touch, capture_presses
 from rig.calibrate import figures
 from rig.calibrate.bench import Station, TouchObserver, grasp_at, touch_motions, write_picture, write_table

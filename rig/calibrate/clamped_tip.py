@@ -17,9 +17,8 @@ from drivers.types import Pose
 from rig.calibrate import figures
 from rig.calibrate.result import CalibrationResult, Picture
 from rig.calibrate.sources import read_poses
+from rig.config.calibrations import LARGEST_TIP_M
 
-LARGEST_CHANGE_M = 0.05
-"""Largest distance of a tip from the bench file's `tcp_m`: a clamped tip stands out of the gels by less."""
 FLANGE, TCP = "flange", "tcp"
 """Values of the column `child_frame` in poses.csv: its rows are base_T_flange or base_T_tcp."""
 
@@ -33,7 +32,7 @@ def tip_from_folder(
     """Solve poses.csv for the tip in the flange's frame.
 
     flange_T_tcp: the configured tool, None without a bench file; the tip is compared with it, and poses of
-    the TCP are converted with it. accept_change: accept a tip beyond `LARGEST_CHANGE_M`. Raises `InputError`.
+    the TCP are converted with it. accept_change: accept a tip beyond `LARGEST_TIP_M`. Raises `InputError`.
     """
     path = folder / "poses.csv"
     poses, rejected = _flange_poses(path, flange_T_tcp)
@@ -99,11 +98,11 @@ def _compared(
 
 
 def _change(apart_m: float, accepted: bool) -> Assessment:
-    if apart_m <= LARGEST_CHANGE_M:
+    if apart_m <= LARGEST_TIP_M:
         return Assessment()
     text = (
         f"the tip is {1e3 * apart_m:.0f} mm from the bench file's tcp_m, and a clamped tip is within "
-        f"{1e3 * LARGEST_CHANGE_M:.0f} mm of it: check tcp_m and the mounted hand"
+        f"{1e3 * LARGEST_TIP_M:.0f} mm of it: check tcp_m and the mounted hand"
     )
     if accepted:
         return Assessment(doubts=(text,))

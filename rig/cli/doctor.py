@@ -6,9 +6,8 @@ from pathlib import Path
 import typer
 
 from rig.cli.common import Exit, emit_json, mark, say
-from rig.cli.declared import option
+from rig.cli.declared import folder_place, option
 from rig.cli.options import BenchOption, JsonOption
-from rig.cli.places import folder_place
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +38,7 @@ def doctor(options: DoctorOptions) -> None:
     """
     from rig.config import load_bench
     from rig.doctor.examination import examine
-    from rig.doctor.printing import print_findings
+    from rig.doctor.finding import print_findings
 
     config = load_bench(options.bench)
     simulated = mark(config.simulated)

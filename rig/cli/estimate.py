@@ -6,9 +6,8 @@ from typing import TYPE_CHECKING
 
 from drivers.errors import InputError
 from rig.cli.common import emit_json, report_broken, say
-from rig.cli.declared import argument, option
+from rig.cli.declared import argument, file_place, folder_place, option
 from rig.cli.options import JsonOption, TopicOption
-from rig.cli.places import file_place, folder_place
 
 if TYPE_CHECKING:
     from rig.frames.estimation import EstimatedSeries, Estimation, SeriesEstimate
@@ -121,6 +120,11 @@ def estimate(source: SourceOptions, how: EstimationOptions, to: ResultOptions) -
       rig estimate TactileTracking/key0 --out key0.csv
 
     """
+    _estimate(source, how, to)
+
+
+def _estimate(source: SourceOptions, how: EstimationOptions, to: ResultOptions) -> None:
+    """Estimate a session, a recording or other frames."""
     from rig.sessions.files import is_recording
     from rig.sessions.manifest import is_session
 

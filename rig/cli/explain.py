@@ -4,9 +4,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from rig.cli.common import print_result, say
-from rig.cli.declared import argument, option
+from rig.cli.declared import argument, file_place, option
 from rig.cli.options import JsonOption, TopicOption
-from rig.cli.places import file_place
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,9 +4,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from rig.cli.common import print_result, report_broken, say
-from rig.cli.declared import argument, option
+from rig.cli.declared import argument, folder_place, option
 from rig.cli.options import JsonOption
-from rig.cli.places import folder_place
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,14 +50,20 @@ def export(options: ExportOptions) -> None:
       rig export sessions/2026-11-21T101500_obj7_record --to labelme
 
     """
+    from rig.live.screen import begin_phase
+
+    folder = options.out or options.session / "export" / options.to
+    begin_phase(f"exporting to {options.to}")
+    _export(options, folder)
+
+
+def _export(options: ExportOptions, folder: Path) -> None:
+    """Write the files, print their number by kind, and print the result."""
     import time
 
     from rig.export.formats import export_session
-    from rig.live.screen import begin_phase
 
     began = time.perf_counter()
-    folder = options.out or options.session / "export" / options.to
-    begin_phase(f"exporting to {options.to}")
     exported = export_session(options.session, options.to, folder, options.every, options.mlflow)
     wall_s = round(time.perf_counter() - began, 2)
     counts = ", ".join(f"{count} {name}" for name, count in exported.counts.items())

@@ -47,6 +47,11 @@ def label_angle(options: LabelAngleOptions) -> None:
       rig label-angle clips/pen_2 --reference 15 --count 6 --no-browser
 
     """
+    _label(options)
+
+
+def _label(options: LabelAngleOptions) -> None:
+    """Show the page until the labels are written."""
     from rig.frames.clips import LABELS, clip_frames
     from rig.frames.series import read_frames
     from rig.labels.angle_clip import background_of, load_clip

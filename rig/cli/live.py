@@ -117,24 +117,31 @@ def live(source: LiveSourceOptions, how: LiveAngleOptions, view: LiveViewOptions
       rig live D20641 --no-browser --foxglove
 
     """
+    with ExitStack() as stack:
+        _show_live(source, how, view, stack)
+    say("ended")
+
+
+def _show_live(
+    source: LiveSourceOptions, how: LiveAngleOptions, view: LiveViewOptions, stack: ExitStack
+) -> None:
+    """Run the desk, with its page if there is one, until it is stopped."""
     from drivers.realtime import compute_in_one_thread
 
-    with ExitStack() as stack:
-        stopped = stack.enter_context(stopped_by_person())
-        page = None if view.terminal or view.json else _page(source, how.estimator, view, stack)
-        sources, settings = sources_of(source), settings_of(source, how, view.clips)
-        say(
-            f"{_name(source)}; press Ctrl-C to end"
-            if page is None
-            else f"live at {page.address}; press Ctrl-C to end"
-        )
-        if page is not None and view.browser:
-            _open(page.address)
-        compute_in_one_thread()
-        listeners = [*([] if page is None else [page.listener]), *_foxglove(view, sources, stack)]
-        desk = stack.enter_context(desk_of(sources, settings, stack, listeners))
-        run_desk(desk, _shown(view, stack), view.seconds, stopped, page)
-    say("ended")
+    stopped = stack.enter_context(stopped_by_person())
+    page = None if view.terminal or view.json else _page(source, how.estimator, view, stack)
+    sources, settings = sources_of(source), settings_of(source, how, view.clips)
+    say(
+        f"{_name(source)}; press Ctrl-C to end"
+        if page is None
+        else f"live at {page.address}; press Ctrl-C to end"
+    )
+    if page is not None and view.browser:
+        _open(page.address)
+    compute_in_one_thread()
+    listeners = [*([] if page is None else [page.listener]), *_foxglove(view, sources, stack)]
+    desk = stack.enter_context(desk_of(sources, settings, stack, listeners))
+    run_desk(desk, _shown(view, stack), view.seconds, stopped, page)
 
 
 def _name(source: LiveSourceOptions) -> str:

@@ -6,9 +6,8 @@ from typing import TYPE_CHECKING
 
 from drivers.errors import InputError, counted
 from rig.cli.common import print_result, report_broken, say
-from rig.cli.declared import argument, option
+from rig.cli.declared import argument, file_place, option
 from rig.cli.options import JsonOption, TopicOption
-from rig.cli.places import file_place
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -73,8 +72,6 @@ def play(of: SourceOptions, film: FilmOptions, json: JsonOption = False) -> None
 
     Examples:
       rig play sessions/2026-11-21T093000_trial
-
-      rig play sessions/2026-11-21T093000_trial --lift 11 --out lift11.webm
 
       rig play without --lift toothbrush/1 --beside with_reaction --out caught.webm
 

@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING
 
 from drivers.errors import InputError, counted
 from rig.cli.common import emit_json, mark, report_broken, say, trial_jobs
-from rig.cli.declared import argument, option
+from rig.cli.declared import argument, folder_place, option
 from rig.cli.options import JsonOption, ResumeOption, SessionOptions
-from rig.cli.places import folder_place
 from rig.cli.results import print_results, trial_table
 
 if TYPE_CHECKING:
@@ -116,7 +115,7 @@ def _replay_many(options: ReplayOptions) -> None:
 
 def _replay_all(paths: list[Path], folder: Path, options: ReplayOptions) -> None:
     from rig.experiments.batch_replay import gather_sessions, plan_replays, replay_manifest, run_replays
-    from rig.experiments.dask_engine import runner
+    from rig.experiments.process_pool import runner
     from rig.live.terminal import WorkProgress
     from rig.results.notes import row_note
     from rig.results.table import results_json

@@ -8,13 +8,12 @@ import typer
 
 from drivers.errors import InputError, counted
 from rig.cli.common import emit_json, say
-from rig.cli.declared import option
+from rig.cli.declared import folder_place, option
 from rig.cli.options import JsonOption
-from rig.cli.places import folder_place
 
 if TYPE_CHECKING:
     from rig.frames.masks import ImageGroup, SegmentChoice, SegmentedImage
-    from rig.labels.proposals import LabelFile
+    from rig.labels.label_files import LabelFile
 
 ImagesArgument = Annotated[
     list[Path], typer.Argument(help="Images, folders of images, or sessions of rig record.")
@@ -109,7 +108,7 @@ def label(options: LabelOptions) -> None:
 
     """
     from rig.frames.masks import SegmentChoice
-    from rig.labels.proposals import COCO, MASKS, export_coco, export_masks
+    from rig.labels.label_files import COCO, MASKS, export_coco, export_masks
 
     out, model = options.out, options.model
     files = _proposals(options, SegmentChoice(model, options.margin), out / MASKS)
@@ -155,7 +154,7 @@ def _write_mask(path: Path, done: "SegmentedImage") -> dict[str, Any]:
 def _proposals(options: LabelOptions, choice: "SegmentChoice", masks: Path) -> "list[LabelFile]":
     """Write the missing label files; return all label files. masks: folder to create."""
     from rig.frames.masks import segment_groups
-    from rig.labels.proposals import propose
+    from rig.labels.label_files import propose
 
     groups, names = _images(options, choice, masks, ".json")
     origin = f"proposed by rig label, {choice.model}; not yet looked at by a person"

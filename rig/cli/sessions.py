@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from drivers.errors import SessionError, counted
 from rig.cli.common import emit_json, say
-from rig.cli.declared import argument, option
+from rig.cli.declared import argument, file_place, option
 from rig.cli.options import JsonOption
-from rig.cli.places import file_place
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -79,17 +78,8 @@ def sessions(options: ListOptions) -> None:
       rig sessions /data/2026 --page sessions.html
 
     """
-    from rig.live.tables import table_console
-
     entries, folder = _selected(options), options.folder
-    console = table_console(to_stderr=options.json)
-    if entries:
-        console.print(_table(folder, entries))
-    else:
-        console.print(f"{folder}: no {'such ' if options.tags or options.objects else ''}session here")
-    for entry in entries:
-        if entry.problem:
-            console.print(f"broken: {entry.problem}", highlight=False, soft_wrap=True)
+    _print(options, entries)
     page = None if options.wear is None else _wear_page(entries, options.wear)
     if options.page is not None:
         from rig.report.sessions_page import write_sessions
@@ -105,6 +95,21 @@ def sessions(options: ListOptions) -> None:
         raise SessionError(
             f"{folder}: {broken} of {counted(len(entries), 'session')} broken; see the messages above"
         )
+
+
+def _print(options: ListOptions, entries: "list[SessionEntry]") -> None:
+    """Print the table and the problems of broken sessions."""
+    from rig.live.tables import table_console
+
+    console = table_console(to_stderr=options.json)
+    if entries:
+        console.print(_table(options.folder, entries))
+    else:
+        such = "such " if options.tags or options.objects else ""
+        console.print(f"{options.folder}: no {such}session here")
+    for entry in entries:
+        if entry.problem:
+            console.print(f"broken: {entry.problem}", highlight=False, soft_wrap=True)
 
 
 def _selected(options: ListOptions) -> "list[SessionEntry]":

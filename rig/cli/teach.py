@@ -8,8 +8,8 @@ import typer
 
 from rig.cli.common import Exit, mark, print_result, say
 from rig.cli.declared import argument, option
-from rig.cli.dry_run import dry_run
 from rig.cli.options import BenchOptions, JsonOption
+from rig.cli.watching import dry_run
 from rig.live.questions import ask, press, waited
 
 if TYPE_CHECKING:

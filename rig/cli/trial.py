@@ -9,14 +9,12 @@ import typer
 
 from drivers.errors import counted
 from rig.cli.common import Exit, emit_json, mark, say, trial_jobs
-from rig.cli.declared import option, resumed
-from rig.cli.dry_run import dry_run
+from rig.cli.declared import file_place, option, resumed
 from rig.cli.options import BenchOptions, SessionOptions, WatchOptions
-from rig.cli.places import file_place
 from rig.cli.report import report_after
 from rig.cli.results import trial_table
 from rig.cli.resuming import continued, may_be_continued, named_again, say_done, usual_lift_s
-from rig.cli.watching import Work, foxglove_server, watched
+from rig.cli.watching import Work, dry_run, foxglove_server, watched
 from rig.live.onlookers import telling
 from rig.live.questions import ask
 
@@ -148,8 +146,6 @@ def trial(
 
       rig trial --lifts 5 --name "new gel" --tag gel-7 --operator Ada
 
-      rig trial --resume
-
       rig trial --resume --out sessions/campaign
 
       rig trial --bench wire --lifts 1 --object wrench --live-to wrench.rrd
@@ -212,7 +208,7 @@ def _prepare(
 ) -> _Trial:
     """Read the bench and the session to resume; return the trial with its settings. Raises `InputError`."""
     from rig.config.objects import with_more
-    from rig.experiments.reactions import require_reaction
+    from rig.experiments.lift_plan import require_reaction
     from rig.experiments.trial import resolve_objects
     from rig.sessions.manifest import TrialManifest
 

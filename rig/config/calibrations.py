@@ -19,24 +19,28 @@ from rig.config import BenchConfig, load_bench, validation_text
 from rig.config.in_use import CalibrationsInUse, CameraInUse, FileInUse, PlaceInUse
 
 FOLDER = "calibrations"
+LARGEST_TIP_M = 0.05
+"""Largest distance of a tip from the bench file's `tcp_m`: a clamped tip stands out of the gels by less."""
+SAME_TIP_M = 0.001
+"""Distances of a tip from `tcp_m` that differ by less are the same: five sigma of a good calibration."""
 Take = Callable[[CalibrationFile, str], CalibrationsInUse | None]
 """Returns the values to use from a calibration file, given its path for messages; None if there are none."""
 
 
-def load_calibrated_bench(name_or_path: str, say: Callable[[str], None]) -> BenchConfig:
+def load_calibrated_bench(name_or_path: str, report: Callable[[str], None]) -> BenchConfig:
     """Read a bench with the calibrations in `calibrations/` beside its file.
 
-    For built-in benches that is the current folder. say: prints each file in use with its age and verdict.
+    For built-in benches that is the current folder. report: prints each file in use with its age and verdict.
     Raises `InputError` for the bench file, `CalibrationError` for a calibration of another device or a
     damaged one.
     """
     config = load_bench(name_or_path)
-    found = find_calibrations(config, calibrations_folder(name_or_path))
+    found = find_calibrations(config, calibrations_folder(name_or_path), report)
     for key, file in found.files.items():
         of_real = config.mixed and not any(key.endswith(f"-{name}") for name in config.fake_devices)
         mark = "SIMULATED " if config.simulated and not of_real else ""
         age = age_text(age_days(file.created, datetime.now(UTC)))
-        say(f"{mark}calibration in use: {file.file}, {age} old, {file.verdict}")
+        report(f"{mark}calibration in use: {file.file}, {age} old, {file.verdict}")
     return config.model_copy(update={"calibrations": found}) if found.files else config
 
 
@@ -46,23 +50,27 @@ def calibrations_folder(name_or_path: str) -> Path:
     return (path.parent if path.is_file() else Path()) / FOLDER
 
 
-def find_calibrations(config: BenchConfig, folder: Path) -> CalibrationsInUse:
+def find_calibrations(
+    config: BenchConfig, folder: Path, report: Callable[[str], None] = lambda _: None
+) -> CalibrationsInUse:
     """Read a folder's calibrations for the devices of a bench; none without such a folder.
 
     If all files of a kind belong to other devices, that is an error: a swapped device would otherwise go
-    unnoticed. Calibrations with verdict "refused" are ignored. Raises `CalibrationError`.
+    unnoticed. Calibrations with verdict "refused" are ignored. report: prints what a person should know of a
+    file beside its age and verdict. Raises `CalibrationError`.
     """
     wanted: list[tuple[str, dict[str, str], Take]] = []
     if config.has("camera"):
         camera = {"camera": config.camera.serial}
         wanted += [
             ("camera", camera, partial(_camera, config.camera.size_px)),
-            ("hand-eye", camera, _hand_eye),
+            ("hand-eye", camera, partial(_hand_eye, report)),
         ]
     if config.has("gripper"):
         wanted.append(("gripper", {"gripper": config.name}, _gripper))
     wanted += [("tactile", {"tactile": tactile.serial}, _tactile) for tactile in config.tactile]
     if config.has("arm"):
+        wanted.append(("tcp", {"tool": config.name}, partial(_tip, config, report)))
         wanted += [("sync", {"reference": "arm", "stream": each.serial}, _sync) for each in config.sensors]
     found = CalibrationsInUse()
     for kind, serials, take in wanted:
@@ -80,7 +88,7 @@ def _used(
     file = load(path, kind, serials, allow_refused=True)
     if file.assessment.verdict is Verdict.REFUSED:
         return CalibrationsInUse()
-    devices = {*serials.values()} | ({"gripper"} if kind == "gripper" else set())
+    devices = {*serials.values(), {"gripper": "gripper", "tcp": "arm"}.get(kind, "")}
     if file.inputs.get("simulated") and not devices.isdisjoint(config.real_devices):
         raise CalibrationError(
             f"{path}: was made on simulated devices, but bench '{config.name}' is real; calibrate it, "
@@ -110,12 +118,12 @@ def _find(folder: Path, kind: str, serials: Mapping[str, str]) -> Path | None:
     """Return the kind's file for these serials; None without a file of that kind.
 
     Raises `CalibrationError` if all files of the kind belong to other devices, except for streams and
-    fingertips: a bench has several of them, each with its own file.
+    fingertips, of which a bench has several, and for clamped tips, of which nothing is replaced.
     """
     wanted = folder / f"{'-'.join([kind, *serials.values()])}.yaml"
     if wanted.is_file():
         return wanted
-    others = [] if kind in ("sync", "tactile") else sorted(folder.glob(f"{kind}-*.yaml"))
+    others = [] if kind in ("sync", "tactile", "tcp") else sorted(folder.glob(f"{kind}-*.yaml"))
     if others:
         check_serials(others[0], load(others[0], kind, allow_refused=True).serials, serials)
     return None
@@ -131,9 +139,12 @@ def _camera(size_px: tuple[int, int], file: CalibrationFile, where: str) -> Cali
     return CalibrationsInUse(camera=CameraInUse.of(camera))
 
 
-def _hand_eye(file: CalibrationFile, where: str) -> CalibrationsInUse | None:
+def _hand_eye(report: Callable[[str], None], file: CalibrationFile, where: str) -> CalibrationsInUse | None:
     """Return `base_T_camera`, which only a fixed camera has."""
     if file.value.get("setup") != "eye-to-hand":
+        report(
+            f"calibration not used: {where}: the camera is on the tool, and lifts are watched by a fixed one"
+        )
         return None
     x, y, z = (float(v) for v in _numbers(file, where, "translation_m", 3))
     a, b, c, d = (float(v) for v in _numbers(file, where, "quaternion_xyzw", 4))
@@ -167,6 +178,33 @@ def _gripper(file: CalibrationFile, where: str) -> CalibrationsInUse | None:
 
 def _sync(file: CalibrationFile, where: str) -> CalibrationsInUse:
     return CalibrationsInUse(time_shift_s={file.serials["stream"]: float(file.value["add_to_stream_s"])})
+
+
+def _tip(
+    config: BenchConfig, report: Callable[[str], None], file: CalibrationFile, where: str
+) -> CalibrationsInUse | None:
+    """Compare the bench file's TCP with the clamped tip; nothing is replaced.
+
+    A tip that was not compared with a bench file when it was calibrated is not used: version 1.0 stored it
+    in another frame. Raises `CalibrationError` if TCP and tip are further apart than a clamped tip can be,
+    unless they were so when the tip was calibrated and that was accepted.
+    """
+    if "tip_from_tcp_m" not in file.value:
+        report(f"calibration not used: {where}: its tip was not compared with the tcp_m of a bench file")
+        return None
+    tip_m = np.asarray(_numbers(file, where, "translation_m", 3), np.float64)
+    tcp = config.arm.flange_T_tcp()
+    out_m = tcp.rotation.inv().apply(tip_m - tcp.position_m)
+    before_m = np.asarray(_numbers(file, where, "tip_from_tcp_m", 3), np.float64)
+    text = f"the clamped tip of {where} is {1e3 * np.linalg.norm(out_m):.1f} mm from tcp_m"
+    if not np.linalg.norm(out_m) <= max(LARGEST_TIP_M, float(np.linalg.norm(before_m)) + SAME_TIP_M):
+        raise CalibrationError(
+            f"{text}, and a clamped tip is within {1e3 * LARGEST_TIP_M:.0f} mm of it: correct tcp_m, or move "
+            "the file away and run rig calibrate tcp again"
+        )
+    way = ", ".join(f"{1e3 * v:.1f}" for v in out_m)
+    report(f"{text}: {way} mm along the tool's axes")
+    return CalibrationsInUse()
 
 
 def _numbers(file: CalibrationFile, where: str, key: str, count: int) -> list[Any]:

@@ -1,4 +1,6 @@
-"""Compute the poses of the hand for grasping an object, for lifts and poses alike."""
+"""Compute the poses of the hand for grasping an object, for lifts and poses alike, and derive seeds."""
+
+import hashlib
 
 from scipy.spatial.transform import Rotation
 
@@ -30,3 +32,12 @@ def refuse_impossible(bench: BenchConfig, grasps: GraspFile, place: Position) ->
         require_room(bench.gripper_spec(), place.width_m)
     except OutOfLimitsError as error:
         raise InputError(f"object {grasps.id} {grasps.name}, {place.name}: {error}") from error
+
+
+def derived_seed(seed: int, *what: str | int, attempt: int = 0) -> int:
+    """Return a seed of 48 bits for a task, e.g. `derived_seed(0, "t1", 3)`.
+
+    attempt: each further attempt, from 1, has a different seed.
+    """
+    text = "/".join(str(part) for part in (seed, *what, *([attempt] if attempt else [])))
+    return int.from_bytes(hashlib.sha256(text.encode()).digest()[:6], "big")

@@ -17,11 +17,10 @@ from protocols.readiness import make_ready
 from protocols.slip_trial import LiftPlan, run_lift
 from rig.bench.source import BenchSource, FreshBenches
 from rig.experiments.attempts import Attempt, fault_text
+from rig.experiments.grasp_plans import derived_seed
 from rig.experiments.lift_plan import LiftTask, TrialSettings, lift_head, new_measurement, plan_lift
-from rig.experiments.seeds import derived_seed
-from rig.lift.latency import LatencyProbe
 from rig.lift.measurement import LiftMeasurement
-from rig.lift.recording import LiftObservers, OutlineObserver, lift_angles
+from rig.lift.recording import LatencyProbe, LiftObservers, OutlineObserver, lift_angles
 from rig.lift.result import lift_result, stage_times
 from rig.live.feed import NOBODY, LiveFeed
 from rig.live.observer import LiveObserver

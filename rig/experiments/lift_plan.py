@@ -1,6 +1,6 @@
-"""Plan a lift: its task, the settings shared by all lifts of a trial, and the plan drawn from the seed."""
+"""Plan a lift: its task, the settings of a trial, the plan drawn from the seed, and the reaction to slip."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -8,18 +8,17 @@ import numpy as np
 from drivers.errors import InputError
 from drivers.types import Pose
 from protocols.grasps import find_grasp_file
-from protocols.reaction import ReactionKind
+from protocols.reaction import FIRST_CLOSING_M, MOST_REACTIONS, ReactionKind
 from protocols.slip_trial import LiftPlan
 from rig.config import BenchConfig
-from rig.experiments.grasp_plans import grasp_pose, refuse_impossible
-from rig.experiments.seeds import derived_seed
-from rig.lift.marker_distance import ExpectedDistance
+from rig.experiments.grasp_plans import derived_seed, grasp_pose, refuse_impossible
 from rig.lift.marker_truth import MarkerTruth
-from rig.lift.measurement import LiftMeasurement
+from rig.lift.measurement import ExpectedDistance, LiftMeasurement
 from rig.lift.slip_watch import SlipSettings, SlipWatch
+from rig.lift.tip_watch import sigmas_for
 from rig.sessions.files import recording_file
 from rig.sessions.records import LiftHead
-from rig.tactile.estimators import EstimatorChoice
+from rig.tactile.estimators import WITH_RATE, EstimatorChoice
 
 LEAST_LIFT = 0.4
 """Smallest fraction of the object file's lift height that is drawn; the largest is 1."""
@@ -29,16 +28,12 @@ MAX_TRIAL_TURN_DEG = 15.0
 
 @dataclass(frozen=True, slots=True)
 class LiftTask:
-    """One lift to do: its number in the session, its object, its number for that object (from 1).
-
-    grip_steps: beyond first contact, in steps of the gripper's resolution; drawn from the seed if None.
-    """
+    """One lift to do: its number in the session, its object, its number for that object (from 1)."""
 
     number: int
     object_id: str
     lift: int
     attempt: int = 0
-    grip_steps: int | None = None
 
     @property
     def name(self) -> str:
@@ -85,7 +80,7 @@ def plan_lift(settings: TrialSettings, task: LiftTask, base_T_table: Pose) -> Li
     place = places[int(rng.integers(len(places)))]
     low, high = map(settings.bench.gripper_spec().steps_for, grasps.grip_m)
     turn = float(rng.uniform(-MAX_TRIAL_TURN_DEG, MAX_TRIAL_TURN_DEG))
-    drawn = int(rng.integers(low, high + 1))
+    grip_steps = int(rng.integers(low, high + 1))
     refuse_impossible(settings.bench, grasps, place)
     return LiftPlan(
         object_id=grasps.id,
@@ -93,7 +88,7 @@ def plan_lift(settings: TrialSettings, task: LiftTask, base_T_table: Pose) -> Li
         position=place.name,
         base_T_grasp=grasp_pose(base_T_table, place, turn),
         width_m=place.width_m,
-        grip_steps=drawn if task.grip_steps is None else task.grip_steps,
+        grip_steps=grip_steps,
         lift_height_m=place.lift_height_m * float(rng.uniform(LEAST_LIFT, 1.0)),
     )
 
@@ -133,3 +128,44 @@ def new_measurement(settings: TrialSettings) -> LiftMeasurement:
     aspects = settings.bench.pixel_aspects()
     watch = None if settings.react is ReactionKind.NONE else SlipWatch(settings.slip)
     return LiftMeasurement(signs, settings.estimator, truth, aspects, shifts, distance, watch)
+
+
+def require_reaction(settings: TrialSettings, objects: Iterable[str]) -> None:
+    """Raise `InputError` if a trial cannot or may not react, because of bench, estimator, rate or object."""
+    if settings.react is ReactionKind.NONE:
+        return
+    bench, estimator = settings.bench, settings.estimator.name
+    if not bench.reacts:
+        raise InputError(
+            f"--react {settings.react}: bench '{bench.name}' does not permit it: the arm would stop and the "
+            "fingers would close automatically; if that is safe, write reactions_allowed = true in its file"
+        )
+    if estimator not in WITH_RATE:
+        raise InputError(
+            f"--react {settings.react}: estimator '{estimator}' estimates no angular rate, so no slip "
+            f"in time; use {', '.join(WITH_RATE)}"
+        )
+    for tactile in bench.tactile:
+        sigmas_for(settings.slip.false_alarms_per_hour / len(bench.tactile), tactile.rate_hz)
+    if settings.react is ReactionKind.TIGHTEN:
+        for object_id in objects:
+            find_grasp_file(object_id, bench.objects).require_largest_grip()
+
+
+def describe_reaction(settings: TrialSettings, objects: Iterable[str]) -> list[str]:
+    """Return lines that describe a trial's reaction to slip; none without a reaction."""
+    if settings.react is ReactionKind.NONE:
+        return []
+    limit = settings.slip.max_turn_deg
+    when = "" if limit is None else f" that would rotate the object by more than {limit:g} degrees"
+    head = f"On a slip{when} the arm stops automatically, at most {MOST_REACTIONS} times per lift,"
+    if settings.react is ReactionKind.STOP:
+        return [f"{head} and holds the object there."]
+    if settings.react is ReactionKind.LOWER:
+        return [f"{head} and sets the object down."]
+    grasps = [find_grasp_file(object_id, settings.bench.objects) for object_id in objects]
+    largest = ", ".join(f"{g.id} {g.name} {1e3 * g.require_largest_grip():.1f}" for g in grasps)
+    return [
+        f"{head} the fingers close step by step ({1e3 * FIRST_CLOSING_M:.1f} mm, then twice as far each "
+        f"time), and the lift goes on. At most, in mm past contact: {largest}."
+    ]

@@ -13,16 +13,14 @@ from drivers.images import encode_png
 from drivers.types import Pose
 from protocols.grasps import GraspFile, GraspPose
 from protocols.readiness import make_ready
-from protocols.record_by_hand import HandPose, record_pose_by_hand
-from protocols.record_grasps import PosePlan, record_pose
+from protocols.record_grasps import HandPose, PosePlan, record_pose, record_pose_by_hand
 from rig.bench.assembly import simulated_layout, true_masks
 from rig.bench.source import BenchSource
 from rig.bench.twins import refuse_undrawn
 from rig.config import BenchConfig
 from rig.experiments.attempts import Attempt, fault_text
-from rig.experiments.grasp_plans import grasp_pose, refuse_impossible
+from rig.experiments.grasp_plans import derived_seed, grasp_pose, refuse_impossible
 from rig.experiments.pose_capture import PoseCapture
-from rig.experiments.seeds import derived_seed
 from rig.live.feed import NOBODY, LiveFeed
 from rig.live.observer import PictureSender
 from rig.sessions.files import true_mask_file

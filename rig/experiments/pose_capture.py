@@ -5,10 +5,9 @@ from dataclasses import dataclass, field
 
 from drivers.types import Frame, Image
 from protocols.observer import LiftEvents
-from protocols.record_by_hand import HandObserver
-from protocols.record_grasps import CaptureObserver
+from protocols.record_grasps import CaptureObserver, HandObserver
 from rig.tactile.contact.finder import ContactFinder
-from rig.tactile.contact.touch import TouchDebounce
+from rig.tactile.contact.steadiness import TouchDebounce
 
 FRAMES_APART = 3
 """Images of one grip are this many frames apart, so that they differ by more than noise."""

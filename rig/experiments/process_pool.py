@@ -1,12 +1,17 @@
-"""Run simulated lifts in parallel: worker processes end with their parent, however it ends."""
+"""Run work in parallel: in worker processes that end with their parent, or on a running dask cluster.
+
+The workers of the cluster need this product installed and see the sessions under the same paths.
+"""
 
 import multiprocessing
-from collections.abc import Callable, Iterator
+import socket
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Future, ProcessPoolExecutor, wait
-from typing import TypeVar
+from contextlib import contextmanager
+from typing import Any, TypeVar
 
 from drivers.children import end_with_parent, leave_signals_to_parent, spawn_context
-from drivers.errors import RigError
+from drivers.errors import InputError, RigError
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
@@ -55,3 +60,74 @@ def _end_with_parent() -> None:
     """Leave signals to the parent, and exit when it has ended. A fork has the command line's handlers."""
     leave_signals_to_parent()
     end_with_parent()
+
+
+SCHEME = "dask://"
+CONNECT_TIMEOUT_S = 10
+"""Time limit for connecting to the scheduler."""
+
+
+def engine_address(engine: str) -> str:
+    """Return the scheduler's address of `dask://HOST:PORT`. Raises `InputError` for anything else."""
+    host, _, port = engine.removeprefix(SCHEME).rpartition(":")
+    if not engine.startswith(SCHEME) or not host or not port.isdigit():
+        raise InputError(f"--engine {engine}: give dask://HOST:PORT of a running dask scheduler")
+    return f"tcp://{host}:{port}"
+
+
+def runner(engine: str | None, jobs: int) -> Callable[[Callable[[Any], Any], list[Any]], Iterable[Any]]:
+    """Return a function that executes tasks: in `jobs` processes of this computer, or on a cluster.
+
+    Raises `InputError` for an invalid engine.
+    """
+    if engine is None:
+        return lambda work, tasks: (result for _, result in run_tasks(work, tasks, jobs))
+    engine_address(engine)
+    return lambda work, tasks: run_on_cluster(engine, work, tasks)
+
+
+def run_on_cluster(engine: str, work: Callable[[Task], Result], tasks: list[Task]) -> Iterator[Result]:
+    """Yield the tasks' results as the cluster's workers finish, in any order.
+
+    Raises `InputError` if the cluster does not answer or the libraries are missing.
+    """
+    joblib = _libraries()
+    with _connected(engine_address(engine)), joblib.parallel_config(backend="dask"):
+        run = joblib.Parallel(return_as="generator_unordered")
+        yield from run(joblib.delayed(work)(task) for task in tasks)
+
+
+@contextmanager
+def _connected(address: str) -> Iterator[Any]:
+    from distributed import Client
+
+    try:
+        _check_listening(address)
+        client = Client(address, timeout=CONNECT_TIMEOUT_S, set_as_default=True)
+    except (OSError, TimeoutError) as error:
+        raise InputError(
+            f"--engine: no dask scheduler answers at {address} ({error}); start one with `dask scheduler`"
+        ) from error
+    with client:
+        if not client.scheduler_info()["workers"]:
+            raise InputError(
+                f"--engine: the cluster at {address} has no workers; start some with `dask worker`"
+            )
+        yield client
+
+
+def _check_listening(address: str) -> None:
+    """Raise immediately if the scheduler is not listening; dask would retry until its time-out."""
+    host, _, port = address.removeprefix("tcp://").rpartition(":")
+    socket.create_connection((host.strip("[]"), int(port)), CONNECT_TIMEOUT_S).close()
+
+
+def _libraries() -> Any:
+    try:
+        import distributed  # noqa: F401 - joblib's dask backend needs it
+        import joblib
+    except ImportError as error:
+        raise InputError(
+            '--engine needs joblib and distributed: pip install "visuotactile-slip-rig[cluster]"'
+        ) from error
+    return joblib

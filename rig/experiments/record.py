@@ -17,17 +17,16 @@ from drivers.types import Image
 from protocols.grasps import grasp_poses
 from protocols.home import home_plan
 from protocols.readiness import free_hand
-from protocols.record_by_hand import record_untouched
-from protocols.record_grasps import record_reference
+from protocols.record_grasps import record_reference, record_untouched
 from protocols.steps import TRAVEL_SPEED_M_S, way_to
 from rig.bench.assembly import home_pose
 from rig.bench.plan import Plan, PlannedMotion, make_plan
 from rig.bench.source import BenchSource, FreshBenches
 from rig.bench.twins import plain_notes
 from rig.experiments.attempts import Progress, Wording, left_to_do, repeat_until_accepted
+from rig.experiments.grasp_plans import derived_seed
 from rig.experiments.pose_attempt import PoseTask, RecordSettings, arm_pose, attempt_pose, hand_pose
 from rig.experiments.pose_capture import ReferenceCapture
-from rig.experiments.seeds import derived_seed
 from rig.live.feed import NOBODY, LiveFeed
 from rig.live.screen import begin_phase
 from rig.sessions.files import reference_file

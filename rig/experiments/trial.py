@@ -17,8 +17,14 @@ from rig.bench.source import BenchSource
 from rig.bench.twins import plain_notes
 from rig.experiments.attempts import Progress, Wording, left_to_do, repeat_until_accepted
 from rig.experiments.lift_attempt import attempt_lift
-from rig.experiments.lift_plan import LiftTask, TrialSettings, all_tasks, plan_lift
-from rig.experiments.reactions import describe_reaction, require_reaction
+from rig.experiments.lift_plan import (
+    LiftTask,
+    TrialSettings,
+    all_tasks,
+    describe_reaction,
+    plan_lift,
+    require_reaction,
+)
 from rig.lift.marker_truth import TRUTH
 from rig.live.feed import NOBODY, LiveFeed
 from rig.results.summary import TrialSummary, summarize_trial

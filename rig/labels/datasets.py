@@ -19,9 +19,8 @@ from drivers.formats.structured import MOST_JSON_BYTES
 from drivers.images import SUFFIXES, read_image
 from drivers.types import Image
 from protocols.grasps import find_grasp_file
-from rig.labels.label_files import labelme_mask
+from rig.labels.label_files import labelme_mask, read_label
 from rig.labels.polygons import contact_label
-from rig.labels.proposals import read_label
 from rig.sessions.files import MANIFEST, REFERENCES, TRUE_MASKS, reference_file, true_mask_file
 from rig.sessions.manifest import RecordManifest, read_manifest
 from rig.sessions.rows import read_poses

@@ -13,13 +13,12 @@ from drivers.tally import FrameTally
 from drivers.types import ArmState, Frame, Image, Pose
 from protocols.observer import LiftObserver, Phase, ReactionStep
 from protocols.slip_trial import SETTLE_S
-from rig.lift.marker_distance import ExpectedDistance
 from rig.lift.marker_truth import MarkerTruth
 from rig.lift.object_angle import ZERO_S, ObjectAngle
 from rig.lift.slip_watch import SlipWatch
 from rig.sessions.records import MarkerDistance
 from rig.tactile.contact.background import mean_background
-from rig.tactile.contact.touch import TouchDebounce
+from rig.tactile.contact.steadiness import TouchDebounce
 from rig.tactile.estimators import EstimatorChoice
 from rig.tactile.sample import State, TactileEstimator
 
@@ -29,6 +28,26 @@ CAMERA = "camera"
 """Name of the external camera among the counted sources; fingertips are named by serial."""
 
 _log = logging.getLogger("rig.lift")
+
+MOST_OFF = 0.10
+"""Largest relative difference without a warning: objects have a thickness, markers are not at their
+centre."""
+
+
+@dataclass(frozen=True, slots=True)
+class ExpectedDistance:
+    """Expected values: side of the markers, and their distance from the pose of the camera, both in m."""
+
+    marker_side_m: float
+    placed_m: float
+
+    def warning(self, distance_sides: float | None) -> MarkerDistance | None:
+        """Compare with a distance in marker sides; None within 10 %, or if it is unknown."""
+        if distance_sides is None:
+            return None
+        seen_m = distance_sides * self.marker_side_m
+        off = abs(seen_m - self.placed_m) > MOST_OFF * self.placed_m
+        return MarkerDistance(seen_m, self.placed_m) if off else None
 
 
 @dataclass(slots=True)

@@ -1,14 +1,22 @@
-"""Record outlines and angles in addition to the events of a lift, and combine several observers."""
+"""Record outlines and angles in addition to the events of a lift, and combine several observers.
+
+Also read the true angle of a recorded lift, and measure the latency of frames.
+"""
 
 from collections.abc import Iterator, Sequence
+from pathlib import Path
 
-from drivers.clock import to_ns
+import numpy as np
+
+from drivers.clock import NS_PER_S, Clock, to_ns
 from drivers.types import ArmState, Frame, GripperState
 from protocols.observer import LiftEvents, LiftObserver, Phase, ReactionStep
 from rig.lift.fusion import FusedSample
 from rig.lift.marker_truth import TruthSeries
 from rig.lift.measurement import LiftMeasurement
+from rig.sessions.reading import recorded_angles
 from rig.sessions.recorder import FUSED_TOPIC, TRUTH_TOPIC, LiftRecorder, RecordedAngle, slip_topic
+from rig.sessions.timing import LatencyTimes
 from rig.tactile.contact.finder import ContactFinder
 from rig.tactile.sample import SlipSample, State
 
@@ -103,3 +111,47 @@ def lift_angles(measurement: LiftMeasurement, truth: TruthSeries) -> Iterator[tu
 def _recorded(angle: float | None, sigma: float | None, sample: SlipSample | FusedSample) -> RecordedAngle:
     area = sample.contact_area_px if isinstance(sample, SlipSample) else None
     return RecordedAngle(sample.time_ns, angle, sigma, sample.state.value, area)
+
+
+def recorded_truth(recording: Path) -> TruthSeries:
+    """Read the markers' angle of a recorded lift; the reasons of refused frames are not recorded.
+
+    Raises `SessionError`.
+    """
+    angles = recorded_angles(recording, TRUTH_TOPIC)[TRUTH_TOPIC]
+    return TruthSeries(
+        np.array([angle.time_ns for angle in angles], np.int64),
+        np.array([angle.angle_deg for angle in angles], float),
+        np.array([angle.sigma_deg for angle in angles], float),
+        0.0,
+        None,
+        {},
+    )
+
+
+class LatencyProbe(LiftEvents):
+    """Measures when each frame has been recorded and estimated. It must be the last observer.
+
+    clock: the bench's clock, which also gives the capture times.
+    """
+
+    def __init__(self, clock: Clock) -> None:
+        self._clock = clock
+        self._phase = Phase.REFERENCE
+        self._late_ns: dict[str, list[int]] = {}
+
+    def phase(self, phase: Phase, time_ns: int) -> None:
+        """Begin a phase."""
+        self._phase = phase
+
+    def frame(self, frame: Frame) -> None:
+        """Measure the time since the capture of a frame."""
+        if self._phase in (Phase.LIFT, Phase.HOLD):
+            self._late_ns.setdefault(frame.serial, []).append(self._clock.now_ns() - frame.time_ns)
+
+    def times(self) -> dict[str, LatencyTimes]:
+        """Return the latency over phases B and C, by serial, ms: median, 95th, 99th percentile, maximum."""
+        return {
+            serial: LatencyTimes(*(np.percentile(late, (50, 95, 99, 100)) * 1e3 / NS_PER_S).tolist())
+            for serial, late in self._late_ns.items()
+        }

@@ -14,7 +14,7 @@ from drivers.types import ArmState, Frame, Image, Pose
 from protocols.observer import Phase
 from rig.lift.marker_truth import interpolate
 from rig.lift.object_angle import ZERO_S
-from rig.lift.recorded_truth import recorded_truth
+from rig.lift.recording import recorded_truth
 from rig.sessions.manifest import TrialManifest, read_manifest_of
 from rig.sessions.reading import phase_times, recorded_arm_states, recorded_frames
 from rig.sessions.records import finished

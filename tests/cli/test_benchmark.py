@@ -27,18 +27,11 @@ def test_a_readme_without_markers_is_refused_at_once(tmp_path: Path) -> None:
     assert readme.read_text() == "nothing here\n"
 
 
-def test_the_table_of_a_campaign_needs_a_campaign(tmp_path: Path) -> None:
-    done = rig("benchmark", "faults", "--readme", str(tmp_path / "README.md"), "--out", str(tmp_path / "f"))
-    assert done.returncode == 2
-    assert "give --full" in done.stderr.splitlines()[-1]
-    assert not (tmp_path / "f").exists()
-
-
 def test_a_run_prints_one_object_and_a_missed_limit_is_exit_4(
     one_lift: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     out = tmp_path / "out"
-    monkeypatch.setattr(estimators, "stress_tasks", lambda full, seed, names: [])  # a minute less
+    monkeypatch.setattr(estimators, "stress_tasks", lambda seed, names: [])  # a minute less
     monkeypatch.setattr(timing, "FRAMES_PER_LIFT", 12)
     monkeypatch.setattr(lifts, "WINDOWS", lifts.WINDOWS[:2])
     done = rig("benchmark", "--session", one_lift, "--out", out, "--jobs", "1", "--json")

@@ -26,7 +26,7 @@ FINDINGS = (
 
 def doctor(monkeypatch: pytest.MonkeyPatch, *findings: Finding) -> list[str]:
     monkeypatch.setattr("rig.doctor.examination.examine", lambda *_: iter(findings))
-    monkeypatch.setattr("rig.doctor.printing.table_console", lambda: TableConsole(width=80))
+    monkeypatch.setattr("rig.doctor.finding.table_console", lambda: TableConsole(width=80))
     done = rig("doctor")
     assert done.returncode == any(each.verdict == "failure" for each in findings)
     return done.stdout.splitlines()

@@ -2,7 +2,7 @@
 
 import resource
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +14,7 @@ from protocols.observer import LiftObserver, Phase
 from protocols.slip_trial import run_lift
 from rig.bench.assembly import build_bench
 from rig.config import BenchConfig
+from rig.experiments import lift_attempt
 from rig.experiments.attempts import Attempt
 from rig.experiments.lift_attempt import attempt_lift
 from rig.experiments.lift_plan import LiftTask, TrialSettings, new_measurement, plan_lift
@@ -138,8 +139,9 @@ def test_release_that_cannot_be_verified_ends_the_lift_as_a_fault(kind: str) -> 
     assert text in row.fault
 
 
-def test_final_angles_of_a_fallen_lift_are_those_before_the_fall() -> None:
-    row = attempt_lift(settings(), LiftTask(1, "t1", 2, grip_steps=2)).row
+def test_final_angles_of_a_fallen_lift_are_those_before_the_fall(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(lift_attempt, "plan_lift", lambda *of: replace(plan_lift(*of), grip_steps=2))
+    row = attempt_lift(settings(), TASK).row
     assert isinstance(row, FinishedLift)
     assert row.outcome is LiftOutcome.FALLEN
     assert row.final_truth_deg is not None

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from rig.benchmark.wire.fault_cases import CASES
-from rig.benchmark.wire.fault_lifts import MID_LIFT, run_faults
+from rig.benchmark.wire.fault_lifts import run_faults
 from rig.benchmark.wire.lift import judge_wire, measure_wire
 from rig.config import BenchConfig
 from rig.sessions.manifest import TrialManifest, read_manifest_of
@@ -19,7 +19,7 @@ from support.command_line import rig
 from support.recordings import require_identical_replay
 
 SOME = ("gripper: power lost", "fingertip: unplugged")
-"""Faults of the arm and the camera: `test_wire_campaigns.py`; `rig benchmark faults` runs all of them."""
+"""`rig benchmark faults` runs all of them."""
 pytestmark = pytest.mark.real_time
 
 
@@ -48,7 +48,7 @@ def test_faults_during_a_lift_are_detected_and_recovered_from(
 ) -> None:
     for phase in ("GRASP_S", "HOLD_S"):  # before a fault and after it: nothing happens there
         monkeypatch.setattr(f"protocols.slip_trial.{phase}", 0.5)
-    cases = [(case, MID_LIFT) for case in CASES if case.name in SOME]
+    cases = [case for case in CASES if case.name in SOME]
     results = run_faults(tmp_path / "s", cases, bench=unhurried_bench)
     assert [row.fault for row in results] == list(SOME)
     for row in results:

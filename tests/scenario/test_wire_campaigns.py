@@ -1,4 +1,4 @@
-"""Parts of the benchmarks behind wires, in real time: `rig benchmark` `faults --full`, `safety`, `endurance`.
+"""Parts of the benchmarks behind wires, in real time: `rig benchmark` `safety`, `endurance`.
 
 Programs stopped on their way down: `test_bench_safety.py`.
 """
@@ -9,29 +9,12 @@ import pytest
 
 from rig.benchmark.harness import Run
 from rig.benchmark.wire.endurance import WANDER_DEG, Minute, measure_endurance
-from rig.benchmark.wire.fault_cases import CASES, both
-from rig.benchmark.wire.faults import PART_FOLDER, WORST, judge_faults, run_campaign
 from rig.benchmark.wire.safety import judge_runs, run_safety
 from rig.benchmark.wire.safety_events import BY_NAME, PlannedRun
 from rig.benchmark.wire.world import Moment, Stage
 from rig.config import BenchConfig
-from rig.sessions.reading import recorded_frames
 
 pytestmark = [pytest.mark.real_time, pytest.mark.long]
-
-
-def test_two_faults_at_once_pass_and_their_recording_is_kept(
-    tmp_path: Path, unhurried_bench: BenchConfig
-) -> None:
-    by_name = {case.name: case for case in CASES}
-    two = both(by_name["arm: protective stop"], by_name["camera: unplugged"])
-    run = Run(jobs=1, folder=tmp_path / "c")
-    (row,) = run_campaign(run, [(two, Moment(Stage.GRASP, 1.0))], unhurried_bench)
-    assert (row.fault, row.stage) == ("arm: protective stop + camera: unplugged", "grasp")
-    assert row.passed, row
-    assert all(limit.met for limit in judge_faults([row]))
-    assert list(recorded_frames(tmp_path / "c" / WORST, unhurried_bench.camera.serial))
-    assert not list((tmp_path / "c").glob(f"{PART_FOLDER}*"))
 
 
 def test_killed_lift_and_blocked_fingers_keep_every_limit(

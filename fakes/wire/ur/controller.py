@@ -25,11 +25,10 @@ from fakes.wire.net import VitalThread
 from fakes.wire.ur.body import Guided
 from fakes.wire.ur.connections import MOST_CLIENTS, Connection, accept, listen
 from fakes.wire.ur.control_loop import ControlLoop
-from fakes.wire.ur.dashboard import BANNER, LineReader, reply
 from fakes.wire.ur.geometry import compose, from_ur, rotation_between
 from fakes.wire.ur.robot import CYCLE_NS, PHYSICAL_TOOL, Robot
 from fakes.wire.ur.rtde import RtdeSession
-from fakes.wire.ur.script import ProgramReader, register_offset, run_other
+from fakes.wire.ur.script import BANNER, LineReader, ProgramReader, register_offset, reply, run_other
 from fakes.wire.ur.variables import Version
 from fakes.world.world import World
 

@@ -1,7 +1,6 @@
-"""The two-marker angle beside two other methods to find corners, on the same simulated pictures."""
+"""The two-marker angle over size, tilt, noise, blur, JPEG and hidden edges of simulated pictures."""
 
 import time
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import cv2
@@ -10,16 +9,15 @@ from numpy.typing import NDArray
 
 from calibration.camera.model import CameraModel
 from calibration.markers.angle import MarkerAngle
-from calibration.markers.planar import PlaneReference, fit_plane, wrapped_deg
-from calibration.markers.tracker import MarkerTracker, Refine
-from calibration.targets.aruco import Corners, Refusal, mean_side, refine_corners, refine_edges
+from calibration.markers.planar import wrapped_deg
+from calibration.markers.tracker import MarkerTracker
+from calibration.targets.aruco import Refusal
 from drivers.types import Image
 from fakes.studio.calibration_scenes import MarkerPictures
 from rig.benchmark.harness import column
 
 _FRAMES, _AT_REST, _REFERENCE = 120, 40, 12
 _FURTHEST_DEG = 25.0
-_EDGES_BELOW_PX = 32.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,40 +54,21 @@ SCENES = (
     *(AngleScene(hidden=share) for share in (0.03, 0.06, 0.12)),
 )
 
-Measure = Callable[[Image], float | None]
-
-
-@dataclass(frozen=True, slots=True)
-class AngleScore:
-    """One method in one scene. rms_deg, worst_deg: of the answers; rest_deg: mean at rest; answered: share.
-
-    ms: median of processor time per picture.
-    """
-
-    rms_deg: float
-    worst_deg: float
-    rest_deg: float
-    answered: float
-    ms: float
-
-    def __str__(self) -> str:
-        answered = "" if self.answered == 1.0 else f" {self.answered:.0%}"
-        figures = f"{self.rms_deg:.4f}, {self.worst_deg:.3f} ({self.rest_deg:+.4f})"
-        return f"{figures}{answered}; {self.ms:.2f}"
-
 
 @dataclass(frozen=True, slots=True)
 class AngleRow:
-    """All methods in one scene."""
+    """The errors in one scene."""
 
     scene: str = column("two-marker angle, SIMULATED")
-    corners: AngleScore = column("corners", doc="corners refined in a window around each")
-    by_size: AngleScore = column("by size", doc="edges for the plane and for small markers, else corners")
-    ours: AngleScore = column("ours")
+    rms_deg: float = column("rms, deg", ".4f", "of the answers")
+    worst_deg: float = column("worst, deg", ".3f", "of the answers")
+    rest_deg: float = column("mean at rest, deg", "+.4f")
+    answered: float = column("answered", ".0%", "share of the pictures")
+    ms: float = column("ms per picture", ".2f", "median of processor time")
 
 
 def angle_rows(seed: int) -> list[AngleRow]:
-    """Return every method's score in every scene."""
+    """Return the errors in every scene."""
     return [score_scene(scene, (seed, 11, number)) for number, scene in enumerate(SCENES)]
 
 
@@ -99,20 +78,29 @@ def true_camera(pictures: MarkerPictures) -> CameraModel:
 
 
 def score_scene(scene: AngleScene, seed: tuple[int, ...]) -> AngleRow:
-    """Score every method in one scene, all on the same pictures."""
+    """Measure the angle in the pictures of one scene."""
     pictures = MarkerPictures(scene.side_px, scene.tilt_deg, scene.blur_px, scene.noise_grey)
     rng = np.random.default_rng(seed)
-    still = [_compressed(pictures.draw(0.0, rng), scene) for _ in range(_REFERENCE)]
+    angle = MarkerAngle(MarkerTracker(pictures.ids, pictures.dictionary), true_camera(pictures))
+    angle.take_reference([_compressed(pictures.draw(0.0, rng), scene) for _ in range(_REFERENCE)])
     share = np.clip(np.arange(_FRAMES) - _AT_REST, 0, None) / (_FRAMES - _AT_REST)
     truth = _FURTHEST_DEG * (1.0 - np.cos(np.pi * share)) / 2.0
     shown = [_draw(pictures, scene, number, float(deg), rng) for number, deg in enumerate(truth)]
-    methods = [make(pictures, still) for make in (_by_corners, _by_size, _by_edges)]
-    seen: list[list[tuple[float | None, float]]] = [[] for _ in methods]
-    for picture in shown:  # in turn, so that all methods meet the same load of the machine
-        for measure, found in zip(methods, seen, strict=True):
-            began = time.thread_time()
-            found.append((measure(picture), time.thread_time() - began))
-    return AngleRow(str(scene), *(_score(found, truth) for found in seen))
+    off, spent_s = np.full(_FRAMES, np.nan), np.empty(_FRAMES)
+    for i, picture in enumerate(shown):
+        began = time.thread_time()
+        turn = angle.measure(picture)
+        spent_s[i] = time.thread_time() - began
+        if not isinstance(turn, Refusal):
+            off[i] = wrapped_deg(turn.angle_deg - truth[i])
+    return AngleRow(
+        scene=str(scene),
+        rms_deg=float(np.sqrt(np.nanmean(off**2))),
+        worst_deg=float(np.nanmax(np.abs(off))),
+        rest_deg=float(np.nanmean(off[:_AT_REST])),
+        answered=float(np.isfinite(off).mean()),
+        ms=1e3 * float(np.median(spent_s)),
+    )
 
 
 def _draw(
@@ -149,79 +137,3 @@ def _compressed(picture: Image, scene: AngleScene) -> Image:
         return picture
     _, data = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, scene.jpeg])
     return np.asarray(cv2.imdecode(data, cv2.IMREAD_GRAYSCALE), np.uint8)
-
-
-def _score(found: list[tuple[float | None, float]], truth: NDArray[np.floating]) -> AngleScore:
-    """Score the angle in degrees, or None, and the time in s of each picture."""
-    pairs = zip((angle for angle, _ in found), truth, strict=True)
-    off = np.array([np.nan if angle is None else wrapped_deg(angle - true) for angle, true in pairs])
-    answered = off[np.isfinite(off)]
-    return AngleScore(
-        rms_deg=float(np.sqrt(np.mean(answered**2))),
-        worst_deg=float(np.abs(answered).max()),
-        rest_deg=float(np.nanmean(off[:_AT_REST])),
-        answered=len(answered) / len(off),
-        ms=1e3 * float(np.median([spent_s for _, spent_s in found])),
-    )
-
-
-def _by_edges(pictures: MarkerPictures, still: list[Image]) -> Measure:
-    """Return the rig's own method."""
-    angle = MarkerAngle(MarkerTracker(pictures.ids, pictures.dictionary), true_camera(pictures))
-    angle.take_reference(still)
-
-    def measure(picture: Image) -> float | None:
-        turn = angle.measure(picture)
-        return None if isinstance(turn, Refusal) else turn.angle_deg
-
-    return measure
-
-
-def _by_corners(pictures: MarkerPictures, still: list[Image]) -> Measure:
-    """Return the method that refines corners in a window around each, for plane and angle."""
-    return _least_squares(pictures, still, lambda picture, seen: seen, lambda picture, seen: seen)
-
-
-def _by_size(pictures: MarkerPictures, still: list[Image]) -> Measure:
-    """Return the method that uses edges for the plane and for markers below 32 px, else corners."""
-
-    def refine(picture: Image, seen: Corners) -> Corners | Refusal:
-        return refine_edges(picture, seen) if mean_side(seen) < _EDGES_BELOW_PX else seen
-
-    return _least_squares(pictures, still, refine_edges, refine)
-
-
-def _least_squares(pictures: MarkerPictures, still: list[Image], fine: Refine, quick: Refine) -> Measure:
-    """Return a method that weighs all eight corners alike.
-
-    fine: refines the corners of the plane; quick: those of an angle.
-    """
-    tracker = MarkerTracker(pictures.ids, pictures.dictionary, refine=refine_corners)
-
-    def find(picture: Image, refine: Refine) -> Corners | Refusal:
-        seen = tracker.detect(picture)
-        return seen if isinstance(seen, Refusal) else refine(picture, seen)
-
-    at_rest = [seen for picture in still if not isinstance(seen := find(picture, fine), Refusal)]
-    plane = fit_plane(np.array(at_rest), true_camera(pictures))
-    turns = [_plain_turn(find(picture, quick), plane) for picture in still]
-    zero = float(np.mean([turn for turn in turns if turn is not None]))
-
-    def measure(picture: Image) -> float | None:
-        turn = _plain_turn(find(picture, quick), plane)
-        return None if turn is None else turn - zero
-
-    return measure
-
-
-def _plain_turn(seen: Corners | Refusal, plane: PlaneReference) -> float | None:
-    """Return the rotation in degrees that fits all corners best; None if its rms residual is large."""
-    if isinstance(seen, Refusal) or plane.camera is None:
-        return None
-    flat = plane.camera.undistorted(seen).reshape(1, 8, 2)
-    points = cv2.perspectiveTransform(flat, plane.plane_T_image[0])[0] @ (1, 1j)
-    points, template = points - points.mean(), plane.template[0]
-    turn = complex((template.conj() * points).sum() / (np.abs(template) ** 2).sum())
-    missed = float(np.sqrt(np.mean(np.abs(points - turn * template) ** 2))) * plane.side_px
-    small = missed <= max(0.75, 0.02 * plane.side_px) and abs(abs(turn) - 1.0) <= 0.1
-    return float(np.degrees(np.angle(turn))) if small else None

@@ -28,6 +28,7 @@ from rig.benchmark.harness import (
     columns_of,
     limit_table,
     machine,
+    option,
     table_of,
 )
 from rig.benchmark.measured import Measured, at_least, at_most
@@ -51,89 +52,48 @@ class ClipsOptions:
             "digit-pose-estimation."
         ),
     ]
-    estimator: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--estimator",
-            help="Estimator, also your own as package.module:Class; repeat for more. Limits apply to the "
-            "first. Default: slip, ecc, polar, ellipse, pca, anglenet.",
-        ),
-    ] = None
-    groups: Annotated[
-        Path | None,
-        typer.Option(
-            "--groups",
-            help="CSV file with columns clip,group. Default: groups.csv in the folder, else the column group "
-            "of labels.csv.",
-        ),
-    ] = None
-    topic: Annotated[
-        str | None,
-        typer.Option("--topic", help="Image topic of ROS bags. Default: the only image topic of each bag."),
-    ] = None
-    group: Annotated[
-        str | None,
-        typer.Option("--group", help="Group that limits apply to. Default: all clips."),
-    ] = None
-    limits: Annotated[
-        bool,
-        typer.Option(
-            "--limits",
-            help="Apply this project's limits for its own clips: --within 0.5, --confidently-wrong 0.04, "
-            "--two-sigma 0.88, --p99-ms 8.",
-        ),
-    ] = False
-    within: Annotated[
-        float | None,
-        typer.Option("--within", help="Limit: lowest fraction of labels within 3 degrees or 2 label sigmas."),
-    ] = None
-    confidently_wrong: Annotated[
-        float | None,
-        typer.Option(
-            "--confidently-wrong",
-            help="Limit: highest fraction of labels with an error of more than 10 degrees and 3 sigma.",
-        ),
-    ] = None
-    two_sigma: Annotated[
-        float | None, typer.Option("--two-sigma", help="Limit: lowest fraction of angles within two sigma.")
-    ] = None
-    false_rest: Annotated[
-        float | None,
-        typer.Option("--false-rest", help="Limit: highest fraction of turned labels reported as at rest."),
-    ] = None
-    mean_deg: Annotated[
-        float | None,
-        typer.Option("--mean-deg", help="Limit: largest mean error for angles up to 30 degrees, degrees."),
-    ] = None
-    p99_ms: Annotated[
-        float | None,
-        typer.Option("--p99-ms", help="Limit: longest time per frame (99th percentile), ms."),
-    ] = None
-    empty: Annotated[
-        float | None,
-        typer.Option(
-            "--empty", help="Limit: highest fraction of frames without contact reported as contact."
-        ),
-    ] = None
-    held: Annotated[
-        float | None,
-        typer.Option("--held", help="Limit: lowest fraction of frames in contact reported as contact."),
-    ] = None
-    augment: Annotated[
-        str | None,
-        typer.Option(
-            "--augment",
-            help="Also score these versions of each clip, separated by commas: mirror (left-right), flip "
-            "(top-bottom), reverse (in time, from the last labelled frame). Limits apply to all versions.",
-        ),
-    ] = None
-    reversed_turns: Annotated[
-        bool,
-        typer.Option(
-            "--reversed-turns",
-            help="Negate the known angles of public sets (digit-pose-estimation does not document the sign).",
-        ),
-    ] = False
+    estimator: list[str] | None = option(
+        None,
+        "Estimator, also your own as package.module:Class; repeat for more. Limits apply to the "
+        "first. Default: slip, ecc, polar, ellipse, pca, anglenet.",
+    )
+    groups: Path | None = option(
+        None,
+        "CSV file with columns clip,group. Default: groups.csv in the folder, else the column group "
+        "of labels.csv.",
+    )
+    topic: str | None = option(None, "Image topic of ROS bags. Default: the only image topic of each bag.")
+    group: str | None = option(None, "Group that limits apply to. Default: all clips.")
+    limits: bool = option(
+        False,
+        "Apply this project's limits for its own clips: --within 0.5, --confidently-wrong 0.04, "
+        "--two-sigma 0.88, --p99-ms 8.",
+        "--limits",
+    )
+    within: float | None = option(
+        None, "Limit: lowest fraction of labels within 3 degrees or 2 label sigmas."
+    )
+    confidently_wrong: float | None = option(
+        None, "Limit: highest fraction of labels with an error of more than 10 degrees and 3 sigma."
+    )
+    two_sigma: float | None = option(None, "Limit: lowest fraction of angles within two sigma.")
+    false_rest: float | None = option(None, "Limit: highest fraction of turned labels reported as at rest.")
+    mean_deg: float | None = option(None, "Limit: largest mean error for angles up to 30 degrees, degrees.")
+    p99_ms: float | None = option(None, "Limit: longest time per frame (99th percentile), ms.")
+    empty: float | None = option(
+        None, "Limit: highest fraction of frames without contact reported as contact."
+    )
+    held: float | None = option(None, "Limit: lowest fraction of frames in contact reported as contact.")
+    augment: str | None = option(
+        None,
+        "Also score these versions of each clip, separated by commas: mirror (left-right), flip "
+        "(top-bottom), reverse (in time, from the last labelled frame). Limits apply to all versions.",
+    )
+    reversed_turns: bool = option(
+        False,
+        "Negate the known angles of public sets (digit-pose-estimation does not document the sign).",
+        "--reversed-turns",
+    )
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,7 +15,7 @@ from rig.frames.of_session import SessionSeries, recording_frames
 from rig.lift.marker_truth import interpolate
 from rig.lift.object_angle import ObjectAngle, object_angle
 from rig.lift.onset import estimated_onset_ns
-from rig.lift.recorded_truth import recorded_truth
+from rig.lift.recording import recorded_truth
 from rig.results.scores import SeriesScore, score_angles
 from rig.sessions.reading import phase_times
 from rig.sessions.records import FinishedLift

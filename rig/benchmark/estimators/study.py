@@ -9,7 +9,6 @@ from typing import Any
 from protocols.grasps import TRIAL_OBJECTS
 from rig.benchmark.estimators.contenders import CONTENDERS
 from rig.benchmark.estimators.lifts import LiftScores, score_lift
-from rig.benchmark.estimators.picture import draw
 from rig.benchmark.estimators.scores import score_all
 from rig.benchmark.estimators.stress import NAMES, run_stress, stress_rows, stress_tasks
 from rig.benchmark.estimators.tables import (
@@ -21,30 +20,28 @@ from rig.benchmark.estimators.tables import (
     stress_table,
     time_table,
 )
-from rig.benchmark.estimators.timing import Endurance, measure_endurance, time_lifts
-from rig.benchmark.harness import Report, Run, Study, limit_table, machine, option
+from rig.benchmark.estimators.timing import time_lifts
+from rig.benchmark.harness import Report, Run, Study, option
 from rig.config import BenchConfig, load_bench
 from rig.experiments.lift_plan import TrialSettings
 from rig.experiments.stored_trial import stored_trial
 from rig.experiments.trial import run_trial
-from rig.pages.page import render
 from rig.sessions.manifest import is_session
 from rig.sessions.records import FinishedLift, LiftRow
 from rig.sessions.rows import read_finished_lifts
 from rig.tactile.estimators import DEFAULT_ESTIMATOR, EstimatorChoice, choose_estimator
 from rig.tactile.foreign import EstimatorFaults, together
 
-LIFTS, FULL_LIFTS = 5, 10
-"""Recorded lifts per object, without and with --full."""
-TIMED_LIFTS, FULL_TIMED_LIFTS = 5, 18
-PICTURE, PAGE, TABLE = "pareto.png", "index.html", "table.md"
+LIFTS = 5
+"""Lifts of each object that are recorded."""
+TIMED_LIFTS = 5
+TABLE = "table.md"
 
 
 @dataclass(frozen=True, slots=True)
 class EstimatorsOptions:
     """Options of `rig benchmark estimators`."""
 
-    full: bool = option(False, "Use more lifts, seeds and steps; takes about an hour on two cores.")
     session: Path | None = option(None, "Trial whose lifts are used. Default: record 45 simulated lifts.")
     estimator: list[str] | None = option(
         None, "Additional estimator to compare, as package.module:Class; repeat for more."
@@ -55,22 +52,20 @@ def measure(options: EstimatorsOptions, run: Run) -> Report:
     """Measure run time and error of every estimator, on 45 lifts and on disturbed clips.
 
     It takes about 8 minutes on two idle cores. Run time is measured in one process and one thread; errors are
-    computed for every window. The folder of the results holds results.json, pareto.png, index.html, table.md
-    and the recorded lifts; an interrupted recording continues there. The exit code is 4 if the default
-    estimator misses a limit.
+    computed for every window. The folder of the results holds results.json, table.md and the recorded lifts;
+    an interrupted recording continues there. The exit code is 4 if the default estimator misses a limit.
 
     Examples:
       rig benchmark
 
       rig benchmark estimators --session sessions/2026-11-21T093000_trial --out benchmark
 
-      rig benchmark estimators --full --readme docs/estimators.md
+      rig benchmark estimators --readme docs/estimators.md
 
       rig benchmark estimators --estimator my_lab.rotation:MyEstimator --out benchmark
 
     """
-    result = compare(options, run)
-    return report_of(result, measure_endurance(run.seed, progress=run.progress) if options.full else None)
+    return report_of(compare(options, run))
 
 
 def compare(options: EstimatorsOptions, run: Run) -> EstimatorsResult:
@@ -83,18 +78,17 @@ def compare(options: EstimatorsOptions, run: Run) -> EstimatorsResult:
     for name in more:
         choose_estimator(name)
     names, stressed = (tuple(dict.fromkeys((*of, *more))) for of in (CONTENDERS, NAMES))
-    recorded = FULL_LIFTS if options.full else LIFTS
     folder = options.session or record(
-        run, "session", load_bench("fake"), choose_estimator(), TRIAL_OBJECTS, recorded
+        run, "session", load_bench("fake"), choose_estimator(), TRIAL_OBJECTS, LIFTS
     )
     rows = read_finished_lifts(folder)
     # Run time is measured first and alone, because worker processes would compete for the core.
-    timed = _spread_out(rows, FULL_TIMED_LIFTS if options.full else TIMED_LIFTS)
+    timed = _spread_out(rows, TIMED_LIFTS)
     timing = time_lifts(folder, timed, run.progress, names)
     lifts = run.each(
         partial(score_lift, folder, names), rows, lambda row: f"estimators on {row.object}/{row.lift}"
     )
-    clips = run.each(run_stress, stress_tasks(options.full, run.seed, stressed))
+    clips = run.each(run_stress, stress_tasks(run.seed, stressed))
     return EstimatorsResult(
         session=folder,
         simulated=stored_trial(folder).manifest.simulated,
@@ -103,42 +97,29 @@ def compare(options: EstimatorsOptions, run: Run) -> EstimatorsResult:
         lifts=lifts,
         scores={key: score_all([lift.scores[key] for lift in lifts]) for key in lifts[0].scores},
         timing=timing,
-        stress=stress_rows([clip for of in clips for clip in of], options.full),
+        stress=stress_rows([clip for of in clips for clip in of]),
     )
 
 
-def report_of(result: EstimatorsResult, endurance: Endurance | None = None) -> Report:
-    """Return tables, limits and files. endurance: None unless with --full."""
-    limits = judge(result, endurance)
+def report_of(result: EstimatorsResult) -> Report:
+    """Return tables, limits and files."""
+    limits = judge(result)
     whose, section = f"'{DEFAULT_ESTIMATOR}'", readme_section(result, limits)
     tables = (time_table(result), stress_table(result), estimator_table(result))
-    picture, chart = draw(result)
-    page = render(
-        "rig.benchmark.estimators",
-        "estimators.html",
-        simulated=result.simulated,
-        lifts=len(result.lifts),
-        seed=result.seed,
-        of=machine(),
-        picture=chart,
-        tables=(limit_table(limits, whose), tables[2], *tables[:2], estimator_table(result, windows=True)),
-        ours=DEFAULT_ESTIMATOR,
-        notes=notes(result),
-    )
     return Report(
         tables=tables,
         limits=limits,
         limits_of=whose,
         notes=notes(result),
         section=section,
-        figures=_figures(result, endurance),
-        files={PICTURE: picture, PAGE: page, TABLE: section + "\n"},
+        figures=_figures(result),
+        files={TABLE: section + "\n"},
         faults=_faults(result.lifts),
     )
 
 
-def _figures(result: EstimatorsResult, endurance: Endurance | None) -> dict[str, Any]:
-    """Return the values for JSON that are not in the tables."""
+def _figures(result: EstimatorsResult) -> dict[str, Any]:
+    """Return the JSON values that the tables do not show."""
     best = result.closest_of_paper
     return {
         "simulated": result.simulated,
@@ -153,7 +134,6 @@ def _figures(result: EstimatorsResult, endurance: Endurance | None) -> dict[str,
             "answered_by_one_only": result.skip_apart,
             "skipped_share": result.skipped,
         },
-        "endurance": asdict(endurance) if endurance else None,
     }
 
 

@@ -9,7 +9,7 @@ from rig.benchmark.estimators.contenders import ALIGNMENTS, NO_SKIP, PAPER
 from rig.benchmark.estimators.lifts import LiftScores
 from rig.benchmark.estimators.scores import ContenderScore
 from rig.benchmark.estimators.stress import NAMES, StressRow
-from rig.benchmark.estimators.timing import Endurance, Spread, TimingReport
+from rig.benchmark.estimators.timing import Spread, TimingReport
 from rig.benchmark.harness import NONE, Table, column, columns_of, machine, table_of
 from rig.benchmark.measured import Measured, at_least, at_most, between
 from rig.results.metrics import HEADING, Mare, mare_text
@@ -24,8 +24,6 @@ WITHIN_LEAST, WITHIN_MOST = 0.90, 0.98
 TIMES_MORE_ACCURATE, TIMES_FASTER = 5.0, 10.0
 MEDIAN_MS, P99_MS = 1.0, 3.0
 SKIP_GAP_DEG = 0.02
-WANDER_DEG, GROWN_MB = 0.1, 5.0
-"""Limits of an hour at rest: largest angle, and growth of memory; an allocator needs a few MB."""
 FRAME_SIZE_PX = (240, 320)
 """Frame size for which the limits on time apply."""
 PAPER_BEST = ("skeleton", 2)
@@ -110,8 +108,8 @@ class TimeRow:
     spread: Spread = columns_of(Spread)
 
 
-def judge(result: EstimatorsResult, endurance: Endurance | None = None) -> list[Measured]:
-    """Return all limits in the order of the table. endurance: None unless with --full."""
+def judge(result: EstimatorsResult) -> list[Measured]:
+    """Return all limits in the order of the table."""
     ours, timing = result.scores[DEFAULT_ESTIMATOR, 1], result.timing
     mare = ours.mare and ours.mare.mean_deg
     theirs = result.scores[PAPER_BEST].mare
@@ -121,9 +119,9 @@ def judge(result: EstimatorsResult, endurance: Endurance | None = None) -> list[
     ]
     cost = timing.contenders[DEFAULT_ESTIMATOR].contact
     known = timing.size_px == FRAME_SIZE_PX and cost.count > 0
-    faster = timing.published.stage.p50_ms / cost.p50_ms if known else None
+    faster = timing.published.p50_ms / cost.p50_ms if known else None
     paper = f"times as accurate as the paper's best method ({PAPER_BEST[0]}, window {PAPER_BEST[1]})"
-    limits = [
+    return [
         at_most("MARE over all lifts, deg", mare, MARE_DEG),
         at_most(
             "MARE over elongated objects, deg",
@@ -141,22 +139,13 @@ def judge(result: EstimatorsResult, endurance: Endurance | None = None) -> list[
         at_most("largest difference of skipping and --no-skip, deg", result.skip_gap_deg, SKIP_GAP_DEG),
         at_most("frames answered by only one of skipping and --no-skip", result.skip_apart, 0.0),
     ]
-    if endurance is not None:
-        at_rest = f"{endurance.frames} frames at rest"
-        limits += [
-            at_most(f"{at_rest}: largest angle, deg", endurance.wander_deg, WANDER_DEG),
-            at_most(f"{at_rest}: growth of memory, MB", endurance.grown_mb, GROWN_MB),
-        ]
-    return limits
 
 
-def estimator_table(result: EstimatorsResult, windows: bool = False) -> Table:
-    """Return a row per estimator with its default window, and the paper's best; or a row per window."""
+def estimator_table(result: EstimatorsResult) -> Table:
+    """Return a row per estimator with its usual window, and one for the paper's method that is best here."""
     lifts = counted(len(result.lifts), "lift")
     title = f"{result.mark}rotational error in degrees over {lifts}, and run time"
-    keys = list(result.scores) if windows else _usual(result)
-    rows = [_estimator_row(result, *key) for key in keys]
-    return table_of("Every window" if windows else title, EstimatorRow, rows)
+    return table_of(title, EstimatorRow, [_estimator_row(result, *key) for key in _usual(result)])
 
 
 def time_table(result: EstimatorsResult) -> Table:
@@ -165,10 +154,7 @@ def time_table(result: EstimatorsResult) -> Table:
     for name, timing in result.timing.contenders.items():
         rows.append(TimeRow(name, "frame in to angle out", timing.contact))
         rows += [TimeRow("", stage, spread) for stage, spread in timing.stages.items()]
-    published = result.timing.published
-    rows.append(TimeRow("published second stage", "mask to angle, full picture", published.stage))
-    rows.append(TimeRow("", "thinning of the 256 x 320 picture", published.thinning))
-    rows.append(TimeRow("", "mask to angle, cropped picture", published.cropped))
+    rows.append(TimeRow("published second stage", "mask to angle, full picture", result.timing.published))
     width, height = result.timing.size_px
     title = f"Run time, one thread, {width} x {height} px, frames with contact"
     return table_of(title, TimeRow, rows, left=2)
@@ -191,7 +177,7 @@ def stress_table(result: EstimatorsResult) -> Table:
 
 def notes(result: EstimatorsResult) -> list[str]:
     """Return further results, one sentence each."""
-    threads, saved = result.timing.threads, result.timing.skip_saves
+    saved = result.timing.skip_saves
     shares = ", ".join(f"{stage} {share:.0%}" for stage, share in result.skipped.items())
     scores = [(name, result.scores[name, window]) for name, window in _usual(result)]
     onsets = (
@@ -203,8 +189,6 @@ def notes(result: EstimatorsResult) -> list[str]:
         f"Skipping saves {saved:.0%} of the time of --no-skip; the angles differ by at most "
         f"{result.skip_gap_deg:.3g} degrees, {result.skip_apart} frames are answered by one of them only. "
         f"Left out, of all frames: {shares or 'nothing'}.",
-        f"One OpenCV thread {threads.one_ms:.2f} ms, two {threads.two_ms:.2f} ms (median of "
-        f"{threads.frames} frames); the angles differ by at most {threads.gap_deg:.3g} degrees.",
         _against_paper(result),
         "Onsets found afterwards: " + "; ".join(onsets) + ".",
         "The published methods know no sign: against the size of the true angle alone their MARE is "

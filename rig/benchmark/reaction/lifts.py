@@ -52,9 +52,8 @@ class ReactedLift:
     """One lift.
 
     turn_deg: at its end; None if no marker was detected or a fault ended it. damaged: the fingers left a mark
-    on the object. holds_from: the loosest grip, in steps of the gripper, at which friction carries the
-    object's torque; None if the largest allowed grip does not. late: the object turned by half a degree
-    without an event.
+    on the object. would_hold: friction carries the object's torque at an allowed grip. late: the object
+    turned by half a degree without an event.
     """
 
     object_id: str
@@ -63,18 +62,13 @@ class ReactedLift:
     turn_deg: float | None
     reactions: tuple[Reaction, ...]
     damaged: bool
-    holds_from: int | None
+    would_hold: bool
     late: bool
 
     @property
     def counts_added(self) -> int:
         """Sum of the counts by which the fingers closed further."""
         return sum(reaction.counts_added for reaction in self.reactions)
-
-    @property
-    def would_hold(self) -> bool:
-        """Whether an allowed grip holds the object."""
-        return self.holds_from is not None
 
     @property
     def slips(self) -> bool:
@@ -122,7 +116,7 @@ def lift_once(settings: TrialSettings, task: LiftTask) -> ReactedLift:
         turn_deg,
         reactions,
         damaged=world.damaged,
-        holds_from=next((grip for grip in range(furthest + 1) if world.would_hold(offset_m, grip)), None),
+        would_hold=any(world.would_hold(offset_m, grip) for grip in range(furthest + 1)),
         late=settings.react is not ReactionKind.NONE and not reactions and abs(turn_deg or 0.0) > 0.5,
     )
 

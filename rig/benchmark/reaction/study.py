@@ -1,11 +1,9 @@
 """`rig benchmark reaction`: the same simulated lifts with and without a reaction to slip."""
 
-import tempfile
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
 from functools import partial
 from operator import attrgetter
-from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -17,15 +15,10 @@ from rig.benchmark.reaction.lifts import (
     ReactedLift,
     as_late_as_real,
     lift_both_ways,
-    lift_once,
     times_over_wire,
 )
-from rig.benchmark.reaction.rest import at_rest, watch_at_rest
-from rig.benchmark.wire.fault_cases import CASES
-from rig.benchmark.wire.fault_lifts import IN_REACTION, FaultRow, run_faults
 from rig.config import load_bench
-from rig.experiments.lift_plan import LiftTask, TrialSettings, all_tasks
-from rig.experiments.reactions import require_reaction
+from rig.experiments.lift_plan import TrialSettings, all_tasks, require_reaction
 from rig.experiments.trial import resolve_objects
 from rig.lift.slip_watch import SlipSettings
 from rig.sessions.records import LiftOutcome
@@ -36,9 +29,6 @@ MOST_FALSE = 1.0 / 45.0
 """Largest share of lifts with a reaction among those that hold."""
 HELD_DEG = 0.5
 """A lift holds if it ends with a smaller turn without a reaction."""
-HOURS = 2.0
-SPARE_STEPS = 2
-"""Grip beyond the loosest that holds, in steps of the gripper, of the lifts that just hold."""
 Pair = tuple[ReactedLift, ReactedLift]
 """One lift without and with a reaction."""
 
@@ -53,7 +43,6 @@ class ReactionOptions:
     false_alarms_per_hour: float = option(10.0, "Reactions at rest that are accepted.")
     max_turn_deg: float | None = option(None, "React when it would turn further.", min=0.5, max=90.0)
     wire_lifts: int = option(4, "Further lifts behind wires, in real time.", min=0, max=100)
-    full: bool = option(False, "Also lifts that hold, two hours at rest, faults in a reaction.")
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,8 +73,6 @@ def measure(options: ReactionOptions, run: Run) -> Report:
     Examples:
       rig benchmark reaction
 
-      rig benchmark reaction --full
-
       rig benchmark reaction --react stop --object wrench --lifts 3 --json
 
     """
@@ -100,10 +87,6 @@ def measure(options: ReactionOptions, run: Run) -> Report:
     limits = judge_lifts(pairs)
     if options.wire_lifts:
         limits += times_over_wire(settings, options.wire_lifts, run.progress)
-    if options.full:
-        limits += _full_limits(
-            settings, {task: pair[0] for task, pair in zip(tasks, pairs, strict=True)}, run
-        )
     return Report(
         tables=(reaction_table(kind, pairs),),
         limits=limits,
@@ -176,46 +159,6 @@ def judge_lifts(pairs: Sequence[Pair]) -> list[Measured]:
 
 def _false_share(held: Sequence[ReactedLift]) -> float | None:
     return float(np.mean([bool(lift.reactions) for lift in held])) if held else None
-
-
-def _full_limits(settings: TrialSettings, lifted: Mapping[LiftTask, ReactedLift], run: Run) -> list[Measured]:
-    """Return the limits on lifts that just hold, on hours at rest, and on faults over the wire protocol."""
-    name = attrgetter("name")
-    held = run.each(partial(lift_once, settings), just_holding(lifted), name)
-    first = [task for task in lifted if task.lift == 1]
-    rests = run.each(partial(watch_at_rest, settings), first, name)
-    false = f"share of lifts with a grip that just holds that react all the same, of {len(held)}"
-    faults = _run_faults(settings, run)
-    return [at_most(false, _false_share(held), MOST_FALSE), *at_rest(rests, HOURS), judge_faults(faults)]
-
-
-def just_holding(lifted: Mapping[LiftTask, ReactedLift]) -> list[LiftTask]:
-    """Return the lifts that a grip can hold, each with a grip that just holds."""
-    return [
-        replace(task, grip_steps=lift.holds_from + SPARE_STEPS)
-        for task, lift in lifted.items()
-        if lift.holds_from is not None
-    ]
-
-
-def _run_faults(settings: TrialSettings, run: Run) -> list[FaultRow]:
-    """Inject every fault of `rig benchmark faults`, each while a reaction closes the fingers."""
-
-    def show(row: FaultRow) -> None:
-        run.progress(row.number, len(CASES), row.fault)
-
-    with tempfile.TemporaryDirectory() as folder:
-        cases = [(case, IN_REACTION) for case in CASES]
-        return run_faults(Path(folder) / "faults", cases, show, react=settings.react)
-
-
-def judge_faults(faults: Sequence[FaultRow]) -> Measured:
-    """Apply the limits of `rig benchmark faults` to faults in a reaction."""
-    otherwise = [row.fault for row in faults if not row.passed]
-    named = f" ({', '.join(otherwise)})" if otherwise else ""
-    return at_most(
-        f"of {len(faults)} faults in a reaction, end otherwise than without{named}", len(otherwise), 0
-    )
 
 
 STUDY = Study(name="reaction", options=ReactionOptions, measure=measure, cases="lifts")

@@ -1,51 +1,34 @@
 """`rig benchmark trials`: the paper's Tables III and IV on the same simulated lifts in one run."""
 
-import time
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
 
-from markupsafe import Markup
-from matplotlib.axes import Axes
-
-from rig.benchmark.estimators.picture import label_points
 from rig.benchmark.estimators.study import record
-from rig.benchmark.harness import Report, Run, Study, machine, option
+from rig.benchmark.harness import Report, Run, Study, option
 from rig.benchmark.segmentation.paper_table import NETWORKS, OURS
 from rig.benchmark.segmentation.study import parse_models
 from rig.benchmark.trials.paper_tables import (
-    TrialsResult,
-    head,
     notes,
     summarize,
-    systems,
     table_four,
     table_three,
-    usual_window,
 )
 from rig.benchmark.trials.passes import (
     ANGLENET_ON_TEST,
     PEER_FILES,
     PLAIN,
-    STILL,
     TrialPass,
-    combination,
     pass_lift,
-    title,
 )
 from rig.config import load_bench
 from rig.config.models import BenchConfig
 from rig.experiments.trial import resolve_objects
-from rig.pages.figure import drawing, png, svg
-from rig.pages.page import render
-from rig.pages.palette import ESTIMATE, FIRST, MUTED, WARNING
 from rig.sessions.records import FinishedLift
 from rig.sessions.rows import read_finished_lifts
 from rig.tactile.estimators import DEFAULT_ESTIMATOR, KOLAMURI, choose_estimator
-from rig.tactile.paper.axis import METHODS
 
-PICTURE, PAGE = "trials.png", "index.html"
 PLAIN_SESSION, MARKED_SESSION = "session", "session-markers"
 
 
@@ -79,7 +62,6 @@ def measure(options: TrialsOptions, run: Run) -> Report:
       rig benchmark trials --out trials --model anglenet-on-test=runs/anglenet-on-test/model.onnx
 
     """
-    began = time.perf_counter()
     models = parse_models(options.model or [], (*NETWORKS, OURS, *PEER_FILES))
     known = {"pspnet": "pspnet", OURS: OURS, **{name: str(file) for name, file in models.items()}}
     titles = {**NETWORKS, OURS: OURS}
@@ -100,25 +82,12 @@ def measure(options: TrialsOptions, run: Run) -> Report:
     of_plain, of_marked = passes(plain, networks, systems), passes(marked, {}, (KOLAMURI,))
     result = summarize(of_plain, of_marked, missing, plain)
     tables = (table_three(result), table_four(result))
-    picture, chart = draw(result)
-    page = render(
-        "rig.benchmark.trials",
-        "trials.html",
-        lifts=result.lifts,
-        frames=result.frames,
-        seed=run.seed,
-        of=machine(),
-        minutes=f"{(time.perf_counter() - began) / 60.0:.1f}",
-        picture=chart,
-        tables=tables,
-        notes=notes(result),
-    )
     scores = [
         {"system": name, "window": window, "ms": result.ms[name], **asdict(score)}
         for (name, window), score in result.scores.items()
     ]
     figures = {"lifts": result.lifts, "frames": result.frames, "systems": scores, "not_trained": missing}
-    return Report(tables, notes=notes(result), figures=figures, files={PICTURE: picture, PAGE: page})
+    return Report(tables, notes=notes(result), figures=figures)
 
 
 def with_markers(bench: BenchConfig) -> BenchConfig:
@@ -139,54 +108,3 @@ STUDY = Study(
     shared=("out", "jobs", "seed"),
     keeps_results=True,
 )
-
-
-_LABEL_GAP = 0.034
-_DPI = 130
-WIDTH_PX, HEIGHT_PX = 760, 520
-# of Okabe and Ito, distinct with any colour vision; the shapes differ, too
-_OURS, _NETWORKS, _OTHERS = (ESTIMATE.light, "o"), (WARNING.light, "s"), (FIRST.light, "^")
-
-
-def draw(result: TrialsResult) -> tuple[bytes, Markup]:
-    """Return the picture as PNG, and as SVG in a page's colours."""
-    with drawing(HEIGHT_PX, WIDTH_PX) as figure:
-        _draw(figure.subplots(), result)
-        return png(figure, _DPI), svg(figure, "Run time against error of every system")
-
-
-def _draw(axes: Axes, result: TrialsResult) -> None:
-    shown = [
-        (name, result.ms[name], mare.mean_deg)
-        for name in systems(result)
-        if name != STILL and (mare := result.scores[name, usual_window(name)].mare)
-    ]
-    for name, ms, error in shown:
-        colour, marker = _look(name)
-        axes.plot([ms], [error], marker, color=colour, markersize=8)
-    _still(axes, result)
-    axes.set(
-        xscale="log", yscale="log", xlabel="frame in to angle out, median, ms (one thread)",
-        ylabel="MARE over phase B, degrees", title=head(result),
-    )  # fmt: skip
-    axes.margins(x=0.05, y=0.06)
-    points = [(title(name), ms, error, _look(name)[0]) for name, ms, error in shown]
-    label_points(axes, points, _LABEL_GAP, 1.03, {"linewidth": 0.7, "alpha": 0.6, "relpos": (0.0, 0.5)})
-
-
-def _look(name: str) -> tuple[str, str]:
-    if name == DEFAULT_ESTIMATOR:
-        return _OURS
-    by_network = {combination(network, m) for network in (*NETWORKS.values(), OURS) for m in METHODS}
-    return _NETWORKS if name in by_network else _OTHERS
-
-
-def _still(axes: Axes, result: TrialsResult) -> None:
-    """Draw the error of always reporting 0."""
-    still = result.scores[STILL, 1].mare
-    if still is not None:
-        axes.axhline(still.mean_deg, color=MUTED.light, linestyle=":", zorder=1)
-        axes.text(
-            0.01, still.mean_deg, title(STILL), transform=axes.get_yaxis_transform(), va="bottom",
-            fontsize=10.5, color=MUTED.light,
-        )  # fmt: skip

@@ -7,18 +7,16 @@ from typing import Any
 
 @dataclass(frozen=True, slots=True)
 class FaultCase:
-    """A fault, or several at once. injected: (device, kind, arguments) in order.
+    """A fault. injected: (device, kind, arguments) in order.
 
     named: words of which the outcome has to contain one. mended_after: number of attempts that fail before a
-    person mends it (a cable, a switch); a protective stop is left for the rig to recover from. faults: number
-    of faults at once.
+    person mends it (a cable, a switch); a protective stop is left for the rig to recover from.
     """
 
     name: str
     injected: tuple[tuple[str, str, Mapping[str, Any]], ...]
     named: tuple[str, ...]
     mended_after: int = 1
-    faults: int = 1
 
 
 def _case(name: str, device: str, kind: str, named: str, **arguments: Any) -> FaultCase:
@@ -62,11 +60,3 @@ CASES = (
     _case("camera: frozen", "camera", "freeze", "SIM-C0001"),
     _case("camera: unplugged", "camera", "disconnect", "SIM-C0001"),
 )
-
-
-def both(one: FaultCase, other: FaultCase) -> FaultCase:
-    """Return two faults at once; the outcome has to name one of them."""
-    mended_after = max(one.mended_after, other.mended_after)
-    name = f"{one.name} + {other.name}"
-    faults = one.faults + other.faults
-    return FaultCase(name, one.injected + other.injected, one.named + other.named, mended_after, faults)

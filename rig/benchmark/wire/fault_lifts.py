@@ -1,4 +1,4 @@
-"""Lifts over the wire protocols in which a device fails at a given moment.
+"""Lifts over the wire protocols in which a device fails in mid-lift.
 
 A trial in which the first attempt at each lift meets a fault, and the next attempt has to succeed after what
 a person at the bench would do. What the rig reports is compared with the simulated world: where its tool
@@ -19,7 +19,6 @@ from drivers.clock import NS_PER_S
 from drivers.errors import DeviceError
 from drivers.interfaces import Arm
 from protocols.operator import Operator
-from protocols.reaction import ReactionKind
 from rig.bench.fakes_process import fakes_control, started_fakes
 from rig.bench.operators import ConsoleOperator
 from rig.bench.source import StandingBench
@@ -37,11 +36,8 @@ SAFE_WITHIN_S = 1.0
 LEAST_ATTEMPTS = 2
 """Number of attempts at the next lift after its case is mended, before it is given up."""
 MID_LIFT = Moment(Stage.LIFT, 0.4)
-IN_REACTION = Moment(Stage.HOLD, 0.03)
-"""In a lift that reacts the arm first stands when it was stopped; the fingers are closing then."""
 LATE = (Stage.HOLD, Stage.LOWER, Stage.RELEASE)
 """Stages in which a lift may be over before a failed device is missed."""
-Planned = tuple[FaultCase, Moment]
 
 
 @dataclass(slots=True)
@@ -51,12 +47,10 @@ class FaultyLift:
     Monotonic times in ns: of the fault, of the rig's first stop command to the arm after it, and of the
     simulated tool's standstill after that; 0 if that has not happened. stage: of the lift at the fault.
     dropped: whether the object fell. faults: outcomes of failed attempts. given_up: the next lift did not run
-    although its case was mended. recovered: it ran. reacts: the lift reacts to slip, so that it goes on long
-    enough to miss any device.
+    although its case was mended. recovered: it ran.
     """
 
     case: FaultCase
-    moment: Moment = MID_LIFT
     stage: Stage | None = None
     dropped: bool = False
     injected_ns: int = 0
@@ -65,7 +59,6 @@ class FaultyLift:
     faults: list[str] = field(default_factory=list)
     given_up: bool = False
     recovered: bool = False
-    reacts: bool = False
 
     @property
     def passed(self) -> bool:
@@ -73,7 +66,7 @@ class FaultyLift:
         if self.dropped or not self.recovered:
             return False
         if not self.faults:
-            return self.stage in LATE and not self.reacts
+            return self.stage in LATE
         named = any(word.lower() in fault.lower() for fault in self.faults for word in self.case.named)
         return named and 0 < self.detected_ns and self.still_ns - self.detected_ns <= SAFE_WITHIN_S * NS_PER_S
 
@@ -95,13 +88,12 @@ def _seconds(value: float | None) -> str:
 class FaultRow:
     """Result of a fault.
 
-    number: of its lift, from 1. stage: of the lift at the fault. still_s: from the fault to standstill of the
-    tool. outcomes: of the attempts that the fault ended; none if the lift was over before it was noticed.
+    number: of its lift, from 1. stage: of the lift at the fault. outcomes: of the attempts that the fault
+    ended; none if the lift was over before it was noticed.
     """
 
     number: int
     stage: Stage
-    still_s: float
     dropped: bool
     fault: str = column("fault in mid-lift")
     seen_s: float | None = column("detected, s", _seconds, "from the fault to the rig's stop")
@@ -110,16 +102,6 @@ class FaultRow:
     recovered: bool = column("next lift", lambda done: "done" if done else "not done")
     passed: bool = column("", lambda passed: "passed" if passed else "FAILED")
 
-    @property
-    def line(self) -> str:
-        """A line for the progress of a campaign."""
-        seen = "over before it was missed" if self.seen_s is None else f"seen after {self.seen_s:.2f} s"
-        failed = f"FAILED: {'; '.join(self.outcomes) or 'no fault was noticed'}"
-        verdict = "passed" if self.passed else failed
-        return (
-            f"{self.number} {self.fault}, {self.stage}: {seen}, stood after {self.still_s:.2f} s; {verdict}"
-        )
-
 
 def row_of(number: int, lift: FaultyLift) -> FaultRow:
     """Return what is kept of a lift with a fault."""
@@ -127,10 +109,9 @@ def row_of(number: int, lift: FaultyLift) -> FaultRow:
     return FaultRow(
         number=number,
         fault=lift.case.name,
-        stage=lift.stage or lift.moment.stage,
+        stage=lift.stage or MID_LIFT.stage,
         seen_s=(lift.detected_ns - lift.injected_ns) / NS_PER_S if seen else None,
         safe_s=max(0, lift.still_ns - lift.detected_ns) / NS_PER_S if seen else None,
-        still_s=max(0, lift.still_ns - lift.injected_ns) / NS_PER_S,
         dropped=lift.dropped,
         outcomes=tuple(lift.faults),
         recovered=lift.recovered,
@@ -140,17 +121,16 @@ def row_of(number: int, lift: FaultyLift) -> FaultRow:
 
 def run_faults(
     folder: Path,
-    cases: Sequence[Planned],
+    cases: Sequence[FaultCase],
     progress: Callable[[FaultRow], None] = lambda row: None,
     bench: BenchConfig | None = None,
-    react: ReactionKind = ReactionKind.NONE,
 ) -> list[FaultRow]:
-    """Run cases, each at its moment, as a trial of as many lifts, stored in `folder`.
+    """Run cases, each in mid-lift, as a trial of as many lifts, stored in `folder`.
 
-    bench: whose fakes are started, by default `wire`. react: reaction of the lifts to slip. Raises
-    `DeviceError` unless each case's lift is whole on disk in the end.
+    bench: whose fakes are started, by default `wire`. Raises `DeviceError` unless each case's lift is
+    whole on disk in the end.
     """
-    lifts = [FaultyLift(case, moment, reacts=react is not ReactionKind.NONE) for case, moment in cases]
+    lifts = [FaultyLift(case) for case in cases]
     attempts: list[FaultyLift] = []
 
     def note(done: int, total: int, row: LiftRow) -> None:
@@ -166,7 +146,7 @@ def run_faults(
         started_fakes(bench or load_bench("wire")) as config,
         closing(_FaultyBench(config, lifts)) as benches,
     ):
-        settings = TrialSettings(config, 0, choose_estimator(), react=react)
+        settings = TrialSettings(config, 0, choose_estimator())
         run = partial(run_trial, folder, settings, ["t1"], len(cases), benches=benches, progress=note)
         _run_to_the_end(run, attempts)
     kept = read_usable_lifts(folder, checked=True).lifts
@@ -234,7 +214,7 @@ class _FaultyBench(StandingBench):
 
     def _inject(self, lift: FaultyLift, over: threading.Event) -> None:
         """Wait for the moment, then inject the fault."""
-        stage = wait_for(lift.moment, self._grasp_m, lambda: self._control.call("world"), over.is_set)
+        stage = wait_for(MID_LIFT, self._grasp_m, lambda: self._control.call("world"), over.is_set)
         if stage is not None:
             lift.stage, lift.injected_ns = stage, time.monotonic_ns()
             for device, kind, arguments in lift.case.injected:
@@ -263,12 +243,8 @@ class _TimedArm:
 
 
 def _note_stop(lift: FaultyLift, over: threading.Event, now_ns: int) -> None:
-    """Note the first stop after the fault; after a stop before it, the fault waits for the next attempt.
-
-    A lift that reacts stops the arm and goes on.
-    """
+    """Note the first stop after the fault; after a stop before it, the fault waits for the next attempt."""
     if not lift.injected_ns:
-        if not lift.reacts:
-            over.set()
+        over.set()
     elif not lift.detected_ns:
         lift.detected_ns = now_ns

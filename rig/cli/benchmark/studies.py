@@ -10,9 +10,8 @@ import typer
 
 from drivers.errors import InputError
 from rig.cli.common import Exit, emit_json, say
-from rig.cli.declared import option, option_parameters, set_signature
+from rig.cli.declared import file_place, folder_place, option, option_parameters, set_signature
 from rig.cli.options import JsonOption, SeedOption
-from rig.cli.places import file_place, folder_place
 
 if TYPE_CHECKING:
     from rig.benchmark.harness import Report, Study
@@ -51,7 +50,7 @@ def command_of(study: "Study[Any]") -> Callable[..., None]:
 
 def _carry_out(study: "Study[Any]", options: Any, shared: SharedOptions) -> None:
     from rig.benchmark.harness import Run, as_json
-    from rig.benchmark.readme import check_readme, write_section
+    from rig.benchmark.measured import check_readme, write_section
     from rig.live.terminal import WorkProgress
 
     began = time.perf_counter()

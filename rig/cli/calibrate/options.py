@@ -10,11 +10,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from rig.cli.common import mark, print_result, say
-from rig.cli.declared import option
-from rig.cli.dry_run import dry_run
+from rig.cli.declared import folder_place, option
 from rig.cli.options import BenchOption, DryRunOption, JsonOption, SeedOption, WatchOptions, YesOption
-from rig.cli.places import folder_place
-from rig.cli.watching import Work, watched
+from rig.cli.watching import Work, dry_run, watched
 from rig.live.questions import ask, ask_line
 from rig.live.screen import begin_phase
 

@@ -1,4 +1,9 @@
-"""Detect when a contact has stopped growing; a reference frame taken earlier would soon be outdated."""
+"""Detect when a contact has stopped growing, and when it counts as touch.
+
+A reference frame taken before a contact has stopped growing would soon be outdated.
+"""
+
+from dataclasses import dataclass
 
 SETTLED_SHARE = 0.05
 """Largest relative change of a level that counts as no change."""
@@ -35,3 +40,23 @@ class Steadiness:
         self._steady = 1 if moved else self._steady + 1
         self.settled = self._steady >= self._frames
         return moved
+
+
+TOUCH_FRAMES = 2
+"""Number of consecutive frames with contact that count as a touch."""
+
+
+@dataclass(slots=True)
+class TouchDebounce:
+    """Counts the consecutive frames of one fingertip that show contact."""
+
+    frames: int = 0
+
+    def update(self, contact: bool) -> None:
+        """Process the contact of the next frame."""
+        self.frames = self.frames + 1 if contact else 0
+
+    @property
+    def sure(self) -> bool:
+        """Whether the last `TOUCH_FRAMES` frames all showed contact."""
+        return self.frames >= TOUCH_FRAMES

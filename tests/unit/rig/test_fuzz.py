@@ -21,8 +21,7 @@ from rig.config.objects import new_object_text, parse_object, with_position
 from rig.config.write import bench_text
 from rig.frames.clips import array_frames
 from rig.frames.times import times_from_table
-from rig.labels.label_files import labelme_mask
-from rig.labels.proposals import read_label
+from rig.labels.label_files import labelme_mask, read_label
 from rig.report.csv_lifts import read_table
 from rig.results.listing import list_session
 from rig.results.table import read_results

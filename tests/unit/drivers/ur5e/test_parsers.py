@@ -23,8 +23,8 @@ from drivers.ur5e.dashboard import refuse_local_control, serial_number
 from drivers.ur5e.heartbeat import Heartbeat, Program
 from drivers.ur5e.probe import parse_version, read_package
 from drivers.ur5e.shared_state import SharedState
-from fakes.wire.ur.dashboard import LineReader, reply
 from fakes.wire.ur.robot import Robot
+from fakes.wire.ur.script import LineReader, reply
 from fakes.world.world import BenchLayout, World
 
 Cases = Callable[[int], int]

@@ -1,4 +1,4 @@
-"""The two-marker angle beside two other methods on the same pictures."""
+"""The two-marker angle in simulated scenes and in real photographs."""
 
 import pytest
 
@@ -7,14 +7,12 @@ from rig.benchmark.calibration.markers import printed_turns, real_marker_limits
 
 
 @pytest.mark.parametrize("scene", [AngleScene(24.0), AngleScene(jpeg=80), AngleScene(hidden=0.06)], ids=str)
-def test_own_method_is_the_best_of_three_on_the_same_pictures(scene: AngleScene) -> None:
+def test_angle_of_a_scene_is_answered_and_accurate(scene: AngleScene) -> None:
     assert scene in SCENES
     row = score_scene(scene, (1,))
-    corners, by_size, ours = row.corners, row.by_size, row.ours
-    assert ours.rms_deg < 1.05 * min(corners.rms_deg, by_size.rms_deg)
-    assert ours.rms_deg < 0.6 * corners.rms_deg
-    assert ours.answered >= max(corners.answered, by_size.answered)
-    assert ours.worst_deg >= ours.rms_deg > abs(ours.rest_deg)
+    assert row.answered > (0.7 if scene.hidden else 0.95)  # a covered edge is seen, and the picture refused
+    assert row.worst_deg >= row.rms_deg > abs(row.rest_deg)
+    assert row.rms_deg < 0.05
 
 
 def test_printed_markers_turn_less_by_edges_in_real_photographs(real_data) -> None:

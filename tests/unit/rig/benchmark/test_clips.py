@@ -19,7 +19,7 @@ from rig.benchmark.clips.labelled import ClipLabel, ClipVersion, ContactSpan, re
 from rig.benchmark.clips.scores import JudgedLabel, score
 from rig.benchmark.clips.study import ClipsOptions, measure
 from rig.benchmark.harness import Run
-from rig.benchmark.readme import markers
+from rig.benchmark.measured import markers
 from rig.cli.main import app
 from support.ros_bags import TOPIC, write_bag
 

@@ -12,7 +12,7 @@ from rig.config import BenchConfig
 from rig.sessions.records import LiftOutcome
 from support.benches import lighter
 
-CAUGHT = ReactedLift("t1", 1, LiftOutcome.CAUGHT, -2.0, (Reaction(0.01, 0.004, 6),), False, 9, False)
+CAUGHT = ReactedLift("t1", 1, LiftOutcome.CAUGHT, -2.0, (Reaction(0.01, 0.004, 6),), False, True, False)
 
 
 @pytest.mark.parametrize(
@@ -27,7 +27,7 @@ CAUGHT = ReactedLift("t1", 1, LiftOutcome.CAUGHT, -2.0, (Reaction(0.01, 0.004, 6
             {"outcome": LiftOutcome.SLIPPED},
             False,
         ),  # it was not lifted fully, although friction could carry it
-        ({"outcome": LiftOutcome.SLIPPED, "holds_from": None}, True),
+        ({"outcome": LiftOutcome.SLIPPED, "would_hold": False}, True),
     ],
 )
 def test_caught_is_a_small_turn_at_the_height_that_friction_allows(

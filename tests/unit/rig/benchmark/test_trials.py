@@ -13,7 +13,7 @@ from rig.benchmark.harness import Report, Run
 from rig.benchmark.segmentation.paper_table import NETWORKS
 from rig.benchmark.segmentation.study import parse_models
 from rig.benchmark.trials.passes import combination, thinned, title
-from rig.benchmark.trials.study import PAGE, PICTURE, TrialsOptions, measure, with_markers
+from rig.benchmark.trials.study import TrialsOptions, measure, with_markers
 from rig.config import load_bench
 from rig.tactile.contact.finder import NO_CONTACT, Contact
 from rig.tactile.paper.axis import METHODS
@@ -96,18 +96,3 @@ def test_tables_mark_simulated_figures_and_networks_not_trained(report: Report) 
     assert {row[0] for row in four.rows} >= {"slip", *map(title, ("kolamuri", "anglenet", "toskov"))}
     assert any("trained on these lifts (kept" in row[0] for row in four.rows)
     assert set(NETWORKS.values()) <= {row[0] for row in three.rows}
-
-
-def test_page_and_picture_are_files_of_the_report(report: Report) -> None:
-    page, picture = report.files[PAGE], report.files[PICTURE]
-    assert isinstance(page, str)
-    assert isinstance(picture, bytes)
-    assert "SIMULATED" in page
-    assert "Toskov et al." in page
-    assert '<svg role="img" aria-label="Run time against error of every system"' in page
-    assert "data:image/png" not in page  # the chart follows the reader's light or dark screen
-    (untrained,) = [line for line in page.splitlines() if "deeplabv3plus --fold" in line]
-    assert 'class="text wrap" colspan="7"' in untrained  # long text does not push the numbers away
-    assert '<td class="text">2.' not in page
-    assert '<a href="#part-' not in page  # a page of three parts needs no index
-    assert picture.startswith(b"\x89PNG")

@@ -86,6 +86,46 @@ def test_bench_without_calibrations_equals_its_file(tmp_path: Path) -> None:
     assert bench.base_T_camera() == bench.camera.base_T_camera()
 
 
+def tip_from_tcp(bench: BenchConfig, away_m: float) -> dict[str, object]:
+    """The value of a clamped tip that stands out of the TCP along the tool's z axis."""
+    tcp = bench.arm.flange_T_tcp()
+    tip = tcp.translated(*tcp.rotation.apply((0.0, 0.0, away_m)))
+    return {"translation_m": list(tip.position_m)}
+
+
+@pytest.mark.parametrize(
+    ("away_m", "before_m", "refused"), [(0.03, 0.03, False), (0.06, 0.03, True), (0.06, 0.06, False)]
+)
+def test_tcp_further_from_the_clamped_tip_than_was_accepted_is_refused(
+    away_m: float, before_m: float, refused: bool, tmp_path: Path
+) -> None:
+    bench, said = load_bench("fake"), []
+    value = {**tip_from_tcp(bench, away_m), "tip_from_tcp_m": [0.0, 0.0, before_m]}
+    keep(tmp_path, "tcp", {"tool": "fake"}, value)
+    if refused:
+        with pytest.raises(
+            CalibrationError, match=r"60\.0 mm from tcp_m.*correct tcp_m, or move the file away"
+        ):
+            find_calibrations(bench, tmp_path, said.append)
+    else:
+        assert list(find_calibrations(bench, tmp_path, said.append).files) == ["tcp-fake"]
+        assert f"is {1e3 * away_m:.1f} mm from tcp_m" in said[0]
+
+
+def test_tip_that_was_not_compared_with_a_tcp_is_not_used(tmp_path: Path) -> None:
+    bench, said = load_bench("fake"), []
+    keep(tmp_path, "tcp", {"tool": "fake"}, tip_from_tcp(bench, 0.4))
+    assert not find_calibrations(bench, tmp_path, said.append).files
+    assert "calibration not used" in said[0]
+
+
+def test_camera_on_the_tool_is_said_not_to_be_used(tmp_path: Path) -> None:
+    said: list[str] = []
+    keep(tmp_path, "hand-eye", CAMERA_SERIAL, {**PLACE, "setup": "eye-in-hand"})
+    assert not find_calibrations(load_bench("fake"), tmp_path, said.append).files
+    assert "calibration not used" in said[0]
+
+
 def test_a_camera_calibrated_at_another_size_is_refused(tmp_path: Path) -> None:
     larger = CameraModel((1280, 720), CAMERA.matrix, CAMERA.distortion)
     keep(tmp_path, "camera", {"camera": "SIM-C0001"}, camera_info(larger, "SIM-C0001"))

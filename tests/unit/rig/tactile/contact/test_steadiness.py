@@ -1,7 +1,6 @@
 """A contact's touch and its settling, each one rule for whoever asks."""
 
-from rig.tactile.contact.steadiness import Steadiness
-from rig.tactile.contact.touch import TouchDebounce
+from rig.tactile.contact.steadiness import Steadiness, TouchDebounce
 
 
 def settled_at(levels: list[float], frames: int, drifting: bool = False) -> list[bool]:

@@ -29,6 +29,7 @@ NEEDS = {
     r"^rig model import|authors\.onnx|--data|old/|--model \w+=": "needs files of yours",
     r"my_lab|my_bag|shared_objects|monday|/data/": "needs files of yours",
     r"^rig train": "needs the extra train",
+    r"PRESSES|my_twin": "needs photographs of a pressed ball",
     r"benchmark clips": "needs labels that somebody drew",
     r"TactileTracking|digit-pose-estimation": "needs a public set",
     r"benchmark others": "needs clones of others' repositories",

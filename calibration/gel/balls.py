@@ -81,8 +81,12 @@ class BallFit:
             f"{counted(len(self.true_mm), 'picture')} of presses; 30 all over the gel are good",
         )  # fmt: skip
         if len(errors) < 2:
+            pressed_mm = 2.0 * next(iter(errors))
             assessment += Assessment(
-                doubts=("only one ball diameter: a wrong scale or diameter would go unseen",)
+                doubts=(
+                    f"one ball diameter, {pressed_mm:g} mm: a wrong scale or diameter would go unseen; press "
+                    f"another ball, of {0.7 * pressed_mm:.0f} mm or less, at 8 places all over the gel",
+                )
             )
         return assessment
 
@@ -125,6 +129,9 @@ def _fit_to(presses: Sequence[BallPress], mm_per_px: tuple[float, float]) -> Gra
     """The map for presses whose centres are taken as they are."""
     rows, columns = presses[0].press.strength.shape
     change, places, normals = zip(*(_samples(press, mm_per_px) for press in presses), strict=True)
+    still, away = zip(*(_untouched(press.press) for press in presses), strict=True)
+    change, places = [*change, *still], [*places, *away]
+    normals = [*normals, np.zeros((sum(map(len, away)), 2))]
     return fit_gradient_map(np.vstack(change), np.vstack(places), np.vstack(normals), (rows, columns))
 
 
@@ -181,12 +188,15 @@ def _held_out(
 
 def _null(press: Press, fitted: GradientMap) -> float:
     """Rms of a component of the normal far from the contact, where it should be zero."""
+    change, places = _untouched(press)
+    return float(np.sqrt((fitted.normals(change, places) ** 2).mean())) if len(places) else 0.0
+
+
+def _untouched(press: Press) -> tuple[Array, Array]:
+    """(N, 3) colour changes and (N, 2) px far from the contact, where the slope is zero."""
     x, y = _pixels(press.strength.shape, 8 * _THIN)
     far = np.hypot(x - press.centre_px[0], y - press.centre_px[1]) > 2.5 * press.reach_px
-    if not far.any():
-        return 0.0
-    places = np.column_stack([x[far], y[far]]).astype(np.float64)
-    return float(np.sqrt((fitted.normals(press.change[y[far], x[far]], places) ** 2).mean()))
+    return press.change[y[far], x[far]], np.column_stack([x[far], y[far]]).astype(np.float64)
 
 
 @lru_cache(maxsize=4)

@@ -11,8 +11,9 @@ from drivers.types import Image
 from fakes.devices.camera import FakeSource, Shutter
 from fakes.faults import FaultScript
 from fakes.gel.dots import Shear, shear_of
+from fakes.gel.look import Look
 from fakes.gel.sensor import GelSensor, Imprint
-from fakes.gel.variation import FAMILY, Variation, coded
+from fakes.gel.variation import FAMILY, Variation, coded, jpeg
 from fakes.objects.surfaces import Surface, build_surface, depth_for_force, soft_surface
 from fakes.studio.conditions import EASY, Conditions, Difficulty, draw_conditions
 from fakes.world.mirror import WorldView
@@ -23,9 +24,9 @@ _FORCE_GRID_N = np.array([0.02, 0.05, 0.1, 0.2, 0.4, 0.7, 1.0, 1.4, 1.9, 2.6, 4.
 
 
 @lru_cache(maxsize=8)
-def _gel(unit_seed: int, variation: Variation, markers: bool) -> GelSensor:
+def _gel(unit_seed: int, variation: Variation, markers: bool, look: Look | None) -> GelSensor:
     """Return the gel of a sensor; cached, because it takes as long to make as fifty frames."""
-    return GelSensor(unit_seed, variation=variation, markers=markers)
+    return GelSensor(unit_seed, variation=variation, markers=markers, look=look)
 
 
 class FakeDigit(FakeSource, TactileSensor):
@@ -33,7 +34,8 @@ class FakeDigit(FakeSource, TactileSensor):
 
     unit_seed: seed of the individual properties of the sensor. side: +1 if it looks in the direction of the
     camera, else -1. variation: properties of the sensor's family. markers: whether dots are printed on its
-    gel. difficulty: of its lifts; a hard lift has its own gel and light, instead of the sensor's.
+    gel. difficulty: of its lifts; a hard lift has its own gel and light, instead of the sensor's. look: of a
+    real sensor, used in every lift; None for a made-up light.
     """
 
     def __init__(
@@ -48,12 +50,14 @@ class FakeDigit(FakeSource, TactileSensor):
         variation: Variation = FAMILY,
         markers: bool = False,
         difficulty: Difficulty = "easy",
+        look: Look | None = None,
     ) -> None:
         super().__init__((serial, "tactile"), shutter, self.draw, clock, faults, world.seed * 8 + 4 + side)
         self._world = world
         self._side = side
         self._unit, self._variation, self._markers = unit_seed, variation, markers
         self._difficulty: Difficulty = difficulty
+        self._look = look
         self._pressed: tuple[object, Surface, np.ndarray] | None = None
         self._light = 1.0
 
@@ -67,6 +71,8 @@ class FakeDigit(FakeSource, TactileSensor):
         image = self._gel.render(self._imprint(state), time_ns / NS_PER_S, rng)
         if self._conditions.codec is not None:
             image = coded(image, time_ns, self._conditions.codec)
+        elif self._look is not None and self._look.jpeg_quality is not None:
+            image = jpeg(image, self._look.jpeg_quality)
         if self._light == 1.0:
             return image
         return np.clip(image * self._light, 0, 255).astype(np.uint8)
@@ -84,7 +90,7 @@ class FakeDigit(FakeSource, TactileSensor):
     def _gel(self) -> GelSensor:
         varied = self._conditions is EASY or self._variation is not FAMILY
         unit = self._variation if varied else self._conditions.unit
-        return _gel(self._unit, unit, self._markers)
+        return _gel(self._unit, unit, self._markers, self._look)
 
     def _surface(self, grasp: Grasp) -> tuple[Surface, np.ndarray]:
         """Return the surface in contact, and its depths in mm for the forces `_FORCE_GRID_N`."""

@@ -13,6 +13,7 @@ from fakes.camera.marker_scene import MarkerScene
 from fakes.devices.camera import FakeCamera, Shutter
 from fakes.devices.digit import FakeDigit
 from fakes.faults import FaultScript
+from fakes.gel.look import Look
 from fakes.gel.variation import FAMILY, draw_variation
 from fakes.studio.conditions import Difficulty, draw_conditions
 from fakes.world.fixture import PrintedSheet, nothing_printed
@@ -32,7 +33,8 @@ class DigitPlan:
 
     side: +1 if it looks in the direction of the camera, else -1. number: index from 0, which sets the phase
     of its frames. variation_seed: seed of a sensor with random properties; None for a typical sensor.
-    markers: whether dots are printed on its gel. difficulty: of its lifts.
+    markers: whether dots are printed on its gel. difficulty: of its lifts. look: of a real sensor, None for a
+    made-up light.
     """
 
     serial: str
@@ -42,6 +44,7 @@ class DigitPlan:
     variation_seed: int | None = None
     markers: bool = False
     difficulty: Difficulty = "easy"
+    look: Look | None = None
 
     def slowed(self, seed: int) -> "DigitPlan":
         """Return the fingertip with its frame rate in the lift of a seed; some video codecs reduce it."""
@@ -66,6 +69,7 @@ class DigitPlan:
             variation,
             self.markers,
             self.difficulty,
+            self.look,
         )
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fakes.gel.dots import Shear
+from fakes.gel.look import Look
 from fakes.gel.variation import FAMILY, Variation
 from fakes.objects.relief import Bulge
 from fakes.objects.surfaces import FAR_MM, GEL_DOME_RADIUS_MM, Surface
@@ -51,12 +52,16 @@ class Imprint:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GelPad:
-    """One unit's pad: image size in pixels, scale along x and y, how convex its face is, its gel."""
+    """One unit's pad: image size in pixels, scale along x and y, how convex its face is, its gel.
+
+    look: of a real unit, whose membrane is used in place of the variation's; None for a made-up one.
+    """
 
     shape: tuple[int, int]
     mm_per_px: tuple[float, float]
     dome_radius_mm: float = GEL_DOME_RADIUS_MM
     variation: Variation = FAMILY
+    look: Look | None = None
     _x_mm: DepthMap = field(init=False)
     _y_mm: DepthMap = field(init=False)
     _dome_mm: DepthMap = field(init=False)
@@ -82,6 +87,8 @@ class GelPad:
         dragged = pressed
         if abs(imprint.lag_deg) > _MIN_LAG_DEG:
             dragged = self._pressed(imprint, imprint.angle_deg - imprint.lag_deg)
+        if self.look is not None:
+            return self.look.dent(pressed, dragged)
         near = cv2.blur(cv2.blur(dragged, (gel.near_skirt_px,) * 2), (gel.near_skirt_px,) * 2)
         far = cv2.blur(cv2.blur(dragged, (gel.far_skirt_px,) * 2), (gel.far_skirt_px,) * 2)
         membrane = cv2.max(near * np.float32(gel.near_share), far * np.float32(gel.far_share))

@@ -4,6 +4,8 @@ What turns in the picture is the object's surface; the LEDs stay where they are,
 of a turning contact change. Only fakes may look at the truth (`touching`).
 """
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +13,7 @@ from numpy.typing import NDArray
 from drivers.types import Image
 from fakes.gel.dots import MarkerPrint
 from fakes.gel.light import Light, make_light, other_make, vary_light
+from fakes.gel.look import Look
 from fakes.gel.pad import HALF, GelPad, Imprint
 from fakes.gel.shadow import shade
 from fakes.gel.variation import FAMILY, Variation
@@ -25,13 +28,16 @@ _DRIFT_STEP_S = 0.1
 _MOST_LOST = 0.85
 _NOISE_FIELDS = 6
 _NOISE_MARGIN_PX = 48
+_LOOK_SHARES = np.array([0.8, 0.6], np.float32)[:, None, None, None]
+"""Shares of two frames' noise; their squares add up to 1."""
 
 
 class GelSensor:
     """A sensor unit: its own light, scale, gel and noise, all drawn from `unit_seed`.
 
     shape: (rows, columns) of its images; a DIGIT is upright, 320 x 240. variation: how far the unit
-    departs from the family. markers: whether dots are printed on its gel.
+    departs from the family. markers: whether dots are printed on its gel. look: of a real unit, which
+    sets shape, scale, colours, background and noise.
     """
 
     def __init__(
@@ -40,16 +46,25 @@ class GelSensor:
         shape: tuple[int, int] = (320, 240),
         variation: Variation = FAMILY,
         markers: bool = False,
+        look: Look | None = None,
     ) -> None:
         rng = np.random.default_rng((unit_seed, 17))
+        if look is not None:
+            shape = look.shape
         scale = _MM_PER_PX * 240.0 / shape[1]
         mm_per_px = (scale * float(rng.uniform(0.98, 1.0)), scale * float(rng.uniform(1.0, 1.025)))
         dome_mm = GEL_DOME_RADIUS_MM * float(rng.uniform(0.9, 1.12))
+        if look is not None:
+            mm_per_px, dome_mm = look.mm_per_px, look.dome_mm
         self._variation = variation
-        self._pad = GelPad(shape, mm_per_px, dome_mm, variation)
+        self._pad = GelPad(shape, mm_per_px, dome_mm, variation, look)
+        self._look = look
         light = vary_light(make_light(self._pad, rng), variation.light_seed)
         self._light: Light = other_make(light, variation.make_seed)
         self._noise = _noise_fields(shape, variation.noise * float(rng.uniform(1.3, 1.9)), rng)
+        if look is not None:
+            self._light = replace(self._light, background=look.background)
+            self._noise = np.rint(look.noise[:, None] * (_LOOK_SHARES * _UNITS)).astype(np.int16)
         self._markers = MarkerPrint(shape, mm_per_px, unit_seed) if markers else None
         self._glow = _planes_at_half(self._light.background)
         self._drifted: tuple[float, NDArray[np.int16]] | None = None
@@ -102,6 +117,8 @@ class GelSensor:
     def _change(self, imprint: Imprint) -> NDArray[np.int16]:
         """What a dent adds to the background, in sixteenths of a grey level."""
         dent = self._pad.dent(imprint)
+        if self._look is not None:
+            return self._full_size(self._look.change(dent) * np.float32(_UNITS))
         light = self._light
         knee = np.float32(1.0 / (8.0 * self._variation.slope_at_knee * HALF))
         slope_x = cv2.Sobel(dent, cv2.CV_32F, 1, 0, scale=float(knee / self._pad.mm_per_px[0]))
@@ -114,8 +131,11 @@ class GelSensor:
         facing -= self._glow * shade(dent, light, self._variation, HALF * self._pad.mm_per_px[0])
         np.maximum(facing, np.float32(-_MOST_LOST) * self._glow, out=facing)
         facing *= np.float32(_UNITS)
-        merged = cv2.merge(list(facing)).astype(np.int16)
-        return np.asarray(cv2.resize(merged, (self._pad.shape[1], self._pad.shape[0])), np.int16)
+        return self._full_size(cv2.merge(list(facing)))
+
+    def _full_size(self, change: NDArray[np.float32]) -> NDArray[np.int16]:
+        """A change (h, w, 3) at half resolution, in whole units at the image's resolution."""
+        return np.asarray(cv2.resize(change.astype(np.int16), self._pad.shape[::-1]), np.int16)
 
     def _lit_background(self, time_s: float) -> NDArray[np.int16]:
         """The background at a time; the drift is slow, so it moves in steps of a tenth of a second."""
@@ -130,12 +150,25 @@ class GelSensor:
 
     def _add_noise(self, frame: NDArray[np.int16], rng: np.random.Generator) -> None:
         rows, columns = self._pad.shape
+        if self._look is not None:
+            self._add_look_noise(frame, rng)
+            return
         which, down, across, sign = rng.integers(0, (_NOISE_FIELDS, _NOISE_MARGIN_PX, _NOISE_MARGIN_PX, 2))
         field = self._noise[which][down : down + rows, across : across + columns]
         if sign:
             cv2.add(frame, field, dst=frame)
         else:
             cv2.subtract(frame, field, dst=frame)
+
+    def _add_look_noise(self, frame: NDArray[np.int16], rng: np.random.Generator) -> None:
+        """Add noise of two real frames, mixed so that it hardly repeats; as strong as in one frame.
+
+        It stays in place: a camera's noise is stronger where the gel is bright, and has a fixed pattern.
+        """
+        count = len(self._noise)
+        first, further = int(rng.integers(count)), int(rng.integers(1, max(count, 2)))
+        cv2.add(frame, self._noise[first, 0], dst=frame)
+        cv2.add(frame, self._noise[(first + further) % count, 1], dst=frame)
 
 
 def _planes_at_half(image: NDArray[np.float32]) -> NDArray[np.float32]:

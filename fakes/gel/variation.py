@@ -103,7 +103,12 @@ def coded(image: Image, time_ns: int, codec: Codec) -> Image:
     refresh, since_ns = divmod(time_ns, round(codec.refresh_s * NS_PER_S))
     moved = cv2.add(image, _offsets(codec, refresh, image.shape[:2]), dtype=cv2.CV_8U)
     quality = codec.quality - (_COARSER if since_ns < _KEY_S * NS_PER_S else 0)
-    blue_first = cv2.cvtColor(moved, cv2.COLOR_RGB2BGR)
+    return jpeg(moved, quality)
+
+
+def jpeg(image: Image, quality: int) -> Image:
+    """Return a picture (H, W, 3) uint8 RGB after JPEG compression of a quality from 1 to 100."""
+    blue_first = cv2.cvtColor(image, cv2.COLOR_RGB2BGR)
     _, data = cv2.imencode(".jpg", blue_first, (cv2.IMWRITE_JPEG_QUALITY, quality))
     return np.asarray(cv2.imdecode(data, cv2.IMREAD_COLOR_RGB), np.uint8)
 

@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from drivers.types import Image, Pose
 from fakes.camera.marker_scene import MarkerScene
+from fakes.gel.look import Look
 from fakes.gel.sensor import GelSensor, Imprint
 from fakes.objects.shapes import SURFACE_MM_PER_PX
 from fakes.objects.surfaces import FAR_MM, GEL_DOME_RADIUS_MM, SURFACE_PX, Surface
@@ -124,6 +125,33 @@ class SimulatedGel:
         centre = (119.5 + float(x) / sx, 159.5 + float(y) / sy)
         contact = float(np.sqrt(2.0 * deep / (1.0 / radius + 1.0 / GEL_DOME_RADIUS_MM))) / sx
         return MadePress(f"{number:02d}", image, radius, centre, contact)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DrawnPress:
+    """A press: the frame (H, W, 3) uint8 RGB, and the colour change in it without noise, grey levels."""
+
+    image: Image
+    change: NDArray[np.float32]
+
+
+def draw_press(
+    look: Look | None, unit_seed: int, circle: tuple[float, float, float], radius_mm: float
+) -> DrawnPress:
+    """Draw the press of a ball whose contact is a circle: x, y and radius in px.
+
+    look: of a real unit; None for the made-up unit of a seed, which draws the noise in either case.
+    """
+    sensor = GelSensor(unit_seed, look=look)
+    scale, rng = np.array(sensor.mm_per_px), np.random.default_rng((unit_seed, 89))
+    dome_mm = GEL_DOME_RADIUS_MM if look is None else look.dome_mm
+    x, y = (np.array(circle[:2]) - (119.5, 159.5)) * scale
+    contact_mm = min(circle[2] * float(scale[0]), 0.95 * radius_mm)
+    deep = radius_mm - np.sqrt(radius_mm**2 - contact_mm**2) + contact_mm**2 / (2.0 * dome_mm)
+    imprint = Imprint(
+        _ball(radius_mm), 0.0, (float(x), float(y)), float(deep + (x**2 + y**2) / (2.0 * dome_mm))
+    )
+    return DrawnPress(sensor.render(imprint, 0.0, rng), sensor.change(imprint))
 
 
 def _ball(radius_mm: float) -> Surface:

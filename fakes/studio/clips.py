@@ -16,7 +16,8 @@ from drivers.errors import InputError
 from drivers.types import Image
 from fakes.gel.sensor import GelSensor, Imprint
 from fakes.objects.catalogue import GraspSite, find_object
-from fakes.objects.shapes import Ball, ContactShape
+from fakes.objects.relief import Bulge
+from fakes.objects.shapes import Ball, ContactShape, Pad
 from fakes.objects.surfaces import Surface, build_surface, depth_for_force
 
 REST_S, AFTER_S = 0.4, 0.2
@@ -25,14 +26,19 @@ PIVOT_MM = (1.5, -2.0)
 TILT = (0.008, -0.006)
 FORCE_N = 0.8
 TWO_BALLS = "two balls"
+ROLLER = "roller"
+"""A ribbed roller that rolls across the pad: its ribs turn by the scene's angle, its outline leans more."""
+ROLLER_TURN_DEG, ROLLER_LEAN_DEG, _ROLLED_MM = 4.0, 13.5, 3.0
+"""Turn of a roller's ribs and lean of its outline, as in a real recording (below 5; 12 to 15 degrees)."""
+_ROLLER_RADII_MM = (80.0, 9.0)
 
 
 @dataclass(frozen=True, slots=True)
 class Scene:
     """What a clip shows.
 
-    contact: "OBJECT:SITE" of the simulated catalogue, as "t1:0", or "two balls". angle_deg: turn in all,
-    counter-clockwise positive. center_mm: of the contact on the gel, x right, y down.
+    contact: "OBJECT:SITE" of the simulated catalogue, as "t1:0", "two balls" or "roller". angle_deg: turn in
+    all, counter-clockwise positive. center_mm: of the contact on the gel, x right, y down.
     lag_deg: how far the gel around the contact trails behind. pressed: share by which the force
     grows while it turns. unit, seed: of the sensor, and of specimen and noise.
     """
@@ -94,7 +100,24 @@ def opposite(scene: Scene) -> Scene:
     return replace(scene, angle_deg=-scene.angle_deg)
 
 
+def roller_imprint(scene: Scene, surface: Surface, share: float) -> Imprint:
+    """Press a ribbed roller; share: of its way. The outline is that of a leaning body behind the ribs."""
+    lean_deg = math.copysign(ROLLER_LEAN_DEG, scene.angle_deg) * share
+    body, rolled_mm = Bulge(_ROLLER_RADII_MM, lean_deg), _ROLLED_MM * (share - 0.5)
+    force_n = round(scene.force_n * (1.0 + scene.pressed * share), 3)
+    return Imprint(
+        surface,
+        share * scene.angle_deg,
+        (scene.center_mm[0], scene.center_mm[1] + 2.0 * rolled_mm),
+        depth_for_force(surface, force_n, bulge=body),
+        bulge=body,
+        bulge_mm=(scene.center_mm[0], scene.center_mm[1] + rolled_mm),
+    )
+
+
 def _imprint(scene: Scene, surface: Surface, share: float) -> Imprint:
+    if scene.contact == ROLLER:
+        return roller_imprint(scene, surface, share)
     angle = share * scene.angle_deg
     cos, sin = math.cos(math.radians(angle)), math.sin(math.radians(angle))
     px, py = PIVOT_MM
@@ -120,13 +143,19 @@ def _sensor(unit: int) -> GelSensor:
 
 @lru_cache(maxsize=8)
 def _surface(contact: str, seed: int) -> Surface:
-    return build_surface(_site(contact), 1, seed)
+    return build_surface(contact_shape(contact), 1, seed)
 
 
-def _site(contact: str) -> GraspSite | ContactShape:
+def contact_shape(contact: str) -> GraspSite | ContactShape:
+    """What a scene's contact is, as `Scene` names it. Raises `InputError` for an unknown one."""
     if contact == TWO_BALLS:
         return ContactShape(
             (Ball(radius_mm=7.0, x_mm=-3.4, z_mm=-1.0), Ball(radius_mm=5.0, x_mm=3.2, z_mm=1.2))
+        )
+    if contact == ROLLER:
+        flat = Pad(length_mm=60.0, width_mm=60.0)
+        return ContactShape(
+            (flat,), texture="ribs", texture_mm=0.12, pitch_mm=1.6, texture_deg=90.0, exact=True
         )
     name, _, number = contact.partition(":")
     sites = find_object(name).sites

@@ -13,6 +13,7 @@ import numpy as np
 
 from drivers.clock import to_ns
 from drivers.types import Image
+from fakes.gel.look import Look
 from fakes.gel.sensor import GelSensor, Imprint
 from fakes.gel.variation import FAMILY, coded, draw_variation
 from fakes.objects.catalogue import GraspSite, load_catalogue
@@ -24,6 +25,9 @@ from fakes.studio.conditions import Conditions, draw_conditions
 FRAMES_PER_UNIT = 12
 REFERENCE_FRAMES = 6
 RANDOM_SHAPE = "random"
+LOOK_SEEDS_FROM = 1_000_000
+"""Looks for training are varied by seeds from here on; benches and judges use smaller ones."""
+_LOOK_SHARE = 0.5
 _NO_CONTACT_SHARE = 0.04
 _DRIFT_SPAN_S = 300.0
 FRAMES_PER_LIFT = 4
@@ -48,16 +52,25 @@ class TrainingFrame:
 
 
 def training_frames(
-    objects: Sequence[str], seed: int, random_share: float = 0.0, family: bool = False
+    objects: Sequence[str],
+    seed: int,
+    random_share: float = 0.0,
+    family: bool = False,
+    look: Look | None = None,
 ) -> Iterator[list[TrainingFrame]]:
     """Yield the frames of one unit after the other, without end.
 
     objects: ids of the catalogue. random_share: share of frames that show random shapes instead.
-    family: units as a bench has them, instead of randomised ones. The same seed gives the same frames.
+    family: units as a bench has them, instead of randomised ones. look: of a real unit, in varied forms of
+    which every second unit is drawn. The same seed gives the same frames.
     """
     rng = np.random.default_rng((seed, 41))
     while True:
-        unit = GelSensor(int(rng.integers(1 << 31)), variation=FAMILY if family else draw_variation(rng))
+        number, variation = int(rng.integers(1 << 31)), FAMILY if family else draw_variation(rng)
+        varied = None
+        if look is not None and rng.random() < _LOOK_SHARE:
+            varied = look.varied(LOOK_SEEDS_FROM + int(rng.integers(1 << 20)))
+        unit = GelSensor(number, variation=variation, look=varied)
         background = mean_at_rest(unit, rng)
         yield [_frame(unit, background, objects, random_share, rng) for _ in range(FRAMES_PER_UNIT)]
 

@@ -22,6 +22,7 @@ from fakes.world.fixture import Sheet
 from fakes.world.state import BenchLayout
 from fakes.world.world import World
 from protocols.operator import Operator
+from rig.bench.looks import look_of
 from rig.bench.operators import SimulatedOperator
 from rig.bench.own_devices import own_arm, own_gripper, own_source
 from rig.bench.twins import laid_as
@@ -222,7 +223,15 @@ def simulated_layout(config: BenchConfig) -> BenchLayout:
 
 def _digit_plans(config: BenchConfig) -> tuple[DigitPlan, ...]:
     return tuple(
-        DigitPlan(t.serial, t.sign, t.rate_hz, number, markers=t.markers, difficulty=config.difficulty)
+        DigitPlan(
+            t.serial,
+            t.sign,
+            t.rate_hz,
+            number,
+            markers=t.markers,
+            difficulty=config.difficulty,
+            look=look_of(t),
+        )
         for number, t in enumerate(config.tactile)
     )
 

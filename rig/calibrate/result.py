@@ -52,7 +52,7 @@ class CalibrationResult:
 
     source: where the samples lie. value, quality: as in the file. numbers: what the page lists first, as
     text. used: number of samples. files: the samples, for the hash. part: of the kind, where it has several
-    files.
+    files. attached: content of further files of the same name, by suffix; not written for a refused one.
     """
 
     kind: str
@@ -69,6 +69,7 @@ class CalibrationResult:
     thumbnails: Sequence[Thumbnail] = ()
     simulated: bool = False
     part: str = ""
+    attached: Mapping[str, bytes] = field(default_factory=dict)
 
     def marked(self, simulated: bool) -> "CalibrationResult":
         """A copy that says whether it was made on simulated devices."""
@@ -112,6 +113,8 @@ def file_result(result: CalibrationResult, folder: Path) -> Filed:
         reasons = "; ".join(result.assessment.refusals)
         about = ", ".join(f"{role} {serial}" for role, serial in result.serials.items())
         raise CalibrationError(f"{result.kind} calibration, {about}: refused: {reasons} (page: {page})")
+    for suffix, content in result.attached.items():
+        write_bytes(folder / f"{stem}{suffix}", content)
     figures = {
         "kind": result.kind,
         "file": path,

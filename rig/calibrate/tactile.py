@@ -1,49 +1,49 @@
-"""`rig calibrate tactile`: a gel's scale and colour map from a folder of ball presses."""
+"""`rig calibrate tactile`: a gel's scale, colour map and look from a folder of ball presses."""
 
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
 import numpy as np
 
 from calibration.gel.balls import BallFit, BallPress, calibrate_gel
-from calibration.gel.presses import find_press, rim_centre
-from calibration.gel.reference import Reference, assess_reference
+from calibration.gel.look import GelLook
+from calibration.gel.look_fit import LookFit, fit_look
+from calibration.gel.presses import rim_centre
+from calibration.gel.reference import Reference, assess_reference, drift_since
 from calibration.gel.scale import GelScale, fit_scale
-from calibration.verdict import Assessment, Rejected
-from drivers.errors import CalibrationError, InputError
-from drivers.formats import read_csv_rows
-from drivers.images import read_image
+from calibration.verdict import Assessment, limit
+from drivers.errors import CalibrationError
 from drivers.types import Image
 from rig.calibrate import figures
+from rig.calibrate.press_folder import PressFolder, read_press_folder
 from rig.calibrate.result import CalibrationResult, Picture, Thumbnail
-from rig.calibrate.sources import number
 
 NOMINAL_MM_PER_PX = (0.060, 0.060)
 """Of a DIGIT at 240 x 320; a ball's radius does not depend on it, what is measured in mm does."""
 
 
-@dataclass(slots=True)
-class _PressFolder:
-    """The samples of a folder. moves_mm: place of the ball by id, x right and y down in the picture."""
-
-    background: Image
-    found: list[BallPress] = field(default_factory=list)
-    rejected: list[Rejected] = field(default_factory=list)
-    moves_mm: dict[str, tuple[float, float]] = field(default_factory=dict)
-    files: list[Path] = field(default_factory=list)
+_DARK_GREY = 16.0
+_GRID = (3, 4)
+"""Columns and rows of the fields of a gel, each of which should have been pressed."""
 
 
 def tactile_from_folder(
-    folder: Path, serial: str, mm_per_px: tuple[float, float] | None
+    folder: Path,
+    serial: str,
+    mm_per_px: tuple[float, float] | None,
+    ball_mm: float | None = None,
+    background: Path | None = None,
+    circles: Path | None = None,
 ) -> CalibrationResult:
-    """background.png, and catalog.csv with its pictures: the gel's scale and colour map.
+    """The gel's scale, colour map and look from a folder of presses, as `read_press_folder` reads it.
 
     mm_per_px: along x and y where it is known; else it is fitted to the known moves of the presses
     (columns x_mm, y_mm), or taken as a DIGIT's, with a doubt. A map that fails its own test is left
     out where there is a fitted scale to keep.
     """
-    presses = _read(folder)
+    presses = read_press_folder(folder, ball_mm, background, circles)
     result = CalibrationResult(
         "tactile",
         {"tactile": serial},
@@ -51,59 +51,124 @@ def tactile_from_folder(
         str(folder),
         rejected=presses.rejected,
         files=presses.files,
-        thumbnails=[Thumbnail.of(r, folder / r.id, grey=False) for r in presses.rejected],
+        thumbnails=[Thumbnail.of(r, presses.folder / r.id, grey=False) for r in presses.rejected],
     )
     try:
         scale = None if mm_per_px else _scale(presses)
         used = mm_per_px or (scale.mm_per_px if scale else NOMINAL_MM_PER_PX)
         across, along = (float(v) for v in used)
         fit = calibrate_gel(presses.found, (across, along))
+        look = fit_look(presses.pressed, presses.background, (across, along))
     except CalibrationError as error:
         return replace(result, assessment=Assessment((str(error),)))
     mapped = not (fit.assessment.refusals and scale)
-    saturated = float((presses.background >= 250).mean())
-    still = Reference(presses.background.astype(np.float32), 0.0, saturated, 0)
-    assessment = (fit.assessment if mapped else _without_map(fit.assessment)) + assess_reference(still)
+    assessment = (fit.assessment if mapped else _without_map(fit.assessment)) + _assess_look(look)
+    assessment += _why_refused(fit, presses.background) + _assess_background(presses.background, look.look)
     if scale is not None:
         assessment += scale.assessment
     elif mm_per_px is None:
         assessment += Assessment(
             doubts=("mm per px is a DIGIT's nominal 0.06: give --mm-per-px, or x_mm and y_mm in catalog.csv",)
         )
+    about = {
+        "serial": serial,
+        "balls_mm": sorted({2.0 * p.radius_mm for p in presses.pressed}),
+        "presses": len(presses.pressed),
+        "held_out_grey": {p.id: round(p.rms_grey, 2) for p in look.held_out},
+        "error_share": round(look.error_share, 3),
+    }
     return replace(
         result,
         assessment=assessment,
-        value=_value(fit, (across, along), scale, mapped),
-        quality=_quality(fit, scale),
-        numbers=_numbers(fit, (across, along), scale),
+        value=_value(fit, (across, along), scale, mapped) | {"look": f"tactile-{serial}.npz"},
+        quality=_quality(fit, scale) | _look_quality(look),
+        numbers=_numbers(fit, (across, along), scale) | _look_numbers(look),
         used=len(fit.true_mm),
         rejected=[*presses.rejected, *fit.rejected],
         pictures=[*_residuals(scale, presses.background), *_pictures(fit, presses.found)],
+        attached={".npz": replace(look.look, about=about).packed()},
     )
 
 
-def _read(folder: Path) -> _PressFolder:
-    """Find the press in every picture of the catalog. Raises `InputError` naming file and line."""
-    path, untouched = folder / "catalog.csv", folder / "background.png"
-    rows = read_csv_rows(path, ("image", "diameter(mm)"))
-    presses = _PressFolder(read_image(untouched), files=[untouched, path])
-    for line, row in rows:
-        where, name = f"{path} line {line}", row["image"]
-        if not name or not (folder / name).is_file():
-            raise InputError(f"{where}: {name} is not in {folder}")
-        background = read_image(folder / row["background"]) if row.get("background") else presses.background
-        presses.files.append(folder / name)
-        found = find_press(read_image(folder / name), background.astype(np.float32), name)
-        if isinstance(found, str):
-            presses.rejected.append(Rejected(name, found))
-            continue
-        presses.found.append(BallPress(found, number(row, "diameter(mm)", where) / 2.0))
-        if row.get("x_mm") and row.get("y_mm"):
-            presses.moves_mm[name] = number(row, "x_mm", where), number(row, "y_mm", where)
-    return presses
+def _assess_look(fit: LookFit) -> Assessment:
+    """By the colour errors of held-out presses, and by the fields of the gel that no press covers."""
+    assessment = limit(
+        100.0 * fit.error_share, 60.0, 90.0,
+        "presses left out are rendered with {value:.0f} % of their colour change wrong: press more places",
+    )  # fmt: skip
+    bare = unpressed_fields([press.circle for press in fit.presses], fit.look.shape)
+    if bare:
+        places = ", ".join(f"({x:.0f}, {y:.0f})" for x, y in bare)
+        assessment += Assessment(doubts=(f"no press reaches x, y = {places} px: press a ball there",))
+    return assessment
 
 
-def _scale(presses: _PressFolder) -> GelScale | None:
+def unpressed_fields(
+    circles: Sequence[tuple[float, float, float]], shape: tuple[int, int]
+) -> list[tuple[float, float]]:
+    """Middles (x, y) px of the fields of a gel that no contact reaches. shape: rows, columns."""
+    (across, down), (rows, columns) = _GRID, shape
+    middles = [
+        ((i + 0.5) * columns / across, (j + 0.5) * rows / down) for j in range(down) for i in range(across)
+    ]
+    return [
+        (x, y) for x, y in middles if all(np.hypot(x - cx, y - cy) > radius for cx, cy, radius in circles)
+    ]
+
+
+def _why_refused(fit: BallFit, background: Image) -> Assessment:
+    """The physical reason if the map's slope is not zero where nothing touches."""
+    if not fit.assessment.refusals or fit.null_rms < 0.2:
+        return Assessment()
+    dark = float((background.min(axis=2) < _DARK_GREY).mean())
+    bright = float((background.max(axis=2) >= 250).mean())
+    return Assessment(
+        (
+            f"in {dark:.0%} of the picture a colour has less than {_DARK_GREY:.0f} grey levels, and in "
+            f"{bright:.0%} one is saturated: there slopes hardly change it; change the exposure or the LEDs' "
+            "intensity, or press this unit more often",
+        )
+    )
+
+
+def _assess_background(background: Image, look: GelLook) -> Assessment:
+    """The background against the untouched parts of all presses: a contact in it would show."""
+    still = Reference(background.astype(np.float32), 0.0, float((background >= 250).mean()), 0)
+    return assess_reference(still, drift_since(still, look.background))
+
+
+def _look_quality(fit: LookFit) -> dict[str, object]:
+    return {
+        "look_error_share": fit.error_share,
+        "look_held_out_grey": {p.id: p.rms_grey for p in fit.held_out},
+        "look_held_out_adjusted_grey": {p.id: p.adjusted_grey for p in fit.held_out},
+        "colour_change_grey": {p.id: p.change_grey for p in fit.held_out},
+        "noise_grey": fit.look.noise_grey,
+    }
+
+
+def _look_numbers(fit: LookFit) -> dict[str, str]:
+    def rms(values: Iterable[float]) -> float:
+        return float(np.sqrt(np.mean(np.square(list(values)))))
+
+    look = fit.look
+    terms = [f"place to degree {look.place_degree}"]
+    terms += ["local background"] if look.by_background else []
+    terms += ["light lost beside a dent"] if look.shadows else []
+    noise = ", ".join(f"{sigma:.1f}" for sigma in look.noise_grey)
+    return {
+        "look, colour error of presses left out": (
+            f"{rms(p.rms_grey for p in fit.held_out):.1f} grey from their circles, "
+            f"{rms(p.adjusted_grey for p in fit.held_out):.1f} with circles adjusted, of a change of "
+            f"{rms(p.change_grey for p in fit.held_out):.1f}"
+        ),
+        "look, terms that presses left out support": ", ".join(terms),
+        "noise (R, G, B)": f"{noise} grey",
+        "JPEG quality": "no compression found" if look.jpeg_quality is None else str(look.jpeg_quality),
+    }
+
+
+def _scale(presses: PressFolder) -> GelScale | None:
     """The scale from known moves; None where the catalog has none. Raises `CalibrationError`."""
     moved = [p for p in presses.found if p.press.id in presses.moves_mm]
     if not moved:

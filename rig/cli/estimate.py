@@ -72,6 +72,9 @@ class EstimationOptions:
         min=0.5,
         max=2.0,
     )
+    gel: Path | None = option(
+        None, "File of rig calibrate tactile: the shift also in mm, for frames of one sensor."
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,10 +98,10 @@ def estimate(source: SourceOptions, how: EstimationOptions, to: ResultOptions) -
 
     The columns are t_s; angle_deg and sigma_deg (standard deviation), relative to the zero frame; state;
     rate_deg_s; shift_x_px and shift_y_px (motion of the contact since the zero frame, to the right and down);
-    slip (1 from the slip alarm on); and, only for a recording, sensor. For images, the angle is
-    counter-clockwise positive in the image. For a recording or session it is the angle of the object. A field
-    is empty if the estimator refuses the frame or does not report the value. With --json and without --out
-    the rows are in the JSON object.
+    slip (1 from the slip alarm on); only for a recording, sensor; with --gel, shift_x_mm and shift_y_mm. For
+    images, the angle is counter-clockwise positive in the image. For a recording or session it is the angle
+    of the object. A field is empty if the estimator refuses the frame or does not report the value. With
+    --json and without --out the rows are in the JSON object.
 
     The slip alarm is enabled when the lift begins, because a rotation while the fingers still close is not a
     slip. If the time of the lift is not known, the lift begins when the contact has stopped growing. A
@@ -137,7 +140,7 @@ def _estimate(source: SourceOptions, how: EstimationOptions, to: ResultOptions) 
     elif of_recording:
         _recording(source, run, to)
     else:
-        _series(source, run, to)
+        _series(source, run, to, how.gel)
 
 
 def _run(source: SourceOptions, how: EstimationOptions, of_rig: bool) -> "Estimation":
@@ -152,21 +155,25 @@ def _run(source: SourceOptions, how: EstimationOptions, of_rig: bool) -> "Estima
     run = Estimation(choice, how.background, how.reference_time, how.lift_from, how.pixel_aspect)
     if of_rig and (source.timestamps is not None or source.fps is not None or run.lift is not None):
         raise InputError(f"{source.frames} has its own times: leave --timestamps, --fps and --lift-from out")
+    if of_rig and how.gel is not None:
+        raise InputError(f"{source.frames} is of several sensors: leave --gel out, or give frames of one")
     if of_rig and source.topic is not None:
         raise InputError(f"{source.frames} is not a ROS bag: leave --topic out, or give --sensor")
     return run
 
 
-def _series(source: SourceOptions, run: "Estimation", to: ResultOptions) -> None:
-    """Estimate frames that are not from a session."""
+def _series(source: SourceOptions, run: "Estimation", to: ResultOptions, gel: Path | None) -> None:
+    """Estimate frames that are not from a session. gel: calibration file of the sensor; None without one."""
     from rig.frames.estimates import rows
     from rig.frames.estimation import EstimatedSeries
+    from rig.frames.gel_height import read_scale
     from rig.frames.series import read_frames
     from rig.live.screen import begin_phase
 
     path = source.frames
     if source.sensor is not None:
         raise InputError(f"{path} is a clip of one sensor: leave --sensor out")
+    mm_per_px = None if gel is None else read_scale(gel)
     begin_phase(f"reading {path}")
     series = read_frames(path, source.timestamps, source.fps, source.topic)
     for note in series.notes:
@@ -174,7 +181,7 @@ def _series(source: SourceOptions, run: "Estimation", to: ResultOptions) -> None
     begin_phase(f"estimating with {run.choice.name}")
     done = run.of_series(series)
     figures = _report(str(path), done, run)
-    _deliver(rows(done.estimate), figures, to)
+    _deliver(rows(done.estimate, mm_per_px), figures, to)
     _page(to.page, [EstimatedSeries(path.name, series, done)], path, run)
 
 

@@ -21,6 +21,11 @@ class ExplainOptions:
     pixel_aspect: float | None = option(
         None, "Width of a pixel on the gel divided by its height. Default: 1.", min=0.5, max=2.0
     )
+    height: Path | None = option(
+        None,
+        "Draw depth and normals instead, by this file of rig calibrate tactile, and write both beside the "
+        "picture (.npz: depth_mm, normals; every second pixel).",
+    )
     json: JsonOption = False
 
 
@@ -37,10 +42,17 @@ def explain(options: ExplainOptions) -> None:
 
       rig explain sessions/2026-11-21T093000_trial --lift 3 --out stages.png
 
+      rig explain frames/ --background empty.png --height calibrations/tactile-D20641.yaml --out height.png
+
     """
+    import io
+
+    import numpy as np
+
     from drivers.errors import InputError
     from drivers.images import encode_png
-    from rig.frames.stages import explained_frames, explained_lift
+    from rig.frames.gel_height import read_gel_map
+    from rig.frames.stages import explained_frames, explained_lift, height_picture, stages_picture
     from rig.sessions.files import write_file
     from rig.sessions.manifest import is_session
 
@@ -48,12 +60,22 @@ def explain(options: ExplainOptions) -> None:
         if (options.background, options.pixel_aspect, options.topic) != (None, None, None):
             own = "--background, --pixel-aspect and --topic"
             raise InputError(f"{options.frames} is a session: leave {own} out")
-        picture, turn = explained_lift(options.frames, options.lift, options.serial)
+        found = explained_lift(options.frames, options.lift, options.serial)
     else:
-        picture, turn = explained_frames(
-            options.frames, options.background, options.pixel_aspect, options.topic
-        )
+        found = explained_frames(options.frames, options.background, options.pixel_aspect, options.topic)
+    turn = found.turn
+    figures: dict[str, object] = {"angle_deg": turn.angle_deg, "sigma_deg": turn.sigma_deg}
+    if options.height is None:
+        picture = stages_picture(turn, found.background, found.aspect, found.title)
+    else:
+        gel = read_gel_map(options.height)
+        picture, shape = height_picture(turn, found.background, gel, found.title)
+        arrays = io.BytesIO()
+        np.savez_compressed(arrays, depth_mm=shape.depth_mm, normals=shape.normals)
+        write_file(options.out.with_suffix(".npz"), arrays.getvalue())
+        across, down = (px * mm for px, mm in zip(turn.shift_px, gel.mm_per_px, strict=True))
+        figures["shift_mm"] = [across, down]
+        say(f"moved by {across:+.2f} mm to the right, {down:+.2f} mm down")
     write_file(options.out, encode_png(picture))
     say(f"turned by {turn.angle_deg:+.2f} deg (image angle) in {turn.apart_s:.2f} s")
-    figures = {"angle_deg": turn.angle_deg, "sigma_deg": turn.sigma_deg}
     print_result(options.json, {"picture": str(options.out), **figures}, options.out)

@@ -37,7 +37,8 @@ class TrainOptions:
     )
     units: str = option(
         "varied",
-        "Simulated sensors: varied (with random differences, to generalise to other sensors) or family "
+        "Simulated sensors: varied (with random differences, to generalise to other sensors), the look of a "
+        "real one (tactile-SERIAL.npz; every second sensor is a variation of it) or family "
         "(of one make, as the paper's).",
     )
     seed: SeedOption = 0

@@ -332,6 +332,12 @@ def _unused_tactile(tactile: TactileConfig, where: KeyPath, config: BenchConfig)
     elif config.fakes is None:
         why = "is only for simulated gels; it has no effect on a real one; remove it"
         yield from _written(tactile, where, ["markers"], why)
+        why = "draws a simulated gel; a real one looks as it does: remove it"
+        yield from _written(tactile, where, ["look", "look_seed"], why)
+    if tactile.look is None:
+        yield from _written(
+            tactile, where, ["look_seed"], "varies a look, and no look is named: add it, or remove this"
+        )
 
 
 def _unused_fakes(config: BenchConfig) -> Iterator[KeyFault]:

@@ -31,7 +31,9 @@ def load_bench(name_or_path: str) -> BenchConfig:
         known = sorted(file.stem for file in BENCHES.glob("*.toml"))
         also = ", or give the path of a bench file (rig bench new FILE writes one)"
         raise unknown_name("bench", name_or_path, known, also)
-    return parse_bench(read_text(path, MOST_TOML_BYTES), str(path))
+    config = parse_bench(read_text(path, MOST_TOML_BYTES), str(path))
+    looks = [t.model_copy(update={"look": t.look and str(path.parent / t.look)}) for t in config.tactile]
+    return config.model_copy(update={"tactile": tuple(looks)})
 
 
 def parse_bench(text: str, name: str) -> BenchConfig:

@@ -91,7 +91,7 @@ class TactileConfig(BenchSection):
     finger, sign: the finger that it is mounted on, and its sign; needed if the bench has a gripper.
     """
 
-    later = frozenset({"options"})
+    later = frozenset({"look", "look_seed", "options"})
     driver: Annotated[str, driver_names("fake", "digit")]
     options: Options = Field(default={})
     serial: FileName
@@ -104,6 +104,10 @@ class TactileConfig(BenchSection):
     """Width over height of a pixel on the gel; None if not measured."""
     markers: bool = False
     """Whether dots are printed on the gel (for the estimator `kolamuri`)."""
+    look: str | None = None
+    """Look of a simulated gel: the .npz of `rig calibrate tactile`, relative to the bench file."""
+    look_seed: int | None = Field(default=None, ge=0)
+    """Seed of a plausible other sensor, drawn from that look: LEDs turned, gains and noise changed."""
 
 
 class CameraConfig(BenchSection):

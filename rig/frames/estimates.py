@@ -179,9 +179,25 @@ def zeroed(
     )
 
 
-def rows(estimate: Estimate) -> list[dict[str, object]]:
-    """Return a row per frame: t_s (text as given), state, slip (0 or 1), figures; None where refused."""
-    return [_row(estimate, place) for place in range(len(estimate.answers))]
+def rows(estimate: Estimate, mm_per_px: tuple[float, float] | None = None) -> list[dict[str, object]]:
+    """Return a row per frame: t_s (text as given), state, slip (0 or 1), figures; None where refused.
+
+    mm_per_px: of the gel along x and y; with it the shift is also given in mm.
+    """
+    found = [_row(estimate, place) for place in range(len(estimate.answers))]
+    if mm_per_px is None:
+        return found
+    shifts = [shift_mm(shift, mm_per_px) for shift in estimate.shifts_px]
+    return [row | {"shift_x_mm": x, "shift_y_mm": y} for row, (x, y) in zip(found, shifts, strict=True)]
+
+
+def shift_mm(
+    shift_px: tuple[float, float] | None, mm_per_px: tuple[float, float]
+) -> tuple[float | None, float | None]:
+    """Return a shift in mm, right and down; None for both where it is unknown."""
+    if shift_px is None:
+        return None, None
+    return _rounded(shift_px[0] * mm_per_px[0]), _rounded(shift_px[1] * mm_per_px[1])
 
 
 def table(rows: Sequence[dict[str, object]]) -> str:

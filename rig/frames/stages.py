@@ -14,6 +14,7 @@ from drivers.errors import InputError
 from drivers.types import Image
 from rig.frames.estimates import Estimate
 from rig.frames.estimation import Estimation
+from rig.frames.gel_height import GelMap, GelShape, depth_picture, gel_shape, normals_picture
 from rig.frames.of_session import of_sensor, session_frames
 from rig.frames.series import FrameSeries, make_background, read_frames
 from rig.sessions.manifest import TrialManifest, read_manifest_of
@@ -71,19 +72,28 @@ def largest_turn(series: FrameSeries, estimate: Estimate, sign: int = 1) -> Turn
     )
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Explained:
+    """The largest turn of a series, and what its picture needs. aspect: of a pixel, None if unknown."""
+
+    turn: Turn
+    background: Image
+    aspect: float | None
+    title: str
+
+
 def explained_frames(
     path: Path, background: str | None, aspect: float | None, topic: str | None = None
-) -> tuple[Image, Turn]:
-    """Draw the largest rotation in a clip. topic: see `read_frames`. Raises `InputError`."""
+) -> Explained:
+    """Find the largest rotation in a clip. topic: see `read_frames`. Raises `InputError`."""
     series = read_frames(path, topic=topic)
     empty, _ = make_background(background, series)
     estimate = Estimation(choose_estimator(None, None), background, aspect=aspect).of_series(series)
-    turn = largest_turn(series, estimate.estimate)
-    return stages_picture(turn, empty, aspect, path.name), turn
+    return Explained(largest_turn(series, estimate.estimate), empty, aspect, path.name)
 
 
-def explained_lift(folder: Path, lift: int, serial: str | None) -> tuple[Image, Turn]:
-    """Draw the largest turn that a fingertip saw in a lift of a session. Raises `InputError`."""
+def explained_lift(folder: Path, lift: int, serial: str | None) -> Explained:
+    """Find the largest turn that a fingertip saw in a lift of a session. Raises `InputError`."""
     tips = [tip for tip in session_frames(folder)[0] if tip.lift.split("-")[0] == f"{lift:03d}"]
     if not tips:
         raise InputError(f"{folder}: no finished lift {lift}; see rig report {folder}")
@@ -92,7 +102,25 @@ def explained_lift(folder: Path, lift: int, serial: str | None) -> tuple[Image, 
     turn = largest_turn(tip.frames, estimate.estimate, tip.sign)
     manifest = read_manifest_of(folder, TrialManifest, "it has no lifts")
     mark = "SIMULATED, " if manifest.simulated else ""
-    return stages_picture(turn, tip.background, tip.aspect, f"{mark}lift {lift}, {tip.serial}"), turn
+    return Explained(turn, tip.background, tip.aspect, f"{mark}lift {lift}, {tip.serial}")
+
+
+def height_picture(turn: Turn, background: Image, gel: GelMap, title: str) -> tuple[Image, GelShape]:
+    """Draw frame, normals and depth of a turn, (H, W, 3) uint8 RGB; return also the shape at its end.
+
+    Raises `CalibrationError` if the frames are not of the size that was calibrated.
+    """
+    shapes = [gel_shape(image, background, gel) for image in (turn.zero, turn.later)]
+    texts = "at the zero", f"{turn.apart_s:.2f} s later"
+    rows = tuple(
+        (
+            (image, text),
+            (normals_picture(shape), "normals"),
+            (depth_picture(shape), f"depth, up to {shape.depth_mm.max():.2f} mm"),
+        )
+        for image, text, shape in zip((turn.zero, turn.later), texts, shapes, strict=True)
+    )
+    return _sheet(rows, title, background.shape), shapes[1]
 
 
 def stages_picture(turn: Turn, background: Image, aspect: float | None, title: str) -> Image:

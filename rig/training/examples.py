@@ -9,6 +9,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from calibration.gel.look import GelLook
 from drivers.errors import InputError, counted
 from drivers.formats import reason
 from drivers.images import read_image
@@ -136,12 +137,13 @@ def simulated_examples(
     random_share: float = 0.0,
     family: bool = False,
     progress: Callable[[int], None] = lambda done: None,
+    look: GelLook | None = None,
 ) -> Examples:
     """Render labelled frames (see `fakes.studio.training_frames`).
 
     size: (width, height) of the returned frames in px. The same seed gives the same frames.
     """
-    return examples_of(training_frames(objects, seed, random_share, family), count, size, progress)
+    return examples_of(training_frames(objects, seed, random_share, family, look), count, size, progress)
 
 
 def examples_of(

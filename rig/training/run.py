@@ -129,6 +129,7 @@ def _made(settings: TrainSettings, fold: Fold, report: Report) -> Examples:
                 settings.frame_size,
                 share,
                 family=settings.units == FAMILY,
+                look=settings.look,
                 progress=lambda done, count=count: report(f"rendering frames of {fold.name}", done / count),
             )
         )

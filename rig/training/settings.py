@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
+from calibration.gel.look import GelLook, load_look
 from drivers.errors import unknown_name
 from rig.labels.datasets import Fold
 from rig.training.loop import Schedule
@@ -13,7 +14,9 @@ SIMULATED = "simulated"
 VARIED, FAMILY = "varied", "family"
 UNITS = (VARIED, FAMILY)
 """Simulated sensors: of varied makes, which generalises to unseen makes, or of one make, as on a bench and in
-the paper's data set."""
+the paper's data set. In place of these names the file of a real unit's look: varied makes, every second of
+which is a variation of that look."""
+LOOK_SUFFIX = ".npz"
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,6 +40,11 @@ class TrainSettings:
     threads: int | None = None
     units: str = VARIED
 
+    @property
+    def look(self) -> GelLook | None:
+        """The real unit's look whose variations are among the simulated sensors; None without one."""
+        return load_look(Path(self.units)) if self.units.endswith(LOOK_SUFFIX) else None
+
     def size(self, architecture: Architecture) -> tuple[int, int]:
         """(height, width) of a network's input in px."""
         return architecture.paper_size if self.paper else architecture.size
@@ -54,7 +62,9 @@ class TrainSettings:
 
 
 def checked_units(name: str) -> str:
-    """Return the name of a kind of units. Raises `InputError` for an unknown one."""
-    if name not in UNITS:
+    """Return the name of a kind of units, or a unit's look (.npz). Raises `RigError` for an unknown one."""
+    if name.endswith(LOOK_SUFFIX):
+        load_look(Path(name))
+    elif name not in UNITS:
         raise unknown_name("kind of simulated sensors", name, UNITS)
     return name

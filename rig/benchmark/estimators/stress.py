@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from drivers.types import Frame
-from fakes.studio.clips import TWO_BALLS, Clip, Scene, opposite, render_clip
+from fakes.studio.clips import ROLLER, ROLLER_TURN_DEG, TWO_BALLS, Clip, Scene, opposite, render_clip
 from rig.benchmark.estimators import disturbances as d
 from rig.benchmark.estimators.contenders import unfiltered
 from rig.benchmark.estimators.scores import ContenderScore, score_all
@@ -195,6 +195,13 @@ def _contact() -> list[Condition]:
         Condition(group, "force grows by 50 %", scene={"pressed": 0.5}),
         Condition(group, "clipped by the border", scene={"center_mm": (5.0, 6.0)}),
         Condition(group, "several contacts", contacts=several, both_signs=True),
+        Condition(
+            group,
+            "ribbed roller: ribs turn by 4, outline by 13.5 deg",
+            scene={"angle_deg": ROLLER_TURN_DEG, "rate_deg_s": 4.0},
+            contacts=(ROLLER,),
+            both_signs=True,
+        ),
         Condition(group, "pixels' aspect not known", d.uncalibrated),
         Condition(group, "other sensor unit", scene={"unit": 5}),
     ]

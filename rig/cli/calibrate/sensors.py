@@ -1,11 +1,12 @@
 """`rig calibrate tactile, gripper, tcp, sync`: calibrate gels, fingers, the tool's tip, and clocks."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
 
 import typer
 
 from rig.cli.calibrate.options import StationOptions, calibrated
-from rig.cli.declared import is_given, option
+from rig.cli.declared import argument, is_given, option
 from rig.cli.options import ObjectsOption
 
 _BLOCKS_MM = [8.0, 15.0, 25.0, 35.0, 50.0, 65.0, 80.0, 95.0]
@@ -14,8 +15,9 @@ _BLOCKS_MM = [8.0, 15.0, 25.0, 35.0, 50.0, 65.0, 80.0, 95.0]
 
 @dataclass(frozen=True, slots=True)
 class TactileOptions:
-    """The balls, and the sensor."""
+    """The presses, the balls, and the sensor."""
 
+    folder: Path | None = argument(None, "Folder of photographs of pressed balls; as --from.")
     balls_mm: list[float] | None = option(
         None, "On a bench: diameter of a ball to press, in mm; repeat for a second size.", "--ball-mm"
     )
@@ -24,6 +26,11 @@ class TactileOptions:
         None, "With --from: scale along x and y in mm per px, if known."
     )
     serial: str = option("unknown", "Serial of the sensor.")
+    background: Path | None = option(None, "Picture without contact. Default: background.png of the folder.")
+    circles: Path | None = option(
+        None,
+        "CSV of hand-drawn circles: frame, center_x, center_y, radius (px). Default: circles.csv, if any.",
+    )
 
 
 def tactile(context: typer.Context, common: StationOptions, options: TactileOptions) -> None:
@@ -36,9 +43,15 @@ def tactile(context: typer.Context, common: StationOptions, options: TactileOpti
     The folder of --from holds background.png (without contact), catalog.csv and the pictures that it lists.
     Its columns are image and diameter(mm). Optional columns are x_mm and y_mm (position of the ball, to the
     right and down in the picture, from which the scale is found), and background (a picture without contact
-    for this row). The balls are detected in the pictures.
+    for this row). The balls are detected in the pictures. Without catalog.csv, --ball-mm is the diameter
+    of the ball in all pictures.
+
+    The look of the sensor is stored beside the file, in tactile-SERIAL.npz: its colours by slope and place,
+    background, noise and JPEG quality. The key look of [[tactile]] in a bench file simulates a gel with it.
 
     Examples:
+      rig calibrate tactile presses --ball-mm 8.8 --background bg.png --serial D20641
+
       rig calibrate tactile --bench fake
 
       rig calibrate tactile --bench fake --ball-mm 5 --ball-mm 9.5
@@ -46,16 +59,26 @@ def tactile(context: typer.Context, common: StationOptions, options: TactileOpti
       rig calibrate tactile --from gelsight_ball --mm-per-px 0.0634 0.0634 --serial GS1
 
     """
+    from drivers.errors import InputError
     from rig.calibrate.bench_tactile import collect_presses, collect_references
     from rig.calibrate.tactile import tactile_from_folder
 
-    balls_mm = options.balls_mm
+    balls_mm, source = options.balls_mm, options.folder or common.source
+    if source and balls_mm and len(balls_mm) > 1:
+        raise InputError("--ball-mm was given twice: name each picture's ball in catalog.csv instead")
     calibrated(
         context,
-        common,
+        replace(common, source=source),
         ("presses", options.presses * len(balls_mm)) if balls_mm else ("fingertips", 2),
         lambda at: collect_presses(at, balls_mm, options.presses) if balls_mm else collect_references(at),
-        lambda samples: tactile_from_folder(samples, options.serial, options.mm_per_px),
+        lambda samples: tactile_from_folder(
+            samples,
+            options.serial,
+            options.mm_per_px,
+            balls_mm[0] if balls_mm else None,
+            options.background,
+            options.circles,
+        ),
         needs="rig calibrate tactile --ball-mm" if balls_mm else "",
         agreed=not balls_mm,  # without balls nothing moves, so no consent is needed
     )

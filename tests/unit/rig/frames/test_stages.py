@@ -1,5 +1,6 @@
 """`rig explain`: the zero's slopes, turned by the estimated angle, are those of the later frame."""
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -7,11 +8,14 @@ import cv2
 import numpy as np
 import pytest
 
+from calibration.gel.gradient_map import features
+from calibration.store import CalibrationFile, save
+from calibration.verdict import Assessment
 from drivers.errors import InputError
-from rig.frames.of_session import session_frames
 from rig.frames.stages import GAP_PX, PANEL_HEIGHT_PX, explained_lift, stages_picture
 from support.command_line import rig
 
+FEATURES = features(np.zeros((1, 3)), np.zeros((1, 2)), (320, 240)).shape[1]
 STORED = Path(__file__).resolve().parents[3] / "data" / "stored_trial"
 
 
@@ -23,15 +27,14 @@ def unexplained(picture: np.ndarray) -> float:
 
 
 def test_a_wrong_turn_explains_less() -> None:
-    picture, turn = explained_lift(STORED, 1, None)
+    found = explained_lift(STORED, 1, None)
+    turn = found.turn
     assert abs(turn.angle_deg) > 3.0
-    background = session_frames(STORED)[0][0].background
     right, wrong = (
-        stages_picture(replace(turn, angle_deg=sign * turn.angle_deg), background, None, "a turn")
+        stages_picture(replace(turn, angle_deg=sign * turn.angle_deg), found.background, None, "a turn")
         for sign in (1, -1)
     )
     assert unexplained(right) < 0.8 * unexplained(wrong)
-    assert picture.shape == right.shape
 
 
 def test_the_command_writes_a_picture_and_names_what_is_not_there(tmp_path: Path) -> None:
@@ -42,6 +45,15 @@ def test_the_command_writes_a_picture_and_names_what_is_not_there(tmp_path: Path
     assert "image angle" in done.stderr
     with pytest.raises(InputError, match="no finished lift 9"):
         explained_lift(STORED, 9, None)
+    value = {"image_height": 80, "image_width": 60, "mm_per_px": (0.24, 0.24)}
+    value["gradient_map"] = {"weights": np.zeros((FEATURES, 2))}
+    gel = tmp_path / "tactile-D1.yaml"
+    created = "2026-01-01T00:00:00+00:00"
+    save(CalibrationFile("tactile", {"tactile": "D1"}, value, Assessment(), created), gel)
+    done = rig("explain", str(STORED), "--height", str(gel), "--out", str(out), "--json")
+    assert done.returncode == 0, done.stderr
+    assert np.load(tmp_path / "stages.npz")["depth_mm"].shape == (40, 30)
+    assert len(json.loads(done.stdout)["shift_mm"]) == 2
     refused = rig("explain", str(STORED), "--background", "auto", "--out", str(out))
     assert refused.returncode == 2
     assert "leave --background" in refused.stderr

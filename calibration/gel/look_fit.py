@@ -1,0 +1,274 @@
+"""Fit a unit's look to photographs of pressed balls, and check it on presses that were left out.
+
+Inside its contact a ball gives the gel its own shape, and the membrane beside it follows, so every pixel of a
+photograph is a sample of the colour of a known slope. Hand-drawn or automatically found circles are
+inexact; place and width of each contact are adjusted together with the model.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.gel.look import DOME_MM, HALF, SLOPE_TERMS, GelLook, membrane, shadow_terms, slope_terms
+from calibration.gel.untouched import Circle, Pressed, background_and_noise, jpeg_quality
+from drivers.errors import CalibrationError, counted
+from drivers.types import Image
+
+Array = NDArray[np.floating]
+
+FEWEST = 8
+_AROUND = 1.7
+"""Pixels nearer than this, in radii of a circle, belong to its press."""
+_RIDGE = 3e-3
+_ROUNDS = 6
+_STEP_PX = 2.0
+_PRIOR_GREY = 20.0
+"""Weight that holds an adjusted circle: as much as a change of 20 grey levels in one pixel."""
+_MOST_STEP_PX = 5.0
+Model = tuple[int, bool, bool]
+_MODELS: tuple[Model, ...] = (
+    (0, False, False),
+    (1, False, False),
+    (1, True, False),
+    (1, False, True),
+    (2, True, True),
+)
+"""Degree of the place terms, whether the background scales the slopes, whether shadows are modelled."""
+_BETTER = 0.97
+"""A larger model must lower the held-out error to this share, else the smaller one is kept."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HeldOut:
+    """A press that was left out of the fit.
+
+    rms_grey: error of the rendered colour change, from its circle as given; adjusted_grey: from the circle as
+    adjusted. change_grey: rms of the change itself, which is the error of a gel that shows nothing. weights:
+    of the look fitted to the other presses. circle: as given, brought to the contact as the others' are.
+    """
+
+    id: str
+    rms_grey: float
+    adjusted_grey: float
+    change_grey: float
+    weights: Array
+    circle: Circle
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LookFit:
+    """A look and its held-out errors, one per press. presses: with adjusted circles."""
+
+    look: GelLook
+    held_out: tuple[HeldOut, ...]
+    presses: tuple[Pressed, ...]
+
+    @property
+    def error_share(self) -> float:
+        """Held-out error over the colour change, both rms over the presses: 0 is perfect, 1 shows nothing."""
+        missed = np.mean([press.rms_grey**2 for press in self.held_out])
+        return float(np.sqrt(missed / np.mean([press.change_grey**2 for press in self.held_out])))
+
+    def without(self, press: HeldOut) -> GelLook:
+        """The look that was fitted to the other presses."""
+        return replace(self.look, weights=press.weights)
+
+
+def fit_look(
+    presses: Sequence[Pressed],
+    background: Image,
+    mm_per_px: tuple[float, float],
+    untouched: Sequence[Image] = (),
+) -> LookFit:
+    """Fit the look of a unit; the terms that held-out presses do not support are left out.
+
+    untouched: further frames without contact, for noise and background; without them both come from the
+    untouched parts of the presses. Raises `CalibrationError` for fewer than eight presses.
+    """
+    if len(presses) < FEWEST:
+        raise CalibrationError(f"gel: {counted(len(presses), 'usable picture')}, {FEWEST} are needed")
+    mean, noise = background_and_noise(presses, background, untouched)
+    largest = GelLook(mean, np.zeros((0, 3)), *_MODELS[-1], mm_per_px, noise, jpeg_quality(background))
+    adjusted = _adjust_all(presses, largest)
+    sums = [_sums_of(press, press.circle, largest) for press in adjusted]
+    model, used = _best_model(sums)
+    drawn = _circles_as_given(presses, adjusted)
+    held_out = []
+    for i, press in enumerate(adjusted):
+        weights = _solve(_total(sums, without=i), used)
+        as_given = _sums_of(press, drawn[i], largest)
+        held_out.append(
+            HeldOut(
+                press.id,
+                as_given.error(weights, used),
+                sums[i].error(weights, used),
+                float(np.sqrt(as_given.power / as_given.count)),
+                weights,
+                drawn[i],
+            )
+        )
+    look = replace(
+        largest,
+        weights=_solve(_total(sums), used),
+        **dict(zip(("place_degree", "by_background", "shadows"), model, strict=True)),
+    )
+    return LookFit(look, tuple(held_out), tuple(adjusted))
+
+
+def ball_dent(
+    circle: Circle, radius_mm: float, shape: tuple[int, int], mm_per_px: tuple[float, float]
+) -> Array:
+    """Depth of the gel, (H/2, W/2) mm, under a ball whose contact is a circle. shape: (H, W)."""
+    rows, columns = shape[0] // HALF, shape[1] // HALF
+    x = ((np.arange(columns) * HALF + 0.5) - circle[0]) * mm_per_px[0]
+    y = ((np.arange(rows) * HALF + 0.5) - circle[1]) * mm_per_px[1]
+    apart = x[None, :] ** 2 + y[:, None] ** 2
+    contact_mm = min(circle[2] * mm_per_px[0], 0.95 * radius_mm)
+    from_middle = (np.array(circle[:2]) - np.array(shape[::-1]) / 2.0 + 0.5) * mm_per_px
+    # the gel's face falls away from its middle, so a ball beside it touches nearer to the middle
+    fall = x[None, :] * from_middle[0] + y[:, None] * from_middle[1] + (apart - contact_mm**2) / 2.0
+    depth = np.sqrt(np.maximum(radius_mm**2 - apart, 0.0)) - np.sqrt(radius_mm**2 - contact_mm**2)
+    pressed = np.maximum(depth - fall / DOME_MM, 0.0).astype(np.float32)
+    pressed[apart >= radius_mm**2] = 0.0
+    return membrane(pressed, pressed, HALF * mm_per_px[0])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Sums:
+    """Normal equations of the pixels of a press.
+
+    power: sum of the squared colour changes; count: number of them.
+    """
+
+    squares: Array
+    products: Array
+    power: float
+    count: int
+
+    def error(self, weights: Array, used: NDArray[np.intp]) -> float:
+        """Rms error in grey levels of these weights."""
+        explained = (weights * (self.squares[np.ix_(used, used)] @ weights - 2.0 * self.products[used])).sum()
+        return float(np.sqrt(max(self.power + explained, 0.0) / self.count))
+
+
+def _sums_of(press: Pressed, circle: Circle, look: GelLook) -> _Sums:
+    where = _window(press.circle, look.shape)
+    system, target = _design(press, circle, look, where), _target(press, look, where)
+    return _Sums(system.T @ system, system.T @ target, float((target**2).sum()), target.size)
+
+
+def _total(sums: Sequence[_Sums], without: int | None = None) -> _Sums:
+    kept = [each for i, each in enumerate(sums) if i != without]
+    return _Sums(
+        sum((s.squares for s in kept[1:]), kept[0].squares),
+        sum((s.products for s in kept[1:]), kept[0].products),
+        sum(s.power for s in kept),
+        sum(s.count for s in kept),
+    )
+
+
+def _solve(sums: _Sums, used: NDArray[np.intp]) -> Array:
+    """(U, 3) ridge-regularised weights of the columns in use, scaled to unit mean square."""
+    squares, products = sums.squares[np.ix_(used, used)], sums.products[used]
+    scale = np.sqrt(np.diag(squares)) + 1e-9
+    system = squares / scale[:, None] / scale + _RIDGE * np.eye(len(scale))
+    return np.asarray(np.linalg.solve(system, products / scale[:, None]) / scale[:, None])
+
+
+def _best_model(sums: Sequence[_Sums]) -> tuple[Model, NDArray[np.intp]]:
+    """The smallest model that no larger one beats clearly on presses left out, and its columns."""
+    best = np.inf, _MODELS[-1], np.arange(len(sums[0].squares))
+    for model in _MODELS:
+        used = _columns(model, len(sums[0].squares))
+        errors = [each.error(_solve(_total(sums, without=i), used), used) for i, each in enumerate(sums)]
+        error = float(np.sqrt(np.mean(np.square(errors))))
+        if error < _BETTER * best[0]:
+            best = error, model, used
+    return best[1], best[2]
+
+
+def _columns(model: Model, features: int) -> NDArray[np.intp]:
+    """Columns of the largest model's features that a model uses, in its own order."""
+    degree, by_background, shadows = model
+    most, monomials = _MODELS[-1][0], lambda n: (n + 1) * (n + 2) // 2
+    places = [
+        *range(monomials(degree)),
+        *(range(monomials(most), monomials(most) + 3) if by_background else ()),
+    ]
+    slopes, count = SLOPE_TERMS, monomials(most) + 3
+    lost = range(slopes * count, features) if shadows else ()
+    return np.array([*(slope * count + place for slope in range(slopes) for place in places), *lost])
+
+
+def _adjust_all(presses: Sequence[Pressed], look: GelLook) -> list[Pressed]:
+    """Adjust the circles and the model alternately, some rounds."""
+    adjusted = list(presses)
+    for _ in range(_ROUNDS):
+        total = _total([_sums_of(press, press.circle, look) for press in adjusted])
+        weights = _solve(total, np.arange(len(total.squares)))
+        adjusted = [
+            _adjust(press, first.circle, weights, look)
+            for press, first in zip(adjusted, presses, strict=True)
+        ]
+    return adjusted
+
+
+def _adjust(press: Pressed, first: Circle, weights: Array, look: GelLook) -> Pressed:
+    """Move and widen a circle by one Gauss-Newton step so that the rendered press fits its photograph."""
+    where = _window(press.circle, look.shape)
+    now = _design(press, press.circle, look, where) @ weights
+    columns = []
+    for k in range(3):
+        moved = np.array(press.circle)
+        moved[k] += _STEP_PX
+        columns.append(((_design(press, tuple(moved), look, where) @ weights - now) / _STEP_PX).ravel())
+    system = np.vstack([np.column_stack(columns), _PRIOR_GREY * np.eye(3)])
+    missed = np.concatenate([(_target(press, look, where) - now).ravel(), np.zeros(3)])
+    step = np.clip(np.linalg.lstsq(system, missed, rcond=None)[0], -_MOST_STEP_PX, _MOST_STEP_PX)
+    x, y, radius = np.add(press.circle, step)
+    bounded = float(np.clip(radius, 0.5 * first[2], 2.5 * first[2]))
+    return replace(press, circle=(float(x), float(y), bounded))
+
+
+def _circles_as_given(given: Sequence[Pressed], adjusted: Sequence[Pressed]) -> list[Circle]:
+    """Each circle as given, brought to the contact as the circles of the other presses were.
+
+    It is moved by a linear function of the place, and widened by a factor.
+    """
+    first, last = (np.array([press.circle for press in of]) for of in (given, adjusted))
+    at = np.column_stack([np.ones(len(first)), first[:, :2]])
+    found: list[Circle] = []
+    for i in range(len(first)):
+        others = np.arange(len(first)) != i
+        moved = at[i] @ np.linalg.lstsq(at[others], (last - first)[others, :2], rcond=None)[0]
+        wider = float(np.median(last[others, 2] / first[others, 2]))
+        found.append(
+            (float(first[i, 0] + moved[0]), float(first[i, 1] + moved[1]), float(first[i, 2] * wider))
+        )
+    return found
+
+
+def _window(circle: Circle, shape: tuple[int, int]) -> NDArray[np.bool_]:
+    """(h, w) pixels of a press at half resolution; every second one, as neighbours are alike."""
+    rows, columns = np.indices((shape[0] // HALF, shape[1] // HALF))
+    near = np.hypot(columns * HALF + 0.5 - circle[0], rows * HALF + 0.5 - circle[1]) < _AROUND * circle[2]
+    return near & ((rows + columns) % 2 == 0)
+
+
+def _design(press: Pressed, circle: Circle, look: GelLook, where: NDArray[np.bool_]) -> Array:
+    """(N, F) features of the largest model at the pixels of a press, if its contact were a circle."""
+    dent = ball_dent(circle, press.radius_mm, look.shape, look.mm_per_px)
+    slopes = slope_terms(dent, look.mm_per_px)[:, where]
+    products = (slopes[:, None] * look.places[None, :, where]).reshape(-1, slopes.shape[1])
+    lost = shadow_terms(dent, HALF * look.mm_per_px[0])[:, where]
+    return np.concatenate([products, lost]).T.astype(np.float64)
+
+
+def _target(press: Pressed, look: GelLook, where: NDArray[np.bool_]) -> Array:
+    """(N, 3) colour change that a photograph shows at the pixels of a press."""
+    change = press.image.astype(np.float32) - look.background
+    half = cv2.resize(change, (where.shape[1], where.shape[0]), interpolation=cv2.INTER_AREA)
+    return np.asarray(half[where], np.float64)

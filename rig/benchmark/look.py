@@ -1,0 +1,156 @@
+"""`rig benchmark look`: presses of a real unit drawn by the simulator in its look, beside the photographs."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.gel.look_fit import Circle, fit_look
+from drivers.images import encode_png
+from drivers.types import Image
+from fakes.studio.calibration_scenes import draw_press
+from rig.benchmark.harness import Report, Run, Study, Table, column, option, table_of
+from rig.benchmark.measured import Measured, at_most, informative
+from rig.calibrate.press_folder import read_press_folder
+
+Array = NDArray[np.floating]
+
+MOST_RATIO, MOST_TOLD_APART = 0.5, 0.75
+GENERIC_UNITS = 4
+_AROUND = 1.7
+"""A press is compared within this multiple of its circle's radius."""
+_COLOURS, _NOISE = slice(0, 15), slice(15, None)
+"""Which statistics are of colours, and which of fine noise."""
+_RIDGE = 1.0
+"""Ridge of the linear classifier, on standardised statistics."""
+
+
+@dataclass(frozen=True, slots=True)
+class LookOptions:
+    """Options of `rig benchmark look`."""
+
+    presses: Path = option(..., "Folder of photographs of pressed balls, as rig calibrate tactile reads it.")
+    ball_mm: float | None = option(None, "Diameter of the ball, without catalog.csv.", min=2, max=30)
+    background: Path | None = option(None, "The untouched gel. Default: background.png of the folder.")
+    circles: Path | None = option(None, "CSV of circles drawn by hand. Default: circles.csv, if any.")
+    mm_per_px: tuple[float, float] = option((0.06, 0.06), "Scale along x and y.")
+    pictures: Path | None = option(None, "PNG of photographs (above) and held-out drawings (below).")
+
+
+@dataclass(frozen=True, slots=True)
+class PressRow:
+    """A press that was left out of the fit, and how it is drawn: a row of the table."""
+
+    press: str = column("press left out")
+    change_grey: float = column("colour change", ".1f", "rms of the photograph, grey levels")
+    look_grey: float = column("error of the look", ".1f", "rms, grey levels")
+    generic_grey: float = column("error of a generic look", ".1f", "rms over four made-up units, grey levels")
+
+
+def measure(options: LookOptions, run: Run) -> Report:
+    """Draw held-out presses of a real unit in its own look, and compare them with the photographs.
+
+    Each press is left out of the fit once and drawn by the simulator from its circle. Its colour change is
+    compared with the photograph's, and so are those of made-up units. Then a linear classifier, which learns
+    from the other presses only, tells photographs from drawings by simple statistics: half right is chance.
+    Exit code 4 if a limit is missed.
+
+    Examples:
+      rig benchmark look --presses presses --ball-mm 8.8 --mm-per-px 0.0535 0.0535
+
+    """
+    folder = read_press_folder(options.presses, options.ball_mm, options.background, options.circles)
+    fit = fit_look(folder.pressed, folder.background, options.mm_per_px)
+    rows, real, drawn, made_up, shown = [], [], [], [], []
+    for number, (held_out, press) in enumerate(zip(fit.held_out, folder.pressed, strict=True)):
+        look = fit.without(held_out)
+        ours = draw_press(look, number, held_out.circle, press.radius_mm)
+        generic = [draw_press(None, unit, press.circle, press.radius_mm) for unit in range(GENERIC_UNITS)]
+        photograph = press.image.astype(np.float32) - look.background
+        rows.append(
+            PressRow(
+                press.id,
+                _rms(photograph, press.circle),
+                _rms(photograph - ours.change, press.circle),
+                float(np.sqrt(np.mean([_rms(photograph - g.change, press.circle) ** 2 for g in generic]))),
+            )
+        )
+        real.append(statistics(press.image, press.circle))
+        drawn.append(statistics(ours.image, press.circle))
+        made_up.append(statistics(generic[number % GENERIC_UNITS].image, press.circle))
+        shown.append(np.vstack([press.image, ours.image]))
+        run.progress(number + 1, len(fit.held_out), press.id)
+    if options.pictures is not None:
+        options.pictures.write_bytes(encode_png(np.hstack(shown)))
+    limits = judge(rows, *(np.array(each) for each in (real, drawn, made_up)))
+    return Report(tables=(_table(rows),), limits=limits)
+
+
+def judge(rows: Sequence[PressRow], real: Array, drawn: Array, made_up: Array) -> tuple[Measured, ...]:
+    """The limits. real, drawn, made_up: (N, S) statistics of photographs, the look and generic units."""
+    ours, generic = (np.array([getattr(row, key) for row in rows]) for key in ("look_grey", "generic_grey"))
+    ratio = float(np.sqrt((ours**2).mean() / (generic**2).mean()))
+    return (
+        at_most("colour error over that of a generic look", ratio, MOST_RATIO),
+        at_most("share told apart by its colours", told_apart(real, drawn, _COLOURS), MOST_TOLD_APART),
+        informative("share told apart by its fine noise", told_apart(real, drawn, _NOISE)),
+        informative("a generic look: share told apart by its colours", told_apart(real, made_up, _COLOURS)),
+    )
+
+
+def statistics(image: Image, circle: Circle) -> Array:
+    """Level, spread, range, gradient and fine noise per channel of a picture (H, W, 3) around a press."""
+    x, y, radius = (round(value) for value in circle)
+    reach = round(_AROUND * radius)
+    part = image[max(y - reach, 0) : y + reach, max(x - reach, 0) : x + reach].astype(np.float32)
+    fine = part - cv2.GaussianBlur(part, (0, 0), 2.0)
+    smooth = cv2.GaussianBlur(part, (0, 0), 2.0)
+    steps = np.hypot(*np.gradient(smooth, axis=(0, 1)))
+    per_channel = [
+        smooth.mean((0, 1)),
+        smooth.std((0, 1)),
+        *np.percentile(smooth, (5, 95), axis=(0, 1)),
+        steps.mean((0, 1)),
+        fine.std((0, 1)),
+        (fine[:, 1:] * fine[:, :-1]).mean((0, 1)) / (fine**2).mean((0, 1)),
+    ]
+    return np.concatenate(per_channel)
+
+
+def told_apart(real: Array, drawn: Array, by: slice) -> float:
+    """Share of pictures that a linear classifier assigns right; it learns without the pair in question.
+
+    real, drawn: (N, S) statistics, of which `by` are used.
+    """
+    real, drawn, right = real[:, by], drawn[:, by], []
+    for i in range(len(real)):
+        learnt = np.vstack([np.delete(real, i, 0), np.delete(drawn, i, 0)])
+        sides = np.repeat([1.0, -1.0], len(real) - 1)
+        middle, spread = learnt.mean(0), learnt.std(0) + 1e-9
+        scaled = (learnt - middle) / spread
+        weights = np.linalg.solve(scaled.T @ scaled + _RIDGE * np.eye(scaled.shape[1]), scaled.T @ sides)
+        right += [
+            ((real[i] - middle) / spread) @ weights > 0.0,
+            ((drawn[i] - middle) / spread) @ weights < 0.0,
+        ]
+    return float(np.mean(right))
+
+
+def _rms(change: Array, circle: Circle) -> float:
+    """Rms of a difference of pictures (H, W, 3) around a press, at half resolution: less of it is noise."""
+    half = cv2.resize(change.astype(np.float32), None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
+    rows, columns = np.indices(half.shape[:2]) * 2 + 0.5
+    near = np.hypot(columns - circle[0], rows - circle[1]) < _AROUND * circle[2]
+    return float(np.sqrt((half[near] ** 2).mean()))
+
+
+def _table(rows: Sequence[PressRow]) -> Table:
+    return table_of(
+        "Presses left out, drawn from their circles: rms colour error, grey levels", PressRow, rows
+    )
+
+
+STUDY = Study(name="look", options=LookOptions, measure=measure, cases="presses", shared=(), simulated=True)

@@ -1,0 +1,107 @@
+"""Photographs of pressed balls in a folder, with or without a catalogue and hand-drawn circles."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from calibration.gel.balls import BallPress
+from calibration.gel.presses import find_press
+from calibration.gel.untouched import Circle, Pressed
+from calibration.verdict import Rejected
+from drivers.errors import InputError
+from drivers.formats import read_csv_rows
+from drivers.images import read_image
+from drivers.types import Image
+from rig.calibrate.sources import number, picture_files
+
+Row = tuple[str, float, Path | None, tuple[float, float] | None]
+"""Picture, ball diameter in mm, its own background, place of the ball in mm (x right, y down)."""
+
+
+@dataclass(slots=True)
+class PressFolder:
+    """The presses of a folder.
+
+    folder: of the pictures. found: with the contact that was found in each; pressed: with the photograph and
+    its circle, hand-drawn where there is one. moves_mm: place of the ball by id, x right and y down.
+    """
+
+    folder: Path
+    background: Image
+    found: list[BallPress] = field(default_factory=list)
+    pressed: list[Pressed] = field(default_factory=list)
+    rejected: list[Rejected] = field(default_factory=list)
+    moves_mm: dict[str, tuple[float, float]] = field(default_factory=dict)
+    files: list[Path] = field(default_factory=list)
+
+
+def read_press_folder(
+    folder: Path, ball_mm: float | None = None, background: Path | None = None, circles: Path | None = None
+) -> PressFolder:
+    """Read the presses of a folder, or of its folder `frames`, and find the contact in each.
+
+    catalog.csv names pictures and ball diameters; with ball_mm every picture shows a press of that ball.
+    background: by default background.png of the folder. circles: by default circles.csv of the folder, if
+    there is one: frame (or image), center_x, center_y, radius in px. Raises `InputError`.
+    """
+    untouched = background or folder / "background.png"
+    drawn = circles or folder / "circles.csv"
+    pictures = folder / "frames" if (folder / "frames").is_dir() else folder
+    presses = PressFolder(pictures, read_image(untouched), files=[untouched])
+    if ball_mm is None and not (folder / "catalog.csv").exists():
+        raise InputError(f"{folder}: has no catalog.csv; give the diameter of the ball with --ball-mm")
+    if ball_mm is None:
+        presses.files.append(folder / "catalog.csv")
+        rows = _catalogued(folder, folder / "catalog.csv")
+    else:
+        rows = [(p.name, ball_mm, None, None) for p in picture_files(pictures) if p.stem != "background"]
+    by_hand = _circles(drawn) if circles or drawn.is_file() else {}
+    for name, diameter_mm, own_background, move_mm in rows:
+        presses.files.append(pictures / name)
+        rest = read_image(own_background) if own_background else presses.background
+        image = read_image(pictures / name)
+        found = find_press(image, rest.astype(np.float32), name)
+        circle = by_hand.get(_key(Path(name).stem))
+        if isinstance(found, str):
+            presses.rejected.append(Rejected(name, found))
+        else:
+            presses.found.append(BallPress(found, diameter_mm / 2.0))
+            circle = circle or (*found.centre_px, found.rim_px)
+            if move_mm is not None:
+                presses.moves_mm[name] = move_mm
+        if circle is not None:
+            presses.pressed.append(Pressed(name, image, circle, diameter_mm / 2.0))
+    return presses
+
+
+def _catalogued(folder: Path, path: Path) -> list[Row]:
+    rows: list[Row] = []
+    for line, row in read_csv_rows(path, ("image", "diameter(mm)")):
+        where, name = f"{path} line {line}", row["image"]
+        if not name or not (folder / name).is_file():
+            raise InputError(f"{where}: {name} is not in {folder}")
+        own = folder / row["background"] if row.get("background") else None
+        moved = row.get("x_mm") and row.get("y_mm")
+        move = (number(row, "x_mm", where), number(row, "y_mm", where)) if moved else None
+        rows.append((name, number(row, "diameter(mm)", where), own, move))
+    return rows
+
+
+def _circles(path: Path) -> dict[str, Circle]:
+    """Circles by the name of their picture, without leading zeros."""
+    found: dict[str, Circle] = {}
+    for line, row in read_csv_rows(path, ("center_x", "center_y", "radius")):
+        where = f"{path} line {line}"
+        name = row.get("frame") or row.get("image")
+        if not name:
+            raise InputError(f"{where}: column frame (or image) names no picture")
+        x, y, radius = (number(row, column, where) for column in ("center_x", "center_y", "radius"))
+        if radius <= 0.0:
+            raise InputError(f"{where}: a circle's radius is {radius:g} px; it must be positive")
+        found[_key(Path(name).stem)] = x, y, radius
+    return found
+
+
+def _key(stem: str) -> str:
+    return stem.lstrip("0") or "0"

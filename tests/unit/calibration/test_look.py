@@ -1,0 +1,105 @@
+"""The look of a unit: fitted to presses, checked on presses left out, stored, drawn by the simulated gel."""
+
+import csv
+import os
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from calibration.gel.look import load_look
+from calibration.gel.look_fit import LookFit, fit_look
+from calibration.gel.untouched import Pressed, jpeg_quality
+from drivers.errors import CalibrationError
+from fakes.gel.sensor import GelSensor
+from fakes.studio.calibration_scenes import MM_PER_PX, SimulatedGel, draw_press
+
+GEL = SimulatedGel(seed=3)
+BACKGROUND = np.rint(GEL.reference).astype(np.uint8)
+
+
+def _pressed(count: int) -> list[Pressed]:
+    presses = GEL.presses(count)
+    return [Pressed(p.name, p.image, (*p.centre_px, p.contact_px), p.radius_mm) for p in presses]
+
+
+@pytest.fixture(scope="module")
+def fit() -> LookFit:
+    return fit_look(_pressed(16), BACKGROUND, MM_PER_PX)
+
+
+@pytest.mark.slow
+def test_held_out_presses_are_rendered_from_their_circles(fit: LookFit) -> None:
+    assert len(fit.held_out) == 16
+    assert fit.error_share < 0.6
+    assert all(press.rms_grey < press.change_grey for press in fit.held_out)
+
+
+@pytest.mark.slow
+def test_look_survives_its_file(fit: LookFit, tmp_path: Path) -> None:
+    path = tmp_path / "tactile-D1.npz"
+    path.write_bytes(replace(fit.look, about={"serial": "D1"}).packed())
+    again = load_look(path)
+    dent = np.zeros((160, 120), np.float32)
+    dent[40:80, 30:60] = 0.3
+    assert again.about == {"serial": "D1"}
+    assert np.allclose(again.change(dent), fit.look.change(dent), atol=0.1)
+    assert np.abs(again.background - fit.look.background).max() < 0.2
+
+
+@pytest.mark.slow
+def test_simulated_gel_takes_background_and_noise_of_its_look(fit: LookFit) -> None:
+    unit, rng = GelSensor(5, look=fit.look), np.random.default_rng(0)
+    still = np.mean([unit.render(None, 0.0, rng) for _ in range(12)], axis=0)
+    assert np.abs(still - fit.look.background).mean() < 2.0
+    assert unit.mm_per_px == fit.look.mm_per_px
+
+
+@pytest.mark.slow
+def test_varied_look_differs_in_colour_by_its_seed_alone(fit: LookFit) -> None:
+    press = fit.presses[0]
+    own, one, same, other = (
+        draw_press(look, 1, press.circle, press.radius_mm).change
+        for look in (fit.look, fit.look.varied(1), fit.look.varied(1), fit.look.varied(2))
+    )
+    assert np.array_equal(one, same)
+    assert np.abs(one - own).max() > 5.0
+    assert np.abs(one - other).max() > 5.0
+
+
+def test_too_few_presses_are_refused() -> None:
+    with pytest.raises(CalibrationError, match="3 usable pictures, 8 are needed"):
+        fit_look(_pressed(3), BACKGROUND, MM_PER_PX)
+
+
+@pytest.mark.parametrize("content", [b"", b"PK\x03\x04damaged", b"x" * 500])
+def test_damaged_look_names_the_file(content: bytes, tmp_path: Path) -> None:
+    path = tmp_path / "look.npz"
+    path.write_bytes(content)
+    with pytest.raises(CalibrationError, match=r"look\.npz: is not a gel's look"):
+        load_look(path)
+    with pytest.raises(CalibrationError, match="no such look"):
+        load_look(tmp_path / "absent.npz")
+
+
+def test_jpeg_quality_is_found_if_a_picture_was_compressed() -> None:
+    _, data = cv2.imencode(".jpg", BACKGROUND[..., ::-1], (cv2.IMWRITE_JPEG_QUALITY, 75))
+    assert jpeg_quality(cv2.imdecode(data, cv2.IMREAD_COLOR_RGB)) == pytest.approx(75, abs=1)
+    assert jpeg_quality(GEL.frame(np.random.default_rng(0))) is None
+
+
+@pytest.mark.slow
+def test_real_presses_left_out_keep_less_than_half_of_their_colour_error() -> None:
+    folder = Path(os.environ.get("RIG_DIGIT_BALLS", ""))
+    if not (folder / "circles.csv").is_file():
+        pytest.skip("RIG_DIGIT_BALLS does not name the folder that digit_balls/rebuild.py makes")
+    presses = []
+    with (folder / "circles.csv").open() as stream:
+        for row in csv.DictReader(stream):
+            image = cv2.imread(str(folder / "frames" / f"{int(row['frame']):06d}.png"), cv2.IMREAD_COLOR_RGB)
+            circle = (float(row["center_x"]), float(row["center_y"]), float(row["radius"]))
+            presses.append(Pressed(row["frame"], image, circle, 4.4))
+    background = cv2.imread(str(folder / "background.png"), cv2.IMREAD_COLOR_RGB)
+    assert fit_look(presses, background, (0.05353, 0.05353)).error_share < 0.5

@@ -1,0 +1,56 @@
+"""Folders of photographs of pressed balls, and the places that no press reaches."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drivers.errors import InputError
+from drivers.images import encode_png
+from fakes.studio.calibration_scenes import SimulatedGel
+from rig.calibrate.press_folder import read_press_folder
+from rig.calibrate.tactile import unpressed_fields
+from rig.config.load import load_bench, parse_bench
+
+GEL = SimulatedGel(seed=3)
+LOOK_BENCH = 'name = "desk"\n[[tactile]]\ndriver = "fake"\nserial = "S1"\n'
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    (tmp_path / "background.png").write_bytes(encode_png(np.rint(GEL.reference).astype(np.uint8)))
+    for number, press in enumerate(GEL.presses(2)):
+        (tmp_path / f"{number:06d}.png").write_bytes(encode_png(press.image))
+    return tmp_path
+
+
+def test_every_picture_of_a_plain_folder_is_a_press_of_the_ball(folder: Path) -> None:
+    presses = read_press_folder(folder, ball_mm=8.8)
+    assert [press.id for press in presses.pressed] == ["000000.png", "000001.png"]
+    assert {press.radius_mm for press in presses.pressed} == {4.4}
+    with pytest.raises(InputError, match="give the diameter of the ball with --ball-mm"):
+        read_press_folder(folder)
+
+
+def test_circle_drawn_by_hand_replaces_the_one_that_was_found(folder: Path) -> None:
+    (folder / "circles.csv").write_text("frame,center_x,center_y,radius\n1,100,120,40\n")
+    found, drawn = read_press_folder(folder, ball_mm=8.8).pressed
+    assert drawn.circle == (100.0, 120.0, 40.0)
+    assert found.circle != drawn.circle
+    (folder / "circles.csv").write_text("frame,center_x,center_y,radius\n1,100,120,-4\n")
+    with pytest.raises(InputError, match="line 2: a circle's radius is -4 px"):
+        read_press_folder(folder, ball_mm=8.8)
+
+
+def test_fields_that_no_press_reaches_are_named() -> None:
+    everywhere = [(x, y, 45.0) for x in (40, 120, 200) for y in (40, 120, 200, 280)]
+    assert unpressed_fields(everywhere, (320, 240)) == []
+    assert unpressed_fields(everywhere[:-1], (320, 240)) == [(200.0, 280.0)]
+
+
+def test_look_is_relative_to_its_bench_file(tmp_path: Path) -> None:
+    path = tmp_path / "twin.toml"
+    path.write_text(LOOK_BENCH + 'look = "calibrations/tactile-D1.npz"\n')
+    assert load_bench(str(path)).tactile[0].look == str(tmp_path / "calibrations/tactile-D1.npz")
+    with pytest.raises(InputError, match="no look is named"):
+        parse_bench(LOOK_BENCH + "look_seed = 3\n", "bench.toml")

@@ -32,8 +32,8 @@ class WorldState:
     """State of the world at one instant; angles are in rad, counter-clockwise positive in the camera image.
 
     force_n: normal force per finger. object_turn_rad: rotation of the object. wrist_rad: rotation of the
-    tool. torsion_rad: rotation of the gel behind the object. slide_m: slide of the object down the pads.
-    loaded: fraction of the weight on the pads, 0 to 1. held: whether the object is held.
+    tool. torsion_rad: torsion of the gel under the object. slide_m: slide of the object down
+    the pads. loaded: fraction of the weight on the pads, 0 to 1. held: whether the object is held.
     """
 
     time_ns: int

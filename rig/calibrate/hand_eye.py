@@ -220,7 +220,7 @@ def _residuals(result: HandEyeResult, camera: CameraModel, files: Mapping[str, P
         return []
     worst = int(np.argmax(refined.sample_rms_px(problem)))
     name, own = problem.ids[worst], problem.owner == worst
-    text = "each arrow points from where the answer puts a point of the target to where it was found."
+    text = "each arrow points from the projection of a target point, as calibrated, to its detection."
     of_all = "Arrows of one sample that agree show a robot pose or a picture that does not fit the others."
     shown = figures.arrows(
         problem.seen_px[own], -refined.missed_px[own], camera.size, "residuals",

@@ -72,7 +72,7 @@ class CalibrationResult:
     attached: Mapping[str, bytes] = field(default_factory=dict)
 
     def marked(self, simulated: bool) -> "CalibrationResult":
-        """A copy that says whether it was made on simulated devices."""
+        """Return a copy with `simulated`: whether it was made on simulated devices."""
         return replace(self, simulated=simulated)
 
 

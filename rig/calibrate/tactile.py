@@ -39,7 +39,7 @@ def tactile_from_folder(
 ) -> CalibrationResult:
     """The gel's scale, colour map and look from a folder of presses, as `read_press_folder` reads it.
 
-    mm_per_px: along x and y where it is known; else it is fitted to the known moves of the presses
+    mm_per_px: along x and y if known; else it is fitted to the known moves of the presses
     (columns x_mm, y_mm), or taken as a DIGIT's, with a doubt. A map that fails its own test is left
     out where there is a fitted scale to keep.
     """

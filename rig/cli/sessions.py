@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 MB = 1e6
 SIDE_BY_SIDE = 200
-"""From this number of sessions on, several processes read them; for fewer, starting them takes longer."""
+"""Smallest number of sessions that several processes read; below it the start of processes costs more."""
 AT_ONCE = 20
 """Sessions per task of a process."""
 MOST_CHECKED = 20

@@ -30,9 +30,11 @@ class TeachOptions:
         "hand", "hand: lead the arm by hand (freedrive). keys: move it in steps by keys."
     )
     lift_height: float | None = option(
-        None, "Height of the lift in m. Default: shown at the bench.", min=0.0, max=0.3
+        None, "Height of the lift in m. Default: you move the hand to it at the bench.", min=0.0, max=0.3
     )
-    timeout: float = option(120.0, "Time limit of freedrive, s.", min=5.0, max=600.0)
+    timeout: float = option(
+        120.0, "Longest time for which the arm can be led by hand, s.", min=5.0, max=600.0
+    )
 
 
 def teach(what: TeachOptions, bench: BenchOptions, json: JsonOption = False) -> None:

@@ -19,21 +19,20 @@ DATA_PATH = "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
 EPISODES_PATH = "meta/episodes/chunk-000/file-000.parquet"
 CARD = """# {session}
 
-{mark}slip trial, an episode per lift: from the grasp until the object is set down again.
+{mark}slip trial with an episode per lift, from the grasp to the end of the hold.
 
-- `observation.state`: TCP in the base frame (m, quaternion xyzw); the gripper's counts, or its opening in
-  m if it has none; force (N) and torque (N m) at the TCP in the base's axes, if the arm measures them.
-- `action`: pose and gripper one step later. Commands are not recorded, so this is where the rig went.
-- `observation.angle`: the object's turn since the grasp, estimated from the fingertips: `angle_deg`, degrees,
-  counter-clockwise as the camera sees it; `sigma_deg`, its standard deviation; `known`, 1 or 0. If `known` is
-  0, the estimator gave no answer at that step: the last angle stands, and the sigma is 180.
-- `angle.truth_deg`: the same turn, measured from the object's markers: a label, no observation. If
-  `angle.truth_known` is false, the markers were not seen at that step, and the last angle stands.
-- `observation.images.*`: the stored JPEGs, each the newest at its step ({fps} steps a second), by what took
-  them: {sources}.
-- `observation.tactile.NAME.1`, `.2`, ...: the frames of fingertip NAME before the newest one, if fingertips
-  are faster than {fps} frames a second; `observation.tactile.NAME.age_s`: seconds from each frame to the
-  step, the newest first.
+- `observation.state`: pose of the TCP in the base frame (m, quaternion xyzw); the gripper's counts, or its
+  opening in m if it has no counts; force (N) and torque (N m) at the TCP in the base's axes, if measured.
+- `action`: pose and gripper one step later. Commands are not recorded; the action is the state reached.
+- `observation.angle`: rotation of the object since the grasp, estimated from the fingertips: `angle_deg`,
+  degrees, counter-clockwise positive in the camera image; `sigma_deg`, its standard deviation; `known`, 1 or
+  0. If `known` is 0, there is no estimate at that step: `angle_deg` is the last one, and `sigma_deg` is 180.
+- `angle.truth_deg`: the same rotation, measured from the object's markers; a label, not an observation. If
+  `angle.truth_known` is false, the markers were not detected at that step, and this is the last value.
+- `observation.images.*`: the newest stored JPEG at each step ({fps} steps per second), by source: {sources}.
+- `observation.tactile.NAME.1`, `.2`, ...: earlier frames of fingertip NAME since the last step, if fingertips
+  are faster than {fps} frames per second; `observation.tactile.NAME.age_s`: time from each frame to the step
+  in s, newest first.
 """
 
 

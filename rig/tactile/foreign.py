@@ -109,7 +109,7 @@ class ForeignEstimator(FreshFrameEstimator):
         except Exception as error:
             return self._lost(time_ns, _text("update() raised", error))
         spent = time.perf_counter() - began
-        fault = self._arm_fault or _amiss(sample, image, time_ns)
+        fault = self._arm_fault or _invalid_field(sample, image, time_ns)
         self._arm_fault = None
         if fault is not None:
             return self._lost(time_ns, fault)
@@ -130,7 +130,7 @@ def _made(name: str, kind: type[Any], background: Image, more: dict[str, Any]) -
         raise EstimatorError(f"estimator '{name}': {_text('making it raised', error)}") from error
 
 
-def _amiss(sample: Any, image: Image, time_ns: int) -> str | None:
+def _invalid_field(sample: Any, image: Image, time_ns: int) -> str | None:
     """Return a message about the first invalid field of a sample; None if the sample is valid."""
     if not isinstance(sample, SlipSample):
         return f"update() returned a {type(sample).__name__}, not a SlipSample"
@@ -152,10 +152,10 @@ def _amiss(sample: Any, image: Image, time_ns: int) -> str | None:
     for key, value in {"sigma_deg": sample.sigma_deg or 0.0, **needed}.items():
         if value < 0:
             return f"{key} is {value!r}, below 0"
-    return _impossible(sample, image)
+    return _invalid_combination(sample, image)
 
 
-def _impossible(sample: SlipSample, image: Image) -> str | None:
+def _invalid_combination(sample: SlipSample, image: Image) -> str | None:
     pixels = image.shape[0] * image.shape[1]
     if sample.contact_area_px > pixels:
         return f"contact_area_px is {sample.contact_area_px:g}, but the frame has {pixels} pixels"

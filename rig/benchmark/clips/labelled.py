@@ -202,8 +202,8 @@ def _contacts(path: Path, frames: int) -> tuple[ContactSpan, ...]:
         first, last = (int(_number(path, line, row, name, whole=True)) for name in ("first", "last"))
         if not first <= last < frames:
             raise InputError(
-                f"{path}: line {line}: frames {first} to {last}: give the first frame, then the last; the "
-                f"clip has frames 0 to {frames - 1}"
+                f"{path}: line {line}: frames {first} to {last}: the clip has frames 0 to {frames - 1}; "
+                "give the first frame, then the last"
             )
         if row["contact"].strip() not in ("yes", "no"):
             raise InputError(f"{path}: line {line}: contact {shown(row['contact'])}: give yes or no")

@@ -32,8 +32,8 @@ DARK_GREY = 12.0
 LEAST_DOTS, IRREGULAR, SPREAD = 12, 0.3, 1.6
 # Long side of the copy on which a gel is checked for dots.
 CHECKED_PX = 640
-# Width of the margin around a dot that is filled, too, as a fraction of the dot's width: the edge is blurred.
-# A wider margin would remove more of the texture that turns.
+# Dots have blurred edges. Therefore a margin around each dot is filled, too; its width is this fraction of
+# the dot's width. A wider margin would remove more of the texture that turns.
 MARGIN_SHARE, LEAST_MARGIN_PX = 0.15, 2
 # The filling is smooth, so it is computed on a copy that is reduced by this factor.
 REDUCED = 4

@@ -7,10 +7,8 @@ changes two or three colour channels. A shadow changes only one channel. The gel
 but only over a short distance, the foot.
 
 - A region where all channels changed clearly extends the contact if it is outside the foot, is connected to
-the
-  contact, and has at least half the change of the contact.
-- A large region where two channels changed clearly is a contact of its own if the network found almost
-nothing
+  the contact, and has at least half the change of the contact.
+- A large region where two channels changed clearly is a separate contact if the network found almost nothing
   in it.
 
 On SIMULATED sensors, on which the networks were trained, both rules add nothing in 1,260 frames, and a false
@@ -35,11 +33,11 @@ LEAST_CHANGE = 0.02
 FOOT_SHARE = 0.05
 """Width of the foot around a contact as a fraction of the image width: 0.7 mm on the gel of a DIGIT."""
 LEAST_STRENGTH = 0.5
-"""Smallest change of a part that extends a contact, relative to the contact's.
+"""Smallest change of a part that extends a contact, relative to the change of the contact.
 
-The slope of the gel beyond the foot had 0.2 to 0.4."""
+The slope of the gel has 0.2 to 0.4 of that change where it extends beyond the foot."""
 JOINED_SHARE, APART_SHARE = 0.003, 0.01
-"""Smallest area of a part that extends a contact, and of a contact of its own, as fractions of the image."""
+"""Smallest area of a part that extends a contact, and of a separate contact, as fractions of the image."""
 OVERLOOKED_SHARE = 0.25
 """A region was missed if less than this fraction of it was found."""
 _SMOOTH_PX, _SMOOTH_SIDE_PX = 1.0, 5
@@ -64,7 +62,7 @@ def overlooked_part(found: Image, difference: NDArray[np.float32]) -> Image | No
 
 
 def _clear(found: Image, change: Any) -> Image:
-    """Where a change (h, w) stands out from that of the surroundings, (h, w) uint8 0 or 1."""
+    """Return the mask (h, w) uint8, 0 or 1, of clear changes. change: (h, w), of one channel."""
     smooth = np.asarray(cv2.GaussianBlur(change, (_SMOOTH_SIDE_PX, _SMOOTH_SIDE_PX), _SMOOTH_PX), np.float32)
     # an eighth of the pixels is sufficient for the median
     around = smooth[::4, ::2][found[::4, ::2] == 0]

@@ -1,10 +1,11 @@
 """Two standard methods of image alignment as estimators, for comparison: `ecc` and `polar`.
 
-Both align the magnitude of the relative difference from the background, on a reduced copy, with that of the
-contact's first stable frame. The magnitude turns with the object; the colours do not. `ecc` is OpenCV's
-maximisation of the enhanced correlation coefficient over rotation and translation (Evangelidis and Psarakis,
-IEEE TPAMI 30 (10), 2008). `polar` correlates the images in polar coordinates about the centre of the contact,
-in which a rotation is a shift, with the Fourier transform.
+Both align each frame with the contact's first stable frame. They use the magnitude of the relative difference
+from the background, on a reduced copy, because it turns with the object; the colours do not. `ecc` is
+OpenCV's maximisation of the enhanced correlation coefficient over rotation and translation (Evangelidis and
+Psarakis, IEEE TPAMI 30 (10), 2008). `polar` transforms both images to polar coordinates about the centre of
+the contact, where a rotation is a shift. It finds the shift by correlation, computed with the Fourier
+transform.
 """
 
 import math
@@ -28,9 +29,8 @@ NOISE_BLUR_PX = 1.0
 # The reference is replaced until area and strength have stayed within SETTLED_SHARE for this number of
 # frames.
 SETTLED_FRAMES = 6
-# Smallest fraction of the reference's energy that a rotation changes, per rad squared, after the part that a
-# shift can explain is removed. Below this the contact is round (SIMULATED smooth balls reach 0.1, cans at
-# least 0.3).
+# Smallest rotational contrast of a reference (see `_contrast`). Below this the contact is round and its
+# rotation unobservable: SIMULATED smooth balls reach 0.1, cans at least 0.3.
 LEAST_CONTRAST = 0.15
 # After a loss of contact for longer than this, a contact is a new grasp.
 FORGET_S = 0.5
@@ -233,7 +233,11 @@ def _polar_spectrum(energy: Energy, mask: Image) -> NDArray[np.complex128]:
 
 
 def _contrast(energy: Energy, mask: Image) -> float:
-    """Return the energy of the reference's change per rad that no shift explains, relative to its energy."""
+    """Return the rotational contrast of a reference: how much a rotation changes it, 0 if not at all.
+
+    It is the squared change of the image per rad of rotation, divided by the squared image. The part of the
+    change that a translation would also cause is removed.
+    """
     smooth = cv2.GaussianBlur(energy, (0, 0), 1.5)
     rows, columns = np.nonzero(mask)
     x, y = _middle(mask)

@@ -137,7 +137,7 @@ def test_the_labels_sigma_counts_with_the_estimates() -> None:
         (labels_text([(14, 1.0), (14, 2.0)]), "two labels"),
         (labels_text([(14, 1.0)]) + "8,15,1,1\n", "2 reference frames"),
         (labels_text([(14, float("nan"))]), "line 2: angle_deg 'nan'"),
-        (COLUMNS + "\n9,x,1,1\n", "keyframe 'x': give a frame's number"),
+        (COLUMNS + "\n9,x,1,1\n", "keyframe 'x': give the number of a frame"),
         (COLUMNS + "\n9,12,1,-1\n", "negative"),
     ],
 )
@@ -167,7 +167,7 @@ def test_clip_that_is_a_ros_bag_is_read_as_its_frames(clips: Path, tmp_path: Pat
 
 
 def test_folders_that_are_no_clips_are_named(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="no such folder"):
+    with pytest.raises(InputError, match="folder not found"):
         read_clips(tmp_path / "none")
     with pytest.raises(InputError, match=r"no folder in it has a labels\.csv"):
         read_clips(tmp_path)
@@ -214,7 +214,7 @@ def test_own_clips_are_judged_only_by_limits_that_were_given(clips: Path, tmp_pa
         assert "limits were kept" not in text
     judged = CliRunner().invoke(app, [*own, "--limits", "--within", "1.01"])
     assert judged.exit_code == 4
-    assert "asked at least 1.01" in judged.stderr
+    assert "required at least 1.01" in judged.stderr
     assert "time per frame" in judged.output
 
 
@@ -259,7 +259,7 @@ def test_clip_without_contacts_has_no_contact_columns_and_misses_their_limits(cl
         ("3,5,maybe\n", "line 2: contact 'maybe': give yes or no"),
         ("5,3,no\n", "line 2: frames 5 to 3: the clip has frames 0 to 24"),
         ("3,25,no\n", "line 2: frames 3 to 25: the clip has frames 0 to 24"),
-        ("-1,3,no\n", "line 2: first '-1': give a frame's number"),
+        ("-1,3,no\n", "line 2: first '-1': give the number of a frame"),
     ],
 )
 def test_wrong_contact_spans_are_rejected(clips: Path, tmp_path: Path, spans: str, message: str) -> None:

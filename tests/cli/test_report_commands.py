@@ -87,7 +87,9 @@ def test_unreadable_session_gets_a_page_and_a_note(tmp_path: Path) -> None:
     assert done.stderr.startswith("note: ")
 
 
-def test_two_estimators_on_one_session(trial: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_two_estimators_are_compared_on_one_session(
+    trial: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     page = tmp_path / "compared.html"
     done = rig("compare", "slip", "pca", "--on", str(trial), "--jobs", "1", "--out", str(page), "--json")
     assert done.returncode == 0, done.stderr

@@ -23,34 +23,28 @@ from rig.sessions.rows import read_finished_lifts
 from rig.sessions.unfinished import unfinished_recordings
 from rig.tactile.estimators import choose_estimator
 from support.command_line import rig
+from support.waiting import until
 
 SETTINGS = ["--object", "t2", "--estimator", "pca", "--no-report", "--lifts"]
 BYTES = 400_000
+STARTED_S = 240.0
+"""Longer than a program takes to begin a lift on a loaded host."""
 
 
 def interrupted_after(size: int, how: signal.Signals, folder: Path, bench: Path, jobs: str = "1") -> None:
     """Start a trial of a lift per worker, and send it a signal when a recording of it has a size."""
-    words = [
-        "trial",
-        *SETTINGS,
-        jobs,
-        "--bench",
-        str(bench),
-        "--out",
-        str(folder),
-        "--resume",
-        "--jobs",
-        jobs,
-    ]
-    process = subprocess.Popen([sys.executable, "-m", "rig", *words], stderr=subprocess.PIPE)
+    words = ["trial", *SETTINGS, jobs, "--jobs", jobs, "--bench", bench, "--out", folder, "--resume"]
     before = set(unfinished_recordings(folder))
-    deadline = time.monotonic() + 60.0
-    while not any(p.stat().st_size > size for p in set(unfinished_recordings(folder)) - before):
-        assert time.monotonic() < deadline
+
+    def long_enough() -> bool:
         assert process.poll() is None
-        time.sleep(0.002)
-    process.send_signal(how)
-    process.communicate(timeout=60)
+        return any(path.stat().st_size > size for path in set(unfinished_recordings(folder)) - before)
+
+    with subprocess.Popen([sys.executable, "-m", "rig", *words], stderr=subprocess.DEVNULL) as process:
+        try:
+            until(long_enough, STARTED_S)
+        finally:
+            process.send_signal(how)
 
 
 @pytest.fixture(scope="module")

@@ -77,6 +77,7 @@ def test_swapped_recordings_of_two_lifts_swap_their_estimates(session: Path, tmp
     second.rename(first)
     (tmp_path / "x").rename(second)
     stored = read_finished_lifts(session)
+    assert stored[0].final_estimate_deg != stored[1].final_estimate_deg
     replayed = run_replay(stored_trial(swapped), jobs=1).rows
     assert replayed[0].final_estimate_deg == stored[1].final_estimate_deg
     assert replayed[1].final_estimate_deg == stored[0].final_estimate_deg

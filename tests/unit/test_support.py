@@ -10,10 +10,8 @@ from typing import Any
 import pytest
 
 from drivers.errors import CalibrationError, DeviceError
-from support import side_by_side
 from support.in_real_time import REASON, excuse_for
-from support.side_by_side import give_way, pytest_xdist_auto_num_workers
-from support.waking import others_s
+from support.side_by_side import pytest_xdist_auto_num_workers
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -52,22 +50,6 @@ def test_workers_are_for_folders_of_simulated_devices(
     assert pytest_xdist_auto_num_workers(config) == workers
 
 
-@pytest.mark.parametrize(
-    ("cores", "granted", "waits"), [(2, False, True), (2, True, False), (8, False, False), (8, True, False)]
-)
-def test_other_tests_wait_for_real_time_only_without_priority_and_spare_cores(
-    cores: int, granted: bool, waits: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    over, waited, nices = tmp_path / "over", [], []
-    monkeypatch.setattr(os, "sched_getaffinity", lambda process: set(range(cores)), raising=False)
-    monkeypatch.setattr(os, "setpriority", lambda which, who, nice: nices.append(nice))
-    monkeypatch.setattr(side_by_side, "real_time_is_granted", lambda: granted)
-    monkeypatch.setattr(side_by_side.time, "sleep", lambda s: waited.append(s) or over.touch())
-    give_way(over)
-    assert bool(waited) == waits
-    assert nices == [side_by_side.OWN_NICE + (0 if waits else side_by_side.NICER)]
-
-
 @pytest.mark.parametrize(("late_s", "others_cores"), [(0.2, 0.0), (0.0, 0.8)])
 def test_a_busy_computer_excuses_lateness_and_nothing_else(late_s: float, others_cores: float) -> None:
     excuse = excuse_for(DeviceError("arm: not heard\nfor a while"), late_s, others_cores)
@@ -80,18 +62,3 @@ def test_a_busy_computer_excuses_lateness_and_nothing_else(late_s: float, others
 
 def test_a_computer_with_time_excuses_nothing() -> None:
     assert excuse_for(DeviceError("arm: not heard"), late_s=0.01, others_cores=0.1) is None
-
-
-@pytest.mark.skipif(not Path("/proc/stat").exists(), reason="there is no /proc here")
-def test_cpu_time_of_other_processes_is_separated_from_the_tests() -> None:
-    idle = subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE)
-    burning = "import time\nwhile time.process_time() < 0.5: pass\nprint(flush=True)\ninput()"
-    busy = subprocess.Popen([sys.executable, "-c", burning], stdin=subprocess.PIPE, stdout=subprocess.PIPE)
-    try:
-        assert busy.stdout is not None
-        busy.stdout.readline()
-        ours, of_others = others_s(os.getpid()), others_s(idle.pid)
-        assert of_others - ours > 0.4
-    finally:
-        for process in (idle, busy):
-            process.communicate(b"\n")

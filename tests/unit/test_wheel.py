@@ -27,7 +27,7 @@ def unpacked(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "site"
 
 
-def test_the_wheel_holds_the_packages_and_their_data_and_nothing_else(unpacked: Path) -> None:
+def test_wheel_holds_the_packages_and_their_data_only(unpacked: Path) -> None:
     inside = {p.relative_to(unpacked).as_posix() for p in unpacked.rglob("*") if p.is_file()}
     here = {
         p.relative_to(ROOT).as_posix()

@@ -119,6 +119,13 @@ def test_verdict_names_the_input_that_limits_it() -> None:
     assert "add samples" in str(few.assessment)
 
 
+def test_too_few_samples_are_rejected() -> None:
+    _, samples = general_scene(np.random.default_rng(1), 6)
+    result = calibrate_hand_eye(samples[:2], CAMERA, Setup.EYE_TO_HAND)
+    assert result.pose is None
+    assert "2 usable samples" in str(result.assessment)
+
+
 def test_verdict_is_at_most_that_of_the_camera() -> None:
     _, samples = general_scene(np.random.default_rng(1), 20)
     doubted = CameraUncertainty(doubts=("corners cover 20% of the picture",))
@@ -147,7 +154,7 @@ def test_invalid_samples_are_left_out_by_name() -> None:
     assert truth.error(result.pose)[0] < 1.0
 
 
-def test_the_next_pose_lowers_the_predicted_sigma_most() -> None:
+def test_next_pose_minimises_the_predicted_sigma() -> None:
     _, samples = general_scene(np.random.default_rng(6), 26)
     result = solved(samples[:6])
     candidates = [s.base_T_tcp for s in samples[6:]]

@@ -107,7 +107,7 @@ def test_every_reference_marker_is_detected_at_its_position(real_data) -> None:
             assert np.linalg.norm(found[int(row["marker_id"])] - corners, axis=1).max() <= 2.0, (name, row)
 
 
-def test_a_dictionary_file_is_read_or_refused(tmp_path) -> None:
+def test_dictionary_file_is_read_or_rejected(tmp_path) -> None:
     with pytest.raises(CalibrationError, match="dictionary"):
         detector(str(tmp_path / "none.yml"))
     (tmp_path / "bad.yml").write_text("%YAML:1.0\nnmarkers: 3\n")

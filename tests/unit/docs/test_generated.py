@@ -4,7 +4,7 @@ import re
 
 import yaml
 
-from support.documentation import ROOT, script
+from support.documentation import ROOT
 
 
 def test_figures_in_readme_match_the_tables() -> None:
@@ -17,15 +17,6 @@ def test_figures_in_readme_match_the_tables() -> None:
     assert f"MARE {lifts[3].split()[0]} degrees" in readme
     shares = f"{everything} ({developed} on clips it was developed on, {held_back} on the others)"
     assert re.sub("(?<=[0-9])%", " %", shares) in readme
-
-
-def test_the_lines_that_are_not_run_say_why() -> None:
-    lines = script("try_it").command_lines(long=False)
-    assert sum(not line.why_not for line in lines) > 30
-    assert all("needs" in line.why_not or "--long" in line.why_not for line in lines if line.why_not)
-    moving = [line for line in lines if "--bench my_bench.toml" in line.text and " objects " not in line.text]
-    assert len(moving) > 5
-    assert all(line.why_not for line in moving)
 
 
 def test_container_files_exist_and_services_match_the_page() -> None:

@@ -28,7 +28,7 @@ class Device:
         return PolledMotion("hand", self.clock, self.ended, self.stop)
 
 
-def test_a_motion_that_takes_too_long_is_stopped() -> None:
+def test_motion_is_stopped_at_its_timeout() -> None:
     device = Device(ends_s=5.0)
     with pytest.raises(DeviceTimeoutError, match="not finished after"):
         device.motion().wait(1.0)

@@ -75,7 +75,7 @@ def test_held_object_is_set_down_at_its_place(lift_of: LiftOf, phase: Phase) -> 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("phase", [Phase.LIFT, pytest.param(Phase.HOLD, marks=pytest.mark.long), Phase.LOWER])
-def test_a_second_ctrl_c_stops_the_teardown_and_stays(lift_of: LiftOf, phase: Phase) -> None:
+def test_second_ctrl_c_stops_the_teardown_in_place(lift_of: LiftOf, phase: Phase) -> None:
     lift = lift_of()
     lift.interrupt(lambda: lift.observer.phase_now is phase and lift.height_m > 0.02)
     lift.interrupt(lambda: lift.height_m < 0.017)
@@ -86,7 +86,7 @@ def test_a_second_ctrl_c_stops_the_teardown_and_stays(lift_of: LiftOf, phase: Ph
     assert lift.bench.hand.state.holding is Holding.HELD
 
 
-def test_an_object_in_a_hand_that_is_not_above_its_place_stays_held(lift_of: LiftOf) -> None:
+def test_object_away_from_its_place_stays_held(lift_of: LiftOf) -> None:
     lift = lift_of()
     lift.interrupt(lambda: lift.observer.phase_now is Phase.HOLD)
     elsewhere = lift.plan.base_T_grasp.translated(x_m=0.05)
@@ -128,7 +128,7 @@ def test_protective_stop_is_detected_during_any_wait_of_the_lift(
     assert lift.held
 
 
-def test_an_emergency_stop_in_the_hold_phase_is_noticed_within_two_pictures(
+def test_emergency_stop_in_the_hold_phase_is_noticed_within_two_frames(
     lift_of: LiftOf, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     lift = lift_of()
@@ -163,7 +163,7 @@ def test_an_emergency_stop_in_the_hold_phase_is_noticed_within_two_pictures(
     assert lift.held
 
 
-def test_an_object_too_wide_for_the_hand_is_refused_before_anything_moves(lift_of: LiftOf) -> None:
+def test_too_wide_object_is_rejected_before_any_motion(lift_of: LiftOf) -> None:
     lift = lift_of()
     before = (lift.pose, lift.counts)
     lift.plan = replace(lift.plan, width_m=0.118)

@@ -63,7 +63,7 @@ def test_end_of_recording_is_reported_after_the_last_frame(camera: ExternalCamer
     assert camera.next_frame(1.0).image.shape == (48, 64, 3)
 
 
-def test_the_newest_frame_skips_the_backlog_and_has_an_age(camera: ExternalCamera) -> None:
+def test_newest_frame_skips_the_backlog_and_is_limited_in_age(camera: ExternalCamera) -> None:
     time.sleep(0.1)
     frame = camera.newest_frame(0.2)
     assert camera.next_frame(1.0).sequence == frame.sequence + 1

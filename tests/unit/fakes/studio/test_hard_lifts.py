@@ -91,7 +91,7 @@ def test_frames_of_easy_lifts_have_the_stored_checksums(unit: tuple[str, int, st
     assert hashlib.sha256(drawn).hexdigest()[:16] == GOLDEN[unit]
 
 
-def test_a_hard_lift_is_drawn_from_its_seed() -> None:
+def test_hard_lift_is_determined_by_its_seed() -> None:
     seed = soft_seed()
     one, again, other = (
         frames(digit("t1", "SIM-D0001", 1, "hard", number)) for number in (seed, seed, seed + 1)
@@ -111,7 +111,7 @@ def test_relief_turns_by_the_angle_of_the_object(kind: str) -> None:
     assert likeness[0] > 0.9
 
 
-def test_a_mirrored_world_shows_the_same_hard_lift() -> None:
+def test_mirrored_world_shows_the_same_hard_lift() -> None:
     world = lifting_world("t1", soft_seed())
     mirror = MirroredWorld(world.layout, snapshot_of(world, 0))
     plan = DigitPlan("SIM-D0001", 1, 60.0, 0, difficulty="hard")

@@ -129,13 +129,6 @@ def test_invalid_toml_is_rejected_with_its_line() -> None:
     assert "line 3" in refusal("a = 1\n\nb = = 2\n")
 
 
-def test_binary_file_is_rejected(tmp_path: Path) -> None:
-    path = tmp_path / "bench.toml"
-    path.write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(InputError, match="cannot be read"):
-        load_bench(str(path))
-
-
 KEYS = st.from_regex(r"[a-z]{1,6}", fullmatch=True)
 VALUES = st.sampled_from(["1", '"x"', "[\n 1,\n 2,\n]", '"""a\nb = 3\n"""', "{ k = 1 }", "true # k = 2"])
 

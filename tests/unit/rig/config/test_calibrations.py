@@ -126,7 +126,13 @@ def test_camera_on_the_tool_is_said_not_to_be_used(tmp_path: Path) -> None:
     assert "calibration not used" in said[0]
 
 
-def test_a_camera_calibrated_at_another_size_is_refused(tmp_path: Path) -> None:
+def test_calibration_file_of_another_serial_is_rejected(tmp_path: Path) -> None:
+    keep(tmp_path, "camera", {"camera": "OTHER"}, camera_info(CAMERA, "OTHER"))
+    with pytest.raises(CalibrationError, match="belongs to camera OTHER, the bench has SIM-C0001"):
+        find_calibrations(load_bench("fake"), tmp_path)
+
+
+def test_camera_calibration_of_another_image_size_is_rejected(tmp_path: Path) -> None:
     larger = CameraModel((1280, 720), CAMERA.matrix, CAMERA.distortion)
     keep(tmp_path, "camera", {"camera": "SIM-C0001"}, camera_info(larger, "SIM-C0001"))
     with pytest.raises(
@@ -222,7 +228,7 @@ def test_measured_openings_are_extrapolated_with_the_nominal_slope() -> None:
 
 
 @pytest.mark.slow
-def test_a_lift_with_calibrations_replays_bit_for_bit(light_bench: BenchConfig, tmp_path: Path) -> None:
+def test_lift_with_calibrations_replays_identically(light_bench: BenchConfig, tmp_path: Path) -> None:
     camera = CameraInUse(matrix=(327.5, 0, 160, 0, 327.5, 120, 0, 0, 1), distortion=(0.0,) * 5)
     file = FileInUse(
         file="camera-SIM-C0001.yaml", sha256="ab" * 32, created="2026-01-01T00:00:00+00:00", verdict="good"

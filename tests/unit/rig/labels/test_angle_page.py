@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from drivers.errors import InputError, RigError
 from drivers.images import read_image
-from rig.benchmark.clips.labelled import read_clips
 from rig.frames.estimation import Estimation
 from rig.frames.series import read_frames
 from rig.labels.angle_clip import ClipToLabel, FrameChoice, choose_frames, load_clip
@@ -21,7 +20,7 @@ from rig.labels.angle_lines import LINES, Click, LineLog, ends_in, read_drawn
 from rig.labels.angle_server import TOKEN, AnglePage, AngleServer
 from rig.pages.serving import Request
 from rig.tactile.estimators import choose_estimator
-from support.angle_clips import TURN_DEG, ask, true_ends, write_clip
+from support.angle_clips import ask, true_ends, write_clip
 
 Image = NDArray[np.uint8]
 Draw = Callable[..., Image]
@@ -181,19 +180,6 @@ def test_invalid_click_is_rejected_and_not_stored(page: Asked, clip: Path, sent:
     assert status == 400
     assert answer["error"]
     assert not (clip / LINES).exists()
-
-
-def test_labels_are_written_as_the_benchmark_reads_them(page: Asked, clip: Path) -> None:
-    page.draw([2, 6, 9, 13], shift_px=1.0)
-    status, answer = page.post("write", {})
-    assert (status, answer["left_out"]) == (200, 0)
-    assert page.reports == [b"4"]
-    (found,) = read_clips(clip)
-    assert found.reference_frame == 2
-    assert [label.frame for label in found.labels] == [6, 9, 13]
-    truth = [TURN_DEG[label.frame - 2] for label in found.labels]
-    assert [label.angle_deg for label in found.labels] == pytest.approx(truth, abs=0.01)
-    assert all(0.2 < label.sigma_deg < 2.0 for label in found.labels)
 
 
 def test_labels_are_not_written_while_lines_are_missing(page: Asked, clip: Path) -> None:

@@ -100,7 +100,7 @@ def test_keys_of_version_1_0_are_read_and_ignored(
         (lambda row: row.update(accepted=1), "'accepted' Input should be False, found 1"),
     ],
 )
-def test_a_wrong_row_is_named_by_file_line_and_key(
+def test_invalid_row_is_reported_with_file_line_and_key(
     lift_row: MakeRow, tmp_path: Path, spoil: Callable[[dict[str, Any]], object], said: str
 ) -> None:
     row = json_value(lift_row(2))
@@ -137,7 +137,7 @@ def test_invalid_line_is_named(tmp_path: Path, text: bytes) -> None:
         (lambda m: m.update(kind=["trial"]), "'kind' Input should be a valid string"),
     ],
 )
-def test_a_wrong_manifest_is_named_by_its_key(
+def test_invalid_manifest_is_reported_with_its_key(
     drawn_trial: Any, tmp_path: Path, spoil: Callable[[dict[str, Any]], object], said: str
 ) -> None:
     folder = drawn_trial(tmp_path / "s", (12.0,))

@@ -88,7 +88,7 @@ def test_start_without_any_result_leaves_no_session(tmp_path: Path, lift_row: Ma
     assert read_lifts(tmp_path / "lift") == [lift_row(1)]
 
 
-def test_the_newest_unfinished_session_of_a_bench_is_found(tmp_path: Path) -> None:
+def test_newest_unfinished_session_of_a_bench_is_found(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no unfinished trial"):
         newest_unfinished("trial", "fake", tmp_path)
     for name, changes in (
@@ -126,14 +126,14 @@ def test_finishing_puts_results_in_order_and_marks_the_target(tmp_path: Path, li
 
 
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs a device that is always full")
-def test_a_full_disk_is_a_typed_error(tmp_path: Path) -> None:
+def test_full_disk_is_a_typed_error(tmp_path: Path) -> None:
     full = tmp_path / "full.jsonl"
     full.symlink_to("/dev/full")
     with pytest.raises(RecordingError, match="free space"):
         append_line(full, b"a line\n")
 
 
-def test_a_failed_write_keeps_the_old_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_failed_write_keeps_the_old_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "kept.json"
     write_file(path, b"old")
 

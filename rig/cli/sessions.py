@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from drivers.errors import SessionError, counted
+from drivers.errors import InputError, SessionError, counted
 from rig.cli.common import emit_json, say
 from rig.cli.declared import argument, file_place, option
 from rig.cli.options import JsonOption
@@ -15,6 +15,7 @@ from rig.cli.options import JsonOption
 if TYPE_CHECKING:
     from rich.table import Table
 
+    from rig.report.wear import SessionWear
     from rig.results.listing import SessionEntry
 
 MB = 1e6
@@ -53,7 +54,7 @@ class ListOptions:
         callback=file_place,
     )  # fmt: skip
     page: Path | None = option(
-        None, "Also write a page of the sessions: search, filters, MARE over time, links to reports.",
+        None, "Also write a page of the sessions: search, filters, MARE and wear over time, links to reports.",
         callback=file_place,
     )  # fmt: skip
     json: JsonOption = False
@@ -80,16 +81,11 @@ def sessions(options: ListOptions) -> None:
     """
     entries, folder = _selected(options), options.folder
     _print(options, entries)
-    page = None if options.wear is None else _wear_page(entries, options.wear)
-    if options.page is not None:
-        from rig.report.sessions_page import write_sessions
-
-        write_sessions(options.page, folder, entries, _columns(entries))
-        say(f"page: {options.page}")
+    _write_pages(options, entries)
     if options.json:
         listed = {"folder": str(folder), "sessions": [entry.as_json() for entry in entries]}
-        pages = {"wear": page, "page": options.page and str(options.page)}
-        emit_json({**listed, **{name: path for name, path in pages.items() if path}})
+        pages = {"wear": options.wear, "page": options.page}
+        emit_json({**listed, **{name: str(path) for name, path in pages.items() if path}})
     broken = sum(entry.state == "broken" for entry in entries)
     if options.check and broken:
         raise SessionError(
@@ -153,14 +149,30 @@ def _listed(folder: Path, check: bool | None) -> "list[SessionEntry]":
     return sorted((entry for _, entries in listed for entry in entries), key=lambda entry: entry.folder)
 
 
-def _wear_page(entries: "list[SessionEntry]", page: Path) -> str:
+def _write_pages(options: ListOptions, entries: "list[SessionEntry]") -> None:
+    """Write the pages of --wear and --page; the second shows wear only for few sessions, unless --wear is given."""
+    if not (options.wear or options.page):
+        return
+    from rig.report.sessions_page import write_sessions
+    from rig.report.wear import read_wear
     from rig.report.wear_page import write_wear
 
-    written = write_wear([entry.folder for entry in entries], page)
-    for problem in written.problems:
-        say(f"note: {problem}")
-    say(f"wear: {written.path}")
-    return str(written.path)
+    wear: list[SessionWear] = []
+    if options.wear or (options.page and len(entries) <= MOST_CHECKED):
+        try:
+            wear, problems = read_wear([entry.folder for entry in entries])
+        except InputError as error:  # no session with sensors
+            if options.wear:
+                raise
+            problems = [str(error)] if entries else []
+        for problem in problems:
+            say(f"note: {problem}")
+        if options.wear:
+            write_wear(wear, problems, options.wear)
+            say(f"wear: {options.wear}")
+    if options.page:
+        write_sessions(options.page, options.folder, entries, _columns(entries), wear)
+        say(f"page: {options.page}")
 
 
 def _columns(entries: "list[SessionEntry]") -> dict[str, list[str]]:

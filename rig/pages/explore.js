@@ -73,6 +73,22 @@
 
   all("table.explored").forEach(table => { filterable(table); sortable(table); });
 
+  // --- figures over all lifts: a click enlarges them, points of lifts are named -----------------------------
+  const large = made("dialog", {className: "large", onclick: () => large.close()});
+  document.body.append(large);
+  all(".figures:not(.thumbs) figure svg").forEach(svg => svg.addEventListener("click", event => {
+    if (event.target.closest("a")) return;
+    large.replaceChildren(svg.closest("figure").cloneNode(true));
+    large.showModal();
+  }));
+  all(".figures:not(.thumbs) svg a").forEach(link => {
+    const figure = document.querySelector(link.getAttribute("xlink:href"));
+    if (!figure) return;
+    const title = document.createElementNS("http://www.w3.org/2000/svg", "title");
+    title.textContent = ["h3", "figcaption"].map(part => figure.querySelector(part).textContent).join(": ");
+    link.append(title);
+  });
+
   // --- one lift -----------------------------------------------------------------------------------------
   const place = document.getElementById("explorer");
   const lifts = all(".thumbs figure").filter(figure => document.getElementById(`${figure.id}-data`));
@@ -164,7 +180,7 @@
       screen.style.backgroundImage = `url(${film.sheet})`;
       screen.style.backgroundSize = `100% ${100 * film.times.length}%`;
       screen.setAttribute("aria-label", film.label);
-      part(".names").textContent = `From left to right: ${film.label}`;
+      part(".names").textContent = `From left to right: ${film.label}. ${film.about}`;
     }
     [scrubber.min, scrubber.max] = lift.range;
     draw();

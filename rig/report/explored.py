@@ -4,7 +4,7 @@ Times are in s from the start of phase B, angles in deg. A refused value is null
 page's palette.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import cycle
 from pathlib import Path
@@ -28,9 +28,8 @@ from rig.sessions.recording_file import recorded_messages
 
 FRAMES_BEFORE, FRAMES_OF_LIFT, FILM_HEIGHT_PX = 4, 20, 144
 """Pictures of a film in phase A, in which nothing turns, and from phase B on."""
-FILM_BYTES, LEAST_FILM_BYTES = 1_700_000, 15_000
-"""Of all films of a page together, and of one: base64 adds a third, and 45 lifts have to stay below 6 MB."""
-_QUALITIES = (35, 12)
+_STEPS = ((1, 35), (1, 12), (2, 12), (4, 8))
+"""Every nth picture, and its WebP quality: the first that fits is taken, else the last."""
 _ANGLE_PX, _SMALL_PX = 230, 90
 
 Messages = list[tuple[int, bytes]]
@@ -63,9 +62,7 @@ class Panel:
     limits: tuple[float, float] | None = None
 
 
-def explored(
-    lift: LiftCurves, panels: Sequence[Panel], film: Mapping[str, object] | None = None
-) -> dict[str, Any]:
+def explored(lift: LiftCurves, panels: Sequence[Panel], film: str | None = None) -> dict[str, Any]:
     """Return what the page's program needs of a lift, ready for JSON."""
     start, end = shown_range(lift)
     panels_shown = [
@@ -126,12 +123,10 @@ def pair_panels(names: tuple[str, str], first: LiftCurves, second: LiftCurves) -
     return [Panel("angle, °", [truth, *angles], _ANGLE_PX), Panel("error, °", errors)]
 
 
-def recorded_lift(
-    path: Path, lift: LiftCurves, zero_ns: int, manifest: TrialManifest, film_bytes: int
-) -> dict[str, Any]:
-    """Return the data of a recorded lift, with the wrench, the grip and a film.
+def recorded_lift(path: Path, lift: LiftCurves, zero_ns: int, film: str | None = None) -> dict[str, Any]:
+    """Return the data of a recorded lift, with the wrench and the grip.
 
-    zero_ns: start of phase B by the recording's clock. film_bytes: at most, where the quality allows it.
+    zero_ns: start of phase B by the recording's clock. film: mark in the place of the film's data.
     Gaps of the recording are passed over. Raises `SessionError` and others of `UNREADABLE`.
     """
     messages: dict[str, Messages] = {JOINTS_TOPIC: [], GRIPPER_TOPIC: []}
@@ -139,7 +134,7 @@ def recorded_lift(
         messages[topic].append((time_ns, data))
     panels = angle_panels(lift)
     panels += _wrench(messages[JOINTS_TOPIC], path, zero_ns) + _grip(messages[GRIPPER_TOPIC], path, zero_ns)
-    return explored(lift, panels, _film(path, lift, zero_ns, manifest, film_bytes))
+    return explored(lift, panels, film)
 
 
 def _wrench(messages: Messages, path: Path, zero_ns: int) -> list[Panel]:
@@ -171,23 +166,33 @@ def _grip(messages: Messages, path: Path, zero_ns: int) -> list[Panel]:
     return [Panel("grip, mm", [Series("gripper's opening", INK, times, opening)])]
 
 
-def _film(
+def lift_film(
     path: Path, lift: LiftCurves, zero_ns: int, manifest: TrialManifest, most_bytes: int
 ) -> dict[str, object]:
-    """Return a film as one WebP sheet, a row per picture: fingertips and camera side by side."""
+    """Return a film as one WebP sheet, a row per picture: fingertips and camera side by side.
+
+    most_bytes: of the sheet; a longer one is made with lower quality and fewer pictures, as far as these go.
+    Raises `SessionError` and others of `UNREADABLE`.
+    """
     start, end = shown_range(lift)
     before = np.linspace(start, 0.0, FRAMES_BEFORE, endpoint=False)
     times = np.concatenate([before, np.linspace(0.0, end, FRAMES_OF_LIFT)])
     columns = []
     for serial in manifest.serials:
         found = pictures(path, lift, zero_ns, serial, manifest.signs.get(serial), times.tolist())
-        columns.append(np.concatenate([_small(picture) for picture, _ in found]))
-    sheet = np.concatenate(columns, axis=1)
+        columns.append(np.array([_small(picture) for picture, _ in found]))
+    rows, data, every = np.concatenate(columns, axis=2), b"", 1
+    for every, quality in _STEPS:
+        data = _webp(np.concatenate(rows[::every]), quality)
+        if len(data) <= most_bytes:
+            break
+    shown = times[::every]
     return {
-        "sheet": data_uri(_webp(sheet, most_bytes)),
-        "times": _numbers(times, 3),
-        "size": [sheet.shape[1], FILM_HEIGHT_PX],
+        "sheet": data_uri(data),
+        "times": _numbers(shown, 3),
+        "size": [rows.shape[2], FILM_HEIGHT_PX],
         "label": ", ".join(manifest.serials),
+        "about": "" if every == 1 else f"{len(shown)} of {len(times)} pictures, to keep this page small",
     }
 
 
@@ -196,16 +201,9 @@ def _small(picture: Image) -> Image:
     return np.asarray(cv2.resize(picture, (width, FILM_HEIGHT_PX), interpolation=cv2.INTER_AREA), np.uint8)
 
 
-def _webp(sheet: Image, most_bytes: int) -> bytes:
-    data = b""
-    for quality in _QUALITIES:
-        _, encoded = cv2.imencode(
-            ".webp", cv2.cvtColor(sheet, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_WEBP_QUALITY, quality]
-        )
-        data = encoded.tobytes()
-        if len(data) <= most_bytes:
-            break
-    return data
+def _webp(sheet: Image, quality: int) -> bytes:
+    bgr = cv2.cvtColor(sheet, cv2.COLOR_RGB2BGR)
+    return cv2.imencode(".webp", bgr, [cv2.IMWRITE_WEBP_QUALITY, quality])[1].tobytes()
 
 
 def _seconds(times_ns: Sequence[int], zero_ns: int) -> Floats:

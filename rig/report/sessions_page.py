@@ -11,7 +11,8 @@ from markupsafe import Markup
 from rig.pages.page import render
 from rig.report.parts import Chart, Table
 from rig.report.text import made_text
-from rig.report.wear_page import error_chart
+from rig.report.wear import SessionWear
+from rig.report.wear_page import error_chart, wear_charts
 from rig.report.write import REPORT, write_page
 from rig.results.listing import SessionEntry
 
@@ -20,12 +21,17 @@ CHOSEN = ("kind", "bench", "objects", "tags", "operator", "state")
 
 
 def write_sessions(
-    page: Path, folder: Path, entries: Sequence[SessionEntry], columns: Mapping[str, Sequence[str]]
+    page: Path,
+    folder: Path,
+    entries: Sequence[SessionEntry],
+    columns: Mapping[str, Sequence[str]],
+    wear: Sequence[SessionWear] = (),
 ) -> None:
     """Write the page of some sessions.
 
-    columns: texts of the listing by heading, one for each entry; the first names the sessions. Raises
-    `InputError` for a place it cannot have, `RecordingError` when writing fails.
+    columns: texts of the listing by heading, one for each entry; the first names the sessions. wear: of
+    those whose sensors are shown over time. Raises `InputError` for a place it cannot have, `RecordingError`
+    when writing fails.
     """
     names = [_link(text, entry.folder, page) for text, entry in zip(columns["session"], entries, strict=True)]
     rows = [list(row) for row in zip(names, *list(columns.values())[1:], strict=True)]
@@ -41,6 +47,7 @@ def write_sessions(
         ]
         if chart := error_chart(sorted(known, key=lambda point: point[0]), f"Error on {what}"):
             charts.append(chart)
+        charts += wear_charts([own for own in wear if own.manifest.simulated == simulated], f", {what}")
     write_page(page, sessions_page(str(folder), Table(list(columns), rows, text, filters=chosen), charts))
 
 

@@ -12,13 +12,15 @@ from rig.report.advice import trial_notices
 from rig.report.calibrations import calibration_table
 from rig.report.counts import counts_table, onset_delays_ms, onset_table, stage_table, state_table
 from rig.report.curves import LiftCurves, signed_errors
-from rig.report.explored import FILM_BYTES, LEAST_FILM_BYTES, angle_panels, explored, recorded_lift
+from rig.report.explored import angle_panels, explored, recorded_lift
 from rig.report.groups import object_chart, surface_chart
 from rig.report.header import header
 from rig.report.lift_chart import key, lift_chart
+from rig.report.lift_films import film_mark, with_films
+from rig.report.lift_rows import anchor, lift_caption, lift_table
 from rig.report.parts import Chart, Notice, ReportPage, Table, linked
 from rig.report.reacted import beside
-from rig.report.session import UNREADABLE, Lift, Trial, curves_of, object_label
+from rig.report.session import UNREADABLE, Lift, Trial, curves_of
 from rig.report.strips import Still, strip
 from rig.report.text import made_text, mare_tile
 from rig.report.trial_charts import (
@@ -45,7 +47,7 @@ def trial_page(trial: Trial, now: datetime | None = None, other: Trial | None = 
     """
     now = now or datetime.now(UTC)
     summary = summarize_trial(trial.rows)
-    anchors = {lift.name: _anchor(lift) for lift in trial.lifts if lift.curves is not None}
+    anchors = {lift.name: anchor(lift) for lift in trial.lifts if lift.curves is not None}
     charts, lifts = _charts(trial), _charts_of_lifts(trial)
     objects = object_table(summary) if summary.objects else None
     page = render(
@@ -75,7 +77,7 @@ def trial_page(trial: Trial, now: datetime | None = None, other: Trial | None = 
         calibrations=calibration_table(trial.manifest, now),
         made=made_text(now),
     )
-    return ReportPage(page, [*charts, *lifts], objects, trial.manifest.simulated)
+    return ReportPage(with_films(page, trial), [*charts, *lifts], objects, trial.manifest.simulated)
 
 
 def object_table(summary: TrialSummary) -> Table:
@@ -129,7 +131,7 @@ def _charts(trial: Trial) -> list[Chart]:
     if not lifts:
         return []
     rows = [lift.row for lift in trial.lifts]
-    finals = [(lift.row.final_estimate_deg, lift.row.final_truth_deg, _anchor(lift)) for lift in trial.lifts]
+    finals = [(lift.row.final_estimate_deg, lift.row.final_truth_deg, anchor(lift)) for lift in trial.lifts]
     charts = [
         object_chart(trial.lifts),
         finals_chart(finals),
@@ -189,70 +191,17 @@ def _with_strips(trial: Trial, lift: Lift, curves: LiftCurves) -> dict[str, obje
             strips[name] = strip(path, curves, lift.zero_ns, serial, signs.get(serial))
         except UNREADABLE as error:
             problem = Notice("bad", f"The frames of {serial} cannot be shown.", str(error))
-    return {"chart": lift_chart(curves, _lift_caption(lift)), "strips": strips, "problem": problem}
+    return {"chart": lift_chart(curves, lift_caption(lift)), "strips": strips, "problem": problem}
 
 
 def _charts_of_lifts(trial: Trial) -> list[Chart]:
-    shown = [(lift, lift.curves) for lift in trial.lifts if lift.curves is not None]
-    film_bytes = max(FILM_BYTES // max(len(shown), 1), LEAST_FILM_BYTES)
-    return [_chart_of_lift(trial, lift, curves, film_bytes) for lift, curves in shown]
+    return [_chart_of_lift(trial, lift, lift.curves) for lift in trial.lifts if lift.curves is not None]
 
 
-def _chart_of_lift(trial: Trial, lift: Lift, curves: LiftCurves, film_bytes: int) -> Chart:
+def _chart_of_lift(trial: Trial, lift: Lift, curves: LiftCurves) -> Chart:
     try:
         path = trial.folder / lift.row.recording
-        data = recorded_lift(path, curves, lift.zero_ns, trial.manifest, film_bytes)
+        data = recorded_lift(path, curves, lift.zero_ns, film_mark(lift))
     except UNREADABLE:  # the recording's damage is named above
         data = explored(curves, angle_panels(curves))
-    return replace(lift_chart(curves, _lift_caption(lift)), anchor=_anchor(lift), explored=data)
-
-
-def _anchor(lift: Lift) -> str:
-    return f"lift-{lift.row.number}"
-
-
-def lift_table(lifts: Sequence[Lift]) -> Table:
-    """A row per lift, with a link to its figure."""
-    columns = (
-        "lift", "object", "outcome", "grasp", "grip", "mean error, °", "largest, °", "true turn, °",
-        "answered", "onset seen, ms later",
-    )  # fmt: skip
-    rows = [_lift_row(lift) for lift in lifts]
-    return Table(columns, rows, text=(0, 1, 2, 3), filters={1: "choose", 2: "choose", 5: "least"})
-
-
-def _lift_row(lift: Lift) -> list[str]:
-    row, late = lift.row, _onset_delay(lift.curves)
-    return [
-        linked(lift.name, {lift.name: _anchor(lift)} if lift.curves else {}),
-        object_label(row),
-        row.outcome.value,
-        row.position,
-        str(row.grip_counts),
-        *((f"{row.re.mean_deg:.2f}", f"{row.re.max_deg:.1f}") if row.re else ("no answer", "")),
-        "" if row.final_truth_deg is None else f"{row.final_truth_deg:+.1f}",
-        f"{row.answered:.0%}",
-        "" if late is None else f"{late * 1e3:+.0f}",
-    ]
-
-
-def _lift_caption(lift: Lift) -> str:
-    row = lift.row
-    error = row.re
-    parts = [
-        f"{row.outcome}, {row.position}, grip {row.grip_counts}",
-        f"error {error.mean_deg:.2f} ± {error.std_deg:.2f}°, at most {error.max_deg:.1f}°"
-        if error
-        else "no answer",
-    ]
-    if row.answered < 1.0:
-        parts.append(f"{row.answered:.0%} answered")
-    if (late := _onset_delay(lift.curves)) is not None:
-        parts.append(f"onset seen {late * 1e3:+.0f} ms")
-    return "; ".join(parts)
-
-
-def _onset_delay(curves: LiftCurves | None) -> float | None:
-    if curves is None or curves.onset_truth_s is None or curves.onset_estimate_s is None:
-        return None
-    return curves.onset_estimate_s - curves.onset_truth_s
+    return replace(lift_chart(curves, lift_caption(lift)), anchor=anchor(lift), explored=data)

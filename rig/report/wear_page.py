@@ -13,8 +13,8 @@ from rig.pages.page import render
 from rig.pages.palette import ESTIMATE, SERIES
 from rig.report.parts import Chart, Notice, Table, joined
 from rig.report.text import made_text
-from rig.report.wear import SessionWear, TipWear, read_wear
-from rig.report.write import Written, write_page
+from rig.report.wear import SessionWear, TipWear
+from rig.report.write import write_page
 from rig.results.metrics import INTERVAL, Mare, mare_text
 from rig.sessions.manifest import TrialManifest
 
@@ -22,24 +22,22 @@ MARKERS = ("o", "s", "^", "D")
 Points = list[tuple[datetime, float]]
 
 
-def write_wear(folders: Sequence[Path], page: Path) -> Written:
-    """Write the page of some sessions. Raises `InputError` where none can be read, `RecordingError`."""
-    sessions, problems = read_wear(folders)
+def write_wear(sessions: Sequence[SessionWear], problems: Sequence[str], page: Path) -> None:
+    """Write the page of some sessions. Raises `InputError`, `RecordingError` if it cannot be written."""
     write_page(page, wear_page(sessions, problems))
-    return Written(page, tuple(problems))
 
 
 def wear_page(sessions: Sequence[SessionWear], problems: Sequence[str], now: datetime | None = None) -> str:
     """Return the page of sessions, in the order in which they were begun."""
-    days = (sessions[-1].began - sessions[0].began).days
-    serials = sorted({serial for session in sessions for serial in session.tips})
+    days, serials = (sessions[-1].began - sessions[0].began).days, joined(_serials(sessions))
+    errors = error_chart([(session.began, session.mare) for session in sessions if session.mare])
     return render(
         "rig.report",
         "wear.html",
         simulated=any(session.manifest.simulated for session in sessions),
-        about=f"{counted(len(sessions), 'session')} over {counted(days, 'day')}, sensors {joined(serials)}",
+        about=f"{counted(len(sessions), 'session')} over {counted(days, 'day')}, sensors {serials}",
         warnings=_notices(sessions, problems),
-        charts=_charts(sessions, serials),
+        charts=[*wear_charts(sessions), *([errors] if errors else [])],
         table=_table(sessions),
         made=made_text(now or datetime.now(UTC)),
     )
@@ -58,9 +56,15 @@ def _notices(sessions: Sequence[SessionWear], problems: Sequence[str]) -> list[N
     return found
 
 
-def _charts(sessions: Sequence[SessionWear], serials: Sequence[str]) -> list[Chart]:
+def _serials(sessions: Sequence[SessionWear]) -> list[str]:
+    return sorted({serial for session in sessions for serial in session.tips})
+
+
+def wear_charts(sessions: Sequence[SessionWear], bench: str = "") -> list[Chart]:
+    """Noise, change and contact of each sensor over the dates of sessions. bench: ends the titles."""
+
     def by_serial(value: Callable[[TipWear], float | None]) -> dict[str, Points]:
-        found: dict[str, Points] = {serial: [] for serial in serials}
+        found: dict[str, Points] = {serial: [] for serial in _serials(sessions)}
         for session in sessions:
             for serial, tip in session.tips.items():
                 if (number := value(tip)) is not None:
@@ -69,18 +73,17 @@ def _charts(sessions: Sequence[SessionWear], serials: Sequence[str]) -> list[Cha
 
     charts = [
         _chart(
-            by_serial(lambda tip: tip.noise), "Noise at rest", "grey levels",
+            by_serial(lambda tip: tip.noise), f"Noise at rest{bench}", "noise, grey levels",
             "How much each pixel of the untouched gel varies in the quarter of a second before a grasp.",
         ),
         _chart(
-            by_serial(lambda tip: tip.change), "Change of the gel at rest", "grey levels",
+            by_serial(lambda tip: tip.change), f"Change of the gel at rest{bench}", "change, grey levels",
             "How far the picture of the untouched gel is from that of the sensor's first session here.",
         ),
         _chart(
-            by_serial(lambda tip: tip.contact_px), "Contact", "area, px",
+            by_serial(lambda tip: tip.contact_px), f"Contact{bench}", "contact area, px",
             "Median area of the contacts of a session. Other objects and grips change it, too.",
         ),
-        error_chart([(session.began, session.mare) for session in sessions if session.mare]),
     ]  # fmt: skip
     return [chart for chart in charts if chart is not None]
 
@@ -125,7 +128,8 @@ def _dated(axes: Axes, unit: str) -> None:
     axes.xaxis.set_major_locator(locator)
     axes.xaxis.set_major_formatter(ConciseDateFormatter(locator))
     axes.set_ylim(0.0, 1.15 * axes.dataLim.ymax or 1.0)
-    axes.set(xlabel="begun, UTC", ylabel=unit)
+    axes.set_xlabel("start of the session, UTC", loc="left")
+    axes.set_ylabel(unit)
 
 
 def _table(sessions: Sequence[SessionWear]) -> Table:

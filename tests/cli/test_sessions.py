@@ -147,7 +147,8 @@ def test_page_of_sessions_links_to_reports_and_escapes_names(named: Path, tmp_pa
     text = (tmp_path / "all.html").read_text()
     assert '<a href="both%20%23%202/s1/report.html">s1</a>' in text
     assert "&lt;i&gt;</td>" in text
-    assert "SIMULATED benches" in text
+    for title in ("Error on", "Noise at rest,", "Change of the gel at rest,", "Contact,"):
+        assert f"<h3>{title} SIMULATED benches</h3>" in text
     assert 'data-filter="choose"' in text
 
 

@@ -220,6 +220,23 @@ def test_table_of_lifts_sorts_and_filters_with_its_thumbnails(
     assert browser.value("document.querySelectorAll('.thumbs figure[hidden]').length") == 1
 
 
+def test_figures_over_all_lifts_are_enlarged_by_a_click_and_name_their_lifts(
+    browser: Browser, pages: dict[str, Path]
+) -> None:
+    browser.open(pages["trial"].as_uri(), 1400)
+    figure = "[...document.querySelectorAll('.figures:not(.thumbs) figure')][1]"
+    named = browser.value(f"[...{figure}.querySelectorAll('svg a title')].map(title => title.textContent)")
+    assert [name.partition(":")[0] for name in named] == ["wrench, lift 1", "wrench, lift 2"]
+    width = f"{figure}.querySelector('svg').clientWidth"
+    before = browser.value(width)
+    click = "dispatchEvent(new MouseEvent('click', {bubbles: true}))"
+    browser.value(f"{figure}.querySelector('svg').{click}")
+    assert browser.value("document.querySelector('dialog svg').clientWidth") > 1.5 * before
+    browser.value(f"document.querySelector('dialog').{click}")
+    assert not browser.value("document.querySelector('dialog').open")
+    assert browser.said() == []
+
+
 def test_page_without_javascript_shows_every_figure_at_full_width(
     browser: Browser, pages: dict[str, Path]
 ) -> None:

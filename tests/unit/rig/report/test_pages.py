@@ -13,13 +13,14 @@ import pytest
 
 from drivers.errors import InputError
 from rig.pages.page import asset
+from rig.report import lift_films
 from rig.report.curves import Curve, signed_errors
 from rig.report.lift_chart import angle_range, before_lift, shown_range
 from rig.report.parts import linked
 from rig.report.recording import read_recording
 from rig.report.recording_page import LABEL_PX, THUMB_PX, montage
 from rig.report.session import read_trial
-from rig.report.trial_page import fingertip_table, object_table
+from rig.report.trial_page import fingertip_table, object_table, trial_page
 from rig.report.write import write_report
 from rig.results.summary import summarize_trial
 from rig.sessions.manifest import RecordManifest, TrialManifest, read_manifest_of
@@ -133,6 +134,25 @@ def test_warnings_and_rows_link_to_the_figure_of_their_lift(page: Page, trial: P
         '&lt;b&gt; <a href="#lift-12">knife, lift 12</a> and <a href="#lift-1">knife, lift 1</a>, '
         "knife, lift 123"
     )
+
+
+def films_of(html: str) -> list[dict[str, Any]]:
+    found = re.findall(r'<script type="application/json" id="lift-\d+-data">(.*?)</script>', html)
+    return [json.loads(data)["film"] for data in found]
+
+
+def test_films_have_fewer_pictures_if_the_page_has_no_room_and_the_page_says_so(
+    trial: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    session = read_trial(trial, read_manifest_of(trial, TrialManifest, ""))
+    whole = trial_page(session).html
+    monkeypatch.setattr(lift_films, "MOST_BYTES", 0)
+    monkeypatch.setattr(lift_films, "LEAST_FILM_BYTES", 0)
+    small = trial_page(session).html
+    assert len(small) < len(whole)
+    assert [(len(film["times"]), film["about"]) for film in films_of(whole)] == [(24, "")] * 2
+    about = "6 of 24 pictures, to keep this page small"
+    assert [(len(film["times"]), film["about"]) for film in films_of(small)] == [(6, about)] * 2
 
 
 def test_vendored_program_is_the_released_file_with_its_license(page: Page) -> None:

@@ -54,7 +54,7 @@ class ListOptions:
         callback=file_place,
     )  # fmt: skip
     page: Path | None = option(
-        None, "Also write a page of the sessions: search, filters, MARE and wear over time, links to reports.",
+        None, "Also write a page of them: search, filters, MARE and wear over time, links to reports.",
         callback=file_place,
     )  # fmt: skip
     json: JsonOption = False
@@ -150,7 +150,7 @@ def _listed(folder: Path, check: bool | None) -> "list[SessionEntry]":
 
 
 def _write_pages(options: ListOptions, entries: "list[SessionEntry]") -> None:
-    """Write the pages of --wear and --page; the second shows wear only for few sessions, unless --wear is given."""
+    """Write the pages of --wear and --page. Without --wear, --page shows wear only of few sessions."""
     if not (options.wear or options.page):
         return
     from rig.report.sessions_page import write_sessions

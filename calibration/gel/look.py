@@ -197,7 +197,7 @@ def shadow_terms(dent: Plane, px_mm: float) -> Plane:
 
 
 def load_look(path: Path) -> GelLook:
-    """Read a look. Raises `CalibrationError` naming the file and what is wrong with it."""
+    """Read a look. Raises `CalibrationError` with the file and its fault."""
     try:
         with np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as stored:
             facts = json.loads(str(stored["facts"]))

@@ -14,11 +14,11 @@ Circle = tuple[float, float, float]
 """x, y and radius of a contact, px of the image."""
 
 ENOUGH_FRAMES = 8
-"""From so many untouched frames on, the presses are not needed for the background."""
+"""Number of untouched frames from which the presses are not needed for the background."""
 _UNTOUCHED = 2.2
 """Beyond this, in radii of the circle of its contact, a press leaves the gel as it is."""
 _NOISE_FRAMES, _NOISE_SMOOTH_PX = 12, 8.0
-"""So many frames of noise are kept; what is broader than the second is light, not noise."""
+"""Number of stored noise frames; broader structure than the second value is light, not noise."""
 _JPEG_QUALITIES = range(50, 97)
 _JPEG_DIP = 0.8
 """Compressing a picture again with its own quality changes it by less than this share of the next quality."""

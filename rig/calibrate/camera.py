@@ -111,8 +111,8 @@ def _pictures(result: CameraFit, projected_px: figures.Array, folder: Path) -> l
         ),
         Picture(
             "Residuals of the worst view",
-            f"{shown.id}: each arrow points from where the calibrated camera projects a corner to where it "
-            "was found.",
+            f"{shown.id}: each arrow points from a corner projected with the calibrated camera to the "
+            "detected one.",
             figures.arrows(
                 fitted[worst],
                 shown.image_px - fitted[worst],

@@ -239,7 +239,7 @@ def _residuals(scale: GelScale | None, background: Image) -> list[Picture]:
     shown = figures.arrows(
         scale.centres_px - vectors, vectors, (columns, rows), "residuals", np.asarray(grey, np.uint8)
     )
-    text = "Each arrow points from where the known move and the scale put a contact to where it was seen."
+    text = "Each arrow points from the position of a contact by motion and scale to the measured one."
     return [Picture("Residuals of the scale", text, shown)]
 
 

@@ -194,7 +194,7 @@ def rows(estimate: Estimate, mm_per_px: tuple[float, float] | None = None) -> li
 def shift_mm(
     shift_px: tuple[float, float] | None, mm_per_px: tuple[float, float]
 ) -> tuple[float | None, float | None]:
-    """Return a shift in mm, right and down; None for both where it is unknown."""
+    """Return a shift in mm, right and down; None for both if it is unknown."""
     if shift_px is None:
         return None, None
     return _rounded(shift_px[0] * mm_per_px[0]), _rounded(shift_px[1] * mm_per_px[1])

@@ -97,7 +97,7 @@ class GelLook:
             lost = shadow_terms(dent, HALF * self.mm_per_px[0])
             by_colour = self.weights[-len(lost) :].T.astype(np.float32)
             changed += (by_colour @ lost.reshape(len(lost), -1)).reshape(changed.shape)
-        return cv2.merge(list(changed))
+        return np.ascontiguousarray(changed.transpose(1, 2, 0))
 
     @cached_property
     def places(self) -> Plane:
@@ -109,7 +109,7 @@ class GelLook:
             return terms
         half = cv2.resize(self.background, (columns, rows), interpolation=cv2.INTER_AREA)
         glow = cv2.GaussianBlur(half, (0, 0), _GLOW_SMOOTH_PX).transpose(2, 0, 1) / np.float32(100.0)
-        return np.concatenate([terms, glow])
+        return np.concatenate([terms, glow], dtype=np.float32)
 
     @cached_property
     def _maps(self) -> Plane:
@@ -171,8 +171,8 @@ def slope_terms(dent: Plane, mm_per_px: tuple[float, float], turn_rad: float = 0
     """
     x = cv2.Sobel(dent, cv2.CV_32F, 1, 0, scale=1.0 / (8.0 * HALF * mm_per_px[0] * _KNEE))
     y = cv2.Sobel(dent, cv2.CV_32F, 0, 1, scale=1.0 / (8.0 * HALF * mm_per_px[1] * _KNEE))
-    shrink = 1.0 / np.sqrt(1.0 + x * x + y * y)
-    x, y = x * shrink, y * shrink
+    shrink = np.float32(1.0) / np.sqrt(np.float32(1.0) + x * x + y * y)
+    x, y = np.asarray(x * shrink, np.float32), np.asarray(y * shrink, np.float32)
     if turn_rad:
         cos, sin = np.float32(np.cos(turn_rad)), np.float32(np.sin(turn_rad))
         x, y = cos * x - sin * y, sin * x + cos * y

@@ -131,7 +131,7 @@ class GelSensor:
         facing -= self._glow * shade(dent, light, self._variation, HALF * self._pad.mm_per_px[0])
         np.maximum(facing, np.float32(-_MOST_LOST) * self._glow, out=facing)
         facing *= np.float32(_UNITS)
-        return self._full_size(cv2.merge(list(facing)))
+        return self._full_size(np.asarray(cv2.merge(list(facing)), np.float32))
 
     def _full_size(self, change: NDArray[np.float32]) -> NDArray[np.int16]:
         """A change (h, w, 3) at half resolution, in whole units at the image's resolution."""

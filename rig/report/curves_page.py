@@ -111,7 +111,7 @@ def _notices(tables: Tables) -> list[Notice]:
     silent = [lift.curves.name for lift in tables.lifts if lift.errors is None]
     if silent:
         advice = "No row has both angles: see that the columns are the right ones and in degrees."
-        notices.append(Notice("bad", f"No error can be told for {', '.join(silent)}.", advice))
+        notices.append(Notice("bad", f"No error can be computed for {', '.join(silent)}.", advice))
     return [*notices, *sigma_notices([lift.curves for lift in tables.lifts])]
 
 

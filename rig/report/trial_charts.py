@@ -106,7 +106,7 @@ def grip_chart(rows: Sequence[FinishedLift]) -> Chart | None:
         axes.set(xlabel="grip, steps past first contact", ylabel="true turn at the end, degrees")
         axes.xaxis.set_major_locator(MaxNLocator(integer=True))
         legend_above(axes, 4)
-        caption = "One sign per lift: how far it had turned at the end, without its direction."
+        caption = "One symbol per lift: the absolute true turn at its end."
         return Chart("Grip and outcome", figure, caption)
 
 

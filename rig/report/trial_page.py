@@ -191,7 +191,8 @@ def _with_strips(trial: Trial, lift: Lift, curves: LiftCurves) -> dict[str, obje
             strips[name] = strip(path, curves, lift.zero_ns, serial, signs.get(serial))
         except UNREADABLE as error:
             problem = Notice("bad", f"The frames of {serial} cannot be shown.", str(error))
-    return {"chart": lift_chart(curves, lift_caption(lift)), "strips": strips, "problem": problem}
+    chart = lift_chart(curves, lift_caption(lift))
+    return {"chart": chart, "strips": strips, "problem": problem, "anchor": anchor(lift)}
 
 
 def _charts_of_lifts(trial: Trial) -> list[Chart]:

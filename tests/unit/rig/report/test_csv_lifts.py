@@ -116,7 +116,7 @@ def test_table_without_any_estimate_is_reported_as_such(tmp_path: Path) -> None:
     rows = [f"{i},{'nan'},0.0" for i in range(5)]
     path = table(tmp_path / "silent.csv", "t_s,estimate_deg,truth_deg", rows)
     page = write_report([path], tmp_path / "page.html").path.read_text()
-    assert "No error can be told for silent" in page
+    assert "No error can be computed for silent" in page
     assert not math.isnan(read_table(path).curves.truth.angle_deg[0])
 
 

@@ -203,7 +203,7 @@ def test_fingertip_table_agrees_with_the_recorded_curves(trial: Path) -> None:
 
 
 def test_points_of_final_angles_link_to_their_lifts(page: Page) -> None:
-    assert page.links.count("#lift-2") == 2  # from its row, and from its point
+    assert page.links.count("#lift-2") == 3  # from its row, its point, and its frames among the worst lifts
 
 
 def test_a_real_bench_is_named_and_not_called_simulated(drawn_trial: Any, tmp_path: Path) -> None:

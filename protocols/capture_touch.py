@@ -1,7 +1,7 @@
-"""Close gently on gauges of known size, and wiggle a held object.
+"""Close gently on gauges of known size, and move a held object to and fro.
 
-Balls indent the gels, blocks calibrate the opening. A held object that is moved up and down shows arm, camera
-and gels the same motion, each at its own times.
+Balls indent the gels, blocks calibrate the opening. A held object that moves shows arm, camera and gels the
+same motion, each at its own times. The arm moves it up and down; without an arm, a person turns it by hand.
 """
 
 from collections.abc import Callable, Sequence
@@ -191,3 +191,28 @@ def capture_wiggle(
             pump.run_until(motion.done, MOTION_TIMEOUT_S)
         observer.phase(Phase.LOWER, pump.seen_ns)
         lower_and_release(bench, touch.base_T_grasp, touch.width_m, pump)
+
+
+BY_HAND_S = 20.0
+"""Duration of turning by hand: about thirty turns to and fro."""
+
+
+def capture_turning_by_hand(bench: Bench, operator: Operator, observer: LiftObserver, touch: Touch) -> None:
+    """Have a person turn an object on the gels; the observer gets it between LIFT and LOWER. No device moves.
+
+    Raises `OperatorStopError` unless the person agrees, and the devices' errors.
+    """
+    operator.hold(
+        f"Press {touch.name} onto every gel of the bench, with its markers in the camera's image. After you "
+        f"agree, turn it to and fro by about 5 degrees for {BY_HAND_S:.0f} s, sometimes faster and sometimes "
+        "slower, without lifting it off. Is it pressed?",
+        touch.gauge,
+        touch.base_T_grasp,
+        touch.width_m - touch.grip_m,
+        turning=True,
+    )
+    pump = Pump(bench, observer)
+    pump.start()
+    observer.phase(Phase.LIFT, pump.seen_ns)
+    pump.run_for(BY_HAND_S)
+    observer.phase(Phase.LOWER, pump.seen_ns)

@@ -32,11 +32,19 @@ class Operator(Protocol):
         """
         ...
 
-    def hold(self, question: str, object_id: str, base_T_tcp: Pose, opening_m: float | None) -> None:  # noqa: N803
+    def hold(
+        self,
+        question: str,
+        object_id: str,
+        base_T_tcp: Pose,  # noqa: N803
+        opening_m: float | None,
+        turning: bool = False,
+    ) -> None:
         """Ask a person to hold an object, instead of the arm, until the next question.
 
         base_T_tcp, opening_m: where a robot hand would hold it, for a simulated person. The opening is in m,
-        None if no gel is touched. Raises `OperatorStopError` unless the person holds it.
+        None if no gel is touched. turning: whether the person turns it to and fro. Raises
+        `OperatorStopError` unless the person holds it.
         """
         ...
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from drivers.clock import NS_PER_S
 from drivers.types import Pose, Vector3
 from fakes.objects.catalogue import GraspSite
 
@@ -84,6 +85,16 @@ class Grasp:
 
     site: GraspSite
     off_m: tuple[float, float] = (0.0, 0.0)
+
+
+HAND_TURN = ((3.0, 0.83), (2.0, 1.37), (1.5, 0.29))
+"""A person who turns an object to and fro, never twice alike: amplitudes in degrees, frequencies in Hz."""
+
+
+def hand_turn_rad(time_ns: int) -> float:
+    """Return how far a person has turned an object by hand at a time."""
+    time_s = time_ns / NS_PER_S
+    return math.radians(sum(size * math.sin(2.0 * math.pi * hz * time_s) for size, hz in HAND_TURN))
 
 
 def object_pose(

@@ -18,7 +18,15 @@ from fakes.objects.catalogue import GraspSite, ObjectModel, find_object
 from fakes.world.fixture import Fixture, gap_m, parse_fixture
 from fakes.world.motion import FingerPath, ToolPath, tool_tilt
 from fakes.world.slip import GRAVITY, GripLoad, SlipDynamics
-from fakes.world.state import BenchLayout, Grasp, LiftVariation, WorldState, between, object_pose
+from fakes.world.state import (
+    BenchLayout,
+    Grasp,
+    LiftVariation,
+    WorldState,
+    between,
+    hand_turn_rad,
+    object_pose,
+)
 
 STEP_NS = 2_000_000
 HISTORY_STEPS = 1500
@@ -59,6 +67,7 @@ class World:
     _off_m: tuple[float, float] = (0.0, 0.0)
     _grasp_height_m: float = 0.0
     _grasp_tilt_rad: float = 0.0
+    _turned_by_hand: bool = False
     _history: deque[WorldState] = field(init=False)
     _lock: threading.RLock = field(default_factory=threading.RLock, init=False)
 
@@ -97,17 +106,26 @@ class World:
                 self._rng = np.random.default_rng(seed)
                 self.variation = LiftVariation.from_rng(self._rng)
             self.model, self.site, self._slip, self.fixture = model, None, None, None
+            self._turned_by_hand = False
             self.damaged = False
             self._slips_ns = []
 
-    def hold(self, text: str, base_T_tcp: Pose, opening_m: float | None = None) -> None:  # noqa: N803
+    def hold(
+        self,
+        text: str,
+        base_T_tcp: Pose,  # noqa: N803
+        opening_m: float | None = None,
+        turning: bool = False,
+    ) -> None:
         """Put tool and fingers at a pose with something between them, as when an operator holds it there.
 
         text: as for `lay`. opening_m: between the gels, which press the object if it is wider; None for open
-        fingers. Raises `InputError`.
+        fingers. turning: whether the operator turns the object to and fro between the gels. Raises
+        `InputError`.
         """
         self.lay(text)
         with self._lock:
+            self._turned_by_hand = turning
             layout = self.layout
             closed_m = 0.0 if opening_m is None else layout.max_opening_m - opening_m
             self.tool = ToolPath.resting(base_T_tcp)
@@ -214,6 +232,8 @@ class World:
         if slip.fallen:
             return WorldState(time_ns, 0.0, slip.angle_rad, wrist_rad, 0.0, slip.slide_m, 0.0, False)
         turn = slip.angle_rad + wrist_rad - self._grasp_tilt_rad
+        if self._turned_by_hand:
+            turn += hand_turn_rad(time_ns)
         return WorldState(time_ns, force, turn, wrist_rad, slip.torsion_rad, slip.slide_m, loaded, True)
 
     def _note_slip(self, time_ns: int) -> None:

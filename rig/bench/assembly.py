@@ -69,8 +69,8 @@ def build_bench(
             bench.arm.lead(to, LED_S)
         return lambda: clock.now_ns() >= there_ns
 
-    def hold(object_id: str, pose: Pose, opening_m: float | None) -> None:
-        world.hold(laid_as(config.objects, object_id), pose, opening_m)
+    def hold(object_id: str, pose: Pose, opening_m: float | None, turning: bool) -> None:
+        world.hold(laid_as(config.objects, object_id), pose, opening_m, turning)
 
     return bench, SimulatedOperator(lay, lambda: world.gap_at(clock.now_ns()), seed, lead=lead, hold=hold)
 

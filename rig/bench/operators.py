@@ -24,7 +24,8 @@ class SimulatedOperator:
     gap: returns the displacement from a tip in the hand to the hole on the table, m, base axes. prove: raises
     unless the devices to be driven are simulated; called wherever a person would be asked. lead: starts
     leading the arm to a pose, and returns a function that returns whether it has arrived. hold: holds an
-    object at a pose, pressed to an opening in m, or free of the gels if the opening is None.
+    object at a pose, pressed to an opening in m, or free of the gels if the opening is None; the last
+    argument: whether the object is turned to and fro.
     """
 
     def __init__(
@@ -34,7 +35,7 @@ class SimulatedOperator:
         seed: int = 0,
         prove: Callable[[], None] = lambda: None,
         lead: Callable[[Pose], Callable[[], bool]] | None = None,
-        hold: Callable[[str, Pose, float | None], None] | None = None,
+        hold: Callable[[str, Pose, float | None, bool], None] | None = None,
     ) -> None:
         self._place, self._gap, self._prove, self._lead, self._hold = place, gap, prove, lead, hold
         self._step_size = ""
@@ -53,12 +54,19 @@ class SimulatedOperator:
         self._prove()
         self._place(object_id)
 
-    def hold(self, question: str, object_id: str, base_T_tcp: Pose, opening_m: float | None) -> None:  # noqa: N803
+    def hold(
+        self,
+        question: str,
+        object_id: str,
+        base_T_tcp: Pose,  # noqa: N803
+        opening_m: float | None,
+        turning: bool = False,
+    ) -> None:
         """Hold the object at the pose."""
         self._prove()
         if self._hold is None:
-            raise InputError("on this simulated bench nobody can hold an object; use --bench fake")
-        self._hold(object_id, base_T_tcp, opening_m)
+            raise InputError("on this simulated bench no person can hold an object; use --bench fake")
+        self._hold(object_id, base_T_tcp, opening_m, turning)
 
     def displaced(self) -> None:
         """Do nothing: objects are placed again before each lift."""
@@ -137,7 +145,14 @@ class ConsoleOperator:
             self.confirm(f"Place object {object_id} ({name}) on its mark. Ready?")
         self._in_place = object_id
 
-    def hold(self, question: str, object_id: str, base_T_tcp: Pose, opening_m: float | None) -> None:  # noqa: N803
+    def hold(
+        self,
+        question: str,
+        object_id: str,
+        base_T_tcp: Pose,  # noqa: N803
+        opening_m: float | None,
+        turning: bool = False,
+    ) -> None:
         """Ask in any case, and stop unless they hold it."""
         self._in_place = None
         self.look(question)

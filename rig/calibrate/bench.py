@@ -17,7 +17,7 @@ from protocols.home import home_plan
 from protocols.observer import LiftObserver, Phase
 from protocols.operator import Operator
 from protocols.steps import TRAVEL_SPEED_M_S, way_to
-from rig.bench.assembly import TOOL_DOWN, home_pose
+from rig.bench.assembly import TABLE_M, TOOL_DOWN, home_pose
 from rig.bench.operators import ConsoleOperator
 from rig.bench.plan import Plan, PlannedMotion, make_plan
 from rig.bench.source import session_bench
@@ -177,10 +177,12 @@ class TouchObserver(LiftObserver):
 
 
 def grasp_at(config: BenchConfig, x_m: float = 0.0, z_m: float = 0.0) -> Pose:
-    """`base_T_tcp` of a hand that closes over the table's mark, moved along the base's x and up."""
-    return Pose.from_rotation(
-        Pose(config.table.position_m).translated(x_m=x_m, z_m=z_m).position_m, TOOL_DOWN
-    )
+    """`base_T_tcp` of a hand that closes over the table's mark, moved along the base's x and up.
+
+    Without [table] the mark is that of the bench `fake`: nothing is driven there.
+    """
+    mark_m = config.table.position_m if config.has("table") else TABLE_M
+    return Pose.from_rotation(Pose(mark_m).translated(x_m=x_m, z_m=z_m).position_m, TOOL_DOWN)
 
 
 def write_picture(path: Path, image: Image) -> None:

@@ -1,4 +1,7 @@
-"""Time offsets on a bench, from one wiggle of a held object that arm, camera and fingertips recorded."""
+"""Time offsets on a bench, from one motion of an object with markers that all devices recorded.
+
+The arm wiggles it and is the reference; without an arm, a person turns it by hand, and the camera is.
+"""
 
 from dataclasses import dataclass, field
 
@@ -11,7 +14,7 @@ from calibration.targets.aruco import Refusal
 from drivers.errors import CalibrationError, InputError, counted
 from drivers.interfaces import Arm
 from drivers.types import ArmState, Frame
-from protocols.capture_touch import Stroke, Touch, capture_wiggle
+from protocols.capture_touch import Stroke, Touch, capture_turning_by_hand, capture_wiggle
 from protocols.grasps import find_grasp_file
 from protocols.observer import Phase
 from rig.bench.twins import refuse_undrawn
@@ -26,37 +29,51 @@ _HEIGHTS_M = (0.002, 0.014)
 _SPEEDS_M_S = (0.02, 0.09)
 _STROKES = 36
 _SMALL = (24, 32)
+MOST_LAG_S, LAG_STEP_S = 0.5, 0.01
+"""Lags at which the patterns of a gel are compared with the markers' angle, as `--search` by default."""
 _FIRM_M = 0.0037
 """Closing past contact, m, six steps of a Robotiq 3-Finger: holds a block at its middle without slip."""
 
 
 def collect_streams(station: Station, object_name: str, search_s: float) -> list[CalibrationResult]:
-    """Wiggle an object with markers in the fingers; give each sensor's offset from the arm's clock.
+    """Move an object with markers; give each sensor's offset from the clock of the arm, else of the camera.
 
     Raises `OperatorStopError` unless the operator agrees, `DeviceError`, `InputError`.
     """
     config = station.config
     raw = station.raw("sync")
     touch = _touch(config, object_name)
+    camera, tips = config.camera, tuple(t.serial for t in config.tactile)
+    tracker = MarkerTracker(camera.marker_ids, camera.marker_dictionary)
+    watch = WiggleObserver(tips, shown=station.show, tracker=tracker, camera=camera.serial)
+    by_arm = config.moves and len(tips) > 1
+    if by_arm:
+        _wiggle_by_arm(station, touch, watch)
+    else:
+        with station.connected(f"Nothing moves. You turn {touch.name} by hand.") as (bench, operator):
+            capture_turning_by_hand(bench, operator, watch, touch)
+            station.note(f"{touch.name}: turned by hand", 1, 1)
+    for name, (times, values) in watch.streams().items():
+        rows = [f"{t},{v:.9g}" for t, v in zip(times.tolist(), values.tolist(), strict=True)]
+        write_table(raw / f"{name}.csv", "time_ns,value", rows)
+    reference, sensors = (ARM, (camera.serial, *tips)) if by_arm else (camera.serial, tips)
+    return [
+        sync_from_folder(raw, reference, name, search_s).marked(config.gives_simulated(name))
+        for name in sensors
+    ]
+
+
+def _wiggle_by_arm(station: Station, touch: Touch, watch: "WiggleObserver") -> None:
+    config = station.config
     with station.connected(
         f"The arm will hold {touch.name} and move it up and down between {1e3 * _HEIGHTS_M[0]:.0f} and "
         f"{1e3 * _HEIGHTS_M[1]:.0f} mm over the table {_STROKES} times, at up to {_SPEEDS_M_S[1]} m/s.",
         from_home=True,
         motions=touch_motions(config, [touch]),
     ) as (bench, operator):
-        camera = config.camera
-        tracker = MarkerTracker(camera.marker_ids, camera.marker_dictionary)
-        tips = tuple(t.serial for t in config.tactile)
-        watch = WiggleObserver(
-            tips, shown=station.show, arm_device=bench.arm, tracker=tracker, camera=camera.serial
-        )
+        watch.arm_device = bench.arm
         capture_wiggle(bench, operator, watch, touch, strokes(station.seed))
         station.note(f"{touch.name}: moved up and down", 1, 1)
-    for name, (times, values) in watch.streams().items():
-        rows = [f"{t},{v:.9g}" for t, v in zip(times.tolist(), values.tolist(), strict=True)]
-        write_table(raw / f"{name}.csv", "time_ns,value", rows)
-    sensors = [config.camera.serial, *(t.serial for t in config.tactile)]
-    return [sync_from_folder(raw, ARM, name, search_s).marked(config.simulated) for name in sensors]
 
 
 def _touch(config: BenchConfig, name: str) -> Touch:
@@ -93,13 +110,17 @@ def strokes(seed: int) -> list[Stroke]:
 
 @dataclass(slots=True)
 class WiggleObserver(TouchObserver):
-    """Records each device during the wiggle: the arm's heights, the markers, small tactile pictures."""
+    """Records each device during the motion: the arm's heights, the markers, small tactile pictures.
+
+    arm_device: None if a person moves the object.
+    """
 
     arm_device: Arm | None = None
     tracker: MarkerTracker | None = None
     camera: str = ""
     _heights: dict[int, float] = field(default_factory=dict)
     _markers: list[tuple[int, float]] = field(default_factory=list)
+    _first_corners: NDArray[np.float64] | None = None
     _pictures: dict[str, list[tuple[int, NDArray[np.float32]]]] = field(default_factory=dict)
 
     def arm(self, state: ArmState) -> None:
@@ -108,7 +129,7 @@ class WiggleObserver(TouchObserver):
             self._heights[state.time_ns] = state.base_T_tcp.position_m[2]
 
     def look(self, frame: Frame) -> None:
-        """Keep the markers' height in the picture, or a small copy of the tactile picture."""
+        """Keep what the markers show of the motion, or a small copy of the tactile picture."""
         if self.phase_now is not Phase.LIFT:
             TouchObserver.look(self, frame)
             return
@@ -121,14 +142,24 @@ class WiggleObserver(TouchObserver):
         grey = np.asarray(cv2.cvtColor(frame.image, cv2.COLOR_RGB2GRAY), np.uint8)
         seen = self.tracker.detect(grey) if self.tracker is not None else Refusal.NOT_FOUND
         if not isinstance(seen, Refusal):
-            self._markers.append((frame.time_ns, float(seen[..., 1].mean())))
+            self._markers.append((frame.time_ns, self._shown_by(np.asarray(seen, np.float64))))
+
+    def _shown_by(self, corners: NDArray[np.float64]) -> float:
+        """Return the markers' height in the picture, px; turned by hand, their angle since the first, rad."""
+        if self.arm_device is not None:
+            return float(corners[..., 1].mean())
+        if self._first_corners is None:
+            self._first_corners = corners
+        return turned_rad(self._first_corners, corners)
 
     def streams(self) -> dict[str, tuple[NDArray[np.int64], NDArray[np.float64]]]:
         """Times, ns, and values by stream: the arm's height, and what the wiggle changes in each sensor.
 
         Raises `CalibrationError` where a sensor saw next to nothing.
         """
-        found = {ARM: _series(sorted(self._heights.items())), self.camera: _series(self._markers)}
+        found = {self.camera: _series(self._markers)}
+        if self.arm_device is not None:
+            found[ARM] = _series(sorted(self._heights.items()))
         for serial in self.serials:
             pictures = self._pictures.get(serial, [])
             if len(pictures) < 3:
@@ -136,15 +167,48 @@ class WiggleObserver(TouchObserver):
                     f"{serial}: {counted(len(pictures), 'frame')} of the wiggle; does it stream?"
                 )
             times = np.array([time_ns for time_ns, _ in pictures], np.int64)
-            found[serial] = times, strongest_change(np.array([p.ravel() for _, p in pictures]))
+            small = np.array([p.ravel() for _, p in pictures])
+            if self.arm_device is not None:
+                found[serial] = times, strongest_changes(small, 1)[:, 0]
+            else:
+                found[serial] = times, most_alike(times, strongest_changes(small, 2), *found[self.camera])
         return found
 
 
-def strongest_change(pictures: NDArray[np.float32]) -> NDArray[np.float64]:
-    """(N,) from (N, K): the first principal component of the pictures."""
+def strongest_changes(pictures: NDArray[np.float32], count: int) -> NDArray[np.float64]:
+    """(N, count) from (N, K): the first principal components of the pictures."""
     centred = pictures - pictures.mean(axis=0)
     u, strengths, _ = np.linalg.svd(centred.astype(np.float64), full_matrices=False)
-    return u[:, 0] * strengths[0]
+    return u[:, :count] * strengths[:count]
+
+
+def most_alike(
+    time_ns: NDArray[np.int64],
+    changes: NDArray[np.float64],
+    reference_ns: NDArray[np.int64],
+    reference: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Return the weighted sum of changes, (N, k), that is most like a reference at any lag of `MOST_LAG_S`.
+
+    A turned contact changes the picture in two patterns: on the simulated gel the better one has 55 % of the
+    motion in common with the markers' angle, both together 99.9 %.
+    """
+    best, weights = np.inf, np.zeros(changes.shape[1])
+    for lag_s in np.arange(-MOST_LAG_S, MOST_LAG_S + LAG_STEP_S / 2, LAG_STEP_S):
+        wanted = np.interp(time_ns + 1e9 * lag_s, reference_ns, reference)
+        wanted -= wanted.mean()
+        found, *_ = np.linalg.lstsq(changes, wanted, rcond=None)
+        left = float(((wanted - changes @ found) ** 2).sum()) / max(float((wanted**2).sum()), 1e-12)
+        if left < best:
+            best, weights = left, found
+    return changes @ weights
+
+
+def turned_rad(before: NDArray[np.float64], now: NDArray[np.float64]) -> float:
+    """Return the angle by which points, (..., 2) px, are turned about their middle, least squares, rad."""
+    flat = [points.reshape(-1, 2) - points.reshape(-1, 2).mean(axis=0) for points in (before, now)]
+    one, other = (points[:, 0] + 1j * points[:, 1] for points in flat)
+    return float(np.angle(np.vdot(one, other)))
 
 
 def _series(pairs: list[tuple[int, float]]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:

@@ -72,6 +72,9 @@ def find_calibrations(
     if config.has("arm"):
         wanted.append(("tcp", {"tool": config.name}, partial(_tip, config, report)))
         wanted += [("sync", {"reference": "arm", "stream": each.serial}, _sync) for each in config.sensors]
+    elif config.has("camera"):
+        reference = config.camera.serial
+        wanted += [("sync", {"reference": reference, "stream": t.serial}, _sync) for t in config.tactile]
     found = CalibrationsInUse()
     for kind, serials, take in wanted:
         found = found.joined(_used(config, folder, kind, serials, take))

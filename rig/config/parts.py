@@ -26,7 +26,7 @@ NEEDS: Mapping[str, tuple[str, ...]] = {
     "rig teach": WHOLE,
     "rig calibrate tactile --ball-mm": WHOLE,
     "rig calibrate gripper": WHOLE,
-    "rig calibrate sync": WHOLE,
+    "rig calibrate sync": ("[camera]", FINGERTIP),
     "rig calibrate hand-eye": (*CARRIES, "[camera]"),
     "rig calibrate tcp": CARRIES,
 }

@@ -16,6 +16,8 @@ from rig.bench.operators import ConsoleOperator
 from rig.bench.source import session_bench
 from rig.calibrate.bench import Station
 from rig.calibrate.bench_camera import collect_camera
+from rig.calibrate.bench_clocks import collect_streams
+from rig.calibrate.from_tables import sync_from_folder
 from rig.config import BENCHES, load_bench
 from rig.experiments.pose_attempt import RecordSettings
 from rig.experiments.record import run_record
@@ -236,6 +238,25 @@ def test_camera_alone_is_calibrated_with_a_board_held_by_hand(tmp_path: Path) ->
     assert result.value["camera_matrix"]["data"][0] == pytest.approx(640.0, abs=5.0)
 
 
+def test_fingertip_is_put_on_the_clock_of_the_camera_by_hand(
+    desk: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("protocols.capture_touch.BY_HAND_S", 6.0)
+    desk.write_text(DESK + EYE.split("\n", 2)[2])
+    config = load_bench(str(desk))
+    at = Station(config, 0, tmp_path / "c", ConsoleOperator(lambda question: True), lambda text: None)
+    (result,) = collect_streams(at, "gauge:30", 0.5)
+    assert result.serials == {"reference": "SIM-C0001", "stream": "SIM-D0001"}
+    assert result.simulated
+    assert result.value["add_to_stream_s"] == pytest.approx(0.0, abs=0.003)
+    samples = tmp_path / "c" / "sync-samples"
+    header, *rows = (samples / "SIM-D0001.csv").read_text().splitlines()
+    late = [f"{int(time_ns) + 40_000_000},{value}" for time_ns, value in (row.split(",") for row in rows)]
+    (samples / "LATE.csv").write_text("\n".join([header, *late, ""]))
+    moved = sync_from_folder(samples, "SIM-C0001", "LATE", 0.5)
+    assert moved.value["add_to_stream_s"] == pytest.approx(-0.04, abs=0.003)
+
+
 @pytest.mark.parametrize(
     ("command", "needs"),
     [
@@ -247,7 +268,7 @@ def test_camera_alone_is_calibrated_with_a_board_held_by_hand(tmp_path: Path) ->
         (["calibrate", "tcp"], "rig calibrate tcp needs [arm] and [gripper]"),
         (["calibrate", "camera"], "rig calibrate camera needs [camera]"),
         (["calibrate", "markers"], "rig calibrate markers needs [camera]"),
-        (["calibrate", "sync"], "rig calibrate sync needs [arm], [gripper], two [[tactile]] and [camera]"),
+        (["calibrate", "sync"], "rig calibrate sync needs [camera]"),
         (["teach", "7"], "rig teach needs [arm], [gripper], two [[tactile]] and [camera]"),
     ],
 )

@@ -190,7 +190,9 @@ def sync(context: typer.Context, common: StationOptions, options: SyncOptions) -
     """Estimate the time offset and drift between streams that measured the same motion.
 
     On a bench the arm moves an object with markers up and down by 1 cm. The offsets of the camera and of both
-    fingertips from the arm's clock are estimated.
+    fingertips from the arm's clock are estimated. If the bench lacks an arm, a gripper or the second
+    fingertip, nothing moves: you press the object onto the gel and turn it to and fro by hand, and the
+    offsets of the fingertips from the camera's clock are estimated.
 
     The folder of --from holds <name>.csv for both streams. The columns are time_ns (or t_s) and value, any
     quantity that changes with the motion. Long, fast and irregular motions give the best results. Instead of

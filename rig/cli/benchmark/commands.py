@@ -18,6 +18,7 @@ STUDIES = {
     "reaction": "Lift the same SIMULATED objects without and with a reaction to slip, and compare.",
     "renderer": "Score estimators on SIMULATED lifts of a second renderer, independent of the bench's.",
     "seeds": "Carry out SIMULATED trials of several seeds; print errors and confidently wrong angles.",
+    "sigma": "Fit the standard deviation that slip reports to known errors, by maximum likelihood.",
     "segmentation": "Score the segmentation networks on SIMULATED objects and on nine real frames.",
     "wire": "Do one lift over the wire protocols in real time; measure lost frames, rates and agreement.",
     "faults": "Let each device fail during a lift over the wire protocols; print how the rig recovers.",

@@ -5,6 +5,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+MOST_KEYS = 4
+"""So many keyframes are aligned to jointly: the compiled loop takes this many."""
 Values = NDArray[np.float32]
 
 
@@ -35,6 +37,18 @@ class Weights(NamedTuple):
     points: Values
     total: float
     energy: float
+
+
+class JointKey(NamedTuple):
+    """A keyframe for `align_jointly`: both channels, its weight, its angle, and the point from its center."""
+
+    slopes: Channel
+    slope_weights: Weights
+    texture: Channel
+    texture_weights: Weights
+    weight: float
+    angle_rad: float
+    lever_px: complex
 
 
 class Found(NamedTuple):

@@ -6,8 +6,8 @@ from functools import cache
 
 import numpy as np
 
-from rig.tactile.slip.channel import Channel
-from rig.tactile.slip.loops import align_alone, align_together, best_of, weights_of
+from rig.tactile.slip.channel import MOST_KEYS, Channel, JointKey
+from rig.tactile.slip.loops import align_alone, align_jointly, align_together, weights_of
 from rig.tactile.slip.texture import beyond_noise, summed_tensor
 
 # Compiling that takes longer is told.
@@ -29,7 +29,8 @@ def compile_all() -> None:
     both = slopes, weights_of(slopes), texture, weights_of(texture)
     align_alone(slopes, ones, 1.0, (0.0, 0j), 1, False)
     align_together(*both, 0.0, 0j, (1.0, 1.0), 1)
-    best_of(*both[2:], 0.0, np.zeros(1, np.complex128))
+    key = JointKey(*both, 1.0, 0.0, 0j)
+    align_jointly((key,) * MOST_KEYS, (0.0, 0j), 0.0, 1.0, (1.0, 1.0), 1)
     beyond_noise(summed_tensor(planes, planes), planes[..., 0].copy(), 0.0, 1)
     told.cancel()
 

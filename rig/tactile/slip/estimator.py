@@ -8,7 +8,7 @@ a further keyframe, whose angle stays as uncertain as it was when it was taken.
 
 import math
 from dataclasses import replace
-from functools import cache, partial
+from functools import partial
 
 import cv2
 import numpy as np
@@ -20,13 +20,15 @@ from rig.tactile.contact.gate import ContactGate
 from rig.tactile.contact.relative import Light, RelativeDifference, full_area, work_size
 from rig.tactile.sample import FreshFrameEstimator, SlipSample, State
 from rig.tactile.slip.compiling import compile_all
-from rig.tactile.slip.following import AXIS, TEXTURE, ContactFollower, SeenContact
+from rig.tactile.slip.following import TEXTURE, ContactFollower, SeenContact, TextureOnDemand
+from rig.tactile.slip.fused_angle import FirstAnswer, Fused, FusedAngle, JointAngle
 from rig.tactile.slip.gel_marks import GelMarks, found_marks
-from rig.tactile.slip.kalman import RateFilter
+from rig.tactile.slip.joint_tracker import JointTracker
+from rig.tactile.slip.kalman import HORIZON_S, RateFilter
 from rig.tactile.slip.registration import MAX_ITERATIONS
 from rig.tactile.slip.settling import Tearing
 from rig.tactile.slip.texture import TextureField, fine_scale
-from rig.tactile.slip.tracker import Tracked
+from rig.tactile.slip.tracker import TEXTURE_NOISE_RAD, Tracked
 from rig.tactile.slip.turning import shipped_turning
 from rig.tactile.stopwatch import Stopwatch
 
@@ -36,6 +38,7 @@ FORGET_S = 0.5
 # A sigma follows what one frame says of it over this time: two fingertips are weighed by it, and a
 # weight that jumps makes the fused angle jump.
 SIGMA_PACE_S = 0.15
+JOINT = "joint alignment"
 OUTSIDE, ITERATIONS = "gradient outside the contact", "iterations after the last change"
 """What a frame with a contact can do without."""
 
@@ -51,7 +54,7 @@ class SlipEstimator(FreshFrameEstimator):
     from there too.
     """
 
-    stages = ("contact", "gradient", TEXTURE, "alignment", AXIS, "filter")
+    stages = ("contact", "gradient", TEXTURE, "alignment", JOINT, "filter")
 
     def __init__(self, background: Image, aspect: float | None = None, skip: bool = True) -> None:
         super().__init__(background.shape)
@@ -69,9 +72,14 @@ class SlipEstimator(FreshFrameEstimator):
         self._gate = ContactGate()
         self._tearing = Tearing()
         self._filter = RateFilter()
-        self._work: Image | None = None
+        self._work = np.zeros(0, np.uint8)
+        self._computed: SlipSample | None = None
         self._seen_ns: int | None = None
+        self._first_variance: float | None = None
         self._variance: float | None = None
+        self._joint, self._joint_filter, self._fusion = JointTracker(), RateFilter(), FusedAngle()
+        self.fused: Fused | None = None
+        """The fused answer of the newest frame, for `rig benchmark sigma`."""
         self._follower = ContactFollower(self._filter, aspect is not None, skip)
 
     def gripped_further(self) -> None:
@@ -85,9 +93,13 @@ class SlipEstimator(FreshFrameEstimator):
     def _estimated(self, image: Image, time_ns: int) -> SlipSample:
         watch = Stopwatch()
         work = self._light.reduced(image)
-        if self._last is not None and self._work is not None and np.array_equal(work, self._work):
-            return self._repeated(self._last, time_ns)
+        if self._computed is not None and np.array_equal(work, self._work):
+            return self._repeated(self._computed, time_ns)
         self._work = work
+        self._computed = self._fresh(image, work, time_ns, watch)
+        return self._computed
+
+    def _fresh(self, image: Image, work: Image, time_ns: int, watch: Stopwatch) -> SlipSample:
         light = self._light.light_of(work)
         clean = self._marks.mended(self._light.of(work, light))
         difference = np.asarray(cv2.GaussianBlur(clean, (0, 0), NOISE_BLUR_PX), np.float32)
@@ -97,61 +109,99 @@ class SlipEstimator(FreshFrameEstimator):
         if region is None:
             return SlipSample(time_ns, State.NO_CONTACT, stage_s=watch.stage_s, skipped=self.stages[1:])
         if self._seen_ns is not None and time_ns - self._seen_ns > FORGET_S * NS_PER_S:
-            self._follower.release(time_ns)
+            self._release(time_ns)
         self._seen_ns = time_ns
-        state, tracked = self._follower.follow(
-            SeenContact(difference, cache(partial(self._texture, image, light)), region, torn, time_ns), watch
-        )
+        texture = TextureOnDemand(partial(self._texture, image, light))
+        seen = SeenContact(difference, texture, region, torn, time_ns)
+        state, tracked = self._follower.follow(seen, watch)
         sample = SlipSample(
             time_ns,
             state,
             contact_area_px=full_area(region.area_px, work.shape, image.shape),
             stage_s=watch.stage_s,
         )
-        if tracked is None:
+        if state is State.UNOBSERVABLE:
             return sample
-        return self._answer(sample, tracked, watch)
+        first = None if tracked is None else self._first_answer(sample, tracked)
+        joint = self._joint_angle(seen) if tracked is None or texture.computed is not None else None
+        watch.lap(JOINT)
+        self.fused = fused = self._fusion.update(time_ns / NS_PER_S, first, joint)
+        if fused is None:
+            return sample
+        if tracked is None:
+            sample = replace(sample, state=State.TRACKING)
+        return self._answer(sample, fused, tracked, watch)
+
+    def _release(self, time_ns: int) -> None:
+        """Forget the contact."""
+        self._follower.release(time_ns)
+        self._joint.release()
+        self._joint_filter.restart()
+        self._fusion.released()
 
     def _texture(self, image: Image, light: Light) -> TextureField:
         fine = self._fine_marks.mended(self._fine_light.of(self._fine_light.reduced(image), light))
         return TextureField(fine, self._scale, self._turning.counts(fine, self._scale))
 
-    def _answer(self, sample: SlipSample, tracked: Tracked, watch: Stopwatch) -> SlipSample:
-        self._variance = self._steady(tracked.variance + tracked.doubt, sample)
-        sigma = max(tracked.noise_rad, 1e-5)
-        angle = self._filter.update(sample.time_ns / NS_PER_S, tracked.pose.angle_rad, sigma)
-        self._follower.answered(angle, self._variance, tracked)
+    def _first_answer(self, sample: SlipSample, tracked: Tracked) -> FirstAnswer:
+        """Return what the keyframe tracker answers."""
+        total = tracked.variance + tracked.shape_doubt
+        variance = self._steady(self._first_variance, total, sample)
+        noise = max(tracked.noise_rad, 1e-5)
+        angle = self._filter.update(sample.time_ns / NS_PER_S, tracked.pose.angle_rad, noise)
+        self._follower.answered(angle, variance, tracked)
+        self._first_variance = variance
+        kept = min(tracked.inherited, variance)
+        leads = tracked.motion is not None
+        rate = self._filter.rate_rad_s
+        # The variance of this frame: what is reported is averaged over time later.
+        sigma = math.sqrt(total)
+        return FirstAnswer(angle, rate, sigma, kept, tracked.shape_doubt, leads, tracked.corrected_rad)
+
+    def _joint_angle(self, seen: SeenContact) -> JointAngle | None:
+        """Return what the joint tracker answers."""
+        found = self._joint.follow(seen)
+        if found is None:
+            return None
+        angle = self._joint_filter.update(seen.time_ns / NS_PER_S, found.angle_rad, TEXTURE_NOISE_RAD)
+        return JointAngle(angle, self._joint_filter.rate_rad_s, found.score, found.own_rad)
+
+    def _answer(
+        self, sample: SlipSample, fused: Fused, tracked: Tracked | None, watch: Stopwatch
+    ) -> SlipSample:
+        self._variance = self._steady(self._variance, fused.variance, sample)
         shift = self._follower.point_px - self._follower.origin_px
         watch.lap("filter")
         return replace(
             sample,
-            skipped=self._left_out(tracked),
-            angle_deg=math.degrees(angle),
+            skipped=() if tracked is None else self._left_out(tracked),
+            angle_deg=math.degrees(fused.angle_rad),
             sigma_deg=math.degrees(math.sqrt(self._variance)),
-            unseen_deg=math.degrees(math.sqrt(min(tracked.inherited, self._variance))),
-            rate_deg_s=math.degrees(self._filter.rate_rad_s),
+            unseen_deg=math.degrees(math.sqrt(min(fused.inherited, self._variance))),
+            rate_deg_s=math.degrees(fused.rate_rad_s),
             shift_px=(shift.real * self._px_per_work[0], shift.imag * self._px_per_work[1]),
         )
 
-    def _steady(self, variance: float, sample: SlipSample) -> float:
-        """Return the variance to tell, from that of one frame."""
-        if self._variance is None or self._last is None or sample.state is State.REKEYED:
+    def _steady(self, before: float | None, variance: float, sample: SlipSample) -> float:
+        """Return the variance to report, from that of one frame and the one reported before."""
+        if before is None or self._last is None or sample.state is State.REKEYED:
             return variance
         elapsed_s = max(sample.time_ns - self._last.time_ns, 0) / NS_PER_S
-        return variance + math.exp(-elapsed_s / SIGMA_PACE_S) * (self._variance - variance)
+        return variance + math.exp(-elapsed_s / SIGMA_PACE_S) * (before - variance)
 
     def _left_out(self, tracked: Tracked) -> tuple[str, ...]:
         """Name what this frame did not need."""
         if not self._skip:
             return ()
         early = tracked.alignment is not None and tracked.alignment.iterations < MAX_ITERATIONS
-        return (OUTSIDE, ITERATIONS, AXIS) if early else (OUTSIDE, AXIS)
+        return (OUTSIDE, ITERATIONS) if early else (OUTSIDE,)
 
     def _repeated(self, last: SlipSample, time_ns: int) -> SlipSample:
-        """Answer for a frame that is the last one again: nothing was learnt but that time passed."""
+        """Answer for a frame that is the last one again, from what was computed then."""
         if last.angle_deg is None:
             return replace(last, time_ns=time_ns, stage_s={}, skipped=self.stages)
-        angle_deg = math.degrees(self._filter.predicted(time_ns / NS_PER_S))
+        ahead_s = min((time_ns - last.time_ns) / NS_PER_S, HORIZON_S)
+        angle_deg = last.angle_deg + (last.rate_deg_s or 0.0) * ahead_s
         sigma_deg = math.hypot(last.sigma_deg or 0.0, angle_deg - last.angle_deg)
         return replace(
             last, time_ns=time_ns, angle_deg=angle_deg, sigma_deg=sigma_deg, stage_s={}, skipped=self.stages

@@ -11,13 +11,9 @@ counts little: it is gel, a speck or a scratch.
 
 import math
 from dataclasses import dataclass
-from functools import cached_property
 
-import numpy as np
-
-from rig.tactile.slip.channel import Channel, Weights, some_of
 from rig.tactile.slip.keyframe import Keyframe
-from rig.tactile.slip.loops import align_together, best_of, correlation_at, weights_of
+from rig.tactile.slip.loops import align_together, correlation_at, weights_of
 from rig.tactile.slip.sampling import GradientField
 from rig.tactile.slip.texture import TextureField, TextureKey
 
@@ -26,8 +22,6 @@ LEAST_UNEXPLAINED = 0.1
 ITERATIONS, FEW_ITERATIONS = 8, 4
 # So many points of a keyframe's slopes are enough here.
 SLOPE_POINTS = 300
-# A shift is looked for on a square grid of this reach and pitch, with so many points of the texture.
-GRID_REACH, GRID_PITCH_PX, GRID_POINTS = 3, 2.5, 200
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,23 +71,8 @@ class Evidence:
         shares = weighting.slopes, weighting.texture
         return align_together(*self._slopes, *self._fine, angle_rad, complex(shift_px), shares, iterations)
 
-    def placed(self, angle_rad: float, shift_px: complex) -> complex:
-        """Return the shift on a grid around one at which the texture fits best, for a given turn."""
-        return shift_px + complex(_GRID_PX[best_of(*self._few, angle_rad, shift_px + _GRID_PX)])
-
     def judged(self, angle_rad: float, shift_px: complex) -> Motion:
         """Return what speaks for a motion."""
         shift = complex(shift_px)
         slopes, fine = (correlation_at(*channel, angle_rad, shift) for channel in (self._slopes, self._fine))
         return Motion(angle_rad, shift_px, slopes, fine)
-
-    @cached_property
-    def _few(self) -> tuple[Channel, Weights]:
-        """Some points of the texture."""
-        texture, _ = self._fine
-        few = some_of(texture, max(1, len(texture.points) // GRID_POINTS))
-        return few, weights_of(few)
-
-
-_STEPS_PX = np.arange(-GRID_REACH, GRID_REACH + 1) * GRID_PITCH_PX
-_GRID_PX = (_STEPS_PX[None, :] + 1j * _STEPS_PX[:, None]).reshape(-1)

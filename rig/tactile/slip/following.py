@@ -4,7 +4,6 @@ A keyframe is placed where its own frame is, as uncertain as it is there. Where 
 waited out; what may have turned meanwhile is what the last rate leaves open.
 """
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -14,7 +13,7 @@ from drivers.clock import NS_PER_S
 from drivers.types import Image
 from rig.tactile.contact.gate import Region
 from rig.tactile.sample import State
-from rig.tactile.slip.axis_check import AxisAnchor, anchor, contact_shape
+from rig.tactile.slip.axis_check import AxisAnchor, anchor
 from rig.tactile.slip.gradient import Box, LearntGradientMap, learn_map
 from rig.tactile.slip.height import Field, Gradient, only_within
 from rig.tactile.slip.kalman import RateFilter
@@ -25,7 +24,7 @@ from rig.tactile.slip.sampling import BROAD_REACH_PX, GradientField
 from rig.tactile.slip.settling import Settling
 from rig.tactile.slip.texture import TextureField, make_texture_key
 from rig.tactile.slip.tracker import KeyframeTracker, Tracked
-from rig.tactile.slip.unseen import ANY_TURN_RAD, unseen_variance
+from rig.tactile.slip.unseen import unseen_variance
 from rig.tactile.stopwatch import Stopwatch
 
 BOX_MARGIN_PX = BROAD_REACH_PX + 3
@@ -39,22 +38,33 @@ PATIENCE_FRAMES = 12
 # frames.
 GIVE_UP_S, DEFERRED_FRAMES = 0.25, 2
 # Where the texture does not lead it is looked at so often.
-TEXTURE_PERIOD_S = 0.055
-# Where a frame tells its angle worse than the first, as of a smooth bulge, the object may turn at the second
-# unseen.
-BLIND_RAD, BLIND_RATE_RAD_S = math.radians(2.2), math.radians(40.0)
-AXIS, TEXTURE = "axis check", "texture"
+TEXTURE_PERIOD_S = 0.035
+TEXTURE = "texture"
+
+
+class TextureOnDemand:
+    """The texture of a frame, computed when it is first needed."""
+
+    def __init__(self, compute: Callable[[], TextureField]) -> None:
+        self._compute = compute
+        self.computed: TextureField | None = None
+
+    def __call__(self) -> TextureField:
+        """Return the texture."""
+        if self.computed is None:
+            self.computed = self._compute()
+        return self.computed
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SeenContact:
     """A frame with a contact.
 
-    difference: (h, w, 3), relative. texture: works it out, once. torn: no keyframe should be taken of it.
+    difference: (h, w, 3), relative. torn: no keyframe should be taken of it.
     """
 
     difference: Field
-    texture: Callable[[], TextureField]
+    texture: TextureOnDemand
     region: Region
     torn: bool
     time_ns: int
@@ -90,7 +100,7 @@ class ContactFollower:
         settled = self._settling.update(seen.region, seen.time_ns)
         if self._grasp is None or self._map is None:
             return self._begun(seen, settled, watch)
-        box = _box(seen.region.mask)
+        box = contact_box(seen.region.mask)
         gradient = self._map.apply(seen.difference, box if self._skip else None)
         if not self._skip:  # beyond the box there is nothing of the contact
             gradient = only_within(gradient, box)
@@ -100,32 +110,22 @@ class ContactFollower:
         field = GradientField(gradient, seen.region.mask, box)
         tracked = self._aligned(self._grasp, field, texture, seen.time_ns)
         watch.lap("alignment")
-        if not self._skip:
-            contact_shape(seen.region.mask)
-            watch.lap(AXIS)
         if tracked is None:
             return self._missed(seen, watch)
-        if tracked.own_rad > BLIND_RAD:
-            self._blind_rad += BLIND_RATE_RAD_S * (seen.time_ns - self._fitted_ns) / NS_PER_S
-        tracked = replace(tracked, doubt=self._doubt(tracked, seen.time_ns))
+        tracked = replace(tracked, shape_doubt=self._shape_doubt(tracked, seen.time_ns))
         self._fitted_ns, self._misses = seen.time_ns, 0
         renewed = None if seen.torn else self._renewed(seen, gradient, tracked, settled)
         watch.lap("keyframe")
         return (State.TRACKING, tracked) if renewed is None else (State.REKEYED, renewed)
 
-    def _doubt(self, tracked: Tracked, time_ns: int) -> float:
-        """Return what a frame leaves open, rad^2: other turns, and what the contact's shape does not tell."""
+    def _shape_doubt(self, tracked: Tracked, time_ns: int) -> float:
+        """Return the variance that the contact's shape leaves open, rad^2: an arc, or a round contact."""
         by_pivot = max(0.0, tracked.pivot_rad**2 - tracked.base.pivot_rad**2)
         # A turn that is taken for rest is none that there was no time for.
         possible = unseen_variance(0.0, (time_ns - self._key_ns) / NS_PER_S)
         missed = min(missed_rad(tracked.key.frame.trace) ** 2, possible)
         # What the key has inherited holds what its shape has left open until then.
-        return (
-            tracked.doubt
-            + min(self._blind_rad, ANY_TURN_RAD) ** 2
-            + by_pivot
-            + max(0.0, missed - tracked.inherited)
-        )
+        return by_pivot + max(0.0, missed - tracked.inherited)
 
     def _texture(self, seen: SeenContact, grasp: KeyframeTracker) -> TextureField | None:
         """Return the frame's texture where it is due: always while it leads, else now and then.
@@ -141,21 +141,14 @@ class ContactFollower:
     def _aligned(
         self, grasp: KeyframeTracker, field: GradientField, texture: TextureField | None, time_ns: int
     ) -> Tracked | None:
-        """Follow the contact; look for it only where no keyframe fits."""
+        """Return the pose of the contact; None if no keyframe fits."""
         expected = self._motion.predicted(time_ns / NS_PER_S)
-        tracked = grasp.track(field, texture, expected)
-        if tracked is not None:
-            return tracked
-        reach = abs(self._motion.rate_rad_s) * (time_ns - self._fitted_ns) / NS_PER_S
-        return grasp.search(field, expected, min(reach, ANY_TURN_RAD))
+        return grasp.track(field, texture, expected)
 
     def _renewed(
         self, seen: SeenContact, gradient: Gradient, tracked: Tracked, settled: bool
     ) -> Tracked | None:
-        """Take the keyframe that a frame asks for, where it is and as uncertain; return where that is.
-
-        None without a new keyframe. With one the angle becomes surer than it was only by the long axis.
-        """
+        """Take the keyframe that a frame asks for, at its pose and as uncertain; None without a new one."""
         firmer, self._firmer = self._firmer, False
         if firmer:
             settled, self._anchor = True, None
@@ -164,11 +157,9 @@ class ContactFollower:
             return None
         variance = max(tracked.variance, self._variance)
         angle, variance = self._by_axis(seen.region.mask, tracked.pose.angle_rad, variance)
-        placed = replace(
-            tracked,
-            pose=replace(tracked.pose, angle_rad=angle),
-            variance=variance,
-        )
+        pose = replace(tracked.pose, angle_rad=angle)
+        corrected = angle - tracked.pose.angle_rad
+        placed = replace(tracked, pose=pose, variance=variance, corrected_rad=corrected)
         if settled or outgrown:
             return placed if self._begin(seen, angle, variance, firmer) else None
         frame = make_keyframe(gradient, seen.region.mask)
@@ -214,7 +205,7 @@ class ContactFollower:
         return (State.REKEYED if again else State.TRACKING) if tracked else State.LOST, tracked
 
     def _by_axis(self, mask: Image, angle_rad: float, variance: float) -> tuple[float, float]:
-        """Bound an angle that is less sure than the long axis of a settled contact tells it."""
+        """Bound an angle that is less certain than the long axis of a settled contact."""
         if self._anchor is None or not self._settling.settled:
             return angle_rad, variance
         return self._anchor.corrected(mask, angle_rad, variance)
@@ -249,12 +240,12 @@ class ContactFollower:
         self._grasp: KeyframeTracker | None = None
         self._map: LearntGradientMap | None = None
         self._settling = Settling()
-        self._patience, self._misses, self._blind_rad = 0, 0, 0.0
+        self._patience, self._misses = 0, 0
         self.point_px = self.origin_px = 0j
         self._motion.restart()
 
 
-def _box(mask: Image) -> Box:
+def contact_box(mask: Image) -> Box:
     """Return the box around a mask with room for sharpening, interpolation and slopes at its edge."""
     left, top, width, height = cv2.boundingRect(mask)
     right, bottom = left + width + BOX_MARGIN_PX, top + height + BOX_MARGIN_PX

@@ -1,7 +1,7 @@
 """Which of several motions is believed: from several starts and keyframes, what both channels say most for.
 
 The newest keyframe says where the contact is now. The first one of the grasp does not drift: what it says
-nearby corrects the newest, and what it says further off is taken where it says far more, twice in a row.
+nearby corrects the newest.
 """
 
 import math
@@ -36,16 +36,9 @@ FIRM_TEXTURE = 0.95
 # An older keyframe says nothing with less evidence than this; within so much, or so many standard deviations,
 # it means the same motion.
 LEAST_EVIDENCE, SAME_RAD = 0.15, math.radians(4.0)
-# In each frame so many of these turns from where the contact is believed to be are looked at. One is taken
-# where two frames running agree to `SAME_RAD` that its evidence is larger by this share and this amount.
-ELSEWHERE_RAD, LOOKS = tuple(math.radians(turn) for turn in (-5, 5, -10, 10, -18, 18)), 3
-ELSEWHERE_SHARE, ELSEWHERE_MORE, FURTHEST_RAD = 1.4, 0.1, math.radians(35.0)
-# Until then it is doubt: how much less likely a motion is for each unit of evidence less, about the number
-# of points that are independent.
-INDEPENDENT = 12.0
 # Sigma of what a channel says alone, over the root of what it leaves unexplained (the slopes': for a contact
-# of contrast 1, see `Keyframe`), how ill it may correlate there, and what sigma never falls below. These, and
-# the number above, were set on the development half of the labelled real clips, and raised after clips of
+# of contrast 1, see `Keyframe`), how ill it may correlate there, and what sigma never falls below. These
+# were set on the development half of the labelled real clips, and raised after clips of
 # further objects.
 SLOPES_SIGMA_RAD, TEXTURE_SIGMA_RAD = math.radians(12.0), math.radians(3.0)
 LEAST_CORRELATION, LEAST_SIGMA_RAD = 0.05, math.radians(0.3)
@@ -59,24 +52,17 @@ KEPT, FURTHEST_KEY_RAD = 0.75, math.radians(12.0)
 class Belief:
     """A pose of the contact, the variance of its angle (rad^2), and what the key in use says for it.
 
-    own_rad: one standard deviation of what the frame says, without its key's. doubt: what other turns that
-    fit nearly as well add to the variance, rad^2.
+    own_rad: one standard deviation of what the frame says, without its key's.
     """
 
     pose: ContactPose
     variance: float
     motion: Motion
     own_rad: float
-    doubt: float = 0.0
 
 
 class Judge:
     """Weighs the motions of one grasp, frame by frame."""
-
-    def __init__(self) -> None:
-        self._turn, self._busy = 0, False
-        self._elsewhere_rad: float | None = None
-        self._doubts: dict[int, tuple[float, float]] = {}
 
     def judged(
         self,
@@ -99,28 +85,17 @@ class Judge:
         if newest is None:
             return None
         alone = None if by_slopes is None else newest.motion_to(by_slopes)
-        busy_before, self._busy = self._busy, False
         belief = self._by_newest(newest, expected, last)
         if alone is not None:
             firm = leads and belief.motion.texture >= FIRM_TEXTURE
             more = 0.0 if firm else _more_than(alone)
             if belief.motion.evidence < alone.evidence + more:
                 return None
-        first, by_first = newest, belief
         for key in _older(keys, belief.pose.angle_rad):
             older = _witness(key, field, texture)
             if older is not None:
-                found = older.best(belief.pose)
-                first, by_first = (older, found) if key is keys[0] else (first, by_first)
-                belief = _together(belief, found)
-        # A frame with other starts, or one that becomes a keyframe, has cost enough; the one after it looks
-        # elsewhere in any case.
-        turned_rad = belief.pose.angle_rad - keys[-1].pose.angle_rad
-        self._busy = self._busy or not still_fits(belief.motion, turned_rad)
-        if self._busy and not busy_before:
-            return replace(belief, doubt=self._doubt())
-        self._busy = False
-        return self._elsewhere(first, by_first.motion.evidence, belief)
+                belief = _together(belief, older.best(belief.pose))
+        return belief
 
     def _by_newest(self, newest: "_Witness", expected: ContactPose, last: ContactPose) -> Belief:
         """Return what the newest key says; without evidence where an object cannot have got to."""
@@ -134,46 +109,10 @@ class Judge:
                 *(newest.tried(start, TOGETHER) for start in (last, *turned)),
             )
             other = newest.best(max(others, key=lambda b: b.motion.evidence).pose)
-            self._busy = True
             found = max((found, other), key=lambda b: b.motion.evidence)
         if abs(found.pose.angle_rad - last.angle_rad) > MAX_JUMP_RAD:
             return replace(found, motion=replace(found.motion, slopes=0.0, texture=0.0))
         return found
-
-    def _elsewhere(self, first: "_Witness", evidence: float, belief: Belief) -> Belief:
-        """Look at other turns by the first key; take one where two frames agree that it fits far better.
-
-        evidence: of the first key, for the belief.
-        """
-        asked = [(self._turn + i) % len(ELSEWHERE_RAD) for i in range(LOOKS)]
-        looks = [self._look(first, evidence, belief, number) for number in asked]
-        other = max(looks, key=lambda look: look.motion.evidence)
-        off, more = other.pose.angle_rad - belief.pose.angle_rad, other.motion.evidence - evidence
-        before, self._elsewhere_rad = self._elsewhere_rad, None
-        least = (ELSEWHERE_SHARE - 1.0) * evidence + ELSEWHERE_MORE
-        if more > least and SAME_RAD < abs(off) < FURTHEST_RAD:
-            if before is not None and abs(off - before) < SAME_RAD:
-                return replace(other, motion=belief.motion)
-            self._elsewhere_rad = off
-        else:
-            self._turn += LOOKS
-        return replace(belief, doubt=self._doubt())
-
-    def _look(self, first: "_Witness", evidence: float, belief: Belief, number: int) -> Belief:
-        """Look at one other turn, and keep how likely what is found there is."""
-        turned = ContactPose(belief.pose.angle_rad + ELSEWHERE_RAD[number], belief.pose.point_px)
-        other = first.tried(turned, TEXTURE_FIRST, anywhere=True)
-        if other.motion.evidence > evidence:
-            other = first.best(other.pose)
-        off, more = other.pose.angle_rad - belief.pose.angle_rad, other.motion.evidence - evidence
-        likelihood = math.exp(min(0.0, INDEPENDENT * more)) if abs(off) > SAME_RAD else 0.0
-        self._doubts[number] = (likelihood, off)
-        return other
-
-    def _doubt(self) -> float:
-        """Return the variance of turns that are as likely as their evidence says, rad^2."""
-        likely = sum(likelihood for likelihood, _ in self._doubts.values())
-        return sum(likelihood * off**2 for likelihood, off in self._doubts.values()) / (1.0 + likely)
 
 
 class _Witness:
@@ -190,12 +129,9 @@ class _Witness:
         """Return the motion found from a start."""
         return self._found(*self._key.motion_to(start), TOGETHER, ITERATIONS)
 
-    def tried(self, start: ContactPose, weighting: Weighting, anywhere: bool = False) -> Belief:
-        """Return roughly what is found from a start. anywhere: its place is looked for around it."""
-        angle, shift = self._key.motion_to(start)
-        if anywhere:
-            shift = self._evidence.placed(angle, shift)
-        return self._found(angle, shift, weighting, FEW_ITERATIONS)
+    def tried(self, start: ContactPose, weighting: Weighting) -> Belief:
+        """Return roughly the motion found from a start."""
+        return self._found(*self._key.motion_to(start), weighting, FEW_ITERATIONS)
 
     def _found(self, angle_rad: float, shift_px: complex, weighting: Weighting, iterations: int) -> Belief:
         angle_rad, shift_px = self._evidence.align(angle_rad, shift_px, weighting, iterations)

@@ -13,7 +13,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.tactile.slip.channel import Channel, Found, Values, Weights
+from rig.tactile.slip.channel import Channel, Found, JointKey, Values, Weights
 from rig.tactile.slip.compiled import compiled
 
 Sums = NDArray[np.float64]
@@ -228,6 +228,44 @@ def _equations(
 
 
 @compiled
+def key_equations(
+    slopes: Channel,
+    slope_weights: Weights,
+    texture: Channel,
+    texture_weights: Weights,
+    angle_rad: float,
+    shift_px: complex,
+    shares: tuple[float, float],
+    slope_points: Values,
+    texture_points: Values,
+    by_slopes: Sums,
+    by_texture: Sums,
+    anew: bool,
+) -> tuple[Sums, Sums]:
+    """Return the normal matrix (3, 3) and the pulls (3,) of one keyframe in turn and shift.
+
+    Gain and constant slope of the slopes are eliminated by their Schur complement.
+    """
+    one, along, pulls = _equations(slopes, slope_weights, angle_rad, shift_px, slope_points, by_slopes, anew)
+    two, beside, further = _equations(
+        texture, texture_weights, angle_rad, shift_px, texture_points, by_texture, anew
+    )
+    matrix, pulls = shares[0] * one * by_slopes, shares[0] * along * pulls
+    matrix[:MOTION, :MOTION] += shares[1] * two * by_texture
+    pulls[:MOTION] += shares[1] * beside * further
+    for a in range(PARAMETERS):
+        matrix[a, a] += DAMPING * matrix[a, a] + 1e-9
+    matrix[3, 3] += GAIN_PRIOR_TOGETHER
+    matrix[4, 4] += SLOPE_PRIOR_TOGETHER
+    matrix[5, 5] += SLOPE_PRIOR_TOGETHER
+    others = np.ascontiguousarray(matrix[MOTION:, MOTION:])
+    across = np.ascontiguousarray(matrix[MOTION:, :MOTION])
+    eliminated = np.linalg.solve(others, across)
+    motion = np.ascontiguousarray(matrix[:MOTION, :MOTION]) - across.T @ eliminated
+    return motion, pulls[:MOTION] - eliminated.T @ np.ascontiguousarray(pulls[MOTION:])
+
+
+@compiled
 def align_together(
     slopes: Channel,
     slope_weights: Weights,
@@ -269,11 +307,68 @@ def align_together(
 
 
 @compiled
-def best_of(key: Channel, weights: Weights, angle_rad: float, shifts_px: NDArray[np.complex128]) -> int:
-    """Return which of the shifts (G,) has the highest correlation at a turn."""
-    best, highest = 0, -math.inf
-    for g in range(len(shifts_px)):
-        found = correlation_at(key, weights, angle_rad, shifts_px[g])
-        if found > highest:
-            best, highest = g, found
-    return best
+def align_jointly(
+    keys: tuple[JointKey, ...],
+    start: tuple[float, complex],
+    expected_rad: float,
+    prior: float,
+    shares: tuple[float, float],
+    most: int,
+) -> tuple[float, complex, Sums, Sums]:
+    """Return angle, point, the normal matrix (3, 3) and each keyframe's correlations (K, 2)."""
+    angle_rad, point_px = start
+    count = len(keys)
+    slope_points = np.zeros((count, 1024), np.float32)
+    texture_points = np.zeros((count, 1024), np.float32)
+    by_slopes, by_texture = np.zeros((count, 6, 6)), np.zeros((count, 3, 3))
+    normal, basis = np.zeros((3, 3)), np.zeros((3, 3))
+    basis[0, 0] = 1.0
+    for iteration in range(most):
+        anew = iteration == 0 or iteration == ANEW_AFTER
+        normal[:] = 0.0
+        pulls = np.zeros(3)
+        for k in range(count):
+            key = keys[k]
+            if key.weight <= 0.0:
+                continue
+            turn = angle_rad - key.angle_rad
+            factor = turning(turn)
+            shift_px = point_px - factor * key.lever_px - key.slopes.center
+            matrix, pull = key_equations(
+                key.slopes,
+                key.slope_weights,
+                key.texture,
+                key.texture_weights,
+                turn,
+                shift_px,
+                shares,
+                slope_points[k, : len(key.slope_weights.points)],
+                texture_points[k, : len(key.texture_weights.points)],
+                by_slopes[k],
+                by_texture[k],
+                anew,
+            )
+            back, arm = factor.conjugate(), 1j * key.lever_px
+            basis[1, 0], basis[1, 1], basis[1, 2] = arm.real, back.real, -back.imag
+            basis[2, 0], basis[2, 1], basis[2, 2] = arm.imag, back.imag, back.real
+            normal += key.weight * (basis.T @ (matrix @ basis))
+            pulls += key.weight * (basis.T @ pull)
+        normal[0, 0] += prior
+        pulls[0] += prior * (expected_rad - angle_rad)
+        step = np.linalg.solve(normal, pulls)
+        turned = min(max(step[0], -MOST_TURN_STEP_RAD), MOST_TURN_STEP_RAD)
+        right = min(max(step[1], -MOST_STEP_PX), MOST_STEP_PX)
+        down = min(max(step[2], -MOST_STEP_PX), MOST_STEP_PX)
+        angle_rad += turned
+        point_px += complex(right, down)
+        if abs(turned) < DONE_TOGETHER_RAD and abs(complex(right, down)) < DONE_TOGETHER_PX:
+            break
+    fits = np.zeros((count, 2))
+    for k in range(count):
+        key = keys[k]
+        if key.weight > 0.0:
+            turn = angle_rad - key.angle_rad
+            shift_px = point_px - turning(turn) * key.lever_px - key.slopes.center
+            fits[k, 0] = correlation_at(key.slopes, key.slope_weights, turn, shift_px)
+            fits[k, 1] = correlation_at(key.texture, key.texture_weights, turn, shift_px)
+    return angle_rad, point_px, normal, fits

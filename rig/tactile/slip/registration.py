@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from rig.tactile.contact.relative import upper_median
 from rig.tactile.slip.keyframe import Keyframe
-from rig.tactile.slip.loops import SEEN, align_alone, values_at
+from rig.tactile.slip.loops import align_alone
 from rig.tactile.slip.sampling import GradientField
 
 # Residuals beyond this multiple of their median count less and less (Cauchy weights squared).
@@ -80,14 +80,6 @@ def align(
         weights=_robust(found.squares, found.used > 0.0),
         further_rad=found.further_rad,
     )
-
-
-def similarity(key: Keyframe, field: GradientField, angle_rad: float, shift_px: complex) -> float:
-    """Return how like the keyframe a frame is at a trial pose, -1 to 1 (normalised correlation)."""
-    values = values_at(key.within(field), angle_rad, complex(shift_px))
-    values = values[:2] * (values[2] >= SEEN)
-    size = math.sqrt(float((values * values).sum()) * float(key.squares.sum()))
-    return float((key.template * values).sum()) / size if size > 0.0 else -1.0
 
 
 def _robust(squares: NDArray[np.float32], seen: NDArray[np.bool_]) -> NDArray[np.float32]:

@@ -9,7 +9,7 @@ turn by d multiplies by exp(-2 i d).
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -74,6 +74,14 @@ class TextureKey:
     squares: NDArray[np.float32]
     jacobian: NDArray[np.float32]
 
+    def counted_from(self, moved_px: complex) -> "TextureKey":
+        """Return this texture with its points counted from a center that is moved by so many work pixels."""
+        jacobian = self.jacobian.copy()
+        # Turning about another point is turning about this one and a shift.
+        jacobian[0] += moved_px.real * jacobian[2] - moved_px.imag * jacobian[1]
+        points = self.points_px - np.complex64(moved_px)
+        return replace(self, points_px=points, jacobian=jacobian)
+
     def within(self, field: TextureField, center_px: complex) -> Channel:
         """Return this texture with a frame to find it in."""
         return Channel(
@@ -113,6 +121,12 @@ def make_texture_key(field: TextureField, mask: Image, center_px: complex) -> Te
     turned[1] -= 2.0 * template[0]
     jacobian = np.ascontiguousarray(np.stack([turned, -along_x, -along_y]), np.float32)
     return TextureKey(points, template, unit, (template * template).sum(0), jacobian)
+
+
+def richness(field: TextureField, mask: Image) -> float:
+    """Return the root energy of the strongest points in and around a contact, mask (h, w)."""
+    strongest = field.planes.reshape(-1, 3)[_strongest(field.planes, mask)]
+    return float(np.sqrt(np.square(strongest).sum()))
 
 
 def structure(difference: Field, scale: float) -> Field:

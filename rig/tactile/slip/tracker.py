@@ -10,7 +10,7 @@ from rig.tactile.slip.evidence import Motion
 from rig.tactile.slip.judge import Belief, Judge, still_fits
 from rig.tactile.slip.keyframe import Keyframe
 from rig.tactile.slip.keys import MAX_JUMP_RAD, SAME_SIGMAS, ContactPose, Key
-from rig.tactile.slip.registration import Alignment, align, similarity
+from rig.tactile.slip.registration import Alignment, align
 from rig.tactile.slip.sampling import GradientField
 from rig.tactile.slip.texture import TextureField, TextureKey
 from rig.tactile.slip.uncertainty import angle_variance
@@ -22,10 +22,6 @@ UNSETTLED_MISFIT = 0.27
 # Beyond these it is no alignment at all.
 WORST_MISFIT, WORST_OVERLAP = 0.9, 0.4
 MAX_KEYFRAMES = 6
-# A lost contact is looked for at these turns from where it is expected, and taken for found within the
-# first of them and what its rate allows: further off, an edge or a lattice looks the same again.
-SEARCH_RAD = tuple(math.radians(turn) for turn in (-15.0, -7.5, 0.0, 7.5, 15.0))
-SEARCH_KEPT = 3
 # Slopes that leave at most this unexplained are those of the object: simulated lifts leave 0.02 to 0.25, real
 # contacts in which a bulge of gel turns against a line 0.2 to 0.7.
 PLAIN_MISFIT = 0.25
@@ -41,9 +37,10 @@ TEXTURE_NOISE_RAD = math.radians(0.3)
 class Tracked:
     """A frame's pose, by which key, and how well it fits.
 
-    variance: of the angle, rad^2. base: the key whose variance is part of it. doubt: what other turns add to
-    it that fit nearly as well. alignment: of the slopes. motion: where the texture led, what speaks for it,
-    else None. own_rad: there, one standard deviation of what this frame says alone. pivot_rad: see `Key`.
+    variance: of the angle, rad^2. base: the key whose variance is part of it. alignment: of the slopes.
+    motion: where the texture led, what speaks for it, else None. own_rad: there, one standard deviation of
+    what this frame says alone. shape_doubt: what an arc or a round contact adds to the variance. pivot_rad:
+    see `Key`. corrected_rad: by how much the contact's long axis has changed the angle in this frame.
     """
 
     pose: ContactPose
@@ -53,8 +50,9 @@ class Tracked:
     alignment: Alignment | None = None
     motion: Motion | None = None
     own_rad: float = 0.0
-    doubt: float = 0.0
+    shape_doubt: float = 0.0
     pivot_rad: float = 0.0
+    corrected_rad: float = 0.0
 
     @property
     def inherited(self) -> float:
@@ -130,7 +128,6 @@ class KeyframeTracker:
                 key,
                 motion=belief.motion,
                 own_rad=belief.own_rad,
-                doubt=belief.doubt,
             )
         return None if found is None else self._accept(found)
 
@@ -154,25 +151,6 @@ class KeyframeTracker:
         if found is None:
             return self._by_others(field, expected)
         return found if anchored is None else _fused(found, anchored)
-
-    def search(self, field: GradientField, expected_rad: float, reach_rad: float) -> Tracked | None:
-        """Look for a lost contact; None where nothing fits well.
-
-        reach_rad: how far its rate lets it have turned from where it is expected, beside the least range.
-        """
-        rows, columns = np.nonzero(field.mask)
-        middle = complex(columns.mean(), rows.mean())
-        widest = SEARCH_RAD[-1] + reach_rad
-        guesses = [ContactPose(expected_rad + turn * widest / SEARCH_RAD[-1], middle) for turn in SEARCH_RAD]
-        scores = [similarity(self._key.frame, field, *self._key.motion_to(g)) for g in guesses]
-        best = sorted(range(len(guesses)), key=lambda i: -scores[i])[:SEARCH_KEPT]
-        weights, self._weights = self._weights, None
-        found = [self._aligned(self._key, field, guesses[i]) for i in best]
-        self._weights = weights
-        fitting = [
-            f for f in found if f is not None and f.good and abs(f.pose.angle_rad - expected_rad) <= widest
-        ]
-        return self._accept(min(fitting, key=lambda f: f.misfit)) if fitting else None
 
     def add_key(self, key: Key) -> None:
         """Take a further keyframe; the oldest but the first goes when there are many."""

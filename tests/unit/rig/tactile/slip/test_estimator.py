@@ -50,7 +50,8 @@ def test_a_turn_is_measured_wherever_it_begins(
     press: Draw, start: float, turn: float, half_axes: tuple[float, float], size: tuple[int, int]
 ) -> None:
     center = (size[0] / 2, size[1] / 2)
-    images = lift(press, turn, start, half_axes=half_axes, size=size, center=center)
+    # 16 frames: at most 170 degrees per second, as the estimator turns by at most 200.
+    images = lift(press, turn, start, steps=16, half_axes=half_axes, size=size, center=center)
     samples = run(SlipEstimator(press(None, size=size, noise=0.0)), images)
     sigma = samples[-1].sigma_deg
     assert sigma is not None
@@ -96,7 +97,7 @@ def test_frame_rate_and_dropped_frames_change_nothing(press: Draw, blank: Image)
 
 
 def test_a_turn_beyond_a_whole_one_is_unwrapped(press: Draw, blank: Image) -> None:
-    samples = run(SlipEstimator(blank), lift(press, 400.0, steps=100))
+    samples = run(SlipEstimator(blank), lift(press, 400.0, steps=130))
     assert turned(samples) == pytest.approx(400.0, abs=4.0)
     assert any(sample.state is State.REKEYED for sample in samples) or samples[-1].sigma_deg is not None
 
@@ -144,7 +145,10 @@ def test_a_torn_frame_is_survived(press: Draw, blank: Image) -> None:
 
 def test_contact_that_left_and_returned_is_rekeyed_with_large_sigma(press: Draw, blank: Image) -> None:
     gone = [press(None, seed=i) for i in range(60)]
-    samples = run(SlipEstimator(blank), [*lift(press, 10.0), *gone, *lift(press, 10.0, start_deg=70.0)])
+    # Held for long enough to turn by what the axis tells, at 200 degrees per second.
+    held = [press(80.0, seed=100 + i, half_axes=EDGE) for i in range(90)]
+    again = [*lift(press, 10.0, start_deg=70.0), *held]
+    samples = run(SlipEstimator(blank), [*lift(press, 10.0), *gone, *again])
     back = samples[REST + 12 + 60 :]
     assert back[0].state is State.REKEYED
     assert back[0].sigma_deg is not None

@@ -10,7 +10,6 @@ import pytest
 
 from drivers.types import Image
 from rig.tactile.sample import State
-from rig.tactile.slip import following
 from rig.tactile.slip.estimator import SlipEstimator
 from rig.tactile.slip.evidence import Motion
 from rig.tactile.slip.height import Field
@@ -114,18 +113,6 @@ def test_specks_of_the_gel_that_darken_under_a_contact_do_not_hold_it() -> None:
     off = np.abs(answered - answered[0] - turns[9:])
     assert off.mean() < 1.0
     assert off.max() < 5.0, "held for three frames of 1.5 degrees at most: at the start, after a keyframe"
-
-
-@pytest.mark.parametrize(("blind_deg", "sigma_deg"), [(90.0, (0.0, 5.0)), (0.0, (25.0, 60.0))])
-def test_blind_frames_raise_sigma_by_the_possible_turn(
-    blind_deg: float, sigma_deg: tuple[float, float], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(following, "BLIND_RAD", math.radians(blind_deg))
-    tracker = SlipEstimator(picture(None, 0))
-    turns = [0.0] * 10 + [1.5 * i for i in range(28)]
-    samples = [tracker.update(picture(20.0 + t, i + 1), round(i * 4e7)) for i, t in enumerate(turns)]
-    assert samples[-1].sigma_deg is not None
-    assert sigma_deg[0] < samples[-1].sigma_deg < sigma_deg[1]
 
 
 def test_sigma_grows_with_low_contrast_and_poor_texture_fit() -> None:

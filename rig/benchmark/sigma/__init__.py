@@ -1,0 +1,1 @@
+"""`rig benchmark sigma`: the standard deviation that the estimator slip reports, fitted to known errors."""

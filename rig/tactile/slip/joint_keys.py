@@ -1,0 +1,114 @@
+"""The keyframes of a contact to which later frames are aligned jointly, and their common colour map.
+
+A keyframe is rich if its texture has much energy: one taken when the contact was still small is poor. The
+richest keyframes are kept as long as the contact lasts, so that errors do not add up from one to the next.
+"""
+
+import math
+from dataclasses import dataclass, replace
+
+from drivers.types import Image
+from rig.tactile.slip.channel import MOST_KEYS, JointKey, some_of
+from rig.tactile.slip.evidence import SLOPE_POINTS
+from rig.tactile.slip.gradient import LearntGradientMap, learn_map
+from rig.tactile.slip.height import Field
+from rig.tactile.slip.keyframe import Keyframe, make_keyframe
+from rig.tactile.slip.keys import ContactPose
+from rig.tactile.slip.loops import weights_of
+from rig.tactile.slip.sampling import GradientField
+from rig.tactile.slip.texture import TextureField, TextureKey, make_texture_key, richness
+
+# A keyframe is added where the texture is richer than in any other by this factor, or the contact has
+# turned by this angle from all others. Those poorer than this share of
+# the richest are not aligned to. Set on the augmented development clips; 1.15 instead of 1.3 changes little.
+RICHER, FURTHER_RAD, LEAST_RICHNESS = 1.3, math.radians(14.0), 0.5
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RichKeyframe:
+    """A keyframe with what it was made of, so that it can be made again with another colour map.
+
+    difference: (h, w, 3). mask: (h, w) uint8, 1 in the contact. richness: root energy of its texture.
+    """
+
+    difference: Field
+    mask: Image
+    frame: Keyframe
+    texture: TextureKey
+    pose: ContactPose
+    richness: float
+
+    def facing(self, field: GradientField, texture: TextureField, weight: float) -> JointKey:
+        """Return this keyframe with a frame to align to it. weight: of this keyframe among the others."""
+        slopes = some_of(self.frame.within(field), -(-len(self.frame.points_px) // SLOPE_POINTS))
+        fine = self.texture.within(texture, self.frame.center_px)
+        lever = complex(self.pose.point_px - self.frame.center_px)
+        return JointKey(
+            slopes, weights_of(slopes), fine, weights_of(fine), weight, self.pose.angle_rad, lever
+        )
+
+    def with_map(self, learnt: LearntGradientMap) -> "RichKeyframe | None":
+        """Return this keyframe as another colour map shows it; None if it then has too few points."""
+        frame = make_keyframe(learnt.apply(self.difference), self.mask)
+        if frame is None:
+            return None
+        texture = self.texture.counted_from(frame.center_px - self.frame.center_px)
+        return replace(self, frame=frame, texture=texture)
+
+
+class RichKeyframes:
+    """The keyframes of one contact; empty before the first."""
+
+    def __init__(self) -> None:
+        self._keys: list[RichKeyframe] = []
+        self.map: LearntGradientMap | None = None
+        """Learnt at the richest keyframe."""
+
+    def __len__(self) -> int:
+        return len(self._keys)
+
+    @property
+    def richest(self) -> float:
+        """The richness of the richest keyframe, 0 without any."""
+        return max((key.richness for key in self._keys), default=0.0)
+
+    def facing(self, field: GradientField, texture: TextureField) -> list[JointKey]:
+        """Return the keyframes that are rich enough, with a frame to align to them, weighted by richness."""
+        best = self.richest
+        rich = (key for key in self._keys if key.richness >= LEAST_RICHNESS * best)
+        return [key.facing(field, texture, key.richness / best) for key in rich]
+
+    def wants(self, texture: TextureField, mask: Image, angle_rad: float) -> bool:
+        """Whether a frame at an angle should become a keyframe."""
+        nearest = min(abs(key.pose.angle_rad - angle_rad) for key in self._keys)
+        return nearest > FURTHER_RAD or richness(texture, mask) > RICHER * self.richest
+
+    def add(
+        self,
+        difference: Field,
+        texture: TextureField,
+        mask: Image,
+        angle_rad: float,
+        point_px: complex | None,
+    ) -> complex | None:
+        """Add a frame as a keyframe; return the followed point, or None if the frame shows too little.
+
+        angle_rad, point_px: of the contact in it; the point of the first keyframe is its center.
+        """
+        rich = richness(texture, mask)
+        learnt = learn_map(difference, mask) if rich > self.richest else None
+        used = learnt or self.map
+        frame = None if used is None else make_keyframe(used.apply(difference), mask)
+        fine = None if frame is None else make_texture_key(texture, mask, frame.center_px)
+        if used is None or frame is None or fine is None:
+            return None
+        if learnt is not None:
+            again = (key.with_map(learnt) for key in self._keys)
+            self._keys = [key for key in again if key is not None]
+        self.map = used
+        point = frame.center_px if point_px is None else point_px
+        pose = ContactPose(angle_rad, point)
+        self._keys.append(RichKeyframe(difference, mask, frame, fine, pose, rich))
+        if len(self._keys) > MOST_KEYS:
+            self._keys.remove(min(self._keys[:-1], key=lambda key: key.richness))
+        return point

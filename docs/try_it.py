@@ -23,14 +23,14 @@ _INDENTED = re.compile(r"^ {4}rig .*$", re.MULTILINE)
 _FENCE = re.compile(r"^```sh$(.*?)^```$", re.DOTALL | re.MULTILINE)
 NEEDS = {
     r"^rig (?!objects).*--bench my_bench\.toml": "needs hardware",
-    r"^rig live (?!.*--seconds)": "needs somebody who ends it",
+    r"^rig live (?!.*--seconds)": "needs a person who ends it",
     r"HOST:PORT": "needs a cluster",
-    r"^rig label-angle|^rig label ": "needs somebody who draws",
+    r"^rig label-angle|^rig label ": "needs a person who draws",
     r"^rig model import|authors\.onnx|--data|old/|--model \w+=": "needs files of yours",
     r"my_lab|my_bag|shared_objects|monday|/data/": "needs files of yours",
     r"^rig train": "needs the extra train",
     r"PRESSES|my_twin": "needs photographs of a pressed ball",
-    r"benchmark clips": "needs labels that somebody drew",
+    r"benchmark clips": "needs labels drawn by hand",
     r"TactileTracking|digit-pose-estimation": "needs a public set",
     r"benchmark others": "needs clones of others' repositories",
     r"^rig trial --resume(?! --out)": "needs an unfinished session",
@@ -39,12 +39,12 @@ LONG = r"rig benchmark|rig trial --lifts 5|--full|--all"
 OWN = {"FRAMES": "frames", "frames": "frames", "empty.png": "empty.png", "CLIPS": "clips", "clips": "clips",
        "CLIP": "clips/pen_2", "SESSIONS...": "sessions", "sessions": "sessions",
        "SESSION": "sessions/campaign"}  # fmt: skip
-"""Names by which pages speak of files that a reader brings, and the stand-ins in the folder of such files."""
+"""Names of the reader's own files on the pages, and the stand-ins for them."""
 
 
 @dataclass(frozen=True)
 class Line:
-    """A command line: where it stands, what is run, and why not."""
+    """A command line of a page. text: the command; skipped if there is a reason."""
 
     page: str
     text: str
@@ -71,7 +71,7 @@ def typed_lines(page: str) -> list[str]:
 
 
 def reason(text: str, long: bool) -> str:
-    """Say why a line is not run, or nothing."""
+    """Return why a line is not run; empty if it is run."""
     for pattern, why in NEEDS.items():
         if re.search(pattern, text):
             return why

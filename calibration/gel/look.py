@@ -175,7 +175,7 @@ def slope_terms(dent: Plane, mm_per_px: tuple[float, float], turn_rad: float = 0
     x, y = np.asarray(x * shrink, np.float32), np.asarray(y * shrink, np.float32)
     if turn_rad:
         cos, sin = np.float32(np.cos(turn_rad)), np.float32(np.sin(turn_rad))
-        x, y = cos * x - sin * y, sin * x + cos * y
+        x, y = np.asarray(cos * x - sin * y, np.float32), np.asarray(sin * x + cos * y, np.float32)
     return _monomials(x, y, _SLOPE_DEGREE)[1:]
 
 

@@ -103,7 +103,7 @@ def coded(image: Image, time_ns: int, codec: Codec) -> Image:
     refresh, since_ns = divmod(time_ns, round(codec.refresh_s * NS_PER_S))
     moved = cv2.add(image, _offsets(codec, refresh, image.shape[:2]), dtype=cv2.CV_8U)
     quality = codec.quality - (_COARSER if since_ns < _KEY_S * NS_PER_S else 0)
-    return jpeg(moved, quality)
+    return jpeg(np.asarray(moved, np.uint8), quality)
 
 
 def jpeg(image: Image, quality: int) -> Image:

@@ -30,12 +30,11 @@ from rig.tactile.contact.steadiness import TouchDebounce
 
 @dataclass(frozen=True, slots=True)
 class Station:
-    """Where and how a calibration is collected.
+    """The bench, the person and the folder of a calibration.
 
-    config: of the bench. seed: of what is drawn. folder: of calibration files; raw
-    samples go into subfolders of it. person: who is asked. say: takes lines of progress. before: is given
-    the whole plan before anything is reached. show: is given each frame, and changes nothing; None where
-    nobody looks on.
+    config: of the bench. seed: of the simulation. folder: of calibration files; its subfolders hold the raw
+    samples. person: answers the questions. say: prints lines of progress. before: called with the plan before
+    any device is connected. show: called with each frame, which it must not change; None without a viewer.
     """
 
     config: BenchConfig
@@ -48,19 +47,19 @@ class Station:
     _folders: list[Path] = field(default_factory=list)
 
     def note(self, text: str, done: int, total: int) -> None:
-        """Say what was done, and how far it is."""
+        """Print a finished step and report the progress."""
         self.say(f"  {text}")
         tell(Event("progress", text, done, total))
 
     def left_out(self, name: str, reason: str) -> None:
-        """Say what gave nothing, and why."""
+        """Print and report a step without a result, with the reason."""
         self.say(f"  {name}: {reason}")
         tell(Event("fault", f"{name}: {reason}"))
 
     def camera(self) -> CameraModel:
-        """The bench's camera: as calibrated where its file is here, else the bench file's pinhole.
+        """Return the calibrated camera if its file is in the folder, else the bench file's pinhole model.
 
-        Raises `CalibrationError` for a file that is damaged, or was refused when it was made.
+        Raises `CalibrationError` if the file is damaged, or if its calibration was refused.
         """
         camera = self.config.camera
         known = self.folder / f"camera-{camera.serial}.yaml"
@@ -74,7 +73,7 @@ class Station:
         return replace(model, uncertainty=unstated("the bench file"))
 
     def raw(self, name: str) -> Path:
-        """Where raw samples go: a folder that is there, and empty, once the bench is `connected`."""
+        """Return the folder for raw samples; it exists and is empty once the bench is `connected`."""
         folder = self.folder / f"{name}-samples"
         self._folders.append(folder)
         return folder
@@ -83,11 +82,12 @@ class Station:
     def connected(
         self, introduction: str, from_home: bool = False, motions: Sequence[PlannedMotion] = ()
     ) -> Iterator[tuple[Bench, Operator]]:
-        """The bench, connected, and who is asked at it.
+        """Yield the connected bench and its operator.
 
-        introduction: what will move; at a real bench agreed to first. from_home: whether the arm goes
-        home first. motions: as far as they are known beforehand. Samples of an earlier run, maybe of another
-        target, are removed then, not before. Raises `OperatorStopError` unless agreed, `DeviceError`.
+        introduction: describes the motions; on a real bench the person must agree to it first. from_home:
+        whether the arm goes home first. motions: the motions that are known beforehand. Samples of an earlier
+        run are removed once the bench is connected. Raises `OperatorStopError` unless the person agrees, and
+        `DeviceError`.
         """
         first = [home_plan(home_pose(self.config), "First")] if from_home else []
         plan = make_plan(self.config, [*first, introduction], motions)
@@ -113,7 +113,7 @@ def _emptied(folder: Path) -> None:
 
 
 def touch_motions(config: BenchConfig, touches: Sequence[Touch]) -> list[PlannedMotion]:
-    """The ways to where the fingers close on something, each from home."""
+    """Return the motions from home to the poses at which the fingers close."""
     home = home_pose(config)
     return [
         PlannedMotion(
@@ -125,10 +125,10 @@ def touch_motions(config: BenchConfig, touches: Sequence[Touch]) -> list[Planned
 
 @dataclass(slots=True)
 class TouchObserver(LiftObserver):
-    """Watches the fingertips while the fingers close on something. newest: last frame by serial.
+    """Observes the fingertips while the fingers close. newest: last frame by serial.
 
-    reference: by serial, the mean (H, W, 3) uint8 of the untouched frames of this closing. shown: is given
-    each frame after it was looked at, and changes nothing.
+    reference: by serial, the mean (H, W, 3) uint8 of the untouched frames of this closing. shown: called with
+    each frame after its analysis; it must not change the frame.
     """
 
     serials: tuple[str, ...]
@@ -141,7 +141,7 @@ class TouchObserver(LiftObserver):
     _touches: dict[str, TouchDebounce] = field(default_factory=dict)
 
     def phase(self, phase: Phase, time_ns: int) -> None:
-        """Collect references during REFERENCE; make them when GRASP begins."""
+        """Collect untouched frames during REFERENCE; average them when GRASP begins."""
         self.phase_now = phase
         if phase is Phase.REFERENCE:
             self._still = {serial: [] for serial in self.serials}
@@ -154,13 +154,13 @@ class TouchObserver(LiftObserver):
                 self._finders[serial] = ContactFinder(self.reference[serial])
 
     def frame(self, frame: Frame) -> None:
-        """Look at a frame, then pass it to those who look on."""
+        """Analyse a frame, then pass it to the viewer."""
         self.look(frame)
         if self.shown is not None:
             self.shown(frame)
 
     def look(self, frame: Frame) -> None:
-        """Keep the newest frame, and look for contact in a fingertip's."""
+        """Store the newest frame; detect contact if it is of a fingertip."""
         self.newest[frame.serial] = frame
         if frame.serial not in self.serials:
             return
@@ -186,7 +186,7 @@ def grasp_at(config: BenchConfig, x_m: float = 0.0, z_m: float = 0.0) -> Pose:
 
 
 def write_picture(path: Path, image: Image) -> None:
-    """Keep a picture, (H, W) or (H, W, 3) uint8 RGB, as PNG. Raises `RecordingError`."""
+    """Write a picture, (H, W) or (H, W, 3) uint8 RGB, as PNG. Raises `RecordingError`."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(encode_png(image))

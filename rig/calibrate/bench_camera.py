@@ -100,7 +100,7 @@ def _show_on_tool(
 
 
 def board_poses(config: BenchConfig, target: Target, seed: int, count: int) -> list[Pose]:
-    """Poses of the tool within the workspace that together tell most of the camera, nearer and all over it.
+    """Return the tool poses that constrain the camera best, at several distances and all over the image.
 
     The board is taken to be held at the tool as `rig calibrate camera` asks for, facing the camera.
     """
@@ -146,12 +146,12 @@ def _outline_m(target: Target) -> NDArray[np.float64]:
 
 
 def collect_markers(station: Station, object_name: str) -> CalibrationResult:
-    """Look at an object's markers while it rests in its place: sixty pictures. Nothing moves."""
+    """Take sixty pictures of the markers of an object at rest. Nothing moves."""
     config = station.config
     grasps = find_grasp_file(object_name, config.objects)
     refuse_undrawn(config, grasps)
     raw = station.raw("markers")
-    with station.connected("Nothing moves; the camera looks at an object.") as (bench, operator):
+    with station.connected("Nothing moves; the camera takes pictures of an object.") as (bench, operator):
         operator.place(grasps.id, grasps.name)
         for number, frame in enumerate(capture_still(bench, bench.camera, _STILL_FRAMES, station.show)):
             write_picture(raw / f"{number:03d}.png", frame.image)

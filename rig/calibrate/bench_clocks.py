@@ -77,7 +77,7 @@ def _wiggle_by_arm(station: Station, touch: Touch, watch: "WiggleObserver") -> N
 
 
 def _touch(config: BenchConfig, name: str) -> Touch:
-    """How an object is held: a block ("gauge:30") at its middle, others as their file says, firmly."""
+    """Return a firm grasp of an object: a block ("gauge:30") at its middle, others by their object file."""
     kind, _, size = name.partition(":")
     if kind == "gauge":
         try:
@@ -205,7 +205,7 @@ def most_alike(
 
 
 def turned_rad(before: NDArray[np.float64], now: NDArray[np.float64]) -> float:
-    """Return the angle by which points, (..., 2) px, are turned about their middle, least squares, rad."""
+    """Return the least-squares rotation of points, (..., 2) px, about their centroid, rad."""
     flat = [points.reshape(-1, 2) - points.reshape(-1, 2).mean(axis=0) for points in (before, now)]
     one, other = (points[:, 0] + 1j * points[:, 1] for points in flat)
     return float(np.angle(np.vdot(one, other)))

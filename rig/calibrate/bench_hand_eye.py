@@ -78,7 +78,7 @@ def visits(poses: Sequence[tuple[str, Pose]]) -> list[PlannedMotion]:
 def facing_poses(
     config: BenchConfig, seed: int, reach_m: tuple[float, float, float] = (0.08, 0.08, 0.08)
 ) -> list[Pose]:
-    """Poses of the tool around the place the camera looks at, turned by 10 to 35 degrees about any axis."""
+    """Return tool poses near the point where the camera is aimed, turned by 10 to 35 degrees, any axis."""
     rng = np.random.default_rng((seed, 30))
     middle = np.add(config.camera.look_at_m, (0.0, 0.0, 0.08))
     poses = []

@@ -32,13 +32,13 @@ def collect_references(station: Station) -> list[CalibrationResult]:
     Raises `DeviceError`, `CalibrationError` for a sensor that is touched, dark or frozen.
     """
     results = []
-    with station.connected("Nothing moves; the fingertips are looked at, untouched.") as (bench, _):
+    with station.connected("Nothing moves; the fingertips take frames without contact.") as (bench, _):
         for tip in bench.fingertips:
             frames = [frame.image for frame in capture_still(bench, tip.sensor, _FRAMES, station.show)]
             serial = tip.sensor.serial
             simulated = station.config.gives_simulated(serial)
             results.append(_reference_result(make_reference(frames), serial, station.folder, simulated))
-            station.note(f"{serial}: looked at", len(results), len(bench.fingertips))
+            station.note(f"{serial}: frames taken", len(results), len(bench.fingertips))
     return results
 
 
@@ -150,5 +150,5 @@ def _reference_result(reference: Reference, serial: str, folder: Path, simulated
 def _earlier(path: Path) -> np.ndarray:
     image = load_image(path)
     if image is None:
-        raise CalibrationError(f"{path}: the earlier reference cannot be read; remove it to start anew")
+        raise CalibrationError(f"{path}: the earlier reference cannot be read; remove it to start again")
     return image.astype(np.float32)

@@ -37,8 +37,9 @@ def collect_tip(station: Station, count: int, accept_change: bool = False) -> Ca
         return _tip(seated)
 
     with station.connected(
-        f"The arm will step where you say until a tip in the hand sits in a small hole on the table, rise, "
-        f"tilt by up to {_LARGEST_TILT_DEG:.0f} degrees, and come back, {count} times, at {SPEED_M_S} m/s.",
+        f"The arm will take the steps that you choose until a tip in the hand sits in a small hole on the "
+        f"table, rise, tilt by up to {_LARGEST_TILT_DEG:.0f} degrees, and come back, {count} times, "
+        f"at {SPEED_M_S} m/s.",
         motions=_tilted(config, count),
     ) as (bench, operator):
         agree_to_carry(bench, operator)

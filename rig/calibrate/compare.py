@@ -36,7 +36,7 @@ def compare_files(one: Path, other: Path) -> dict[str, float | str | None]:
     if kinds[0] == "camera":
         return {"kind": "camera", **_cameras(one, other)}
     if kinds[0] not in compared:
-        raise CalibrationError(f"calibrations of {kinds[0]} cannot be compared; look at their pages")
+        raise CalibrationError(f"calibrations of {kinds[0]} cannot be compared; open their pages instead")
     try:
         return {"kind": kinds[0], **compared[kinds[0]](*contents)}
     except (KeyError, TypeError, ValueError) as error:

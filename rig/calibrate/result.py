@@ -50,9 +50,9 @@ class Thumbnail:
 class CalibrationResult:
     """A calibration before it is filed.
 
-    source: where the samples lie. value, quality: as in the file. numbers: what the page lists first, as
-    text. used: number of samples. files: the samples, for the hash. part: of the kind, where it has several
-    files. attached: content of further files of the same name, by suffix; not written for a refused one.
+    source: folder of the samples. value, quality: as in the file. numbers: the figures at the top of the
+    page, as text. used: number of samples. files: the samples, for the hash. part: of the kind, if it has
+    several files. attached: content of further files of the same name, by suffix; not written if refused.
     """
 
     kind: str

@@ -21,7 +21,7 @@ from rig.calibrate.press_folder import PressFolder, read_press_folder
 from rig.calibrate.result import CalibrationResult, Picture, Thumbnail
 
 NOMINAL_MM_PER_PX = (0.060, 0.060)
-"""Of a DIGIT at 240 x 320; a ball's radius does not depend on it, what is measured in mm does."""
+"""Scale of a DIGIT at 240 x 320 px. Lengths in mm depend on it; the radius of a ball does not."""
 
 
 _DARK_GREY = 16.0
@@ -179,7 +179,7 @@ def _scale(presses: PressFolder) -> GelScale | None:
 
 
 def _without_map(assessment: Assessment) -> Assessment:
-    """A scale from known moves stands without the colours: what is wrong with their map is a doubt."""
+    """Return reasons against a colour map as doubts: a scale from known moves is valid without it."""
     return Assessment(doubts=tuple(f"colour map left out: {reason}" for reason in assessment.reasons))
 
 

@@ -35,9 +35,10 @@ TAUGHT = ("offset_m", "height_m", "turn_deg", "width_m", "lift_height_m")
 
 @dataclass(frozen=True, slots=True)
 class Lesson:
-    """What is asked for. positions: their names; a new one is added. by_hand: led, else stepped by keys.
+    """The positions to teach. positions: their names; new ones are added.
 
-    limit_s: how long the arm gives way at most. lift_height_m: not asked at the bench where it is given.
+    by_hand: the arm is led by hand, else moved in steps by keys. limit_s: longest time in which the arm
+    can be led. lift_height_m: asked at the bench if None.
     """
 
     config: BenchConfig
@@ -50,7 +51,7 @@ class Lesson:
 
 @dataclass(frozen=True, slots=True)
 class TaughtPosition:
-    """One position as the bench has it. problems: why it is not to be written; none where it is."""
+    """One position measured at the bench. problems: reasons not to write it; empty if it can be written."""
 
     name: str
     values: dict[str, float]
@@ -79,7 +80,7 @@ def teaching_plan(lesson: Lesson) -> Plan:
 def teach(
     lesson: Lesson, person: ConsoleOperator, say: Callable[[str], None], seed: int = 0
 ) -> list[TaughtPosition]:
-    """Go through the positions at the bench; return what was found, nothing written yet.
+    """Measure the positions at the bench and return them; nothing is written yet.
 
     Raises `OperatorStopError` unless agreed, `DeviceError`; the arm is held and stands then.
     """
@@ -108,7 +109,7 @@ def _taught(lesson: Lesson, name: str, bench: Bench, operator: Operator) -> Taug
     lift_m = lesson.lift_height_m
     if lift_m is None:
         top = taught.base_T_grasp.translated(z_m=(known.lift_height_m if known else 0.0) or USUAL_LIFT_M)
-        said = "Bring the hand straight up to where a lift shall end; the object stays where it is."
+        said = "Bring the hand straight up to the end of a lift; the object stays on the table."
         risen = _bring(lesson, bench, operator, said, top)
         lift_m = risen.position_m[2] - taught.base_T_grasp.position_m[2]
     with safe_end(bench):
@@ -125,7 +126,7 @@ def _bring(lesson: Lesson, bench: Bench, operator: Operator, question: str, wher
 
 
 def judged(config: BenchConfig, name: str, taught: Taught, lift_m: float) -> TaughtPosition:
-    """Return what an object file says of a grasp, and what speaks against it."""
+    """Return the entry of an object file for a grasp, and the problems with it."""
     x, y, z = (float(v) for v in np.subtract(taught.base_T_grasp.position_m, config.table.position_m))
     turn_deg, tilt_deg = _turned_deg(taught.base_T_grasp)
     values = {

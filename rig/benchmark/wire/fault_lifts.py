@@ -104,7 +104,7 @@ class FaultRow:
 
 
 def row_of(number: int, lift: FaultyLift) -> FaultRow:
-    """Return what is kept of a lift with a fault."""
+    """Return the stored row of a lift with a fault."""
     seen = bool(lift.detected_ns)
     return FaultRow(
         number=number,
@@ -187,7 +187,7 @@ class _FaultyBench(StandingBench):
         self._lifts = lifts
 
     def begin(self) -> None:
-        """Mend what is left of the last case, as a person does before a trial goes on, then begin."""
+        """Clear the faults of the previous case, as a person does before a trial continues, then begin."""
         self._control.call("fault", device="all", kind="clear")
         super().begin()
 

@@ -1,7 +1,7 @@
 """`rig benchmark safety`: an event at a random moment of a lift, on a bench that counts as real.
 
-The trial is a program of its own, as a person starts it with `--yes` and nobody at a terminal. What moves is
-judged by the track of the simulated world. After each run the bench is put in order, as a person would.
+The trial runs as a separate program with `--yes` and without a terminal. The motions are judged by the record of the
+simulated world. After each run the bench is put in order, as a person would do.
 """
 
 import os
@@ -73,7 +73,7 @@ class SafetyRun:
 
     @property
     def ended_well(self) -> bool:
-        """Whether the program ended with a line and a code that say why; killed, it prints nothing."""
+        """Whether the program ended with a line and a code for the reason; if killed, it prints nothing."""
         if BY_NAME[self.event].signals == (signal.SIGKILL,):
             return self.ended == -signal.SIGKILL
         return self.ended in (0, 1, 2, 3) and self.said.startswith("rig: ") == bool(self.ended)
@@ -114,7 +114,7 @@ def run_safety(run: Run, plan: Sequence[PlannedRun], bench: BenchConfig | None =
 
 @contextmanager
 def _served(folder: Path, bench: BenchConfig) -> "Iterator[_Place]":
-    """Start a bench's fakes, with a memory of its hand of their own, and finish a first lift there."""
+    """Start a bench's fakes with a separate record of the hand's state, and finish a first lift there."""
     before = os.environ.get(STATE)
     os.environ[STATE] = str(folder / "state")
     try:
@@ -236,7 +236,7 @@ class SafetyOptions:
 def measure(options: SafetyOptions, run: Run) -> Report:
     """Stop, kill or break a lift at random moments; print how the arm comes to rest.
 
-    The trial is a program of its own on a simulated bench that counts as real. Its events are Ctrl-C once and
+    The trial is a separate program on a simulated bench that counts as real. Its events are Ctrl-C once and
     twice, SIGTERM, SIGHUP, SIGQUIT, kill -9, SIGSTOP, protective and emergency stop, gripper, fingertip and
     camera lost, fingers that fail, disk full: each once in the plain run, about 25 s each. Exit code 4 if an
     object was dropped, if anything moved unasked, if a finished lift was lost, or if the arm did not stand

@@ -96,7 +96,7 @@ def test_sound_trial_has_no_warning(sound: Trial) -> None:
         (lambda t: rows_with(t, final_truth_deg=0.4), "Only 0 of 5 lifts turned", "grip lighter"),
         (
             lambda t: rows_with(t, answered=0.6, states={"tracking": 180, "unobservable": 120}),
-            "'unobservable'", "grasp it elsewhere",
+            "'unobservable'", "grasp the object elsewhere",
         ),
         (lambda t: rows_with(t, answered=0.6, states={"lost": 120}), "'lost'", "stray light"),
         (lambda t: rows_with(t, dropped={"T1": 30, "T2": 0, "camera": 0}), "T1 150 of 900", "rig doctor"),

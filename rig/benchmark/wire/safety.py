@@ -1,7 +1,7 @@
 """`rig benchmark safety`: an event at a random moment of a lift, on a bench that counts as real.
 
-The trial runs as a separate program with `--yes` and without a terminal. The motions are judged by the record of the
-simulated world. After each run the bench is put in order, as a person would do.
+The trial runs as a separate program with `--yes` and without a terminal. The motions are judged by the
+record of the simulated world. After each run the bench is put in order, as a person would do.
 """
 
 import os

@@ -51,7 +51,7 @@ class PressRow:
 
 
 def measure(options: LookOptions, run: Run) -> Report:
-    """Draw held-out presses of a real unit in its own look, and compare them with the photographs.
+    """Draw held-out presses of a real sensor in its own look; compare them with the photographs.
 
     Each press is left out of the fit once and drawn by the simulator from its circle. Its colour change is
     compared with the photograph's, and so are those of made-up units. Then a linear classifier, which learns

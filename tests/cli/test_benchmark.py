@@ -42,4 +42,4 @@ def test_a_run_prints_one_object_and_a_missed_limit_is_exit_4(
     missed = [limit["name"] for limit in figures["limits"] if not limit["met"]]
     assert "share of frames refused on smooth round contacts" in missed  # there was nothing to measure
     assert all(f"limit missed: {name}" in done.stderr for name in missed)
-    assert {path.name for path in out.iterdir()} == {"results.json", "pareto.png", "index.html", "table.md"}
+    assert {path.name for path in out.iterdir()} == {"results.json", "table.md"}

@@ -364,4 +364,4 @@ def test_ros_bag_without_its_topic_ends_with_code_2_and_lists_the_topics(
     assert done.returncode == 2
     assert "2 topics of images: choose one with --topic: /left, /right" in done.stderr
     recording = one_lift / "lifts" / "001.mcap"
-    assert "leave --topic out, or choose a --sensor" in (estimate(recording, "--topic", "/a").error or "")
+    assert "leave --topic out, or give --sensor" in (estimate(recording, "--topic", "/a").error or "")

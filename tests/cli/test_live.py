@@ -129,7 +129,7 @@ def test_foxglove_server_gets_the_readings() -> None:
         process.send_signal(signal.SIGINT)
         _, said = process.communicate(timeout=60)
     assert process.returncode == 0, said
-    assert f"Foxglove: open the connection ws://{at}, import the layout" in said
+    assert f"Foxglove: open the connection ws://{at} and import the layout" in said
     assert set(state["rates_hz"]) == {"SIM-DESK1"}
 
 

@@ -91,7 +91,7 @@ def test_invalid_input_is_a_one_line_error(frames: Path, tmp_path: Path) -> None
     assert "would both become" in error("segment", frames / "0.png", other, "--model", "pspnet", *out)
     assert "replace the image" in error("segment", frames, "--out", frames)
     assert "one size" in error("segment", frames / "1.png", "--background", other, *out)
-    assert "no such network" in error("segment", frames, "--model", "best", *out)
+    assert "best: network not found" in error("segment", frames, "--model", "best", *out)
     assert "none of the images can be read" in error("segment", text, "--model", "pspnet", *out)
 
 

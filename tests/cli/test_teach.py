@@ -88,7 +88,7 @@ def test_file_is_unchanged_without_agreement(lab: Path) -> None:
 
 
 def test_package_objects_and_unknown_names_are_rejected(lab: Path) -> None:
-    for name, said in (("wrench", "an object of the package"), ("nothing", "there are: lever")):
+    for name, said in (("wrench", "an object of the package"), ("nothing", "your objects: lever")):
         done = rig("teach", name, "--bench", lab / "bench.toml")
         assert done.returncode == 2
         assert said in done.stderr

@@ -70,5 +70,5 @@ def test_a_killed_viewer_changes_nothing(
         lift_once(tmp_path / "s", light_bench, LiveFeed((Listener(address, pictures=True),)))
         killer.join(timeout=10.0)
         assert process.wait(10.0) != 0
-    assert "ended before the lifts" in caplog.text
+    assert "ended before the command did" in caplog.text
     assert same(tmp_path / "s", one_lift)

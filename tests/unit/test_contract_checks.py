@@ -38,7 +38,7 @@ def lab(tmp_path: Path) -> Path:
 
 
 def test_contract_violation_of_an_estimator_is_reported(lab: Path) -> None:
-    few = ("-k", "clockwise or changes or devices")
+    few = ("-k", "clockwise or changed_frame_size")
     done = pytest_of(lab, *PLUGIN, *CHECKS, "--estimator", "lab_wrong:Clockwise", *few)
     assert done.returncode == 1, done.stdout + done.stderr
     assert "turned by 20: see the sign, and the unit" in done.stdout

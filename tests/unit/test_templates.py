@@ -173,4 +173,4 @@ def test_invalid_package_name_is_rejected(tmp_path: Path, name: str, says: str) 
 def test_lerobot_package_under_another_name_is_rejected(tmp_path: Path) -> None:
     done = rig("new", "lerobot", tmp_path / "my_gel")
     assert done.returncode == 2
-    assert "has to begin with lerobot_camera_" in done.stderr
+    assert "the name must begin with lerobot_camera_" in done.stderr

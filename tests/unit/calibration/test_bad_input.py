@@ -166,7 +166,7 @@ def test_views_that_do_not_determine_a_camera_are_refused_or_doubted() -> None:
         (seen(poses((0.0, 2.0))), "square-on"),
         (copies, "same view"),
         (seen(poses(reach=0.1)), "cover"),
-        (seen(poses(), (refocused, CAMERA)), "alike"),
+        (seen(poses(), (refocused, CAMERA)), "correlated"),
         (seen(poses(), count=2), "at least 3 are needed"),
         ([], "at least 3 are needed"),
     ):

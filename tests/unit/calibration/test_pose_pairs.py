@@ -134,7 +134,7 @@ def test_correlated_errors_increase_sigma() -> None:
     ]
     plain, result = (calibrate_pose_pairs(s, Setup.EYE_TO_HAND) for s in (samples, adrift))
     assert "neighbouring" not in str(plain.assessment)
-    assert "errors of neighbouring pairs are alike" in str(result.assessment)
+    assert "errors of neighbouring pairs are correlated" in str(result.assessment)
     assert plain.covariance is not None
     assert result.covariance is not None
     assert np.trace(result.covariance[3:, 3:]) > 4.0 * np.trace(plain.covariance[3:, 3:])

@@ -52,7 +52,11 @@ def test_models_are_given_as_name_and_file(tmp_path: Path) -> None:
     file = tmp_path / "net.onnx"
     file.touch()
     assert parse_models([f"unetplusplus={file}"], NETWORKS_AND_PEERS) == {"unetplusplus": file}
-    for text, said in (("resnet=x", "NAME being one of"), ("pspnet", "NAME=FILE"), ("pspnet=/no", "no file")):
+    for text, said in (
+        ("resnet=x", "NAME being one of"),
+        ("pspnet", "NAME=FILE"),
+        ("pspnet=/no", "file not found"),
+    ):
         with pytest.raises(InputError, match=said):
             parse_models([text], NETWORKS_AND_PEERS)
 

@@ -44,8 +44,9 @@ def rig(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
 
 
 def test_lift_with_own_drivers_needs_agreement_and_replays_identically(
-    tmp_path: Path, unhurried_bench: BenchConfig
+    tmp_path: Path, unhurried_bench: BenchConfig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))  # others leave an object in the hand
     (tmp_path / f"{MODULE}.py").write_text(SOURCE)
     command = ["trial", "--lifts", "1", "--object", "wrench", "--bench", "lab.toml", "--no-report"]
     with hosted_fakes(unhurried_bench, None) as (config, _):

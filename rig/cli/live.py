@@ -141,7 +141,7 @@ def _show_live(
     compute_in_one_thread()
     listeners = [*([] if page is None else [page.listener]), *_foxglove(view, sources, stack)]
     desk = stack.enter_context(desk_of(sources, settings, stack, listeners))
-    run_desk(desk, _shown(view, stack), view.seconds, stopped, page)
+    run_desk(desk, _shown(view, stack, stopped), view.seconds, stopped, page)
 
 
 def _name(source: LiveSourceOptions) -> str:
@@ -278,11 +278,18 @@ def run_desk(
             return
 
 
-def _shown(view: LiveViewOptions, stack: ExitStack) -> "Callable[[Reading], None]":
+def _shown(view: LiveViewOptions, stack: ExitStack, stopped: threading.Event) -> "Callable[[Reading], None]":
     """Return the function that prints a reading; with a page it prints nothing."""
     if view.json:
-        return lambda reading: print(json.dumps(reading.values()), flush=True)
+        return lambda reading: _print_json(reading, stopped)
     return stack.enter_context(_Terminal()) if view.terminal else lambda reading: None
+
+
+def _print_json(reading: "Reading", stopped: threading.Event) -> None:
+    """Print a reading as one line of JSON; set `stopped` if the reader has gone, as after `| head`."""
+    print(json.dumps(reading.values()), flush=True)
+    if getattr(sys.stdout, "reader_gone", False):
+        stopped.set()
 
 
 class _Terminal:

@@ -23,6 +23,8 @@ class Output:
     def __init__(self, stream: TextIO, needed: bool) -> None:
         self._stream, self._needed = stream, needed
         self._newest = ""
+        self.reader_gone = False
+        """Whether the reader of the stream has closed it."""
 
     def tail(self) -> str:
         """The last characters that were written."""
@@ -50,6 +52,7 @@ class Output:
 
     def _give_up(self, error: OSError) -> None:
         discard([self._stream.fileno()])
+        self.reader_gone = isinstance(error, BrokenPipeError)
         if self._needed and not isinstance(error, BrokenPipeError):
             raise RecordingError(
                 f"what it prints cannot be written ({error.strerror}); all else is done as far as it came"

@@ -42,6 +42,15 @@ def test_json_has_an_object_per_frame_until_the_file_ends(clip: Path) -> None:
     assert "all 165 images have been played" in done.stderr
 
 
+def test_json_ends_when_its_reader_has_gone() -> None:
+    command = [sys.executable, "-m", "rig", "live", "fake", "--json", "--seconds", "100"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline()
+        process.stdout.close()
+        assert process.wait(timeout=30) == 0
+
+
 def test_terminal_shows_a_line_now_and_then(clip: Path) -> None:
     done = rig("live", clip, "--fps", "30", "--terminal", "--seconds", "4")
     assert done.returncode == 0, done.stderr

@@ -16,12 +16,12 @@ from rig.tactile.slip.estimator import SlipEstimator
 from rig.tactile.slip.fused_angle import Fused, coefficients
 
 LIFT_STRIDE = 15
-"""Of a lift every 15th frame is a sample: errors of neighbours are alike."""
+"""Every 15th frame of a lift is a sample, because the errors of neighbouring frames are correlated."""
 
 
 @dataclass(frozen=True, slots=True)
 class KnownError:
-    """The error of one answer, and what is known of its variance, in degrees and squared degrees.
+    """The error of one answer and the terms of its variance, in degrees and squared degrees.
 
     label_deg: sigma of the ground truth. known: the part of the variance that is not fitted. terms: of the
     fitted part, in the order of `rig.tactile.slip.fused_angle.TERMS`, times the weight of the joint tracker.

@@ -141,9 +141,7 @@ def _viewer(kind: str, address: str, *arguments: str) -> Iterator[subprocess.Pop
         yield process
         if process.poll() is not None:
             # Without a handler of the caller's, logging brings a warning to standard error.
-            _log.warning(
-                "the live viewer ended before the command did; the recordings are complete"
-            )
+            _log.warning("the live viewer ended before the command did; the recordings are complete")
     finally:
         _end(process)
 

@@ -1,29 +1,27 @@
 """A 3-Finger gripper on the wire: a Modbus TCP server, and an RTU slave on a pseudo-terminal.
 
 Both are usable by any Modbus client. Not modelled: baud rate, parity and modem lines of the serial line (a
-wrong baud rate does not fail here), a limit on the number of TCP clients.
+wrong baud rate does not fail here), a limit on the number of TCP clients, several requests in one TCP segment
+(only the first is answered).
 """
 
+import asyncio
 import contextlib
 import os
 import pty
-import selectors
-import socket
 import tty
-from functools import partial
 from pathlib import Path
 from typing import Any
 
+from pymodbus.server import ModbusSerialServer, ModbusTcpServer
+
 from drivers.clock import NS_PER_S, Clock
 from drivers.errors import InputError
-from fakes.wire.gripper import modbus_frames as frames
 from fakes.wire.gripper.transport import WireGripper
 from fakes.world.world import World
 
-RTU_UNIT = 9
 PAUSE_S = 0.05
 """A pause of this length on the serial line ends an incomplete frame."""
-CHUNK = 4096
 
 
 class GripperServer(WireGripper):
@@ -46,49 +44,22 @@ class GripperServer(WireGripper):
         super().__init__(world, clock, preset, fingers, activation_s)
         self.address = host, port
         """Host and port, known from `start` on."""
+        self._server: ModbusTcpServer | None = None
 
-    def _open(self) -> None:
+    async def _open(self) -> None:
         host, port = self.address
-        try:
-            listener = socket.create_server((host, port), reuse_port=False)
-        except OSError as error:
+        server = ModbusTcpServer(self._device(), address=self.address, **self._hooks())
+        if not await server.listen():
             raise InputError(
-                f"simulated gripper: cannot listen at {host}:{port} ({error.strerror}); "
-                "stop what uses it or choose another port"
-            ) from error
-        listener.setblocking(False)
-        self.address = host, listener.getsockname()[1]
-        self._selector.register(listener, selectors.EVENT_READ)
+                f"simulated gripper: cannot listen at {host}:{port}; stop what uses it or choose another port"
+            )
+        listener: Any = server.transport
+        self.address = host, listener.sockets[0].getsockname()[1]
+        self._server = server
 
     def _close(self) -> None:
-        for key in list(self._selector.get_map().values()):
-            self._drop(key.fileobj)
-
-    def _receive(self, key: selectors.SelectorKey) -> None:
-        connection: Any = key.fileobj
-        if key.data is None:
-            self._accept(connection)
-            return
-        try:
-            data = connection.recv(CHUNK)
-            if not data:
-                raise ConnectionResetError
-            key.data.extend(data)
-            for request in frames.tcp_requests(key.data):
-                self._handle(request, connection.sendall)
-        except (OSError, frames.FramingError):
-            self._drop(connection)
-
-    def _accept(self, listener: socket.socket) -> None:
-        with contextlib.suppress(OSError):
-            client, _ = listener.accept()
-            client.setblocking(False)
-            client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-            self._selector.register(client, selectors.EVENT_READ, bytearray())
-
-    def _drop(self, connection: Any) -> None:
-        self._selector.unregister(connection)
-        connection.close()
+        if self._server is not None:
+            self._server.close()
 
 
 class GripperRtu(WireGripper):
@@ -98,7 +69,7 @@ class GripperRtu(WireGripper):
     manual has no exception replies. The link stays the same when the line is cut and comes back.
     """
 
-    refuses_silently = True
+    unit = 9
 
     def __init__(
         self,
@@ -111,7 +82,6 @@ class GripperRtu(WireGripper):
         super().__init__(world, clock, "rtu", fingers, activation_s)
         self._link = Path(link_path)
         self._ends: tuple[int, ...] = ()
-        self._buffer = bytearray()
         self._heard_ns = 0
 
     @property
@@ -119,7 +89,7 @@ class GripperRtu(WireGripper):
         """Path to open as a serial device, from `start` on."""
         return str(self._link)
 
-    def _open(self) -> None:
+    async def _open(self) -> None:
         if self._link.exists() and not self._link.is_symlink():
             raise InputError(f"simulated gripper: {self._link} is in the way; name a path that is free")
         # the client's end stays open here too: else the line hangs up whenever a client closes it
@@ -129,28 +99,42 @@ class GripperRtu(WireGripper):
         os.set_blocking(line, False)
         self._link.unlink(missing_ok=True)
         self._link.symlink_to(os.ttyname(theirs))
-        self._buffer.clear()
-        self._selector.register(line, selectors.EVENT_READ)
+        self._server = ModbusSerialServer(self._device(), **self._hooks()).callback_new_connection()
+        self._server.connection_made(_Line(line))
+        asyncio.get_running_loop().add_reader(line, self._receive, line)
 
     def _close(self) -> None:
         if self._ends:
             self._link.unlink(missing_ok=True)
-            self._selector.unregister(self._ends[0])
+            asyncio.get_running_loop().remove_reader(self._ends[0])
+            self._server.close()
             for end in self._ends:
                 os.close(end)
         self._ends = ()
 
-    def _receive(self, key: selectors.SelectorKey) -> None:
+    def _receive(self, line: int) -> None:
         now = self._clock.now_ns()
         if now - self._heard_ns > PAUSE_S * NS_PER_S:
-            self._buffer.clear()
+            self._server.recv_buffer = b""
         self._heard_ns = now
         with contextlib.suppress(OSError):
-            self._buffer += os.read(key.fd, CHUNK)
-        for request in frames.rtu_requests(self._buffer, RTU_UNIT):
-            self._handle(request, partial(self._write, key.fd))
+            self._server.data_received(os.read(line, 4096))
 
-    def _write(self, line: int, frame: bytes) -> None:
-        """Send on the line on which the request came, unless it was cut since."""
-        if line in self._ends:
-            os.write(line, frame)
+    def _packet(self, sending: bool, packet: bytes) -> bytes:
+        refusal = sending and packet[1] & 0x80 and not self._faults.get("exception")
+        return b"" if refusal else super()._packet(sending, packet)
+
+
+class _Line(asyncio.Transport):
+    """The server's end of a pseudo-terminal; its owner closes it."""
+
+    def __init__(self, line: int) -> None:
+        super().__init__()
+        self._line = line
+
+    def write(self, data: Any) -> None:
+        """Send on the line."""
+        os.write(self._line, data)
+
+    def close(self) -> None:
+        """Leave the line open."""

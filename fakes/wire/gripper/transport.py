@@ -1,17 +1,27 @@
-"""What the two transports of the simulated gripper share: registers, 200 Hz refresh, faults, the thread."""
+"""What the two transports of the simulated gripper share: registers, 200 Hz refresh, faults, the thread.
 
+Requests are decoded and answered by pymodbus's server. The driver uses the same library's client, so that an
+error of its codec would cancel itself out: the tests therefore compare the frames with those printed in the
+manuals, and use a client of another library.
+"""
+
+import asyncio
+import concurrent.futures
 import contextlib
+import logging
 import random
-import selectors
+import struct
 import threading
 from abc import ABC, abstractmethod
-from collections.abc import Callable
 from typing import Any
+
+from pymodbus.constants import ExcCodes
+from pymodbus.pdu import ExceptionResponse, ModbusPDU
+from pymodbus.simulator import DataType, SimData, SimDevice
 
 from drivers.clock import NS_PER_S, Clock, to_ns
 from drivers.errors import InputError
-from fakes.wire.gripper import modbus_frames as frames
-from fakes.wire.gripper.model import REFRESH_NS, GripperModel
+from fakes.wire.gripper.model import IMAGE_BYTES, REFRESH_NS, GripperModel
 from fakes.wire.injection import Faults
 from fakes.wire.net import VitalThread
 from fakes.world.world import World
@@ -32,37 +42,48 @@ FAULTS: dict[str, dict[str, Any]] = {
     "deaf": {},
 }
 """Kinds of fault and the defaults of their arguments."""
-Send = Callable[[bytes], None]
+BASES = {"rtu": (0x03E8, 0x07D0), "tcp": (0x0000, 0x0000), "tcp-2014": (0x03E8, 0x07D0)}
+"""First command register and first status register, by edition of the manual."""
+REGISTERS = IMAGE_BYTES // 2
+READS = (3, 4, 23)
+"""Modbus functions whose reply contains registers that the gripper refreshes."""
+WRITE_MANY = 16
+# Without a handler pymodbus would print refused requests on stderr.
+logging.getLogger("pymodbus").addHandler(logging.NullHandler())
 
 
 class WireGripper(ABC):
-    """The gripper behind a transport, which opens a line, closes it, and reads requests from it."""
+    """The gripper behind pymodbus's server: registers, 200 Hz refresh, faults, and its event loop.
 
-    refuses_silently = False
-    """Whether a refused request gets no answer, instead of an exception reply."""
+    Line faults are injected by the server's hooks: `_access` refuses or delays a request, `_pdu` replaces a
+    reply by an exception, `_packet` damages the bytes of a reply.
+    """
+
+    unit = 0
+    """The unit that is answered, 0 for any."""
 
     def __init__(
         self, world: World, clock: Clock, preset: str, fingers: tuple[str, ...], activation_s: float
     ) -> None:
+        if preset not in BASES:
+            raise InputError(f"simulated gripper: no preset '{preset}': use one of {', '.join(BASES)}")
         self._clock = clock
         self._model = GripperModel(world, clock.now_ns(), fingers, activation_s)
-        self._registers = frames.Registers(self._model, preset)
+        self._command, self._status = BASES[preset]
         self._faults = Faults("simulated gripper", FAULTS, clock.now_ns)
-        self._late: list[tuple[int, Send, bytes]] = []
         self._requests = self._replies = 0
         self._random = random.Random(0)  # noqa: S311 - noise on a line, not a secret
-        self._selector = selectors.DefaultSelector()
         self._stopping = threading.Event()
         self._thread: VitalThread | None = None
         self._lock = threading.RLock()
-        self._next_tick_ns = 0
 
     def start(self) -> None:
         """Open the line and serve it from a thread. Raises `InputError` if it is in use."""
         self._stopping.clear()
-        self._open()
-        self._thread = VitalThread(self._serve, "simulated gripper")
+        opened: concurrent.futures.Future[None] = concurrent.futures.Future()
+        self._thread = VitalThread(lambda: asyncio.run(self._serve(opened)), "simulated gripper")
         self._thread.start()
+        opened.result()
 
     @property
     def failure(self) -> Exception | None:
@@ -104,73 +125,96 @@ class WireGripper(ABC):
             }
 
     @abstractmethod
-    def _open(self) -> None:
-        """Open the line and register it with the selector. Raises `InputError` if it is in use."""
+    async def _open(self) -> None:
+        """Open the line and serve it. Raises `InputError` if it is in use."""
 
     @abstractmethod
     def _close(self) -> None:
-        """Close everything that is registered with the selector."""
+        """Close the line and all connections. Safe to call twice."""
 
-    @abstractmethod
-    def _receive(self, key: selectors.SelectorKey) -> None:
-        """Read from what has become readable, and pass each complete request to `_handle`."""
+    def _device(self) -> SimDevice:
+        """Return the registers of both images for the server."""
+        firsts = sorted({self._command, self._status})
+        blocks = [SimData(first, count=REGISTERS, datatype=DataType.REGISTERS) for first in firsts]
+        return SimDevice(self.unit, simdata=blocks, action=self._access)
 
-    def _serve(self) -> None:
+    def _hooks(self) -> dict[str, Any]:
+        return {"trace_pdu": self._pdu, "trace_packet": self._packet}
+
+    async def _serve(self, opened: concurrent.futures.Future[None]) -> None:
+        try:
+            await self._open()
+        except InputError as error:
+            opened.set_exception(error)
+            return
+        opened.set_result(None)
+        is_open = True
         while not self._stopping.is_set():
-            if self._clock.now_ns() >= self._next_tick_ns:
-                with self._lock:
-                    self._tick(self._clock.now_ns())
-            wait_s = max(self._next_tick_ns - self._clock.now_ns(), 0) / NS_PER_S
-            if self._is_open:
-                for key, _ in self._selector.select(wait_s):
-                    self._receive(key)
-            else:
-                self._stopping.wait(wait_s)
+            with self._lock:
+                now_ns = self._clock.now_ns()
+                self._model.faults = active = self._faults.names()
+                self._model.tick(now_ns)
+            if "disconnect" in active and is_open:
+                self._close()
+                is_open = False
+            elif "disconnect" not in active and not is_open:
+                with contextlib.suppress(InputError):  # in use meanwhile: tried again at the next refresh
+                    await self._open()
+                    is_open = True
+            due_ns = now_ns // REFRESH_NS * REFRESH_NS + REFRESH_NS
+            await asyncio.sleep(max(due_ns - self._clock.now_ns(), 0) / NS_PER_S)
         self._close()
+        await asyncio.sleep(0)  # closed connections end in the next round of the loop
 
-    @property
-    def _is_open(self) -> bool:
-        return bool(self._selector.get_map())
+    async def _access(
+        self,
+        function: int,
+        first: int,
+        address: int,
+        count: int,
+        registers: list[int],
+        values: list[int] | list[bool] | None,
+    ) -> ExcCodes | None:
+        """Refresh the registers before a request reads them, or pass written ones to the model.
 
-    def _tick(self, now_ns: int) -> None:
-        self._next_tick_ns = now_ns // REFRESH_NS * REFRESH_NS + REFRESH_NS
-        self._model.faults = active = self._faults.names()
-        self._model.tick(now_ns)
-        if "disconnect" in active and self._is_open:
-            self._close()
-        elif "disconnect" not in active and not self._is_open:
-            with contextlib.suppress(InputError):  # in use meanwhile: tried again at the next refresh
-                self._open()
-        for _, send, frame in [item for item in self._late if item[0] <= now_ns]:
-            self._deliver(send, frame)
-        self._late = [item for item in self._late if item[0] > now_ns]
-
-    def _handle(self, request: frames.Request, send: Send) -> None:
+        first: address of `registers[0]`; values: the registers to write, None for a read.
+        """
         with self._lock:
+            if self._faults.names() & {"silent", "power_lost", "exception"}:
+                return ExcCodes.DEVICE_FAILURE
+            if values is not None:
+                start = address - self._command
+                if not 0 <= start <= REGISTERS - count:
+                    return ExcCodes.ILLEGAL_ADDRESS
+                struct.pack_into(f">{count}H", self._model.written, 2 * start, *values)
+            elif function in READS:
+                for base, image in ((self._command, self._model.written), (self._status, self._model.image)):
+                    registers[base - first : base - first + REGISTERS] = struct.unpack(
+                        f">{REGISTERS}H", image
+                    )
+        if (delay := self._faults.get("delay")) and (values is None or function == WRITE_MANY):
+            due_ns = self._clock.now_ns() + to_ns(delay["delay_s"])
+            while self._clock.now_ns() < due_ns:
+                await asyncio.sleep(0.001)
+        return None
+
+    def _pdu(self, sending: bool, pdu: ModbusPDU) -> ModbusPDU:
+        """Count requests, and replace replies by an exception during that fault."""
+        if not sending:
             self._requests += 1
-            active = self._faults.names()
-            if active & {"silent", "power_lost"}:
-                return
-            if exception := self._faults.get("exception"):
-                reply = frames.exception_reply(request.pdu, exception["code"])
-            else:
-                reply = frames.answer(request.pdu, self._registers)
-                if reply[0] & 0x80 and self.refuses_silently:
-                    return
-            frame = self._damaged(request.wrap(reply))
-            if delay := self._faults.get("delay"):
-                self._late.append((self._clock.now_ns() + to_ns(delay["delay_s"]), send, frame))
-            else:
-                self._deliver(send, frame)
+        elif fault := self._faults.get("exception"):
+            return ExceptionResponse(pdu.function_code, fault["code"], pdu.dev_id, pdu.transaction_id)
+        return pdu
 
-    def _damaged(self, frame: bytes) -> bytes:
+    def _packet(self, sending: bool, packet: bytes) -> bytes:
+        """Return the bytes of a reply as the line delivers them: none, other ones, or the first few."""
+        if not sending:
+            return packet
+        if self._faults.names() & {"silent", "power_lost"}:
+            return b""
         if self._faults.get("garbage"):
-            frame = self._random.randbytes(len(frame))
+            packet = self._random.randbytes(len(packet))
         if truncate := self._faults.get("truncate"):
-            frame = frame[: truncate["size"]]
-        return frame
-
-    def _deliver(self, send: Send, frame: bytes) -> None:
-        with contextlib.suppress(OSError):  # the client has disconnected
-            send(frame)
-            self._replies += 1
+            packet = packet[: truncate["size"]]
+        self._replies += 1
+        return packet

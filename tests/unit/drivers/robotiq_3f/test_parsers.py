@@ -6,14 +6,12 @@ from collections.abc import Callable, Iterator
 import pytest
 from pymodbus.client import ModbusSerialClient, ModbusTcpClient
 from pymodbus.exceptions import ConnectionException
+from pymodbus.framer import FramerRTU
 
 from drivers.clock import SystemClock
 from drivers.errors import DeviceError
 from drivers.robotiq_3f.modbus import PRESETS, Link, StatusClient
 from drivers.robotiq_3f.registers import unpack_status
-from fakes.wire.gripper.modbus_frames import (
-    rtu_frame,
-)
 
 STATUS = bytes.fromhex("B9 EA 00 FF BC 00 00 C1 00 00 BD 00 00 89 00 00")
 LONGEST = 300
@@ -71,7 +69,8 @@ class BabblingSerial(ModbusSerialClient):
         return True
 
     def send(self, request: bytes, addr: object = None) -> int:
-        reply = rtu_frame(9, bytes([request[1], len(STATUS)]) + STATUS)
+        body = bytes([9, request[1], len(STATUS)]) + STATUS
+        reply = body + FramerRTU.compute_CRC(body).to_bytes(2, "big")
         self.coming = chunks(broken(reply, self.dice), self.dice)
         return len(request)
 

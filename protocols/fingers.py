@@ -42,8 +42,8 @@ def move_fingers(bench: Bench, opening_m: float, pump: Pump | None = None) -> Gr
     stop early at an object that resists with the gripper's force (`GripperState.gripping`). For any other
     position outside `REACHED_M`, the gripper is stopped and `FingerMotionError` is raised: a Robotiq gripper
     whose finger met an obstacle ignores further commands in the same direction until rGTO is cleared (manual,
-    OBJECT STATUS). After a failed opening, a hand that held an object and fell short still holds it; in all
-    other cases its state becomes unknown.
+    OBJECT STATUS). If the hand held an object and its fingers opened less than requested, it counts as still
+    holding it. After any other failed opening its state becomes unknown.
     """
     opens = opening_m > bench.gripper.state().opening_m
     wait_with(pump)(bench.gripper.move_to(opening_m))

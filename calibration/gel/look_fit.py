@@ -1,8 +1,8 @@
 """Fit a unit's look to photographs of pressed balls, and check it on presses that were left out.
 
-Inside its contact a ball gives the gel its own shape, and the membrane beside it follows, so every pixel of a
-photograph is a sample of the colour of a known slope. Hand-drawn or automatically found circles are
-inexact; place and width of each contact are adjusted together with the model.
+In its contact the gel has the shape of the ball, and around it the shape of the membrane, so every pixel of a
+photograph is a sample of the colour at a known slope. Circles drawn by hand or detected are inexact; position
+and radius of each are adjusted together with the model.
 """
 
 from collections.abc import Sequence
@@ -26,7 +26,7 @@ _RIDGE = 3e-3
 _ROUNDS = 6
 _STEP_PX = 2.0
 _PRIOR_GREY = 20.0
-"""Weight that holds an adjusted circle: as much as a change of 20 grey levels in one pixel."""
+"""Weight of the penalty on a step of a circle by 1 px: that of an error of 20 grey levels in one pixel."""
 _MOST_STEP_PX = 5.0
 Model = tuple[int, bool, bool]
 _MODELS: tuple[Model, ...] = (
@@ -36,7 +36,7 @@ _MODELS: tuple[Model, ...] = (
     (1, False, True),
     (2, True, True),
 )
-"""Degree of the place terms, whether the background scales the slopes, whether shadows are modelled."""
+"""Degree of the polynomial in position, whether the background scales the slopes, whether shadows exist."""
 _BETTER = 0.97
 """A larger model must lower the held-out error to this share, else the smaller one is kept."""
 
@@ -45,9 +45,10 @@ _BETTER = 0.97
 class HeldOut:
     """A press that was left out of the fit.
 
-    rms_grey: error of the rendered colour change, from its circle as given; adjusted_grey: from the circle as
-    adjusted. change_grey: rms of the change itself, which is the error of a gel that shows nothing. weights:
-    of the look fitted to the other presses. circle: as given, brought to the contact as the others' are.
+    rms_grey: error of the colour change rendered with `circle`. adjusted_grey: the same with the adjusted
+    circle. change_grey: rms of the change itself, which is the error of a model that predicts no change.
+    weights: of the look fitted to the other presses. circle: the given circle, corrected by the mean
+    adjustment of the other presses.
     """
 
     id: str
@@ -68,7 +69,7 @@ class LookFit:
 
     @property
     def error_share(self) -> float:
-        """Held-out error over the colour change, both rms over the presses: 0 is perfect, 1 shows nothing."""
+        """Held-out error relative to the colour change, rms over the presses; 1 for predicting no change."""
         missed = np.mean([press.rms_grey**2 for press in self.held_out])
         return float(np.sqrt(missed / np.mean([press.change_grey**2 for press in self.held_out])))
 
@@ -191,7 +192,7 @@ def _best_model(sums: Sequence[_Sums]) -> tuple[Model, NDArray[np.intp]]:
 
 
 def _columns(model: Model, features: int) -> NDArray[np.intp]:
-    """Columns of the largest model's features that a model uses, in its own order."""
+    """Return the columns of the largest model's features that a model uses, in the order of its weights."""
     degree, by_background, shadows = model
     most, monomials = _MODELS[-1][0], lambda n: (n + 1) * (n + 2) // 2
     places = [
@@ -234,9 +235,9 @@ def _adjust(press: Pressed, first: Circle, weights: Array, look: GelLook) -> Pre
 
 
 def _circles_as_given(given: Sequence[Pressed], adjusted: Sequence[Pressed]) -> list[Circle]:
-    """Each circle as given, brought to the contact as the circles of the other presses were.
+    """Return each given circle, corrected by the mean adjustment of the circles of the other presses.
 
-    It is moved by a linear function of the place, and widened by a factor.
+    The correction is a shift, linear in the position, and a factor on the radius.
     """
     first, last = (np.array([press.circle for press in of]) for of in (given, adjusted))
     at = np.column_stack([np.ones(len(first)), first[:, :2]])
@@ -252,7 +253,7 @@ def _circles_as_given(given: Sequence[Pressed], adjusted: Sequence[Pressed]) -> 
 
 
 def _window(circle: Circle, shape: tuple[int, int]) -> NDArray[np.bool_]:
-    """(h, w) pixels of a press at half resolution; every second one, as neighbours are alike."""
+    """Return the mask (h, w) of a press at half resolution, with every second pixel: neighbours are alike."""
     rows, columns = np.indices((shape[0] // HALF, shape[1] // HALF))
     near = np.hypot(columns * HALF + 0.5 - circle[0], rows * HALF + 0.5 - circle[1]) < _AROUND * circle[2]
     return near & ((rows + columns) % 2 == 0)

@@ -55,7 +55,7 @@ def make_reference(frames: Sequence[Image]) -> Reference:
     """
     if len(frames) < FEWEST_FRAMES:
         raise CalibrationError(
-            f"tactile reference: {counted(len(frames), 'frame')}, {FEWEST_FRAMES} are the least"
+            f"tactile reference: {counted(len(frames), 'frame')}; at least {FEWEST_FRAMES} are needed"
         )
     check_light(frames[0], "tactile reference")
     if any(frame.shape != frames[0].shape or frame.dtype != np.uint8 for frame in frames):
@@ -115,7 +115,7 @@ def assess_reference(reference: Reference, drift: Drift | None = None) -> Assess
     )  # fmt: skip
     if drift is None:
         return assessment + Assessment(
-            doubts=("no earlier reference to compare with: contact in it would go unseen",)
+            doubts=("no earlier reference to compare with: a contact during it would not be detected",)
         )
     if not np.isfinite(drift.gain).all() or float(np.min(drift.gain)) < 0.3:
         return assessment + Assessment(

@@ -29,7 +29,7 @@ _USUAL_PX = 0.15
 _REWEIGHTED = 4
 """Most rounds of reweighting."""
 _MUST_AGREE = 6
-"""Corners, of eight, that must agree: an object over an edge disturbs the two corners at its ends."""
+"""Number of the eight corners that must agree; an object that covers an edge disturbs its two corners."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,13 +37,13 @@ class PlaneReference:
     """The markers' plane in a static reference.
 
     corners_px: (2, 4, 2), mean corners. plane_T_image: (1 + P + L, 3, 3), map undistorted px to the plane
-    (unit: a marker's side, x right, y up). The first is the estimate. Each other one is wrong by one sigma
-    along one direction of the uncertainty of the fit (P) or of the camera (L: with the cameras `off`, each
-    with its own distortion). template: (1 + P + L, 8) complex, the reference corners in that plane, centred.
-    normal_camera: (3,) unit vector towards the camera in camera axes, None without intrinsics. tilt_deg:
-    angle between it and the optical axis. distance_sides: from the camera to the middle of both markers, in
-    marker sides. scatter_px: one sigma of a corner coordinate over the reference frames. fit_px: rms residual
-    of the mean corners from two perfect squares.
+    (unit: a marker's side, x right, y up). The first one is the estimate. The others are variants of it, each
+    changed by one sigma along one direction of uncertainty: P directions of the fit, and L directions of the
+    camera, whose changed cameras are in `off`. template: (1 + P + L, 8) complex, the reference corners in
+    that plane, centred. normal_camera: (3,) unit vector towards the camera in camera axes, None without
+    intrinsics. tilt_deg: angle between it and the optical axis. distance_sides: from the camera to the middle
+    of both markers, in marker sides. scatter_px: one sigma of a corner coordinate over the reference frames.
+    fit_px: rms residual of the mean corners from two perfect squares.
     """
 
     corners_px: Array

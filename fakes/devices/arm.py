@@ -110,7 +110,7 @@ class FakeArm(Arm):
         self._guided = True
 
     def end_guiding(self) -> None:
-        """End leading by hand; the arm stays where it is."""
+        """End leading by hand; the arm keeps its position."""
         if self._guided:
             self.stop()
             wait_until(
@@ -158,7 +158,7 @@ class FakeArm(Arm):
         if self._protective_stop(now):
             self.stop()
             raise ProtectiveStopError(
-                "arm: protective stop; look at the arm, clear the cause, release it on the pendant"
+                "arm: protective stop; check the arm, clear the cause, release the stop on the pendant"
             )
 
     def _require_connected(self) -> None:

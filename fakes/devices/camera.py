@@ -35,7 +35,7 @@ class Shutter:
 class FakeSource:
     """A source of frames on a schedule, which are rendered when they are read.
 
-    names: serial, then other names by which faults may address it. render: returns the image for a time in ns
+    names: serial, then other names that faults may use for it. render: returns the image for a time in ns
     and a generator. seed: of the noise and the jitter. The noise of a frame depends on seed and frame number
     only, so the frame does not depend on when it is read.
     """

@@ -1,4 +1,4 @@
-"""A simulated DIGIT on a desk, on whose gel an object is repeatedly pressed, turned and taken off."""
+"""A simulated DIGIT on a desk; an object is repeatedly pressed on its gel, turned and taken off."""
 
 import math
 from functools import lru_cache

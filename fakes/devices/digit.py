@@ -1,4 +1,4 @@
-"""A simulated DIGIT on a finger, whose gel shows the object that the world holds."""
+"""A simulated DIGIT on a finger; its gel shows the held object of the simulated world."""
 
 import math
 from functools import lru_cache
@@ -25,7 +25,7 @@ _FORCE_GRID_N = np.array([0.02, 0.05, 0.1, 0.2, 0.4, 0.7, 1.0, 1.4, 1.9, 2.6, 4.
 
 @lru_cache(maxsize=8)
 def _gel(unit_seed: int, variation: Variation, markers: bool, look: Look | None) -> GelSensor:
-    """Return the gel of a sensor; cached, because it takes as long to make as fifty frames."""
+    """Return the gel of a sensor; cached, because making it takes as long as rendering fifty frames."""
     return GelSensor(unit_seed, variation=variation, markers=markers, look=look)
 
 
@@ -137,7 +137,7 @@ class FakeDigit(FakeSource, TactileSensor):
         return shear_of(math.degrees(self._side * turn_rad), (across, down), slid)
 
     def _off_mm(self, grasp: Grasp) -> tuple[float, float]:
-        """Return the site's centre on the gel, which is off if the hand closed beside it: x right, y down."""
+        """Return the grasp site's position on the gel, x right, y down; (0, 0) if the hand closed on it."""
         off_x, off_z = grasp.off_m
         return -self._side * off_x * 1e3, off_z * 1e3
 
@@ -154,7 +154,7 @@ class FakeDigit(FakeSource, TactileSensor):
         return self._side * across + off_x, down + off_y
 
     def _bulge_mm(self, grasp: Grasp, state: WorldState) -> tuple[float, float]:
-        """Return the bulge's centre on the gel; it creeps down with the object and rocks, but never turns."""
+        """Return the bulge's centre on the gel; it slides down with the object and rocks, but never turns."""
         variation, (off_x, off_y) = self._world.variation, self._off_mm(grasp)
         rock_x, rock_y = self._conditions.rock_mm_per_rad
         right = variation.misplacement_m[0] * 1e3 + rock_x * _slipped(state)

@@ -70,7 +70,7 @@ class FakeGripper(Gripper):
         self._connected = True
 
     def disconnect(self) -> None:
-        """Stop the fingers, which stay where they are, and disconnect."""
+        """Stop the fingers at their position, and disconnect."""
         if self._connected:
             self.stop()
         self._connected = False

@@ -1,4 +1,4 @@
-"""Describe a simulated bench by values that can be sent to another process; make its sensors."""
+"""Description of a simulated bench that can be sent to another process; creation of its sensors."""
 
 import hashlib
 from dataclasses import dataclass, replace
@@ -21,10 +21,10 @@ from fakes.world.mirror import WorldView
 from fakes.world.state import BenchLayout
 
 CAMERA_MISALIGNMENT = Rotation.from_euler("xyz", (0.8, -0.6, 0.4), degrees=True)
-"""Rotation between the camera's pose in the bench file and its true pose, as there is on a real bench."""
+"""Rotation from the camera's pose in the bench file to its true pose; a real bench has such an error too."""
 
 _scene = cache(MarkerScene)
-"""Cached, because a scene takes as long to make as a hundred frames and is the same on every bench."""
+"""Cached, because a scene takes as long as a hundred frames and is the same on every bench."""
 
 
 @dataclass(frozen=True, slots=True)

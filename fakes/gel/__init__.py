@@ -1,4 +1,4 @@
-"""How a simulated DIGIT's gel looks when a surface dents it: the pad, its light, markers, the sensor.
+"""Rendering of a simulated DIGIT: shape of the dented gel, light, printed markers, and the image.
 
-Imports `fakes.objects`; it knows neither the world nor a device.
+Imports `fakes.objects`, but neither the world nor a device.
 """

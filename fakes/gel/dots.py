@@ -1,10 +1,10 @@
-"""Markers printed on a simulated gel: a grid of dark dots that goes where the gel's surface goes.
+"""Markers printed on a simulated gel: a grid of dark dots that move with the gel's surface.
 
-The surface sticks to what touches it, is turned and pulled along, and around the contact the motion
-fades. How far it follows is limited: then the object slides over it and the markers stay behind. Sizes are
-those of the gels in real recordings of a GelSight Mini (12 px dots 26 px apart at 0.058 mm per px), and
-so is the limit: their markers are pulled along by up to about 1 mm, which on a contact of 5 mm radius
-is a turn of about 10 degrees.
+In the contact the surface sticks to the object, rotates and shifts with it. Around the contact the motion
+decreases with distance. The rotation of the gel is limited; beyond the limit the object slides over the gel
+and the markers stay behind. Size and limit are those in real recordings of a GelSight Mini: dots of 12 px at
+a pitch of 26 px and 0.058 mm per px, which move by up to about 1 mm. On a contact of 5 mm radius this is a
+rotation of about 10 degrees.
 """
 
 import math
@@ -18,19 +18,19 @@ PITCH_MM, DIAMETER_MM = 1.5, 0.7
 TWIST_LIMIT_DEG = 10.0
 _JITTER_MM = 0.04
 _REACH_MM = 1.5
-"""Beside the contact the gel's motion falls to a third within this."""
+"""Distance from the contact at which the gel's motion has fallen to 1/e."""
 _INK = 0.85
-"""Share of the light that a dot swallows."""
+"""Fraction of the light that a dot absorbs."""
 _SHIFT = 4
-"""cv2.circle takes places in sixteenths of a pixel."""
+"""Fractional bits of the coordinates for cv2.circle: sixteenths of a pixel."""
 
 
 @dataclass(frozen=True, slots=True)
 class Shear:
-    """How the gel's surface moved where it is touched, since it was touched.
+    """Motion of the gel's surface in the contact since the first touch.
 
-    twist_deg: turn about pivot_mm, counter-clockwise as seen; drag_mm: shift. Both (x right, y down)
-    in mm from the image centre.
+    twist_deg: rotation about pivot_mm, counter-clockwise as seen. drag_mm: shift. pivot_mm and drag_mm: x
+    right, y down in mm; pivot_mm from the image centre.
     """
 
     twist_deg: float = 0.0
@@ -39,10 +39,10 @@ class Shear:
 
 
 def shear_of(turned_deg: float, pivot_mm: tuple[float, float], slid_mm: tuple[float, float]) -> Shear:
-    """Return how far a gel follows an object that has turned and slid: fully at first, up to a limit.
+    """Return the motion of a gel under an object that has turned and slid.
 
-    Part of every turn is slip, more and more of it: the gel keeps to the limit times tanh(turn / limit),
-    and to the same share of the slide.
+    The gel follows small rotations completely and large ones up to a limit: its rotation is the limit times
+    tanh(rotation / limit). It follows the same fraction of the slide. The remainder is slip.
     """
     twist = TWIST_LIMIT_DEG * math.tanh(turned_deg / TWIST_LIMIT_DEG)
     share = twist / turned_deg if abs(turned_deg) > 1e-9 else 1.0
@@ -51,7 +51,7 @@ def shear_of(turned_deg: float, pivot_mm: tuple[float, float], slid_mm: tuple[fl
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MarkerPrint:
-    """The markers of one unit. shape: (rows, columns) of its images; seed: of how unevenly they are laid."""
+    """The markers of one unit. shape: (rows, columns) of its images. seed: of the dots' position errors."""
 
     shape: tuple[int, int]
     mm_per_px: tuple[float, float]
@@ -67,7 +67,7 @@ class MarkerPrint:
         object.__setattr__(self, "_places_mm", places)
 
     def light_left(self, shear: Shear | None, touching: NDArray[np.bool_] | None) -> NDArray[np.float32]:
-        """Return the share of light (H, W, 1) that the markers leave. touching: (H, W), of the contact."""
+        """Return the transmitted fraction of light, (H, W, 1). touching: (H, W), true in the contact."""
         places = self._places_mm
         if shear is not None and touching is not None and touching.any():
             places = places + self._moved(shear, touching)
@@ -79,14 +79,14 @@ class MarkerPrint:
         return (1.0 - (_INK / 255.0) * ink.astype(np.float32))[..., None]
 
     def _moved(self, shear: Shear, touching: NDArray[np.bool_]) -> NDArray[np.float64]:
-        """How far each marker has moved, mm (N, 2)."""
+        """Return the displacement of each marker, (N, 2) mm."""
         apart_px = cv2.distanceTransform((~touching).astype(np.uint8), cv2.DIST_L2, 5)
         columns, rows = np.rint(self._pixels(self._places_mm)).astype(int).T
         rows, columns = rows.clip(0, self.shape[0] - 1), columns.clip(0, self.shape[1] - 1)
         share = np.exp(-apart_px[rows, columns] * self.mm_per_px[0] / _REACH_MM)
         turn = math.radians(shear.twist_deg)
         cos, sin = math.cos(turn), math.sin(turn)
-        # x right, y down: counter-clockwise as seen takes (1, 0) to (cos, -sin)
+        # with y down, a counter-clockwise rotation as seen maps (1, 0) to (cos, -sin)
         rays = self._places_mm - shear.pivot_mm
         return share[:, None] * (rays @ np.array([[cos - 1.0, -sin], [sin, cos - 1.0]]) + shear.drag_mm)
 

@@ -1,9 +1,9 @@
-"""The light inside one simulated DIGIT: three coloured LEDs round the gel, and what they make of it.
+"""The illumination of one simulated DIGIT by three coloured LEDs around the gel.
 
-Fitted to real frames of one unit, by eye and by measured levels: red glow from the left with streaks, blue
-and dark at the top, green on the right. In those frames a slope brightens in a colour when it
-faces away from that colour's LED, so the lower edge of a contact is blue, the upper edge red and
-yellow, the left edge green.
+It was fitted to real frames of one unit, by eye and to measured grey levels: red glow with streaks from the
+left, blue and dark at the top, green on the right. In those frames a slope brightens in a colour if it faces
+away from that colour's LED. Therefore the lower edge of a contact is blue, the upper edge red and yellow, and
+the left edge green.
 """
 
 from dataclasses import dataclass, replace
@@ -17,22 +17,22 @@ from fakes.gel.pad import GelPad, pixel_grid_mm
 Planes = NDArray[np.floating]
 
 _LED_AZIMUTH_DEG = (205.0, -28.0, 92.0)
-"""Where red, green and blue stand, counter-clockwise from the image's right."""
+"""Directions of the red, green and blue LED, counter-clockwise from the image's right."""
 _LED_DISTANCE_MM = 17.0
 _BASE_GAIN = (74.0, 14.0, 64.0)
 _GAIN_PER_GLOW = (0.58, 0.30, 0.70)
 _WHITE = 248.0
-"""Grey level that the brightest glow approaches, as a camera with a soft shoulder does."""
+"""Grey level that the brightest glow approaches, as in a camera with soft saturation."""
 _DRIFT_PERIODS_S = (23.0, 61.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Light:
-    """One unit's light.
+    """One unit's illumination.
 
-    background: (H, W, 3) float32 grey levels without contact. towards_x, towards_y, gain: (3,
-    H/2, W/2) float32, per colour the direction in which a downhill slope brightens, and by how
-    many grey levels at most. drift_share, drift_phase: (2, 3), slow drift of each colour.
+    background: (H, W, 3) float32 grey levels without contact. towards_x, towards_y: (3, H/2, W/2) float32,
+    per colour the direction in which a downhill slope brightens. gain: (3, H/2, W/2), largest brightening in
+    grey levels. drift_share, drift_phase: (2, 3), slow drift of each colour.
     """
 
     background: Planes
@@ -43,13 +43,13 @@ class Light:
     drift_phase: NDArray[np.float64]
 
     def drift_at(self, time_s: float) -> NDArray[np.float64]:
-        """Return the brightness factor of red, green and blue: LEDs and white balance wander."""
+        """Return the brightness factors of red, green and blue due to drift of LEDs and white balance."""
         waves = np.sin(2.0 * np.pi * time_s / np.array(_DRIFT_PERIODS_S)[:, None] + self.drift_phase)
         return 1.0 + (self.drift_share * waves).sum(axis=0)
 
 
 def make_light(pad: GelPad, rng: np.random.Generator) -> Light:
-    """Make the light of one unit: colours, positions and streaks differ from unit to unit."""
+    """Make the illumination of one unit; colours, LED positions and streaks differ between units."""
     background = _background(pad.shape, rng)
     glow = cv2.resize(background, (pad.shape[1] // 2, pad.shape[0] // 2), interpolation=cv2.INTER_AREA)
     glow = cv2.blur(glow, (15, 15)).transpose(2, 0, 1)
@@ -64,7 +64,7 @@ def make_light(pad: GelPad, rng: np.random.Generator) -> Light:
 
 
 def vary_light(light: Light, light_seed: int | None) -> Light:
-    """Return a light of other colours, LED directions and background; the same one for None."""
+    """Return the illumination with other colours, LED directions and background; unchanged for None."""
     if light_seed is None:
         return light
     rng = np.random.default_rng((light_seed, 29))
@@ -72,7 +72,7 @@ def vary_light(light: Light, light_seed: int | None) -> Light:
     cos, sin = np.cos(turn), np.sin(turn)
     background = _mixed(light.background, rng)
     gain = light.gain * rng.uniform(0.35, 1.3) * rng.uniform(0.7, 1.3, (3, 1, 1))
-    # where less light falls, a slope has less to reflect
+    # in darker regions a slope reflects less light
     columns, rows = light.gain.shape[2], light.gain.shape[1]
     brighter = (background.mean(axis=2) + 5.0) / (light.background.mean(axis=2) + 5.0)
     gain *= cv2.resize(brighter, (columns, rows), interpolation=cv2.INTER_AREA) ** rng.uniform(0.0, 1.0)
@@ -86,7 +86,7 @@ def vary_light(light: Light, light_seed: int | None) -> Light:
 
 
 def _directions(pad: GelPad, rng: np.random.Generator) -> tuple[Planes, Planes]:
-    """Unit vectors from each LED to each pixel: near LEDs do not light all places from one side."""
+    """Return unit vectors from each LED to each pixel; because the LEDs are near, they are not parallel."""
     x_mm, y_mm = pixel_grid_mm(pad.shape, pad.mm_per_px, 2)
     azimuth = np.deg2rad(np.array(_LED_AZIMUTH_DEG) + rng.normal(0.0, 7.0, 3))[:, None, None]
     distance = _LED_DISTANCE_MM * rng.uniform(0.9, 1.2, (3, 1, 1))
@@ -110,13 +110,13 @@ def _background(shape: tuple[int, int], rng: np.random.Generator) -> Planes:
 
 
 def _mixed(image: Planes, rng: np.random.Generator) -> Planes:
-    """Mix the colours of a background, change its contrast, and lay smooth patches over it."""
+    """Mix the colours of a background, change its contrast, and add smooth bright and dark patches."""
     rows, columns = image.shape[:2]
     mixed = image @ (np.eye(3) + rng.uniform(-0.12, 0.22, (3, 3))).astype(np.float32)
     level = mixed.mean()
     mixed = level * np.maximum(mixed / level, 0.02) ** rng.uniform(0.6, 1.25)
     patches = np.ones((rows, columns, 3), np.float32)
-    # colour by colour, and all together: corners of real units are dark
+    # patches per colour, and patches common to all colours, because corners of real units are dark
     for cells, spread in (((7, 6, 3), 0.22), ((4, 3, 1), 0.45)):
         coarse = rng.normal(0.0, rng.uniform(0.0, spread), cells).astype(np.float32)
         smooth = cv2.resize(coarse, (columns, rows), interpolation=cv2.INTER_CUBIC)
@@ -154,7 +154,7 @@ def _blue(u: Planes, v: Planes, rng: np.random.Generator) -> Planes:
 
 
 def _streaks(u: Planes, v: Planes, rng: np.random.Generator) -> Planes:
-    """Rays that fan out to the left and down, brighter and darker than the glow they lie in."""
+    """Return rays that fan out to the left and down, brighter and darker than the glow around them."""
     angle = np.arctan2(v - 0.18, 0.75 * (0.66 - u))
     rays = np.zeros((1, 720), np.float32)
     for width, share in ((4.0, 0.7), (12.0, 1.0)):
@@ -167,7 +167,7 @@ def _streaks(u: Planes, v: Planes, rng: np.random.Generator) -> Planes:
 
 
 def _blemishes(shape: tuple[int, int], rng: np.random.Generator) -> Planes:
-    """Vignetting, dust on the lens and the sensor's columns, as a factor."""
+    """Return a brightness factor with vignetting, dust on the lens and column noise of the sensor."""
     rows, columns = shape
     v, u = np.mgrid[0:rows, 0:columns].astype(np.float32)
     radius = np.hypot((u - columns / 2) / columns, (v - rows / 2) / rows)
@@ -191,7 +191,7 @@ _SIDES_RAD = np.pi / 2.0
 
 
 def other_make(light: Light, make_seed: int | None) -> Light:
-    """Return the light of another make; the same one for None."""
+    """Return the illumination of another make of sensor; unchanged for None."""
     if make_seed is None:
         return light
     rng = np.random.default_rng((make_seed, 53))
@@ -206,7 +206,7 @@ def other_make(light: Light, make_seed: int | None) -> Light:
 
 
 def _glow(family: Planes, towards: tuple[Planes, Planes], rng: np.random.Generator) -> Planes:
-    """A glow that is brightest in the middle and tinted from the side of each lamp; some of the family's."""
+    """Return a glow, bright in the middle and tinted from each LED's side, mixed with the family's one."""
     rows, columns = family.shape[:2]
     v, u = np.mgrid[0:rows, 0:columns].astype(np.float32)
     u, v = (u + 0.5) / columns - 0.5, (v + 0.5) / rows - 0.5

@@ -1,4 +1,4 @@
-"""What a simulated gel needs to know of a real unit's look."""
+"""Interface of a real unit's look, as the simulated gel uses it."""
 
 from typing import Protocol
 
@@ -9,9 +9,9 @@ Plane = NDArray[np.float32]
 
 
 class Look(Protocol):
-    """A unit's own colours, background and noise, in place of a made-up light.
+    """Colours, background and noise of a real unit, used in place of a simulated illumination.
 
-    The bench hands over a `calibration.gel.look.GelLook`, so that the simulator imports no calibration.
+    The bench passes a `calibration.gel.look.GelLook`, so that the simulator does not import `calibration`.
     """
 
     @property
@@ -41,17 +41,20 @@ class Look(Protocol):
 
     @property
     def jpeg_quality(self) -> int | None:
-        """Of its frames; None if they are not compressed."""
+        """JPEG quality of its frames; None if they are not compressed."""
         ...
 
     def varied(self, seed: int) -> "Look":
-        """A plausible other unit: LEDs turned, gains and noise changed."""
+        """Return the look of another plausible unit, with other LED directions, gains and noise."""
         ...
 
     def dent(self, pressed: Plane, dragged: Plane) -> Plane:
-        """Depth of the film (h, w) mm; pressed: under the object, dragged: the same for the membrane."""
+        """Return the depth of the film, (h, w) mm.
+
+        pressed: depth under the object. dragged: the same, for the membrane that trails behind the object.
+        """
         ...
 
     def change(self, dent: Plane) -> Plane:
-        """Colour change (h, w, 3) grey levels of a dent (h, w) mm, at half the image's resolution."""
+        """Return the colour change (h, w, 3) of a dent (h, w) mm, in grey levels, at half resolution."""
         ...

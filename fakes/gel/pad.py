@@ -1,7 +1,7 @@
-"""The gel pad of a simulated fingertip: how an object's surface dents it.
+"""The gel pad of a simulated fingertip: computes its dent by an object's surface.
 
 Image axes in mm: x right, y down, origin at the image centre. Angles are image angles,
-counter-clockwise positive as seen. Geometry is worked out at half the image's resolution.
+counter-clockwise positive as seen. The geometry is computed at half the image's resolution.
 """
 
 from dataclasses import dataclass, field
@@ -21,7 +21,7 @@ HALF = 2
 _MIN_LAG_DEG = 1e-3
 _TOUCHING_MM = 0.004
 _MARKS_SHOW_MM = 0.15
-"""Where the gel is pressed in by so much, its marks show as they are."""
+"""Depth at which specks and scratches of the gel are fully visible."""
 
 DepthMap = NDArray[np.float32]
 
@@ -30,13 +30,12 @@ DepthMap = NDArray[np.float32]
 class Imprint:
     """An object's face pressed against the gel.
 
-    angle_deg: image angle of the object's x. centre_mm: where the surface's origin lies from
-    the image centre (x right, y down). depth_mm: how far that origin is pushed in, counted from
-    the highest point of the undented gel. tilt: slope of the object's face against the gel along
-    image x and y, mm/mm (positive recedes to the right and downwards). lag_deg: how far the gel
-    around the contact trails behind the object's angle (it sticks and is dragged along). shear: how the
-    gel's surface has moved with the object, which only markers on it show. bulge: a broad body behind the
-    face, around bulge_mm from the image centre, that does not turn; None without one.
+    angle_deg: image angle of the object's x axis. centre_mm: position of the surface's origin from the image
+    centre (x right, y down). depth_mm: depth of that origin below the highest point of the undented gel.
+    tilt: slope of the object's face against the gel along image x and y, mm/mm (positive recedes to the right
+    and downwards). lag_deg: angle by which the gel around the contact trails behind the object. shear: motion
+    of the gel's surface with the object, visible only by printed markers. bulge: a broad body behind the
+    face, centred bulge_mm from the image centre, that does not turn; None without one.
     """
 
     surface: Surface
@@ -52,9 +51,9 @@ class Imprint:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GelPad:
-    """One unit's pad: image size in pixels, scale along x and y, how convex its face is, its gel.
+    """One unit's pad: image size in pixels, scale along x and y, convexity of its face, and its gel.
 
-    look: of a real unit, whose membrane is used in place of the variation's; None for a made-up one.
+    look: of a real unit; its membrane then replaces that of the variation. None for a simulated unit.
     """
 
     shape: tuple[int, int]
@@ -77,10 +76,10 @@ class GelPad:
         object.__setattr__(self, "_marks_mm", marks)
 
     def dent(self, imprint: Imprint) -> DepthMap:
-        """Return how far the gel is pushed in, mm, (H/2, W/2) float32, never negative.
+        """Return the depth of the dented gel, mm, (H/2, W/2) float32, never negative.
 
-        Inside the contact the gel follows the object; around it a membrane slopes off over a few
-        mm. The membrane is dragged along with the object and may trail behind it.
+        In the contact the gel follows the object. Around the contact the membrane slopes off over a few mm.
+        It is dragged along by the object and may trail behind it.
         """
         gel = self.variation
         pressed = self._pressed(imprint, imprint.angle_deg)
@@ -97,24 +96,24 @@ class GelPad:
 
     @staticmethod
     def _marked(dent: DepthMap, marks_mm: DepthMap) -> DepthMap:
-        """Specks on the gel show where it is pressed, and rest where they are."""
+        """Add the gel's specks and scratches to a dent; they never move, and only pressed gel shows them."""
         pressed = np.minimum(dent * np.float32(1.0 / _MARKS_SHOW_MM), np.float32(1.0))
         return np.asarray(dent + marks_mm * pressed, np.float32)
 
     def touching(self, imprint: Imprint) -> NDArray[np.bool_]:
-        """Return where object and gel touch, (H, W): the geometric contact."""
+        """Return the geometric contact, (H, W): true where object and gel touch."""
         height, width = self.shape
         depth = cv2.resize(self._penetration(imprint, imprint.angle_deg), (width, height))
         return np.asarray(depth > _TOUCHING_MM)
 
     def _pressed(self, imprint: Imprint, angle_deg: float) -> DepthMap:
-        """Depth of the gel under the object, mm; flat in the middle where the unit's gel is so."""
+        """Return the depth of the gel under the object, mm; flattened in the middle for some units."""
         pressed = np.maximum(self._penetration(imprint, angle_deg), 0.0)
         limit = np.float32(self.variation.flatten_mm)
         return pressed if limit == 0.0 else np.asarray(-limit * np.expm1(-pressed / limit), np.float32)
 
     def _penetration(self, imprint: Imprint, angle_deg: float) -> DepthMap:
-        """Depth of the object's surface below the undented gel, mm; negative where it is clear."""
+        """Return the depth of the object's surface below the undented gel, mm; negative without contact."""
         depth = self._warped(imprint.surface, angle_deg, imprint.centre_mm)
         tx, ty = imprint.tilt
         cx, cy = imprint.centre_mm
@@ -144,10 +143,10 @@ class GelPad:
     def _image_to_surface(
         self, surface: Surface, angle_deg: float, centre_mm: tuple[float, float]
     ) -> NDArray[np.float64]:
-        """(2, 3): geometry pixel (column, row, 1) to surface pixel (column, row)."""
+        """Return the matrix (2, 3) from geometry pixel (column, row, 1) to surface pixel (column, row)."""
         turn = np.deg2rad(angle_deg)
         cos, sin = np.cos(turn), np.sin(turn)
-        # x right, y down: turning counter-clockwise as seen takes (1, 0) to (cos, -sin)
+        # with y down, a counter-clockwise rotation as seen maps (1, 0) to (cos, -sin)
         to_object = np.array([[cos, -sin], [sin, cos]]) / surface.mm_per_px
         scale = np.diag([HALF * self.mm_per_px[0], HALF * self.mm_per_px[1]])
         first = np.array([self._x_mm[0, 0], self._y_mm[0, 0]], np.float64) - centre_mm
@@ -158,7 +157,7 @@ class GelPad:
 def pixel_grid_mm(
     shape: tuple[int, int], mm_per_px: tuple[float, float], step_px: int
 ) -> tuple[DepthMap, DepthMap]:
-    """Return x (columns) and y (rows) in mm of the centres of `step_px` wide pixels."""
+    """Return x (of columns) and y (of rows) in mm of the centres of pixels of `step_px` image pixels."""
     rows, columns = shape
     x = (np.arange(0, columns, step_px) + 0.5 * (step_px - 1) - 0.5 * (columns - 1)) * mm_per_px[0]
     y = (np.arange(0, rows, step_px) + 0.5 * (step_px - 1) - 0.5 * (rows - 1)) * mm_per_px[1]
@@ -166,9 +165,9 @@ def pixel_grid_mm(
 
 
 def draw_marks(shape: tuple[int, ...], px_mm: float, seed: int | None) -> NDArray[np.float32] | None:
-    """Return how far marks dent the film, mm, (h, w) float32, negative for scratches; None without a seed.
+    """Return the depth of specks and scratches in the film, mm, (h, w) float32; None without a seed.
 
-    shape, px_mm: of the geometry.
+    Scratches are negative. shape, px_mm: shape of the geometry and size of its pixels.
     """
     if seed is None:
         return None

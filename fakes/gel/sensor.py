@@ -1,7 +1,7 @@
-"""One simulated DIGIT: renders the picture of a dented gel, and the contact behind it.
+"""One simulated DIGIT: renders the image of a dented gel and the ground truth of its contact.
 
-What turns in the picture is the object's surface; the LEDs stay where they are, so the colours
-of a turning contact change. Only fakes may look at the truth (`touching`).
+The object's surface turns in the image, but the LEDs are fixed, so the colours of a turning contact change.
+Only the simulator may read the ground truth (`touching`).
 """
 
 from dataclasses import replace
@@ -23,21 +23,21 @@ __all__ = ["GelSensor", "Imprint"]
 
 _MM_PER_PX = 0.060
 _UNITS = 16
-"""Grey levels are added as int16 in sixteenths: fine enough for noise, fast enough for 60 Hz."""
+"""Units per grey level of the int16 sums: fine enough for noise, and fast enough for 60 Hz."""
 _DRIFT_STEP_S = 0.1
 _MOST_LOST = 0.85
 _NOISE_FIELDS = 6
 _NOISE_MARGIN_PX = 48
 _LOOK_SHARES = np.array([0.8, 0.6], np.float32)[:, None, None, None]
-"""Shares of two frames' noise; their squares add up to 1."""
+"""Weights of the noise of two frames; their squares add up to 1."""
 
 
 class GelSensor:
     """A sensor unit: its own light, scale, gel and noise, all drawn from `unit_seed`.
 
-    shape: (rows, columns) of its images; a DIGIT is upright, 320 x 240. variation: how far the unit
-    departs from the family. markers: whether dots are printed on its gel. look: of a real unit, which
-    sets shape, scale, colours, background and noise.
+    shape: (rows, columns) of its images; a DIGIT is upright, 320 x 240. variation: differences of the unit
+    from its family. markers: whether dots are printed on its gel. look: of a real unit, which sets shape,
+    scale, colours, background and noise.
     """
 
     def __init__(
@@ -72,13 +72,13 @@ class GelSensor:
 
     @property
     def mm_per_px(self) -> tuple[float, float]:
-        """True scale along x and y in mm per pixel; a real unit's have to be calibrated."""
+        """True scale along x and y in mm per pixel; on a real unit it has to be calibrated."""
         return self._pad.mm_per_px
 
     def render(self, imprint: Imprint | None, time_s: float, rng: np.random.Generator) -> Image:
         """Return the frame (H, W, 3) uint8 RGB of an imprint (None: no contact), without JPEG.
 
-        time_s moves the slow drift of the light; `rng` draws this frame's noise.
+        time_s: time for the slow drift of the light. rng: draws the noise of this frame.
         """
         frame = self._lit_background(time_s).copy()
         if imprint is not None:
@@ -91,31 +91,31 @@ class GelSensor:
         return frame.astype(np.uint8)
 
     def touching(self, imprint: Imprint | None) -> NDArray[np.uint8]:
-        """Return where object and gel touch as (H, W) uint8, 0 or 255."""
+        """Return the geometric contact as (H, W) uint8, 255 where object and gel touch, else 0."""
         if imprint is None:
             return np.zeros(self._pad.shape, np.uint8)
         return self._pad.touching(imprint).astype(np.uint8) * np.uint8(255)
 
     def change(self, imprint: Imprint) -> NDArray[np.float32]:
-        """Return what an imprint changes, (H, W, 3) in grey levels, without noise and in light that rests."""
+        """Return the change by an imprint, (H, W, 3) in grey levels, without noise and drift of the light."""
         return self._change(imprint).astype(np.float32) / np.float32(_UNITS)
 
     def _marked(
         self, frame: NDArray[np.int16], imprint: Imprint | None, markers: MarkerPrint
     ) -> NDArray[np.int16]:
-        """Darken the frame where the gel's markers are."""
+        """Darken the frame at the gel's printed markers."""
         shear = None if imprint is None else imprint.shear
         touching = None if imprint is None or shear is None else self._pad.touching(imprint)
         return (frame * markers.light_left(shear, touching)).astype(np.int16)
 
     def _change_by(self, imprint: Imprint) -> NDArray[np.int16]:
-        """What an imprint changes; a still object makes the same imprint frame after frame."""
+        """Return the change by an imprint, cached because a still object makes equal imprints."""
         if self._changed is None or self._changed[0] != imprint:
             self._changed = (imprint, self._change(imprint))
         return self._changed[1]
 
     def _change(self, imprint: Imprint) -> NDArray[np.int16]:
-        """What a dent adds to the background, in sixteenths of a grey level."""
+        """Return the change by a dent, in units of a sixteenth grey level."""
         dent = self._pad.dent(imprint)
         if self._look is not None:
             return self._full_size(self._look.change(dent) * np.float32(_UNITS))
@@ -125,7 +125,7 @@ class GelSensor:
         slope_y = cv2.Sobel(dent, cv2.CV_32F, 0, 1, scale=float(knee / self._pad.mm_per_px[1]))
         facing = light.towards_x * slope_x
         facing += light.towards_y * slope_y
-        # a slope that falls in the light's direction brightens; the pad's colours saturate
+        # a slope that falls in the light's direction brightens, with saturation
         facing /= -np.sqrt(np.float32(1.0) + facing * facing)
         facing *= light.gain
         facing -= self._glow * shade(dent, light, self._variation, HALF * self._pad.mm_per_px[0])
@@ -134,11 +134,11 @@ class GelSensor:
         return self._full_size(np.asarray(cv2.merge(list(facing)), np.float32))
 
     def _full_size(self, change: NDArray[np.float32]) -> NDArray[np.int16]:
-        """A change (h, w, 3) at half resolution, in whole units at the image's resolution."""
+        """Upsample a change (h, w, 3) to the image's resolution, in integer units."""
         return np.asarray(cv2.resize(change.astype(np.int16), self._pad.shape[::-1]), np.int16)
 
     def _lit_background(self, time_s: float) -> NDArray[np.int16]:
-        """The background at a time; the drift is slow, so it moves in steps of a tenth of a second."""
+        """Return the background at a time. Its slow drift is updated every tenth of a second."""
         step = np.floor(time_s / _DRIFT_STEP_S) * _DRIFT_STEP_S
         if self._drifted is None or self._drifted[0] != step:
             factor = (self._light.drift_at(step) * _UNITS).astype(np.float32)
@@ -161,9 +161,9 @@ class GelSensor:
             cv2.subtract(frame, field, dst=frame)
 
     def _add_look_noise(self, frame: NDArray[np.int16], rng: np.random.Generator) -> None:
-        """Add noise of two real frames, mixed so that it hardly repeats; as strong as in one frame.
+        """Add the noise of two real frames, mixed so that it hardly repeats and is as strong as in one frame.
 
-        It stays in place: a camera's noise is stronger where the gel is bright, and has a fixed pattern.
+        It is not shifted, because a camera's noise is stronger in bright regions and has a fixed pattern.
         """
         count = len(self._noise)
         first, further = int(rng.integers(count)), int(rng.integers(1, max(count, 2)))
@@ -178,7 +178,7 @@ def _planes_at_half(image: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def _noise_fields(shape: tuple[int, int], sigma: float, rng: np.random.Generator) -> NDArray[np.int16]:
-    """Read-out noise of `sigma` grey levels in sixteenths, blotchy and a little per column."""
+    """Return read-out noise in sixteenths of a grey level, correlated between pixels and within columns."""
     rows, columns = shape[0] + _NOISE_MARGIN_PX, shape[1] + _NOISE_MARGIN_PX
     fields = []
     for _ in range(_NOISE_FIELDS):

@@ -1,4 +1,4 @@
-"""Light that a dent in a simulated gel keeps from the places round it and behind it."""
+"""Shadows of a dent in a simulated gel, around it and behind it."""
 
 import cv2
 import numpy as np
@@ -10,16 +10,17 @@ from fakes.gel.variation import Variation
 _SHIFT_PX = 5
 _MOST_LOST = 0.6
 _STREAK_MM = 12.0
-"""Over this distance behind a contact a long shadow fades to a third."""
+"""Distance behind a contact at which a long shadow has faded to 1/e."""
 
 DepthMap = NDArray[np.float32]
 
 
 def shade(dent: DepthMap, light: Light, variation: Variation, px_mm: float) -> DepthMap:
-    """Return the share of each colour's light that is lost, (3, h, w) float32, 0 to 0.6.
+    """Return the fraction of each colour's light that is lost, (3, h, w) float32, 0 to 0.6.
 
-    dent: (h, w) mm. px_mm: size of its pixels. At the foot of a dent all colours are lost, behind it
-    (per LED) one, and where the unit has streaks, in rays that run on.
+    dent: (h, w) mm. px_mm: size of its pixels. At the foot of a dent all colours lose light. Behind the dent,
+    as seen from an LED, the colour of that LED loses light. Units with streaks also have long shadows in
+    rays.
     """
     smooth = np.asarray(cv2.blur(dent, (9, 9)), np.float32)
     rim = np.maximum(smooth - dent, 0.0) * np.float32(variation.rim_per_mm)
@@ -41,7 +42,7 @@ def shade(dent: DepthMap, light: Light, variation: Variation, px_mm: float) -> D
 def _streaks(
     smooth: DepthMap, dent: DepthMap, towards: tuple[float, float], variation: Variation, px_mm: float
 ) -> DepthMap:
-    """Light of one LED lost behind a dent, in streaks: real glow is not even across the beam."""
+    """Return the light of one LED lost behind a dent, in streaks, as real glow is uneven across the beam."""
     behind = np.maximum(_long_shadow(smooth, towards, px_mm) - dent, 0.0)
     rng = np.random.default_rng(variation.light_seed or 0)
     rows, columns = dent.shape
@@ -53,10 +54,10 @@ def _streaks(
 
 
 def _long_shadow(dent: DepthMap, towards: tuple[float, float], px_mm: float) -> DepthMap:
-    """The depth (mm) that stands between a place and its light, (h, w), fading with distance.
+    """Return the largest depth (mm) between each pixel and its light, (h, w), fading with distance.
 
-    towards: unit vector from the glow to the middle of the gel, x right and y down. In real frames a
-    contact darkens what lies between it and the glow of a colour, as if light came from beyond it.
+    towards: unit vector from the glow to the middle of the gel, x right and y down. In real frames a contact
+    darkens the region between it and the glow of a colour, as if the light came from the other side.
     """
     shadow, step_px = dent, 1.0
     while step_px * px_mm < _STREAK_MM:
@@ -68,7 +69,7 @@ def _long_shadow(dent: DepthMap, towards: tuple[float, float], px_mm: float) -> 
 
 
 def _shifted(field: DepthMap, dx: int, dy: int) -> DepthMap:
-    """The field as seen `dx`, `dy` pixels further along; its border is repeated."""
+    """Return the field shifted by -`dx`, -`dy` pixels; its border is repeated."""
     rows, columns = field.shape
     padded = cv2.copyMakeBorder(field, _SHIFT_PX, _SHIFT_PX, _SHIFT_PX, _SHIFT_PX, cv2.BORDER_REPLICATE)
     top, left = _SHIFT_PX + dy, _SHIFT_PX + dx

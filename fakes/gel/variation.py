@@ -1,9 +1,9 @@
-"""How a simulated sensor unit departs from its family, and what a video codec does to its pictures.
+"""Differences between simulated sensor units, and the effect of a video codec on their images.
 
-The units of a bench differ as units of one make do (`GelSensor`). Training on simulated frames needs units
-that differ more than real ones might: domain randomisation (Tobin et al. 2017). Ranges are wide on purpose
-and set by judgement; none was fitted to a real unit. A codec draws coarse blocks, and draws all of them again
-at key frames; each picture is made from its time alone, so that it looks the same to every reader.
+The units of a bench differ as units of one make do (`GelSensor`). For training, units differ more than real
+ones (domain randomisation, Tobin et al. 2017). The ranges are our assumptions, chosen wide on purpose; none
+was fitted to a real unit. A codec draws coarse blocks and redraws all of them at key frames. The coded image
+depends only on the image and its time, so that all readers get the same.
 """
 
 from dataclasses import dataclass
@@ -18,24 +18,24 @@ from drivers.types import Image
 
 BLOCK_PX = 16
 _KEY_S = 0.04
-"""Time after a refresh in which pictures are those of the key frame itself, which is coarser."""
+"""Time after a refresh during which images have the lower quality of the key frame."""
 _COARSER = 18
 _OFFSETS_KEPT = 8
 
 
 @dataclass(frozen=True, slots=True)
 class Variation:
-    """What makes one unit unlike another; the defaults are the family's own values.
+    """Properties in which units differ; the defaults are those of the family.
 
-    slope_at_knee: slope (mm/mm) at which a colour's brightening begins to saturate.
-    near_skirt_px, far_skirt_px: reach of the gel's membrane round a contact, in pixels of the
-    geometry; near_share, far_share: how much of the depth it keeps there. flatten_mm: depth beyond
-    which a contact's middle becomes flat, 0 for never. rim_per_mm, shadow_per_mm: light lost at the
-    foot of a dent, and right behind it. streak_per_mm: light lost in long streaks behind a contact,
-    0 for none. noise: factor on the read-out noise. light_seed: draws colours, directions and
-    background anew, None for those of the unit. make_seed: draws the light of another make, None for a
-    DIGIT's. film_px: of the geometry, over which the gel's film smooths relief. marks_seed: draws specks
-    and scratches of the gel, None for a clean one.
+    slope_at_knee: slope (mm/mm) at which a colour's brightening begins to saturate. near_skirt_px,
+    far_skirt_px: reach of the gel's membrane around a contact, in pixels of the geometry; near_share,
+    far_share: fraction of the depth at these distances. flatten_mm: depth beyond which the middle of a
+    contact becomes flat, 0 for never. rim_per_mm, shadow_per_mm: fraction of light lost per mm of depth at
+    the foot of a dent, and right behind it. streak_per_mm: the same in long streaks behind a contact, 0 for
+    none. noise: factor on the read-out noise. light_seed: seed of other colours, directions and background,
+    None for those of the unit. make_seed: seed of the light of another make, None for a DIGIT. film_px: width
+    of the smoothing of relief by the gel's film, in pixels of the geometry. marks_seed: seed of specks and
+    scratches of the gel, None for a clean one.
     """
 
     slope_at_knee: float = 0.24
@@ -59,7 +59,7 @@ FAMILY = Variation()
 
 
 def draw_variation(rng: np.random.Generator) -> Variation:
-    """Draw a unit that may differ from every other."""
+    """Draw a unit at random from the wide ranges for training."""
     return Variation(
         slope_at_knee=float(np.exp(rng.uniform(np.log(0.10), np.log(0.6)))),
         near_skirt_px=int(rng.integers(2, 7)) * 2 + 1,
@@ -99,7 +99,7 @@ def draw_codec(rng: np.random.Generator) -> Codec:
 
 
 def coded(image: Image, time_ns: int, codec: Codec) -> Image:
-    """Return a picture (H, W, 3) uint8 RGB of a time after the codec."""
+    """Return an image (H, W, 3) uint8 RGB, captured at a time, after the codec."""
     refresh, since_ns = divmod(time_ns, round(codec.refresh_s * NS_PER_S))
     moved = cv2.add(image, _offsets(codec, refresh, image.shape[:2]), dtype=cv2.CV_8U)
     quality = codec.quality - (_COARSER if since_ns < _KEY_S * NS_PER_S else 0)
@@ -107,7 +107,7 @@ def coded(image: Image, time_ns: int, codec: Codec) -> Image:
 
 
 def jpeg(image: Image, quality: int) -> Image:
-    """Return a picture (H, W, 3) uint8 RGB after JPEG compression of a quality from 1 to 100."""
+    """Return an image (H, W, 3) uint8 RGB after JPEG compression with a quality from 1 to 100."""
     blue_first = cv2.cvtColor(image, cv2.COLOR_RGB2BGR)
     _, data = cv2.imencode(".jpg", blue_first, (cv2.IMWRITE_JPEG_QUALITY, quality))
     return np.asarray(cv2.imdecode(data, cv2.IMREAD_COLOR_RGB), np.uint8)

@@ -1,4 +1,4 @@
 """The simulated objects: catalogue, shapes, textures, and the surfaces that fingers touch.
 
-Imports nothing of the other fakes.
+Imports no other package of `fakes`.
 """

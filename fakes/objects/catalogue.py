@@ -1,6 +1,6 @@
 """The objects of the simulated bench: the catalogue, gauges, and plain shapes described by a text.
 
-The file has the sources of its figures. The estimators and the rig never import this module.
+`catalogue.toml` names the sources of its figures. The estimators and the rig never import this module.
 """
 
 import json
@@ -21,10 +21,10 @@ _FLAT_LONG_MM = 30.0
 
 @dataclass(frozen=True, slots=True)
 class GraspSite:
-    """Where an object is grasped and what the fingertips meet there.
+    """A grasp position on an object, and the shape of its contact.
 
-    offset_m: from the centre of mass along the object's x. width_m: between the fingers.
-    contact: as seen from the camera's side; the far side shows its mirror image in x.
+    offset_m: from the centre of mass along the object's x axis. width_m: between the fingers. contact: shape
+    on the camera's side; the opposite finger touches its mirror image in x.
     """
 
     offset_m: float
@@ -34,12 +34,12 @@ class GraspSite:
 
 @dataclass(frozen=True, slots=True)
 class ObjectModel:
-    """One object: mass, friction against the gel, where its centre of mass lies, where it is grasped.
+    """One object: mass, friction against the gel, centre of mass, and grasp sites.
 
-    id: the paper's number ("1" to "16"), "t1" to "t7", or the text that describes it. friction: Coulomb,
-    dimensionless.
-    com_from_left_m: centre of mass from the object's left end along x. marked_above_n: a soft object
-    keeps a mark of a finger that pushes harder, None where it takes all that the fingers can do.
+    id: the paper's number ("1" to "16"), "t1" to "t7", or the text that describes it. friction: Coulomb
+    coefficient.
+    com_from_left_m: centre of mass from the object's left end along x. marked_above_n: force above which a
+    finger leaves a mark on a soft object, None if the fingers cannot mark it.
     """
 
     id: str
@@ -63,9 +63,9 @@ def load_catalogue() -> dict[str, ObjectModel]:
 
 
 def find_object(text: str) -> ObjectModel:
-    """Return the object with an id or name (in any case), or the one that a text describes.
+    """Return the object with an id or name (ignoring case), or the object that a text describes.
 
-    Raises `InputError` that lists the objects and offers the closest match.
+    Raises `InputError` with a list of the objects and the closest match.
     """
     made = find_gauge(text) or find_plain(text)
     if made is not None:
@@ -83,8 +83,8 @@ def find_object(text: str) -> ObjectModel:
 def find_gauge(text: str) -> ObjectModel | None:
     """Return a gauge by its size in mm: "gauge:30" is a block 30 mm wide, "ball:6.31" a ball on a post.
 
-    Both are made to size and held at their middle. None for any other text. Raises `InputError` for a size
-    that the fingers cannot hold.
+    Both have exact sizes and are held at their middle. None for any other text. Raises `InputError` for a
+    size that the fingers cannot hold.
     """
     kind, _, size = text.partition(":")
     if kind not in ("gauge", "ball") or not size:
@@ -105,8 +105,8 @@ def find_plain(text: str) -> ObjectModel | None:
     """Return the plain object that "plain:{...}" describes, None for any other text.
 
     The JSON object has id, name, mass_kg, friction, length_m, height_m, and for each of its `sites` offset_m,
-    width_m and surface: edge, flat, cylinder or ball. The id of the object is the whole text, from which
-    another process makes the same object. Raises `InputError`.
+    width_m and surface: edge, flat, cylinder or ball. The id of the object is the whole text, so that another
+    process can make the same object from it. Raises `InputError`.
     """
     if not text.startswith(PREFIX):
         return None
@@ -123,11 +123,11 @@ def find_plain(text: str) -> ObjectModel | None:
             sites=tuple(_plain_site(site, height_m) for site in values["sites"]),
         )
     except (ValueError, KeyError, TypeError, RecursionError) as error:
-        raise InputError(f"'{text[:60]}': is no plain object: {type(error).__name__} {error}") from error
+        raise InputError(f"'{text[:60]}': is not a plain object: {type(error).__name__} {error}") from error
 
 
 def short_id(text: str) -> str:
-    """Return the id of an object for people: of a plain object the id in its text."""
+    """Return a short id of an object for display: for a plain object, the id in its text."""
     return str(json.loads(text.removeprefix(PREFIX)).get("id")) if text.startswith(PREFIX) else text
 
 

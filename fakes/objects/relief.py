@@ -1,8 +1,8 @@
-"""Relief of simulated surfaces, in mm: textures that are added to a shape, and faces of soft things.
+"""Relief of simulated surfaces, in mm: textures that are added to a shape, and faces of soft objects.
 
-A handle, a rubber or a fruit fills the contact with a broad faint bulge that is mostly the gel's own, so that
-it stays where the finger presses. Only a thin relief turns with the object: a line, an edge, a crease or the
-skin.
+In real recordings a handle, a rubber or a fruit fills the contact with a broad faint bulge, which is mostly
+the shape of the gel and therefore does not turn. Only the fine relief turns with the object: a line, an edge,
+a crease or the skin.
 """
 
 from collections.abc import Callable
@@ -14,17 +14,15 @@ import numpy as np
 from fakes.objects.shapes import SURFACE_MM_PER_PX, ContactShape, Field
 
 KINDS = ("lines", "edge", "corner", "skin", "creases")
-"""Kinds of soft faces by their relief.
-
-One to three thin lines; the edge of a flat face; two legs of a bent line; a rough peel; fine wrinkles
-or a grid of a sheet.
+"""Kinds of soft faces by their relief: one to three thin lines; the edge of a flat face; a bent line; a rough
+peel; fine wrinkles or a grid, as of a sheet.
 """
 Texture = Callable[[Field, Field, float, np.random.Generator], Field]
 """Maps (along_mm, across_mm, pitch_mm, rng) to a height between 0 and 1."""
 
 
 def texture_height(contact: ContactShape, x_mm: Field, z_mm: Field, rng: np.random.Generator) -> Field:
-    """Return the texture of a contact in mm over object coordinates in mm; its phase comes from `rng`."""
+    """Return the texture of a contact in mm over object coordinates in mm. rng: draws its phase."""
     if contact.texture == "none" or contact.texture_mm == 0.0:
         return np.zeros_like(x_mm)
     along, across = _axes(x_mm, z_mm, np.deg2rad(contact.texture_deg), 0.0)
@@ -48,7 +46,7 @@ def _knurl(along: Field, across: Field, pitch_mm: float, rng: np.random.Generato
 
 
 def _grain(along: Field, across: Field, pitch_mm: float, rng: np.random.Generator) -> Field:
-    """Wood: fine lines along the axis that wander and break off."""
+    """Return wood grain: fine lines along the axis that meander and break off."""
     return _mottle(along, across, (8.0 * pitch_mm, pitch_mm), rng)
 
 
@@ -62,7 +60,7 @@ def _fabric(along: Field, across: Field, pitch_mm: float, rng: np.random.Generat
 
 
 def _letters(along: Field, across: Field, pitch_mm: float, rng: np.random.Generator) -> Field:
-    """Embossed strokes in two lines of writing; the closest points are the strokes."""
+    """Return embossed strokes in two lines of writing; the strokes are raised."""
     canvas = np.ones((256, 256), np.float32)
     height_px = max(int(256 * pitch_mm / 30.0), 4)
     for row in (128 - height_px, 128 + height_px // 2):
@@ -74,7 +72,7 @@ def _letters(along: Field, across: Field, pitch_mm: float, rng: np.random.Genera
 
 
 def _mottle(along: Field, across: Field, scale_mm: tuple[float, float], rng: np.random.Generator) -> Field:
-    """Smooth noise of the given feature sizes along and across, between 0 and 1."""
+    """Return smooth noise with the given feature sizes along and across, between 0 and 1."""
     field = rng.standard_normal((256, 256)).astype(np.float32)
     sigma_px = [max(0.25 * size * 256 / 30.0, 0.5) for size in scale_mm]
     field = cv2.GaussianBlur(field, (0, 0), sigmaX=sigma_px[0], sigmaY=sigma_px[1])
@@ -83,7 +81,7 @@ def _mottle(along: Field, across: Field, scale_mm: tuple[float, float], rng: np.
 
 
 def _sampled(canvas: Field, along: Field, across: Field) -> Field:
-    """Read a 30 mm square canvas at coordinates in mm, repeating mirrored beyond it."""
+    """Sample a 30 mm square canvas at coordinates in mm; it is continued by mirroring."""
     scale, centre = canvas.shape[0] / 30.0, canvas.shape[0] / 2
     columns = (along * scale + centre).astype(np.float32)
     rows = (across * scale + centre).astype(np.float32)
@@ -99,12 +97,12 @@ TEXTURES: dict[str, Texture] = {
     "fabric": _fabric,
     "letters": _letters,
 }
-"""Textures by the name that the catalogue uses ("none" is a smooth surface)."""
+"""Textures by their name in the catalogue ("none" is a smooth surface)."""
 
 
 @dataclass(frozen=True, slots=True)
 class Bulge:
-    """A broad body behind the face, in image axes (x right, y down): it does not turn with the object.
+    """A broad body behind the face, in image axes (x right, y down), that does not turn with the object.
 
     radii_mm: of curvature along and across `angle_deg` (counter-clockwise as seen).
     """
@@ -113,14 +111,14 @@ class Bulge:
     angle_deg: float
 
     def height(self, x_mm: Field, y_mm: Field) -> Field:
-        """Return the height in mm away from the gel at places relative to its middle."""
+        """Return the height in mm away from the gel, at coordinates relative to the bulge's middle."""
         along, across = _axes(x_mm, y_mm, np.deg2rad(self.angle_deg), 0.0)
         first, second = (np.float32(0.5 / radius) for radius in self.radii_mm)
         return np.asarray(along * along * first + across * across * second, np.float32)
 
 
 def draw_bulge(kind: str, rng: np.random.Generator) -> Bulge:
-    """Draw the bulge behind a face: a peel's is rounder, a sheet's nearly flat."""
+    """Draw the bulge behind a face: rounder for a peel, nearly flat for a sheet."""
     low, high = {"skin": (18.0, 60.0), "creases": (60.0, 250.0)}.get(kind, (22.0, 110.0))
     across = float(np.exp(rng.uniform(np.log(low), np.log(high))))
     return Bulge((across * float(rng.uniform(1.0, 2.5)), across), float(rng.uniform(0.0, 180.0)))
@@ -142,7 +140,7 @@ def _lines(x_mm: Field, z_mm: Field, rng: np.random.Generator) -> Field:
 
 
 def _edge(x_mm: Field, z_mm: Field, rng: np.random.Generator) -> Field:
-    """A flat face that ends: beyond its edge it falls off, and the edge bites in."""
+    """Return a flat face that ends at an edge and falls off beyond it; the edge itself is raised."""
     tilt = float(rng.uniform(0.0, 2.0 * np.pi))
     along, across = _axes(x_mm, z_mm, tilt, rng.uniform(0.5, 2.8))
     across = across - np.float32(rng.normal(0.0, 0.004)) * along * along
@@ -151,7 +149,7 @@ def _edge(x_mm: Field, z_mm: Field, rng: np.random.Generator) -> Field:
 
 
 def _corner(x_mm: Field, z_mm: Field, rng: np.random.Generator) -> Field:
-    """A line of two legs."""
+    """Return a bent line."""
     tilt, opening = float(rng.uniform(0.0, 2.0 * np.pi)), float(rng.uniform(1.2, 2.5))
     place = rng.uniform(-1.5, 1.5, 2)
     x, z = x_mm - np.float32(place[0]), z_mm - np.float32(place[1])
@@ -166,14 +164,14 @@ def _corner(x_mm: Field, z_mm: Field, rng: np.random.Generator) -> Field:
 
 
 def _skin(x_mm: Field, z_mm: Field, rng: np.random.Generator) -> Field:
-    """A peel: bumps and ridges of a size, finer ones among them."""
+    """Return a peel: bumps and ridges of one size, with finer ones between them."""
     size_mm = float(rng.uniform(0.35, 0.9))
     rough = _noise(x_mm.shape, size_mm, rng) + np.float32(0.5) * _noise(x_mm.shape, 0.5 * size_mm, rng)
     return np.float32(rng.uniform(0.005, 0.014)) * rough
 
 
 def _creases(x_mm: Field, z_mm: Field, rng: np.random.Generator) -> Field:
-    """Wrinkles of one direction, or a grid of two."""
+    """Return wrinkles in one direction, or a grid in two."""
     tilt, pitch = float(rng.uniform(0.0, np.pi)), float(rng.uniform(1.0, 2.2))
     deep = np.float32(rng.uniform(0.015, 0.04))
     wander = np.float32(0.5) * _noise(x_mm.shape, 3.0, rng)
@@ -188,7 +186,7 @@ def _creases(x_mm: Field, z_mm: Field, rng: np.random.Generator) -> Field:
 def _line(
     along: Field, across: Field, half_mm: float, rng: np.random.Generator, ridge: bool | None = None
 ) -> Field:
-    """A thin ridge, or now and then a groove, that ends after half its length on both sides."""
+    """Return a thin ridge or groove that extends `half_mm` to both sides. ridge: None to draw which one."""
     up = rng.random() < 0.65 if ridge is None else ridge
     height = np.float32(np.exp(rng.uniform(np.log(0.02), np.log(0.075))) * (1.0 if up else -0.8))
     width = np.float32(rng.uniform(0.2, 0.4))
@@ -202,7 +200,7 @@ def _axes(x_mm: Field, z_mm: Field, tilt_rad: float, off_mm: float) -> tuple[Fie
 
 
 def _noise(shape: tuple[int, ...], size_mm: float, rng: np.random.Generator) -> Field:
-    """Smooth noise of unit spread on the grid of faces."""
+    """Return smooth noise of standard deviation 1 on the grid of faces."""
     wide_px = size_mm / SURFACE_MM_PER_PX / 2.0
     noise = cv2.GaussianBlur(rng.standard_normal(shape).astype(np.float32), (0, 0), wide_px)
     return np.asarray(noise / noise.std(), np.float32)

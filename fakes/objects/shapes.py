@@ -1,8 +1,8 @@
-"""Shapes that an object shows to a fingertip: heights away from the gel, over object coordinates.
+"""Shapes of contacts as height maps over object coordinates.
 
-`x_mm` runs along the object (right), `z_mm` down the image. A height is 0 at the closest point
-and grows away from the gel, in mm. Every shape has a place, and an axis along which it may
-bend and taper.
+`x_mm` runs along the object (to the right), `z_mm` down the image. Heights are in mm, 0 at the point closest
+to the gel, and increase away from the gel. Each shape has a position, and an axis along which it may bend and
+taper.
 """
 
 from abc import ABC, abstractmethod
@@ -14,18 +14,18 @@ from numpy.typing import NDArray
 Field = NDArray[np.floating]
 
 SURFACE_MM_PER_PX = 0.12
-"""Pitch of the grid that faces are drawn on."""
+"""Pitch of the grid of height maps."""
 FLANK = 4.0
-"""Slope, mm/mm, of every side wall: a vertical wall has no height, and the gel bridges it anyway."""
+"""Slope, mm/mm, of side walls. A height map cannot contain vertical walls, and the gel would bridge them."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Shape(ABC):
-    """One part of a contact, and where it lies.
+    """One part of a contact, with its position.
 
-    x_mm, z_mm: its middle. axis_deg: counter-clockwise as seen. drop_mm: how far it lies behind
-    the closest part. bend_per_mm: curvature of the axis. taper_per_mm: relative growth of the
-    width along it.
+    x_mm, z_mm: its middle. axis_deg: direction of the axis, counter-clockwise as seen. drop_mm: distance
+    behind the closest part. bend_per_mm: curvature of the axis. taper_per_mm: relative growth of the width
+    along the axis.
     """
 
     x_mm: float = 0.0
@@ -54,7 +54,7 @@ class Shape(ABC):
 
 
 def _arc(distance: Field, radius_mm: float) -> Field:
-    """Height of a circle's arc at a distance from its lowest point, continued by the flank."""
+    """Return the height of a circular arc at a distance from its lowest point, continued by a side wall."""
     edge = radius_mm * FLANK / np.hypot(1.0, FLANK)
     inside = np.minimum(distance, np.float32(edge))
     arc = radius_mm - np.sqrt(np.square(np.float32(radius_mm)) - inside * inside)
@@ -78,9 +78,10 @@ class Ball(Shape):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Cylinder(Shape):
-    """A rod or the side of a can; ends after `length_mm` in a rounding of `end_radius_mm`.
+    """A rod or the side of a can.
 
-    `waist_radius_mm` bends the generatrix away from the gel (a barrel), 0 keeps it straight.
+    length_mm: its length; the ends are rounded with `end_radius_mm`. waist_radius_mm: radius of curvature of
+    the generatrix, which bends away from the gel as on a barrel; 0 for a straight one.
     """
 
     radius_mm: float
@@ -99,8 +100,8 @@ class Cylinder(Shape):
 class Pad(Shape):
     """A flat face with a rounded rectangular outline and rounded edges.
 
-    corner_mm rounds the outline, edge_mm the edge; crown_radius_mm makes the face slightly
-    convex across the axis, 0 keeps it flat.
+    corner_mm: radius of the outline's corners. edge_mm: radius of the edge. crown_radius_mm: radius of
+    curvature of the face across the axis, 0 for a flat face.
     """
 
     length_mm: float
@@ -121,9 +122,10 @@ class Pad(Shape):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Edge(Shape):
-    """A straight edge: two faces that fall off at `slope` (mm/mm) from a nose of `nose_mm`.
+    """A straight edge between two faces, rounded with radius `nose_mm`.
 
-    `slope_below` is the face down the image; equal to `slope` where not given (0 stands for that).
+    slope: slope of the faces away from the gel, mm/mm. slope_below: slope of the lower face in the image; 0
+    for the same as `slope`.
     """
 
     nose_mm: float
@@ -142,7 +144,7 @@ class Edge(Shape):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Rim(Shape):
-    """A ring of `radius_mm` made of a wire or lip of `wire_mm` radius."""
+    """A ring of radius `radius_mm`, made of a wire or lip of radius `wire_mm`."""
 
     radius_mm: float
     wire_mm: float
@@ -155,7 +157,7 @@ class Rim(Shape):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Spikes(Shape):
-    """Round tips of `tip_mm` radius, `pitch_mm` apart, on a cylinder of `radius_mm`."""
+    """Round tips of radius `tip_mm`, `pitch_mm` apart, on a cylinder of radius `radius_mm`."""
 
     radius_mm: float
     pitch_mm: float
@@ -181,11 +183,11 @@ def _crown(distance: Field, radius_mm: float) -> Field:
 
 @dataclass(frozen=True, slots=True)
 class ContactShape:
-    """What an object shows at one grasp site: the nearest of its parts, with a texture.
+    """The shape of an object at one grasp site: the union of its parts, with a texture.
 
-    texture names one of `fakes.objects.relief.TEXTURES`; texture_mm is its height, pitch_mm its
-    spacing, texture_deg its direction. `smooth_round` marks contacts whose turning cannot be
-    seen. `exact`: made to size, as a gauge is; everyday objects are a few per cent off.
+    texture: name of one of `fakes.objects.relief.TEXTURES`. texture_mm, pitch_mm, texture_deg: its height,
+    spacing and direction. smooth_round: whether a rotation of the contact is invisible. exact: whether sizes
+    are exact, as those of a gauge; sizes of other objects vary by a few per cent.
     """
 
     parts: tuple[Shape, ...]
@@ -205,4 +207,4 @@ SHAPES: dict[str, type[Shape]] = {
     "rim": Rim,
     "spikes": Spikes,
 }
-"""Shapes by the name that the catalogue uses."""
+"""Shapes by their name in the catalogue."""

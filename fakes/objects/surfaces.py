@@ -1,7 +1,7 @@
-"""The simulated object's surface at a grasp, and how deep a force presses it into the gel.
+"""The simulated object's surface at a grasp, and its depth in the gel under a force.
 
-A surface is what one fingertip faces: heights away from the gel in mm, over object coordinates
-(columns along the object's x, rows down). The finger on the far side faces the mirror image.
+A surface is the height map that one fingertip touches: heights away from the gel in mm, over object
+coordinates (columns along the object's x axis, rows down). The opposite finger touches the mirror image.
 """
 
 from dataclasses import dataclass, replace
@@ -16,14 +16,14 @@ from fakes.objects.shapes import SURFACE_MM_PER_PX, ContactShape, Field, Shape
 
 SURFACE_PX = 256
 FAR_MM = 6.0
-"""Height that stands for "nothing there"."""
+"""Height of points outside the object."""
 
 GEL_HALF_MM = (7.2, 9.6)
 """Half the sensing area of a DIGIT, across and along (19 x 14 mm, Lambeta et al. 2020)."""
 GEL_STIFFNESS_N_MM3 = 0.11
 """Force per area and depth (Winkler foundation) of a soft 2 mm silicone pad."""
 GEL_DOME_RADIUS_MM = 62.0
-"""The gel's face is slightly convex, so even a flat object makes a round, growing contact."""
+"""Radius of the gel's slightly convex face; therefore even a flat object makes a round contact that grows."""
 
 _FORCE_STRIDE = 3
 _JITTERED = {"radius_mm": 0.04, "width_mm": 0.03, "nose_mm": 0.06, "waist_radius_mm": 0.10}
@@ -34,7 +34,7 @@ _BEND_JITTER_PER_MM = 0.0006
 class Surface:
     """Heights of an object's face: (N, N) float32 mm away from the gel, 0 at the closest point.
 
-    The origin, where the fingers close, is the middle of the array.
+    The origin, at which the fingers close, is the middle of the array.
     """
 
     height_mm: NDArray[np.float32]
@@ -42,12 +42,11 @@ class Surface:
 
 
 def build_surface(site: GraspSite | ContactShape, side: int, seed: int) -> Surface:
-    """Make the surface that one finger meets at a grasp site.
+    """Make the surface that one finger touches at a grasp site.
 
-    side: +1 for the finger on the external camera's side, -1 for the opposite finger, which sees
-    the same geometry mirrored in x with a texture of its own. seed: makes this specimen's small
-    deviations (the same on both sides) and the textures' phases. Raises `InputError` for another
-    side.
+    side: +1 for the finger on the external camera's side, -1 for the opposite finger, which touches the same
+    geometry mirrored in x with another phase of the texture. seed: of this specimen's small deviations (equal
+    on both sides) and of the textures' phases. Raises `InputError` for another side.
     """
     if side not in (1, -1):
         raise InputError(f"side of a surface is {side}: use 1 (camera's side) or -1")
@@ -64,9 +63,9 @@ def build_surface(site: GraspSite | ContactShape, side: int, seed: int) -> Surfa
 
 
 def soft_surface(kind: str, side: int, seed: int) -> Surface:
-    """Make the relief of a soft face that one finger meets; the other meets relief of its own.
+    """Make the relief of a soft face under one finger; the two fingers touch different reliefs.
 
-    kind: of `relief.KINDS`. side: +1 or -1.
+    kind: one of `relief.KINDS`. side: +1 or -1.
     """
     x_mm, z_mm = _grid(SURFACE_PX, SURFACE_MM_PER_PX)
     height = soft_relief(kind, x_mm, z_mm, np.random.default_rng((seed, 71, side + 1)))
@@ -82,13 +81,13 @@ def depth_for_force(
     centre_mm: tuple[float, float] = (0.0, 0.0),
     bulge: Bulge | None = None,
 ) -> float:
-    """Return how far the surface's origin is pressed into the gel by a normal force, in mm.
+    """Return the depth of the surface's origin in the gel under a normal force, mm.
 
-    Winkler foundation: each patch of gel carries its own depth times the stiffness; the total
-    grows with depth, so the answer is found in the sorted heights. tilt, angle_deg, centre_mm and bulge
-    (around centre_mm) as in `fakes.gel.pad.Imprint`. The depth may be slightly negative for a tilted
-    face, and is 0 where no part of the surface is over the gel. Raises `InputError` for a negative or
-    non-finite force.
+    The gel is a Winkler foundation: each area element carries its depth times the stiffness. The total force
+    increases with depth, so the depth follows exactly from the sorted heights. tilt, angle_deg, centre_mm and
+    bulge (around centre_mm) as in `fakes.gel.pad.Imprint`. The depth may be slightly negative for a tilted
+    face, and is 0 if no part of the surface is over the gel. Raises `InputError` for a negative or non-finite
+    force.
     """
     if not (np.isfinite(force_n) and force_n >= 0.0):
         raise InputError(f"force on the gel is {force_n} N: it must be finite and not negative")
@@ -111,7 +110,7 @@ def _clearance(
     centre_mm: tuple[float, float],
     bulge: Bulge | None,
 ) -> Field:
-    """Gap between object and gel in mm at depth 0, for the points over the gel."""
+    """Return the gap between object and gel at depth 0, mm, for the points over the gel."""
     heights = surface.height_mm[::_FORCE_STRIDE, ::_FORCE_STRIDE]
     first = -0.5 * (len(surface.height_mm) - 1) * surface.mm_per_px
     axis = np.float32(first) + np.float32(_FORCE_STRIDE * surface.mm_per_px) * np.arange(
@@ -136,7 +135,7 @@ def _grid(size_px: int, mm_per_px: float) -> tuple[Field, Field]:
 
 
 def _jittered(part: Shape, rng: np.random.Generator) -> Shape:
-    """A specimen of a part: sizes off by a few per cent, the axis bent a little."""
+    """Return a specimen of a part, with sizes changed by a few per cent and a slightly bent axis."""
     changes = {
         name: value * float(rng.uniform(1.0 - spread, 1.0 + spread))
         for name, spread in _JITTERED.items()

@@ -1,4 +1,4 @@
-"""Simulated pictures with known answers, for training and benchmarks; estimators see only the images.
+"""Simulated images with ground truth, for training and benchmarks; estimators get only the images.
 
 Imports `fakes.gel`, `fakes.camera` and `fakes.objects`.
 """

@@ -1,4 +1,4 @@
-"""Simulated pictures for calibrations with known answers: markers on an object, balls pressed into a gel."""
+"""Simulated images with ground truth for calibrations: markers on an object, balls pressed into a gel."""
 
 from dataclasses import dataclass, field
 
@@ -21,13 +21,13 @@ _FACING = Rotation.from_matrix([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.
 _SIDE_M = 0.030
 _FOCAL_PX = 640.0
 MM_PER_PX = (0.060, 0.060)
-"""Nominal scale of the simulated sensor; a unit's own differs by a percent or two."""
+"""Nominal scale of the simulated sensor; the scale of a unit differs by a percent or two."""
 _RADII_MM = (3.0, 5.0)
 
 
 @dataclass(frozen=True, slots=True)
 class MarkerPictures:
-    """Two 30 mm markers, centres 100 mm apart, at 640 x 480 px, tilted; noise_grey: sigma of white noise."""
+    """Images of two tilted 30 mm markers, centres 100 mm apart, 640 x 480 px. noise_grey: sigma of noise."""
 
     side_px: float = 40.0
     tilt_deg: float = 15.0
@@ -47,7 +47,7 @@ class MarkerPictures:
 
     @property
     def size(self) -> tuple[int, int]:
-        """Width and height of the pictures, px."""
+        """Width and height of the images, px."""
         return self._scene.size
 
     @property
@@ -57,20 +57,20 @@ class MarkerPictures:
 
     @property
     def distortion(self) -> Array:
-        """The true lens, OpenCV's (k1, k2, p1, p2, k3)."""
+        """The true distortion, OpenCV's (k1, k2, p1, p2, k3)."""
         return self._scene.distortion
 
     def draw(
         self, turn_deg: float, rng: np.random.Generator, move_m: tuple[float, float] = (0.0, 0.0)
     ) -> Image:
-        """Return the (H, W) uint8 picture after a turn, counter-clockwise as the camera sees it."""
+        """Return the (H, W) uint8 image after a rotation, counter-clockwise as the camera sees it."""
         colour = self._scene.render(self._pose(turn_deg, move_m), rng)
         grey = cv2.cvtColor(colour, cv2.COLOR_RGB2GRAY).astype(np.float32)
         noisy = grey + rng.normal(0.0, self.noise_grey, grey.shape)
         return np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
 
     def exact_corners(self, turn_deg: float, move_m: tuple[float, float] = (0.0, 0.0)) -> Array:
-        """Return the true places of the corners: (2, 4, 2) px."""
+        """Return the true positions of the corners, (2, 4, 2) px."""
         return self._scene.exact_corners_px(self._pose(turn_deg, move_m))
 
     def _pose(self, turn_deg: float, move_m: tuple[float, float]) -> Pose:
@@ -82,7 +82,7 @@ class MarkerPictures:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MadePress:
-    """A simulated press: its picture, the ball's radius, and where and how wide the contact is."""
+    """A simulated press: image, radius of the ball, centre and radius of the contact."""
 
     name: str
     image: Image
@@ -93,7 +93,7 @@ class MadePress:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SimulatedGel:
-    """One simulated sensor unit. reference: (H, W, 3) float32, the mean of thirty frames at rest."""
+    """One simulated sensor unit. reference: (H, W, 3) float32, mean of thirty frames without contact."""
 
     seed: int = 0
     _sensor: GelSensor = field(init=False)
@@ -110,7 +110,7 @@ class SimulatedGel:
         return self._sensor.render(None, 0.0, rng)
 
     def presses(self, count: int, seed: int = 0) -> list[MadePress]:
-        """Return presses of balls of 3 and 5 mm radius in turn, anywhere on the gel."""
+        """Return presses of balls of 3 and 5 mm radius, alternately, at random positions on the gel."""
         rng = np.random.default_rng((self.seed, 2, seed))
         return [self._press(i, rng) for i in range(count)]
 
@@ -140,7 +140,7 @@ def draw_press(
 ) -> DrawnPress:
     """Draw the press of a ball whose contact is a circle: x, y and radius in px.
 
-    look: of a real unit; None for the made-up unit of a seed, which draws the noise in either case.
+    look: of a real unit, None for a simulated unit. unit_seed: seed of the simulated unit and of the noise.
     """
     sensor = GelSensor(unit_seed, look=look)
     scale, rng = np.array(sensor.mm_per_px), np.random.default_rng((unit_seed, 89))

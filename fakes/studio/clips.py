@@ -1,7 +1,6 @@
-"""Simulated tactile clips with a known angle. Estimators see only their images.
+"""Simulated tactile clips with a known angle. Estimators get only the images.
 
-A clip rests, turns at a constant rate and rests again, about a pivot that is not the contact's
-middle.
+The contact rests, turns at a constant rate and rests again. The pivot is beside the contact's middle.
 """
 
 import math
@@ -22,25 +21,25 @@ from fakes.objects.surfaces import Surface, build_surface, depth_for_force
 
 REST_S, AFTER_S = 0.4, 0.2
 PIVOT_MM = (1.5, -2.0)
-"""Where the contact turns about, from its middle."""
+"""Pivot of the rotation, relative to the contact's middle."""
 TILT = (0.008, -0.006)
 FORCE_N = 0.8
 TWO_BALLS = "two balls"
 ROLLER = "roller"
-"""A ribbed roller that rolls across the pad: its ribs turn by the scene's angle, its outline leans more."""
+"""A ribbed roller that rolls across the pad: its ribs turn by the scene's angle, its outline by more."""
 ROLLER_TURN_DEG, ROLLER_LEAN_DEG, _ROLLED_MM = 4.0, 13.5, 3.0
-"""Turn of a roller's ribs and lean of its outline, as in a real recording (below 5; 12 to 15 degrees)."""
+"""Rotation of a roller's ribs and of its outline; a real recording has below 5 and 12 to 15 degrees."""
 _ROLLER_RADII_MM = (80.0, 9.0)
 
 
 @dataclass(frozen=True, slots=True)
 class Scene:
-    """What a clip shows.
+    """Content of a clip.
 
-    contact: "OBJECT:SITE" of the simulated catalogue, as "t1:0", "two balls" or "roller". angle_deg: turn in
-    all, counter-clockwise positive. center_mm: of the contact on the gel, x right, y down.
-    lag_deg: how far the gel around the contact trails behind. pressed: share by which the force
-    grows while it turns. unit, seed: of the sensor, and of specimen and noise.
+    contact: "OBJECT:SITE" of the simulated catalogue, such as "t1:0", or "two balls" or "roller". angle_deg:
+    total rotation, counter-clockwise positive. center_mm: position of the contact on the gel, x right, y
+    down. lag_deg: angle by which the gel around the contact trails behind. pressed: relative increase of the
+    force during the rotation. unit: seed of the sensor. seed: of the specimen and the noise.
     """
 
     contact: str
@@ -59,8 +58,8 @@ class Scene:
 class Clip:
     """Frames of one sensor, (N) of (H, W, 3) uint8 RGB, with times and true image angles (N,) deg.
 
-    background: a frame without contact. moves_ns: when the turn begins. aspect: width over height of
-    a pixel on the gel, as a calibration would tell it; None: not told.
+    background: a frame without contact. moves_ns: start of the rotation. aspect: width over height of a pixel
+    on the gel, as from a calibration; None if the estimator does not get it.
     """
 
     background: Image
@@ -96,12 +95,15 @@ def render_clip(scene: Scene) -> Clip:
 
 
 def opposite(scene: Scene) -> Scene:
-    """Return the same scene turned the other way."""
+    """Return the same scene with the opposite rotation."""
     return replace(scene, angle_deg=-scene.angle_deg)
 
 
 def roller_imprint(scene: Scene, surface: Surface, share: float) -> Imprint:
-    """Press a ribbed roller; share: of its way. The outline is that of a leaning body behind the ribs."""
+    """Return the imprint of a ribbed roller, at a fraction `share` of its path.
+
+    The outline is that of a bulge behind the ribs, which turns by a larger angle than the ribs.
+    """
     lean_deg = math.copysign(ROLLER_LEAN_DEG, scene.angle_deg) * share
     body, rolled_mm = Bulge(_ROLLER_RADII_MM, lean_deg), _ROLLED_MM * (share - 0.5)
     force_n = round(scene.force_n * (1.0 + scene.pressed * share), 3)
@@ -121,7 +123,7 @@ def _imprint(scene: Scene, surface: Surface, share: float) -> Imprint:
     angle = share * scene.angle_deg
     cos, sin = math.cos(math.radians(angle)), math.sin(math.radians(angle))
     px, py = PIVOT_MM
-    # The pivot stays where it is: counter-clockwise as seen, x right, y down.
+    # The pivot is fixed; the rotation is counter-clockwise as seen, with x right, y down.
     center = (
         scene.center_mm[0] + px - (cos * px + sin * py),
         scene.center_mm[1] + py - (cos * py - sin * px),
@@ -147,7 +149,7 @@ def _surface(contact: str, seed: int) -> Surface:
 
 
 def contact_shape(contact: str) -> GraspSite | ContactShape:
-    """What a scene's contact is, as `Scene` names it. Raises `InputError` for an unknown one."""
+    """Return the contact with a name as in `Scene`. Raises `InputError` for an unknown one."""
     if contact == TWO_BALLS:
         return ContactShape(
             (Ball(radius_mm=7.0, x_mm=-3.4, z_mm=-1.0), Ball(radius_mm=5.0, x_mm=3.2, z_mm=1.2))

@@ -1,7 +1,7 @@
-"""What a hard lift is like: its face, how it grows, its gel, light and codec, all drawn from the lift's seed.
+"""Conditions of a hard lift, drawn from its seed: face, growth of the contact, gel, light and codec.
 
-Shares follow what real recordings of a GelSight Mini hold: a third of them a line or two on a broad bulge, a
-fifth a peel that rolls, some sheets with creases, the rest stiff things of all kinds.
+Their frequencies follow real recordings of a GelSight Mini: a third of them show a line or two on a broad
+bulge, a fifth a peel that rolls, some show sheets with creases, and the rest various stiff objects.
 """
 
 from collections.abc import Mapping
@@ -18,7 +18,7 @@ from fakes.objects.shapes import ContactShape
 Difficulty = Literal["easy", "hard"]
 
 FACE_SHARES = {"lines": 0.26, "edge": 0.24, "corner": 0.08, "skin": 0.12, "creases": 0.08}
-"""Share of the hard lifts whose face is soft, by kind; the others show the object's own."""
+"""Fractions of hard lifts with a soft face, by kind; the others have the object's normal surface."""
 GROWTH_OVER_DEG = 20.0
 _GROWING, _SOFT_GROWING, _OTHER_MAKE, _MARKED, _CODED = 0.6, 0.8, 0.7, 0.8, 0.6
 _CODED_HZ = (30.0, 25.0, 15.0, 10.0)
@@ -28,13 +28,13 @@ _ROCK_MM_PER_RAD = 3.0
 
 @dataclass(frozen=True, slots=True)
 class Conditions:
-    """What one lift is like to a fingertip.
+    """Conditions of one lift at one fingertip.
 
-    kind: of its soft face, None for the object's own; bulge: behind it. press: how much harder than the
-    fingers' force says; growth: share by which it grows over `GROWTH_OVER_DEG` of turn. roll_mm_per_rad:
-    how the face moves as it turns, rock_mm_per_rad: how the bulge does, as the thing tilts; both in image
-    axes of the camera's side. unit: the gel and its light. codec: of its pictures, None for none; rate_hz:
-    at most so many of them a second where the sensor is free to choose, None for as many as it is asked.
+    kind: kind of the soft face, None for the object's normal surface. bulge: the bulge behind a soft face.
+    press: factor on the fingers' force. growth: relative increase of the force over `GROWTH_OVER_DEG` of
+    rotation. roll_mm_per_rad, rock_mm_per_rad: motion of the face and of the bulge per rotation of the
+    object, in image axes of the camera's side. unit: the gel and its light. codec: of the images, None for
+    none. rate_hz: highest frame rate if the sensor chooses the rate, None for the requested rate.
     """
 
     kind: str | None = None
@@ -48,13 +48,13 @@ class Conditions:
     rate_hz: float | None = None
 
     def pressed_more(self, turn_deg: float) -> float:
-        """Return how many times as hard the press is at a turn."""
+        """Return the factor on the force after a rotation."""
         return self.press * (1.0 + self.growth * min(abs(turn_deg) / GROWTH_OVER_DEG, 1.0))
 
     def face(self, contact: ContactShape) -> tuple[str | None, Bulge | None]:
-        """Return the soft face in place of a contact's own, and its bulge.
+        """Return the kind of soft face that replaces a contact's surface, and its bulge.
 
-        None for both on what is made to size, or smooth and round.
+        None for both if the object has exact sizes, or is smooth and round.
         """
         soft = not (contact.exact or contact.smooth_round)
         return (self.kind, self.bulge) if soft else (None, None)
@@ -65,7 +65,7 @@ EASY = Conditions()
 
 @lru_cache(maxsize=16)
 def draw_conditions(difficulty: Difficulty, seed: int, side: int) -> Conditions:
-    """Draw what the lift of a seed is like to the fingertip of a side (+1 or -1); `EASY` where all is."""
+    """Draw the conditions of a lift at the fingertip of a side (+1 or -1); `EASY` for easy lifts."""
     if difficulty == "easy":
         return EASY
     both, own = np.random.default_rng((seed, 61)), np.random.default_rng((seed, 67, side + 1))
@@ -93,7 +93,7 @@ def draw_conditions(difficulty: Difficulty, seed: int, side: int) -> Conditions:
 
 
 def draw_kind(shares: Mapping[str, float], rng: np.random.Generator) -> str | None:
-    """Draw a kind of soft face by the kinds' shares of all faces; None for the others."""
+    """Draw a kind of soft face with the given frequencies; None for the remaining cases."""
     drawn = float(rng.random())
     for kind in KINDS:
         drawn -= shares[kind]
@@ -103,7 +103,7 @@ def draw_kind(shares: Mapping[str, float], rng: np.random.Generator) -> str | No
 
 
 def draw_unit(make: int | None, marks: int | None, rng: np.random.Generator) -> Variation:
-    """Draw a soft gel. make, marks: seeds of another make's light and of specks; None for neither."""
+    """Draw a soft gel. make, marks: seeds of another make's light and of specks, None for none."""
     return replace(
         FAMILY,
         slope_at_knee=float(np.exp(rng.uniform(np.log(0.2), np.log(0.45)))),

@@ -1,9 +1,9 @@
 """Simulated frames with labels: objects and random shapes on randomised units for training, and hard lifts.
 
-Domain randomisation: every group of training frames comes from a sensor unit of its own, with its own light,
-gel, membrane, streaks and noise (`fakes.gel.variation`). The frames of hard lifts show soft faces, growing
+Domain randomisation: each group of training frames comes from another sensor unit, with other light, gel,
+membrane, streaks and noise (`fakes.gel.variation`). The frames of hard lifts show soft faces, growing
 contacts, worn gels, light of other makes and codecs (`fakes.studio.conditions`); no network was trained on
-them. Everything here is SIMULATED; no figure reached on it says how well a real sensor would do.
+them. Everything here is SIMULATED, so figures measured on it do not apply to real sensors.
 """
 
 from collections.abc import Iterator, Sequence
@@ -26,7 +26,7 @@ FRAMES_PER_UNIT = 12
 REFERENCE_FRAMES = 6
 RANDOM_SHAPE = "random"
 LOOK_SEEDS_FROM = 1_000_000
-"""Looks for training are varied by seeds from here on; benches and judges use smaller ones."""
+"""First seed for variations of a look in training; benches and benchmarks use smaller seeds."""
 _LOOK_SHARE = 0.5
 _NO_CONTACT_SHARE = 0.04
 _DRIFT_SPAN_S = 300.0
@@ -39,10 +39,10 @@ _PLAIN_SHARE = 0.35
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrainingFrame:
-    """A frame of one unit, (H, W, 3) uint8 RGB, and what it shows.
+    """A frame of one unit, (H, W, 3) uint8 RGB, with its label.
 
-    background: the unit's mean frame without contact. touching: (H, W), not 0 where object and gel
-    touch, at half the frame's size; None without a contact. object_id: of the catalogue, or "random".
+    background: the unit's mean frame without contact. touching: the geometric contact at half the frame's
+    size, not 0 where object and gel touch; None without contact. object_id: of the catalogue, or "random".
     """
 
     image: Image
@@ -60,9 +60,9 @@ def training_frames(
 ) -> Iterator[list[TrainingFrame]]:
     """Yield the frames of one unit after the other, without end.
 
-    objects: ids of the catalogue. random_share: share of frames that show random shapes instead.
-    family: units as a bench has them, instead of randomised ones. look: of a real unit, in varied forms of
-    which every second unit is drawn. The same seed gives the same frames.
+    objects: ids of the catalogue. random_share: fraction of frames that show random shapes instead. family:
+    whether units are like those of a bench, instead of randomised. look: of a real unit; every second unit is
+    a variation of it. The same seed gives the same frames.
     """
     rng = np.random.default_rng((seed, 41))
     while True:
@@ -76,7 +76,7 @@ def training_frames(
 
 
 def mean_at_rest(unit: GelSensor, rng: np.random.Generator) -> Image:
-    """Return a unit's mean frame without contact, taken before the light begins to drift."""
+    """Return a unit's mean frame without contact, before any drift of the light."""
     total = sum(unit.render(None, 0.0, rng).astype(np.float32) for _ in range(REFERENCE_FRAMES))
     return np.rint(total / np.float32(REFERENCE_FRAMES)).astype(np.uint8)
 
@@ -104,10 +104,10 @@ def _drawn_object(
 
 
 def _imprint(contact: ContactShape, any_angle: bool, rng: np.random.Generator) -> Imprint:
-    """Press at a random place, angle, tilt and force (0.2 to 2.5 N)."""
+    """Return an imprint with random position, angle, tilt and force (0.2 to 2.5 N)."""
     surface = build_surface(contact, int(rng.choice([-1, 1])), int(rng.integers(1 << 31)))
     tilt = (float(rng.normal(0.0, 0.02)), float(rng.normal(0.0, 0.02)))
-    # an object's grasp is near the middle; a random shape may lie half outside
+    # objects are grasped near the middle; a random shape may extend beyond the gel
     if any_angle and rng.random() < 0.4:
         centre_mm = (
             float(rng.uniform(-1.0, 1.0)) * GEL_HALF_MM[0],
@@ -156,7 +156,7 @@ def _hard_frame(
 def _hard_imprint(
     site: GraspSite, conditions: Conditions, lift: int, side: int, rng: np.random.Generator
 ) -> Imprint:
-    """Press the lift's face at a turn it may have come to (0.4 to 1.2 N, and what the turn adds)."""
+    """Return an imprint of the lift's face at a random rotation and force (0.4 to 1.2 N, plus the growth)."""
     kind, bulge = conditions.face(site.contact)
     surface = build_surface(site, side, lift) if kind is None else soft_surface(kind, side, lift)
     turn_deg = float(rng.uniform(0.0, _LIFT_TURN_DEG))
@@ -242,5 +242,5 @@ def _any_scale(rng: np.random.Generator, low: float, high: float) -> float:
 
 
 def _or_none(rng: np.random.Generator, low: float, high: float) -> float:
-    """A radius, or 0 (straight, flat) in half of the cases."""
+    """Draw a radius, or 0 (straight, flat) with a probability of one half."""
     return 0.0 if rng.random() < 0.5 else _between(rng, low, high)

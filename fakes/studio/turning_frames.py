@@ -1,7 +1,7 @@
-"""Simulated pictures of contacts that turn: which of their lines turn with the object, and which rest.
+"""Simulated images of turning contacts, with the part of the texture that turns with the object.
 
-Soft faces on bulges that rest, and random shapes; of sensor units unlike one another. Everything here is
-SIMULATED. No bench shows these faces: their seeds begin beyond those of lifts.
+The contacts are soft faces on bulges that do not turn, and random shapes, on varied sensor units. Everything
+here is SIMULATED. The faces do not occur on a bench, because their seeds start above those of lifts.
 """
 
 from collections.abc import Iterator
@@ -21,9 +21,9 @@ from fakes.studio.training_frames import mean_at_rest, random_contact
 
 FRAMES_PER_FACE = 6
 TURN_DEG = 8.0
-"""By how much a contact is turned to see what of it turns."""
+"""Rotation between the two noise-free images of a contact."""
 _FACE_SHARES = {"lines": 0.23, "edge": 0.16, "corner": 0.10, "skin": 0.10, "creases": 0.06}
-"""Of soft faces, by kind; the others are random shapes of something hard."""
+"""Fractions of soft faces, by kind; the others are random hard shapes."""
 _SOFT_UNITS, _OTHER_MAKE, _MARKED, _CODED = 0.6, 0.7, 0.7, 0.5
 _FIRST_FACE = 1 << 32
 _LASTS_S = 30.0
@@ -31,11 +31,11 @@ _LASTS_S = 30.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TurningFrame:
-    """A picture (H, W, 3) uint8 RGB, and what it would be like without noise, before and after a small turn.
+    """An image (H, W, 3) uint8 RGB, and the contact without noise before and after a small rotation.
 
-    background: the unit's mean frame without contact. before, after: (H, W, 3) float32, what the contact
-    changes in it, in grey levels; between them the object has turned by `TURN_DEG` about center_px (x, y),
-    and nothing else has. aspect: width over height of a pixel on the gel.
+    background: the unit's mean frame without contact. before, after: (H, W, 3) float32, change of the
+    background by the contact, in grey levels. Between them the object has turned by `TURN_DEG` about
+    center_px (x, y); nothing else differs. aspect: width over height of a pixel on the gel.
     """
 
     image: Image
@@ -47,7 +47,7 @@ class TurningFrame:
 
 
 def turning_frames(seed: int) -> Iterator[list[TurningFrame]]:
-    """Yield pictures of one face on one unit after the other, without end; the same seed gives the same."""
+    """Yield groups of images without end, each of one face on one unit; equal seeds give equal images."""
     rng = np.random.default_rng((seed, 47))
     while True:
         unit = GelSensor(int(rng.integers(1 << 31)), variation=_draw_variation(rng))
@@ -72,7 +72,7 @@ def _draw_face(rng: np.random.Generator) -> tuple[Surface, Bulge | None]:
 
 
 def _draw_imprint(surface: Surface, bulge: Bulge | None, rng: np.random.Generator) -> Imprint:
-    """Press a face anywhere, turned anyhow; a soft one up to five times as hard as the fingers do."""
+    """Return an imprint at a random position and angle; soft faces with up to five times the usual force."""
     turn_deg = float(rng.uniform(-180.0, 180.0))
     center_mm = (float(rng.normal(0.0, 1.5)), float(rng.normal(0.0, 2.5)))
     tilt = (float(rng.normal(0.0, 0.02)), float(rng.normal(0.0, 0.02)))

@@ -88,7 +88,7 @@ class Grasp:
 
 
 HAND_TURN = ((3.0, 0.83), (2.0, 1.37), (1.5, 0.29))
-"""A person who turns an object to and fro, never twice alike: amplitudes in degrees, frequencies in Hz."""
+"""Irregular motion of a person who turns an object to and fro: amplitudes in degrees, frequencies in Hz."""
 
 
 def hand_turn_rad(time_ns: int) -> float:

@@ -74,7 +74,7 @@ class HandMemory:
         try:
             frames = (sensor.next_frame(FRAME_S).image for _ in range(TOUCH_FRAMES))
             return all(finder.find(image).mask is not None for image in frames)
-        except DeviceError:  # the reader of its frames will report the error
+        except DeviceError:  # reported later, when the sensor's frames are needed
             return False
 
     def _read(self) -> HandState:

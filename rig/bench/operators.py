@@ -22,10 +22,10 @@ class SimulatedOperator:
     """Agrees to everything; `place` puts an object, given its id, into the simulated world.
 
     gap: returns the displacement from a tip in the hand to the hole on the table, m, base axes. prove: raises
-    unless the devices to be driven are simulated; called wherever a person would be asked. lead: starts
-    leading the arm to a pose, and returns a function that returns whether it has arrived. hold: holds an
-    object at a pose, pressed to an opening in m, or free of the gels if the opening is None; the last
-    argument: whether the object is turned to and fro.
+    unless the devices are simulated; called in place of each question to a person. lead: starts to lead the
+    arm to a pose, and returns a function that returns whether the arm has arrived. hold: holds an object at a
+    pose, pressed to an opening in m, or without contact if the opening is None; its last argument is whether
+    the object is turned to and fro.
     """
 
     def __init__(
@@ -85,7 +85,7 @@ class SimulatedOperator:
         self._prove()
         lead = self._lead
         if lead is None:
-            raise InputError("on this simulated bench nobody can lead the arm; teach with --by keys")
+            raise InputError("on this simulated bench the arm cannot be led by hand; teach with --by keys")
         x, y, z = (float(v) for v in self._rng.normal(0.0, _LED_M, 3))
         led = Pose.from_rotation(where.translated(x, y, z).position_m, where.rotation)
         arrived: list[Callable[[], bool]] = []
@@ -112,9 +112,9 @@ class SimulatedOperator:
 class ConsoleOperator:
     """A person at a terminal; `ask` prints a question and returns whether they agree.
 
-    agreed: they have agreed in advance to everything that can be agreed to without looking. tell: prints a
-    question and returns the typed line. wait: prints one, and returns a function that is polled for the
-    answer. press: prints one, and returns the pressed key.
+    agreed: whether the person has agreed in advance to all questions that need no check of the bench. tell:
+    prints a question and returns the typed line. wait: prints a question and returns a function that is
+    polled for the answer. press: prints a question and returns the pressed key.
     """
 
     def __init__(
@@ -137,7 +137,7 @@ class ConsoleOperator:
     def look(self, question: str) -> None:
         """Ask in any case, and stop unless they agree."""
         if not self._ask(question):
-            raise OperatorStopError("stopped: no agreement from the bench; nothing was moved")
+            raise OperatorStopError("stopped: the person at the bench did not agree; nothing was moved")
 
     def place(self, object_id: str, name: str) -> None:
         """Ask for the object to be placed, unless the last lift set it down in its place."""

@@ -1,4 +1,4 @@
-"""What `rig benchmark` measures and prints, a package for each of its tables.
+"""The benchmarks of `rig benchmark`, one package per table.
 
-May render its own scenes (`fakes.studio`); everything else it asks of `rig`.
+Renders its own scenes with `fakes.studio`; otherwise it uses only `rig`.
 """

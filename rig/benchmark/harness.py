@@ -38,11 +38,11 @@ Result = TypeVar("Result")
 
 
 def column(heading: str, show: str | Callable[[Any], str] = "", doc: str = "", optional: bool = False) -> Any:
-    """Declare a field of a row: the heading of its column, how its value is shown, and what it is.
+    """Declare a field of a row: heading of its column, format and meaning.
 
-    show: a format specification as ".2f", for each value of a tuple, with which None is shown as "-"; or a
-    function that returns the text of a value, also of None. doc: unit and meaning. optional: the column is
-    left out if it has no value in any row.
+    show: a format specification such as ".2f", which is applied to each value of a tuple and shows None as
+    "-"; or a function that returns the text of a value, including None. doc: unit and meaning. optional: the
+    column is left out if it has no value in any row.
     """
     return field(metadata={"heading": heading, "show": show, "doc": doc, "optional": optional})
 
@@ -56,13 +56,13 @@ def option(default: Any, text: str, *flags: str, **settings: Any) -> Any:
 
 
 def columns_of(kind: type[Any]) -> Any:
-    """Declare a field of a row whose value is a dataclass with columns of its own."""
+    """Declare a field of a row whose value is a dataclass that declares columns."""
     return field(metadata={"columns": kind})
 
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """A title, headings, and rows of as many cells. left: number of columns that are aligned to the left."""
+    """A title, headings, and rows with one cell per heading. left: number of left-aligned columns."""
 
     title: str
     columns: tuple[str, ...]
@@ -76,7 +76,7 @@ class Table:
 
 
 def table_of(title: str, kind: type[Any], rows: Sequence[Any], left: int = 1) -> Table:
-    """Return a table of rows. kind: their dataclass; its fields that are declared by `column` are shown."""
+    """Return a table of rows. kind: their dataclass; the fields declared with `column` are shown."""
     shown = [
         (place, of) for place, of in _columns(kind)
         if not of["optional"] or any(_value(row, place) is not None for row in rows)
@@ -111,12 +111,12 @@ def limit_table(limits: Sequence[Measured], whose: str) -> Table:
 
 @dataclass(frozen=True, slots=True)
 class Report:
-    """What a study measured.
+    """Results of a study.
 
     tables: for the terminal, in this order; a table of the limits follows. limits_of: the limits' subject.
     notes: lines below the tables. section: Markdown for the document given with --readme. figures: further
-    JSON values; the rows of the tables are in the JSON anyway. files: for --out, by name. faults: failures of
-    estimators that are not the rig's own, by estimator.
+    JSON values; the rows of the tables are always in the JSON. files: for --out, by name. faults: failures of
+    a lab's own estimators, by estimator.
     """
 
     tables: Sequence[Table]
@@ -134,9 +134,10 @@ class Study(Generic[Options]):
     """A benchmark: `rig benchmark NAME`.
 
     options: its own options, a frozen dataclass. shared: which of the options "out", "resume", "readme",
-    "jobs" and "seed" it has. measure: measures; its docstring is the command's help. cases: what the progress
-    counts, in the plural. section: name of its section in a document; None: the study's name. keeps_results:
-    results are stored, in a default folder if --out is not given. simulated: marks the JSON.
+    "jobs" and "seed" it has. measure: carries out the study; its docstring is the command's help. cases: name
+    of the cases in the progress, in the plural. section: name of its section in a document; None: the study's
+    name. keeps_results: results are stored, in a default folder if --out is not given. simulated: marks the
+    JSON.
     """
 
     name: str
@@ -151,10 +152,10 @@ class Study(Generic[Options]):
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """How a study is to be run, from the options that studies share.
+    """Settings of the run of a study, from the options that studies share.
 
-    folder: of its results; None if it stores none. progress: called with the number of finished cases, of all
-    cases, and a note about the last one. say: prints a line for people.
+    folder: of its results; None if it stores none. progress: called with the number of finished cases, the
+    number of all cases, and a note about the last one. say: prints a line for the user.
     """
 
     seed: int = 0
@@ -188,11 +189,11 @@ class Run:
     ) -> list[Result]:
         """Return the result of `work` for each case, in the order of the cases.
 
-        name: of a case; unique among all cases that may be stored in one folder. stored: the dataclass of
-        results that are appended to `RESULTS` in the folder as soon as they are there; a stored case is not
-        run again. common: see `stored`. finish: called in this process with a case and its new result, before
-        that is stored; it returns the note for the progress, by default the case's name. Raises `InputError`
-        as `stored`, and what `work` raises.
+        name: returns the name of a case, unique among all cases that may be stored in one folder. stored:
+        dataclass of the results. If given, each result is appended to `RESULTS` in the folder when its case
+        ends, and a stored case is not run again. common: see the method `stored`. finish: called in this
+        process with a case and its new result before the result is stored; returns the note for the progress,
+        by default the case's name. Raises `InputError` like `stored`, and the errors of `work`.
         """
         names = [name(case) for case in cases]
         before = {} if stored is None else self.stored(stored, common)
@@ -252,7 +253,7 @@ class _StoredCase:
 
 
 def as_json(study: Study[Any], options: Any, run: Run, report: Report, wall_s: float) -> dict[str, Any]:
-    """Return a report as JSON values, with what it was measured on."""
+    """Return a report as JSON values, with the options and the machine."""
     tables = [{"title": of.title, "rows": [asdict(row) for row in of.records]} for of in report.tables]
     return {
         "schema": SCHEMA,

@@ -1,4 +1,4 @@
-"""`rig benchmark look`: presses of a real unit drawn by the simulator in its look, beside the photographs."""
+"""`rig benchmark look`: compare photographs of presses on a real unit with simulated images in its look."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,14 +18,14 @@ from rig.calibrate.press_folder import read_press_folder
 
 Array = NDArray[np.floating]
 
-MOST_RATIO, MOST_TOLD_APART = 0.5, 0.75
+MOST_RATIO, MOST_CLASSIFIED = 0.5, 0.75
 GENERIC_UNITS = 4
 _AROUND = 1.7
-"""A press is compared within this multiple of its circle's radius."""
+"""A press is compared in a square of this multiple of its circle's radius to each side."""
 _COLOURS, _NOISE = slice(0, 15), slice(15, None)
-"""Which statistics are of colours, and which of fine noise."""
+"""Slices of the statistics: of colours, and of fine noise."""
 _RIDGE = 1.0
-"""Ridge of the linear classifier, on standardised statistics."""
+"""Ridge parameter of the linear classifier, on standardised statistics."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +42,7 @@ class LookOptions:
 
 @dataclass(frozen=True, slots=True)
 class PressRow:
-    """A press that was left out of the fit, and how it is drawn: a row of the table."""
+    """A press that was left out of the fit, with the errors of its simulated image: a row of the table."""
 
     press: str = column("press left out")
     change_grey: float = column("colour change", ".1f", "rms of the photograph, grey levels")
@@ -53,10 +53,10 @@ class PressRow:
 def measure(options: LookOptions, run: Run) -> Report:
     """Draw held-out presses of a real sensor in its own look; compare them with the photographs.
 
-    Each press is left out of the fit once and drawn by the simulator from its circle. Its colour change is
-    compared with the photograph's, and so are those of made-up units. Then a linear classifier, which learns
-    from the other presses only, tells photographs from drawings by simple statistics: half right is chance.
-    Exit code 4 if a limit is missed.
+    Each press is left out of the fit once and rendered by the simulator from its circle. Its colour change is
+    compared with that of the photograph; so are the colour changes of generic simulated units. Then a linear
+    classifier, trained on the other presses only, classifies photographs and simulated images by simple
+    statistics; 50 % correct is chance. The exit code is 4 if a limit is missed.
 
     Examples:
       rig benchmark look --presses presses --ball-mm 8.8 --mm-per-px 0.0535 0.0535
@@ -90,19 +90,24 @@ def measure(options: LookOptions, run: Run) -> Report:
 
 
 def judge(rows: Sequence[PressRow], real: Array, drawn: Array, made_up: Array) -> tuple[Measured, ...]:
-    """The limits. real, drawn, made_up: (N, S) statistics of photographs, the look and generic units."""
+    """Return the limits. real, drawn, made_up: (N, S) statistics of photographs, look and generic units."""
     ours, generic = (np.array([getattr(row, key) for row in rows]) for key in ("look_grey", "generic_grey"))
     ratio = float(np.sqrt((ours**2).mean() / (generic**2).mean()))
     return (
         at_most("colour error over that of a generic look", ratio, MOST_RATIO),
-        at_most("share told apart by its colours", told_apart(real, drawn, _COLOURS), MOST_TOLD_APART),
-        informative("share told apart by its fine noise", told_apart(real, drawn, _NOISE)),
-        informative("a generic look: share told apart by its colours", told_apart(real, made_up, _COLOURS)),
+        at_most("share classified correctly by colours", classified(real, drawn, _COLOURS), MOST_CLASSIFIED),
+        informative("share classified correctly by fine noise", classified(real, drawn, _NOISE)),
+        informative(
+            "a generic look: share classified correctly by colours", classified(real, made_up, _COLOURS)
+        ),
     )
 
 
 def statistics(image: Image, circle: Circle) -> Array:
-    """Level, spread, range, gradient and fine noise per channel of a picture (H, W, 3) around a press."""
+    """Return statistics of an image (H, W, 3) around a press.
+
+    They are level, standard deviation, range, gradient and fine noise of each channel.
+    """
     x, y, radius = (round(value) for value in circle)
     reach = round(_AROUND * radius)
     part = image[max(y - reach, 0) : y + reach, max(x - reach, 0) : x + reach].astype(np.float32)
@@ -120,8 +125,8 @@ def statistics(image: Image, circle: Circle) -> Array:
     return np.concatenate(per_channel)
 
 
-def told_apart(real: Array, drawn: Array, by: slice) -> float:
-    """Share of pictures that a linear classifier assigns right; it learns without the pair in question.
+def classified(real: Array, drawn: Array, by: slice) -> float:
+    """Return the fraction of images that a linear classifier classifies correctly, by leave-one-pair-out.
 
     real, drawn: (N, S) statistics, of which `by` are used.
     """
@@ -140,7 +145,7 @@ def told_apart(real: Array, drawn: Array, by: slice) -> float:
 
 
 def _rms(change: Array, circle: Circle) -> float:
-    """Rms of a difference of pictures (H, W, 3) around a press, at half resolution: less of it is noise."""
+    """Return the rms of a difference image (H, W, 3) around a press, at half resolution to reduce noise."""
     half = cv2.resize(change.astype(np.float32), None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
     rows, columns = np.indices(half.shape[:2]) * 2 + 0.5
     near = np.hypot(columns - circle[0], rows - circle[1]) < _AROUND * circle[2]

@@ -20,7 +20,7 @@ def data_folder() -> Path | None:
 
 @dataclass(frozen=True, slots=True)
 class Measured:
-    """A row of a table: met is None where nothing is asked, or nothing was there to measure on."""
+    """A measured value and its limit: a row of a table. met: None without a limit or without data."""
 
     name: str
     value: float | None
@@ -34,27 +34,27 @@ class Measured:
 
 
 def at_most(name: str, value: SupportsFloat | None, limit: float) -> Measured:
-    """A number that should not exceed a limit; None, where nothing was there to measure on, misses it."""
+    """Return a value with an upper limit. value: None, if there were no data, misses the limit."""
     return _within(name, value, float("-inf"), limit, f"at most {limit:g}")
 
 
 def at_least(name: str, value: SupportsFloat | None, limit: float) -> Measured:
-    """A number that should reach a limit; None misses it."""
+    """Return a value with a lower limit; None misses it."""
     return _within(name, value, limit, float("inf"), f"at least {limit:g}")
 
 
 def between(name: str, value: SupportsFloat | None, low: float, high: float) -> Measured:
-    """A number that should lie between two limits; None misses them."""
+    """Return a value with two limits; None misses them."""
     return _within(name, value, low, high, f"{low:g} to {high:g}")
 
 
 def informative(name: str, value: SupportsFloat) -> Measured:
-    """A number of which nothing is asked."""
+    """Return a value without a limit."""
     return Measured(name, float(value), "", None)
 
 
 def not_there(name: str) -> Measured:
-    """A row whose real recordings are not there."""
+    """Return a row for a measurement whose real recordings are missing."""
     return Measured(name, None, "no recordings here (RIG_TEST_DATA)", None)
 
 
@@ -65,7 +65,7 @@ def _within(name: str, value: SupportsFloat | None, low: float, high: float, ask
 
 
 def markers(name: str) -> tuple[str, str]:
-    """Return the two lines between which the table of `rig benchmark NAME` stands."""
+    """Return the two lines that enclose the table of `rig benchmark NAME` in a document."""
     return f"<!-- rig benchmark {name}: begin -->", f"<!-- rig benchmark {name}: end -->"
 
 
@@ -78,7 +78,7 @@ def check_readme(path: Path, name: str) -> None:
 
 
 def write_section(path: Path, name: str, section: str) -> None:
-    """Replace what stands between the two markers. Raises `InputError` where they are not there."""
+    """Replace the lines between the two markers. Raises `InputError` if the markers are missing."""
     check_readme(path, name)
     begin, end = markers(name)
     head, _, rest = path.read_text(encoding="utf-8").partition(begin)

@@ -1,4 +1,4 @@
-"""`rig benchmark seeds`: the trial's lifts of many seeds, scored as they were answered online."""
+"""`rig benchmark seeds`: the trial's lifts for many seeds, scored with the angles reported during them."""
 
 import tempfile
 from collections.abc import Sequence
@@ -41,7 +41,9 @@ class SeedsOptions:
 
     full: bool = option(False, f"{MANY} seeds instead of {FEW}.")
     bench: str = option("fake", "fake, hard, or the path of a bench file simulated in process.")
-    objects: list[str] | None = option(None, "By id or name; repeat. Default: the trial's nine.", "--object")
+    objects: list[str] | None = option(
+        None, "Id or name; repeat for more. Default: the trial's nine.", "--object"
+    )
     lifts: int = option(5, "Lifts of each object.", min=1, max=100)
 
 
@@ -60,7 +62,7 @@ class LiftCase:
 
 @dataclass(frozen=True, slots=True)
 class SeedLift:
-    """One lift: its score, and how far the object turned."""
+    """One lift: its score, and the rotation of the object."""
 
     seed: int
     score: SeriesScore

@@ -23,8 +23,9 @@ Row = tuple[str, float, Path | None, tuple[float, float] | None]
 class PressFolder:
     """The presses of a folder.
 
-    folder: of the pictures. found: with the contact that was found in each; pressed: with the photograph and
-    its circle, hand-drawn where there is one. moves_mm: place of the ball by id, x right and y down.
+    folder: of the pictures. found: presses in which a contact was detected. pressed: photographs with the
+    circle of their contact, drawn by hand if there is such a circle, else detected. moves_mm: position of the
+    ball by id, x right and y down.
     """
 
     folder: Path

@@ -79,7 +79,7 @@ def report_broken(problems: Sequence[str]) -> None:
     for problem in problems[:-1]:
         say(f"left out: {problem}")
     if problems:
-        raise SessionError(f"done, except for what is broken: {problems[-1]}")
+        raise SessionError(f"done, except for broken inputs: {problems[-1]}")
 
 
 STOPS = (signal.SIGINT, signal.SIGTERM, signal.SIGQUIT)

@@ -25,7 +25,7 @@ def _closing(pairs: OpeningPairs) -> OpeningPairs:
     for (counts, opening_m), (more, next_m) in pairwise(pairs):
         if not (counts < more and opening_m >= next_m):
             way = f"from {counts:g} to {more:g} counts"
-            raise ValueError(f"does not close {way}: {opening_m:.4g} to {next_m:.4g} m")
+            raise ValueError(f"the opening does not decrease {way}: {opening_m:.4g} to {next_m:.4g} m")
     return pairs
 
 

@@ -120,9 +120,9 @@ def test_rotation_is_positive_counter_clockwise(make_estimator: MakeEstimator) -
     angles = [sample.angle_deg for sample in answers(make_estimator(gel(320, 240)))]
     before, after = angles[AT_REST - 1], angles[-1]
     if before is None or after is None:
-        pytest.skip("it refuses a bar drawn with simple lighting: its sign is not known")
+        pytest.skip("the estimator refuses a bar drawn with simple lighting: its sign cannot be checked")
     turned = after - before
-    assert LEAST_DEG < turned < MOST_DEG, f"turned by {TURNING * STEP_DEG:g}: see the sign, and the unit"
+    assert LEAST_DEG < turned < MOST_DEG, f"the true rotation is {TURNING * STEP_DEG:g}: check sign and unit"
 
 
 def answers(estimator: TactileEstimator) -> list[SlipSample]:

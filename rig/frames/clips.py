@@ -25,23 +25,23 @@ VIDEO_ENDINGS = {
     ".avi", ".mp4", ".mov", ".mkv", ".webm", ".m4v", ".mpg", ".mpeg", ".ts", ".wmv", ".flv", ".ogv",
     ".mjpeg", ".mjpg",
 }  # fmt: skip
-"""Only such files are read as videos: OpenCV finds pictures in any file that holds JPEG data."""
+"""Only files with these endings are read as videos: OpenCV finds images in any file with JPEG data."""
 ARRAY_SUFFIXES = (".npy", ".npz")
 _HEADERS = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
 _DAMAGE = (
     OSError, EOFError, ValueError, TypeError, KeyError, RuntimeError, MemoryError, SyntaxError, OverflowError,
     tokenize.TokenError, zipfile.BadZipFile, zlib.error, lzma.LZMAError,
 )  # fmt: skip
-"""What damaged bytes lead to in numpy and zipfile."""
+"""Exceptions that numpy and zipfile raise for damaged files."""
 
 
 def is_ros_bag(path: Path) -> bool:
-    """Whether a path is a ROS bag: a folder with its metadata, or a file by its first bytes."""
+    """Whether a path is a ROS bag: a folder with a bag's metadata, or a file that starts as a bag does."""
     return (path / "metadata.yaml").is_file() or is_ros_file(first_bytes(path))
 
 
 def clip_frames(folder: Path) -> Path:
-    """Return a clip's folder of frames, or its one video or ROS bag. Raises `InputError`."""
+    """Return a clip's folder of frames, or its only video or ROS bag. Raises `InputError`."""
     if not folder.is_dir():
         raise InputError(f"{folder}: there is no such folder: give a clip's")
     if (folder / FRAMES).is_dir():
@@ -64,7 +64,7 @@ def clip_background(folder: Path) -> Path | None:
 
 
 def require_clip(path: Path) -> None:
-    """Raise `InputError` if a path is certainly not a clip of one sensor."""
+    """Raise `InputError` if a path cannot be a clip of one sensor."""
     is_device = path.exists() and not path.is_dir() and not path.is_file()
     if is_device or (not path.exists() and re.match(r"[a-z][a-z0-9]+:/", str(path))):
         raise InputError(f"{path}: a stream or a device has no end: record a clip of it and give that")
@@ -72,7 +72,7 @@ def require_clip(path: Path) -> None:
         raise InputError(f"{path}: there is no such file or folder: check the path")
     if is_recording(path):
         raise InputError(
-            f"{path}: is a recording of several sensors, no clip of one: use rig estimate {path}, or give "
+            f"{path}: is a recording of several sensors, not a clip of one: use rig estimate {path}, or give "
             "its session folder"
         )
     known = (*SUFFIXES, *ARRAY_SUFFIXES, *VIDEO_ENDINGS)
@@ -84,8 +84,8 @@ def require_clip(path: Path) -> None:
     for folder in path.absolute().parents[:3] if path.is_dir() else ():
         if (folder / RESULTS["record"]).is_file():
             raise InputError(
-                f"{path}: images of a recording session, of several sensors and poses, no clip: give the "
-                "frames of one sensor in their order"
+                f"{path}: images of several sensors and poses from a recording session, not a clip: give the "
+                "frames of one sensor in order"
             )
 
 
@@ -96,7 +96,7 @@ def array_shape(path: Path) -> tuple[int, int, int]:
 
 
 def array_frames(path: Path) -> Iterator[Image]:
-    """Yield the frames one by one, (H, W, 3) uint8 RGB: they need not fit the memory. Raises `InputError`."""
+    """Yield the frames one by one, (H, W, 3) uint8 RGB, without loading all. Raises `InputError`."""
     with _opened(path) as (stream, (count, height, width)):
         for _ in range(count):
             data = stream.read(height * width * 3)
@@ -107,7 +107,7 @@ def array_frames(path: Path) -> Iterator[Image]:
 
 @contextmanager
 def _opened(path: Path) -> Iterator[tuple[IO[bytes], tuple[int, int, int]]]:
-    """Open the array's data, behind its header, with its number of frames, their height and width."""
+    """Open a file and read its array's header; give the stream at the first frame, and (T, H, W)."""
     try:
         with ExitStack() as stack:
             if path.suffix.lower() == ".npz":

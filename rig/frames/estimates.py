@@ -39,7 +39,7 @@ class TimedImage(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class TimedSample:
-    """A sample, and the wall time in s that the estimator needed; None for a frame that could not be read."""
+    """A sample and the wall time in s of its computation, None for a frame that could not be read."""
 
     sample: SlipSample
     cost_s: float | None
@@ -56,7 +56,7 @@ class Answer:
 
 @dataclass(frozen=True, slots=True)
 class Estimate:
-    """The estimates of one series, None if refused or not available.
+    """The estimates of one series, with None for values that the estimator refused or does not compute.
 
     angles_deg, sigmas_deg, shifts_px (x right, y down): from the zero, see `zeroed`. slips: whether the slip
     alarm had been raised, see `rig.frames.slip_alarm`.
@@ -75,7 +75,7 @@ class Estimate:
 
 @dataclass(frozen=True, slots=True)
 class EstimateFigures:
-    """Summary of an estimate. refused: frames by state. median_ms, p99_ms: wall time per frame.
+    """Summary of an estimate. refused: number of frames by state. median_ms, p99_ms: wall time per frame.
 
     slip_s: time of the first slip alarm, None without one.
     """
@@ -97,7 +97,7 @@ def estimate_frames(
 ) -> Iterator[TimedSample]:
     """Yield the sample of every frame, in order; a frame that could not be read is `lost`.
 
-    states: of the arm, in order; before each frame the estimator gets those until the frame's time.
+    states: the arm's states in time order. Before each frame the estimator gets the states up to its time.
     """
     waiting = deque(states)
     for frame in frames:
@@ -114,9 +114,9 @@ def estimate_frames(
 def estimate_together(
     estimators: Mapping[str, TactileEstimator], frames: Iterable[TimedImage]
 ) -> dict[str, list[TimedSample]]:
-    """Return the samples of several estimators by name, each frame being estimated by all before the next.
+    """Return the samples of several estimators by name. All estimate a frame before the next one is read.
 
-    So each frame is read once, and the estimators may share what they find in it.
+    This way each frame is read once, and the estimators can share intermediate results.
     """
     copies = tee(frames, len(estimators))
     loops = (estimate_frames(*of) for of in zip(estimators.values(), copies, strict=True))
@@ -148,7 +148,7 @@ def zeroed(
     sign: int = 1,
     lift_ns: int | None = None,
 ) -> Estimate:
-    """Take the angles from the zero, the answer at the reference time or of the first stable contact.
+    """Return angles relative to the zero: the answer at the reference time, or at the first stable contact.
 
     keep_zero: use the estimator's own zero, like the published script. sign: +1, or -1 for a fingertip that
     sees the object from behind. lift_ns: start of the lift, if known. If there is no angle at the reference
@@ -182,7 +182,7 @@ def zeroed(
 def rows(estimate: Estimate, mm_per_px: tuple[float, float] | None = None) -> list[dict[str, object]]:
     """Return a row per frame: t_s (text as given), state, slip (0 or 1), figures; None where refused.
 
-    mm_per_px: of the gel along x and y; with it the shift is also given in mm.
+    mm_per_px: scale of the gel along x and y. If given, the rows also contain the shift in mm.
     """
     found = [_row(estimate, place) for place in range(len(estimate.answers))]
     if mm_per_px is None:
@@ -260,11 +260,11 @@ def _zero_place(answers: Sequence[Answer], reference: FrameTime | None) -> tuple
         return _place_at(answers, reference)
     answered = [i for i, answer in enumerate(answers) if answer.sample.angle_deg is not None]
     if not answered:
-        return None, "none: no frame was answered"
+        return None, "none: no frame has an angle"
     areas = np.array([answer.sample.contact_area_px for answer in answers])
     stable = next((i for i in answered if _is_stable(areas[i:])), None)
     if stable is None:
-        return answered[0], "first answered frame; no stable contact was seen"
+        return answered[0], "first frame with an angle; no stable contact was found"
     return stable, "first frame of stable full contact"
 
 
@@ -285,9 +285,9 @@ def _place_at(answers: Sequence[Answer], reference: FrameTime) -> tuple[int | No
         return place, "as asked"
     state = answers[place].sample.state.value
     if not answered:
-        return None, f"none: no frame was answered; {state} at --reference-time {reference.text}"
+        return None, f"none: no frame has an angle; {state} at --reference-time {reference.text}"
     instead = next((i for i in answered if i > place), answered[0])
-    return instead, f"first answer; no angle ({state}) at --reference-time {reference.text}"
+    return instead, f"first later frame with an angle; {state} at --reference-time {reference.text}"
 
 
 def _check_within(answers: Sequence[Answer], option: str, time: FrameTime) -> None:

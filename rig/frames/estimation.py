@@ -17,7 +17,8 @@ from rig.tactile.contact.untouched import Comparison
 from rig.tactile.estimators import ESTIMATORS, PUBLISHED, TOSKOV, EstimatorChoice
 from rig.tactile.foreign import faults_of
 
-# The first frame is compared with this many later ones; it is dark below this share of their brightness.
+# The first frame is compared with this many later ones. It counts as dark if its mean brightness is below
+# this share of theirs.
 AFTER_FIRST = 5
 DARK_SHARE = 0.7
 # Number of evenly spread frames from which the gel without contact is estimated.
@@ -38,8 +39,8 @@ def frame_doubts(series: FrameSeries) -> list[str]:
         return [f"the first frame is dark (mean {first.mean():.0f}, the next ones {light:.0f}): leave it out"]
     if _differs(after[0], first) and not any(_differs(after[0], image) for image in after[1:]):
         return [
-            "the first frame shows something else than those after it: leave it out if the camera kept it "
-            "from before"
+            "the first frame differs from all frames after it: leave it out if it is an old frame from the "
+            "camera's buffer"
         ]
     return []
 
@@ -53,13 +54,13 @@ def background_doubts(spec: str | None, background: Image, series: FrameSeries) 
         if odd := _odd_ones(background, images):
             return [
                 f"the frames of --background {spec} are not alike (frame {odd[0]} differs): a contact begins "
-                "among them, or one is from before; give fewer or an IMAGE"
+                "during them, or one is an old frame; give fewer frames or an IMAGE"
             ]
     frames = evenly_spread(series.images(), COMPARED)
     if len(frames) >= ENOUGH_FRAMES and _shows_contact(background, auto_background(frames)):
         return [
-            "the background seems to show a contact, which other frames do not: give an IMAGE without one, "
-            "or --background auto"
+            "the background seems to show a contact that other frames do not show: give an IMAGE without "
+            "contact, or --background auto"
         ]
     return []
 
@@ -125,13 +126,13 @@ class SeriesEstimate:
                 f"{counted(found.jumped, 'frame')} with a time far from those around it: 'lost' in the table"
             )
         if found.refused == {"no_contact": found.frames}:
-            more.append("no frame shows a contact; where one should, the background shows the same contact")
+            more.append("no frame shows a contact; if one should, the background shows the same contact")
         return more
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EstimatedSeries:
-    """Frames and their estimate. name: of the clip or the sensor. sign: of the image angle in its angles."""
+    """Frames and their estimate. name: clip or sensor. sign: factor from image angles to the angles here."""
 
     name: str
     frames: FrameSeries
@@ -143,8 +144,8 @@ def require_frames_suffice(choice: EstimatorChoice) -> None:
     """Raise `InputError` for an estimator that needs the arm's states beside the frames."""
     if choice.name == TOSKOV:
         raise InputError(
-            f"the estimator '{TOSKOV}' feels at the arm's wrist and frames do not tell that: use it in "
-            f"lifts, with rig trial, or rig replay SESSION --estimator {TOSKOV}"
+            f"the estimator '{TOSKOV}' needs the wrench at the arm's wrist, which a clip does not contain: "
+            f"use it in lifts, with rig trial, or rig replay SESSION --estimator {TOSKOV}"
         )
 
 
@@ -170,7 +171,7 @@ class Estimation:
         self.lift = _time("--lift-from", lift_from)
         if self._published and self._reference is not None:
             raise InputError(
-                f"{choice.name} takes its zero itself, as the script does: leave --reference-time out"
+                f"{choice.name} sets its own zero, as the published script does: leave --reference-time out"
             )
 
     def of_series(self, series: FrameSeries) -> SeriesEstimate:
@@ -181,7 +182,7 @@ class Estimation:
         return SeriesEstimate(estimate, background, note, tuple(doubts), self.choice.sees(background))
 
     def of_sensor(self, tip: SessionSeries) -> SeriesEstimate:
-        """Estimate a session's frames, with what it knows of their sensor. Raises `InputError`."""
+        """Estimate a session's frames with the sensor's sign, background and aspect. Raises `InputError`."""
         if self._background is None:
             background, note, doubts = tip.background, "background: the session's own", []
         else:

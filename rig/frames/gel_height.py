@@ -1,4 +1,4 @@
-"""Height and normals of a pressed gel, by the colour map of `rig calibrate tactile`."""
+"""Height and normals of a pressed gel, computed with the colour map of `rig calibrate tactile`."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -69,10 +69,10 @@ def read_scale(path: Path) -> tuple[float, float]:
 
 
 def gel_shape(image: Image, background: Image, gel: GelMap) -> GelShape:
-    """Find the shape of the gel in an image (H, W, 3) uint8 RGB.
+    """Reconstruct the shape of the gel from an image (H, W, 3) uint8 RGB.
 
-    Slopes come from the colours, the depth from the slopes by least squares; far from a contact it is 0.
-    Raises `CalibrationError` if the images are not of the size that was calibrated.
+    The colour map gives slopes, and a least squares fit to the slopes gives the depth, which is 0 far from a
+    contact. Raises `CalibrationError` if the images do not have the calibrated size.
     """
     if image.shape[:2] != gel.map.shape:
         raise CalibrationError(
@@ -91,12 +91,12 @@ def gel_shape(image: Image, background: Image, gel: GelMap) -> GelShape:
 
 
 def depth_picture(shape: GelShape) -> Image:
-    """Draw a depth (h, w, 3) uint8 RGB: black is untouched, white the deepest."""
+    """Draw the depth, (h, w, 3) uint8 RGB, from black (untouched) to white (deepest)."""
     deepest = max(float(shape.depth_mm.max()), 1e-6)
     grey = np.clip(shape.depth_mm / deepest * 255.0, 0, 255).astype(np.uint8)
     return np.asarray(cv2.cvtColor(grey, cv2.COLOR_GRAY2RGB), np.uint8)
 
 
 def normals_picture(shape: GelShape) -> Image:
-    """Draw normals (h, w, 3) uint8 RGB: x, y and z from -1 to 1 as red, green and blue."""
+    """Draw the normals, (h, w, 3) uint8 RGB: x, y and z from -1 to 1 as red, green and blue."""
     return np.asarray(np.clip((shape.normals + 1.0) * 127.5, 0, 255), np.uint8)

@@ -1,4 +1,4 @@
-"""Contact masks of images: files or folders in, a mask for each image at its own size out."""
+"""Contact masks of images: reads files or folders and computes one mask per image, at the image's size."""
 
 import json
 from collections import Counter
@@ -48,7 +48,7 @@ class FrameSegmenter(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class SegmentChoice:
-    """How contacts are found.
+    """Method and settings of contact segmentation.
 
     model: `classical`, a shipped network's name or an ONNX file. margin: as in `Segmenter`.
     """
@@ -104,12 +104,12 @@ class ClassicalSegmenter:
 
     def __init__(self, background: Image | None, margin: float) -> None:
         if background is None:
-            raise InputError("the classical mask compares with a frame without contact: give --background")
+            raise InputError("the classical mask needs a frame without contact: give --background")
         self._background, self._margin = background, check_margin(margin)
 
     def segment(self, image: Image) -> Segmentation:
         """Return the contact and the frame's state, independent of other images."""
-        # a finder has hysteresis; a new one has no memory of the image before
+        # the contact finder has hysteresis; a new one does not depend on the image before
         contact = ContactFinder(self._background).find(image)
         state = frame_exposure(image)
         if state is not None:
@@ -120,7 +120,7 @@ class ClassicalSegmenter:
 
 
 MakeSegmenter = Callable[[Image | None], FrameSegmenter]
-"""Makes the segmenter of the sensor with a background. Raises `InputError`."""
+"""Makes the segmenter of a sensor from its background. Raises `InputError`."""
 
 
 def segmenter_maker(choice: SegmentChoice) -> MakeSegmenter:
@@ -137,7 +137,7 @@ def make_segmenter(choice: SegmentChoice, background: Image | None) -> FrameSegm
 
 
 def needs_background(choice: SegmentChoice) -> bool:
-    """Whether the images have to be compared with a frame without contact. Raises `InputError`."""
+    """Whether the chosen method needs a frame without contact. Raises `InputError`."""
     if choice.model == CLASSICAL:
         return True
     return load_network(choice.model).recipe.inputs is NetworkInput.FRAME_AND_DIFFERENCE
@@ -146,8 +146,8 @@ def needs_background(choice: SegmentChoice) -> bool:
 def image_groups(paths: Sequence[Path], background: str | None, compare: bool) -> list[ImageGroup]:
     """Return the images of files, folders and sessions of `rig record`, by sensor.
 
-    background: as `rig.frames.series.make_background` takes it; a session's own by default. compare: whether
-    one is needed at all. Raises `InputError`.
+    background: see `rig.frames.series.make_background`; by default the session's own. compare: whether a
+    background is needed. Raises `InputError`.
     """
     groups, files = [], []
     for path in paths:
@@ -161,7 +161,7 @@ def image_groups(paths: Sequence[Path], background: str | None, compare: bool) -
 
 
 def segment_groups(groups: Sequence[ImageGroup], choice: SegmentChoice) -> Iterator[SegmentedImage]:
-    """Segment image after image; one that cannot be read is kept as such. Raises `InputError`."""
+    """Segment the images in order; a file that cannot be read yields empty fields. Raises `InputError`."""
     make = segmenter_maker(choice)
     for group in groups:
         segmenter = make(group.background)
@@ -188,7 +188,7 @@ def mask_figures(rows: Sequence[Mapping[str, Any]]) -> tuple[dict[str, int], flo
 def output_names(groups: Sequence[ImageGroup], out: Path, ending: str) -> dict[Path, Path]:
     """Return the file in `out` for each image, by its stem.
 
-    Raises `InputError` where two images share a stem, or a file would replace an image.
+    Raises `InputError` if two images have the same stem, or a file would replace an image.
     """
     names: dict[Path, Path] = {}
     taken: dict[Path, Path] = {}
@@ -240,7 +240,7 @@ def _group(files: list[Path], background: str | None, compare: bool) -> ImageGro
         raise InputError(
             f"{series.name}: {counted(len(files), 'image')} cannot make a background: give --background IMAGE"
         )
-    # the order of images in a data set has no meaning, unlike in a recording
+    # `auto`, because the order of images in a data set has no meaning, unlike in a recording
     return ImageGroup(tuple(files), *make_background(background or "auto", series))
 
 
@@ -257,10 +257,10 @@ def _files(path: Path) -> list[Path]:
 
 
 def shipped_cards() -> list[dict[str, Any]]:
-    """Return the cards of the shipped networks, each with `shipped`: its file's facts and precision.
+    """Return the model cards of the shipped networks, as `rig train` writes them.
 
-    A card is that of `rig train`, and describes a file by its hash. Raises `InputError` where a file is
-    not one that its card describes.
+    The added key `shipped` contains name, size, hash and precision of the shipped file. Raises `InputError`
+    if the hash of a file is not in its card.
     """
     return [_card(name) for name in SHIPPED]
 
@@ -275,4 +275,4 @@ def _card(name: str) -> dict[str, Any]:
                 "name": name,
                 "shipped": {**facts, "file": f"{name}.onnx", "precision": precision},
             }
-    raise InputError(f"the shipped network '{name}' is not the one its card describes: install again")
+    raise InputError(f"the shipped network '{name}' does not match its model card: install the rig again")

@@ -20,9 +20,9 @@ from rig.tactile.contact.background import mean_background
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SessionSeries:
-    """One fingertip in one lift: its sign, its frame without contact, its frames from phase A on.
+    """One fingertip in one lift: its sign, its frame without contact, and its frames from phase A on.
 
-    aspect: width over height of its pixels on the gel, None where unknown. lift_ns: when the lift began.
+    aspect: width over height of a pixel on the gel, None if unknown. lift_ns: start of the lift.
     """
 
     lift: str
@@ -42,7 +42,7 @@ def session_frames(folder: Path) -> tuple[list[SessionSeries], tuple[str, ...]]:
     manifest = read_manifest_of(
         folder,
         TrialManifest,
-        "it has no lifts, and its images are no clip: each is of another sensor or pose",
+        "it has no lifts, and its images are not a clip: they show different sensors or poses",
     )
     usable, aspects = read_usable_lifts(folder, checked=True), manifest.config.pixel_aspects()
     series = [
@@ -56,8 +56,8 @@ def session_frames(folder: Path) -> tuple[list[SessionSeries], tuple[str, ...]]:
 def recording_frames(recording: Path) -> list[SessionSeries]:
     """Return the fingertips of one recording, which may be outside its session.
 
-    Pixel aspects are known from the session alone. Raises `SessionError`, or `InputError` for a file that is
-    not a recording of a lift.
+    The pixel aspect is known only if the recording is in its session. Raises `SessionError`, or `InputError`
+    if the file is not a recording of a lift.
     """
     session = recording.absolute().parent.parent
     if is_session(session):
@@ -76,7 +76,7 @@ _SIGNS = re.compile(r"(?:^|, )(.+?) on finger \w+ ([+-]1)(?=, |$)")
 
 
 def of_sensor(tips: Sequence[SessionSeries], serial: str | None) -> Sequence[SessionSeries]:
-    """Return one sensor's series, all without a serial. Raises `InputError` for one that is not there."""
+    """Return the series of one sensor, or all if `serial` is None. Raises `InputError` if unknown."""
     found = [tip for tip in tips if serial in (None, tip.serial)]
     if not found:
         raise unknown_name("sensor", str(serial), dict.fromkeys(tip.serial for tip in tips))

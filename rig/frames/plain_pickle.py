@@ -1,9 +1,9 @@
-"""Pickled numbers, texts, bytes, lists, dicts and numeric numpy arrays, read without Python's unpickler.
+"""Read pickled numbers, strings, bytes, lists, dicts and numeric numpy arrays without Python's unpickler.
 
-Python's unpickler calls what a file names, and numpy's C code trusts the state that a pickle gives an array
-or a data type: a crafted file ends the process or corrupts its memory. Here the standard library only splits
-the file into its instructions (`pickletools.genops`). Each instruction below builds a plain value, every
-other one is refused, and an array is made from its bytes only after its shape, data type and length were
+Python's unpickler calls any function that a file names, and numpy's C code trusts the state in a pickled
+array or data type: a crafted file can crash the process or corrupt its memory. Here the standard library only
+splits the file into instructions (`pickletools.genops`). The instructions below build plain values, and all
+others are refused. An array is created from its bytes only after its shape, data type and length have been
 checked.
 """
 
@@ -28,10 +28,10 @@ NAMES = {
         for name in ("_reconstruct", "scalar")
     },
 }
-"""What an array's pickle names, in numpy 1 and 2. A name selects a rule here; nothing is imported."""
+"""Names in pickled arrays of numpy 1 and 2, with the rule that each one selects. Nothing is imported."""
 MOST_DIMENSIONS = 8
 _NUMBERS = re.compile(r"b1|[iu][1248]|f[248]")
-"""Data types that are read: booleans, integers and floats of fixed size, without objects, texts or fields."""
+"""Accepted data types: booleans, integers and floats of fixed size, but no objects, strings or fields."""
 _WHOLE = ("BININT", "BININT1", "BININT2", "LONG1")
 _VALUES = (
     "BINFLOAT", "BINUNICODE", "SHORT_BINUNICODE", "BINUNICODE8", "BINBYTES", "SHORT_BINBYTES", "BINBYTES8",
@@ -46,14 +46,14 @@ _IGNORED = ("PROTO", "FRAME")
 
 
 class _Name:
-    """One of `NAMES`, as it stands in a file."""
+    """A name from `NAMES` that the file contains."""
 
     def __init__(self, rule: str) -> None:
         self.rule = rule
 
 
 class _Unbuilt:
-    """A data type or an array whose state follows. keys: where the file remembers it."""
+    """A data type or an array whose state follows. keys: its keys in the file's memo."""
 
     def __init__(self, rule: str, code: str = "") -> None:
         self.rule, self.code = rule, code
@@ -67,11 +67,11 @@ def read_plain_pickle(data: bytes) -> Any:
     except FormatError:
         raise
     except (ValueError, TypeError, LookupError, EOFError, MemoryError, OverflowError) as error:
-        raise FormatError(f"it is no whole pickle ({reason(error)})") from error
+        raise FormatError(f"it is not a complete pickle ({reason(error)})") from error
 
 
 class _Reader:
-    """The stack, the marks on it and the values remembered by number."""
+    """The state of the pickle machine: its stack, the marks on the stack, and the memo (values by number)."""
 
     def __init__(self) -> None:
         self._stack: list[Any] = []
@@ -88,12 +88,12 @@ class _Reader:
         }  # fmt: skip
 
     def read(self, data: bytes) -> Any:
-        """Follow the instructions of a file; return what is left at its end."""
+        """Execute the instructions of a file; return the value on the stack at its end."""
         for opcode, argument, _ in pickletools.genops(data):
             if opcode.name == "STOP":
                 return self._stack.pop()
             self._follow(opcode.name, argument)
-        raise EOFError("its end is missing")
+        raise EOFError("the end is missing")
 
     def _follow(self, name: str, argument: Any) -> None:
         if name in _VALUES:
@@ -109,7 +109,7 @@ class _Reader:
             step(argument)
 
     def _popped(self, count: int) -> list[Any]:
-        """Return the newest values, oldest first."""
+        """Remove the newest values from the stack; return them, oldest first."""
         if count > len(self._stack) - (self._marks[-1] if self._marks else 0):
             raise IndexError("too few values")
         values = self._stack[len(self._stack) - count :]
@@ -143,10 +143,10 @@ class _Reader:
         self._update(self._since_mark())
 
     def _update(self, values: list[Any]) -> None:
-        # texts and numbers only: a tuple nested deep enough overflows the stack when it is hashed
+        # only strings and numbers are accepted: hashing a deeply nested tuple overflows the C stack
         keys = [key for key in values[::2] if type(key) in (str, int)]
         if 2 * len(keys) != len(values):
-            raise FormatError("a dict in it has a key that is neither text nor a whole number")
+            raise FormatError("a dict in it has a key that is neither a string nor an integer")
         _of(dict, self._stack[-1]).update(zip(keys, values[1::2], strict=True))
 
     def _memoize(self, _: Any) -> None:
@@ -170,7 +170,7 @@ class _Reader:
     def _name(self, module: Any, name: Any) -> None:
         rule = NAMES.get((_of(str, module), _of(str, name)))
         if rule is None:
-            raise FormatError(f"it names {shown(f'{module}.{name}')}, which no array needs")
+            raise FormatError(f"it refers to {shown(f'{module}.{name}')}, which arrays do not need")
         self._stack.append(_Name(rule))
 
     def _reduce(self, _: Any) -> None:
@@ -184,7 +184,7 @@ class _Reader:
             dtype, data = _of(tuple, arguments)
             self._stack.append(_array((), dtype, data, False)[()])
         else:
-            raise FormatError("it calls numpy.ndarray, which no array needs")
+            raise FormatError("it calls numpy.ndarray, which arrays do not need")
 
     def _build(self, _: Any) -> None:
         unbuilt, state = self._popped(2)
@@ -194,16 +194,16 @@ class _Reader:
 
 
 def _of(kind: type, value: Any) -> Any:
-    """Return a value of exactly this type. Raises `FormatError` for another one."""
+    """Return the value if it has exactly this type. Raises `FormatError` otherwise."""
     if type(value) is not kind:
-        raise FormatError(f"it has a {type(value).__name__} where a {kind.__name__} belongs")
+        raise FormatError(f"it contains a {type(value).__name__} in place of a {kind.__name__}")
     return value
 
 
 def _bounded(number: int) -> int:
-    """Return an integer of 64 bits: larger ones could be chosen to have the same hash."""
+    """Return the integer if it fits 64 bits. Larger ones could be crafted to have equal hashes."""
     if not -(2**63) <= number < 2**64:
-        raise FormatError("it holds a whole number beyond 64 bits")
+        raise FormatError("it holds an integer of more than 64 bits")
     return number
 
 
@@ -214,20 +214,18 @@ def _code(name: Any) -> str:
 
 
 def _built(unbuilt: _Unbuilt, state: tuple[Any, ...]) -> np.dtype[Any] | NDArray[Any]:
-    """Return the data type or the array of a state, as numpy writes it."""
+    """Return the data type or the array described by a state that numpy has written."""
     if unbuilt.rule == "dtype":
-        # version, byte order, and what only fields and texts have
+        # version, byte order, and values that only fields and strings use
         if state[1] not in ("<", ">", "|", "=") or any(part is not None for part in state[2:5]):
-            raise FormatError(
-                "it holds an array with fields or of no known byte order; only numbers are read"
-            )
+            raise FormatError("it holds an array with fields or of unknown byte order; only numbers are read")
         return np.dtype(f"{state[1]}{unbuilt.code}")
     _, shape, dtype, column_order, data = state
     return _array(shape, dtype, data, column_order)
 
 
 def _array(shape: Any, dtype: Any, data: Any, column_order: Any) -> NDArray[Any]:
-    """Return an array that owns its numbers. Raises `FormatError` where shape and bytes do not fit."""
+    """Return an array that owns its data. Raises `FormatError` if the shape does not match the bytes."""
     if not isinstance(dtype, np.dtype) or dtype.kind not in "biuf":
         raise FormatError("it holds an array without a numeric data type")
     sizes = [_of(int, size) for size in _of(tuple, shape)]

@@ -1,17 +1,26 @@
-"""Public sets of tactile recordings with known turns, read in the layouts in which they are published.
+"""Readers of public sets of tactile recordings with known rotation, in their published layouts.
 
-TactileTracking (GelSight Mini, motion capture; huggingface.co/datasets/joehjhuang/TactileTracking; the layout
-as its code reads it, github.com/rpl-cmu/normalflow_experiment): a folder per trial with `gelsight.avi` of N
-frames, `true_start_T_currs.npy`, (N, 4, 4), the sensor's pose in its first one's, and `contact_masks.npy`,
-(N, h, w). Every frame shows contact. The sensor's x and y are the image's, y down, so what it turns about z
-clockwise as seen turns the object, which is fixed, counter-clockwise: the object's image angle is the turn
-about z.
+TactileTracking: GelSight Mini with motion capture, huggingface.co/datasets/joehjhuang/TactileTracking. The
+layout is the one that its code reads, github.com/rpl-cmu/normalflow_experiment. Each trial is a folder with
 
-digit-pose-estimation (DIGIT, a tag on the object; huggingface.co/datasets/facebook/digit-pose-estimation; the
-layout as its code reads it, github.com/facebookresearch/sparsh): a pickle per sequence with `digit_index`,
-`digit_middle` and `digit_ring`, lists of encoded or decoded images, lying, and `object_<finger>_rel_pose_n5`,
-(M, 4, 4), each the object's change over the last five samples in the finger's axes; `bgs/digit_<finger>.png`
-beside, without contact. Neither rate nor the sense of the finger's z as the image shows it is told.
+- `gelsight.avi`: N frames, all with contact,
+- `true_start_T_currs.npy`: (N, 4, 4), poses of the sensor relative to its pose in the first frame,
+- `contact_masks.npy`: (N, h, w).
+
+The sensor's x and y axes are those of the image, y down. The object is fixed, and the sensor moves. If the
+sensor rotates clockwise as seen, the object rotates counter-clockwise in the image. The image angle of the
+object is therefore the sensor's rotation about z.
+
+digit-pose-estimation: DIGIT with a tag on the object,
+huggingface.co/datasets/facebook/digit-pose-estimation. The layout is the one that its code reads,
+github.com/facebookresearch/sparsh. Each sequence is a pickle with
+
+- `digit_index`, `digit_middle`, `digit_ring`: lists of encoded or decoded images, in landscape format,
+- `object_<finger>_rel_pose_n5`: (M, 4, 4), changes of the object's pose over five samples, in the finger's
+  axes.
+
+`bgs/digit_<finger>.png` beside it is a frame without contact. The set documents neither the frame rate nor
+the direction of the finger's z axis relative to the image.
 """
 
 import math
@@ -36,19 +45,20 @@ TRIAL_VIDEO, TRIAL_POSES, TRIAL_MASKS = "gelsight.avi", "true_start_T_currs.npy"
 BAG_SUFFIX, BACKGROUNDS = ".pkl", "bgs"
 FINGERS = ("index", "middle", "ring")
 BAG_STRIDE = 5
-"""Samples over which a bag's changes of pose are."""
+"""Number of samples between the two poses of a change of pose."""
 MOST_BYTES = 2_000_000_000
-"""Of a file of these sets; their largest has a fifth of it."""
+"""Size limit for a file of these sets; their largest file has a fifth of it."""
 NOT_A_TURN = 0.01
+"""Largest deviation of a rotation matrix from an orthogonal one."""
 MASKS_USED, GROWN_PX, FILLED_PX = 60, 9, 5
-"""Frames a background is made of; how far a contact's surroundings reach; what is filled looks so far."""
+"""Number of frames for a background; margin around a contact that is left out; radius of the inpainting."""
 
 Matrices = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Bag:
-    """One finger of a bag: its images, encoded or (H, W, 3), and the (M, 4, 4) changes of pose."""
+    """One finger of a sequence: its images, encoded or (H, W, 3), and the (M, 4, 4) changes of pose."""
 
     path: Path
     finger: str
@@ -60,15 +70,15 @@ class Bag:
         return (_upright(image) for image in self.images)
 
     def turned_deg(self) -> NDArray[np.float64]:
-        """(K,) turn about the finger's z since the first sample, at samples 0, 5, 10 and so on.
+        """(K,) rotation about the finger's z axis since the first sample, at samples 0, 5, 10 and so on.
 
-        As the set's own code pairs them: a change belongs to the sample at which it ends.
+        A change belongs to the sample at which it ends, as in the code of the set.
         """
         ends = range(BAG_STRIDE, min(len(self.images), len(self.changes)), BAG_STRIDE)
         return np.cumsum([0.0, *(_about_z_deg(self.changes[end]) for end in ends)])
 
     def background(self) -> Image | None:
-        """The finger's frame without contact, from `bgs` of this folder or one above; None without one."""
+        """The finger's frame without contact, from `bgs` in this folder or the one above; None if missing."""
         for folder in (self.path.parent, *self.path.parent.parents[:3]):
             file = folder / BACKGROUNDS / f"digit_{self.finger}.png"
             if file.is_file():
@@ -84,7 +94,7 @@ def is_trial(path: Path) -> bool:
 def trial_turns_deg(folder: Path, frames: int) -> NDArray[np.float64]:
     """Return (N,) image angles of a trial's object, 0 at the first frame, counter-clockwise as seen.
 
-    frames: how many the video has. Raises `InputError` where the poses are not as many, or none.
+    frames: number of frames in the video. Raises `InputError` if the number of poses differs or is 0.
     """
     path = folder / TRIAL_POSES
     poses = _matrices(path, _array(path))
@@ -97,9 +107,10 @@ def trial_turns_deg(folder: Path, frames: int) -> NDArray[np.float64]:
 
 
 def trial_background(folder: Path, images: Iterator[Image]) -> Image:
-    """Make a trial's frame without contact: the mean of what lies outside the contacts, else filled in.
+    """Make a trial's frame without contact: for each pixel the mean of the frames in which it is untouched.
 
-    Raises `InputError` where the masks are missing or not of these frames.
+    Pixels that are always touched are filled in from their surroundings. Raises `InputError` if the masks are
+    missing or do not fit the frames.
     """
     masks = _array(folder / TRIAL_MASKS)
     if masks.ndim != 3:
@@ -123,7 +134,7 @@ def trial_background(folder: Path, images: Iterator[Image]) -> Image:
 
 
 def bag_of(path: Path) -> tuple[Path, str] | None:
-    """Tell the file and the finger that `bag_00.pkl` or `bag_00.pkl:ring` names; None for no such file."""
+    """Split `bag_00.pkl` or `bag_00.pkl:ring` into file and finger; None if there is no such file."""
     name, _, finger = str(path).rpartition(":")
     if name.endswith(BAG_SUFFIX) and finger in FINGERS:
         return Path(name), finger
@@ -131,7 +142,10 @@ def bag_of(path: Path) -> tuple[Path, str] | None:
 
 
 def read_bag(path: Path, finger: str) -> Bag:
-    """Read one finger of a sequence of digit-pose-estimation; runs no code in it. Raises `InputError`."""
+    """Read one finger of a sequence of digit-pose-estimation without executing pickled code.
+
+    Raises `InputError`.
+    """
     content = _unpickled(path)
     images, changes = content.get(f"digit_{finger}"), content.get(f"object_{finger}_rel_pose_n{BAG_STRIDE}")
     if isinstance(changes, list) and {getattr(change, "shape", None) for change in changes} == {(4, 4)}:
@@ -142,12 +156,12 @@ def read_bag(path: Path, finger: str) -> Bag:
             "digit-pose-estimation"
         )
     if not isinstance(changes, np.ndarray):
-        raise FormatError(f"{path}: object_{finger}_rel_pose_n{BAG_STRIDE} is no array: copy it again")
+        raise FormatError(f"{path}: object_{finger}_rel_pose_n{BAG_STRIDE} is not an array: copy it again")
     return Bag(path, finger, list(images), _matrices(path, changes))
 
 
 def _several(images: object) -> TypeGuard[Sequence[Any]]:
-    """Whether a value is a list of images or an array of them, (N, H, W, 3), and not empty."""
+    """Whether a value is a non-empty list or array (N, H, W, 3) of images."""
     if isinstance(images, np.ndarray):
         return images.ndim == 4 and len(images) > 0
     return isinstance(images, (list, tuple)) and len(images) > 0
@@ -155,14 +169,16 @@ def _several(images: object) -> TypeGuard[Sequence[Any]]:
 
 @lru_cache(maxsize=1)
 def _unpickled(path: Path) -> dict[str, Any]:
-    """Read a file once for its three fingers: it takes seconds, and as much memory as it is large."""
+    """Read a file and cache it for its three fingers; reading takes seconds and the file's size in memory."""
     data = read_bounded(path, MOST_BYTES)
     try:
         content = read_plain_pickle(data)
     except FormatError as error:
-        raise FormatError(f"{path}: is no sequence of digit-pose-estimation ({error})") from error
+        raise FormatError(f"{path}: is not a sequence of digit-pose-estimation ({error})") from error
     if not isinstance(content, dict):
-        raise FormatError(f"{path}: holds a {type(content).__name__}, no sequence of digit-pose-estimation")
+        raise FormatError(
+            f"{path}: holds a {type(content).__name__}, not a sequence of digit-pose-estimation"
+        )
     return content
 
 
@@ -176,7 +192,7 @@ def _array(path: Path) -> NDArray[Any]:
 
 
 def _matrices(path: Path, values: NDArray[Any]) -> Matrices:
-    """Return rigid motions, (N, 4, 4). Raises `InputError`."""
+    """Check and return rigid transforms, (N, 4, 4). Raises `InputError`."""
     if values.ndim != 3 or values.shape[1:] != (4, 4) or not len(values) or values.dtype.kind not in "fiu":
         raise InputError(f"{path}: poses have shape {values.shape}, not (N, 4, 4): copy it again")
     matrices = np.asarray(values, np.float64)
@@ -187,24 +203,24 @@ def _matrices(path: Path, values: NDArray[Any]) -> Matrices:
         else math.inf
     )
     if not off < NOT_A_TURN or (np.linalg.det(turns) < 0).any():
-        raise InputError(f"{path}: holds a matrix that is no rigid motion: copy it again")
+        raise InputError(f"{path}: holds a matrix that is not a rigid transform: copy it again")
     return matrices
 
 
 def _about_z_deg(matrix: Matrices) -> float:
-    """The turn about z alone, whatever it tilts (the twist of swing and twist), degrees."""
+    """Return the rotation about z, deg: the twist of the swing-twist decomposition."""
     _, _, z, w = Rotation.from_matrix(matrix[:3, :3]).as_quat(canonical=True)
     return math.degrees(2.0 * math.atan2(z, w))
 
 
 def _free(mask: NDArray[Any], shape: tuple[int, ...]) -> NDArray[np.bool_]:
-    """Where nothing is touched, nor near it."""
+    """Return the pixels that are farther than `GROWN_PX` from any contact, as (H, W) bool."""
     whole = cv2.resize((np.asarray(mask) > 0).astype(np.uint8), shape[::-1], interpolation=cv2.INTER_NEAREST)
     return cv2.dilate(whole, np.ones((2 * GROWN_PX + 1, 2 * GROWN_PX + 1), np.uint8)) == 0
 
 
 def _upright(image: Any) -> Image | None:
-    """Decode where needed; turn what lies on its side by 90 degrees clockwise, as the set's own code does."""
+    """Decode an encoded image; rotate a landscape image clockwise by 90 degrees, as the set's code does."""
     found = decode_image(bytes(image)) if isinstance(image, (bytes, bytearray)) else image
     if not isinstance(found, np.ndarray) or found.dtype != np.uint8 or found.ndim != 3 or found.shape[2] != 3:
         return None

@@ -1,8 +1,8 @@
 """Frames in a ROS bag, read without ROS: ROS 2 (MCAP or SQLite storage) and ROS 1.
 
-sensor_msgs/Image and sensor_msgs/CompressedImage are read by their standard definitions, which are the same
-in every ROS 2 distribution, and in ROS 1 but for the header. Definitions in the bag are not used: rosbags
-would generate code from them.
+sensor_msgs/Image and sensor_msgs/CompressedImage are read with their standard definitions, which are the same
+in every ROS 2 distribution. In ROS 1 only the header differs. Definitions in the bag are not used, because
+rosbags would generate code from them.
 """
 
 from collections.abc import Callable, Iterator
@@ -78,9 +78,9 @@ def find_topic(path: Path, topic: str | None) -> str:
 def bag_images(path: Path, topic: str) -> Iterator[tuple[int, Image | None]]:
     """Yield (time in ns, (H, W, 3) uint8 RGB) of a topic's images; None for one that cannot be decoded.
 
-    The time is the header's stamp; if neither of the first two messages has one (a simulation's clock may
-    begin with 0), when the bag received the message. Raises `InputError` for an encoding that is not read,
-    for a topic without a single complete image, and for a damaged bag.
+    The time is the header's stamp. If neither of the first two messages has a stamp, it is the time at which
+    the bag received the message. Two messages are checked because a simulation's clock may start at 0. Raises
+    `InputError` for an unsupported encoding, for a topic without a complete image, and for a damaged bag.
     """
     count = decoded = 0
     kind = ""
@@ -135,7 +135,7 @@ def _deserializer(bag: "Reader1 | Reader2") -> Callable[[bytes, str], Any]:
 
 @contextmanager
 def _opened(path: Path) -> "Iterator[Reader1 | Reader2]":
-    """Open a bag. Whatever damaged bytes lead to in rosbags becomes an `InputError`."""
+    """Open a bag. Raises `InputError` in place of any exception of rosbags for a damaged bag."""
     require_rosbags()
     from rosbags.rosbag1 import Reader as Reader1
     from rosbags.rosbag2 import Reader as Reader2
@@ -147,6 +147,6 @@ def _opened(path: Path) -> "Iterator[Reader1 | Reader2]":
         raise
     except Exception as error:
         raise InputError(
-            f"{path}: cannot be read as a ROS bag ({reason(error)}): copy it again, or mend an interrupted "
+            f"{path}: cannot be read as a ROS bag ({reason(error)}): copy it again, or repair an interrupted "
             "one with ros2 bag reindex (ROS 1: rosbag reindex; MCAP: mcap recover)"
         ) from error

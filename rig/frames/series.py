@@ -1,7 +1,7 @@
-"""Anyone's tactile frames: a folder of images, a single image, a video or an array.
+"""Series of tactile frames from any source: a folder of images, a single image, a video or an array.
 
-Frames are read one at a time, in order, each with its time. A frame that cannot be read is kept
-as a gap; the reader of the series decides what to say about it.
+Frames are read one at a time, in order, each with its time. A frame that cannot be read stays in the series
+without an image; the caller decides how to report it.
 """
 
 import re
@@ -37,13 +37,13 @@ from rig.tactile.contact.untouched import untouched_frames
 FOLDER_FPS = 60.0
 RATE_ASSUMED = f"times: {FOLDER_FPS:g} frames per second assumed, as neither a rate nor a table is given"
 OTHER_ENDINGS = {".mcap", ".db3", ".bag", *ARRAY_SUFFIXES, *VIDEO_ENDINGS}
-# Fewer frames than this are too few to make a background from contacts that move about.
+# Least number of frames from which a background can be made if contacts move about.
 ENOUGH_FRAMES = 9
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TimedFrame:
-    """A frame with its time. image: (H, W, 3) uint8 RGB, None where it could not be read."""
+    """A frame with its time. image: (H, W, 3) uint8 RGB, None if it could not be read."""
 
     name: str
     time: FrameTime
@@ -59,8 +59,8 @@ class TimedFrame:
 class FrameSeries:
     """Frames in order; iterating reads them again each time.
 
-    notes: what was assumed or amiss. empty: makes their frame without contact, where the set they are of
-    tells.
+    notes: assumptions and problems, for the user. empty: returns the frame without contact, if the dataset
+    provides it.
     """
 
     name: str
@@ -82,32 +82,33 @@ class FrameSeries:
             yield frame
 
     def images(self) -> Iterator[Image]:
-        """Read the frames that can be read."""
+        """Yield the images of the readable frames."""
         return (frame.image for frame in self if frame.image is not None)
 
 
 def read_frames(
     path: Path, timestamps: Path | None = None, fps: float | None = None, topic: str | None = None
 ) -> FrameSeries:
-    """Open a clip of one sensor: a folder of images (sorted by name, numbers by value), an image, a video.
+    """Open a clip of one sensor.
 
-    A folder with a folder `frames` is a clip with its background and times, as `rig live` records it.
-    Also an array (`rig.frames.clips`), a ROS bag (`rig.frames.ros_bags`), a trial of TactileTracking,
-    and a finger of a sequence of digit-pose-estimation (`bag_00.pkl:ring`; the index finger by default), see
-    `rig.frames.public_sets`. timestamps: CSV with `frame,t_s`, see `times_from_table`. fps: frame rate in Hz;
-    by default a video's own and 60 for images. topic: of a ROS bag; by default its only topic of images.
+    path: a folder of images (sorted by name, numbers by value), an image, a video, an array
+    (`rig.frames.clips`), a ROS bag (`rig.frames.ros_bags`), a trial of TactileTracking, or a finger of a
+    sequence of digit-pose-estimation (`bag_00.pkl:ring`, by default the index finger; both in
+    `rig.frames.public_sets`). A folder that contains a folder `frames` is a clip with background and times,
+    as `rig live` records it. timestamps: CSV with `frame,t_s`, see `times_from_table`. fps: frame rate in Hz;
+    by default that of the video, or 60 for images. topic: of a ROS bag; by default its only image topic.
     Raises `InputError` for anything else.
     """
     if (path / FRAMES).is_dir():
         return _clip_series(path, timestamps, fps, topic)
     if is_ros_bag(path):
         if timestamps is not None or fps is not None:
-            raise InputError(f"{path}: a ROS bag has its own times: leave --timestamps and --fps out")
+            raise InputError(f"{path}: a ROS bag contains its times: leave --timestamps and --fps out")
         return _ros_series(path, find_topic(path, topic))
     if topic is not None:
         raise InputError(f"{path}: is not a ROS bag: leave --topic out")
     if timestamps is not None and fps is not None:
-        raise InputError("both --timestamps and --fps say when frames were taken: give one of them")
+        raise InputError("both --timestamps and --fps set the times of the frames: give one of them")
     if (bag := bag_of(path)) is not None:
         return _bag_series(*bag, timestamps, fps)
     if is_trial(path):
@@ -121,11 +122,11 @@ def read_frames(
 
 
 def make_background(spec: str | None, series: FrameSeries) -> tuple[Image, str]:
-    """Return the frame without contact, (H, W, 3) uint8 RGB, and a note on where it is from.
+    """Return the frame without contact, (H, W, 3) uint8 RGB, and a note on its origin.
 
-    spec: the path of an image; `first:N`, the mean of the first N frames; `auto`, made from all frames, for
-    contacts that move about; None: the set's own if it has one, else the frames that show the untouched gel,
-    see `find_background`. Raises `InputError`.
+    spec: the path of an image; `first:N` for the mean of the first N frames; `auto` for one computed from all
+    frames, if contacts move about. None: the background of the dataset if it has one, otherwise computed from
+    the frames that show the untouched gel, see `find_background`. Raises `InputError`.
     """
     first = next(series.images(), None)
     if first is None:
@@ -146,16 +147,16 @@ def make_background(spec: str | None, series: FrameSeries) -> tuple[Image, str]:
 
 
 def size_text(shape: tuple[int, ...]) -> str:
-    """Return a size as people read it, width x height."""
+    """Return a size as text, width x height."""
     return f"{shape[1]} x {shape[0]} px"
 
 
 def find_background(name: str, images: Iterable[Image], spread: Sequence[Image]) -> tuple[Image, str]:
     """Find the frames of the untouched gel; return their mean and a note.
 
-    The first frames if they are alike and later ones differ, otherwise the image that most frames share.
-    images: all frames in order. spread: frames evenly spread over them. Raises `InputError` if neither shows
-    an untouched gel.
+    These are the first frames if they are alike and later ones differ. Otherwise they are the largest group
+    of frames that are alike. images: all frames in order. spread: frames evenly spread over them. Raises
+    `InputError` if neither shows an untouched gel.
     """
     frames, first = untouched_frames(images, spread)
     if frames and first:
@@ -208,9 +209,7 @@ def _image_series(path: Path, timestamps: Path | None, fps: float | None) -> Fra
         why = image_flaw(files[0]) or "is damaged"
         raise InputError(f"{path}: not one complete image ({files[0].name} {why}): copy it again")
     if not path.is_dir() and (pages := cv2.imcount(str(path))) > 1:
-        raise InputError(
-            f"{path}: holds {pages} pictures, of which one would be read: give a folder of images"
-        )
+        raise InputError(f"{path}: holds {pages} images, but only one would be read: give a folder of images")
     times = _times([file.name for file in files], timestamps, FOLDER_FPS if fps is None else fps)
     assumed = timestamps is None and fps is None and len(files) > 1
     notes = (RATE_ASSUMED,) if assumed else ()
@@ -261,7 +260,7 @@ def _array_series(path: Path, timestamps: Path | None, fps: float | None) -> Fra
     def read() -> Iterator[TimedFrame]:
         return (TimedFrame(n, t, f) for n, t, f in zip(names, times, array_frames(path), strict=True))
 
-    note = f"{path}: {counted(count, 'frame')} of {width} x {height} px, taken as RGB"
+    note = f"{path}: {counted(count, 'frame')} of {width} x {height} px, assumed to be RGB"
     notes = (note, RATE_ASSUMED) if timestamps is None and fps is None else (note,)
     return FrameSeries(str(path), read, notes)
 
@@ -276,7 +275,7 @@ def _ros_series(path: Path, topic: str) -> FrameSeries:
 
 def _trial_series(folder: Path, timestamps: Path | None, fps: float | None) -> FrameSeries:
     series = _video_series(folder / TRIAL_VIDEO, timestamps, fps)
-    note = "background: made of what lies outside contact_masks.npy; what was always touched is filled in"
+    note = "background: mean of the pixels outside contact_masks.npy; pixels always in contact are filled in"
     empty = partial(trial_background, folder)
     return replace(series, notes=(*series.notes, note), empty=lambda: empty(series.images()))
 
@@ -302,7 +301,7 @@ def _times(names: list[str], table: Path | None, fps: float) -> list[FrameTime]:
 
 
 def _video_facts(path: Path) -> tuple[int, int, float]:
-    """Return frames that can be read, frames announced, and the frame rate in Hz."""
+    """Return the number of readable frames, the number in the header, and the frame rate in Hz."""
     capture = cv2.VideoCapture(str(path))
     try:
         announced, fps = capture.get(cv2.CAP_PROP_FRAME_COUNT), capture.get(cv2.CAP_PROP_FPS)

@@ -1,8 +1,8 @@
 """The slip alarm over the frames of one sensor. It is armed by the lift, as in a trial, not by the grasp.
 
-While fingers close, a contact grows and shifts, and a rotation during that time is no slip. In a trial the
-arm's lift arms the alarm. If the time of the lift is not known, the grasp is over once the contact has
-stopped growing, and a contact that was gone for a while is a new grasp.
+While the fingers close, the contact grows and shifts, and a rotation during that time is not a slip. In a
+trial the start of the lift arms the alarm. If the time of the lift is unknown, closing is over once the
+contact has stopped growing. A contact after half a second without contact is a new grasp.
 """
 
 from collections import deque
@@ -23,8 +23,8 @@ NEW_GRASP_NS = NS_PER_S // 2
 def slips(samples: Sequence[SlipSample], lift_ns: int | None = None) -> list[bool | None]:
     """Return for each frame whether the slip alarm has been raised in this grasp.
 
-    lift_ns: when the lift began; None if that is not known. None throughout for an estimator that reports no
-    rate: the alarm needs it.
+    lift_ns: start of the lift, None if unknown. All values are None for an estimator that reports no rate,
+    because the alarm needs the rate.
     """
     if all(sample.rate_deg_s is None for sample in samples):
         return [None] * len(samples)
@@ -48,7 +48,7 @@ class SlipAlarm:
         return self._growth.settled
 
     def update(self, sample: SlipSample) -> bool:
-        """Take the next frame's sample; return whether the alarm has been raised in this grasp."""
+        """Process the next frame's sample; return whether the alarm has been raised in this grasp."""
         if sample.contact_area_px > 0.0:
             if self._seen_ns is not None and sample.time_ns - self._seen_ns > NEW_GRASP_NS:
                 self._grasp, self._growth, self._armed = _Grasp(), Steadiness(STABLE_FRAMES), False
@@ -71,7 +71,11 @@ def _by_lift(samples: Sequence[SlipSample], lift_ns: int) -> Iterator[bool]:
 
 
 class _Grasp:
-    """One grasp's alarm. Its zero: the mean of the last angles before it is armed, else the first after."""
+    """The alarm of one grasp.
+
+    Its zero is the mean of the last angles before it was armed, or the first angle afterwards if there were
+    none.
+    """
 
     def __init__(self) -> None:
         self._alarm = OnsetAlarm()
@@ -84,7 +88,7 @@ class _Grasp:
         return self._alarm.raised_ns is not None
 
     def update(self, sample: SlipSample, armed: bool) -> None:
-        """Take the next answer."""
+        """Process the next sample."""
         if sample.angle_deg is None:
             return
         if self._zero_deg is None:

@@ -1,4 +1,4 @@
-"""What `slip` works with, in a picture: two frames of a turn, their slopes, and what the turn leaves over."""
+"""A picture of the data `slip` works with: two frames of a rotation, their slopes, and the residual."""
 
 import cmath
 import math
@@ -34,9 +34,9 @@ _FONT = cv2.FONT_HERSHEY_SIMPLEX
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Turn:
-    """Two frames of a series: at the zero, and turned farthest.
+    """Two frames of a series: the one at the zero, and the one with the largest rotation.
 
-    angle_deg (counter-clockwise as seen), shift_px (right, down): in the image, between them.
+    angle_deg (counter-clockwise as seen), shift_px (right, down): motion between them in the image.
     """
 
     zero: Image
@@ -48,9 +48,10 @@ class Turn:
 
 
 def largest_turn(series: FrameSeries, estimate: Estimate, sign: int = 1) -> Turn:
-    """Find the frame that is turned farthest from the zero. sign: what the estimate's angles were taken by.
+    """Find the frame with the largest rotation from the zero.
 
-    Raises `InputError` where no frame has an angle.
+    sign: factor from image angles to the angles of the estimate. Raises `InputError` if no frame has an
+    angle.
     """
     answered = [(abs(a), i) for i, a in enumerate(estimate.angles_deg) if a is not None]
     if estimate.zero is None or not answered:
@@ -74,7 +75,7 @@ def largest_turn(series: FrameSeries, estimate: Estimate, sign: int = 1) -> Turn
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Explained:
-    """The largest turn of a series, and what its picture needs. aspect: of a pixel, None if unknown."""
+    """The largest rotation in a series, with data for its picture. aspect: of a pixel, None if unknown."""
 
     turn: Turn
     background: Image
@@ -93,7 +94,7 @@ def explained_frames(
 
 
 def explained_lift(folder: Path, lift: int, serial: str | None) -> Explained:
-    """Find the largest turn that a fingertip saw in a lift of a session. Raises `InputError`."""
+    """Find the largest rotation at one fingertip in a lift of a session. Raises `InputError`."""
     tips = [tip for tip in session_frames(folder)[0] if tip.lift.split("-")[0] == f"{lift:03d}"]
     if not tips:
         raise InputError(f"{folder}: no finished lift {lift}; see rig report {folder}")
@@ -106,9 +107,9 @@ def explained_lift(folder: Path, lift: int, serial: str | None) -> Explained:
 
 
 def height_picture(turn: Turn, background: Image, gel: GelMap, title: str) -> tuple[Image, GelShape]:
-    """Draw frame, normals and depth of a turn, (H, W, 3) uint8 RGB; return also the shape at its end.
+    """Draw frames, normals and depth of a rotation, (H, W, 3) uint8 RGB; return also the shape at its end.
 
-    Raises `CalibrationError` if the frames are not of the size that was calibrated.
+    Raises `CalibrationError` if the frames do not have the calibrated size.
     """
     shapes = [gel_shape(image, background, gel) for image in (turn.zero, turn.later)]
     texts = "at the zero", f"{turn.apart_s:.2f} s later"
@@ -126,7 +127,7 @@ def height_picture(turn: Turn, background: Image, gel: GelMap, title: str) -> tu
 def stages_picture(turn: Turn, background: Image, aspect: float | None, title: str) -> Image:
     """Draw a rotation, (H, W, 3) uint8 RGB: frames, slopes, the zero's slopes rotated, and the residual.
 
-    Raises `InputError` where the zero's frame shows no dent to learn the slopes from.
+    Raises `InputError` if the frame at the zero shows no contact from which to learn the slopes.
     """
     size = work_size(background.shape, aspect or 1.0)
     first, now = (_difference(image, background, size) for image in (turn.zero, turn.later))
@@ -153,7 +154,7 @@ def stages_picture(turn: Turn, background: Image, aspect: float | None, title: s
 
 
 def _difference(image: Image, background: Image, size: tuple[int, int]) -> NDArray[np.float32]:
-    """The relative difference from the background as the estimator takes it, (h, w, 3)."""
+    """Return the relative difference from the background, (h, w, 3), as the estimator computes it."""
     light = RelativeDifference(background, size)
     clean = GelMarks(found_marks(background, size), size).mended(light.of(light.reduced(image)))
     return np.asarray(cv2.GaussianBlur(clean, (0, 0), NOISE_BLUR_PX), np.float32)
@@ -175,7 +176,7 @@ def _turned(slopes: Gradient, mask: Image, turn: Turn, shape: tuple[int, ...]) -
 
 
 def _coloured(slopes: Gradient, scale: float) -> Image:
-    """Slopes as colours: the direction as hue, the steepness as brightness."""
+    """Draw slopes as colours: the direction as hue, the steepness as brightness."""
     hue = (np.degrees(np.angle(slopes)) % 360.0) / 2.0
     value = np.clip(np.abs(slopes) / max(scale, 1e-9), 0.0, 1.0) * 255.0
     hsv = np.stack([hue, np.full_like(hue, 200.0), value], axis=-1).astype(np.uint8)

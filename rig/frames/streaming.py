@@ -17,13 +17,13 @@ from rig.tactile.sample import SlipSample, TactileEstimator, check_frame
 class AngleSample:
     """The angle in one frame.
 
-    time_s: the frame's time. angle_deg: from the reference, counter-clockwise positive as seen (times the
-    sign), None if the estimator refuses. Before the first reference its zero is the estimator's own, for
-    `slip` the first contact. sigma_deg: one standard deviation, None if the estimator has none. state:
-    "no_contact", "tracking", "rekeyed", "unobservable" or "lost". rate_deg_s: None if unknown. shift_px: x
-    right, y down, since the estimator's own reference, None if unknown. contact_area_px: 0 without contact.
-    slip: whether the slip alarm has been raised since the reference or in this grasp. fault: error of an
-    estimator that is not the rig's own.
+    time_s: the frame's time. angle_deg: rotation since the reference, counter-clockwise positive as seen,
+    times the sign; None if the estimator refuses. Before a reference is set, the zero is the estimator's own,
+    for `slip` the first contact. sigma_deg: one standard deviation, None if the estimator reports none.
+    state: "no_contact", "tracking", "rekeyed", "unobservable" or "lost". rate_deg_s: None if unknown.
+    shift_px: x right, y down, since the estimator's own reference, None if unknown. contact_area_px: 0
+    without contact. slip: whether the slip alarm has been raised since the reference or in this grasp. fault:
+    error raised by a lab's own estimator.
     """
 
     time_s: float
@@ -58,7 +58,7 @@ class StreamingEstimator:
 
     @property
     def track(self) -> TipTrack:
-        """The newest samples, their sign and their zero, as `rig.lift.fusion` takes them."""
+        """The newest samples with their sign and zero, in the form that `rig.lift.fusion` reads."""
         return self._track
 
     @property
@@ -69,15 +69,16 @@ class StreamingEstimator:
     def update(self, image: Image, time_s: float) -> AngleSample:
         """Estimate the angle in the next frame.
 
-        image: (H, W, 3) uint8 RGB, of the background's size; it is copied. time_s: when it was captured, in s
-        of any clock. A frame with the time of the one before gets the same answer again. Raises `InputError`,
-        which changes nothing, for another shape or type, and for a time that is not finite or goes back.
+        image: (H, W, 3) uint8 RGB, of the background's size; it is copied. time_s: capture time in s of any
+        clock. If the time equals that of the previous frame, the previous sample is returned again. Raises
+        `InputError` for another shape or type and for a time that is not finite or goes back; the estimator
+        can be used afterwards as if the call had not been made.
         """
         check_frame(image, self._shape)
         return self.update_at(image.copy(), self._time_ns(time_s))
 
     def update_at(self, image: Image, time_ns: int) -> AngleSample:
-        """Do the same for a time in ns and an image that nobody changes later."""
+        """Do the same as `update` for a time in ns, without copying the image: do not modify it later."""
         self._newest_ns = time_ns
         sample = self._estimator.update(image, time_ns)
         kept = self._track.samples
@@ -87,10 +88,10 @@ class StreamingEstimator:
         return self._answer(sample, self._alarm.update(sample))
 
     def set_reference(self, time_s: float | None = None) -> None:
-        """Make the mean angle of the last 0.4 s before a time the zero, and arm the slip alarm.
+        """Set the zero to the mean angle of the last 0.4 s before a time, and arm the slip alarm.
 
         time_s: at most 0.4 s before the newest frame; by default just after it. Raises `InputError` if no
-        frame in that time has an angle; the reference stays as it was then.
+        frame in these 0.4 s has an angle; the old reference is kept in that case.
         """
         now_ns = (self._newest_ns or 0) + 1 if time_s is None else _finite_ns(time_s)
         before = self._track.zero_deg, self._track.zero_sample
@@ -135,7 +136,7 @@ def _finite_ns(time_s: float) -> int:
     try:
         seconds = float(time_s)
     except (TypeError, ValueError) as error:
-        raise InputError(f"the time {time_s!r} is not a number: give s") from error
+        raise InputError(f"the time {time_s!r} is not a number: give a time in s") from error
     if not (math.isfinite(seconds) and abs(seconds) < MAX_TIME_S):
         raise InputError(f"the time is {seconds} s: give a finite time in s, below {MAX_TIME_S:g}")
     return round(seconds * NS_PER_S)

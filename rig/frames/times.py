@@ -1,4 +1,4 @@
-"""When frames were taken: from a table beside them, or from a frame rate."""
+"""Capture times of frames, from a table or from a frame rate."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,13 +11,13 @@ from drivers.errors import InputError
 from drivers.formats import read_csv_rows, shown
 
 MAX_FPS = 10_000.0
-# Beyond this many seconds integer nanoseconds no longer fit the 64 bits that files give them.
+# Larger times do not fit the 64-bit integer nanoseconds of files.
 MAX_TIME_S = 9e9
 
 
 @dataclass(frozen=True, slots=True)
 class FrameTime:
-    """A frame's time: the text as the user gave it, in s, and the same in integer ns."""
+    """A frame's time: the user's text, in s, and the same time in integer ns."""
 
     text: str
     time_ns: int
@@ -31,18 +31,18 @@ class _Row:
 
 
 def times_at_rate(count: int, fps: float) -> list[FrameTime]:
-    """Return times of `count` frames from 0 on at a rate in Hz. Raises `InputError` for a bad rate."""
+    """Return the times of `count` frames at a rate in Hz, from 0 on. Raises `InputError` for a bad rate."""
     if not 0 < fps <= MAX_FPS:
-        raise InputError(f"{fps:g} Hz is no frame rate: give one above 0 and up to {MAX_FPS:g}")
+        raise InputError(f"{fps:g} Hz is not a frame rate: give one above 0 and up to {MAX_FPS:g}")
     return [FrameTime(f"{i / fps:.6f}", round(i / fps * NS_PER_S)) for i in range(count)]
 
 
 def times_from_table(table: Path, names: Sequence[str]) -> list[FrameTime]:
     """Return the times of the frames with these names from a CSV with columns `frame` and `t_s`.
 
-    A row names its frame by file name, by file name without ending, or, in a table that does so
-    throughout, by its number from 0. Each frame needs one row, in the frames' order, with times
-    that never go back. Raises `InputError` naming the line otherwise.
+    A row names its frame by file name, with or without ending, or by its number from 0. Numbers must be used
+    in all rows or in none. Each frame needs exactly one row; rows are in the frames' order, and times never
+    go back. Raises `InputError` naming the line otherwise.
     """
     rows = _rows(table)
     places = _places(table, rows, names)
@@ -59,7 +59,7 @@ def times_from_table(table: Path, names: Sequence[str]) -> list[FrameTime]:
 
 
 def parse_time(text: str) -> FrameTime | None:
-    """Read a time in s, exact to the ns; None when it is no finite number."""
+    """Parse a time in s, exact to the ns; None if it is not a finite number."""
     try:
         value = Decimal(text.strip())
     except InvalidOperation:
@@ -87,7 +87,7 @@ def _row(table: Path, line: int, fields: dict[str, str]) -> _Row:
 
 
 def _places(table: Path, rows: Sequence[_Row], names: Sequence[str]) -> list[int]:
-    """Return which frame each row means."""
+    """Return the index of the frame that each row names."""
     known = _by_name(names)
     if not any(row.frame in known for row in rows):
         known = {str(i): i for i in range(len(names))}
@@ -107,7 +107,7 @@ def _places(table: Path, rows: Sequence[_Row], names: Sequence[str]) -> list[int
 
 
 def _by_name(names: Sequence[str]) -> dict[str, int]:
-    """Map file names to places, and stems too where only one file has that stem."""
+    """Map file names to indices; also stems, if only one file has that stem."""
     stems = [PurePath(name).stem for name in names]
     unique = {stem: i for i, stem in enumerate(stems) if stems.count(stem) == 1}
     return {**unique, **{name: i for i, name in enumerate(names)}}

@@ -1,4 +1,4 @@
-"""Labels made by people and for people: contact masks as outlines, and angles drawn as lines on a page.
+"""Manual labels: contact masks as outlines, and angles from lines drawn on a page.
 
-Of `rig` it imports frames, sessions, pages and `rig.tactile.contact`.
+Imports only `rig.frames`, `rig.sessions`, `rig.pages` and `rig.tactile.contact` from `rig`.
 """

@@ -1,4 +1,4 @@
-"""A clip to be labelled: which of its frames, and how each differs from the frame without contact."""
+"""A clip to be labelled: choice of frames, and their difference from the frame without contact."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,13 +14,13 @@ from rig.frames.series import FrameSeries, make_background
 from rig.tactile.contact.relative import RelativeDifference
 from rig.tactile.estimators import choose_estimator
 
-# A relative difference of this size is drawn black or white.
+# A relative difference of this size is drawn in black or white.
 DIFFERENCE_RANGE = 0.25
 
 
 @dataclass(frozen=True, slots=True)
 class FrameChoice:
-    """The frames to be labelled, by number from 0, in order. reference: the one of them whose angle is 0."""
+    """Numbers of the frames to be labelled, from 0, in order. reference: the frame with angle 0."""
 
     reference: int
     frames: tuple[int, ...]
@@ -28,7 +28,7 @@ class FrameChoice:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ClipToLabel:
-    """A choice of frames, (H, W, 3) uint8 RGB by number, and the frame without contact."""
+    """The chosen frames, (H, W, 3) uint8 RGB by number, and the frame without contact."""
 
     name: str
     choice: FrameChoice
@@ -44,17 +44,15 @@ class ClipToLabel:
 def choose_frames(
     series: FrameSeries, background: Image, count: int, reference: int | None = None
 ) -> tuple[FrameChoice, str]:
-    """Choose frames evenly from the reference on to the last contact; return them and a note on why those.
+    """Choose evenly spread frames from the reference to the last contact; return them and an explanation.
 
     The default reference is the zero of `rig estimate`: the first frame of stable full contact. Frames in
-    between count whether or not a contact is seen in them, as labels judge that too. Raises `InputError` for
-    a reference that is no frame.
+    between can be chosen even if no contact is detected in them, because labels also test the detection.
+    Raises `InputError` if the reference is not a readable frame.
     """
-    readable, touching, zero, why = _looked_at(series, background)
+    readable, touching, zero, why = _scanned(series, background)
     if reference is not None and reference not in readable:
-        raise InputError(
-            f"{series.name}: --reference {reference} is no frame that can be read: choose another"
-        )
+        raise InputError(f"{series.name}: --reference {reference} is not a readable frame: choose another")
     first = zero if reference is None else reference
     last = touching[-1] if touching and touching[-1] > first else readable[-1]
     between = [number for number in readable if first <= number <= last]
@@ -74,7 +72,7 @@ def choose_frames(
 
 
 def background_of(clip: Path, series: FrameSeries) -> tuple[Image, str]:
-    """Return a clip's frame without contact, else its first frame; and a note that says which it is."""
+    """Return a clip's frame without contact, or its first frame if it has none, and a note on its origin."""
     own = clip_background(clip)
     background, note = make_background("first:1" if own is None else str(own), series)
     missing = "; rig benchmark clips needs a background.png, a frame without contact" if own is None else ""
@@ -82,7 +80,7 @@ def background_of(clip: Path, series: FrameSeries) -> tuple[Image, str]:
 
 
 def load_clip(name: str, series: FrameSeries, background: Image, choice: FrameChoice) -> ClipToLabel:
-    """Read the frames of a choice. Raises `InputError` where one of them cannot be read."""
+    """Read the chosen frames. Raises `InputError` if one of them cannot be read."""
     wanted = set(choice.frames)
     frames = {n: f.image for n, f in enumerate(series) if n in wanted and f.image is not None}
     if missing := sorted(wanted - set(frames)):
@@ -97,12 +95,12 @@ def difference(image: Image, background: Image) -> Image:
     return np.clip(127.5 * (1.0 + np.asarray(change) / DIFFERENCE_RANGE), 0, 255).astype(np.uint8)
 
 
-def _looked_at(series: FrameSeries, background: Image) -> tuple[list[int], list[int], int, str]:
-    """Return the frames that can be read, those that show a contact, the zero's frame, and why it is that."""
+def _scanned(series: FrameSeries, background: Image) -> tuple[list[int], list[int], int, str]:
+    """Return the readable frames, the frames with contact, the frame of the zero, and a note on the zero."""
     readable = [number for number, frame in enumerate(series) if frame.image is not None]
     answers = estimate_series(series, choose_estimator(None, None).make(background, None))
     touching = [number for number, answer in enumerate(answers) if answer.sample.contact_area_px > 0]
     found = zeroed(answers, None)
     if found.zero is None:
-        return readable, touching, (touching or readable)[0], "no frame was answered"
+        return readable, touching, (touching or readable)[0], "no frame has an angle"
     return readable, touching, [answer.time for answer in answers].index(found.zero), found.zero_note

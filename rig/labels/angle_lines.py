@@ -20,10 +20,10 @@ Line = tuple[float, float, float, float]
 """x and y of its first and of its second end in pixels of the frame, x right, y down."""
 
 PASSES = 2
-# A click is as exact as a pixel, one standard deviation in x and in y.
+# Assumed standard deviation of a click in x and in y.
 CLICK_PX = 0.7
 SHORTEST_PX = 10.0
-# Two passes that are farther apart are of two features, or of one with its ends swapped.
+# If two passes differ by more, the person used another feature or swapped the ends of the line.
 MOST_APART_DEG = 60.0
 COLUMNS = ("reference_frame", "keyframe", "angle_deg", "sigma_deg", "angle_pass1_deg", "angle_pass2_deg")
 ENDS = tuple(f"p{n}_{name}" for n in (1, 2) for name in ("x1", "y1", "x2", "y2"))
@@ -35,9 +35,9 @@ MOST_BYTES = 20_000_000
 
 @dataclass(frozen=True, slots=True)
 class AngleLabel:
-    """How far the object has turned at a frame, counter-clockwise as seen, by two passes.
+    """Rotation of the object at a frame, counter-clockwise as seen, from two passes of drawn lines.
 
-    lines: of the passes. sigma_deg: one standard deviation of angle_deg, their mean.
+    angle_deg: mean of both passes. sigma_deg: its standard deviation. lines: one per pass.
     """
 
     frame: int
@@ -50,10 +50,11 @@ class AngleLabel:
 def angle_labels(passes: Sequence[Mapping[int, Line]], reference: int) -> list[AngleLabel]:
     """Return the labels of all frames, in order, from two passes of lines by frame.
 
-    Each line goes from the same end to the same end of one feature; frames without a line in both passes are
-    left out. Angles count from the reference frame's line and are unwrapped from frame to frame. The sigma is
-    what both passes disagree by, pooled over the clip, no less than what this frame's or a click alone allow.
-    Raises `InputError` for a reference without lines, lines that are too short, or passes that contradict.
+    All lines run along the same feature in the same direction. Frames without a line in both passes are left
+    out. Angles count from the line in the reference frame and are unwrapped from frame to frame. The sigma is
+    the disagreement of both passes, pooled over the clip. It is at least the disagreement in this frame, and
+    at least the effect of `CLICK_PX`. Raises `InputError` for a reference without lines, lines that are too
+    short, or passes that contradict each other.
     """
     frames = sorted(set(passes[0]) & set(passes[1]))
     _check(passes, frames, reference)
@@ -84,7 +85,7 @@ def labels_csv(labels: Sequence[AngleLabel], reference: int) -> str:
 
 
 def _turned(lines: Mapping[int, Line], reference: int) -> dict[int, float]:
-    """Return the turn since the reference, deg, by frame."""
+    """Return the rotation since the reference, deg, by frame."""
     frames = sorted(lines)
     headings = {frame: _heading_deg(lines[frame]) for frame in frames}
     turned = {frames[0]: 0.0}
@@ -103,7 +104,7 @@ def _length_px(line: Line) -> float:
 
 
 def _click_deg(passes: Sequence[Mapping[int, Line]], frame: int) -> float:
-    """What clicks that err by a pixel leave open of the mean of both passes, deg."""
+    """Return the standard deviation of the mean of both passes due to inexact clicks (`CLICK_PX`), deg."""
     each = [math.degrees(CLICK_PX * math.sqrt(2.0) / _length_px(lines[frame])) for lines in passes]
     return math.hypot(*each) / PASSES
 
@@ -126,7 +127,7 @@ def _check(passes: Sequence[Mapping[int, Line]], frames: Sequence[int], referenc
 
 
 def _check_ends(turned: Sequence[Mapping[int, float]]) -> None:
-    """Refuse passes that differ by more than hands do: ends were swapped, or another feature was taken."""
+    """Raise `InputError` if the passes differ by more than `MOST_APART_DEG` in a frame."""
     for frame, one in turned[0].items():
         if abs(gap := one - turned[1][frame]) > MOST_APART_DEG:
             raise InputError(
@@ -138,7 +139,7 @@ def _check_ends(turned: Sequence[Mapping[int, float]]) -> None:
 @strict
 @dataclass(frozen=True, slots=True)
 class Click:
-    """One end of a line. drawn_in: the pass, 0 or 1. x, y: px of the frame; a pixel's middle is whole."""
+    """One end of a line. drawn_in: the pass, 0 or 1. x, y: px in the frame, integer at a pixel's centre."""
 
     drawn_in: int
     frame: int
@@ -161,7 +162,7 @@ _FILE = Codec[DrawnLines](DrawnLines)
 
 
 def read_drawn(path: Path) -> DrawnLines | None:
-    """Read what was drawn before; None without a file. Raises `InputError` for one that is no such file."""
+    """Read stored lines; None without a file. Raises `InputError` for an invalid file."""
     if not path.exists():
         return None
     try:
@@ -171,7 +172,7 @@ def read_drawn(path: Path) -> DrawnLines | None:
     if drawn.schema != SCHEMA:
         raise InputError(f"{path}: its schema is {drawn.schema}, this version reads {SCHEMA}: update the rig")
     if drawn.choice.reference not in drawn.choice.frames:
-        raise InputError(f"{path}: the reference is none of its frames: move the file away to begin again")
+        raise InputError(f"{path}: the reference is not one of its frames: move the file away to begin again")
     return drawn
 
 
@@ -182,10 +183,11 @@ def chosen_frames(
     reference: int | None,
     drawn: DrawnLines | None,
 ) -> tuple[FrameChoice, str]:
-    """Return the frames of lines that were begun, else new ones, by default ten; and a note for people.
+    """Return the frames to label, and a note for the user.
 
-    count: frames to label. reference: the frame whose angle is 0. Raises `InputError` if they differ from
-    those of the lines that were begun.
+    These are the frames of `drawn` if labelling was begun, otherwise newly chosen ones. count: number of
+    frames, by default ten. reference: the frame with angle 0. Raises `InputError` if count or reference
+    differ from those of `drawn`.
     """
     if drawn is None:
         return choose_frames(series, background, count or 10, reference)
@@ -196,7 +198,7 @@ def chosen_frames(
             f"{begun.reference}: leave --count and --reference out to go on, or move the file "
             "away to start again"
         )
-    return begun, f"going on with {counted(len(drawn.clicks), 'click')} from before"
+    return begun, f"continuing with {counted(len(drawn.clicks), 'click')} from before"
 
 
 def ends_in(clicks: Sequence[Click], drawn_in: int) -> dict[int, list[tuple[float, float]]]:
@@ -210,9 +212,9 @@ def ends_in(clicks: Sequence[Click], drawn_in: int) -> dict[int, list[tuple[floa
 
 
 class LineLog:
-    """The clicks on one clip, each written to `file` before it counts.
+    """The clicks on one clip. Each click is written to `file` before it is accepted.
 
-    drawn: what `file` held before. Raises `InputError` where that is of other frames.
+    drawn: the earlier content of `file`. Raises `InputError` if its frames have another size.
     """
 
     def __init__(self, file: Path, clip: ClipToLabel, drawn: DrawnLines | None = None) -> None:
@@ -229,7 +231,7 @@ class LineLog:
         return self._clicks
 
     def add(self, click: Click) -> None:
-        """Take the next click. Raises `InputError` for one that cannot be, `RecordingError` if not kept."""
+        """Add a click. Raises `InputError` for an invalid one, `RecordingError` if it cannot be stored."""
         self._check(click)
         begun = ends_in(self._clicks, click.drawn_in).get(click.frame, [])
         if len(begun) == 1 and math.dist(begun[0], (click.x, click.y)) < SHORTEST_PX:

@@ -1,4 +1,4 @@
-"""The local page on which a person draws lines: served on the loopback alone, until labels are written."""
+"""The local page on which a person draws lines, served only on the loopback until labels are written."""
 
 import json
 import secrets
@@ -21,16 +21,16 @@ from rig.pages.serving import FORBIDDEN, LOOPBACK, NOT_FOUND, Answer, PageProces
 from rig.sessions.files import write_file
 
 MOST_BYTES = 1000
-"""A click is a hundred bytes."""
+"""Size limit of a request; a click has about a hundred bytes."""
 TOKEN = "x-rig-token"  # noqa: S105 - its name
-"""Header with the token. A site elsewhere cannot send it: browsers ask first whether they may."""
+"""Header with the token. Pages of other sites cannot send it, because browsers require a permission first."""
 
 
 class AngleServer:
-    """Serves one clip's page, in a process of its own, until labels are written or it is closed.
+    """Serves the page of one clip from a separate process, until labels are written or it is closed.
 
-    log: takes the clicks; `labels.csv` is written beside its file. address: of the page, with the token as
-    its fragment, which browsers do not send. A context manager: the page is gone when it ends.
+    log: stores the clicks; `labels.csv` is written beside its file. address: URL of the page. The token is
+    its fragment, which browsers do not send. A context manager: the server stops at its end.
     """
 
     def __init__(self, clip: ClipToLabel, log: LineLog) -> None:
@@ -45,16 +45,16 @@ class AngleServer:
         self._process.close()
 
     def labels_written(self, timeout_s: float) -> int | None:
-        """Wait for labels; return how many were written, None if none were in time. Raises `RigError`."""
+        """Wait for labels; return their number, or None after the timeout. Raises `RigError`."""
         report = self._process.receive(timeout_s)
         return None if report is None else int(report)
 
 
 @contextmanager
 def way_to(address: str) -> Iterator[str]:
-    """Give the address of a file that leads a browser to `address`; only this user can read the file.
+    """Give the address of a file that redirects a browser to `address`; only this user can read the file.
 
-    An address on a browser's command line is shown to every user of the computer by `ps`, its token with it.
+    Otherwise `ps` would show the token to every user of the computer, on the browser's command line.
     """
     with tempfile.TemporaryDirectory(prefix="rig-label-angle-") as folder:  # made with mode 0700
         file = Path(folder) / "page.html"
@@ -64,14 +64,14 @@ def way_to(address: str) -> Iterator[str]:
 
 
 class AnglePage:
-    """The page, in its own process. token: expected with everything but the empty page itself."""
+    """The page's request handler, in the server's process. token: required for all but the empty page."""
 
     def __init__(self, clip: ClipToLabel, log: LineLog, token: str) -> None:
         self._clip, self._log, self._token = clip, log, token
         self._html = render("rig.labels", "angle_page.html").encode()
 
     def answer(self, request: Request) -> Answer:
-        """Answer a request: for the page, facts on the clip, an image, or a click."""
+        """Answer a request for the page, for data on the clip or for an image, or store a click."""
         path = request.path.removeprefix("/")
         if request.method == "GET" and path == "":
             return Answer(self._html, "text/html; charset=utf-8")
@@ -84,7 +84,7 @@ class AnglePage:
         return NOT_FOUND
 
     def take(self, message: bytes) -> None:
-        """Take a message of the program, which sends none."""
+        """Ignore messages of the main process, which sends none."""
 
     def close(self) -> None:
         """Release nothing: every click is on disk."""
@@ -112,10 +112,10 @@ class AnglePage:
         return Answer(encode_png(shown), "image/png")
 
     def _done(self, what: str, sent: bytes) -> Answer:
-        """Do what the page asks for: `click`, `undo` or `write`."""
+        """Carry out an action of the page: `click`, `undo` or `write`."""
         try:
             if len(sent) > MOST_BYTES:
-                raise InputError("what was sent is too long: load the page again")
+                raise InputError("the request is too long: load the page again")
             if what == "write":
                 return self._write()
             if what == "click":

@@ -1,4 +1,4 @@
-"""Labelled images on disk: the paper's data set, LabelMe files, and sessions of `rig record`.
+"""Readers of labelled images: the paper's data set, LabelMe files, and sessions of `rig record`.
 
 VISTASE has a folder per object with `image_label` (images and LabelMe JSON side by side) and
 `voc_format` (`JPEGImages`, `SegmentationClassPNG`). A session keeps the true masks of simulated
@@ -32,7 +32,7 @@ _NUMBER = re.compile(r"(?<![0-9])0*([0-9]{1,3})(?![0-9])")
 
 @dataclass(frozen=True, slots=True)
 class Fold:
-    """Objects to train on, to choose the best epoch by, and to score, by id."""
+    """Ids of the objects to train on, to validate on (choice of the best epoch) and to test on."""
 
     name: str
     train: tuple[str, ...]
@@ -55,7 +55,7 @@ FOLDS = {
 
 
 def find_fold(name: str) -> Fold:
-    """Return a fold by its name, upper and lower case alike. Raises `InputError`."""
+    """Return a fold by its name, ignoring case. Raises `InputError`."""
     for known, fold in FOLDS.items():
         if known.lower() == name.lower():
             return fold
@@ -77,8 +77,9 @@ def check_objects(fold: Fold, present: Sequence[str], where: str) -> None:
 class LabelledFile:
     """One labelled image on disk.
 
-    background: a file with the same sensor's frame without contact, None where the data has none. group:
-    images of one sensor and object, from which a background can be made. simulated: rendered.
+    background: file with the same sensor's frame without contact, None if the data has none. group: name
+    shared by the images of one sensor and object, from which a background can be made. simulated: whether the
+    image was rendered.
     """
 
     image: Path
@@ -96,7 +97,7 @@ class LabelledFile:
 def read_dataset(folder: Path) -> list[LabelledFile]:
     """Find all labelled images under a folder, in any of the three layouts, sorted by object and name.
 
-    Raises `InputError` where there is none.
+    Raises `InputError` if there is none.
     """
     if not folder.is_dir():
         raise InputError(f"{folder}: there is no such folder: give the one that holds the objects' folders")
@@ -131,7 +132,7 @@ def _folders(folder: Path) -> Iterator[Path]:
 
 
 def _without_doubles(files: list[LabelledFile]) -> list[LabelledFile]:
-    """VISTASE holds every image twice, as LabelMe and as VOC: keep the first of each name and object."""
+    """Keep the first file of each name and object. VISTASE contains every image twice, as LabelMe and VOC."""
     kept: dict[tuple[str, str, str], LabelledFile] = {}
     for file in files:
         owner = str(_object_folder(file.image.parent))
@@ -140,7 +141,7 @@ def _without_doubles(files: list[LabelledFile]) -> list[LabelledFile]:
 
 
 def _object_folder(place: Path) -> Path:
-    """The object's folder of a folder inside it (`image_label`, `voc_format` ...); else the folder itself."""
+    """Return the parent of a folder such as `image_label` or `voc_format`; else the folder itself."""
     while place.name in ("image_label", _VOC, "JPEGImages", "SegmentationClassPNG"):
         place = place.parent
     return place
@@ -209,7 +210,7 @@ def _file(image: Path, owner: Path, read_label: Callable[[tuple[int, int]], Imag
 
 
 def _beside(stem: Path) -> Path | None:
-    """Return the image of a name without ending."""
+    """Return the image file with this stem; None if there is none."""
     for ending in SUFFIXES:
         for path in (stem.with_name(stem.name + ending), stem.with_name(stem.name + ending.upper())):
             if path.is_file():
@@ -218,7 +219,7 @@ def _beside(stem: Path) -> Path | None:
 
 
 def _png_label(path: Path, shape: tuple[int, int]) -> Image:
-    """Read a mask or a VOC class image: everything but black is contact."""
+    """Read a mask or a VOC class image: every pixel that is not black is contact."""
     image = read_image(path).max(axis=2)
     if image.shape != shape:
         image = cv2.resize(image, shape[::-1], interpolation=cv2.INTER_NEAREST)
@@ -226,5 +227,5 @@ def _png_label(path: Path, shape: tuple[int, int]) -> Image:
 
 
 def _is_label(path: Path) -> bool:
-    """Whether a JSON file is LabelMe's and not another one (manifest, COCO)."""
+    """Whether a JSON file is a LabelMe file, and not for example a manifest or a COCO file."""
     return b'"shapes"' in read_bounded(path, MOST_JSON_BYTES)

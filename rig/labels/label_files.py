@@ -1,10 +1,8 @@
-"""Label files: LabelMe (one JSON file beside each image) and COCO (one JSON file for all images).
+"""Label files: written for manual correction, and exported after it.
 
-LabelMe: fields as labelme 5 writes and reads them (`labelme/_label_file.py`); points are x, y in pixels,
-`imageData` is empty if the image lies beside the file. COCO: instance annotations with the fields of
-https://cocodataset.org/#format-data; ids count from 1.
-
-Files that are proposed for manual correction, and exports of the corrected ones.
+LabelMe: one JSON file beside each image, with the fields of labelme 5 (`labelme/_label_file.py`). Points are
+x, y in pixels; `imageData` is empty if the image is beside the file. COCO: one JSON file for all images, with
+the instance annotations of https://cocodataset.org/#format-data; ids count from 1.
 """
 
 import math
@@ -36,8 +34,8 @@ def labelme_document(
 ) -> dict[str, object]:
     """Return the JSON value of one image's annotation.
 
-    image_name: path of the image, relative to the file. size: width and height, px. note: where
-    the outline comes from; kept as each shape's description.
+    image_name: path of the image, relative to the file. size: width and height, px. note: origin of the
+    outline, stored as each shape's description.
     """
     return {
         "version": FORMAT_VERSION,
@@ -65,12 +63,12 @@ def _shape(polygon: Polygon, label: str, note: str) -> dict[str, object]:
 def labelme_mask(document: dict[str, Any], shape: tuple[int, int], where: str) -> Image:
     """Return the union of a document's shapes as (H, W) uint8, 0 or 255.
 
-    shape: (H, W) of the image. Points are scaled where the document was drawn on another size.
-    Raises `InputError` naming `where` for shapes that enclose nothing.
+    shape: (H, W) of the image. Points are scaled if the labels were drawn at another size. Raises
+    `InputError` naming `where` for shapes without area.
     """
     drawn_on = document.get("imageWidth") or shape[1], document.get("imageHeight") or shape[0]
     if not all(isinstance(side, int | float) and side > 0 for side in drawn_on):
-        raise InputError(f"{where}: its image's size is {shown(drawn_on)}: save it again in LabelMe")
+        raise InputError(f"{where}: the size of its image is {shown(drawn_on)}: save it again in LabelMe")
     polygons = [
         _scaled(_corners(entry, f"{where}, shape {number}"), drawn_on, shape, f"{where}, shape {number}")
         for number, entry in enumerate(document["shapes"], start=1)
@@ -88,7 +86,7 @@ def _scaled(corners: Polygon, drawn_on: tuple[float, float], shape: tuple[int, i
 
 
 def _corners(entry: Any, where: str) -> Polygon:
-    """Return a shape's outline, x and y in px, 0 at the image's corner."""
+    """Return a shape's outline, x and y in px from the image's top left corner."""
     try:
         kind = entry.get("shape_type") or "polygon"
         points = np.asarray(entry["points"], np.float64).reshape(-1, 2)
@@ -112,7 +110,7 @@ def _corners(entry: Any, where: str) -> Polygon:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LabelledImage:
-    """An image, width and height in px, and the outlines of one object's contact in it."""
+    """An image (name, width and height in px) and the outlines of one object's contact in it."""
 
     file_name: str
     size: tuple[int, int]
@@ -123,7 +121,7 @@ class LabelledImage:
 def coco_document(images: Sequence[LabelledImage], description: str) -> dict[str, object]:
     """Return the JSON value for a set of images; categories are numbered in the order of their names.
 
-    description: what the images are and where their outlines come from.
+    description: content of the images and origin of their outlines.
     """
     numbers = {name: i for i, name in enumerate(sorted({image.category for image in images}), start=1)}
     contacts = [(i, image) for i, image in enumerate(images, start=1) if image.polygons]
@@ -164,7 +162,7 @@ COCO, MASKS = "coco.json", "masks"
 
 @dataclass(frozen=True, slots=True)
 class LabelFile:
-    """The label of one image. size: (width, height) in px. proposed: made now; else as found."""
+    """The label file of one image. size: (width, height) in px. proposed: whether it was written just now."""
 
     image: Path
     path: Path
@@ -173,9 +171,9 @@ class LabelFile:
 
 
 def propose(image: Path, mask: Image, path: Path, note: str) -> LabelFile:
-    """Write a LabelMe file with the outlines of a mask (H, W); one that is there stays as it is.
+    """Write a LabelMe file with the outlines of a mask (H, W), unless the file exists.
 
-    A file that is there may hold a person's corrections. note: how the mask was made.
+    An existing file is left unchanged, because it may hold manual corrections. note: origin of the mask.
     """
     size = (mask.shape[1], mask.shape[0])
     if path.exists():
@@ -186,7 +184,7 @@ def propose(image: Path, mask: Image, path: Path, note: str) -> LabelFile:
 
 
 def export_masks(files: Sequence[LabelFile], folder: Path) -> Iterator[Image]:
-    """Write each label as PNG, 0 or 255, of its image's name; yield the masks. Raises `InputError`."""
+    """Write each label as a PNG (0 or 255) named like its image; yield the masks. Raises `InputError`."""
     for file in files:
         mask = labelme_mask(read_label(file.path), (file.size[1], file.size[0]), str(file.path))
         write_file(folder / f"{file.path.stem}.png", encode_png(mask))
@@ -194,7 +192,7 @@ def export_masks(files: Sequence[LabelFile], folder: Path) -> Iterator[Image]:
 
 
 def export_coco(files: Sequence[LabelFile], masks: Sequence[Image], path: Path, note: str) -> None:
-    """Write all labels as one COCO file; names of images are relative to it."""
+    """Write all labels as one COCO file, with the images' paths relative to it."""
     images = [
         LabelledImage(os.path.relpath(file.image, path.parent), file.size, LABEL, mask_polygons(mask))
         for file, mask in zip(files, masks, strict=True)
@@ -209,5 +207,5 @@ def read_label(path: Path) -> dict[str, Any]:
     except FormatError as error:
         raise InputError(f"{error}: save it again in LabelMe") from error
     if not isinstance(document, dict) or not isinstance(document.get("shapes"), list):
-        raise InputError(f"{path}: is no LabelMe file (no 'shapes'): remove it, and label again")
+        raise InputError(f"{path}: is not a LabelMe file (no 'shapes'): remove it, and label again")
     return document

@@ -1,9 +1,10 @@
 """Contact masks: as polygons, as convex labels, and compared with one another.
 
-The geometric truth of a simulated contact is where object and gel touch. A contact label is what a person
-would draw around an imprint: that region with gaps up to `CLOSE_SHARE` of the image's width closed (ribs,
-weave, letters), and each connected part replaced by its convex hull. Human labels of real frames are smooth
-convex outlines that enclose rings and hollows. A margin can later move the outline outwards or inwards.
+The geometric ground truth of a simulated contact is the region where object and gel touch. A contact label is
+the outline that a person would draw around the imprint. It is made from the geometric region in two steps:
+gaps up to `CLOSE_SHARE` of the image's width are closed (ribs, weave, letters), and each connected part is
+replaced by its convex hull. The reason is that manual labels of real frames are smooth convex outlines that
+include rings and hollows. A margin can later move the outline outwards or inwards.
 """
 
 from dataclasses import dataclass
@@ -17,10 +18,10 @@ from drivers.errors import InputError
 from drivers.types import Image
 
 Polygon = NDArray[np.float64]
-"""(K, 2) corners x, y in pixels, from (0, 0) at the image's top left corner to (W, H): a pixel's middle
-is at a half, as in LabelMe and COCO."""
+"""(K, 2) corners x, y in pixels, from (0, 0) at the image's top left corner to (W, H). The centre of the
+first pixel is (0.5, 0.5), as in LabelMe and COCO."""
 TOLERANCE_PX = 0.4
-"""How far a polygon may leave the mask's outline: below what a person can draw."""
+"""Largest distance of a polygon from the mask's outline; a person cannot draw more accurately."""
 LEAST_AREA_PX = 4.0
 FINE = 4
 """Polygons are filled at this many times the resolution: OpenCV also fills the pixels on their border."""
@@ -33,12 +34,12 @@ CLOSE_SHARE = 0.17
 def mask_polygons(mask: Image) -> list[Polygon]:
     """Return the outlines of the parts of a mask, (H, W) uint8, not 0 inside, largest first.
 
-    Holes are left out: a contact has none.
+    Holes are ignored, because a contact has none.
     """
     inside = np.zeros(mask.shape, np.uint8)
     parts, _ = cv2.findContours((mask > 0).astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     cv2.drawContours(inside, parts, -1, 1, cv2.FILLED)
-    # The border of zeros closes outlines that touch the image's edge; 0.5 is the middle of a pixel.
+    # The border of zeros closes outlines that touch the image's edge; 0.5 is the centre of a pixel.
     outlines = find_contours(np.pad(inside, 1).astype(np.float64), 0.5)
     polygons = [approximate_polygon(line, TOLERANCE_PX)[:-1, ::-1] - 0.5 for line in outlines]
     limit = np.array([mask.shape[1], mask.shape[0]], np.float64)
@@ -63,7 +64,7 @@ def polygon_area(polygon: Polygon) -> float:
 
 
 def contact_label(touching: Image) -> Image:
-    """Return the label of a geometric contact, (H, W) uint8 0 or 255 from (H, W), not 0 where touching."""
+    """Return the label, (H, W) uint8 0 or 255, of a geometric contact, (H, W), not 0 in the contact."""
     reach = max(1, round(CLOSE_SHARE * touching.shape[1])) | 1
     kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (reach, reach))
     touched = (touching > 0).astype(np.uint8)
@@ -78,14 +79,14 @@ def contact_label(touching: Image) -> Image:
 
 @dataclass(frozen=True, slots=True)
 class Agreement:
-    """Dice and IoU of one mask with its label, 0 to 1; both 1 where both are empty."""
+    """Dice and IoU of one mask with its label, 0 to 1; 1 if mask and label are empty."""
 
     dice: float
     iou: float
 
 
 def agreement(mask: Image | None, label: Image) -> Agreement:
-    """Compare a mask, None for no contact, with a label; (H, W), not 0 inside. Raises `InputError`."""
+    """Compare a mask (None: no contact) with a label, both (H, W), not 0 inside. Raises `InputError`."""
     true = label > 0
     if mask is None:
         return Agreement(1.0, 1.0) if not true.any() else Agreement(0.0, 0.0)

@@ -43,8 +43,8 @@ class SeriesScore:
     confidently wrong.
 
     Onsets of slip are in s since the start of the lift, None without an onset. onset_truth_s: of the ground
-    truth. onset_estimate_s: found afterwards in the estimate. onset_event_s: reported during the lift.
-    has_rates: whether the estimator reports rates, which such a report needs.
+    truth. onset_estimate_s: found afterwards in the estimate. onset_event_s: reported during the lift; this
+    needs an estimator that reports rates (has_rates).
     """
 
     key: str

@@ -1,4 +1,4 @@
 """Training of segmentation networks (extra `train`): data, networks, the loop, export to ONNX.
 
-Imports labels, sessions and what makes simulated lifts; may render its own scenes (`fakes.studio`).
+Imports `rig.labels`, `rig.sessions` and the simulated bench; renders its own scenes with `fakes.studio`.
 """

@@ -95,9 +95,10 @@ def split_objects(present: Sequence[str], on_test_lifts: bool, where: str) -> Sp
     )
     if not (split.train and split.validation and split.test):
         raise InputError(
-            f"{where}: has lifts of {', '.join(found)}; to hold objects back it takes some of the trial's "
-            f"({', '.join(TRIAL_OBJECTS)}) to score, of {', '.join(VALIDATION_OBJECTS)} to choose the epoch, "
-            "and others to learn from: add sessions, or learn from the test lifts with --on-test-lifts"
+            f"{where}: has lifts of {', '.join(found)}. A split by objects needs some of "
+            f"{', '.join(TRIAL_OBJECTS)} for the test, some of {', '.join(VALIDATION_OBJECTS)} for "
+            "validation, and others for training: add sessions, or train on the test lifts with "
+            "--on-test-lifts"
         )
     return split
 

@@ -20,7 +20,7 @@ from rig.training.settings import SIMULATED, TrainSettings
 
 LABEL = "convex hull of each connected part of the contact, gaps up to 17 % of the image's width closed"
 EIGHT_BIT_LOSS = 0.005
-"""Largest loss of mean Dice at which a file of lower precision is still as good as full precision."""
+"""Largest loss of mean Dice at which 8-bit precision counts as equal to full precision."""
 
 
 @dataclass(frozen=True, slots=True)

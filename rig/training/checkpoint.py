@@ -25,20 +25,20 @@ STRIDE = 32
 def read_checkpoint(path: Path) -> dict[str, Any]:
     """Read a checkpoint's tensors and plain values. Raises `InputError`.
 
-    Code inside a pickle is never run (`weights_only`), so a file from anywhere is safe to try.
+    Code inside a pickle is never run (`weights_only`), so files from untrusted sources are safe.
     """
     if not path.is_file():
         raise InputError(f"{path}: there is no such checkpoint: check the path")
     try:
         _refuse_packed(path)
         state = torch.load(path, map_location="cpu", weights_only=True)
-    except RigError:  # a stop that came meanwhile
+    except RigError:  # the user interrupted the command
         raise
-    except Exception as error:  # damage ends in any of the errors of three decoders
+    except Exception as error:  # damaged files raise exceptions of any type in the three decoders
         why = reason(error)
         raise InputError(
-            f"{path}: is no complete PyTorch checkpoint of weights ({why}): copy it anew, or save it again "
-            "as a dictionary of tensors"
+            f"{path}: is not a complete PyTorch checkpoint of weights ({why}): copy it again, or save it "
+            "again as a dictionary of tensors"
         ) from error
     if not isinstance(state, dict):
         raise InputError(f"{path}: holds a {type(state).__name__}, not a dictionary with 'state_dict'")
@@ -52,11 +52,11 @@ def _refuse_packed(path: Path) -> None:
     with zipfile.ZipFile(path) as archive:
         unpacked = sum(entry.file_size for entry in archive.infolist())
     if unpacked > _MOST_RATIO * path.stat().st_size:
-        raise ValueError(f"{unpacked / 1e6:.0f} MB unpacked, more than is read")
+        raise ValueError(f"{unpacked / 1e6:.0f} MB unpacked, which is above the limit")
 
 
 def read_state(path: Path) -> dict[str, torch.Tensor]:
-    """Return the weights under `state_dict`, or of the whole file, without wrappers' prefixes."""
+    """Return the weights under `state_dict`, or else of the whole file, without prefixes of wrappers."""
     checkpoint = read_checkpoint(path)
     inner = checkpoint.get("state_dict", checkpoint)
     if not isinstance(inner, dict):
@@ -71,13 +71,13 @@ def read_state(path: Path) -> dict[str, torch.Tensor]:
 
 
 def fill_encoder(encoder: nn.Module, path: Path) -> None:
-    """Load weights into an encoder; ignore others in the file.
+    """Load the weights of an encoder; ignore other weights in the file.
 
     Raises `InputError` if some of the encoder's weights are missing or have another shape.
     """
     state = read_state(path)
     # strict=False, which the library's encoders need, does not report missing weights
-    counters = "num_batches_tracked"  # older files have none, and nothing needs them
+    counters = "num_batches_tracked"  # older files lack them, and inference does not use them
     lacking = [n for n in encoder.state_dict() if n not in state and not n.endswith(counters)]
     try:
         encoder.load_state_dict(state, strict=False)

@@ -129,7 +129,7 @@ class StoredLift:
         )
         hand = hand_turn_deg(grasped.base_T_tcp)
         for serial, sign in self.signs.items():
-            frames = _now_and_then(recorded_frames(self.recording, serial))
+            frames = _thinned(recorded_frames(self.recording, serial))
             for frame, angle in labelled_views(frames, sign, hand, self.phases, self.turn):
                 yield self.object_id, sized(frame.image, size), angle
 
@@ -154,7 +154,7 @@ def _opened(recording: Path, object_id: str, signs: Mapping[str, int]) -> Stored
     )
 
 
-def _now_and_then(frames: Iterator[Frame]) -> Iterator[Frame]:
+def _thinned(frames: Iterator[Frame]) -> Iterator[Frame]:
     due_ns = 0
     for frame in frames:
         if frame.time_ns >= due_ns:

@@ -18,7 +18,7 @@ from rig.training.examples import Examples
 from rig.training.networks import Architecture, build_network
 
 _BRAIN_FLOAT_UNITS = ("amx_bf16", "avx512_bf16", "bf16")
-"""Torch's names of bfloat16 units: of x86 (tiles, vectors) and of ARM."""
+"""Torch's names for hardware support of bfloat16: x86 (tiles, vectors) and ARM."""
 FOCUS = 2.0
 """Exponent of the focal loss (Lin et al. 2017), the library's default, as the paper's script uses it."""
 AVERAGING = 0.995
@@ -164,7 +164,7 @@ class Training:
             self.best, self._step = state["state_dict"], int(state["step"])
             self.history = [Epoch(**epoch) for epoch in state["history"]]
         except (KeyError, TypeError, RuntimeError) as error:
-            raise InputError(f"{path}: is no state of this training ({error}): remove the file") from error
+            raise InputError(f"{path}: is not a state of this training ({error}): remove the file") from error
 
     def _epoch(self, train: Examples, number: int, steps: int, progress: Progress) -> float:
         rng = np.random.default_rng((self._seed, number))

@@ -123,7 +123,7 @@ class SmallNetwork(nn.Module):
 
 
 def _layer(inputs: int, outputs: int, side: int = 3, stride: int = 1, dilation: int = 1) -> nn.Sequential:
-    """A convolution of `side` x `side` that keeps the size (but for the stride), normalised and rectified."""
+    """Return a `side` x `side` convolution with padding, followed by normalisation and ReLU."""
     padding = dilation * ((side - stride + 1) // 2)
     return nn.Sequential(
         nn.Conv2d(inputs, outputs, side, stride, padding, dilation, bias=False),

@@ -10,12 +10,12 @@ from rig.training.loop import Schedule
 from rig.training.networks import OURS, Architecture
 
 SIMULATED = "simulated"
-"""In place of a data folder: frames rendered for this training."""
+"""Value of `data` for frames that are rendered for this training."""
 VARIED, FAMILY = "varied", "family"
 UNITS = (VARIED, FAMILY)
-"""Simulated sensors: of varied makes, which generalises to unseen makes, or of one make, as on a bench and in
-the paper's data set. In place of these names the file of a real unit's look: varied makes, every second of
-which is a variation of that look."""
+"""Kinds of simulated sensors. `varied`: many makes; the network generalises to unseen makes. `family`: one
+make, as on a bench and in the paper's data set. Instead, the file of a real unit's look can be given: sensors
+are then of varied makes, and every second one is a variation of that look."""
 LOOK_SUFFIX = ".npz"
 
 
@@ -62,7 +62,7 @@ class TrainSettings:
 
 
 def checked_units(name: str) -> str:
-    """Return the name of a kind of units, or a unit's look (.npz). Raises `RigError` for an unknown one."""
+    """Return `name` if it is a kind of units or the file of a look (.npz). Raises `RigError` otherwise."""
     if name.endswith(LOOK_SUFFIX):
         load_look(Path(name))
     elif name not in UNITS:

@@ -1,7 +1,7 @@
-"""SIMULATED lifts as training data: the protocol of a trial on fakes, without the sensors that are not used.
+"""SIMULATED lifts as training data: the protocol of a trial on a simulated bench, without unused sensors.
 
-The camera is not rendered (the truth comes from the simulated world), nor are the fingertips if only wrenches
-are used. Everything else, plan, steps and waiting times, is that of `rig trial`.
+The camera is not rendered, because the ground truth comes from the simulated world. The fingertips are not
+rendered if only wrenches are used. Plan, steps and waiting times are those of `rig trial`.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -25,15 +25,15 @@ TOUCH_N = 0.06
 
 
 def simulated_wrists(
-    objects: Sequence[str], lifts: int, seed: int, tell: Callable[[int, int], None]
+    objects: Sequence[str], lifts: int, seed: int, report: Callable[[int, int], None]
 ) -> list[WristSeries]:
     """Carry out `lifts` lifts of each object without tactile images; return the arm's states.
 
-    tell: takes the numbers of finished and of all lifts. Equal seeds give equal lifts.
+    report: called with the numbers of finished and of all lifts. Equal seeds give equal lifts.
     """
     return [
         wrist_series(plan.object_id, seen.states, seen.phases, seen.turn_deg)
-        for plan, seen, _ in _lifts(objects, lifts, seed, None, tell)
+        for plan, seen, _ in _lifts(objects, lifts, seed, None, report)
     ]
 
 
@@ -42,10 +42,10 @@ def simulated_views(
     lifts: int,
     seed: int,
     size: tuple[int, int],
-    tell: Callable[[int, int], None],
+    report: Callable[[int, int], None],
 ) -> Iterator[tuple[str, Image, float]]:
     """Carry out lifts; yield object, frame at (width, height) `size` and angle of both fingertips."""
-    for plan, seen, bench in _lifts(objects, lifts, seed, SIGHT_HZ, tell):
+    for plan, seen, bench in _lifts(objects, lifts, seed, SIGHT_HZ, report):
         hand = hand_turn_deg(plan.base_T_grasp)
         for tip in bench.fingertips:
             frames = iter(seen.frames[tip.sensor.serial])
@@ -54,7 +54,7 @@ def simulated_views(
 
 
 def _lifts(
-    objects: Sequence[str], lifts: int, seed: int, sight_hz: float | None, tell: Callable[[int, int], None]
+    objects: Sequence[str], lifts: int, seed: int, sight_hz: float | None, report: Callable[[int, int], None]
 ) -> Iterator[tuple[LiftPlan, "_Seen", Bench]]:
     config = load_bench("fake")
     settings = TrialSettings(config, seed, choose_estimator())
@@ -68,7 +68,7 @@ def _lifts(
         except GraspError:  # no contact: nothing to learn
             continue
         finally:
-            tell(done, len(tasks))
+            report(done, len(tasks))
         yield plan, seen, made.bench
 
 
@@ -90,17 +90,17 @@ class _Seen(LiftObserver):
     _turns_deg: dict[int, float] = field(default_factory=dict)
 
     def phase(self, phase: Phase, time_ns: int) -> None:
-        """Store its start."""
+        """Store the start of a phase."""
         self.phases[phase] = time_ns
         self._note(time_ns)
 
     def frame(self, frame: Frame) -> None:
-        """Keep it."""
+        """Store the frame."""
         self.frames.setdefault(frame.serial, []).append(frame)
         self._note(frame.time_ns)
 
     def arm(self, state: ArmState) -> None:
-        """Keep it."""
+        """Store the state."""
         self.states.append(state)
         self._note(state.time_ns)
 

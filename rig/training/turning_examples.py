@@ -80,13 +80,13 @@ def example_of(shown: TurningFrame) -> tuple[Field, Field, Field]:
 
 
 def _share(before: Field, turned_back: Field, after: Field) -> Field:
-    """Return the share of a texture that turns, from the residuals with and without turning it back."""
+    """Return the share of a texture that turns, from the residuals with and without rotating it back."""
     if_turning, if_resting = (_near(np.square(other - before).sum(axis=2)) for other in (turned_back, after))
     return np.asarray(if_resting / (if_turning + if_resting + np.float32(1e-12)), np.float32)
 
 
 def _turned(texture: Field, center_px: tuple[float, float], turn_deg: float) -> Field:
-    """Turn a texture, places and directions, counter-clockwise as seen."""
+    """Rotate the positions and directions of a texture, counter-clockwise as seen."""
     height, width = texture.shape[:2]
     places = cv2.getRotationMatrix2D(center_px, turn_deg, 1.0)
     moved = np.asarray(cv2.warpAffine(texture, places, (width, height)), np.float32)

@@ -32,7 +32,8 @@ _MOST_DIFFERENCE = 1e-3
 class TurningNet(nn.Module):
     """Relative differences (N, 3, h, w), sides multiples of `MULTIPLE_PX`, to logits (N, 1, h / 2, w / 2).
 
-    Features of four scales are added: only its surroundings distinguish a line at the rim of a bulge.
+    Features of four scales are added, because a line at the rim of a bulge is recognised only by its
+    surroundings.
     """
 
     def __init__(self) -> None:
@@ -44,14 +45,14 @@ class TurningNet(nn.Module):
         self.sixteenth = nn.Sequential(_layer(third, fourth, 2), _layer(fourth, fourth))
         self.to_third, self.to_second = nn.Conv2d(fourth, third, 1), nn.Conv2d(third, second, 1)
         self.at_eighth, self.at_quarter = _layer(third, third), _layer(second, second)
-        self.told = nn.Sequential(nn.Conv2d(second, 4, 1), nn.PixelShuffle(2))
+        self.upscaled = nn.Sequential(nn.Conv2d(second, 4, 1), nn.PixelShuffle(2))
 
     def forward(self, differences: torch.Tensor) -> torch.Tensor:
         """Return logits."""
         quarter = self.quarter(self.halved(torch.clamp(differences / _UNIT, -_CLIPPED, _CLIPPED)))
         eighth = self.eighth(quarter)
         eighth = self.at_eighth(_doubled(self.to_third(self.sixteenth(eighth))) + eighth)
-        return self.told(self.at_quarter(_doubled(self.to_second(eighth)) + quarter))
+        return self.upscaled(self.at_quarter(_doubled(self.to_second(eighth)) + quarter))
 
 
 def train_turning(

@@ -1,7 +1,7 @@
-"""A recurrent network from the wrench at the wrist to the pivoting angle, after Toskov et al. 2022.
+"""A recurrent network that estimates the pivoting angle from the wrench at the wrist (Toskov et al. 2022).
 
-One gated recurrent unit and a linear layer, trained on whole lifts and exported as one step with
-its memory as input and output.
+It consists of one gated recurrent unit and a linear layer. It is trained on whole lifts and exported as a
+single time step, with its memory as input and output.
 """
 
 from collections.abc import Sequence
@@ -34,7 +34,7 @@ _STEPS = 20
 
 
 class WrenchNetwork(nn.Module):
-    """Wrenches (N, T, 6), N and N m, and memory (1, N, H) to angles (N, T) in degrees and memory after."""
+    """Wrenches (N, T, 6), N and N m, and memory (1, N, H) to angles (N, T) in degrees and the new memory."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -43,12 +43,12 @@ class WrenchNetwork(nn.Module):
         self.register_buffer("scale", torch.tensor([_FORCE_N] * 3 + [_TORQUE_NM] * 3))
 
     def forward(self, wrench: torch.Tensor, memory: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return angles and the memory after."""
+        """Return angles and the new memory."""
         felt, memory = self.unit(wrench / self.scale, memory)
         return self.angle_deg(felt), memory
 
     def angle_deg(self, felt: torch.Tensor) -> torch.Tensor:
-        """Return the angles that go with memories (..., H)."""
+        """Return the angles for memories (..., H)."""
         return _ANGLE_DEG * self.head(felt)[..., 0]
 
 
@@ -60,7 +60,7 @@ class WrenchStep(nn.Module):
         self.network = network
 
     def forward(self, wrench: torch.Tensor, memory: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return the angle in degrees, and the memory after."""
+        """Return the angle in degrees and the new memory."""
         unit, before = self.network.unit, memory[0]
         felt = (wrench / self.network.scale)[0] @ unit.weight_ih_l0.T + unit.bias_ih_l0
         kept = before @ unit.weight_hh_l0.T + unit.bias_hh_l0
@@ -96,7 +96,7 @@ def sequences(lifts: Sequence[WristSeries]) -> Sequences:
 def train_wrist(
     train: Sequences, validation: Sequences, epochs: int, seed: int, report: EpochReport
 ) -> tuple[WrenchNetwork, list[float]]:
-    """Train; return the network of the epoch best on the validation lifts, and each epoch's error there.
+    """Train; return the network of the best epoch, and the validation error of each epoch.
 
     A random half of each batch is mirrored.
     """

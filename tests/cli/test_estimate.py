@@ -213,7 +213,7 @@ def test_a_published_script_keeps_its_own_zero(lift: Path) -> None:
         (("--lift-from", "soon"), "--lift-from 'soon' is not a time"),
         (("--timestamps", "nowhere.csv"), "nowhere.csv"),
         (("--timestamps", "a.csv", "--fps", "30"), "give one of them"),
-        (("--fps", "0"), "no frame rate"),
+        (("--fps", "0"), "not a frame rate"),
     ],
 )
 def test_invalid_option_value_is_a_one_line_error(
@@ -262,7 +262,7 @@ def test_a_session_gives_a_table_per_lift_and_sensor_of_the_objects_angle(sessio
 
 def test_a_session_needs_a_folder_and_has_its_own_times(session: Path) -> None:
     assert "give --out FOLDER" in (estimate(session).error or "")
-    assert "has its own times" in (estimate(session, "--fps", 60, "--out", session / "x").error or "")
+    assert "contains its times" in (estimate(session, "--fps", 60, "--out", session / "x").error or "")
     assert "--lift-from out" in (estimate(session, "--lift-from", 1, "--out", session / "x").error or "")
 
 
@@ -297,7 +297,7 @@ def test_one_sensor_of_a_recording_is_as_in_its_session(one_lift: Path, tmp_path
 def test_options_that_do_not_fit_a_recording_or_a_clip_are_refused(one_lift: Path, lift: Path) -> None:
     recording = one_lift / "lifts" / "001.mcap"
     assert "choose one of SIM-D0001, SIM-D0002" in (estimate(recording, "--sensor", "D9").error or "")
-    assert "has its own times" in (estimate(recording, "--fps", 60).error or "")
+    assert "contains its times" in (estimate(recording, "--fps", 60).error or "")
     assert "leave --sensor out" in (estimate(lift / "frames", "--sensor", "D1").error or "")
     page = ("--page", "page.html", "--out", "x")
     assert f"rig report {one_lift}" in (estimate(one_lift, *page).error or "")

@@ -106,7 +106,7 @@ def test_drawing_continues_after_a_stop(clip: Path, person: Browse) -> None:
     person(goes_on)
     again = rig("label-angle", clip)
     assert again.returncode == 0, again.stderr
-    assert "going on with 4 clicks" in again.stderr
+    assert "continuing with 4 clicks" in again.stderr
     assert [label.frame for label in read_clips(clip)[0].labels] == [8, 13]
 
 

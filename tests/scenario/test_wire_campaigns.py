@@ -28,7 +28,7 @@ def test_killed_lift_and_blocked_fingers_keep_every_limit(
     assert [(run.event, run.stage) for run in runs] == [("kill -9", "lift"), ("fingers blocked", "hold")]
     missed = [limit for limit in judge_runs(runs) if not limit.met]
     assert not missed, (missed, runs)
-    assert "no agreement from the bench" in runs[1].said
+    assert "the person at the bench did not agree" in runs[1].said
 
 
 def test_a_still_contact_keeps_its_angle_and_loses_no_frame(unhurried_bench: BenchConfig) -> None:

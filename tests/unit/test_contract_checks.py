@@ -41,7 +41,7 @@ def test_contract_violation_of_an_estimator_is_reported(lab: Path) -> None:
     few = ("-k", "clockwise or changed_frame_size")
     done = pytest_of(lab, *PLUGIN, *CHECKS, "--estimator", "lab_wrong:Clockwise", *few)
     assert done.returncode == 1, done.stdout + done.stderr
-    assert "turned by 20: see the sign, and the unit" in done.stdout
+    assert "the true rotation is 20: check sign and unit" in done.stdout
     assert "1 failed, 1 passed" in done.stdout
 
 

@@ -1,4 +1,4 @@
-"""All fakes of a bench on one world: controller, gripper and world here, cameras in a process beside."""
+"""All fakes of a bench: world, controller and gripper in this process, cameras in a second one."""
 
 import math
 import sys

@@ -105,11 +105,11 @@ def _render(
     cv2.setNumThreads(1)
     clock = SharedClock(start_ns)
     world = MirroredWorld(plan.layout, first)
-    feeder = VitalThread(lambda: _keep_fed(world, feed), "what the cameras are told")
+    feeder = VitalThread(lambda: _keep_fed(world, feed), "updates of the mirrored world")
     feeder.start()
     servers: dict[str, MjpegServer] = {}
     try:
-        # Sensors run freely. Here they share one processor, so each draws while the others rest.
+        # Real sensors run independently. Here they share one processor, so their captures alternate.
         phases = [i / len(plan.digits) for i in range(len(plan.digits))]
         for source, phase in zip((*plan.digits, plan.camera), (*phases, CAMERA_PHASE), strict=True):
             drawn = source.make(world, clock, FaultScript())

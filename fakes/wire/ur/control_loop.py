@@ -141,7 +141,7 @@ def _begin_teaching(loop: ControlLoop) -> None:
 
 
 def _end_teaching(loop: ControlLoop) -> Thread | None:
-    """Return to position control: the arm brakes where it is. Without teach mode nothing happens."""
+    """Return to position control and brake the arm. Without teach mode nothing happens."""
     return loop.brake(FREEDRIVE_BRAKE) if isinstance(loop.robot.body.mover, Guided) else None
 
 

@@ -1,7 +1,7 @@
 """The real-time data exchange, version 2, as the controller speaks it on port 30004.
 
 Packages are `uint16 size (of the whole), uint8 type, payload`, big-endian (Universal Robots,
-RTDE Guide). One `RtdeSession` is one client's connection; it does no input or output of its own.
+RTDE Guide). One `RtdeSession` is one client's connection; it does not read or write sockets.
 """
 
 import math

@@ -1,4 +1,4 @@
-"""What may move the simulated arm: the running program and its watchdog, the safety system and the power."""
+"""Conditions for motion of the simulated arm: running program and watchdog, safety system, and power."""
 
 from dataclasses import dataclass
 from enum import IntEnum

@@ -1,4 +1,4 @@
-"""The limits of the calibrations, and their results for bad data.
+"""Limits on the errors of the calibrations, and their results for bad data.
 
-Imports `calibration`, the harness and its own scenes (`fakes.studio`), nothing else of `rig`.
+Imports `calibration`, the harness and scenes of `fakes.studio`, but nothing else of `rig`.
 """

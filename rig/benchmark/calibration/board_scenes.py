@@ -1,4 +1,4 @@
-"""Simulated pictures of flat targets with a known camera, rendered pixel by pixel."""
+"""Simulated images of flat targets with a known camera, rendered pixel by pixel."""
 
 from functools import lru_cache
 
@@ -22,7 +22,7 @@ CAMERA = CameraModel(
 )
 _OVERSAMPLING = 2
 _BLUR_PX, _NOISE_GREY = 0.8, 3.0
-"""Lens blur and noise, one sigma."""
+"""Standard deviations of lens blur and noise."""
 
 
 def render_target(
@@ -31,7 +31,7 @@ def render_target(
     camera_T_target: Pose,  # noqa: N803
     rng: np.random.Generator,
 ) -> Image:
-    """Draw a flat target on a grey bench: (H, W) uint8; parts outside the picture are cut off."""
+    """Return an image, (H, W) uint8, of a flat target on a grey bench; parts outside it are clipped."""
     picture = target_picture(target.spec)
     width, height = camera.size
     rays = _fine_rays(camera)
@@ -47,7 +47,7 @@ def render_target(
 def board_pose(
     rng: np.random.Generator, tilt_deg: tuple[float, float] = (5.0, 45.0), reach: float = 1.0
 ) -> Pose:
-    """Draw a pose of the standard board in view. reach: share of the picture over which its middle varies."""
+    """Draw a pose of the standard board in view. reach: range of its middle, as a fraction of the image."""
     distance = rng.uniform(0.28, 0.5)
     half = np.array([640.0, 360.0]) / 980.0 * distance * 0.75 * reach
     middle = np.append(rng.uniform(-half, half), distance)
@@ -59,7 +59,7 @@ def board_pose(
 
 @lru_cache(maxsize=2)
 def _fine_rays(camera: CameraModel) -> Array:
-    """Rays of all sub-pixels, row by row; they take longer than a picture."""
+    """Return the rays of all sub-pixels, row by row; cached, because this takes longer than rendering."""
     width, height = camera.size
     offset = (np.arange(_OVERSAMPLING) + 0.5) / _OVERSAMPLING - 0.5
     columns, rows = ((np.arange(n)[:, None] + offset).ravel() for n in (width, height))
@@ -68,7 +68,7 @@ def _fine_rays(camera: CameraModel) -> Array:
 
 
 def _on_target(rays: Array, camera_T_target: Pose, picture: TargetPicture) -> Array:  # noqa: N803
-    """Where rays meet the target's plane, in the picture's pixels."""
+    """Return the intersections of rays with the target's plane, in pixels of the target's picture."""
     back = camera_T_target.inverse()
     towards = back.rotation.apply(rays)
     start = np.asarray(back.position_m)

@@ -1,4 +1,4 @@
-"""Limits of the two-marker angle: accuracy end to end, time, and real photographs."""
+"""Limits on the two-marker angle: end-to-end error, run time, and error on real photographs."""
 
 import time
 from itertools import combinations
@@ -34,12 +34,16 @@ Array = NDArray[np.floating]
 _FOUND = ("real photos: marker ids not found", "real photos: worst distance from a gold corner, px")
 _TURNS = ("real photos: angle of two printed markers, rms, deg", "real photos: the same by corners, deg")
 _BOARD = cv2.aruco.CharucoBoard((5, 7), 2.0, 1.0, cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_6X6_250))
-"""Of OpenCV's four calibration photographs; squares are two markers wide, to which all of them agree."""
+"""Board in OpenCV's four calibration photographs; the ratio of squares to markers, 2, fits all of them."""
 _FARTHEST_SIDES = 4.5
 
 
 def marker_limits(seed: int, data: Path | None) -> list[Measured]:
-    """640 x 480, 40 px markers, white noise of 4 grey, 15 degrees of tilt; turns of up to 30 degrees."""
+    """Measure on simulated images of 640 x 480 px.
+
+    Markers of 40 px, white noise with a sigma of 4 grey levels, 15 degrees of tilt, rotations of up to 30
+    degrees.
+    """
     pictures = MarkerPictures(side_px=40.0, tilt_deg=15.0, noise_grey=4.0)
     rng = np.random.default_rng((seed, 10))
     angle = MarkerAngle(MarkerTracker(pictures.ids, pictures.dictionary), true_camera(pictures))
@@ -58,7 +62,7 @@ def marker_limits(seed: int, data: Path | None) -> list[Measured]:
 
 
 def _median_ms(angle: MarkerAngle, frames: list[Image]) -> float:
-    """Return the median processor time per frame, in which other programs on the machine do not count."""
+    """Return the median processor time per frame, which does not include that of other programs."""
     spent_s = []
     for frame in frames:
         began = time.thread_time()
@@ -140,10 +144,11 @@ def _camera(folder: Path) -> CameraModel:
 
 
 def find_corners(gray: Image, dictionary: str) -> dict[int, Corners]:
-    """Search a whole (H, W) uint8 picture: (4, 2) px corners by edges of every id seen exactly once.
+    """Return the corners, (4, 2) px, of each id that is detected exactly once in an (H, W) uint8 image.
 
-    dictionary: OpenCV's name, or the path of a dictionary file. Where a marker shows no clean edges
-    its corners are as detected, good to about half a pixel. Raises `InputError`.
+    dictionary: OpenCV's name, or the path of a dictionary file. Corners are refined with the marker's edges.
+    If the edges are not clean, the detected corners are returned, which are accurate to about half a pixel.
+    Raises `InputError`.
     """
     found = {}
     for marker_id, quads in detect_all(detector(dictionary), gray).items():
@@ -154,7 +159,7 @@ def find_corners(gray: Image, dictionary: str) -> dict[int, Corners]:
 
 
 def _gold(folder: Path) -> list[Measured]:
-    """Compare with the marker corners of OpenCV's own test, which are rounded and not refined."""
+    """Compare with the marker corners in OpenCV's test data, which are rounded and not refined."""
     gold = np.genfromtxt(folder / "gold_corners.csv", delimiter=",", dtype=None, names=True, encoding=None)
     missing, worst = 0, 0.0
     for name in np.unique(gold["image"]):

@@ -1,4 +1,4 @@
-"""Simulated motion with a known answer: hand-eye samples, a tool tip on a point, one motion on two clocks."""
+"""Simulated motions with ground truth: hand-eye samples, a tool tip on a point, one motion on two clocks."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -24,7 +24,7 @@ _BORDER_PX = 5.0
 
 @dataclass(frozen=True, slots=True)
 class Noise:
-    """One sigma per coordinate: of corners (px), of robot positions (m) and orientations (deg)."""
+    """Standard deviations per coordinate: corners (px), robot positions (m) and orientations (deg)."""
 
     corner_px: float = 0.2
     robot_m: float = 1e-4
@@ -36,25 +36,25 @@ NOISE = Noise()
 
 @dataclass(frozen=True, slots=True)
 class Truth:
-    """The transforms a solver should find: X and Z of A Z = X B."""
+    """The true transforms X and Z of A Z = X B."""
 
     setup: Setup
     x: Pose
     z: Pose
 
     def error(self, found: Pose) -> tuple[float, float]:
-        """Distance in mm and turn in degrees between an answer and the truth."""
+        """Return position error in mm and rotation error in degrees of an estimate."""
         vector = self.error_vector(found)
         return 1e3 * float(np.linalg.norm(vector[3:])), float(np.degrees(np.linalg.norm(vector[:3])))
 
     def error_vector(self, found: Pose) -> Array:
-        """(6,): turn about X's own axes (rad) and move (m)."""
+        """Return the error as (6,): rotation vector in the axes of X (rad), and translation (m)."""
         turn = (self.x.rotation.inv() * found.rotation).as_rotvec()
         return np.concatenate([turn, np.subtract(found.position_m, self.x.position_m)])
 
 
 def draw_truth(rng: np.random.Generator, setup: Setup = Setup.EYE_TO_HAND) -> Truth:
-    """A camera about 0.8 m from the robot's workspace (or on its tool), a target held at any angle."""
+    """Draw a camera about 0.8 m from the workspace (or on the tool), and a target at a random angle."""
     look = Rotation.from_euler("x", -100, degrees=True) * Rotation.from_rotvec(rng.normal(0, 0.2, 3))
     if setup is Setup.EYE_TO_HAND:
         x = Pose.from_rotation(rng.normal((0.5, -0.7, 0.3), 0.05), look)
@@ -71,9 +71,11 @@ def general_scene(
     rng: np.random.Generator, count: int = 20, setup: Setup = Setup.EYE_TO_HAND, flipped: int = 0,
     noise: Noise = NOISE,
 ) -> tuple[Truth, list[HandEyeSample]]:  # fmt: skip
-    """Views turned by 10 to 45 degrees about any axis at 0.5 to 0.9 m; the first `flipped` are wrong.
+    """Draw views from 0.5 to 0.9 m, rotated by 10 to 45 degrees about random axes.
 
-    A flipped view shows the target turned by another 20 to 40 degrees, as a wrong detection would.
+    The first `flipped` views are wrong.
+
+    In a flipped view the target is rotated by another 20 to 40 degrees, as after a wrong detection.
     """
     truth = draw_truth(rng, setup)
     samples: list[HandEyeSample] = []
@@ -91,7 +93,7 @@ def general_scene(
 def motion_scene(
     rng: np.random.Generator, turns: Sequence[Array] | Array, moves: Array
 ) -> tuple[Truth, list[HandEyeSample]]:
-    """Views whose turns (rotation vectors) and moves (m), from one pose 0.7 m ahead, are given."""
+    """Return views with given rotations (rotation vectors) and translations (m), from a pose 0.7 m ahead."""
     truth = draw_truth(rng)
     first = Pose.from_rotation((0.0, 0.0, 0.7), Rotation.from_rotvec([0.3, 0.2, 0.1]))
     samples = []
@@ -129,7 +131,7 @@ def _turned(pose: Pose, rng: np.random.Generator, low_deg: float, high_deg: floa
 
 
 def _seen(camera_T_target: Pose) -> Array:  # noqa: N803
-    """Return the corners of the marker in the picture, (4, 2) px."""
+    """Return the corners of the marker in the image, (4, 2) px."""
     at = camera_T_target.rotation.apply(MARKER.places_m) + np.asarray(camera_T_target.position_m)
     return CAMERA.project(at)
 
@@ -145,9 +147,9 @@ def wiggle_scene(
 ) -> tuple[TimedSignal, TimedSignal]:  # fmt: skip
     """Draw a robot's angle at 500 Hz, and a camera's at 30 Hz: 0.2 deg noise, 2 ms jitter, 5 % dropped.
 
-    motion: chirp (8 degrees, 0.4 to 1.2 Hz), static, constant (no noise either), sine (4 Hz, so
-    that it repeats within the search). The camera's clock is `offset_s` behind, growing by
-    `drift_ppm` from the middle.
+    motion: chirp (8 degrees, 0.4 to 1.2 Hz); static; constant (without noise); sine (4 Hz, which repeats
+    within the search range). The camera's clock is `offset_s` behind in the middle, and drifts by
+    `drift_ppm`.
     """
     robot_s = np.arange(0.0, seconds, 0.002)
     camera_s = np.arange(0.0, seconds, 1 / 30) + rng.uniform(-0.002, 0.002, round(np.ceil(seconds * 30)))
@@ -177,7 +179,7 @@ def _angle_deg(time_s: Array, motion: str, seconds: float) -> Array:
 def pivot_scene(
     rng: np.random.Generator, count: int, turns: Rotation | None = None
 ) -> tuple[Array, list[tuple[str, Pose]]]:
-    """Draw where the tip is in the tool's frame, and poses with the tip in one hole to 0.1 mm (one sigma)."""
+    """Draw the tip's position in the tool frame, and poses with the tip in one hole (sigma 0.1 mm)."""
     tip, hole = np.array([0.004, -0.002, 0.283]), np.array([0.45, 0.05, 0.02])
     turns = turns or Rotation.from_rotvec(rng.normal(0.0, 0.45, (count, 3)))
     down = Rotation.from_euler("x", 180, degrees=True)

@@ -27,18 +27,21 @@ from rig.benchmark.harness import Report, Run, Study, option, table_of
 from rig.benchmark.measured import Measured, at_most, between, data_folder, informative, not_there
 
 _FURTHER_TRIALS = 60
-"""Trials with flipped views, and with the camera in the hand."""
+"""Number of trials with flipped views, and with the camera on the hand."""
 _SYNC_TRIALS, _OFFSET_S = 40, 0.0473
 _PUBLISHED_CHESSBOARD = (535.92, 342.28, 235.57)
 """Focal length and centre, px, as OpenCV publishes them for its left photos."""
 _PUBLISHED_CHARUCO = (452.51, 456.77)
 _FROM_PUBLISHED = "chessboard photos: f and c from the published"
 GELSIGHT_MINI_MM_PER_PX = (0.0634, 0.0634)
-"""GelSight's own scale at 320 x 240; it nearly cancels in the radius of a ball."""
+"""GelSight's published scale at 320 x 240 px; its error nearly cancels in the radius of a ball."""
 
 
 def hand_eye_limits(seed: int, trials: int) -> list[Measured]:
-    """Twenty views of one 60 mm marker: 0.2 px, 0.1 mm, 0.02 degrees of noise; 0.5 to 0.9 m away."""
+    """Calibrate hand-eye from 20 views of a 60 mm marker at 0.5 to 0.9 m.
+
+    Noise: 0.2 px in the image, 0.1 mm and 0.02 degrees in the robot's poses.
+    """
     errors, held = [], []
     for truth, result in _trials((seed, 1), trials):
         if result.pose is None or result.spread is None:
@@ -78,7 +81,10 @@ def _off_mm(truth: Truth, result: HandEyeResult) -> float:
 
 
 def sync_limits(seed: int) -> list[Measured]:
-    """A camera at 30 Hz with 0.2 degrees of noise, 2 ms of jitter and 5 % drops against a robot at 500 Hz."""
+    """Estimate the time offset of a camera from a robot at 500 Hz.
+
+    The camera has 30 Hz, 0.2 degrees of noise, 2 ms of jitter and 5 % dropped frames.
+    """
 
     def offsets(number: int, motion: str) -> list[float | None]:
         scenes = (
@@ -96,7 +102,11 @@ def sync_limits(seed: int) -> list[Measured]:
 
 
 def camera_limits(seed: int, data: Path | None) -> list[Measured]:
-    """1280 x 720, ChArUco 8 x 6, 25 and 18 mm, blur 0.8 px, noise 3 grey: 20 views fitted, 10 held out."""
+    """Calibrate a camera from 20 rendered views of a ChArUco board, and test it on 10 held-out views.
+
+    Images of 1280 x 720 px; board of 8 x 6 squares, 25 mm, with markers of 18 mm; blur 0.8 px, noise 3 grey
+    levels.
+    """
     views = rendered_views(seed, 30)
     result = calibrate_camera(views[:20])
     off = np.linalg.norm(camera_difference_px(board_scenes.CAMERA, result.fit.camera), axis=-1)
@@ -108,7 +118,7 @@ def camera_limits(seed: int, data: Path | None) -> list[Measured]:
 
 
 def rendered_views(seed: int, count: int) -> list[View]:
-    """Views of the standard board that show a dozen corners at least."""
+    """Return rendered views of the standard board with at least 12 corners."""
     rng = np.random.default_rng((seed, 20))
     views: list[View] = []
     while len(views) < count:
@@ -120,7 +130,7 @@ def rendered_views(seed: int, count: int) -> list[View]:
 
 
 def real_photos(data: Path | None) -> list[Measured]:
-    """OpenCV's chessboard and ChArUco photos against what it publishes for them."""
+    """Calibrate from OpenCV's chessboard and ChArUco photos; compare with its published results."""
     if data is None:
         return [not_there("real chessboard and ChArUco photos")]
     left = sorted((data / "opencv_chessboard").glob("left*.jpg"))
@@ -145,7 +155,7 @@ def real_photos(data: Path | None) -> list[Measured]:
 
 
 def _from_published(result: CameraFit) -> float:
-    """The largest difference of fx, fy, cx, cy from the published numbers, px."""
+    """Return the largest difference of fx, fy, cx, cy from the published values, px."""
     m = result.fit.camera.matrix
     f, cx, cy = _PUBLISHED_CHESSBOARD
     return float(np.abs([m[0, 0] - f, m[1, 1] - f, m[0, 2] - cx, m[1, 2] - cy]).max())
@@ -157,7 +167,7 @@ def _found(target: Target, photos: list[Path]) -> list[View]:
 
 
 def gel_limits(data: Path | None) -> list[Measured]:
-    """Fit the map to some presses and measure the radius in the others; each is left out once."""
+    """Fit the colour map by cross-validation, and measure the ball's radius in the held-out presses."""
     if data is None:
         return [not_there("tactile map: radius of held-out balls")]
     presses = gelsight_presses(data / "gelsight_ball")

@@ -1,6 +1,6 @@
 """Foreign clients on the simulated devices, on loopback: one process and one time limit each.
 
-The scripts are as a user of each client would write them, and print their result as JSON. Their arguments are
+The scripts use each client as its users do, and print their result as JSON. Their arguments are
 the controller's address, the gripper's host and port, and the folder of a clone.
 """
 

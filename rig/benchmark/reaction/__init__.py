@@ -1,1 +1,1 @@
-"""The benefit of reactions to slip: the same simulated lifts with and without them."""
+"""`rig benchmark reaction`: the same simulated lifts with and without a reaction to slip."""

@@ -1,4 +1,4 @@
-"""Simulated lifts that react to slip: beside the ground truth in this process, and over the wire."""
+"""Simulated lifts with a reaction to slip, in this process with ground truth, and over the wire protocols."""
 
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
@@ -36,9 +36,9 @@ GRIPPER_PERIOD_S = 0.01
 class Reaction:
     """One reaction.
 
-    latency_s: from the true half degree to the event's frame; None if the object turned by less. command_s:
-    from that frame to the command. slipped: the object had slipped in the fingers since the lift began, or
-    since it was last at rest.
+    latency_s: time from a true rotation of half a degree to the event's frame; None if the object turned by
+    less. command_s: time from that frame to the command. slipped: whether the object had slipped in the
+    fingers since the start of the lift, or since it was last at rest.
     """
 
     latency_s: float | None
@@ -51,9 +51,9 @@ class Reaction:
 class ReactedLift:
     """One lift.
 
-    turn_deg: at its end; None if no marker was detected or a fault ended it. damaged: the fingers left a mark
-    on the object. would_hold: friction carries the object's torque at an allowed grip. late: the object
-    turned by half a degree without an event.
+    turn_deg: final rotation; None if no marker was detected or a fault ended the lift. damaged: whether the
+    fingers left a mark on the object. would_hold: whether friction carries the object's torque at an allowed
+    grip. late: whether the object turned by half a degree without an event.
     """
 
     object_id: str
@@ -92,13 +92,13 @@ def as_late_as_real(bench: BenchConfig) -> BenchConfig:
 
 
 def lift_both_ways(settings: TrialSettings, task: LiftTask) -> tuple[ReactedLift, ReactedLift]:
-    """Carry out one lift without a reaction and with the settings' own; what a worker process does."""
+    """Carry out one lift without a reaction and one with that of the settings. Runs in a worker process."""
     without = replace(settings, react=ReactionKind.NONE)
     return lift_once(without, task), lift_once(settings, task)
 
 
 def lift_once(settings: TrialSettings, task: LiftTask) -> ReactedLift:
-    """Carry out one lift as the settings say; what a worker process does."""
+    """Carry out one lift with the settings. Runs in a worker process."""
     cv2.setNumThreads(1)
     worlds: list[Any] = []
     row = attempt_lift(settings, task, FreshBenches(settings.bench, watch=worlds.append)).row
@@ -122,7 +122,7 @@ def lift_once(settings: TrialSettings, task: LiftTask) -> ReactedLift:
 
 
 def _reactions(row: FinishedLift, slipped: Callable[[int, int], bool]) -> tuple[Reaction, ...]:
-    """Return a lift's reactions beside the ground truth. slipped: whether within a span of times, ns."""
+    """Return a lift's reactions with ground truth. slipped: returns whether it slipped between times, ns."""
     lift_ns = to_ns(row.phases_s[Phase.LIFT])
     reactions, since_s = [], 0.0
     for r in row.reactions or ():
@@ -145,13 +145,13 @@ FINGERS = (ReactionStep.CLOSE, ReactionStep.CLOSED)
 def times_over_wire(
     settings: TrialSettings, lifts: int, progress: Callable[[int, int, str], None] = lambda *_: None
 ) -> list[Measured]:
-    """Carry out lifts that react as soon as a slip is detected; return how long that took.
+    """Carry out lifts that react as soon as a slip is detected; return the times of the reactions.
 
-    SIMULATED devices, in real time. Raises what `run_trial` raises.
+    SIMULATED devices, in real time. Raises the errors of `run_trial`.
     """
 
     def show(done: int, total: int, row: LiftRow) -> None:
-        progress(done, total, f"behind wires, {row.object}/{row.lift}")
+        progress(done, total, f"over the wire protocols, {row.object}/{row.lift}")
 
     with (
         tempfile.TemporaryDirectory() as folder,
@@ -174,12 +174,14 @@ def times_of(session: Path, react: ReactionKind) -> list[Measured]:
     took_ms = {who: [ms for lift in steps for ms in _took_ms(lift, both)] for who, both in moved.items()}
     return [
         at_most(
-            f"behind wires, capture of the frame that told to command, 99 % of {len(late_ms)}, ms",
+            f"over the wire protocols, capture of the event's frame to command, 99 % of {len(late_ms)}, ms",
             np.percentile(late_ms, 99) if late_ms else None,
             MOST_COMMAND_MS,
         ),
         *(
-            informative(f"behind wires, command to standstill of {who}, {of} %, ms", np.percentile(ms, of))
+            informative(
+                f"over the wire protocols, command to standstill of {who}, {of} %, ms", np.percentile(ms, of)
+            )
             for who, ms in took_ms.items()
             if ms
             for of in (50, 99)
@@ -190,7 +192,7 @@ def times_of(session: Path, react: ReactionKind) -> list[Measured]:
 def _took_ms(
     steps: Sequence[tuple[ReactionStep, int]], both: tuple[ReactionStep, ReactionStep]
 ) -> Iterator[float]:
-    """Yield the time between two steps, wherever the second follows the first directly."""
+    """Yield the time between two steps, for each pair of which the second follows the first directly."""
     for (first, began_ns), (second, ended_ns) in pairwise(steps):
         if (first, second) == both:
             yield MS_PER_S * (ended_ns - began_ns) / NS_PER_S

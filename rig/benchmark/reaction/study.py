@@ -28,7 +28,7 @@ LEAST_CAUGHT, MOST_LATENCY_MS = 0.95, 50.0
 MOST_FALSE = 1.0 / 45.0
 """Largest share of lifts with a reaction among those that hold."""
 HELD_DEG = 0.5
-"""A lift holds if it ends with a smaller turn without a reaction."""
+"""The grip of a lift holds if the final rotation without a reaction is smaller than this."""
 Pair = tuple[ReactedLift, ReactedLift]
 """One lift without and with a reaction."""
 
@@ -37,12 +37,18 @@ Pair = tuple[ReactedLift, ReactedLift]
 class ReactionOptions:
     """Options of `rig benchmark reaction`."""
 
-    react: Literal["stop", "tighten", "lower"] = option("tighten", "What is done on a slip.")
-    objects: list[str] | None = option(None, "By id or name; repeat. Default: the trial's nine.", "--object")
-    lifts: int = option(5, "Of each object.", min=1, max=100)
-    false_alarms_per_hour: float = option(10.0, "Reactions at rest that are accepted.")
-    max_turn_deg: float | None = option(None, "React when it would turn further.", min=0.5, max=90.0)
-    wire_lifts: int = option(4, "Further lifts behind wires, in real time.", min=0, max=100)
+    react: Literal["stop", "tighten", "lower"] = option("tighten", "Reaction to a slip.")
+    objects: list[str] | None = option(
+        None, "Id or name; repeat for more. Default: the trial's nine.", "--object"
+    )
+    lifts: int = option(5, "Lifts of each object.", min=1, max=100)
+    false_alarms_per_hour: float = option(10.0, "Accepted number of reactions per hour at rest.")
+    max_turn_deg: float | None = option(
+        None, "React only if the predicted rotation exceeds this.", min=0.5, max=90.0
+    )
+    wire_lifts: int = option(
+        4, "Number of additional lifts over the wire protocols, in real time.", min=0, max=100
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,17 +148,17 @@ def judge_lifts(pairs: Sequence[Pair]) -> list[Measured]:
     slowest = float(np.percentile(latency_ms, 99)) if latency_ms else None
     dropped = _fallen([after for after in slipping if after.would_hold])
     damaged = sum(after.damaged for _, after in pairs)
-    false = f"share of lifts that hold and react all the same, of {len(held)}"
+    false = f"share of lifts with a reaction although the grip holds, of {len(held)}"
     return [
         at_least("share of slipping lifts caught", caught, LEAST_CAUGHT),
         at_most("true half degree to event, 99th percentile, ms", slowest, MOST_LATENCY_MS),
-        informative("events that never came", late),
+        informative("slips without an event", late),
         at_most(false, _false_share(held), MOST_FALSE)
         if held
         else Measured(false, None, f"at most {MOST_FALSE:.3g}", None),
         informative("reactions to less than half a degree", sum(r.latency_s is None for r in reactions)),
         informative("reactions to an object that had not slipped", sum(not r.slipped for r in reactions)),
-        at_most("fallen with a reaction where friction could carry it", dropped, 0),
+        at_most("objects dropped with a reaction although friction could carry them", dropped, 0),
         at_most("objects damaged", damaged, 0),
     ]
 

@@ -1,6 +1,6 @@
-"""A second renderer of gel pictures: estimators on lifts that another simulator drew.
+"""A second renderer of gel images, to test estimators on lifts of another simulator.
 
-It shares no code and no number with the simulated bench, so that what both get wrong in the same way is
-less. Its figures are simulated all the same. It judges; only the standard deviation of `slip` is fitted to
-lifts of it, of other numbers (`rig.benchmark.sigma`).
+It shares no code and no constants with the simulated bench, so that both are unlikely to have the same
+errors. Its figures are simulated as well. Nothing is fitted to its lifts, with one exception: the standard
+deviation of `slip` is fitted to lifts with other numbers (`rig.benchmark.sigma`).
 """

@@ -1,8 +1,8 @@
-"""Lifts of the second renderer: an object rests, turns by fits and starts, and rests, seen by two fingertips.
+"""Lifts of the second renderer: an object rests, turns in stick and slip, and rests again, at two fingertips.
 
-A fingertip is a gel seen from behind by a camera. The film on the gel is stretched over the face as a
-membrane on an elastic ground; its picture is what lamps of an area shed on its slope, dull and a little
-glossy, scattered in the gel, through a camera's tone curve, with noise.
+A fingertip is a gel with a camera behind it. The film on the gel is a membrane on an elastic foundation,
+stretched over the object's face. It is lit by extended lamps. Its reflection is diffuse and slightly glossy.
+The light is scattered in the gel; the camera applies a tone curve and adds noise.
 """
 
 import math
@@ -29,13 +29,14 @@ from rig.benchmark.renderer.shapes import (
 SIZE_PX = (240, 320)
 PITCH_MM = 0.058
 COARSE = 2
-"""Pixels of the picture per point of the film."""
+"""Pixels of the image per grid point of the film."""
 STRETCH_PX, STRETCHES = 2.6, 14
-"""The film's stiffness: it is smoothed so far, so often, and held up by the face after each."""
+"""Stiffness of the film: width of its smoothing, and number of repetitions. Each is followed by contact with
+the face."""
 SINKS = 0.985
-"""What is left of the film's depth after each smoothing: the ground pulls it back."""
+"""Fraction of the film's depth that remains after each smoothing, due to the elastic foundation."""
 LAMPS = 5
-"""Points that stand for a row of lamps."""
+"""Number of point lights that represent a row of lamps."""
 HEIGHT_MM, AWAY_FROM_MIDDLE_MM = 3.0, 15.0
 GLOSS, GLOSS_POWER = 0.10, 12.0
 SPREAD_PX, SPREAD_SHARE = 9.0, 0.18
@@ -75,10 +76,10 @@ class GelCamera:
         depth_mm: float,
         rng: Random,
     ) -> Image:
-        """Return a frame, (320, 240, 3) uint8 RGB, as a camera delivers it.
+        """Return a frame of the camera, (320, 240, 3) uint8 RGB.
 
-        angle_rad: counter-clockwise as seen. middle_mm: where the face's middle is, right and up. depth_mm:
-        how far it is pushed in.
+        angle_rad: counter-clockwise as seen. middle_mm: position of the face's middle, right and up.
+        depth_mm: depth of the face in the gel.
         """
         depth = np.zeros_like(self._dome)
         if face is not None:
@@ -95,7 +96,7 @@ class GelCamera:
         return np.asarray(cv2.imdecode(data, cv2.IMREAD_COLOR), np.uint8)[..., ::-1].copy()
 
     def _coded(self, rng: Random) -> NDArray[np.float32]:
-        """Return how far a video's blocks are off until its next refresh, (H, W, 3) grey levels."""
+        """Return the errors of a video codec's blocks until the next refresh, (H, W, 3) grey levels."""
         if self._taken % self._refresh == 0:
             coarse = (SIZE_PX[1] // BLOCK_PX, SIZE_PX[0] // BLOCK_PX, 3)
             levels = rng.normal(0.0, self._block_levels, coarse).astype(np.float32)
@@ -106,7 +107,7 @@ class GelCamera:
     def _pressed(
         self, face: Face, angle_rad: float, middle_mm: tuple[float, float], depth_mm: float
     ) -> Plane:
-        """Return how far the face stands below the resting gel, mm, 0 where it does not reach it."""
+        """Return the depth of the face below the undented gel, mm, 0 outside the contact."""
         x, y = self._x - np.float32(middle_mm[0]), self._y - np.float32(middle_mm[1])
         cos, sin = np.float32(math.cos(angle_rad)), np.float32(math.sin(angle_rad))
         column = (x * cos + y * sin + np.float32(PATCH_MM)) / np.float32(PATCH_PX_MM) - np.float32(0.5)
@@ -125,7 +126,7 @@ class GelCamera:
 
     @staticmethod
     def _stretched(pressed: Plane) -> Plane:
-        """Return the film's depth: never less than the face, smooth beside it."""
+        """Return the film's depth: at least that of the face, and smooth beside it."""
         film = pressed
         for _ in range(STRETCHES):
             smooth = np.asarray(cv2.GaussianBlur(film, (0, 0), STRETCH_PX), np.float32)
@@ -137,7 +138,7 @@ class GelCamera:
         step = COARSE * PITCH_MM
         right = -cv2.Sobel(depth, cv2.CV_32F, 1, 0, scale=1 / (8 * step))
         up = cv2.Sobel(depth, cv2.CV_32F, 0, 1, scale=1 / (8 * step))
-        # The film is seen from inside the gel: what is pressed in comes nearer to the camera.
+        # The camera is inside: parts of the film that are pressed in are closer to the camera.
         norm = np.sqrt(1.0 + right**2 + up**2)
         colours = np.empty((*depth.shape, 3))
         for colour, lamps in enumerate(self._lamps):
@@ -156,7 +157,7 @@ class GelCamera:
 
 
 def _lamps(rng: Random) -> list[list[tuple[float, float, float]]]:
-    """Return three rows of lamps around the gel: places in mm and powers, a colour each."""
+    """Return three rows of lamps around the gel, one per colour: positions in mm and powers."""
     first = rng.uniform(0.0, 2.0 * math.pi)
     rows = []
     for colour in range(3):
@@ -169,13 +170,13 @@ def _lamps(rng: Random) -> list[list[tuple[float, float, float]]]:
 
 
 def _patches(shape: tuple[int, int], rng: Random) -> NDArray[np.float64]:
-    """Return a slowly changing factor, (h, w, 3): paint and gel are not even."""
+    """Return a smoothly varying factor, (h, w, 3), for the unevenness of paint and gel."""
     coarse = rng.normal(0.0, 0.12, (5, 4, 3)).astype(np.float32)
     return np.exp(cv2.resize(coarse, shape[::-1], interpolation=cv2.INTER_CUBIC)).astype(np.float64)
 
 
 def _specks(rng: Random) -> NDArray[np.float64]:
-    """Return how much light specks and a scratch keep, (H, W), 0 to 1: more where the film is pressed."""
+    """Return the fraction of light absorbed by specks and a scratch, (H, W), 0 to 1."""
     dark = np.zeros((SIZE_PX[1], SIZE_PX[0]), np.float32)
     for _ in range(int(rng.integers(2, 9))):
         place = int(rng.integers(SIZE_PX[0])), int(rng.integers(SIZE_PX[1]))
@@ -191,16 +192,17 @@ REST_S, TURN_S, END_S = 1.0, 1.6, 0.6
 BACKGROUND_FRAMES = 8
 MOST_TURN_DEG, LEAST_TURN_DEG = 45.0, 5.0
 STILL_SHARE = 0.1
-"""Share of the lifts in which nothing turns."""
+"""Fraction of the lifts without rotation."""
 SIGNS = (1, -1)
-"""Of the fingertips: they stand on opposite sides of the object."""
+"""Signs of the fingertips, which are on opposite sides of the object."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Course:
-    """How a lift goes, at each frame.
+    """The motion of a lift, at each frame.
 
-    turn_deg: (N,) of the object. shift_mm: (N, 2) of the face's middle, right and up. depth_mm: (N,).
+    turn_deg: (N,) rotation of the object. shift_mm: (N, 2) position of the face's middle, right and up.
+    depth_mm: (N,) depth of the face in the gel.
     """
 
     turn_deg: NDArray[np.float64]
@@ -208,16 +210,16 @@ class Course:
     depth_mm: NDArray[np.float64]
 
     def time_ns(self, frame: int) -> int:
-        """When a frame is captured, from the start."""
+        """Return the capture time of a frame since the start."""
         return round((1.0 + frame / RATE_HZ) * NS_PER_S)
 
 
 LIFT_NS = round((1.0 + REST_S) * NS_PER_S)
-"""When a lift begins to rise: angles count from what was told before."""
+"""Start of the lift: the zero of the angles is the mean before it."""
 
 
 def draw_course(seed: int) -> Course:
-    """Draw how a lift goes: rest, a turn that sticks and slips, rest."""
+    """Draw the motion of a lift: rest, a rotation in stick and slip, rest."""
     rng = np.random.default_rng((seed, 3))
     frames = round((REST_S + TURN_S + END_S) * RATE_HZ)
     since_s = np.arange(frames) / RATE_HZ - REST_S
@@ -248,12 +250,12 @@ def frames(seed: int, tip: int) -> Iterator[Frame]:
 
 
 def kind_of(seed: int) -> int:
-    """Return which kind of face a lift has."""
+    """Return the kind of face of a lift."""
     return seed % KINDS
 
 
 def _stick_slip(since_s: NDArray[np.float64], rng: Random) -> NDArray[np.float64]:
-    """Return the turn, degrees, at times from 0 on: stretches at a rate, with rests between them."""
+    """Return the rotation, degrees, at times from 0 on: phases of constant rate with rests between them."""
     if rng.random() < STILL_SHARE:
         return np.zeros_like(since_s)
     ends = np.sort(rng.uniform(0.0, TURN_S, int(rng.integers(2, 7)) * 2))

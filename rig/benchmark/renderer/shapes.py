@@ -1,4 +1,4 @@
-"""What presses on the gel: heights of many faces, drawn from seeds, in mm over x (right) and y (up)."""
+"""Faces that press on the gel, as height maps drawn from seeds, in mm over x (right) and y (up)."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -10,17 +10,17 @@ from numpy.typing import NDArray
 Plane = NDArray[np.float32]
 Random = np.random.Generator
 PATCH_MM, PATCH_PX_MM = 16.0, 0.1
-"""A face is drawn on a square of twice the first, with pixels of the second."""
+"""Half the width of the square of a height map, and size of its pixels."""
 AWAY_MM = 5.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Face:
-    """What one fingertip meets.
+    """The face at one fingertip.
 
-    relief_mm: (N, N) float32, how far the face stands away from its highest point; it turns with the object.
-    bulge_mm: radii of curvature of a soft broad body behind it, along and across `bulge_deg`, which
-    presses the gel where the finger stands and does not turn; None without one.
+    relief_mm: (N, N) float32, distance below the face's highest point; it turns with the object. bulge_mm:
+    radii of curvature of a soft broad body behind it, along and across `bulge_deg`, which presses the gel and
+    does not turn; None without one.
     """
 
     relief_mm: Plane
@@ -35,12 +35,12 @@ def _grid() -> tuple[Plane, Plane]:
 
 
 def _roundness(x: Plane, radius_mm: float) -> Plane:
-    """A cylinder's flank, by its parabola."""
+    """Return the height of a cylinder, approximated by a parabola."""
     return np.minimum(x**2 / (2.0 * radius_mm), AWAY_MM)
 
 
 def _bar(x: Plane, y: Plane, rng: Random) -> Plane:
-    """A rounded bar whose width changes along it, with an end now and then."""
+    """Return a rounded bar whose width changes along it, sometimes with an end."""
     radius = rng.uniform(2.0, 7.0) * (1.0 + rng.uniform(0.0, 0.03) * x)
     end = np.maximum(np.abs(x) - rng.uniform(4.0, 14.0), 0.0)
     bend = rng.uniform(-0.01, 0.01) * x**2
@@ -48,20 +48,20 @@ def _bar(x: Plane, y: Plane, rng: Random) -> Plane:
 
 
 def _blade(x: Plane, y: Plane, rng: Random) -> Plane:
-    """A flat strip with sharp long edges, a little tapered."""
+    """Return a flat, slightly tapered strip with sharp long edges."""
     half = rng.uniform(1.0, 3.2) + rng.uniform(-0.06, 0.06) * x
     return np.minimum(np.maximum(np.abs(y) - half, 0.0) * rng.uniform(1.5, 4.0), AWAY_MM)
 
 
 def _thread(x: Plane, y: Plane, rng: Random) -> Plane:
-    """A rod with a helical ridge."""
+    """Return a rod with a helical ridge."""
     pitch, slant = rng.uniform(0.9, 2.2), rng.uniform(0.05, 0.4)
     ridge = rng.uniform(0.08, 0.2) * (1.0 - np.cos(2.0 * np.pi * (x + slant * y) / pitch)) / 2.0
     return np.asarray(_roundness(y, rng.uniform(3.0, 8.0)) + ridge, np.float32)
 
 
 def _braid(x: Plane, y: Plane, rng: Random) -> Plane:
-    """A flat face with two crossing sets of ridges."""
+    """Return a flat face with two crossing sets of ridges."""
     pitch, half = rng.uniform(1.2, 2.5), rng.uniform(0.4, 0.9)
     one = np.cos(2.0 * np.pi * (x * np.cos(half) + y * np.sin(half)) / pitch)
     two = np.cos(2.0 * np.pi * (x * np.cos(half) - y * np.sin(half)) / pitch)
@@ -70,14 +70,14 @@ def _braid(x: Plane, y: Plane, rng: Random) -> Plane:
 
 
 def _oval(x: Plane, y: Plane, rng: Random) -> Plane:
-    """A smooth cap, clearly longer than wide."""
+    """Return a smooth cap, clearly longer than wide."""
     across = rng.uniform(6.0, 12.0)
     along = across * rng.uniform(2.2, 5.0)
     return np.minimum(x**2 / (2.0 * along) + y**2 / (2.0 * across), AWAY_MM)
 
 
 def _strokes(x: Plane, y: Plane, rng: Random) -> Plane:
-    """A flat plate with raised strokes, as of letters."""
+    """Return a flat plate with raised strokes, as of letters."""
     picture = np.ones(x.shape, np.float32)
     middle = x.shape[0] / 2.0
     for _ in range(int(rng.integers(4, 9))):
@@ -90,7 +90,7 @@ def _strokes(x: Plane, y: Plane, rng: Random) -> Plane:
 
 
 def _porous(x: Plane, y: Plane, rng: Random) -> Plane:
-    """A broad, slightly long cap of rough material."""
+    """Return a broad, slightly elongated cap of rough material."""
     rough = rng.standard_normal(x.shape).astype(np.float32)
     fine, coarse = (cv2.GaussianBlur(rough, (0, 0), s / PATCH_PX_MM) for s in (0.25, 0.8))
     rough = np.asarray(fine / fine.std() + coarse / coarse.std(), np.float32)
@@ -99,7 +99,7 @@ def _porous(x: Plane, y: Plane, rng: Random) -> Plane:
 
 
 def _grooves(x: Plane, y: Plane, rng: Random) -> Plane:
-    """What a soft handle shows: one to three thin lines, straight or a little bent, low."""
+    """Return the relief of a soft handle: one to three thin, low lines, straight or slightly bent."""
     relief = np.zeros_like(x)
     for _ in range(int(rng.integers(1, 4))):
         away = y - rng.uniform(-3.0, 3.0) - rng.uniform(-0.3, 0.3) * x - rng.uniform(-0.02, 0.02) * x**2
@@ -108,7 +108,7 @@ def _grooves(x: Plane, y: Plane, rng: Random) -> Plane:
 
 
 def _ending(x: Plane, y: Plane, rng: Random) -> Plane:
-    """A soft flat that ends on the gel: an edge that bites in, and beyond it a gentle fall."""
+    """Return a soft flat face that ends on the gel: a raised edge with a gentle slope beyond it."""
     away = y - rng.uniform(1.0, 3.0) - rng.uniform(-0.2, 0.2) * x - rng.uniform(-0.006, 0.006) * x**2
     bite = rng.uniform(0.04, 0.11) * np.exp(-((away / rng.uniform(0.25, 0.45)) ** 2))
     fall = np.minimum(rng.uniform(0.08, 0.4) * np.maximum(away, 0.0), AWAY_MM)
@@ -116,7 +116,7 @@ def _ending(x: Plane, y: Plane, rng: Random) -> Plane:
 
 
 def _peel(x: Plane, y: Plane, rng: Random) -> Plane:
-    """A fruit's skin: low bumps, here and there a deeper pit."""
+    """Return a fruit's skin: low bumps and a few deeper pits."""
     rough = rng.standard_normal(x.shape).astype(np.float32)
     bumps = cv2.GaussianBlur(rough, (0, 0), rng.uniform(0.25, 0.5) / PATCH_PX_MM)
     pits = np.maximum(cv2.GaussianBlur(rough[::-1], (0, 0), 0.4 / PATCH_PX_MM) / 0.07 - 2.0, 0.0)
@@ -129,9 +129,10 @@ SOFT: tuple[Draw, ...] = (_grooves, _ending, _peel)
 
 
 def draw_face(kind: int, seed: int, side: int) -> Face:
-    """Draw a face: `kind` counts through the kinds, the last of them soft bodies with a little relief.
+    """Draw a face.
 
-    side: 0 or 1; the second fingertip meets the first one's face mirrored, with a roughness of its own.
+    kind: index of the kind, see `KIND_NAMES`; the last kinds are soft bodies with slight relief. side: 0 or
+    1; the second fingertip touches the mirror image of the first one's face, with another roughness.
     """
     x, y = _grid()
     x = -x if side else x

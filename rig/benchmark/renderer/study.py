@@ -1,4 +1,4 @@
-"""`rig benchmark renderer`: estimators on lifts that the second renderer drew, scored as a trial scores."""
+"""`rig benchmark renderer`: estimators on lifts of the second renderer, scored as in a trial."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -47,12 +47,12 @@ class RendererOptions:
         None,
         "Repeat for more, also your own as package.module:Class; limits are for the first. Default: slip.",
     )
-    lifts: int = option(45, "How many are drawn.", min=1, max=1000)
+    lifts: int = option(45, "Number of lifts.", min=1, max=1000)
 
 
 @dataclass(frozen=True, slots=True)
 class DrawnLift:
-    """One lift of one estimator. faults: failures of an estimator that is not the rig's own."""
+    """One lift of one estimator. faults: failures of a lab's own estimator."""
 
     kind: str
     score: SeriesScore
@@ -167,7 +167,7 @@ def _row(name: str, face: str, lifts: Sequence[DrawnLift]) -> FaceRow:
 
 
 def _wrong_lifts(overall: ContenderScore) -> int | None:
-    """Lifts with a confidently wrong answer; None for an estimator without sigma."""
+    """Return the number of lifts with a confidently wrong answer; None for an estimator without sigma."""
     return None if overall.within_two_sigma is None else overall.wrong_lifts
 
 

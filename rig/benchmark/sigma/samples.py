@@ -1,4 +1,4 @@
-"""Answers of the estimator slip whose errors are known, with the terms that its variance is made of."""
+"""Answers of the estimator slip with known errors, and the terms of their variance."""
 
 import math
 from collections.abc import Iterable, Iterator
@@ -23,8 +23,9 @@ LIFT_STRIDE = 15
 class KnownError:
     """The error of one answer and the terms of its variance, in degrees and squared degrees.
 
-    label_deg: sigma of the ground truth. known: the part of the variance that is not fitted. terms: of the
-    fitted part, in the order of `rig.tactile.slip.fused_angle.TERMS`, times the weight of the joint tracker.
+    label_deg: sigma of the ground truth. known: the part of the variance that is not fitted. terms: terms of
+    the fitted part, in the order of `rig.tactile.slip.fused_angle.TERMS`, times the weight of the joint
+    tracker.
     """
 
     error_deg: float
@@ -74,7 +75,7 @@ def _answers(estimator: SlipEstimator, images: Iterable[TimedImage]) -> list[Fus
 
 
 def _first_from(answers: list[Fused | None], place: int) -> float | None:
-    """Return the angle of the first answer from a frame on, else of the last one before."""
+    """Return the angle of the first answer at or after a frame; if there is none, of the last one before."""
     later = (fused for fused in (*answers[place:], *reversed(answers[:place])) if fused is not None)
     return next((fused.angle_rad for fused in later), None)
 

@@ -1,4 +1,4 @@
-"""`rig benchmark sigma`: fits the standard deviation that slip reports where the texture leads."""
+"""`rig benchmark sigma`: fits the standard deviation that slip reports while the texture leads."""
 
 import json
 import math
@@ -23,17 +23,17 @@ from rig.results.scores import is_confidently_wrong
 from rig.tactile.slip.fused_angle import TERMS, coefficients
 
 FLOOR = 0.03
-"""Share of the answers whose error is anything up to `ANY_ERROR_DEG`: no sigma describes them."""
+"""Fraction of outliers in the likelihood: their error is uniform up to `ANY_ERROR_DEG`."""
 ANY_ERROR_DEG = 60.0
 COVERED = 0.96
-"""Share of the clips' labels that shall be within two sigma; the fitted sigma is enlarged until they are."""
+"""Required fraction of the clips' labels within two sigma; the fitted sigma is enlarged to reach it."""
 MOST_LARGER = 4.0
 """Largest factor by which sigma is enlarged."""
 FIRST_LIFT = 900
-"""Lifts from this number on are fitted to; `rig benchmark renderer` judges by those of lower numbers."""
+"""First lift used for the fit; `rig benchmark renderer` uses lifts with lower numbers."""
 EXPECTED, INDEPENDENT_CLIPS = (0.8, 0.6, 0.2, 0.3), 12.0
-"""The coefficients' prior is log-normal around the first, one e-fold wide. The second is how many errors are
-independent: those within a clip and its versions are alike. The first three are those of a prototype."""
+"""Centres of the coefficients' log-normal prior, whose width is a factor e; the first three are those of a
+prototype. Number of independent errors: the errors in a clip and its versions are correlated."""
 Values = NDArray[np.float64]
 
 
@@ -56,7 +56,7 @@ class SigmaOptions:
 
 @dataclass(frozen=True, slots=True)
 class SigmaRow:
-    """How well coefficients describe the errors of clips or lifts: a row of the table."""
+    """Fit of the coefficients to the errors of clips or lifts: a row of the table."""
 
     coefficients: str = column("coefficients")
     data: str = column("data")
@@ -71,10 +71,10 @@ def measure(options: SigmaOptions, run: Run) -> Report:
     """Fit the standard deviation that slip reports to known errors, by maximum likelihood.
 
     The errors are those at the labels of clips, in all versions of `rig benchmark clips --augment`, and those
-    of SIMULATED lifts of the second renderer. The likelihood is that of a normal error with the variance of
-    answer and label, and a few errors of any size. A prior keeps coefficients that the errors do not
-    determine. Then sigma is enlarged until 96 % of the labels are within two sigma. Clips and lifts count
-    alike. Fit to development clips only; judge with others.
+    of SIMULATED lifts of the second renderer. In the likelihood, errors are normal with the variance of
+    answer and label, with a few outliers of any size. A prior determines coefficients that the errors do not.
+    Then sigma is enlarged until 96 % of the labels are within two sigma. Clips and lifts have equal weight.
+    Fit to development clips only, and test with others.
 
     Examples:
       rig benchmark sigma clips --groups halves.csv --group development --save fusion.json
@@ -163,7 +163,7 @@ def _row(which: str, data: str, roots: Values, errors: Sequence[KnownError]) -> 
 def _card(
     found: dict[str, float], options: SigmaOptions, clips: int, rows: Sequence[SigmaRow]
 ) -> dict[str, object]:
-    """Return the coefficients with what they were fitted to."""
+    """Return the coefficients and a description of the data that they were fitted to."""
     return {
         "title": "standard deviation of the fused slip angle where the texture leads",
         "coefficients": found,

@@ -76,7 +76,7 @@ def summarize(
 
 
 def train_command(network: str) -> str:
-    """Return the commands that train a network of the paper and bring it into this benchmark."""
+    """Return the commands that train a network of the paper and use it in this benchmark."""
     return (
         f"rig train --arch {network} --fold D_s3 --units family --out RUN, "
         f"then --model {network}=RUN/{network}_D_s3/model.onnx"
@@ -112,23 +112,23 @@ def table_four(result: TrialsResult) -> Table:
 def notes(result: TrialsResult) -> list[str]:
     """Return the conditions of the measurement, a sentence or two each."""
     return [
-        "SIMULATED: the paper's figures are of its real bench and objects; they rank nothing here.",
+        "SIMULATED: the paper's figures are of its real bench and objects and cannot be compared with these.",
         f"One fingertip at 30 frames per second, {result.frames} frames of phase B; times in one process "
         "and one thread, medians.",
         "The angle methods are the corrected ones: they refuse a contact that is too round for an axis.",
         "Refused held: a frame without an answer counts with the last answer given.",
-        "Kolamuri et al. runs on the same lifts with dots printed on the gel. A gel follows a turn by 10 "
-        "degrees at most, and what turns further slides over it.",
-        "Toskov et al. feels the wrist's wrench alone: light grips turn it by some mN m, about the noise of "
-        "the arm's sensor. It and AngleNet learnt from SIMULATED lifts of other objects on such a bench.",
-        "The shipped networks learnt from fold D_s3, in which objects 1 and 7 are among those trained with, "
-        "as they are in the paper.",
+        "Kolamuri et al. runs on the same lifts with dots printed on the gel. The gel follows a rotation by "
+        "at most 10 degrees; beyond that the object slides over it.",
+        "Toskov et al. uses only the wrench at the wrist: light grips change its torque by some mN m, about "
+        "the noise of the arm's sensor. It and AngleNet were trained on SIMULATED lifts of other objects.",
+        "The shipped networks were trained on fold D_s3, whose training objects include 1 and 7, as in the "
+        "paper.",
         f"Errors by object, edge against cylinder, and the curves of each lift: rig report {result.session}",
     ]
 
 
 def usual_window(system: str) -> int:
-    """Return the window with which a system is usually used: the paper's, or none."""
+    """Return the default window of a system: the paper's, or none."""
     return (
         1
         if system in (DEFAULT_ESTIMATOR, KOLAMURI, ANGLENET, ANGLENET_ON_TEST, TOSKOV, STILL)
@@ -142,7 +142,7 @@ def systems(result: TrialsResult) -> list[str]:
 
 
 def head(result: TrialsResult) -> str:
-    """Return what the tables were measured on."""
+    """Return a description of the data of the tables."""
     return f"SIMULATED, {counted(result.lifts, 'lift')}, one fingertip, phase B"
 
 
@@ -156,7 +156,7 @@ def _three_row(result: TrialsResult, network: str, method: str, system: str) -> 
 
 
 def _kept_row() -> tuple[str, ...]:
-    """Return the kept result of AngleNet as the paper trained it; its network is not shipped."""
+    """Return the stored result of AngleNet trained as in the paper; its network is not shipped."""
     text = (MODELS / KEPT).read_text(encoding="utf-8")
     kept = json.loads(text)[ANGLENET_ON_TEST]
     cells = (kept["mare"], kept["interval"], kept["answered"], kept["refused_held"], kept["ms"])

@@ -1,4 +1,4 @@
-"""All systems on one lift as the paper compares: one fingertip, 30 frames per second, error over phase B.
+"""All systems on one lift, compared as in the paper: one fingertip, 30 frames per second, error over phase B.
 
 A network segments each frame once for all angle methods, and windows are applied afterwards.
 """
@@ -37,9 +37,9 @@ TABLE_WINDOWS = (2, 4, 6, 8, 10)
 """Of the paper's Table III."""
 WINDOWS = (1, *TABLE_WINDOWS)
 ANGLENET_ON_TEST = "anglenet-on-test"
-"""AngleNet as the paper trained it: on the lifts that it is then tested with."""
+"""AngleNet trained as in the paper: on the same lifts on which it is tested."""
 STILL = "still"
-"""Always reports 0: the least that a system has to improve on."""
+"""A baseline that always reports 0."""
 PLAIN = (DEFAULT_ESTIMATOR, *METHODS, ANGLENET, TOSKOV, STILL)
 """Systems that run on the lifts of the gel without markers, beside the networks."""
 PEER_FILES = (ANGLENET, ANGLENET_ON_TEST, TOSKOV)
@@ -50,7 +50,7 @@ TITLES = {
     ANGLENET: "AngleNet, objects held back",
     ANGLENET_ON_TEST: "AngleNet, trained on these lifts",
     TOSKOV: "Toskov et al. (wrist), objects held back",
-    STILL: "none: 0 all the time",
+    STILL: "none: always 0",
 }
 
 Passes = dict[str, list[TimedSample]]
@@ -67,7 +67,7 @@ class TrialPass:
 
 
 def title(system: str) -> str:
-    """Return what tables call a system."""
+    """Return the name of a system in tables."""
     return TITLES.get(system, system)
 
 

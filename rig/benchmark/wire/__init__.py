@@ -1,4 +1,4 @@
 """The real drivers over the wire protocols, in real time: a lift, faults, events at any moment, endurance.
 
-Imports experiments and the bench; knows no table of the other benchmarks.
+Imports experiments and the bench, but no other benchmark.
 """

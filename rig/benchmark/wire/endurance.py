@@ -140,7 +140,7 @@ class StillContact(LiftObserver):
             self._late_ns[frame.serial].append(self._clock.now_ns() - frame.time_ns)
 
     def arm(self, state: ArmState) -> None:
-        """Record the arm's state. The measurement does not get it, so that it looks for no markers."""
+        """Record the arm's state. The measurement does not get it, so that it does not search for markers."""
         self._recordings.recorder.arm(state)
 
     def gripper(self, state: GripperState) -> None:

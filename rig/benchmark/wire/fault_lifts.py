@@ -1,8 +1,8 @@
 """Lifts over the wire protocols in which a device fails in mid-lift.
 
-A trial in which the first attempt at each lift meets a fault, and the next attempt has to succeed after what
-a person at the bench would do. What the rig reports is compared with the simulated world: where its tool
-truly moved, and when.
+In the trial a fault occurs in the first attempt at each lift. Then the actions of a person at the bench are
+simulated, and the next attempt has to succeed. The rig's reports are compared with the true motion of the
+tool in the simulated world.
 """
 
 import threading
@@ -42,12 +42,12 @@ LATE = (Stage.HOLD, Stage.LOWER, Stage.RELEASE)
 
 @dataclass(slots=True)
 class FaultyLift:
-    """A lift with a fault while it goes on.
+    """A lift with a fault.
 
-    Monotonic times in ns: of the fault, of the rig's first stop command to the arm after it, and of the
-    simulated tool's standstill after that; 0 if that has not happened. stage: of the lift at the fault.
-    dropped: whether the object fell. faults: outcomes of failed attempts. given_up: the next lift did not run
-    although its case was mended. recovered: it ran.
+    The times are monotonic, in ns: of the fault, of the rig's first stop command to the arm after it, and of
+    the simulated tool's standstill after that; 0 if it has not happened. stage: of the lift at the fault.
+    dropped: whether the object fell. faults: outcomes of failed attempts. given_up: whether the next lift did
+    not run although the fault had been repaired. recovered: whether it ran.
     """
 
     case: FaultCase
@@ -72,7 +72,7 @@ class FaultyLift:
 
 
 def _short(outcomes: Sequence[str]) -> str:
-    """Return what failed, without the advice, and how the bench was left."""
+    """Return the failures, without advice, and the state in which the bench was left."""
     parts = []
     for outcome in outcomes:
         text, _, left = outcome.partition(" [")
@@ -125,7 +125,7 @@ def run_faults(
     progress: Callable[[FaultRow], None] = lambda row: None,
     bench: BenchConfig | None = None,
 ) -> list[FaultRow]:
-    """Run cases, each in mid-lift, as a trial of as many lifts, stored in `folder`.
+    """Run a trial with one lift per case, each with its fault in mid-lift, stored in `folder`.
 
     bench: whose fakes are started, by default `wire`. Raises `DeviceError` unless each case's lift is
     whole on disk in the end.
@@ -175,9 +175,10 @@ def _run_to_the_end(run: Callable[..., object], attempts: list[FaultyLift]) -> N
 
 
 class _FaultyBench(StandingBench):
-    """A bench with a fault in the first attempt at each lift that gets to its moment.
+    """A bench that injects a fault in the first attempt at each lift that reaches the moment of the fault.
 
-    Lift n meets the n-th case. Between attempts a person mends what the rig cannot.
+    The nth case occurs in lift n. Between attempts a simulated person repairs faults that the rig cannot
+    clear.
     """
 
     def __init__(self, config: BenchConfig, lifts: list[FaultyLift]) -> None:
@@ -221,7 +222,7 @@ class _FaultyBench(StandingBench):
                 self._control.call("fault", device=device, kind=kind, **arguments)
 
     def _judge(self, lift: FaultyLift) -> None:
-        """Read from the simulated world when the tool stood still after the rig's stop, and what fell."""
+        """Read the time of standstill after the rig's stop, and whether the object fell, from the world."""
         if lift.injected_ns:
             track = read_track(self._control.call, lift.injected_ns)
             lift.still_ns = standstill(track, lift.detected_ns or lift.injected_ns).time_ns

@@ -47,7 +47,7 @@ STOPPED_S = 1.5
 """Time for which a stopped program stays stopped."""
 END_S = 90.0
 SETTLE_S = 0.5
-"""After the end of the program: motions that a killed program left running end within this time."""
+"""Time after the end of the program within which motions of a killed program end."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,10 +93,10 @@ class SafetyRun:
 
 
 def run_safety(run: Run, plan: Sequence[PlannedRun], bench: BenchConfig | None = None) -> list[SafetyRun]:
-    """Carry out the runs that are not in the folder yet, one after the other; return all.
+    """Carry out the runs that are missing in the folder, one after the other; return all.
 
-    bench: whose fakes are started, by default `wire`. Raises what `Run.each` does, and `DeviceError` if a
-    program does not get to its moment.
+    bench: whose fakes are started, by default `wire`. Raises the errors of `Run.each`, and `DeviceError` if a
+    program does not reach the moment of its event.
     """
     common = f"seed {run.seed}, {len(plan)} runs, "
     with ExitStack() as stack:
@@ -151,9 +151,9 @@ class _Place:
             raise DeviceError(f"safety: the bench cannot be put in order: {reason}")
 
     def run(self, planned: PlannedRun) -> SafetyRun:
-        """Start the second lift, let the event happen, and judge what moved.
+        """Start the second lift, cause the event, and assess the motions after it.
 
-        After SIGSTOP what moves before the program is continued is judged.
+        After SIGSTOP the motions before the program is continued are assessed.
         """
         shutil.rmtree(self._session, ignore_errors=True)
         shutil.copytree(self._one, self._session)
@@ -207,7 +207,7 @@ class _Place:
         return any(row.lift == 1 for row in usable.lifts)
 
     def put_in_order(self) -> str:
-        """Do what a person would who agrees to what the rig asks. Return the reason if it cannot be done."""
+        """Put the bench in order, answering all questions with yes. Return the reason for a failure."""
         self._control.call("fault", device="all", kind="clear")
         switch_on(self._config.arm.host or "")
         benches = StandingBench(self._config, ConsoleOperator(lambda _: True), "")
@@ -222,7 +222,7 @@ class _Place:
 STILL_S = 0.5
 APPROACH_MM = 20.0
 NOTICED_S = 1.0
-"""From the loss of a device that the lift needs to standstill."""
+"""Longest time from the loss of a device that the lift needs to standstill."""
 COLUMNS = ("event", "runs", *(f"{stage}: s, mm" for stage in Stage), "dropped", "unasked", "lift lost")
 
 
@@ -272,7 +272,7 @@ def judge_runs(runs: Sequence[SafetyRun]) -> tuple[Measured, ...]:
         at_most("from the event to standstill, s", still_s, STILL_S),
         *(at_most("way to standstill in the approach, mm", max(way_mm), APPROACH_MM) for _ in way_mm[:1]),
         *(at_most("from a lost device to standstill, s", max(lost_s), NOTICED_S) for _ in lost_s[:1]),
-        at_most("programs that ended without saying why", sum(not run.ended_well for run in runs), 0),
+        at_most("programs that ended without a reason", sum(not run.ended_well for run in runs), 0),
         at_most("benches that could not be put in order", sum(bool(run.ready) for run in runs), 0),
     )
 

@@ -1,4 +1,4 @@
-"""The events of `rig benchmark safety`: the program that they happen to, and what may move after each."""
+"""The events of `rig benchmark safety`: the program under test, and the motions allowed after each event."""
 
 import math
 import os
@@ -36,18 +36,18 @@ MOVED_M = 0.001
 LINE_M = 0.002
 """Distance from the line above the grasp beyond which the tool is beside it."""
 BOUNDARY_M = 0.005
-"""Around the height at which a hand counts as free, either end is right."""
+"""Tolerance around the height above which a hand counts as free; within it both safe ends are accepted."""
 COUNTS = 1.5
-"""Fingers that are further away have moved."""
+"""Largest difference in counts at which the fingers count as unmoved."""
 FINGERS_REST_S = 0.1
 
 
 class After(StrEnum):
-    """What may move once the arm has come to a standstill.
+    """Motions that are allowed after the arm has come to a standstill.
 
-    STAYS: nothing. SAFE_END: what `protocols.safe_end` does for a hand that is free, around something or
-    holding. NOTICED: the lift continues as agreed until the event is noticed; then the safe end. FINGERS: the
-    same, but the event can only be noticed when the fingers move next, so no time is required.
+    STAYS: none. SAFE_END: those of `protocols.safe_end` for a hand that is free, around an object or holding
+    one. NOTICED: the agreed lift continues until the event is detected; then the safe end. FINGERS: the same,
+    but the event can only be detected at the next motion of the fingers, so there is no time limit.
     """
 
     STAYS = "stays"
@@ -181,7 +181,10 @@ def _fingers_rest(track: Sequence[TrueState], since_ns: int) -> TrueState:
 
 
 def _left_the_line(later: Sequence[TrueState], grasp_m: float) -> str:
-    """Below the height of the approach the tool moves up and down on one line, and not below the grasp."""
+    """Return a violation in words: below the approach height the tool may only move on one vertical line.
+
+    It may not move below the grasp.
+    """
     low = [state for state in later if state.tool_m[2] < grasp_m + CLEARANCE_M - BOUNDARY_M]
     if any(math.dist(state.tool_m[:2], low[0].tool_m[:2]) > LINE_M for state in low):
         return "the arm moved sideways beside the object"
@@ -192,7 +195,7 @@ def _left_the_line(later: Sequence[TrueState], grasp_m: float) -> str:
 
 TABLE_M = 0.02
 TWICE_S = 0.15
-"""Between two signals: the first has begun to work."""
+"""Time between two signals, so that the first one has taken effect."""
 DASHBOARD_PORT = 29999
 POWER_S = 6.0
 

@@ -20,7 +20,7 @@ UNKNOWN_SIGMA_DEG = 180.0  # of an unknown angle, as in data sets of rig export
 @CameraConfig.register_subclass("tactile")
 @dataclass(kw_only=True)
 class TactileConfig(CameraConfig):
-    """bench: as in rig's --bench. finger: of the bench file, which gives the camera's rate and size."""
+    """A tactile sensor. bench: as in rig's --bench. finger: name of its finger in the bench file."""
 
     bench: str = "fake"
     finger: str = "B"

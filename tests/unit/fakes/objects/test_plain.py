@@ -76,5 +76,5 @@ def test_what_is_taken_for_true_of_it_is_said_on_simulated_benches_alone() -> No
     "text", ["", "[]", "{}", '{"sites": 1}', "{" * 9000, '{"sites": [{"surface": "fur"}]}']
 )
 def test_a_text_that_describes_nothing_is_an_input_error(text: str) -> None:
-    with pytest.raises(InputError, match="no plain object"):
+    with pytest.raises(InputError, match="not a plain object"):
         find_object(PREFIX + text)

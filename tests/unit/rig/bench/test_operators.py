@@ -136,7 +136,7 @@ def test_yes_option_does_not_answer_questions_that_need_an_inspection() -> None:
     person = ConsoleOperator(lambda question: bool(asked.append(question)), agreed=True)
     person.confirm("Begin?")
     person.place("t1", "wrench")
-    with pytest.raises(OperatorStopError, match="no agreement from the bench"):
+    with pytest.raises(OperatorStopError, match="the person at the bench did not agree"):
         person.look("Is the arm free?")
     assert asked == ["Is the arm free?"]
 

@@ -121,7 +121,7 @@ def test_each_limit_can_be_missed() -> None:
     assert missed(replace(RUN, still_s=0.51)) == ["from the event to standstill, s"]
     assert missed(replace(RUN, way_mm=20.1)) == ["way to standstill in the approach, mm"]
     assert missed(replace(RUN, way_mm=20.1, stage=Stage.LIFT)) == []
-    assert missed(replace(RUN, ended=1, said="Traceback ...")) == ["programs that ended without saying why"]
+    assert missed(replace(RUN, ended=1, said="Traceback ...")) == ["programs that ended without a reason"]
     assert missed(replace(RUN, ready="no")) == ["benches that could not be put in order"]
     lost = replace(RUN, event="camera lost", stage=Stage.LIFT, ended=1, said="rig: camera", still_s=1.1)
     assert missed(lost) == ["from a lost device to standstill, s"]

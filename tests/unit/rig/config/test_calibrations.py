@@ -186,7 +186,7 @@ def test_impossible_calibration_values_are_rejected(
     ("changed", "said"),
     [
         ({"time_shift_s": {"SIM-C0001": 5.0}}, "config.calibrations.time_shift_s.SIM-C0001"),
-        ({"opening": [[6.0, 0.1], [5.0, 0.0]]}, "does not close"),
+        ({"opening": [[6.0, 0.1], [5.0, 0.0]]}, "the opening does not decrease"),
         ({"base_T_camera": {"position_m": [0, 0, 0], "quaternion_xyzw": [2.0, 0, 0, 0]}}, "length 2, not 1"),
     ],
 )

@@ -70,7 +70,7 @@ def test_a_dark_first_frame_is_named(lift: list[Image]) -> None:
 
 def test_a_first_frame_from_before_is_named(lift: list[Image]) -> None:
     (doubt,) = frame_doubts(series([lift[12], *lift]))
-    assert "something else than those after it" in doubt
+    assert "the first frame differs from all frames after it" in doubt
 
 
 def test_contact_growing_from_the_second_frame_raises_no_doubt(lift: list[Image], press: Draw) -> None:

@@ -101,7 +101,7 @@ def test_crafted_pickle_is_rejected_without_memory_corruption(tmp_path: Path, na
     path.write_bytes(CRASHES[name])
     done = subprocess.run([sys.executable, "-c", READ, path], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
-    assert done.stdout.startswith(f"FormatError: {path}: is no sequence of digit-pose-estimation (")
+    assert done.stdout.startswith(f"FormatError: {path}: is not a sequence of digit-pose-estimation (")
 
 
 @pytest.mark.parametrize("protocol", [2, 3, 4])
@@ -133,17 +133,17 @@ def test_arrays_of_numpy_1_are_read() -> None:
         (pickle.dumps(np.array([b""], object)), "array of type 'O8'"),
         (pickle.dumps(np.array(["a"])), "array of type 'U1'"),
         (pickle.dumps(np.zeros(1, "f4,i4")), "array of type 'V8'"),
-        (pickle.dumps({(1, 2): 3}), "neither text nor a whole number"),
+        (pickle.dumps({(1, 2): 3}), "neither a string nor an integer"),
         (pickle.dumps({1, 2}), "instruction EMPTY_SET"),
-        (pickle.dumps(2**70), "beyond 64 bits"),
-        (pickle.dumps(Path.touch), "names 'pathlib.Path.touch', which no array needs"),
+        (pickle.dumps(2**70), "more than 64 bits"),
+        (pickle.dumps(Path.touch), "refers to 'pathlib.Path.touch', which arrays do not need"),
         (pickle.dumps(ARRAYS["poses"]).replace(b"K\x03K\x04K\x04", b"K\x04K\x04K\x04"), "with 384 bytes"),
-        (pickle.dumps([1])[:-1], "no whole pickle"),
-        (b"", "no whole pickle"),
-        (b"\x80\x04B\xff\xff\xff\xffshort.", "no whole pickle"),
-        (b"\x80\x04h\x07.", "no whole pickle"),
-        (b"\x80\x04e.", "no whole pickle"),
-        (b"\x80\x04NR.", "no whole pickle"),
+        (pickle.dumps([1])[:-1], "not a complete pickle"),
+        (b"", "not a complete pickle"),
+        (b"\x80\x04B\xff\xff\xff\xffshort.", "not a complete pickle"),
+        (b"\x80\x04h\x07.", "not a complete pickle"),
+        (b"\x80\x04e.", "not a complete pickle"),
+        (b"\x80\x04NR.", "not a complete pickle"),
     ],
 )
 def test_other_content_is_rejected(data: bytes, message: str) -> None:

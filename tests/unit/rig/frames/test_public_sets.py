@@ -107,14 +107,14 @@ def test_commands_read_public_sets(tracking: Path, poses: Path) -> None:
 @pytest.mark.parametrize(
     ("content", "says"),
     [
-        (b"no pickle", "is no sequence"),
+        (b"no pickle", "is not a sequence"),
         (pickle.dumps([1, 2]), "holds a list"),
         (pickle.dumps({}), "has no digit_index"),
         (pickle.dumps({"digit_index": [b""], "object_index_rel_pose_n5": np.eye(4)}), r"not \(N, 4, 4\)"),
-        (pickle.dumps({"digit_index": [b""], "object_index_rel_pose_n5": "abc"}), "is no array"),
+        (pickle.dumps({"digit_index": [b""], "object_index_rel_pose_n5": "abc"}), "is not an array"),
         (
             pickle.dumps({"digit_index": [b""], "object_index_rel_pose_n5": 2 * np.eye(4)[None]}),
-            "no rigid motion",
+            "not a rigid transform",
         ),
         (
             pickle.dumps({"digit_index": np.uint8(1), "object_index_rel_pose_n5": np.eye(4)}),
@@ -138,7 +138,7 @@ def test_incomplete_trial_is_rejected(tmp_path: Path) -> None:
     np.save(trial / "contact_masks.npy", np.ones((20, 320, 240), bool))
     with pytest.raises(InputError, match="no part of any frame is without contact"):
         read_clips(trial)
-    for poses, says in ((np.full((20, 4, 4), np.nan), "no rigid motion"), (np.eye(4), "not .N, 4, 4."),
+    for poses, says in ((np.full((20, 4, 4), np.nan), "not a rigid transform"), (np.eye(4), "not .N, 4, 4."),
                         (np.array([about_z(0.0)] * 3), "3 poses for 20 frames")):  # fmt: skip
         np.save(trial / "true_start_T_currs.npy", poses)
         with pytest.raises(InputError, match=says):

@@ -103,7 +103,7 @@ def test_topic_is_needed_if_there_are_several(tmp_path: Path) -> None:
 
 def test_options_that_do_not_fit_are_rejected(tmp_path: Path) -> None:
     path = write_bag(tmp_path / "bag", {TOPIC: FRAMES})
-    with pytest.raises(InputError, match="has its own times: leave --timestamps and --fps out"):
+    with pytest.raises(InputError, match="contains its times: leave --timestamps and --fps out"):
         read_frames(path, fps=30.0)
     with pytest.raises(InputError, match="is not a ROS bag: leave --topic out"):
         read_frames(tmp_path, topic=TOPIC)

@@ -126,7 +126,7 @@ def test_mixed_sizes_are_an_input_error_naming_the_frame(folder: Path) -> None:
 
 @pytest.mark.parametrize("fps", [0.0, -5.0, float("nan"), float("inf")])
 def test_an_impossible_rate_is_an_input_error(folder: Path, fps: float) -> None:
-    with pytest.raises(InputError, match="no frame rate"):
+    with pytest.raises(InputError, match="not a frame rate"):
         read_frames(folder, fps=fps)
 
 
@@ -175,7 +175,7 @@ def test_array_of_frames_is_read_as_rgb(tmp_path: Path, ending: str) -> None:
     series = read_frames(path, fps=10.0)
     assert np.array_equal(np.stack(list(series.images())), frames)
     assert [frame.time.text for frame in series][-1] == "0.300000"
-    assert series.notes == (f"{path}: 4 frames of 24 x 32 px, taken as RGB",)
+    assert series.notes == (f"{path}: 4 frames of 24 x 32 px, assumed to be RGB",)
     assert "60 frames per second assumed" in read_frames(path).notes[1]
 
 
@@ -246,7 +246,7 @@ def test_devices_streams_stacks_and_folders_of_clips_are_rejected_with_a_cure(
     with pytest.raises(InputError, match=r"give one of its files, as .*001\.mcap"):
         read_frames(recording.parent)
     assert cv2.imwritemulti(str(tmp_path / "stack.tif"), [grey(1), grey(2)])
-    with pytest.raises(InputError, match="holds 2 pictures, of which one would be read"):
+    with pytest.raises(InputError, match="holds 2 images, but only one would be read"):
         read_frames(tmp_path / "stack.tif")
 
 
@@ -256,5 +256,5 @@ def test_images_of_a_recording_session_are_no_clip(folder: Path) -> None:
     write(images / "p01_01_T1.png", grey(1))
     assert len(list(read_frames(images))) == 1
     (folder / "poses.jsonl").write_text("")
-    with pytest.raises(InputError, match="of several sensors and poses, no clip"):
+    with pytest.raises(InputError, match="of several sensors and poses from a recording session, not a clip"):
         read_frames(images)

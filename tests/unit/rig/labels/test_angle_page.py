@@ -107,7 +107,7 @@ def test_without_a_contact_all_frames_are_offered(clip: Path) -> None:
 
 
 def test_unknown_reference_frame_is_rejected(clip: Path) -> None:
-    with pytest.raises(InputError, match="--reference 99 is no frame"):
+    with pytest.raises(InputError, match="--reference 99 is not a readable frame"):
         opened(clip, reference=99)
     with pytest.raises(InputError, match="no frame follows frame 13"):
         opened(clip, reference=13)

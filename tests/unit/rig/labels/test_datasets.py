@@ -90,7 +90,7 @@ def tiny_size(path: Path) -> None:
             lambda d: write_label(d / "a.json", [[0.0, 0.0], [float("nan"), 9.0]], "rectangle"),
             "NaN is not a number",
         ),
-        (lambda d: (d / "a.json").write_text('{"shapes": [], "imageHeight": "60"}'), "image's size"),
+        (lambda d: (d / "a.json").write_text('{"shapes": [], "imageHeight": "60"}'), "the size of its image"),
         (lambda d: write_label(d / "a.json", [[0.0, 0.0], [1e15, 9.0], [5.0, 9.0]]), "not in its image"),
         (lambda d: write_label(d / "a.json", [[0.0, 0.0], [1e15, 9.0]], "circle"), "not in its image"),
         (lambda d: write_label(d / "a.json", [[0.0, 0.0], [900.0, 9.0], [5.0, 9.0]]), "far outside"),

@@ -74,7 +74,7 @@ def test_invalid_arguments_are_input_errors() -> None:
         ({"times_s": [0.0]}, "1 times for more frames"),
         ({"times_s": [0.0, 1.0, 2.0]}, "3 times for 2 frames"),
         ({"times_s": [1.0, 0.0]}, "not decreasing"),
-        ({"fps": 0.0}, "no frame rate"),
+        ({"fps": 0.0}, "not a frame rate"),
         ({"estimator": "no such"}, "unknown estimator"),
         ({"estimator": len}, "give a name or a class"),
         ({"window": 0}, "out of range"),

@@ -111,7 +111,7 @@ def test_invalid_frame_or_time_is_rejected_and_changes_nothing(image: Any, time_
     [
         ({"background": None}, "give uint8 RGB"),
         ({"sign": 2}, "sign is 2"),
-        ({"name": "toskov"}, "feels at the arm's wrist"),
+        ({"name": "toskov"}, "needs the wrench at the arm's wrist"),
         ({"name": "no such"}, "unknown estimator"),
         ({"name": 3}, "give a name or a class"),
         ({"window": 0}, "out of range"),

@@ -185,7 +185,7 @@ def test_commands_use_the_rest_of_a_damaged_recording_and_exit_with_2(
     done = rig(name, damaged_stored_trial, *options)
     assert done.returncode == 2, done.stderr
     last = done.stderr.splitlines()[-1]
-    assert last.startswith("rig: done, except for what is broken: ")
+    assert last.startswith("rig: done, except for broken inputs: ")
     assert "002.mcap: the recording is damaged (chunk " in last
     assert any((tmp_path / "out").rglob("*001*" if "labelme" in options or name == "estimate" else "*"))
 

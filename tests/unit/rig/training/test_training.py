@@ -141,7 +141,7 @@ def test_checkpoints_that_do_not_fit_are_refused(tmp_path: Path) -> None:
         ("unet.pth", "--arch"),
         ("list.pth", "list"),
         ("empty.pth", "no weights"),
-        ("cut.pth", "no complete"),
+        ("cut.pth", "not a complete"),
         ("none.pth", "no such"),
     ):
         with pytest.raises(InputError, match=said):

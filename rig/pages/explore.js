@@ -2,11 +2,11 @@
 // Exploring a page: tables that sort and filter, and one lift with linked plots and its film. Without this
 // program the page shows the same figures one below the other. Text reaches the page as text, never as HTML.
 (() => {
+  const root = document.documentElement;
   const all = (selector, within = document) => [...within.querySelectorAll(selector)];
-  const colour = name => getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
+  const colour = name => name && (getComputedStyle(root).getPropertyValue(`--${name}`).trim() || name);
   const made = (tag, values = {}) => Object.assign(document.createElement(tag), values);
   const number = text => parseFloat(text.replace("%", "").replace("−", "-"));
-  const root = document.documentElement;
   root.classList.add("explorable");
 
   // --- tables -------------------------------------------------------------------------------------------
@@ -73,21 +73,148 @@
 
   all("table.explored").forEach(table => { filterable(table); sortable(table); });
 
-  // --- figures over all lifts: a click enlarges them, points of lifts are named -----------------------------
-  const large = made("dialog", {className: "large", onclick: () => large.close()});
-  document.body.append(large);
-  all(".figures:not(.thumbs) figure svg").forEach(svg => svg.addEventListener("click", event => {
-    if (event.target.closest("a")) return;
-    large.replaceChildren(svg.closest("figure").cloneNode(true));
-    large.showModal();
-  }));
-  all(".figures:not(.thumbs) svg a").forEach(link => {
-    const figure = document.querySelector(link.getAttribute("xlink:href"));
-    if (!figure) return;
-    const title = document.createElementNS("http://www.w3.org/2000/svg", "title");
-    title.textContent = ["h3", "figcaption"].map(part => figure.querySelector(part).textContent).join(": ");
-    link.append(title);
-  });
+  // --- figures over all lifts: values near the pointer, zoom, a click on a point opens its lift --------------
+  const NEAR_PX = 40;
+
+  function shapes(u, data) {
+    const {ctx, bbox} = u, unit = devicePixelRatio;
+    const place = ([x, y]) => [u.valToPos(x, "x", true), u.valToPos(y, "y", true)];
+    data.shapes.filter(one => !one.text).forEach(one => {
+      const points = one.at.map(place);
+      ctx.save();
+      ctx.beginPath();
+      ctx.rect(bbox.left, bbox.top, bbox.width, bbox.height);
+      ctx.clip();
+      ctx.globalAlpha = one.alpha;
+      ctx.strokeStyle = colour(one.stroke);
+      ctx.fillStyle = colour(one.fill || one.stroke);
+      if (one.fill || one.width) {
+        ctx.beginPath();
+        points.forEach(([x, y]) => ctx.lineTo(x, y));
+        ctx.lineWidth = (one.width || 0) * unit;
+        ctx.setLineDash(one.dash ? [6 * unit, 4 * unit] : []);
+        if (one.fill) ctx.fill(); else ctx.stroke();
+      }
+      if (one.dot) points.forEach(([x, y]) => { ctx.beginPath(); symbol(ctx, one, x, y, one.dot * unit / 2); });
+      ctx.restore();
+    });
+    ctx.save();
+    ctx.font = `${12 * unit}px sans-serif`;
+    data.shapes.filter(one => one.text).forEach(one => {
+      const [x, y] = place(one.at[0]);
+      if (x < bbox.left - 1 || x > bbox.left + bbox.width + 1) return;
+      ctx.fillStyle = colour(one.fill);
+      ctx.textAlign = one.align;
+      ctx.fillText(one.text, x, Math.max(y, bbox.top) - 3 * unit);
+    });
+    ctx.restore();
+  }
+
+  function symbol(ctx, {marker}, x, y, half) {
+    const corners = {s: 4, D: 4, "^": 3, "|": 2, x: 4}[marker];
+    if (!corners) return ctx.arc(x, y, half, 0, 7), ctx.fill();
+    const first = {s: 0.785, D: 0, "^": -1.571, "|": 1.571, x: 0.785}[marker];
+    const at = [...Array(corners).keys()].map(i => first + 6.283 * i / corners)
+      .map(angle => [x + 1.3 * half * Math.cos(angle), y + 1.3 * half * Math.sin(angle)]);
+    if (marker === "x") at.splice(1, 3, at[2], at[1], at[3]);
+    if (!"|x".includes(marker)) { at.forEach(corner => ctx.lineTo(...corner)); ctx.fill(); return; }
+    for (let i = 0; i < at.length; i += 2) { ctx.moveTo(...at[i]); ctx.lineTo(...at[i + 1]); }
+    ctx.lineWidth = 2 * devicePixelRatio;
+    ctx.stroke();
+  }
+
+  function keyed(entries) {
+    const list = made("ul", {className: "key"});
+    entries.forEach(entry => {
+      const item = made("li"), sign = made("i", {className: entry.width ? (entry.dash ? "dash" : "line") : "fill"});
+      sign.style[entry.width ? "borderColor" : "background"] = `var(--${entry.stroke})`;
+      item.append(sign, entry.label);
+      list.append(item);
+    });
+    return list;
+  }
+
+  function plottedAgain(figure) {
+    const data = JSON.parse(figure.querySelector("script.plot").textContent);
+    const place = made("div", {className: "plotted"}), about = made("output", {className: "near"});
+    const view = {}, whole = () => ["x", "y"].forEach(name => { view[name] = data[name].limits; });
+    let u = null, near = null, pressed = null;
+    const label = made("p", {className: "small across", textContent: data.x.label});  // wraps on a phone
+    figure.querySelector("svg").after(...(data.key.length ? [keyed(data.key)] : []), place, label);
+    place.setAttribute("role", "img");
+    place.setAttribute("aria-label", figure.querySelector("svg").getAttribute("aria-label"));
+
+    function dates(u, times, axis, space, apart) {  // in UTC; apart: s between two
+      const [from, to] = apart < 86400 ? [5, 16] : [0, 10];
+      return times.map(time => new Date(1000 * time).toISOString().slice(from, to).replace("T", " "));
+    }
+
+    function axis({label, ticks, date}, name) {
+      const font = "12px sans-serif";
+      const widest = (u, texts) => {
+        u.ctx.font = font;
+        return 12 + Math.max(0, ...(texts || []).flatMap(text => `${text}`.split("\n")).map(text => u.ctx.measureText(text).width));
+      };
+      return {...(name === "y" && {label, labelSize: 20, labelFont: font}), font, stroke: colour("ink"), ticks: {show: false},
+        grid: {stroke: colour("line"), width: 1, show: !ticks}, size: name === "y" ? widest : 30,
+        ...(date && {values: dates, space: 90}), ...(ticks && {splits: () => ticks.map(([at]) => at), values: () => ticks.map(([, text]) => text)})};
+    }
+
+    function scale({date, down}, name) {
+      return {time: date, dir: down ? -1 : 1, range: () => view[name]};
+    }
+
+    function zoomed(u) {
+      const {left, top, width, height} = u.select;
+      [["x", left, left + width], ["y", top, top + height]].forEach(([name, from, to]) => {
+        view[name] = [u.posToVal(from, name), u.posToVal(to, name)].sort((a, b) => a - b);
+      });
+      u.setSelect({left: 0, top: 0, width: 0, height: 0}, false);
+      u.setData(u.data);
+    }
+
+    function nearest(u) {
+      const {left, top} = u.cursor;
+      const away = ([x, y]) => Math.hypot(u.valToPos(x, "x") - left, u.valToPos(y, "y") - top);
+      const found = data.spots.reduce((best, spot) => away(spot) < away(best) ? spot : best);
+      near = left >= 0 && away(found) < NEAR_PX ? found : null;
+      about.hidden = !near;
+      u.over.style.cursor = near && near[3] ? "pointer" : "crosshair";
+      if (!near) return;
+      const [x, y] = [u.valToPos(near[0], "x"), u.valToPos(near[1], "y")], {clientWidth, clientHeight} = u.over;
+      about.textContent = near[2];
+      about.style.cssText = (x < clientWidth / 2 ? `left: ${x + 12}px;` : `right: ${clientWidth - x + 12}px;`)
+        + (y < clientHeight / 2 ? `top: ${Math.max(y, 0) + 12}px` : `bottom: ${clientHeight - y + 12}px`);
+    }
+
+    function draw() {
+      if (u) u.destroy();
+      const width = Math.min(place.clientWidth, 460);
+      u = new uPlot({
+        tzDate: time => uPlot.tzDate(new Date(1000 * time), "Etc/UTC"),
+        width, height: Math.round(width / data.aspect) - 20, legend: {show: false},
+        series: [{}, {show: true, stroke: "transparent", points: {show: false}}],
+        scales: {x: scale(data.x, "x"), y: scale(data.y, "y")}, axes: [axis(data.x, "x"), axis(data.y, "y")],
+        padding: [18, data.x.date ? 32 : 12, 0, 0], cursor: {x: false, y: false, drag: {x: true, y: true, uni: 30, setScale: false}, points: {show: false}},
+        hooks: {draw: [u => shapes(u, data)], setCursor: [nearest], setSelect: [zoomed]},
+      }, [data.x.limits, data.y.limits], place);
+      u.over.append(about);
+      about.hidden = true;
+      u.over.addEventListener("dblclick", () => { whole(); u.setData(u.data); });
+      u.over.addEventListener("mousedown", event => { pressed = [event.clientX, event.clientY]; });
+      u.over.addEventListener("click", event => {
+        const moved = Math.hypot(event.clientX - pressed[0], event.clientY - pressed[1]);
+        if (near && near[3] && moved < 3) location.hash = near[3];
+      });
+    }
+
+    whole();
+    draw();
+    new ResizeObserver(() => { if (Math.min(place.clientWidth, 460) !== u.width) draw(); }).observe(place);
+    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", draw);
+  }
+
+  all("figure:has(script.plot)").forEach(plottedAgain);
 
   // --- one lift -----------------------------------------------------------------------------------------
   const place = document.getElementById("explorer");

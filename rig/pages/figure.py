@@ -16,7 +16,7 @@ import matplotlib as mpl
 import numpy as np
 from markupsafe import Markup
 from matplotlib.axes import Axes
-from matplotlib.collections import Collection, PathCollection
+from matplotlib.collections import Collection
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
@@ -138,7 +138,7 @@ def svg(figure: Figure, alt: str) -> Markup:
     # in a tag digits beyond a hundredth of a pixel are nothing; in a label they may be all there is
     text = _TAG.sub(lambda tag: _DIGITS.sub(r".\1", tag.group()), text)
     text = _own_ids(text, f"f{next(_number)}-")
-    text = re.sub(r"#[0-9a-f]{6}\b", lambda m: _CSS.get(m.group(), m.group()), text)
+    text = re.sub(r"#[0-9a-f]{6}\b", _in_css, text)
     head = f'<svg role="img" aria-label="{Markup.escape(alt)}" '
     return Markup(text.replace("<svg ", head, 1))  # noqa: S704 - drawn here; the alt text is escaped
 
@@ -180,9 +180,6 @@ def _scale(figure: Figure, factor: float) -> None:
         elif isinstance(artist, Patch):
             artist.set_linewidth(artist.get_linewidth() * factor)
         elif isinstance(artist, Collection):
-            artist.set_urls([])  # places in the page
-            if isinstance(artist, PathCollection):
-                artist.set_sizes(artist.get_sizes() * factor**2)
             artist.set_linewidth([float(width) * factor for width in np.ravel(artist.get_linewidth())])
     for axes in figure.axes:  # labels of ticks, also of those that are made later
         size, pad, length = (factor * float(_STYLE.get(key, mpl.rcParams[key])) for key in _TICKS)
@@ -197,7 +194,7 @@ def legend_above(axes: Axes, columns: int = 3) -> None:
     )  # fmt: skip
 
 
-_CSS = by_light_hex()
+_NAMES = by_light_hex()
 _SUPERFLUOUS = (
     (re.compile(r"<metadata>.*?</metadata>|<style.*?</style>", re.DOTALL), ""),
     (re.compile(r'\bid="(?:figure|axes|patch|line2d|text|matplotlib\.axis|xtick|ytick|legend)_\d+"'), ""),
@@ -209,7 +206,13 @@ _SUPERFLUOUS = (
 _TAG, _DIGITS = re.compile(r"<[^>]+>"), re.compile(r"\.(\d\d)\d+")
 
 
+def _in_css(colour: re.Match[str]) -> str:
+    """Return a hex colour of the palette as a reference in CSS; others as they are."""
+    name = _NAMES.get(colour.group())
+    return f"var(--{name})" if name else colour.group()
+
+
 def _own_ids(text: str, prefix: str) -> str:
-    """Make a figure's ids its own: several stand in one page. Links to a lift of the page are kept."""
+    """Make the ids of a figure unique: a page has several figures."""
     text = re.sub(r'\bid="', f'id="{prefix}', text)
-    return re.sub(r"(url\(|href=\")#(?!lift-)", rf"\1#{prefix}", text)
+    return re.sub(r"(url\(|href=\")#", rf"\1#{prefix}", text)

@@ -66,5 +66,5 @@ def variables() -> str:
 
 
 def by_light_hex() -> dict[str, str]:
-    """Return the CSS reference of each colour, by its hex on white paper."""
-    return {c.light: c.css for c in _ALL}
+    """Return the name of each colour, by its hex on white paper."""
+    return {c.light: c.name for c in _ALL}

@@ -11,11 +11,12 @@ from matplotlib.axes import Axes
 from rig.pages.figure import drawing
 from rig.pages.page import render
 from rig.pages.palette import FIRST, INK, MUTED, SECOND, TRUTH
+from rig.pages.plot_data import Spot
 from rig.report.compare import ERROR, Comparison, Paired, differences, verdict
 from rig.report.explored import explored, pair_panels
 from rig.report.lift_chart import pair_chart
 from rig.report.parts import Chart, Table
-from rig.report.session import object_label
+from rig.report.session import lift_name, object_label
 from rig.report.text import made_text
 from rig.results.metrics import FEWEST_LIFTS, INTERVAL
 
@@ -60,11 +61,11 @@ def difference_chart(comparison: Comparison) -> Chart:
     with drawing(90 + _ROW_PX * (len(rows) + 1), 430) as figure:
         axes = figure.subplots()
         axes.axvline(0.0, color=INK.light, linewidth=1.0)
+        spots = []
         for i, (name, own) in enumerate(rows):
-            _dots(axes, i, comparison, name)
-            _bar(axes, i, own)
+            spots += [*_dots(axes, i, comparison, name), _bar(axes, i, name, own)]
         if total is not None:
-            _bar(axes, len(rows), total)
+            spots.append(_bar(axes, len(rows), "all lifts", total))
         axes.set_yticks(range(len(rows) + 1), [*(name for name, _ in rows), "all lifts"])
         axes.set_ylim(len(rows) + 0.6, -0.6)
         axes.grid(False, axis="y")
@@ -78,7 +79,7 @@ def difference_chart(comparison: Comparison) -> Chart:
             axes.text(x, 1.01, text, transform=axes.transAxes, ha=side, va="bottom", color=MUTED.light)
         title = "Who is closer to the markers, and where"
         caption = "A dot per lift; the tick is the mean of the differences, the bar its 95 % interval."
-        return Chart(title, figure, caption, f"{title}: {first} and {second}")
+        return Chart(title, figure, caption, f"{title}: {first} and {second}", spots=spots)
 
 
 def lift_charts(comparison: Comparison) -> list[Chart]:
@@ -147,16 +148,26 @@ def _cells(name: str, p: Paired, comparison: Comparison) -> list[str]:
     return [name, *sides, f"{p.difference:+z.{digits}f}{interval}", lifts, *wins, winner]
 
 
-def _dots(axes: Axes, row: int, comparison: Comparison, name: str) -> None:
+def _dots(axes: Axes, row: int, comparison: Comparison, name: str) -> list[Spot]:
+    """Draw a dot per lift of an object; return the values of each."""
     own = [pair for pair in comparison.pairs if object_label(pair[0].row) == name]
+    known = [pair[0].row for pair in own if None not in map(ERROR.value, pair)]
     first, second = differences(ERROR, own)
     away = second - first
     places = row + np.linspace(-_JITTER, _JITTER, len(away)) if len(away) > 1 else np.array([row], float)
     for side, colour, marker in ((away > 0, FIRST, "o"), (away < 0, SECOND, "D"), (away == 0, MUTED, "x")):
         axes.plot(away[side], places[side], marker, color=colour.light, markersize=4.5, alpha=0.8)
+    return [
+        Spot(float(x), float(y), f"{lift_name(row)}: {one:.2f}° and {two:.2f}°, difference {x:+.2f}°")
+        for row, x, y, one, two in zip(known, away, places, first, second, strict=True)
+    ]
 
 
-def _bar(axes: Axes, row: int, p: Paired) -> None:
+def _bar(axes: Axes, row: int, name: str, p: Paired) -> Spot:
+    """Draw the mean difference with its interval; return its values."""
+    text = f"{name}: mean difference {p.difference:+.2f}°"
     if p.low is not None and p.high is not None:
         axes.plot([p.low, p.high], [row, row], color=INK.light, linewidth=2.0, solid_capstyle="butt")
+        text += f", 95 % interval {p.low:+.2f}° to {p.high:+.2f}°"
     axes.plot([p.difference], [row], "|", color=INK.light, markersize=13, markeredgewidth=2.5)
+    return Spot(p.difference, row, text)

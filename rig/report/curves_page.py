@@ -10,17 +10,12 @@ from rig.pages.page import render
 from rig.report.coverage import sigma_notices
 from rig.report.csv_lifts import CsvLift, Tables
 from rig.report.curves import signed_errors
+from rig.report.distributions import boxes, error_against_angle, error_against_rate
 from rig.report.explored import angle_panels, explored
 from rig.report.lift_chart import key, lift_chart
 from rig.report.parts import Chart, Notice, ReportPage, Table, linked
 from rig.report.text import angle_text, made_text, mare_tile
-from rig.report.trial_charts import (
-    boxes,
-    coverage_chart,
-    error_against_angle,
-    error_against_rate,
-    finals_chart,
-)
+from rig.report.trial_charts import Final, coverage_chart, finals_chart
 from rig.results.metrics import FEWEST_LIFTS, INTERVAL, Mare, mare_of, mare_text
 
 
@@ -54,7 +49,7 @@ def _charts(tables: Tables) -> list[Chart]:
     curves = [lift.curves for lift in tables.lifts]
     errors = {lift.curves.name: np.abs(signed_errors(lift.curves)) for lift in tables.lifts}
     finals = [
-        (lift.final_estimate_deg, lift.final_truth_deg, f"lift-{number}")
+        Final(lift.curves.name, f"lift-{number}", lift.final_estimate_deg, lift.final_truth_deg)
         for number, lift in enumerate(tables.lifts, start=1)
     ]
     charts = [

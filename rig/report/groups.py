@@ -8,9 +8,9 @@ import numpy as np
 from drivers.errors import InputError, counted
 from protocols.grasps import GraspFile, find_grasp_file
 from rig.report.curves import signed_errors
+from rig.report.distributions import boxes
 from rig.report.parts import Chart
 from rig.report.session import Lift, object_label
-from rig.report.trial_charts import boxes
 from rig.results.metrics import Floats
 
 PAPER_MARE_DEG = 1.85

@@ -9,6 +9,7 @@ from markupsafe import Markup, escape
 from matplotlib.figure import Figure
 
 from rig.pages.figure import svg
+from rig.pages.plot_data import Spot, plot_data
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,8 +28,9 @@ class Notice:
 class Chart:
     """A figure with its title and what it shows.
 
-    alt: for screen readers, default the title. anchor: its id in the page, "" without one. explored: what the
-    page's program shows instead where JavaScript runs, see `rig.report.explored`.
+    alt: for screen readers, default the title. anchor: its id in the page, "" without one. explored: data of
+    a lift that the page's program plots, see `rig.report.explored`. spots: values that the page's program
+    shows near the pointer; without any the figure stays static.
     """
 
     title: str
@@ -37,6 +39,12 @@ class Chart:
     alt: str = ""
     anchor: str = ""
     explored: Mapping[str, Any] | None = None
+    spots: Sequence[Spot] = ()
+
+    @property
+    def plot(self) -> dict[str, Any]:
+        """The figure as data for the page's program."""
+        return plot_data(self.figure, self.spots)
 
     @property
     def svg(self) -> Markup:

@@ -40,7 +40,7 @@ def write_sessions(
     charts = []
     for simulated, what in ((False, "real benches"), (True, "SIMULATED benches")):
         known = [
-            (began, entry.mare)
+            (began, entry.folder.name, entry.mare)
             for entry in entries
             if entry.mare and entry.bench_manifest and entry.bench_manifest.simulated == simulated
             if (began := _began(entry)) is not None

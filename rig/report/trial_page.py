@@ -12,6 +12,7 @@ from rig.report.advice import trial_notices
 from rig.report.calibrations import calibration_table
 from rig.report.counts import counts_table, onset_delays_ms, onset_table, stage_table, state_table
 from rig.report.curves import LiftCurves, signed_errors
+from rig.report.distributions import boxes, error_against_angle, error_against_rate, error_over_time
 from rig.report.explored import angle_panels, explored, recorded_lift
 from rig.report.groups import object_chart, surface_chart
 from rig.report.header import header
@@ -23,16 +24,7 @@ from rig.report.reacted import beside
 from rig.report.session import UNREADABLE, Lift, Trial, curves_of
 from rig.report.strips import Still, strip
 from rig.report.text import made_text, mare_tile
-from rig.report.trial_charts import (
-    boxes,
-    coverage_chart,
-    error_against_angle,
-    error_against_rate,
-    error_over_time,
-    finals_chart,
-    grip_chart,
-    sigma_ratios,
-)
+from rig.report.trial_charts import Final, coverage_chart, finals_chart, grip_chart, sigma_ratios
 from rig.results.metrics import INTERVAL, mare_of, mare_text, summarize
 from rig.results.summary import ObjectSummary, TrialSummary, summarize_trial
 from rig.sessions.records import ErrorSummary, FinishedLift
@@ -131,7 +123,10 @@ def _charts(trial: Trial) -> list[Chart]:
     if not lifts:
         return []
     rows = [lift.row for lift in trial.lifts]
-    finals = [(lift.row.final_estimate_deg, lift.row.final_truth_deg, anchor(lift)) for lift in trial.lifts]
+    finals = [
+        Final(lift.name, anchor(lift), lift.row.final_estimate_deg, lift.row.final_truth_deg)
+        for lift in trial.lifts
+    ]
     charts = [
         object_chart(trial.lifts),
         finals_chart(finals),
@@ -139,7 +134,7 @@ def _charts(trial: Trial) -> list[Chart]:
         error_over_time(lifts),
         error_against_angle(lifts),
         error_against_rate(lifts),
-        grip_chart(rows),
+        grip_chart(trial.lifts),
         _onset_chart(rows),
         surface_chart(trial.lifts, trial.manifest.config.objects),
     ]

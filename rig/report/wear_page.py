@@ -1,6 +1,7 @@
 """The page of gel wear: noise, look, contact and error of sessions over days and weeks."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -11,6 +12,7 @@ from drivers.errors import counted
 from rig.pages.figure import drawing, legend_above
 from rig.pages.page import render
 from rig.pages.palette import ESTIMATE, SERIES
+from rig.pages.plot_data import Spot
 from rig.report.parts import Chart, Notice, Table, joined
 from rig.report.text import made_text
 from rig.report.wear import SessionWear, TipWear
@@ -19,7 +21,25 @@ from rig.results.metrics import INTERVAL, Mare, mare_text
 from rig.sessions.manifest import TrialManifest
 
 MARKERS = ("o", "s", "^", "D")
-Points = list[tuple[datetime, float]]
+_TIME = "%Y-%m-%d %H:%M"
+
+
+@dataclass(frozen=True, slots=True)
+class Dated:
+    """A value of a session over the time of its start."""
+
+    began: datetime
+    session: str
+    value: float
+
+    def spot(self, text: str) -> Spot:
+        """Return where the value is drawn. text: what is shown there, after the session."""
+        return Spot(
+            float(date2num(self.began)), self.value, f"{self.session}, {self.began:{_TIME}} UTC: {text}"
+        )
+
+
+Points = list[Dated]
 
 
 def write_wear(sessions: Sequence[SessionWear], problems: Sequence[str], page: Path) -> None:
@@ -30,7 +50,7 @@ def write_wear(sessions: Sequence[SessionWear], problems: Sequence[str], page: P
 def wear_page(sessions: Sequence[SessionWear], problems: Sequence[str], now: datetime | None = None) -> str:
     """Return the page of sessions, in the order in which they were begun."""
     days, serials = (sessions[-1].began - sessions[0].began).days, joined(_serials(sessions))
-    errors = error_chart([(session.began, session.mare) for session in sessions if session.mare])
+    errors = error_chart([(one.began, one.folder.name, one.mare) for one in sessions if one.mare])
     return render(
         "rig.report",
         "wear.html",
@@ -68,7 +88,7 @@ def wear_charts(sessions: Sequence[SessionWear], bench: str = "") -> list[Chart]
         for session in sessions:
             for serial, tip in session.tips.items():
                 if (number := value(tip)) is not None:
-                    found[serial].append((session.began, number))
+                    found[serial].append(Dated(session.began, session.folder.name, number))
         return {serial: points for serial, points in found.items() if points}
 
     charts = [
@@ -95,31 +115,38 @@ def _chart(series: dict[str, Points], title: str, unit: str, caption: str) -> Ch
         axes = figure.subplots()
         for number, (serial, points) in enumerate(series.items()):
             colour, marker = SERIES[number % len(SERIES)], MARKERS[number % len(MARKERS)]
-            dates, values = [date2num(when) for when, _ in points], [value for _, value in points]
+            dates, values = [date2num(one.began) for one in points], [one.value for one in points]
             axes.plot(dates, values, marker=marker, markersize=4, color=colour.light, label=serial)
         _dated(axes, unit)
         legend_above(axes, 2)
-        return Chart(title, figure, caption)
+        spots = [one.spot(f"{serial}, {one.value:.4g}") for serial, own in series.items() for one in own]
+        return Chart(title, figure, caption, spots=spots)
 
 
-def error_chart(known: Sequence[tuple[datetime, Mare]], title: str = "Error") -> Chart | None:
-    """MARE of sessions over their dates, with its interval; None without sessions."""
+def error_chart(known: Sequence[tuple[datetime, str, Mare]], title: str = "Error") -> Chart | None:
+    """MARE of sessions over their dates, with its interval; None without sessions.
+
+    known: start, name and MARE of each session.
+    """
     if not known:
         return None
     with drawing(250) as figure:
         axes = figure.subplots()
-        for when, mare in known:
+        for when, _, mare in known:
             if mare.low_deg is not None and mare.high_deg is not None:
                 axes.plot(
                     [date2num(when)] * 2, [mare.low_deg, mare.high_deg], color=ESTIMATE.light, linewidth=1
                 )
         axes.plot(
-            [date2num(when) for when, _ in known], [mare.mean_deg for _, mare in known], "o", markersize=4,
+            [date2num(when) for when, *_ in known], [mare.mean_deg for *_, mare in known], "o", markersize=4,
             color=ESTIMATE.light,
         )  # fmt: skip
         _dated(axes, "MARE in B and C, degrees")
         caption = f"Mean over the lifts of a session, with the {INTERVAL}."
-        return Chart(title, figure, caption)
+        spots = [
+            Dated(when, name, mare.mean_deg).spot(f"MARE {mare_text(mare)}°") for when, name, mare in known
+        ]
+        return Chart(title, figure, caption, spots=spots)
 
 
 def _dated(axes: Axes, unit: str) -> None:
@@ -151,7 +178,7 @@ def _table(sessions: Sequence[SessionWear]) -> Table:
             rows.append(
                 [
                     session.folder.name if own else "",
-                    session.began.strftime("%Y-%m-%d %H:%M") if own else "",
+                    session.began.strftime(_TIME) if own else "",
                     ", ".join(session.manifest.remarks.tags) if own else "",
                     serial,
                     *(("" if v is None else f"{v:.2f}") for v in (tip.noise, tip.change)),

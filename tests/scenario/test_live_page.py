@@ -1,6 +1,7 @@
 """`rig live` on two MJPEG streams of 60 frames per second, seen in a browser.
 
-With `-s` it prints the figures: delay from a frame's capture to the screen, dropped frames, share of a core.
+With `-s` it prints the figures: delay from a frame's capture to the screen, dropped frames, share of a core;
+time from the command to the page and to a live angle.
 """
 
 import os
@@ -93,8 +94,10 @@ STATE = (
 def test_page_shows_the_angle_and_its_buttons_act(tmp_path: Path) -> None:
     browser = Browser(tmp_path / "profile")
     try:
+        started_s = time.monotonic()
         with live(tmp_path, "fake") as (address, _):
             browser.open(address, 1280)
+            opened_s = time.monotonic() - started_s
 
             def shown(what: str) -> bool:
                 return what in browser.value("document.body.innerText")
@@ -104,6 +107,8 @@ def test_page_shows_the_angle_and_its_buttons_act(tmp_path: Path) -> None:
             until(lambda: shown("press an object on the gel") or shown("reference taken"), LIMIT_S)
             until(lambda: shown("tracking"), LIMIT_S)
             until(lambda: shown("\u00b1"), LIMIT_S)
+            angle_s = time.monotonic() - started_s
+            print(f"\nfrom the command to the page {opened_s:.1f} s, to a live angle {angle_s:.1f} s")
             assert browser.value("document.querySelector('#sensors canvas').height") == 320
             until(
                 lambda: browser.value("document.querySelector('#sensors .curve path.band') !== null"), LIMIT_S

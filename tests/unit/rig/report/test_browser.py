@@ -21,6 +21,7 @@ from rig.report.sessions_page import sessions_page
 from rig.report.sides import session_side
 from rig.report.write import write_report
 from support.browser import NEEDS_CHROMIUM, Browser
+from support.waiting import until
 
 pytestmark = [NEEDS_CHROMIUM, pytest.mark.slow]
 
@@ -46,6 +47,7 @@ SEEN = """(() => {
       }
     });
   }
+  out.figures += document.querySelectorAll('.plotted').length;
   const parts = text => text.match(/[\\d.]+/g).map(Number);
   const bright = rgb => {
     const linear = c => c <= .04045 ? c / 12.92 : ((c + .055) / 1.055) ** 2.4;
@@ -152,7 +154,7 @@ POSES = [
     for i in range(12)
 ]
 FIGURES = {"trial": 12, "recording": 3, "table": 5, "comparison": 3, "broken": 0, "calibration": 6}
-"""Figures drawn as SVG; poses in 3D are drawn on a canvas."""
+"""Figures that are seen; poses in 3D are not counted."""
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
@@ -183,7 +185,7 @@ def test_hover_links_plots_slider_and_film(browser: Browser, pages: dict[str, Pa
     browser.open(f"{pages['trial'].as_uri()}#lift-2", 1400)
     assert lift_shown(browser) == "wrench, lift 2"
     browser.value("new Promise(done => setTimeout(done, 200))")
-    box = browser.value("JSON.stringify(document.querySelector('.u-over').getBoundingClientRect())")
+    box = browser.value("JSON.stringify(document.querySelector('#explorer .u-over').getBoundingClientRect())")
     over = json.loads(box)
     moved = {"x": over["left"] + 0.9 * over["width"], "y": over["top"] + 0.5 * over["height"]}
     browser.call("Input.dispatchMouseEvent", type="mouseMoved", **moved)
@@ -220,20 +222,49 @@ def test_table_of_lifts_sorts_and_filters_with_its_thumbnails(
     assert browser.value("document.querySelectorAll('.thumbs figure[hidden]').length") == 1
 
 
-def test_figures_over_all_lifts_are_enlarged_by_a_click_and_name_their_lifts(
+def test_figures_over_all_lifts_show_values_zoom_and_open_lifts(
     browser: Browser, pages: dict[str, Path]
 ) -> None:
     browser.open(pages["trial"].as_uri(), 1400)
-    figure = "[...document.querySelectorAll('.figures:not(.thumbs) figure')][1]"
-    named = browser.value(f"[...{figure}.querySelectorAll('svg a title')].map(title => title.textContent)")
-    assert [name.partition(":")[0] for name in named] == ["wrench, lift 1", "wrench, lift 2"]
-    width = f"{figure}.querySelector('svg').clientWidth"
-    before = browser.value(width)
-    click = "dispatchEvent(new MouseEvent('click', {bubbles: true}))"
-    browser.value(f"{figure}.querySelector('svg').{click}")
-    assert browser.value("document.querySelector('dialog svg').clientWidth") > 1.5 * before
-    browser.value(f"document.querySelector('dialog').{click}")
-    assert not browser.value("document.querySelector('dialog').open")
+    plot = "[...document.querySelectorAll('.plotted')][1]"
+    browser.value(f"{plot}.scrollIntoView({{block: 'center'}})")
+    browser.value("new Promise(done => setTimeout(done, 200))")
+    over = json.loads(
+        browser.value(f"JSON.stringify({plot}.querySelector('.u-over').getBoundingClientRect())")
+    )
+    near = f"{plot}.querySelector('.near')"
+    ink = f"{plot}.querySelector('canvas').toDataURL()"
+
+    def mouse(kind: str, x: float, y: float, **how: Any) -> None:
+        at = {"x": over["left"] + x * over["width"], "y": over["top"] + y * over["height"]}
+        browser.call("Input.dispatchMouseEvent", type=kind, **at, **how)
+
+    def dragged(x: float, y: float, to_x: float, to_y: float) -> None:
+        mouse("mouseMoved", x, y)
+        mouse("mousePressed", x, y, button="left", clickCount=1)
+        mouse("mouseMoved", (x + to_x) / 2, (y + to_y) / 2, button="left")
+        mouse("mouseMoved", to_x, to_y, button="left")
+        mouse("mouseReleased", to_x, to_y, button="left", clickCount=1)
+        browser.value("new Promise(done => setTimeout(done, 200))")
+
+    whole = browser.value(ink)
+    dragged(0.3, 0.3, 0.8, 0.8)
+    assert browser.value(ink) != whole
+    browser.value(f"{plot}.querySelector('.u-over').dispatchEvent(new MouseEvent('dblclick'))")
+    browser.value("new Promise(done => setTimeout(done, 200))")
+    assert browser.value(ink) == whole
+    assert browser.value(f"{near}.hidden")
+    found = "", 0.0, 0.0
+    for step in range(1, 20):  # along the diagonal, on which the lifts are
+        mouse("mouseMoved", step / 20, 1 - step / 20)
+        browser.value("new Promise(done => setTimeout(done, 30))")
+        if not browser.value(f"{near}.hidden"):
+            found = browser.value(f"{near}.textContent"), step / 20, 1 - step / 20
+            break
+    assert re.fullmatch(r"wrench, lift \d: estimate .*°, markers .*°", found[0])
+    mouse("mousePressed", *found[1:], button="left", clickCount=1)
+    mouse("mouseReleased", *found[1:], button="left", clickCount=1)
+    until(lambda: lift_shown(browser) == found[0].partition(":")[0], 10.0)
     assert browser.said() == []
 
 

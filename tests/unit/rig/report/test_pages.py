@@ -202,8 +202,15 @@ def test_fingertip_table_agrees_with_the_recorded_curves(trial: Path) -> None:
         assert row[1].startswith(f"{np.mean(means):.2f} ±")
 
 
-def test_points_of_final_angles_link_to_their_lifts(page: Page) -> None:
-    assert page.links.count("#lift-2") == 3  # from its row, its point, and its frames among the worst lifts
+def test_points_of_final_angles_name_their_lifts_with_values(page: Page) -> None:
+    plots = re.findall(r'<script type="application/json" class="plot">(.*?)</script>', page.html)
+    finals = next(plot for plot in map(json.loads, plots) if plot["x"]["label"].startswith("final marker"))
+    assert [anchor for *_, anchor in finals["spots"]] == ["lift-1", "lift-2"]
+    x, y, text, _ = finals["spots"][1]
+    assert text == f"wrench, lift 2: estimate {y:+.1f}°, markers {x:+.1f}°"
+    dots = next(shape for shape in finals["shapes"] if shape.get("dot"))
+    assert dots["at"] == [[x, y] for x, y, *_ in finals["spots"]]
+    assert page.links.count("#lift-2") == 2  # from its row, and from its frames among the worst lifts
 
 
 def test_a_real_bench_is_named_and_not_called_simulated(drawn_trial: Any, tmp_path: Path) -> None:

@@ -88,9 +88,11 @@ def test_a_reference_is_judged_against_the_earlier_one() -> None:
 
 def test_invalid_references_are_rejected() -> None:
     for frames, seen in (
-        ([], "at least 5 are needed"), (_still((0.0, 0.0, 0.0)), "alike"), (_still((0.03, 0.03, 0.03)), "dark"),
+        ([], "at least 5 are needed"),
+        (_still((0.0, 0.0, 0.0)), "alike"),
+        (_still((0.03, 0.03, 0.03)), "dark"),
         ([*_still(), np.zeros((9, 9, 3), np.uint8)], "differ"),
-    ):  # fmt: skip
+    ):
         with pytest.raises(CalibrationError, match=seen):
             make_reference(frames)
 

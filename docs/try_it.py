@@ -25,6 +25,7 @@ NEEDS = {
     r"^rig (?!objects).*--bench my_bench\.toml": "needs hardware",
     r"^rig live (?!.*--seconds)": "needs a person who ends it",
     r"HOST:PORT": "needs a cluster",
+    r"\bD20641\b": "needs a sensor",
     r"^rig label-angle|^rig label ": "needs a person who draws",
     r"^rig model import|authors\.onnx|--data|old/|--model \w+=": "needs files of yours",
     r"my_lab|my_bag|shared_objects|monday|/data/": "needs files of yours",
@@ -149,6 +150,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", type=Path, required=True, help="Folder to work in; it must not exist.")
     parser.add_argument("--long", action="store_true", help="Also those that take many minutes.")
+    parser.add_argument("--page", action="append", help="Page to try, such as desk; repeat for several.")
     asked = parser.parse_args()
     asked.out.mkdir(parents=True)
     own = asked.out / "own_files"
@@ -158,6 +160,8 @@ def main() -> int:
         return 1
     failed = 0
     for page, lines in groupby(command_lines(asked.long), lambda line: line.page):
+        if asked.page and Path(page).stem not in asked.page:
+            continue
         folder = asked.out / Path(page).stem
         folder.mkdir()
         failed += try_page(list(lines), folder, own, LONG_AT_MOST_S if asked.long else AT_MOST_S)

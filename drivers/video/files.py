@@ -50,7 +50,9 @@ class RecordedStream(FrameStream):
         return self._number - 1, due_ns
 
     def _ended(self) -> DeviceError:
-        return DeviceError(f"{self._path}: all {self._number} images have been played; start again")
+        return DeviceError(
+            f"{self._path}: all {self._number} images have been played; start again to replay them"
+        )
 
 
 class FolderStream(RecordedStream):

@@ -161,6 +161,8 @@ def _cause(error: Exception) -> str:
         return f"no answer within {READ_TIMEOUT_S:g} s; check that the server runs"
     if isinstance(error, ConnectionRefusedError):
         return "the connection was refused; start the server or check the port"
+    if isinstance(error, socket.gaierror):
+        return "the name of the server cannot be resolved; check the address and the network"
     if isinstance(error, DeviceError | FormatError):
         return str(error)
     return f"{type(error).__name__} {error}; check the server"

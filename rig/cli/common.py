@@ -103,7 +103,9 @@ def stop_on_signals() -> None:
         if number == signal.SIGHUP:
             discard(terminals)
         if received == 1:
-            _say_if_possible("stopping: making the bench safe; Ctrl-C again stops all motion at once ...")
+            _say_if_possible(
+                "stopping; a connected bench is made safe first; Ctrl-C again stops all motion at once ..."
+            )
             raise OperatorStopError("stopped by the operator; finished results are kept")
         if received == 2:
             _say_if_possible("stopping all motion at once ...")

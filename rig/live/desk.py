@@ -25,12 +25,15 @@ from rig.live.desk_sensor import DeskSensor, Reading
 from rig.live.feed import OBJECT, Sender
 from rig.live.observer import PICTURE_LONG_SIDE_PX, small_jpeg
 from rig.tactile.estimators import EstimatorChoice, choose_estimator
+from rig.tactile.sample import State
 
 LATEST_S = 0.3
 """Frames that wait longer are skipped and counted as dropped, so that the angle stays a live one."""
 FRAME_TIMEOUT_S = 1.0
 REFERENCE, TAKE_BACKGROUND, RECORD, ESTIMATOR = "reference", "background", "record", "estimator"
 """What a person can ask for while it runs; `estimator` is followed by a name."""
+NO_REFERENCE = "no reference yet"
+"""State of the object while its sensors track a contact that has no reference."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -196,10 +199,11 @@ class Desk:
         slip = any(sensor.slip for sensor in self.sensors.values())
         others = [track.newest() for n, track in tracks.items() if n != now.name]
         fused = fuse(tracks[now.name].newest(), others)
+        waits = fused.angle_deg is None and fused.state is State.TRACKING
         return Reading(
             OBJECT,
             now.time_ns,
-            fused.disagreement or fused.state.value,
+            fused.disagreement or (NO_REFERENCE if waits else fused.state.value),
             _as_sample(fused, now.sample.time_s, slip),
             now.fps,
             (self._clock.now_ns() - now.time_ns) / NS_PER_S,

@@ -95,7 +95,7 @@ def measure(options: SeedsOptions, run: Run) -> Report:
 
       rig benchmark seeds --full --out seeds --resume
 
-      rig benchmark seeds --bench hard --readme docs/estimators.md
+      rig benchmark seeds --bench hard --readme docs/measurements.md
 
     """
     bench = load_calibrated_bench(options.bench, run.say)

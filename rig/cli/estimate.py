@@ -146,7 +146,7 @@ def _estimate(source: SourceOptions, how: EstimationOptions, to: ResultOptions) 
 def _run(source: SourceOptions, how: EstimationOptions, of_rig: bool) -> "Estimation":
     """Return the settings of the estimation.
 
-    of_rig: whether the frames are of a recording or session, which has its own times. Raises `InputError`.
+    of_rig: whether the frames are of a recording or session, which contains its times. Raises `InputError`.
     """
     from rig.frames.estimation import Estimation
     from rig.tactile.estimators import choose_estimator
@@ -154,7 +154,7 @@ def _run(source: SourceOptions, how: EstimationOptions, of_rig: bool) -> "Estima
     choice = choose_estimator(how.estimator, how.window)
     run = Estimation(choice, how.background, how.reference_time, how.lift_from, how.pixel_aspect)
     if of_rig and (source.timestamps is not None or source.fps is not None or run.lift is not None):
-        raise InputError(f"{source.frames} has its own times: leave --timestamps, --fps and --lift-from out")
+        raise InputError(f"{source.frames} contains its times: leave --timestamps, --fps and --lift-from out")
     if of_rig and how.gel is not None:
         raise InputError(f"{source.frames} is of several sensors: leave --gel out, or give frames of one")
     if of_rig and source.topic is not None:

@@ -160,7 +160,7 @@ def zeroed(
         and not (answer.sample.jumped or answer.sample.fault)
         for answer in answers
     )
-    place, note = (None, "the script's own") if keep_zero else _zero_place(answers, reference)
+    place, note = (None, "the zero of the script") if keep_zero else _zero_place(answers, reference)
     zero = None if place is None else answers[place]
     zero_deg = 0.0 if zero is None else zero.sample.angle_deg or 0.0
     samples = [answer.sample for answer in answers]

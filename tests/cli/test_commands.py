@@ -131,7 +131,7 @@ def test_fakes_status_describes_the_simulated_world(monkeypatch: pytest.MonkeyPa
         (("nothing",), "UsageError", "No such command"),
     ],
 )
-def test_with_json_an_error_is_one_object(arguments: tuple[str, ...], kind: str, said: str) -> None:
+def test_json_option_prints_an_error_as_one_object(arguments: tuple[str, ...], kind: str, said: str) -> None:
     done = rig(*arguments, "--json")
     error = json.loads(done.stdout)["error"]
     assert (error["kind"], error["exit_code"], done.returncode) == (kind, 2, 2)

@@ -32,7 +32,7 @@ def test_command_lines_are_found() -> None:
     assert sum(count > 0 for count in found.values()) > len(PAGES) / 2, found
 
 
-def test_every_command_stands_on_the_page_of_commands() -> None:
+def test_every_command_is_on_the_commands_page() -> None:
     named = {parse(line, may_be_a_name=True) for line in spans(COMMANDS_PAGE)}
     assert set(commands()) <= named
 

@@ -114,7 +114,7 @@ def test_without_an_angle_at_the_reference_time_the_first_answer_is_zero(lift: P
     assert [row["state"] for row in done.rows[:2]] == ["no_contact", "no_contact"]
     assert done.rows[2]["angle_deg"] == "0.0"
     assert float(done.rows[-1]["angle_deg"]) == pytest.approx(20.0, abs=1.5)
-    assert "first answer; no angle (no_contact) at --reference-time 0.0" in done.said
+    assert "first later frame with an angle; no_contact at --reference-time 0.0" in done.said
 
 
 def test_rate_shift_and_slip_stand_behind_the_contracts_columns(lift: Path) -> None:
@@ -196,7 +196,7 @@ def test_a_published_script_keeps_its_own_zero(lift: Path) -> None:
     angles = [float(row["angle_deg"]) for row in done.rows[2:]]
     assert angles[0] == 0, "the window is not full"
     assert min(angles) >= 0
-    assert "the script's own" in done.said
+    assert "the zero of the script" in done.said
     refused = estimate(lift / "frames", "--estimator", "pca-published", "--reference-time", 0.1)
     assert refused.error is not None
     assert "leave --reference-time out" in refused.error

@@ -125,7 +125,7 @@ def test_every_grouped_option_exists() -> None:
         ),
     ],
 )
-def test_misspelt_name_is_answered_with_the_nearest(
+def test_misspelt_name_is_rejected_with_the_closest_match(
     arguments: tuple[str, ...], near: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -182,11 +182,11 @@ def test_tab_completes_names(line: str, offered: list[str], tmp_path: Path) -> N
     assert completed(line, tmp_path) == offered
 
 
-def test_completion_imports_nothing_that_takes_long(tmp_path: Path) -> None:
+def test_completion_imports_no_slow_modules(tmp_path: Path) -> None:
     *_, loaded = completed("rig trial --object wr", tmp_path, "print(*sys.modules)")
     assert not {"numpy", "cv2", "pydantic", "rich", "numba"} & set(loaded.split())
 
 
-def test_completed_names_are_those_that_exist() -> None:
+def test_completed_names_equal_the_existing_ones() -> None:
     assert ESTIMATOR_NAMES == ESTIMATORS
     assert list(FORMATS) == list(FORMAT_NAMES)

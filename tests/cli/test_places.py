@@ -41,15 +41,15 @@ def refused(command: tuple[object, ...], *words: str) -> None:
 
 
 @pytest.mark.parametrize("command", FILES, ids=" ".join)
-def test_a_file_in_no_folder_is_refused_before_anything(command: tuple[str, ...], tmp_path: Path) -> None:
+def test_output_file_in_a_missing_folder_is_rejected_first(command: tuple[str, ...], tmp_path: Path) -> None:
     refused((*command, tmp_path / "missing" / "x.html"), "does not exist", "missing")
 
 
 @pytest.mark.parametrize("command", FOLDERS, ids=" ".join)
-def test_a_folder_that_is_a_file_is_refused_before_anything(command: tuple[str, ...], tmp_path: Path) -> None:
+def test_output_folder_that_is_a_file_is_rejected_first(command: tuple[str, ...], tmp_path: Path) -> None:
     (tmp_path / "there").write_text("")
     refused((*command, tmp_path / "there" / "x"), "there is a file")
 
 
-def test_a_file_that_is_a_folder_is_refused(tmp_path: Path) -> None:
+def test_output_file_that_is_a_folder_is_rejected(tmp_path: Path) -> None:
     refused(("report", "s", "--out", tmp_path), "is a folder")

@@ -70,7 +70,7 @@ NAMES = ("sessions", "replay", "compare", "report", "play", "replays")
     "name",
     ["sessions", *(pytest.param(name, marks=pytest.mark.long) for name in NAMES[1:])],
 )
-def test_text_of_others_does_not_act_on_a_terminal(session: Path, name: str) -> None:
+def test_control_sequences_in_foreign_text_do_not_act_on_a_terminal(session: Path, name: str) -> None:
     written = at_a_terminal(*commands(session)[name])
     assert not [text for text in ACTING if text in written]
 
@@ -78,7 +78,7 @@ def test_text_of_others_does_not_act_on_a_terminal(session: Path, name: str) -> 
 @pytest.mark.parametrize(
     "name", [*NAMES[:4], *(pytest.param(name, marks=pytest.mark.long) for name in NAMES[4:])]
 )
-def test_text_of_others_holds_no_control_characters_away_from_a_terminal(session: Path, name: str) -> None:
+def test_control_characters_in_foreign_text_are_escaped_in_other_output(session: Path, name: str) -> None:
     done = rig(*commands(session)[name])
     printed = done.stdout + done.stderr
     assert not [c for c in printed if c != "\n" and (not c.isprintable() or c in OVERRIDE)]
@@ -91,7 +91,7 @@ def test_letters_and_brackets_of_a_name_are_kept(session: Path) -> None:
     assert at_a_terminal("sessions", session.parent).count("\x1b]8;") == 0
 
 
-def test_json_gives_texts_unchanged_and_escaped(session: Path) -> None:
+def test_json_output_contains_texts_unchanged_but_escaped(session: Path) -> None:
     printed = rig("sessions", session.parent, "--json").stdout
     assert printed.isascii()
     assert printed.strip().isprintable()

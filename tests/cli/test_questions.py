@@ -52,7 +52,7 @@ ASKED = """
 
 @pytest.mark.parametrize("columns", [80, pytest.param(160, marks=pytest.mark.long)])
 @pytest.mark.parametrize("code", [IN_TRIAL, IN_RECORD, IN_CALIBRATE], ids=["trial", "record", "calibrate"])
-def test_a_question_stands_alone_until_it_is_answered(
+def test_displays_are_hidden_until_a_question_is_answered(
     at_terminal: AtTerminal, code: str, columns: int
 ) -> None:
     terminal = at_terminal([sys.executable, "-c", code % ASKED], columns)

@@ -51,7 +51,7 @@ def frames(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.parametrize("model", ["ours", "classical", "pspnet"])
-def test_every_image_gets_a_mask_of_its_own_size(model: str, frames: Path, tmp_path: Path) -> None:
+def test_every_mask_has_the_size_of_its_image(model: str, frames: Path, tmp_path: Path) -> None:
     done = rig("segment", frames, "--model", model, "--out", tmp_path / "masks", "--json")
     figures = json.loads(done.stdout)
     assert len(figures["images"]) == 10
@@ -63,7 +63,7 @@ def test_every_image_gets_a_mask_of_its_own_size(model: str, frames: Path, tmp_p
         assert np.count_nonzero(mask) == row["area_px"]
 
 
-def test_a_background_made_from_the_images_is_said(frames: Path, tmp_path: Path) -> None:
+def test_background_made_from_the_images_is_reported(frames: Path, tmp_path: Path) -> None:
     done = rig("segment", frames, "--background", "auto", "--out", tmp_path)
     assert "made from all frames (auto)" in done.stderr
 
@@ -95,7 +95,7 @@ def test_invalid_input_is_a_one_line_error(frames: Path, tmp_path: Path) -> None
     assert "none of the images can be read" in error("segment", text, "--model", "pspnet", *out)
 
 
-def test_a_persons_corrections_are_kept_and_exported(frames: Path, tmp_path: Path) -> None:
+def test_manual_corrections_are_kept_and_exported(frames: Path, tmp_path: Path) -> None:
     first = rig("label", frames, "--out", tmp_path, "--json")
     assert json.loads(first.stdout)["proposed"] == 10
     corrected = tmp_path / "3.json"
@@ -124,6 +124,6 @@ def test_shipped_networks_are_listed() -> None:
 
 
 @pytest.mark.skipif(find_spec("torch") is not None, reason="extra `train` is installed")
-def test_training_without_its_extra_says_what_to_install(tmp_path: Path) -> None:
+def test_training_without_its_extra_names_the_package_to_install(tmp_path: Path) -> None:
     assert "[train]" in error("train", "--out", tmp_path / "run")
     assert "[train]" in error("model", "import", "a.pth", "--out", tmp_path / "a.onnx")

@@ -116,7 +116,7 @@ def test_check_ends_with_exit_code_2_if_a_session_is_broken(tmp_path: Path, one_
     assert rig("sessions", tmp_path).returncode == 0
 
 
-def test_many_sessions_are_listed_side_by_side_with_the_same_answer(tmp_path: Path) -> None:
+def test_parallel_listing_of_many_sessions_gives_the_same_result(tmp_path: Path) -> None:
     for number in range(8):
         shutil.copytree(STORED / "stored_trial", tmp_path / f"{number:02d}")
     code = (

@@ -17,90 +17,90 @@ CODE = """if True:
     from drivers.errors import OperatorStopError
     from rig.cli.common import say, stop_on_signals
     stop_on_signals()
-    told = open({told!r}, "w", buffering=1)
+    log = open({log!r}, "w", buffering=1)
     try:
-        told.write("working\\n"); time.sleep(30)
+        log.write("working\\n"); time.sleep(30)
     except OperatorStopError:
         try:
             say("still printing")
-            told.write("teardown\\n"); time.sleep({teardown_s}); told.write("made safe\\n")
+            log.write("teardown\\n"); time.sleep({teardown_s}); log.write("made safe\\n")
         except OperatorStopError:
-            told.write("stopping\\n"); time.sleep(1.0); told.write("stands\\n")
+            log.write("stopping\\n"); time.sleep(1.0); log.write("stands\\n")
 """
 
 
-def wait_for(told: Path, text: str) -> None:
+def wait_for(log: Path, text: str) -> None:
     deadline = time.monotonic() + 30.0
-    while not (told.exists() and text in told.read_text()):
-        assert time.monotonic() < deadline, told.read_text() if told.exists() else "nothing told"
+    while not (log.exists() and text in log.read_text()):
+        assert time.monotonic() < deadline, log.read_text() if log.exists() else "nothing logged"
         time.sleep(0.02)
 
 
-def started(told: Path, teardown_s: float) -> subprocess.Popen[str]:
-    code = CODE.format(told=str(told), teardown_s=teardown_s)
+def started(log: Path, teardown_s: float) -> subprocess.Popen[str]:
+    code = CODE.format(log=str(log), teardown_s=teardown_s)
     process = subprocess.Popen([sys.executable, "-c", code], stderr=subprocess.PIPE, text=True)
-    wait_for(told, "working")
+    wait_for(log, "working")
     return process
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT])
 def test_one_signal_ends_safely(tmp_path: Path, number: signal.Signals) -> None:
-    process = started(tmp_path / "told", teardown_s=0.3)
+    process = started(tmp_path / "log", teardown_s=0.3)
     process.send_signal(number)
     process.communicate(timeout=30)
-    assert (tmp_path / "told").read_text() == "working\nteardown\nmade safe\n"
+    assert (tmp_path / "log").read_text() == "working\nteardown\nmade safe\n"
 
 
 def test_second_signal_stops_at_once_and_further_ones_are_ignored(tmp_path: Path) -> None:
-    told = tmp_path / "told"
-    process = started(told, teardown_s=30)
+    log = tmp_path / "log"
+    process = started(log, teardown_s=30)
     process.send_signal(signal.SIGINT)
-    wait_for(told, "teardown")
+    wait_for(log, "teardown")
     process.send_signal(signal.SIGINT)
-    wait_for(told, "stopping")
+    wait_for(log, "stopping")
     for _ in range(15):
         process.send_signal(signal.SIGINT)
         time.sleep(0.02)
     _, error = process.communicate(timeout=30)
-    assert told.read_text() == "working\nteardown\nstopping\nstands\n"
+    assert log.read_text() == "working\nteardown\nstopping\nstands\n"
     assert "stops all motion at once" in error
 
 
 def test_closed_stderr_does_not_prevent_the_safe_end(tmp_path: Path) -> None:
     code = CODE.replace('say("still printing")', "")
-    told = tmp_path / "told"
+    log = tmp_path / "log"
     process = subprocess.Popen(
-        [sys.executable, "-c", code.format(told=str(told), teardown_s=0.3)], stderr=subprocess.PIPE
+        [sys.executable, "-c", code.format(log=str(log), teardown_s=0.3)], stderr=subprocess.PIPE
     )
     assert process.stderr is not None
     process.stderr.close()
-    wait_for(told, "working")
+    wait_for(log, "working")
     process.send_signal(signal.SIGTERM)
     process.wait(30)
-    assert told.read_text() == "working\nteardown\nmade safe\n"
+    assert log.read_text() == "working\nteardown\nmade safe\n"
 
 
 def test_lost_terminal_ends_safely_and_later_output_is_no_error(
     tmp_path: Path, at_terminal: AtTerminal
 ) -> None:
-    told = tmp_path / "told"
-    terminal = at_terminal([sys.executable, "-c", CODE.format(told=str(told), teardown_s=0.3)], 80)
-    wait_for(told, "working")
+    log = tmp_path / "log"
+    terminal = at_terminal([sys.executable, "-c", CODE.format(log=str(log), teardown_s=0.3)], 80)
+    wait_for(log, "working")
     terminal.hang_up()
     assert terminal.process.wait(30) == 0
-    assert told.read_text() == "working\nteardown\nmade safe\n"
+    assert log.read_text() == "working\nteardown\nmade safe\n"
 
 
 def test_program_that_ignores_hangups_continues(tmp_path: Path) -> None:
-    told = tmp_path / "told"
-    code = CODE.format(told=str(told), teardown_s=0.3).replace("sleep(30)", "sleep(0.5); told.write('done')")
+    log = tmp_path / "log"
+    code = CODE.format(log=str(log), teardown_s=0.3).replace("sleep(30)", "sleep(0.5); log.write('done')")
     process = subprocess.Popen(
         [sys.executable, "-c", code], preexec_fn=lambda: signal.signal(signal.SIGHUP, signal.SIG_IGN) and None
     )
-    wait_for(told, "working")
+    wait_for(log, "working")
     os.kill(process.pid, signal.SIGHUP)
     process.wait(30)
-    assert told.read_text() == "working\ndone"
+    assert log.read_text() == "working\ndone"
 
 
 def test_real_bench_file_with_a_fakes_section_is_rejected_first(tmp_path: Path) -> None:

@@ -87,7 +87,7 @@ def browser(monkeypatch: pytest.MonkeyPatch) -> Browser:
 def test_watching_does_not_change_the_results(
     browser: Browser, one_lift: Path, light_bench_file: Path, tmp_path: Path
 ) -> None:
-    notify = shlex.join([sys.executable, "-c", KEEPS, str(tmp_path / "told")])
+    notify = shlex.join([sys.executable, "-c", KEEPS, str(tmp_path / "events")])
     done = rig(
         "trial", "--lifts", 1, "--object", "toothbrush", "--bench", light_bench_file, "--jobs", 1,
         "--no-report", "--out", tmp_path / "s", "--json", "--watch", "--notify", notify,
@@ -95,7 +95,7 @@ def test_watching_does_not_change_the_results(
     assert done.returncode == 0, done.stderr
     browser.close()
     assert (tmp_path / "s" / "lifts.jsonl").read_bytes() == (one_lift / "lifts.jsonl").read_bytes()
-    assert (tmp_path / "told").read_text() == '["end", "done"]\n'
+    assert (tmp_path / "events").read_text() == '["end", "done"]\n'
     lifts = [lift for state in browser.states for lift in state["lifts"]]
     assert any(isinstance(lift["estimate_deg"], float) for lift in lifts)
     assert browser.pictures > TIPS
@@ -116,7 +116,7 @@ def test_recording_can_be_watched(browser: Browser, light_bench_file: Path, tmp_
 
 @pytest.mark.long
 def test_calibration_can_be_watched(browser: Browser, light_bench_file: Path, tmp_path: Path) -> None:
-    notify = shlex.join([sys.executable, "-c", KEEPS, str(tmp_path / "told")])
+    notify = shlex.join([sys.executable, "-c", KEEPS, str(tmp_path / "events")])
     blocks = ("--block-mm", 20, "--block-mm", 45, "--block-mm", 70)
     done = rig(
         "calibrate", "gripper", *blocks, "--bench", light_bench_file, "--out", tmp_path, "--json",
@@ -124,7 +124,7 @@ def test_calibration_can_be_watched(browser: Browser, light_bench_file: Path, tm
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     browser.close()
-    assert (tmp_path / "told").read_text() == '["end", "done"]\n'
+    assert (tmp_path / "events").read_text() == '["end", "done"]\n'
     assert browser.pictures == {"SIM-D0001", "SIM-D0002", "SIM-C0001"}
     titles = {(state["title"], state["what"], state["total"]) for state in browser.states}
     assert titles == {("SIMULATED calibrate gripper on bench 'fake'", "contacts", 6)}
@@ -139,11 +139,11 @@ def test_calibration_can_be_watched(browser: Browser, light_bench_file: Path, tm
 def test_every_calibration_reports_its_progress(
     what: tuple[object, ...], light_bench_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    told: list[Event] = []
-    monkeypatch.setattr("rig.live.onlookers._onlookers", [told.append])
+    events: list[Event] = []
+    monkeypatch.setattr("rig.live.onlookers._onlookers", [events.append])
     done = rig("calibrate", *what, "--bench", light_bench_file, "--out", tmp_path)
     assert done.returncode == 0, done.stderr
-    progress = [event for event in told if event.kind == "progress"]
+    progress = [event for event in events if event.kind == "progress"]
     assert progress[-1].done == progress[-1].total == len(progress)
 
 
@@ -170,18 +170,18 @@ def test_waiting_question_is_reported_to_observers(at_terminal: AtTerminal) -> N
     code = """if True:
         from rig.live.questions import ask
         from rig.live.onlookers import looking_on
-        def tell(event):
-            print("told", event.kind, event.text, flush=True)
-        with looking_on(tell):
+        def observe(event):
+            print("event", event.kind, event.text, flush=True)
+        with looking_on(observe):
             ask("Place it. Ready?")
     """
     terminal = at_terminal([sys.executable, "-c", code], 80)
     terminal.wait_for("Place it. Ready? [y/N]:", 20.0)
-    assert "told question Place it. Ready?" in terminal.text()
-    assert "told answered" not in terminal.text()
+    assert "event question Place it. Ready?" in terminal.text()
+    assert "event answered" not in terminal.text()
     terminal.type("y\n")
-    terminal.wait_for("told answered", 20.0)
-    terminal.wait_for("told end done", 20.0)
+    terminal.wait_for("event answered", 20.0)
+    terminal.wait_for("event end done", 20.0)
 
 
 def test_page_modules_are_not_imported_without_watch() -> None:

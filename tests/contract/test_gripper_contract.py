@@ -7,7 +7,7 @@ from drivers.errors import GripperFaultError
 from rig.contract_checks.test_gripper import *  # noqa: F403
 
 
-def test_a_gripper_that_is_not_activated_has_the_makers_fault_code(inactive_bench: Bench) -> None:
+def test_gripper_that_is_not_activated_has_the_documented_fault_code(inactive_bench: Bench) -> None:
     with pytest.raises(GripperFaultError) as raised:
         inactive_bench.gripper.move_to(inactive_bench.gripper.spec.closed_m)
     assert raised.value.code == 5

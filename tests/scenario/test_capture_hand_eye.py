@@ -62,7 +62,7 @@ def test_lost_arm_ends_the_visit() -> None:
         capture_hand_eye(bench, lambda: ("a", Pose(PLACES["a"], turn)), lambda _: None, lambda *_: None)
 
 
-def test_a_stream_that_lags_gives_no_picture_of_the_motion() -> None:
+def test_lagging_stream_gives_no_image_of_the_motion() -> None:
     bench, _ = build_bench(load_bench("fake"))
     moved: list[int] = []
 

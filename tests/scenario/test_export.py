@@ -49,7 +49,7 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_csv_and_parquet_hold_the_same_tables(one_lift: Path, tmp_path: Path) -> None:
+def test_csv_and_parquet_contain_the_same_tables(one_lift: Path, tmp_path: Path) -> None:
     parquet = pytest.importorskip("pyarrow.parquet")
     export_session(one_lift, "csv", tmp_path / "csv")
     export_session(one_lift, "parquet", tmp_path / "parquet")
@@ -82,7 +82,7 @@ def test_csv_and_parquet_hold_the_same_tables(one_lift: Path, tmp_path: Path) ->
 
 
 @pytest.mark.filterwarnings("ignore:__array__ implementation")  # pycocotools 2.0.11 with numpy 2
-def test_coco_is_read_by_pycocotools_and_says_where_its_masks_come_from(
+def test_coco_is_read_by_pycocotools_and_states_the_origin_of_its_masks(
     one_lift: Path, recording: Path, tmp_path: Path
 ) -> None:
     coco_module = pytest.importorskip("pycocotools.coco")
@@ -126,7 +126,7 @@ def labelme_files(session: Path, out: Path) -> list[Path]:
     return sorted(out.rglob("*.json"))
 
 
-def test_labelme_files_lie_beside_their_images_with_the_fields_its_loader_asks_for(
+def test_labelme_files_are_beside_their_images_with_the_required_fields(
     recording: Path, tmp_path: Path
 ) -> None:
     files = labelme_files(recording, tmp_path / "out")
@@ -146,7 +146,7 @@ def test_labelme_files_lie_beside_their_images_with_the_fields_its_loader_asks_f
             assert all(isinstance(v, float) for point in shape["points"] for v in point)
 
 
-def test_labelmes_own_loader_reads_its_files(recording: Path, tmp_path: Path) -> None:
+def test_labelme_loader_reads_exported_files(recording: Path, tmp_path: Path) -> None:
     labelme = pytest.importorskip("labelme", reason="labelme (a Qt program) is not installed")
     for file in labelme_files(recording, tmp_path / "out"):
         loaded = labelme.LabelFile(str(file))
@@ -154,7 +154,7 @@ def test_labelmes_own_loader_reads_its_files(recording: Path, tmp_path: Path) ->
         assert loaded.shapes[0]["label"] == "contact"
 
 
-def test_a_lerobot_data_set_has_its_parts_and_the_stored_images(one_lift: Path, tmp_path: Path) -> None:
+def test_lerobot_data_set_has_its_parts_and_the_stored_images(one_lift: Path, tmp_path: Path) -> None:
     parquet = pytest.importorskip("pyarrow.parquet")
     out = tmp_path / "out"
     export_session(one_lift, "lerobot", out)
@@ -195,7 +195,7 @@ def test_a_lerobot_data_set_has_its_parts_and_the_stored_images(one_lift: Path, 
     assert not any("SIM-D" in name for name in info["features"])
 
 
-def test_a_lerobot_data_set_has_the_tactile_frames_between_its_steps(tmp_path: Path) -> None:
+def test_lerobot_data_set_has_the_tactile_frames_between_its_steps(tmp_path: Path) -> None:
     parquet = pytest.importorskip("pyarrow.parquet")
     session = tmp_path / "trial"
     run_trial(session, TrialSettings(load_bench("fake"), 0, choose_estimator("pca")), ["t2"], lifts=1)
@@ -216,7 +216,7 @@ def test_a_lerobot_data_set_has_the_tactile_frames_between_its_steps(tmp_path: P
     assert "observation.tactile.camera.1" not in data.column_names
 
 
-def test_lerobots_own_loader_reads_the_data_set(one_lift: Path, tmp_path: Path) -> None:
+def test_lerobot_loader_reads_the_data_set(one_lift: Path, tmp_path: Path) -> None:
     module: Any = pytest.importorskip(
         "lerobot.datasets.lerobot_dataset", reason="lerobot (with torch) is not installed"
     )
@@ -447,7 +447,7 @@ def test_zarr_has_the_keys_and_shapes_of_open_x_tactile(one_lift: Path, tmp_path
     )
 
 
-def test_an_export_is_whole_or_not_there(one_lift: Path, recording: Path, tmp_path: Path) -> None:
+def test_failed_export_leaves_no_files(one_lift: Path, recording: Path, tmp_path: Path) -> None:
     broken = tmp_path / "broken"
     shutil.copytree(one_lift, broken)
     file = broken / "lifts/001.mcap"

@@ -70,7 +70,7 @@ def done(*words: object) -> Any:
 
 
 @pytest.mark.long
-def test_a_lab_comes_from_an_empty_folder_to_its_own_results(lab: Path) -> None:
+def test_lab_workflow_runs_from_an_empty_folder_to_results(lab: Path) -> None:
     bench = ("--bench", "bench.toml")
     (found,) = done("teach", "lever", *bench, "--yes")["positions"]
     assert found["problems"] == []

@@ -179,7 +179,7 @@ def test_recording_by_hand_stops_if_the_person_does_not_press(real_gel: Path, tm
     assert [row.accepted for row in read_poses(tmp_path / "s")] == [True]
 
 
-def test_by_hand_is_refused_behind_wires(tmp_path: Path) -> None:
+def test_recording_by_hand_is_rejected_over_the_wire_protocols(tmp_path: Path) -> None:
     shown = rig("record", "--object", "7", "--by", "hand", "--bench", "wire", "--out", tmp_path / "s")
     assert shown.returncode == 2
     assert "simulated over the wire protocols" in shown.stderr
@@ -272,7 +272,7 @@ def test_fingertip_is_put_on_the_clock_of_the_camera_by_hand(
         (["teach", "7"], "rig teach needs [arm], [gripper], two [[tactile]] and [camera]"),
     ],
 )
-def test_command_that_needs_more_says_what_and_what_works(
+def test_command_without_its_devices_names_them_and_the_possible_commands(
     desk: Path, command: list[object], needs: str
 ) -> None:
     shown = rig(*command, "--bench", desk)

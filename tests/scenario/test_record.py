@@ -38,7 +38,7 @@ def test_frames_without_contact_are_rejected_and_counted() -> None:
 
 
 @pytest.mark.long
-def test_killed_recordings_are_completed_without_doing_anything_twice(
+def test_killed_recordings_are_completed_without_repeating_poses(
     light_bench_file: Path, tmp_path: Path
 ) -> None:
     chance = random.Random(5)

@@ -22,7 +22,7 @@ from rig.sessions.recording_file import recorded_messages
 from rig.sessions.rows import read_finished_lifts
 
 
-def test_recordings_carry_foxgloves_own_schemas(one_lift: Path) -> None:
+def test_recordings_contain_foxglove_schemas(one_lift: Path) -> None:
     """What a viewer reads is the schema inside the file, so that is what is compared."""
     known = {
         "foxglove.CompressedImage": CompressedImage, "foxglove.PoseInFrame": PoseInFrame,
@@ -95,7 +95,7 @@ def test_times_are_dates_of_one_epoch_and_inside_those_of_the_bench(one_lift: Pa
     assert stamp == first.log_time == frame.time_ns + SIMULATED_EPOCH_NS
 
 
-def test_messages_fit_the_json_schemas_beside_them(one_lift: Path) -> None:
+def test_messages_match_their_json_schemas(one_lift: Path) -> None:
     kinds = {
         "string": str,
         "number": (int, float),
@@ -118,7 +118,7 @@ def test_messages_fit_the_json_schemas_beside_them(one_lift: Path) -> None:
     assert seen == {"rig.Phase", "rig.Joints", "rig.Gripper", "rig.Angle"}
 
 
-def test_rerun_opens_a_recording_as_it_is(one_lift: Path) -> None:
+def test_rerun_opens_a_recording_unchanged(one_lift: Path) -> None:
     pytest.importorskip("rerun", reason="the viewer's library is not installed: extra 'live'")
     from rerun.chunk import McapReader
 

@@ -83,7 +83,7 @@ def test_doctor_reads_everything_but_the_arm_without_ur_rtde() -> None:
         assert any(line.startswith(f"{device} reached good") for line in lines), lines
 
 
-def test_served_fakes_print_a_bench_file_take_orders_and_end_cleanly(tmp_path: Path) -> None:
+def test_served_fakes_print_a_bench_file_execute_commands_and_end_cleanly(tmp_path: Path) -> None:
     file = tmp_path / "fakes.toml"
     process = subprocess.Popen(
         [sys.executable, "-m", "rig", "fakes", "serve", "--host", "127.0.0.61", "--write", str(file)],

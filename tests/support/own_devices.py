@@ -58,9 +58,9 @@ class Plain(Arm):
     """Jumps to where it is sent, and notes what it heard."""
 
     def __init__(
-        self, limits, flange_T_tcp, payload_kg, payload_cog_m, *, stuck=False, says=None, ahead_s=0.0
+        self, limits, flange_T_tcp, payload_kg, payload_cog_m, *, stuck=False, behaviour=None, ahead_s=0.0
     ):
-        self.heard, self.stuck, self.says, self.ahead_s = [], stuck, says, ahead_s
+        self.heard, self.stuck, self.behaviour, self.ahead_s = [], stuck, behaviour, ahead_s
         self.pose = Pose((0.45, 0.0, 0.3), (1.0, 0.0, 0.0, 0.0))
 
     def connect(self):
@@ -70,17 +70,17 @@ class Plain(Arm):
         self.heard.append("disconnect")
 
     def state(self):
-        if self.says == "nothing":
+        if self.behaviour == "nothing":
             return None
-        x = float("nan") if self.says == "nan" else 0.0
-        wrench = None if self.says == "no wrench" else (0.0,) * 6
+        x = float("nan") if self.behaviour == "nan" else 0.0
+        wrench = None if self.behaviour == "no wrench" else (0.0,) * 6
         time_ns = time.monotonic_ns() + round(1e9 * self.ahead_s)
         return ArmState(time_ns, self.pose, (x, 0.0, 0.0, 0.0, 0.0, 0.0), wrench, ArmMode.RUNNING)
 
     def move_linear(self, base_T_tcp, speed_m_s, acceleration_m_s2):
         self.heard.append("move")
         self.pose = base_T_tcp
-        return "moved" if self.says == "no motion" else Motion(self, base_T_tcp)
+        return "moved" if self.behaviour == "no motion" else Motion(self, base_T_tcp)
 
     def stop(self):
         if self.stuck:
@@ -119,8 +119,8 @@ class Fingers(Gripper):
 class Gel:
     """No base class: what it has counts."""
 
-    def __init__(self, serial, rate_hz, *, says="frames"):
-        self.serial, self.says = serial, says
+    def __init__(self, serial, rate_hz, *, behaviour="frames"):
+        self.serial, self.behaviour = serial, behaviour
 
     def connect(self):
         pass
@@ -138,11 +138,11 @@ class Gel:
             "text": Frame(image, "now", 1, self.serial),
             "array": image,
         }
-        if self.says == "crash":
+        if self.behaviour == "crash":
             raise ZeroDivisionError("rate")
-        if self.says == "late":
+        if self.behaviour == "late":
             raise DeviceTimeoutError("no frame came")
-        return frames[self.says]
+        return frames[self.behaviour]
 
     newest_frame = next_frame
 

@@ -66,7 +66,7 @@ def _installed(name: str) -> bool:
 
 
 @pytest.mark.slow
-def test_the_arm_library_is_imported_by_nothing_here() -> None:
+def test_rig_works_without_the_arm_library() -> None:
     """Everything but the arm works where ur-rtde has no wheel; a whole real bench can be made."""
     code = (
         "import sys; sys.modules.update({'rtde_control': None, 'rtde_receive': None});"

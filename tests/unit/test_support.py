@@ -24,14 +24,14 @@ def suite(*arguments: str) -> "subprocess.CompletedProcess[str]":
 
 
 @pytest.mark.slow
-def test_two_workers_at_hardware_are_refused() -> None:
+def test_several_workers_with_hardware_are_rejected() -> None:
     done = suite("tests/contract", "-n", "2")
     assert done.returncode == pytest.ExitCode.USAGE_ERROR
     assert "two workers must not drive one arm" in done.stderr
 
 
 @pytest.mark.slow
-def test_at_hardware_there_are_no_workers() -> None:
+def test_hardware_tests_run_without_workers() -> None:
     done = suite("tests/contract", "-k", "motions_outside and fake")
     assert done.returncode == 0, done.stdout + done.stderr
     assert "1 passed" in done.stdout
@@ -42,7 +42,7 @@ def test_at_hardware_there_are_no_workers() -> None:
     ("arguments", "bench", "workers"),
     [(["tests"], None, 3), (["tests"], "my_bench.toml", 0), (["tests/unit/test_support.py"], None, 0)],
 )
-def test_workers_are_for_folders_of_simulated_devices(
+def test_workers_are_used_for_simulated_devices_only(
     arguments: list[str], bench: str | None, workers: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(os, "sched_getaffinity", lambda process: {0, 1}, raising=False)
@@ -51,7 +51,7 @@ def test_workers_are_for_folders_of_simulated_devices(
 
 
 @pytest.mark.parametrize(("late_s", "others_cores"), [(0.2, 0.0), (0.0, 0.8)])
-def test_a_busy_computer_excuses_lateness_and_nothing_else(late_s: float, others_cores: float) -> None:
+def test_loaded_host_excuses_late_tests_only(late_s: float, others_cores: float) -> None:
     excuse = excuse_for(DeviceError("arm: not heard\nfor a while"), late_s, others_cores)
     assert excuse is not None
     assert excuse.startswith(REASON)
@@ -60,5 +60,5 @@ def test_a_busy_computer_excuses_lateness_and_nothing_else(late_s: float, others
     assert excuse_for(refused, late_s, others_cores) is None
 
 
-def test_a_computer_with_time_excuses_nothing() -> None:
+def test_idle_host_excuses_nothing() -> None:
     assert excuse_for(DeviceError("arm: not heard"), late_s=0.01, others_cores=0.1) is None

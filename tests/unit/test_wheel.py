@@ -50,7 +50,7 @@ def test_wheel_holds_the_packages_and_their_data_only(unpacked: Path) -> None:
         pytest.param(("bench", "new", "my_bench.toml"), "my_bench.toml", marks=pytest.mark.long),
     ],
 )
-def test_commands_find_their_data_in_it(
+def test_commands_find_their_data_in_the_wheel(
     unpacked: Path, tmp_path: Path, command: tuple[str, ...], told: str
 ) -> None:
     # nothing has been compiled for this place, and compiling takes longer than the commands

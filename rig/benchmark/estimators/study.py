@@ -60,7 +60,7 @@ def measure(options: EstimatorsOptions, run: Run) -> Report:
 
       rig benchmark estimators --session sessions/2026-11-21T093000_trial --out benchmark
 
-      rig benchmark estimators --readme docs/estimators.md
+      rig benchmark estimators --readme docs/measurements.md
 
       rig benchmark estimators --estimator my_lab.rotation:MyEstimator --out benchmark
 

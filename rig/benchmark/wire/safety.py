@@ -247,7 +247,7 @@ def measure(options: SafetyOptions, run: Run) -> Report:
 
       rig benchmark safety --full --out safety --json
 
-      rig benchmark safety --full --out safety --resume --readme docs/safety.md
+      rig benchmark safety --full --out safety --resume --readme docs/measurements_bench.md
 
     """
     runs = run_safety(run, plan_runs(run.seed, options.full))

@@ -26,7 +26,7 @@ class SharedOptions:
     resume: bool = option(False, "Continue the run in --out: do only the cases that are missing.")
     readme: Path | None = option(
         None,
-        "Also write the table into this file, between the comments that mark it, as in docs/estimators.md.",
+        "Also write the table into this file, between the comments that mark it, as in docs/measurements.md.",
         callback=file_place,
     )
     jobs: int | None = option(None, "Lifts in parallel. Default: one per core.", min=1, max=64)

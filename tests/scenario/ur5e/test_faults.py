@@ -22,7 +22,7 @@ pytest.importorskip("rtde_control", reason="ur-rtde is not installed here")
 pytestmark = pytest.mark.real_time(beside=True)
 
 
-def test_a_protective_stop_is_released_on_request_only(controller: URController, arm: UR5e) -> None:
+def test_protective_stop_is_released_on_request_only(controller: URController, arm: UR5e) -> None:
     motion = arm.move_linear(HOME.translated(z_m=-0.2), 0.1, 1.0)
     controller.inject("protective_stop")
     error, _ = first_error(motion.done)
@@ -41,7 +41,7 @@ def test_a_protective_stop_is_released_on_request_only(controller: URController,
     arm.move_linear(HOME, 0.25, 1.0).wait(5.0)
 
 
-def test_one_can_connect_in_a_protective_stop_and_recover(controller: URController) -> None:
+def test_connecting_during_a_protective_stop_and_recovery_work(controller: URController) -> None:
     controller.inject("protective_stop")
     arm = make_arm(controller.host)
     arm.connect()
@@ -52,7 +52,7 @@ def test_one_can_connect_in_a_protective_stop_and_recover(controller: URControll
     arm.disconnect()
 
 
-def test_a_program_that_ends_before_the_tool_is_known_is_started_again(
+def test_program_that_ends_before_the_tool_is_known_is_restarted(
     controller: URController, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     kill = iter([True])
@@ -82,7 +82,7 @@ def test_a_program_that_ends_before_the_tool_is_known_is_started_again(
         ("emergency_stop", {}, "emergency stop"),
     ],
 )
-def test_a_fault_in_mid_motion_is_named_and_the_arm_stops(
+def test_fault_in_mid_motion_is_named_and_stops_the_arm(
     controller: URController, arm: UR5e, kind: str, arguments: dict[str, bool], said: str
 ) -> None:
     motion = arm.move_linear(HOME.translated(z_m=-0.25), 0.1, 1.0)
@@ -117,7 +117,7 @@ def test_a_fault_in_mid_motion_is_named_and_the_arm_stops(
         ("emergency_stop", {}, "emergency stop"),
     ],
 )
-def test_a_fault_at_connect_is_named_at_once(
+def test_fault_at_connect_is_named_at_once(
     controller: URController, kind: str, arguments: dict[str, bool | str], said: str
 ) -> None:
     controller.inject(kind, **arguments)
@@ -128,7 +128,7 @@ def test_a_fault_at_connect_is_named_at_once(
         arm.state()
 
 
-def test_nothing_starts_while_the_pendant_is_in_local_control(controller: URController, arm: UR5e) -> None:
+def test_local_control_of_the_pendant_prevents_the_start(controller: URController, arm: UR5e) -> None:
     controller.inject("remote_control_off")
     with pytest.raises(DeviceError, match="remote control is off"):
         arm.move_linear(HOME.translated(z_m=-0.01), 0.1, 1.0)

@@ -31,7 +31,7 @@ pytestmark = pytest.mark.real_time(beside=True)
 
 
 @pytest.mark.parametrize("version", ["5.11.0", "5.25.0"])
-def test_a_motion_on_either_version(version: str) -> None:
+def test_motion_works_on_both_controller_versions(version: str) -> None:
     controller = make_controller(version)
     controller.start()
     arm = make_arm(controller.host)
@@ -54,7 +54,7 @@ def test_connecting_moves_nothing_and_sets_up_the_tool(controller: URController,
     assert set(controller.snapshot()["commands"]) <= {"17", "29", "35", "40"}
 
 
-def test_a_program_that_stands_still_is_ended_before_ours_is_started(controller: URController) -> None:
+def test_idle_program_on_the_controller_is_replaced(controller: URController) -> None:
     with socket.create_connection((controller.host, 30003)) as scripts:
         scripts.sendall(b"def wait():\n  sleep(60)\nend\n")
         until(lambda: controller.snapshot()["program_running"])
@@ -64,7 +64,7 @@ def test_a_program_that_stands_still_is_ended_before_ours_is_started(controller:
     arm.disconnect()
 
 
-def test_a_program_that_moves_the_arm_is_left_alone(controller: URController) -> None:
+def test_program_that_moves_the_arm_is_not_disturbed(controller: URController) -> None:
     with socket.create_connection((controller.host, 30003)) as scripts:
         scripts.sendall(b"def sweep():\n  movel(p[0.45, 0, 0.1, 3.1415926, 0, 0], a=1, v=0.02)\nend\n")
         until(lambda: controller.snapshot()["tcp_m"][2] < 0.299)
@@ -74,7 +74,7 @@ def test_a_program_that_moves_the_arm_is_left_alone(controller: URController) ->
     assert controller.snapshot()["program_running"]
 
 
-def test_two_arms_in_one_program_do_not_mix(controller: URController, arm: UR5e) -> None:
+def test_two_arms_in_one_program_are_independent(controller: URController, arm: UR5e) -> None:
     other = make_controller()
     other.start()
     second = make_arm(other.host)
@@ -89,7 +89,7 @@ def test_two_arms_in_one_program_do_not_mix(controller: URController, arm: UR5e)
         other.stop()
 
 
-def test_a_stop_from_another_thread(controller: URController, arm: UR5e) -> None:
+def test_stop_from_another_thread_ends_the_motion(controller: URController, arm: UR5e) -> None:
     motion = arm.move_linear(HOME.translated(z_m=-0.2), 0.1, 1.0)
     stopper = threading.Timer(0.3, arm.stop)
     stopper.start()
@@ -100,7 +100,7 @@ def test_a_stop_from_another_thread(controller: URController, arm: UR5e) -> None
     arm.move_linear(HOME, 0.25, 1.0).wait(5.0)
 
 
-def test_a_stop_during_the_preparation_of_a_motion_keeps_it_from_being_sent(
+def test_stop_during_the_preparation_prevents_the_motion(
     controller: URController, arm: UR5e, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def stop_meanwhile(*_: object) -> None:
@@ -112,23 +112,21 @@ def test_a_stop_during_the_preparation_of_a_motion_keeps_it_from_being_sent(
     assert "3" not in controller.snapshot()["commands"]
 
 
-def test_letting_go_stops_a_motion(controller: URController, arm: UR5e) -> None:
+def test_disconnecting_stops_a_motion(controller: URController, arm: UR5e) -> None:
     arm.move_linear(HOME.translated(z_m=-0.2), 0.1, 1.0)
     arm.disconnect()
     assert stands(controller)
     assert not controller.snapshot()["program_running"]
 
 
-def test_a_motion_that_takes_too_long_is_stopped(controller: URController, arm: UR5e) -> None:
+def test_motion_is_stopped_at_its_time_limit(controller: URController, arm: UR5e) -> None:
     motion = arm.move_linear(HOME.translated(z_m=-0.2), 0.02, 1.0)
     with pytest.raises(DeviceTimeoutError, match="stopped it"):
         motion.wait(0.3)
     assert stands(controller)
 
 
-def test_what_cannot_be_reached_is_refused_and_the_program_survives(
-    controller: URController, arm: UR5e
-) -> None:
+def test_unreachable_pose_is_rejected_and_the_program_continues(controller: URController, arm: UR5e) -> None:
     sideways = Pose((0.7, 0.35, 0.02), (0.7, 0.0, 0.0, 0.7))
     with pytest.raises(OutOfLimitsError, match="reach"):
         arm.move_linear(sideways, 0.1, 1.0)
@@ -136,7 +134,7 @@ def test_what_cannot_be_reached_is_refused_and_the_program_survives(
     arm.move_linear(HOME.translated(z_m=-0.01), 0.25, 1.0).wait(5.0)
 
 
-def test_joints_are_kept_in_their_limits(controller: URController) -> None:
+def test_motion_beyond_the_joint_limits_is_rejected(controller: URController) -> None:
     narrow = (0.1, 0.1, 0.1, 0.1, 0.1, 0.1)
     limits = ((-0.1, -0.1, -0.1, -0.1, -0.1, -0.1), narrow)
     arm = make_arm(controller.host, joint_limits_rad=limits)
@@ -165,7 +163,7 @@ def test_the_force_sensor_is_zeroed_at_rest_only(controller: URController, arm: 
     assert np.linalg.norm(arm.state().wrench[:3]) < 0.6
 
 
-def test_samples_are_dated_on_the_rigs_clock(arm: UR5e) -> None:
+def test_samples_have_times_of_the_rigs_clock(arm: UR5e) -> None:
     dates = [arm.state().time_ns for _ in range(2000)]
     assert dates == sorted(dates)
     assert 0 <= time.monotonic_ns() - arm.state().time_ns < 200_000_000
@@ -173,7 +171,7 @@ def test_samples_are_dated_on_the_rigs_clock(arm: UR5e) -> None:
     assert arm.clock_offset_s() < 0.0
 
 
-def test_another_tool_on_the_controller_is_asked_about_before_it_is_overwritten(
+def test_different_tool_on_the_controller_is_overwritten_only_after_a_question(
     controller: URController,
 ) -> None:
     installed = controller.robot.bank.get("payload")
@@ -199,7 +197,7 @@ def test_another_tool_on_the_controller_is_asked_about_before_it_is_overwritten(
     arm.disconnect()
 
 
-def test_a_tcp_of_another_installation_is_asked_about(controller: URController) -> None:
+def test_different_tcp_of_the_installation_causes_a_question(controller: URController) -> None:
     ours = controller.robot.body.tool
     controller.robot.set_tool(from_ur((0.0, 0.0, 0.20, 0.0, 0.0, 0.0)))
     arm = make_arm(controller.host)
@@ -224,7 +222,7 @@ def test_the_speed_slider_is_read_before_and_while_the_arm_is_connected(controll
     arm.disconnect()
 
 
-def test_a_way_down_that_meets_the_table_is_stopped_there(controller: URController, arm: UR5e) -> None:
+def test_descent_is_stopped_at_the_table(controller: URController, arm: UR5e) -> None:
     table_m = 0.2
     controller.robot.force._floor_m = table_m
     nothing = SimpleNamespace(state=HandState(Holding.FREE))

@@ -85,7 +85,7 @@ def test_uncertainty_grows_in_unobserved_regions(fitted: CameraFit) -> None:
     assert middle[0, 0] > 3 * middle[6, 8]
 
 
-def test_two_bad_views_of_twenty_are_left_out_by_name() -> None:
+def test_two_bad_views_of_twenty_are_left_out_and_named() -> None:
     seen = views(20)
     for i in (4, 11):
         wrong = np.random.default_rng(i).normal(0, 8.0, seen[i].image_px.shape)
@@ -117,7 +117,7 @@ def test_invalid_views_are_left_out_with_their_reason() -> None:
     assert "640 x 480" in reasons["size"]
 
 
-def test_the_real_chessboard_photos_by_the_published_recipe(real_data: Path) -> None:
+def test_real_chessboard_photos_agree_with_the_published_calibration(real_data: Path) -> None:
     target = Chessboard((9, 6), 0.025, window_px=11)
     found = _found(target, sorted((real_data / "opencv_chessboard").glob("left*.jpg")))
     matrix = calibrate_camera(found, keep_all=True).fit.camera.matrix

@@ -57,7 +57,7 @@ def test_shah_equals_opencv() -> None:
     assert ours.z_t == pytest.approx(z_t.ravel(), abs=1e-6)
 
 
-def test_flipped_samples_are_left_out_by_name() -> None:
+def test_flipped_samples_are_left_out_and_named() -> None:
     truth, samples = general_scene(np.random.default_rng(2), 20, flipped=2)
     result = solved(samples)
     assert {r.id for r in result.rejected} == {"00", "01"}
@@ -67,7 +67,7 @@ def test_flipped_samples_are_left_out_by_name() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seeds", [6, pytest.param(24, marks=pytest.mark.long)])
-def test_confidence_region_holds_the_truth_as_often_as_stated(seeds: int) -> None:
+def test_confidence_region_has_the_stated_coverage(seeds: int) -> None:
     held = []
     for seed in range(seeds):
         truth, samples = general_scene(np.random.default_rng(seed))
@@ -135,7 +135,7 @@ def test_verdict_is_at_most_that_of_the_camera() -> None:
     )
 
 
-def test_invalid_samples_are_left_out_by_name() -> None:
+def test_invalid_samples_are_left_out_and_named() -> None:
     truth, samples = general_scene(np.random.default_rng(4))
     view = samples[1].view
     nan = view.image_px.copy()

@@ -62,7 +62,7 @@ def test_edges_find_corners_better_than_windows(side_px: float, refine: Refine) 
         *long(0.0, -0.1, 15.0, 90.0, -179.9, 180.0),
     ],
 )  # fmt: skip
-def test_turn_is_measured_with_its_sign(turn_deg: float) -> None:
+def test_rotation_is_measured_with_its_sign(turn_deg: float) -> None:
     angle = angle_of(NEAR)
     angle.take_reference(_still(NEAR, 12))
     angle.forget()

@@ -72,7 +72,7 @@ def noise_picture():
     [np.zeros((480, 640), np.uint8), np.full((480, 640), 255, np.uint8), noise_picture()],
     ids=["black", "saturated", "noise"],
 )
-def test_a_picture_without_markers_is_refused_before_and_after(scene, gray):
+def test_image_without_markers_is_refused_before_and_after_detection(scene, gray):
     tracker = MarkerTracker((0, 1))
     assert tracker.detect(gray) is Refusal.NOT_FOUND
     assert isinstance(tracker.detect(picture(scene, seen_from())), np.ndarray)
@@ -123,7 +123,7 @@ def test_frame_with_a_marker_cut_by_the_border_is_refused(scene, x):
 
 
 @pytest.mark.parametrize(("ids", "dictionary"), [((3, 3), "DICT_4X4_50"), ((0, 1), "DICT_NONE")])
-def test_impossible_markers_are_refused(ids, dictionary):
+def test_invalid_markers_are_refused(ids, dictionary):
     with pytest.raises(InputError):
         MarkerTracker(ids, dictionary)
 

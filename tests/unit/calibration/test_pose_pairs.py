@@ -54,7 +54,7 @@ def holds(result: PosePairResult, truth: Truth) -> bool:
 
 
 @pytest.mark.parametrize("setup", list(Setup))
-def test_exact_pairs_give_the_exact_answer(setup: Setup) -> None:
+def test_exact_pairs_give_the_exact_transform(setup: Setup) -> None:
     truth, samples = scene(0, 12, setup, noise=0.0)
     result = calibrate_pose_pairs(samples, setup)
     assert result.pose is not None
@@ -66,7 +66,7 @@ def test_exact_pairs_give_the_exact_answer(setup: Setup) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("seeds", [4, pytest.param(10, marks=pytest.mark.long)])
 @pytest.mark.parametrize("setup", list(Setup))
-def test_confidence_region_holds_the_truth_as_often_as_stated(setup: Setup, seeds: int) -> None:
+def test_confidence_region_has_the_stated_coverage(setup: Setup, seeds: int) -> None:
     held = []
     for seed in range(seeds):
         truth, samples = scene(seed, 15, setup)
@@ -75,7 +75,7 @@ def test_confidence_region_holds_the_truth_as_often_as_stated(setup: Setup, seed
 
 
 @pytest.mark.slow
-def test_flipped_targets_are_left_out_by_name() -> None:
+def test_flipped_targets_are_left_out_and_named() -> None:
     truth, samples = scene(3)
     flip = Rotation.from_euler("x", 30, degrees=True)
     for i in (2, 9, 14):

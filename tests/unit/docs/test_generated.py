@@ -9,7 +9,7 @@ from support.documentation import ROOT
 
 def test_figures_in_readme_match_the_tables() -> None:
     readme = (ROOT / "README.md").read_text(encoding="utf-8")
-    page = (ROOT / "docs" / "estimators.md").read_text(encoding="utf-8")
+    page = (ROOT / "docs" / "measurements.md").read_text(encoding="utf-8")
     rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in page.splitlines()]
     lifts = next(row for row in rows if row[0] == "slip" and row[1] == "-")
     at = next(i for i, row in enumerate(rows) if row[:2] == ["slip", "all"])

@@ -27,7 +27,7 @@ def targets(page: Path) -> list[str]:
 
 
 @pytest.mark.parametrize("page", PAGES, ids=[page.name for page in PAGES])
-def test_links_anchors_and_pictures_are_there(page: Path) -> None:
+def test_links_anchors_and_pictures_exist(page: Path) -> None:
     for target in targets(page):
         name, _, anchor = target.partition("#")
         file = (page.parent / name).resolve() if name else page
@@ -37,7 +37,7 @@ def test_links_anchors_and_pictures_are_there(page: Path) -> None:
             assert anchor in anchors(file), f"{page.name}: {target}: no such heading"
 
 
-def test_the_index_leads_to_every_page() -> None:
+def test_index_links_every_page() -> None:
     named = {Path(target).name for target in targets(DOCS / "index.md")}
     assert named == {page.name for page in DOCS.glob("*.md")} - {"index.md"}
 

@@ -179,7 +179,7 @@ def test_any_changed_byte_of_a_png_is_detected() -> None:
         assert picture_flaw(bytes(damaged)) is not None, place
 
 
-def test_a_jpeg_of_very_many_scans_is_not_decoded() -> None:
+def test_jpeg_with_too_many_scans_is_not_decoded() -> None:
     data = written_as(".jpg", np.zeros((4000, 4000, 3), np.uint8))
     scan = data.rindex(b"\xff\xda")
     many = data[:scan] + data[scan:-2] * 50 + b"\xff\xd9"

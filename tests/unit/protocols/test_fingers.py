@@ -193,7 +193,7 @@ def test_failed_opening_of_a_free_hand_makes_it_unknown(lift_of: LiftOf) -> None
 
 @pytest.mark.slow
 @pytest.mark.parametrize("step_m", [0.001, pytest.param(0.0002, marks=pytest.mark.long)])
-def test_grips_are_distances_whatever_the_resolution_of_the_gripper(lift_of: LiftOf, step_m: float) -> None:
+def test_grips_in_mm_do_not_depend_on_the_gripper_resolution(lift_of: LiftOf, step_m: float) -> None:
     """The wrench's object file has grips of 1.9 to 3.7 mm; this gripper closes in other steps."""
     lift = lift_of(step_m=step_m)
     least_m, most_m = find_grasp_file("t1").grip_m

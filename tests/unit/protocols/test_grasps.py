@@ -26,7 +26,7 @@ def test_object_without_largest_grip_is_refused_with_advice() -> None:
         find_grasp_file("orange").require_largest_grip()
 
 
-def test_a_largest_grip_below_the_light_ones_is_refused_by_its_key(
+def test_largest_grip_below_the_light_grips_is_rejected_by_key(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     text = next(grasps.OBJECTS_FOLDER.glob("t2_*")).read_text()

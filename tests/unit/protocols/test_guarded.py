@@ -56,9 +56,7 @@ def test_setting_down_an_object_is_not_reported_as_contact(lift_of: Callable[...
         assert lift_of(object_id).run() == "done"
 
 
-def test_a_gripper_that_is_lost_on_the_way_down_stops_it(
-    lift_of: Callable[[], Any], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_lost_gripper_stops_the_descent(lift_of: Callable[[], Any], monkeypatch: pytest.MonkeyPatch) -> None:
     lift = lift_of()
     half_m = lift.plan.base_T_grasp.position_m[2] + CLEARANCE_M / 2
     told = FakeGripper.state

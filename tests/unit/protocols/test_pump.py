@@ -81,7 +81,7 @@ def test_all_frames_of_the_fingertips_are_delivered_in_order_of_capture(
     assert frames[-1].time_ns > began + to_ns(0.4)
 
 
-def test_a_fingertips_frame_does_not_wait_for_a_slow_camera() -> None:
+def test_fingertip_frame_does_not_wait_for_a_slow_camera() -> None:
     bench_late_s = 0.12
     frames, _ = pumped([Shutter(60.0, 0.0), Shutter(60.0, 0.008), Shutter(30.0, 0.004, bench_late_s)], 0.5)
     behind = [
@@ -121,7 +121,7 @@ def test_run_for_ends_after_its_last_frame_is_delivered() -> None:
     assert last > began + to_ns(0.4 - 1.2 / 60.0)
 
 
-def test_a_source_that_repeats_itself_is_frozen() -> None:
+def test_source_with_repeated_frames_counts_as_frozen() -> None:
     bench, _ = build_bench(BENCH)
     assert isinstance(bench.clock, SimulatedClock)
 

@@ -19,9 +19,9 @@ LiftOf = Callable[..., Any]
 class Person(ConsoleOperator):
     """Gives the same answer to every question and records `asked`. It agrees beforehand, like --yes."""
 
-    def __init__(self, says: bool = True) -> None:
+    def __init__(self, agrees: bool = True) -> None:
         self.asked: list[str] = []
-        super().__init__(lambda question: self.asked.append(question) or says, agreed=True)
+        super().__init__(lambda question: self.asked.append(question) or agrees, agreed=True)
 
 
 def left_in_the_air(lift_of: LiftOf) -> Any:
@@ -41,7 +41,7 @@ def restarted(lift: Any, state: HandState) -> Any:
 
 
 def test_free_hand_needs_no_question(lift_of: LiftOf) -> None:
-    lift, person = lift_of(), Person(says=False)
+    lift, person = lift_of(), Person(agrees=False)
     make_ready(lift.bench, person)
     assert person.asked == []
     assert lift.bench.hand.state == HandState(Holding.FREE, finger_opening_m=lift.bench.gripper.spec.open_m)
@@ -62,7 +62,7 @@ def test_object_held_by_the_last_program_is_set_down_at_its_place(lift_of: LiftO
 
 
 def test_object_stays_held_without_an_answer_even_with_yes(lift_of: LiftOf) -> None:
-    lift, person = left_in_the_air(lift_of), Person(says=False)
+    lift, person = left_in_the_air(lift_of), Person(agrees=False)
     before = (lift.pose, lift.counts)
     with pytest.raises(OperatorStopError, match="nothing was moved"):
         make_ready(restarted(lift, lift.bench.hand.state), person)
@@ -72,7 +72,7 @@ def test_object_stays_held_without_an_answer_even_with_yes(lift_of: LiftOf) -> N
 def test_fingers_closed_for_unknown_reason_open_only_after_a_question(lift_of: LiftOf) -> None:
     lift = left_in_the_air(lift_of)
     for known in (HandState(Holding.UNKNOWN, "no record"), HandState(Holding.FREE, finger_opening_m=0.11)):
-        refusing = Person(says=False)
+        refusing = Person(agrees=False)
         with pytest.raises(OperatorStopError):
             free_hand(restarted(lift, known), refusing)
         assert "unknown whether the fingers hold something" in refusing.asked[0]
@@ -81,7 +81,7 @@ def test_fingers_closed_for_unknown_reason_open_only_after_a_question(lift_of: L
 
 
 def test_open_fingers_override_a_recorded_object(lift_of: LiftOf) -> None:
-    lift, person = lift_of(), Person(says=False)
+    lift, person = lift_of(), Person(agrees=False)
     place = lift.plan.base_T_grasp
     for known in (
         HandState(Holding.UNKNOWN, "no record"),
@@ -103,7 +103,7 @@ def test_object_held_elsewhere_needs_a_person_before_the_release(lift_of: LiftOf
 
 
 def test_gripper_reporting_an_object_overrides_the_record(lift_of: LiftOf) -> None:
-    lift, person = lift_of(), Person(says=False)
+    lift, person = lift_of(), Person(agrees=False)
     lift.bench.arm.move_linear(lift.plan.base_T_grasp, 0.25, 1.0).wait(5.0)
     lift.bench.gripper.move_to(lift.bench.gripper.spec.closed_m).wait(10.0)  # closes until it stalls at 15 N
     assert lift.bench.gripper.state().gripping
@@ -112,7 +112,7 @@ def test_gripper_reporting_an_object_overrides_the_record(lift_of: LiftOf) -> No
     assert lift.held
 
 
-def test_open_fingers_of_a_gripper_that_is_not_activated_free_no_hand(lift_of: LiftOf) -> None:
+def test_open_fingers_of_an_inactive_gripper_do_not_free_the_hand(lift_of: LiftOf) -> None:
     lift = left_in_the_air(lift_of)
     known = lift.bench.hand.state
 
@@ -125,14 +125,14 @@ def test_open_fingers_of_a_gripper_that_is_not_activated_free_no_hand(lift_of: L
 
 
 def test_arm_with_an_object_moves_only_after_a_question(lift_of: LiftOf) -> None:
-    lift, person = left_in_the_air(lift_of), Person(says=False)
+    lift, person = left_in_the_air(lift_of), Person(agrees=False)
     with pytest.raises(OperatorStopError):
         agree_to_carry(restarted(lift, lift.bench.hand.state), person)
     assert "The arm will move with it" in person.asked[0]
 
 
 def test_free_hand_moves_without_a_question(lift_of: LiftOf) -> None:
-    person = Person(says=False)
+    person = Person(agrees=False)
     agree_to_carry(lift_of().bench, person)
     assert person.asked == []
 

@@ -108,7 +108,7 @@ def test_step_beyond_the_limits_is_rejected_with_a_message(made: tuple[Bench, Op
     assert person.questions[-1].startswith("refused: arm: ")
 
 
-def test_a_stop_between_two_steps_leaves_the_arm_standing(made: tuple[Bench, Operator]) -> None:
+def test_stop_between_two_steps_leaves_the_arm_at_rest(made: tuple[Bench, Operator]) -> None:
     bench, _ = made
 
     class Leaves(Person):

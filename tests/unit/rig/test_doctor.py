@@ -45,7 +45,7 @@ def test_real_rates_are_measured_and_a_frame_of_each_is_saved(tmp_path: Path) ->
     assert names == {"SIM-D0001.png", "SIM-D0002.png", "SIM-C0001.png"}
 
 
-def test_missed_frames_a_dead_sensor_and_a_wrong_size_are_told_apart() -> None:
+def test_missed_frames_dead_sensor_and_wrong_size_are_distinguished() -> None:
     config = bench_with(
         {"device": "SIM-D0001", "kind": "drop", "at_s": 0.2, "duration_s": 0.1},
         {"device": "SIM-D0002", "kind": "disconnect", "at_s": 0.0},
@@ -61,7 +61,7 @@ def test_missed_frames_a_dead_sensor_and_a_wrong_size_are_told_apart() -> None:
     assert "1280 x 720" in find(findings, "SIM-C0001", "picture").todo
 
 
-def test_the_arms_mode_is_judged_and_nothing_is_activated() -> None:
+def test_mode_of_the_arm_is_checked_without_activation() -> None:
     config = bench_with({"device": "arm", "kind": "protective_stop", "at_s": 0.0})
     bench, _ = build_bench(config)
     findings = look_at_arm(bench, config.arm, 0.1)
@@ -80,7 +80,7 @@ def test_warns_of_an_arm_without_force_sensor() -> None:
     assert "not guarded" in finding.todo
 
 
-def test_a_device_that_does_not_answer_is_a_finding_not_an_end() -> None:
+def test_unresponsive_device_is_reported_and_checks_continue() -> None:
     bench, _ = build_bench(load_bench("fake"))
 
     def refuse() -> None:
@@ -93,7 +93,7 @@ def test_a_device_that_does_not_answer_is_a_finding_not_an_end() -> None:
     )  # fmt: skip
 
 
-def test_the_disk_is_measured_and_left_as_it_was(tmp_path: Path) -> None:
+def test_disk_check_leaves_no_files(tmp_path: Path) -> None:
     speed, free = look_at_disk(tmp_path)
     assert speed.figures["written_mb_s"]
     assert free.figures["free_gb"]
@@ -110,7 +110,7 @@ def test_cameras_on_one_usb_bus_are_named() -> None:
     assert alone.todo == ""
 
 
-def test_missing_calibrations_are_a_note(tmp_path: Path) -> None:
+def test_missing_calibrations_give_a_note(tmp_path: Path) -> None:
     (finding,) = look_at_calibrations(tmp_path / "calibrations", set())
     assert finding.verdict is Severity.NOTE
     assert "none" in finding.seen

@@ -61,7 +61,7 @@ def recorded(
     return found
 
 
-def test_a_lift_is_published_with_images_angles_alarm_arm_and_gripper(tmp_path: Path) -> None:
+def test_lift_is_published_with_all_topics(tmp_path: Path) -> None:
     found = recorded(tmp_path / "f.mcap", [Message(k, {**LIFT, **v}, p) for k, v, p in MESSAGES])
     last = {topic: messages[-1][1] for topic, messages in found.items()}
     image = last["/image/tactile_1"]
@@ -144,7 +144,7 @@ def test_layout_shows_topics_that_are_published() -> None:
     assert all(f'"{panel}"' in panels for panel in layout["configById"])
 
 
-def test_a_client_that_connects_gets_the_messages() -> None:
+def test_connected_client_gets_the_messages() -> None:
     pytest.importorskip("foxglove", reason="foxglove-sdk is not installed: extra 'foxglove'")
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))

@@ -37,7 +37,7 @@ def wait_for(inbox: Inbox, count: int) -> list[Message]:
     return messages
 
 
-def test_a_message_arrives_whole_and_pictures_only_where_they_are_wanted(tmp_path: Path) -> None:
+def test_messages_arrive_and_images_only_on_request(tmp_path: Path) -> None:
     table, viewer = Inbox(str(tmp_path / "t")), Inbox(str(tmp_path / "v"))
     sender = Sender(LiveFeed((Listener(table.address, False), Listener(viewer.address, True))))
     picture = os.urandom(30_000) + b"\n"
@@ -53,7 +53,7 @@ def test_a_message_arrives_whole_and_pictures_only_where_they_are_wanted(tmp_pat
         end.close()
 
 
-def test_messages_without_a_reader_are_lost_without_waiting(tmp_path: Path) -> None:
+def test_messages_without_a_reader_are_dropped_without_blocking(tmp_path: Path) -> None:
     import socket
 
     absent = Sender(LiveFeed((Listener(str(tmp_path / "nobody"), True),)))
@@ -70,7 +70,7 @@ def test_messages_without_a_reader_are_lost_without_waiting(tmp_path: Path) -> N
     absent.close()
 
 
-def test_a_reader_that_does_not_come_finds_the_newest_messages(tmp_path: Path) -> None:
+def test_late_reader_gets_the_newest_messages(tmp_path: Path) -> None:
     inbox = Inbox(str(tmp_path / "a"))
     sender = Sender(LiveFeed((Listener(inbox.address, False),)))
     count = KEPT_MESSAGES + 200
@@ -100,14 +100,14 @@ def test_invalid_messages_are_ignored(tmp_path: Path) -> None:
     inbox.close()
 
 
-def test_a_lift_in_view_shows_phase_both_angles_rates_and_drops() -> None:
+def test_lift_in_view_shows_phase_angles_rates_and_drops() -> None:
     lift = LiftInView(3, "t1 wrench lift 2")
     lift.take(Message("figures", {**LIFT, **FIGURES}))
     assert lift.angles() == "t1 wrench lift 2, phase B: estimate -3.1 deg, markers -3.1 deg"
     assert lift.frames() == "frames/s D1 60, D2 60, camera -; dropped 3"
 
 
-def test_the_viewer_is_found_though_the_environment_is_not_activated(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_viewer_is_found_without_an_activated_environment(monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("rerun", reason="the live view's library is not installed: extra 'live'")
     monkeypatch.setenv("PATH", "/usr/bin:/bin")
     found = shutil.which("rerun", path=viewer_environment()["PATH"])
@@ -115,7 +115,7 @@ def test_the_viewer_is_found_though_the_environment_is_not_activated(monkeypatch
     assert Path(found).parent == Path(sys.executable).parent
 
 
-def test_the_viewer_s_parts_say_that_they_are_simulated() -> None:
+def test_views_of_simulated_lifts_are_marked() -> None:
     pytest.importorskip("rerun", reason="the live view's library is not installed: extra 'live'")
     from rig.live.rerun import layout
 
@@ -153,7 +153,7 @@ def test_time_left_after_resume_uses_the_pace_of_the_earlier_run() -> None:
     assert 100.0 < (left.seconds((0.15, 0.15)) or 0.0) < 180.0  # without the earlier pace 788 s
 
 
-def test_away_from_a_terminal_there_are_plain_lines(
+def test_progress_is_printed_as_lines_without_a_terminal(
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,

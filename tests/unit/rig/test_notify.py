@@ -23,7 +23,7 @@ def kept(file: Path) -> list[list[str]]:
     return [json.loads(line) for line in file.read_text().splitlines()]
 
 
-def test_the_event_is_data_and_no_shell_sees_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_event_text_is_passed_without_a_shell(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     odd = "$(touch x); \" `touch y` ' \n-z * ü"
     warnings: list[str] = []

@@ -42,7 +42,7 @@ def test_circle_drawn_by_hand_replaces_the_one_that_was_found(folder: Path) -> N
         read_press_folder(folder, ball_mm=8.8)
 
 
-def test_fields_that_no_press_reaches_are_named() -> None:
+def test_cells_without_a_press_are_named() -> None:
     everywhere = [(x, y, 45.0) for x in (40, 120, 200) for y in (40, 120, 200, 280)]
     assert unpressed_fields(everywhere, (320, 240)) == []
     assert unpressed_fields(everywhere[:-1], (320, 240)) == [(200.0, 280.0)]

@@ -1,4 +1,4 @@
-"""The page of `--watch`: it shows the newest of everything, changes nothing, and nobody waits for it."""
+"""The page of `--watch`: it shows the newest values, changes nothing, and delays nothing."""
 
 import json
 import multiprocessing
@@ -80,7 +80,7 @@ def values(page: WatchPage) -> dict[str, object]:
 until = partial(waiting.until, limit_s=20.0)
 
 
-def test_the_page_shows_the_newest_of_everything(page: WatchPage) -> None:
+def test_page_shows_the_newest_values(page: WatchPage) -> None:
     assert b"SIMULATED trial &lt;b&gt;" in get(page, "/")[1]
     sender = Sender(LiveFeed((page.listener,)))
     sender.send("figures", {**LIFT, **FIGURES})
@@ -96,7 +96,7 @@ def test_the_page_shows_the_newest_of_everything(page: WatchPage) -> None:
     assert get(page, "/picture/D1%2Fx.jpg?1") == (200, JPEG)
 
 
-def test_a_question_waits_until_it_is_answered_and_faults_stay(page: WatchPage) -> None:
+def test_question_is_shown_until_answered_and_faults_stay(page: WatchPage) -> None:
     with looking_on(page.tell):
         with asked("Place object t1 on its mark. Ready?"):
             assert values(page)["question"] == "Place object t1 on its mark. Ready?"
@@ -112,14 +112,14 @@ def test_a_question_waits_until_it_is_answered_and_faults_stay(page: WatchPage) 
     with pytest.raises(OperatorStopError), looking_on(page.tell):
         raise OperatorStopError("stopped by the operator")
     assert values(page)["ended"] == "stopped by the operator"
-    tell(Event("fault", "nobody looks on"))
+    tell(Event("fault", "without observers"))
     assert len(values(page)["faults"]) == 1  # type: ignore[arg-type]
 
 
 @pytest.mark.slow
 @NEEDS_CHROMIUM
 @pytest.mark.parametrize(("width", "scheme"), [(1280, "light"), (390, "dark")])
-def test_a_browser_shows_it_as_it_comes(page: WatchPage, tmp_path: Path, width: int, scheme: str) -> None:
+def test_browser_shows_live_updates(page: WatchPage, tmp_path: Path, width: int, scheme: str) -> None:
     black = encode_jpeg(np.zeros((8, 6, 3), np.uint8), 80)
     browser = Browser(tmp_path / "profile")
     sender = Sender(LiveFeed((page.listener,)))
@@ -162,7 +162,7 @@ def test_a_browser_shows_it_as_it_comes(page: WatchPage, tmp_path: Path, width: 
 
 
 @pytest.mark.parametrize("method", ["POST", "PUT", "DELETE", "PATCH", "HEAD"])
-def test_nothing_can_be_changed_from_the_page(still_page: WatchPage, method: str) -> None:
+def test_watch_page_is_read_only(still_page: WatchPage, method: str) -> None:
     assert get(still_page, "/state.json", method)[0] == 405
 
 
@@ -307,7 +307,7 @@ def test_stream_ends_when_the_page_is_closed() -> None:
 @pytest.mark.parametrize(
     "path", ["/nope", "/picture/D9.jpg", "/picture/../watch.html", "/index.html", "/state.json/"]
 )
-def test_nothing_else_is_served(still_page: WatchPage, path: str) -> None:
+def test_other_paths_are_not_served(still_page: WatchPage, path: str) -> None:
     assert get(still_page, path)[0] == 404
 
 
@@ -326,7 +326,7 @@ def page_process() -> BaseProcess:
     return max(pages, key=lambda page: page.pid or 0)
 
 
-def test_page_gives_way_to_the_program_and_limits_requests(page: WatchPage) -> None:
+def test_page_server_has_low_priority_and_limits_requests(page: WatchPage) -> None:
     assert get(page, "/state.json")[0] == 200
     nice, own = (os.getpriority(os.PRIO_PROCESS, pid) for pid in (page_process().pid or 0, 0))
     assert nice == min(own + 10, 19)
@@ -336,7 +336,7 @@ def test_page_gives_way_to_the_program_and_limits_requests(page: WatchPage) -> N
     assert time.monotonic() - began > 0.7 * (asked - BURST) / MOST_PER_S
 
 
-def test_stopped_page_delays_nothing_and_shows_everything_told_later(page: WatchPage) -> None:
+def test_suspended_page_delays_nothing_and_catches_up_later(page: WatchPage) -> None:
     assert get(page, "/state.json")[0] == 200
     process = page_process()
     assert process.pid
@@ -401,7 +401,7 @@ def test_page_ends_with_a_killed_command(tmp_path: Path) -> None:
     until(lambda: not Path(f"/proc/{pid}").exists() or " Z " in Path(f"/proc/{pid}/stat").read_text())
 
 
-def test_only_the_newest_is_kept() -> None:
+def test_page_keeps_only_the_newest_values() -> None:
     came = [Message("frame", {**LIFT, "serial": "D1", "time_ns": n}, JPEG + bytes([n])) for n in range(9)]
     came += [Message("frame", {**LIFT, "sender": 8, "serial": "D1", "time_ns": 9}, b"another process's")]
     came += [Message("phase", {**LIFT, "sender": n, "number": n, "phase": "A"}) for n in range(40)]
@@ -415,7 +415,7 @@ def test_only_the_newest_is_kept() -> None:
     assert seen["faults"][0].endswith(f"fault {2 * KEPT_FAULTS - 1}")
 
 
-def test_a_lifts_angles_are_kept_as_a_curve_no_finer_than_a_screen() -> None:
+def test_angle_curve_has_screen_resolution() -> None:
     def figures(first: int) -> Message:
         frames = range(first, first + 60)
         answers = [(n * 16_666_667, None if n == 30 else n / 10, 0.2) for n in frames]
@@ -441,7 +441,7 @@ def test_invalid_address_is_rejected(at: str) -> None:
         watch_address(at)
 
 
-def test_an_address_that_is_taken_is_refused(still_page: WatchPage) -> None:
+def test_address_in_use_is_rejected(still_page: WatchPage) -> None:
     at = watch_address(urlsplit(still_page.address).netloc)
     for each in (at, ("a..b", 0)):
         with pytest.raises(InputError, match=r"nothing can be served there .*; choose another address"):

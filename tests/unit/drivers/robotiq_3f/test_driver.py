@@ -151,7 +151,7 @@ def test_stop_ends_an_activation_at_any_moment(world: World, after_s: float, wri
 
 
 @pytest.mark.parametrize("fingers", [("B",), ("B", "B"), ("B", "D"), ()])
-def test_fingers_that_a_gripper_does_not_have_are_refused(fingers: tuple[str, ...]) -> None:
+def test_unknown_fingers_are_rejected(fingers: tuple[str, ...]) -> None:
     with pytest.raises(InputError, match="two or three of A, B and C"):
         Robotiq3F(tcp_link("127.0.0.1"), fingers=fingers)
 
@@ -161,7 +161,7 @@ def test_unknown_presets_are_refused() -> None:
         tcp_link("127.0.0.1", preset="udp")
 
 
-def test_many_threads_may_use_one_gripper(gripper: Robotiq3F) -> None:
+def test_gripper_is_thread_safe(gripper: Robotiq3F) -> None:
     errors: list[BaseException] = []
 
     def work(number: int) -> None:

@@ -172,7 +172,7 @@ def test_hanging_program_is_distinguished_from_one_without_a_core(
     assert watched.control.stops == stops
 
 
-def test_a_program_that_is_stopped_by_a_signal_stops_the_arm_at_once(state: SharedState) -> None:
+def test_suspended_program_stops_the_arm_at_once(state: SharedState) -> None:
     program = ScriptedProgram()
     watched = Watched(state, program)
     program.state = "T"

@@ -155,7 +155,7 @@ def test_faulty_peer_is_named_within_the_deadline(
     assert time.monotonic() - began < 10 * LIMIT_S, "the deadline is for the whole greeting, not for a byte"
 
 
-def test_the_dashboard_answers_line_by_line(peer: Peer) -> None:
+def test_dashboard_replies_line_by_line(peer: Peer) -> None:
     peer.listen(DASHBOARD, talks(b"Connected\ntrue\r\n20265500001\nnever asked"))
     with Dashboard(peer.host) as dashboard:
         assert dashboard.ask("is in remote control") == "true"
@@ -168,7 +168,7 @@ def test_the_dashboard_answers_line_by_line(peer: Peer) -> None:
 @pytest.mark.parametrize(
     ("serve", "said"), [(silent, "greeting"), (talks(b"x" * 20_000), "no end"), (talks(b""), "closed")]
 )
-def test_peer_that_is_no_dashboard_is_rejected(peer: Peer, serve: Serve, said: str) -> None:
+def test_peer_other_than_a_dashboard_is_rejected(peer: Peer, serve: Serve, said: str) -> None:
     peer.listen(DASHBOARD, serve)
     with pytest.raises(DeviceError, match=said):
         Dashboard(peer.host, LIMIT_S)

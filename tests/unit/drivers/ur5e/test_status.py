@@ -87,7 +87,7 @@ def test_shared_state_returns_newest_sample_to_every_reader() -> None:
     assert board.read() is None
 
 
-def test_a_reader_never_sees_two_samples_mixed() -> None:
+def test_readers_never_get_a_mix_of_two_samples() -> None:
     board, done = SharedState(), threading.Event()
 
     def write() -> None:

@@ -67,7 +67,7 @@ def said_in_the_end(digit: Digit, words: str) -> str:
     return said
 
 
-def test_frames_are_upright_and_carry_the_bytes_as_served(digit: Digit) -> None:
+def test_frames_are_upright_and_keep_the_received_bytes(digit: Digit) -> None:
     frame = digit.next_frame(1.0)
     assert frame.image.shape == (320, 240, 3)
     assert frame.jpeg is not None
@@ -84,7 +84,7 @@ def test_the_first_green_images_are_discarded(server: MjpegServer, digit: Digit)
 
 
 @pytest.mark.real_time(beside=True)
-def test_every_number_served_arrives_once_at_the_rate(server: MjpegServer, digit: Digit) -> None:
+def test_every_served_frame_arrives_once_at_the_rate(server: MjpegServer, digit: Digit) -> None:
     frames = [digit.next_frame(1.0) for _ in range(60)]
     numbers = [frame.sequence for frame in frames]
     served = [n for low, high in server.snapshot()["ranges"] for n in range(low, high + 1)]
@@ -95,7 +95,7 @@ def test_every_number_served_arrives_once_at_the_rate(server: MjpegServer, digit
     assert digit.time_kind == "peer"
 
 
-def test_size_comes_before_rate_and_light_last(light: list[tuple[float, float, float]]) -> None:
+def test_size_is_set_before_rate_and_then_light(light: list[tuple[float, float, float]]) -> None:
     seen: list[str] = []
     server = MjpegServer("D1", drawn, 30.0, SystemClock(), on_light=lambda *rgb: seen.append("light"))
     configure = server.sensor.configure
@@ -157,7 +157,7 @@ def test_damaged_images_are_withheld_counted_and_named(
     assert words in said_in_the_end(digit, words)
 
 
-def test_dropped_frames_show_in_the_numbers(server: MjpegServer, digit: Digit) -> None:
+def test_dropped_frames_leave_gaps_in_the_sequence_numbers(server: MjpegServer, digit: Digit) -> None:
     first = digit.next_frame(1.0).sequence
     server.inject("drop", frames=4)
     until(digit, "dropped", 4)
@@ -168,7 +168,7 @@ def test_dropped_frames_show_in_the_numbers(server: MjpegServer, digit: Digit) -
     assert len(server.snapshot()["ranges"]) == 2
 
 
-def test_a_frozen_sensor_is_counted_frame_by_frame(server: MjpegServer, digit: Digit) -> None:
+def test_frozen_sensor_is_counted_per_frame(server: MjpegServer, digit: Digit) -> None:
     server.inject("freeze", frames=6)
     until(digit, "frozen", 6)
     for _ in range(5):

@@ -19,7 +19,7 @@ TABLE = [
 ]
 
 
-def test_the_node_with_the_serial_is_found() -> None:
+def test_video_node_is_found_by_its_serial() -> None:
     assert find_video_node("D20002", TABLE).device == "/dev/video2"
 
 

@@ -55,7 +55,7 @@ def test_empty_or_partly_empty_buffer_is_green_also_after_jpeg() -> None:
     assert is_green(np.full((320, 240, 3), (0, 135, 0), np.uint8))
 
 
-def test_a_stream_that_stays_shifted_has_to_be_opened_again() -> None:
+def test_permanently_shifted_stream_must_be_reopened() -> None:
     check = GlitchCheck()
     check.flaw(unit(1, 1))
     for _ in range(MAX_SHIFTED - 1):

@@ -31,7 +31,7 @@ def test_damaged_images_are_withheld_counted_and_named(serve) -> None:
     assert camera.counters()["damaged"] > 5
 
 
-def test_images_of_another_size_are_refused_by_name(serve) -> None:
+def test_images_of_another_size_are_refused_and_named(serve) -> None:
     camera = ExternalCamera("C1", serve(lambda c, _: plain(c)).url, 30.0, (640, 480))
     with pytest.raises(DeviceError, match=r"C1: its images are 64 x 48 px, expected 640 x 480"):
         camera.connect()
@@ -48,7 +48,7 @@ def test_images_of_another_size_are_refused_by_name(serve) -> None:
         (answer(HEAD % (b"b", b"Transfer-Encoding: chunked\r\n") + b"zz\r\n"), "check the server"),
     ],
 )
-def test_a_server_that_sends_no_stream_is_refused_by_name(serve, behaviour: Behaviour, message: str) -> None:
+def test_server_without_a_stream_is_refused_and_named(serve, behaviour: Behaviour, message: str) -> None:
     camera = ExternalCamera("C1", serve(behaviour).url, 30.0)
     with pytest.raises(DeviceError, match=message):
         camera.connect()
@@ -80,13 +80,13 @@ def test_silent_server_times_out_and_is_reopened(serve) -> None:
     assert server.connections >= 2
 
 
-def test_a_server_that_never_sends_an_image_is_given_up(serve) -> None:
+def test_server_that_never_sends_an_image_times_out(serve) -> None:
     with pytest.raises(DeviceError, match="no image within"):
         ExternalCamera("C1", serve(silent_after(0, 2.5)).url, 30.0).connect()
 
 
 @pytest.mark.fuzz
-def test_answers_of_random_bytes_end_in_typed_errors(serve, cases: Callable[[int], int]) -> None:
+def test_random_replies_give_typed_errors(serve, cases: Callable[[int], int]) -> None:
     rng = random.Random(4)
 
     def behave(connection: socket.socket, request: bytes) -> None:
@@ -113,12 +113,12 @@ def test_answers_of_random_bytes_end_in_typed_errors(serve, cases: Callable[[int
 @pytest.mark.parametrize(
     "url", ["ftp://host/x", "http://", "http://host:99999/", "http://host:0/", "rtsp://h/"]
 )
-def test_addresses_that_can_never_work_are_refused(url: str) -> None:
+def test_invalid_addresses_are_rejected(url: str) -> None:
     with pytest.raises(InputError, match="not an address"):
         split_url(url)
 
 
-def test_settings_that_are_refused_name_the_address_and_the_settings(serve) -> None:
+def test_refused_settings_are_reported_with_address_and_values(serve) -> None:
     url = serve(answer(b"HTTP/1.1 400 Bad Request\r\nContent-Length: 0\r\n\r\n")).url
     with pytest.raises(DeviceError, match=r"settings \{'rate_hz': 7\} failed: .* 400"):
         send_settings(url, {"rate_hz": 7})

@@ -113,7 +113,7 @@ def test_endless_part_is_discarded_with_bounded_memory() -> None:
 
 
 @pytest.mark.fuzz
-def test_any_bytes_in_any_portions_give_parts_or_typed_errors(cases: Cases) -> None:
+def test_any_bytes_in_any_chunks_give_parts_or_typed_errors(cases: Cases) -> None:
     rng, count = random.Random(1), cases(60_000)
     good = stream_of(IMAGES, length=True), stream_of(IMAGES, length=False)
     outcomes = {"part": 0, "damaged": 0, "whole": 0}
@@ -156,7 +156,7 @@ def test_damaged_images_are_decoded_or_rejected(cases: Cases) -> None:
     assert 0 < whole < count
 
 
-def test_an_image_cut_anywhere_is_damaged() -> None:
+def test_truncated_image_is_detected_as_damaged() -> None:
     for end in range(len(IMAGES[0]) - 1):
         with pytest.raises(DamagedFrameError):
             whole_jpeg(IMAGES[0][:end])

@@ -143,7 +143,7 @@ def test_missing_first_image_alone_on_a_bus_is_not_reported_as_bandwidth() -> No
     assert capture.released
 
 
-def test_a_device_that_stops_is_opened_again() -> None:
+def test_stopped_device_is_reopened() -> None:
     captures = [FakeCapture(sends=20), FakeCapture(opens=False), FakeCapture()]
     digit = Digit("D1", discover=lambda: NODES, open_device=lambda device: captures.pop(0))
     digit.connect()

@@ -64,7 +64,7 @@ def edge_errors_px(picture, corners):
 
 
 @pytest.mark.parametrize("k1", [0.0, -0.2])
-def test_edges_are_drawn_where_the_truth_says(k1):
+def test_drawn_edges_match_the_ground_truth(k1):
     scene = MarkerScene(focal_px=700, unit_seed=1, noise_grey=0.0, k1=k1)
     draw = np.random.default_rng(5)
     errors = []

@@ -45,7 +45,7 @@ def test_mask_turns_with_the_object_counter_clockwise_as_seen(start: float, turn
     assert (after - before + 90.0) % 180.0 - 90.0 == pytest.approx(turn, abs=0.6)
 
 
-def test_the_far_fingers_picture_turns_the_other_way() -> None:
+def test_image_of_the_opposite_finger_turns_the_other_way() -> None:
     """An axis that the camera's side sees at +25 degrees, the far side sees at -25."""
     contact = ContactShape((Cylinder(radius_mm=6.0, length_mm=9.0, axis_deg=25.0),))
     near, far = (axis_deg(contact_mask(pressed(build_surface(contact, side, 0)))) for side in (1, -1))

@@ -19,18 +19,18 @@ def pressed() -> Imprint:
     return Imprint(build_surface(random_contact(rng(3)), 1, 0), 10.0, (0.0, 0.0), 0.5)
 
 
-def test_varied_units_differ_and_are_the_same_again(pressed: Imprint) -> None:
+def test_varied_units_differ_and_are_reproducible(pressed: Imprint) -> None:
     frames = [GelSensor(5, variation=draw_variation(rng(n))).render(pressed, 0.0, rng()) for n in (1, 2, 1)]
     assert np.abs(frames[0].astype(int) - frames[1]).mean() > 5
     np.testing.assert_array_equal(frames[0], frames[2])
 
 
-def test_a_variation_leaves_the_true_contact_alone(pressed: Imprint) -> None:
+def test_variation_does_not_change_the_true_contact(pressed: Imprint) -> None:
     varied = GelSensor(5, variation=draw_variation(rng(1)))
     np.testing.assert_array_equal(varied.touching(pressed), GelSensor(5).touching(pressed))
 
 
-def test_training_frames_are_the_same_for_a_seed_and_carry_their_labels() -> None:
+def test_training_frames_are_reproducible_and_have_labels() -> None:
     made = [simulated_examples(["2", "7"], 14, seed, (60, 80), random_share=0.5) for seed in (1, 1, 2)]
     np.testing.assert_array_equal(made[0].frames, made[1].frames)
     assert (made[0].frames != made[2].frames).any()

@@ -22,7 +22,7 @@ def outline_deg(imprint: Imprint) -> float:
     return float((np.degrees(-np.arctan2(dy, dx)) + 90.0) % 180.0 - 90.0)
 
 
-def test_outline_leans_by_more_than_the_ribs_turn() -> None:
+def test_outline_turns_by_more_than_the_ribs() -> None:
     for sign in (1.0, -1.0):
         first, last = pressed(0.0, sign * ROLLER_TURN_DEG), pressed(1.0, sign * ROLLER_TURN_DEG)
         assert abs(last.angle_deg - first.angle_deg) < 5.0

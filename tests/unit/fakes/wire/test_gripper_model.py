@@ -80,7 +80,7 @@ def test_finger_in_contact_moves_only_when_opened_or_pressed_harder() -> None:
     assert model.image[1] == 0b11_10_10_11
 
 
-def test_a_late_tick_stops_the_fingers_where_they_met_the_object() -> None:
+def test_late_tick_stops_the_fingers_at_the_object() -> None:
     """A busy computer misses refreshes; the object does not give way for that."""
     world = make_world()
     world.place(find_object("t1"))

@@ -52,7 +52,7 @@ def lifted_world(text: str = "t1") -> World:
 
 
 @pytest.mark.parametrize("text", ["t1", PLAIN])
-def test_the_mirror_shows_what_the_world_shows(text: str) -> None:
+def test_mirrored_world_equals_the_world(text: str) -> None:
     world = lifted_world(text)
     mirror = MirroredWorld(world.layout, snapshot_of(world, to_ns(1.0)))
     for step in range(1, 251):
@@ -170,7 +170,7 @@ def test_a_bench_without_fakes_is_not_served() -> None:
 
 
 @pytest.mark.parametrize("transport", ["tcp", "rtu"])
-def test_the_bench_file_that_is_printed_reads_back_with_the_addresses(transport: str, tmp_path: Path) -> None:
+def test_printed_bench_file_is_read_back_with_its_addresses(transport: str, tmp_path: Path) -> None:
     gripper = ("127.0.0.2", 40001) if transport == "tcp" else str(tmp_path / "gripper")
     config = _with_gripper(transport=transport)
     streams = {serial: f"http://127.0.0.2/{serial}" for serial in ("SIM-D0001", "SIM-D0002", "SIM-C0001")}
@@ -192,7 +192,7 @@ def test_the_bench_file_that_is_printed_reads_back_with_the_addresses(transport:
         {"fingers": ("A", "C"), "transport": "rtu"},
     ],
 )
-def test_the_gripper_is_served_as_the_bench_file_has_it(
+def test_gripper_is_served_as_configured_in_the_bench_file(
     gripper: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for server in (GripperServer, GripperRtu):

@@ -25,7 +25,7 @@ def lifted(load: GripLoad, height_m: float, seed: int = 0) -> tuple[SlipDynamics
 
 
 @given(st.integers(0, 1000), st.sampled_from([-0.05, 0.05]), st.floats(0.02, 0.07))
-def test_turns_towards_the_heavy_side_and_stops_where_the_support_does(
+def test_object_turns_towards_the_heavy_side_until_the_support_angle(
     seed: int, lever_m: float, height_m: float
 ) -> None:
     load = GripLoad(1.0, 0.6, 0.9, 0.004, lever_m, 0.15)
@@ -36,21 +36,21 @@ def test_turns_towards_the_heavy_side_and_stops_where_the_support_does(
 
 
 @given(st.integers(0, 1000))
-def test_slips_at_sixty_degrees_per_second_at_most_and_sticks_in_between(seed: int) -> None:
+def test_slip_rate_is_limited_with_sticking_in_between(seed: int) -> None:
     _, angles = lifted(LIGHT, 0.06, seed)
     rates = np.abs(np.diff(angles)) / DT_S
     assert rates.max() <= 60.0 + 1e-6
     assert (rates[:750] < 1.0).mean() > 0.05
 
 
-def test_a_strong_grip_holds() -> None:
+def test_strong_grip_holds_the_object() -> None:
     strong = GripLoad(15.0, 0.3, 1.0, 0.004, 0.02, 0.15)
     slip, angles = lifted(strong, 0.08)
     assert abs(angles[-1]) < 0.5
     assert not slip.fallen
 
 
-def test_a_heavy_object_falls() -> None:
+def test_heavy_object_falls() -> None:
     heavy = GripLoad(0.5, 5.0, 0.8, 0.004, 0.05, 0.15)
     slip, _ = lifted(heavy, 0.06)
     assert slip.fallen
@@ -73,7 +73,7 @@ def slipped() -> SlipDynamics:
     return slip
 
 
-def test_a_grip_that_is_tightened_keeps_the_turn_it_has() -> None:
+def test_tightened_grip_keeps_the_present_rotation() -> None:
     slip = slipped()
     turned = slip.angle_rad
     stepped(slip, TIGHT, LIFTED_M, DT_S)

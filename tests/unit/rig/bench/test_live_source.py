@@ -77,7 +77,7 @@ def test_unreadable_device_names_the_group(monkeypatch: pytest.MonkeyPatch, tmp_
         live_sources(["D20641"], None, None)
 
 
-def test_address_is_taken_as_its_frames_come() -> None:
+def test_address_is_read_at_the_rate_of_its_frames() -> None:
     (camera,) = live_sources(["http://127.0.0.1:9/stream.mjpg"], None, None)
     assert isinstance(camera, ExternalCamera)
     (digit,) = live_sources(["http://127.0.0.1:9/stream.mjpg"], "digit", 30.0)

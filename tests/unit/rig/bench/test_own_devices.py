@@ -76,7 +76,7 @@ def bench(**options: dict[str, Any]) -> Bench:
 
 def test_bench_file_with_user_drivers_is_read_back_without_importing_them(imported: Path) -> None:
     made = config(arm={"stuck": False, "ports": [1, 2], "tuning": {"gain": 0.5, "name": 'a "b"'}})
-    tip = made.tactile[0].model_copy(update={"options": {"says": "frames", "deep": {"x": [True]}}})
+    tip = made.tactile[0].model_copy(update={"options": {"behaviour": "frames", "deep": {"x": [True]}}})
     made = made.model_copy(update={"tactile": (tip, made.tactile[1])})
     again = parse_bench(bench_text(made), "file")
     assert again.arm.options == made.arm.options
@@ -87,27 +87,27 @@ def test_bench_file_with_user_drivers_is_read_back_without_importing_them(import
 
 
 def test_stored_options_contain_no_passwords() -> None:
-    made = config(camera={"says": "http://me:secret@10.0.0.2/stream"}).without_passwords()
+    made = config(camera={"behaviour": "http://me:secret@10.0.0.2/stream"}).without_passwords()
     assert "secret" not in made.model_dump_json()
     assert "options" not in made.model_dump()["arm"]
 
 
 @pytest.mark.parametrize(
-    ("change", "says"),
+    ("change", "message"),
     [
         ({"driver": "ur6"}, "Input should be 'fake' or 'ur5e', or a class of your own"),
         ({"driver": "ur5e", "host": "10.0.0.1", "options": {"a": 1}}, "options: is for a class of your own"),
     ],
 )
 def test_unknown_driver_and_options_of_a_built_in_driver_are_rejected(
-    change: dict[str, Any], says: str
+    change: dict[str, Any], message: str
 ) -> None:
     text = bench_text(config())
     for key, value in change.items():
         line = f"{key} = {value!r}" if isinstance(value, str) else f"{key} = {{a = 1}}"
         text = text.replace(f'[arm]\ndriver = "{MODULE}:Plain"\n', "[arm]\n") if key == "driver" else text
         text = text.replace("[arm]\n", f"[arm]\n{line}\n")
-    with pytest.raises(InputError, match=says):
+    with pytest.raises(InputError, match=message):
         parse_bench(text, "file")
 
 
@@ -120,7 +120,7 @@ def test_bench_with_user_drivers_is_never_simulated() -> None:
 
 
 @pytest.mark.parametrize(
-    ("section", "change", "says"),
+    ("section", "change", "message"),
     [
         ("arm", {"driver": "nowhere.at_all:Arm"}, "importing nowhere.at_all failed"),
         ("arm", {"driver": f"{MODULE}:Careless"}, "accepts no argument payload_kg"),
@@ -134,11 +134,11 @@ def test_bench_with_user_drivers_is_never_simulated() -> None:
     ],
 )
 def test_invalid_driver_configuration_is_rejected_before_connecting(
-    section: str, change: dict[str, Any], says: str
+    section: str, change: dict[str, Any], message: str
 ) -> None:
     changed = values()
     changed[section] |= change
-    with pytest.raises(InputError, match=says):
+    with pytest.raises(InputError, match=message):
         build_real_bench(BenchConfig.model_validate(changed))
 
 
@@ -165,11 +165,11 @@ def test_bench_file_limits_are_checked_before_the_driver_is_called() -> None:
 
 
 def test_invalid_driver_answers_and_exceptions_are_device_errors() -> None:
-    for says, problem in (("nothing", "returned NoneType.*fix"), ("nan", "joints_rad is .*check")):
+    for behaviour, problem in (("nothing", "returned NoneType.*fix"), ("nan", "joints_rad is .*check")):
         with pytest.raises(DeviceError, match=f"arm: driver '{MODULE}:Plain': state.* {problem} .*driver"):
-            bench(arm={"says": says}).arm.state()
+            bench(arm={"behaviour": behaviour}).arm.state()
     with pytest.raises(DeviceError, match="expected a Motion"):
-        bench(arm={"says": "no motion"}).arm.move_linear(TARGET, 0.1, 0.5)
+        bench(arm={"behaviour": "no motion"}).arm.move_linear(TARGET, 0.1, 0.5)
     stuck = bench(arm={"stuck": True}).arm
     with pytest.raises(DeviceError, match=r"wait raised KeyError: 'joint 3'"):
         stuck.move_linear(TARGET, 0.1, 0.5).wait(1.0)
@@ -186,7 +186,7 @@ def test_invalid_opening_never_frees_a_hand_that_holds(opening_m: Any) -> None:
 
 
 def test_arm_without_wrench_is_rejected_unless_the_bench_file_declares_it() -> None:
-    silent = {"says": "no wrench"}
+    silent = {"behaviour": "no wrench"}
     with pytest.raises(InvalidStateError, match=r"has no wrench.*write force_sensor = false"):
         bench(arm=silent).arm.state()
     assert build_real_bench(without_force_sensor(arm=silent)).arm.state().wrench is None
@@ -200,11 +200,11 @@ def without_force_sensor(**options: dict[str, Any]) -> BenchConfig:
     return BenchConfig.model_validate(changed)
 
 
-@pytest.mark.parametrize(("ahead_s", "says"), [(-1.0, r"1\.0\d s old"), (0.5, "in the future")])
-def test_state_that_is_old_or_from_the_future_is_rejected(ahead_s: float, says: str) -> None:
+@pytest.mark.parametrize(("ahead_s", "message"), [(-1.0, r"1\.0\d s old"), (0.5, "in the future")])
+def test_state_that_is_old_or_from_the_future_is_rejected(ahead_s: float, message: str) -> None:
     made = bench(arm={"ahead_s": ahead_s}, gripper={"ahead_s": ahead_s})
     for state in (made.arm.state, made.gripper.state):
-        with pytest.raises(DeviceError, match=says):
+        with pytest.raises(DeviceError, match=message):
             state()
 
 
@@ -255,7 +255,7 @@ def test_failed_arm_stop_is_reported_and_fingers_are_still_held(
 
 
 @pytest.mark.parametrize(
-    ("says", "error", "match"),
+    ("behaviour", "error", "match"),
     [
         ("crash", DeviceError, "next_frame raised ZeroDivisionError"),
         ("late", DeviceTimeoutError, "no frame came"),
@@ -266,8 +266,8 @@ def test_failed_arm_stop_is_reported_and_fingers_are_still_held(
         ("array", DeviceError, "returned ndarray, expected Frame"),
     ],
 )
-def test_invalid_frame_is_rejected(says: str, error: type[Exception], match: str) -> None:
-    camera = bench(camera={"says": says}).camera
+def test_invalid_frame_is_rejected(behaviour: str, error: type[Exception], match: str) -> None:
+    camera = bench(camera={"behaviour": behaviour}).camera
     with pytest.raises(error, match=match):
         camera.next_frame(0.1)
 

@@ -67,7 +67,7 @@ def labels_text(labels: list[tuple[int, float]], columns: str = COLUMNS) -> str:
     return columns + "\n" + "".join(f"9,{frame},{angle},0.5\n" for frame, angle in labels)
 
 
-def test_frames_and_videos_are_read_with_their_groups(clips: Path) -> None:
+def test_clips_of_frames_and_videos_are_read_with_their_groups(clips: Path) -> None:
     found = read_clips(clips)
     assert [(clip.name, clip.group) for clip in found] == [("frames_clip", "clean"), ("video_clip", "coded")]
     assert all(clip.reference_frame == 9 for clip in found)
@@ -75,7 +75,7 @@ def test_frames_and_videos_are_read_with_their_groups(clips: Path) -> None:
     assert len(read_clips(clips / "video_clip")) == 1
 
 
-def test_known_turns_are_measured(clips: Path) -> None:
+def test_known_rotations_are_measured(clips: Path) -> None:
     report = measure(ClipsOptions(clips, ["slip", "pca"], limits=True), Run())
     (slip, coded, _), pca = report.tables[1].records[:3], report.tables[1].records[3]
     assert [slip.clips, coded.clips, pca.estimator] == ["all", "clean", "pca"]
@@ -87,7 +87,7 @@ def test_known_turns_are_measured(clips: Path) -> None:
     assert {limit.name: limit.met for limit in report.limits}["share of answers within two sigma"]
 
 
-def test_every_label_counts_and_a_refused_one_with_the_last_answer() -> None:
+def test_refused_label_counts_with_the_last_angle() -> None:
     labels = [
         judged(0.5, 0.0, 0.2),
         judged(40.0, 35.5, 1.0, s=2.5),  # within 2 label sigmas, not within 3 degrees
@@ -116,14 +116,14 @@ def test_every_label_counts_and_a_refused_one_with_the_last_answer() -> None:
         (40.0, None, None, False, False),
     ],
 )
-def test_confidently_wrong_and_false_rest(
+def test_confidently_wrong_and_false_rest_are_counted(
     label_deg: float, angle_deg: float | None, sigma_deg: float | None, wrong: bool, rest: bool
 ) -> None:
     found = judged(label_deg, angle_deg, sigma_deg)
     assert (found.confidently_wrong, found.false_rest) == (wrong, rest)
 
 
-def test_the_labels_sigma_counts_with_the_estimates() -> None:
+def test_label_sigma_is_combined_with_that_of_the_estimate() -> None:
     assert judged(10.0, 6.0, 1.0, s=1.5).sigmas_off == pytest.approx(4.0 / np.hypot(1.0, 1.5))
 
 
@@ -141,7 +141,7 @@ def test_the_labels_sigma_counts_with_the_estimates() -> None:
         (COLUMNS + "\n9,12,1,-1\n", "negative"),
     ],
 )
-def test_labels_that_are_wrong_are_named(clips: Path, tmp_path: Path, text: str, message: str) -> None:
+def test_invalid_labels_are_named(clips: Path, tmp_path: Path, text: str, message: str) -> None:
     (tmp_path / "clip").mkdir()
     (tmp_path / "clip" / "frames").symlink_to(clips / "frames_clip" / "frames")
     cv2.imwrite(str(tmp_path / "clip" / "background.png"), np.zeros((320, 240, 3), np.uint8))
@@ -166,7 +166,7 @@ def test_clip_that_is_a_ros_bag_is_read_as_its_frames(clips: Path, tmp_path: Pat
     assert "choose one with --topic" in str(done.exception)
 
 
-def test_folders_that_are_no_clips_are_named(tmp_path: Path) -> None:
+def test_folders_without_clips_are_named(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="folder not found"):
         read_clips(tmp_path / "none")
     with pytest.raises(InputError, match=r"no folder in it has a labels\.csv"):
@@ -178,7 +178,7 @@ def test_folders_that_are_no_clips_are_named(tmp_path: Path) -> None:
         read_clips(tmp_path)
 
 
-def test_the_command_writes_page_json_and_table_and_misses_limits_with_4(clips: Path, tmp_path: Path) -> None:
+def test_command_writes_page_json_and_table_and_exits_with_4(clips: Path, tmp_path: Path) -> None:
     begin, end = markers("clips")
     readme = tmp_path / "README.md"
     readme.write_text(f"before\n{begin}\nold\n{end}\nafter\n")
@@ -204,7 +204,7 @@ def test_the_command_writes_page_json_and_table_and_misses_limits_with_4(clips: 
     assert "limit missed: mean error up to 30 degrees" in missed.stderr
 
 
-def test_own_clips_are_judged_only_by_limits_that_were_given(clips: Path, tmp_path: Path) -> None:
+def test_only_given_limits_apply_to_user_clips(clips: Path, tmp_path: Path) -> None:
     own = ["benchmark", "clips", str(clips / "frames_clip"), "--estimator", "skeleton"]
     page = tmp_path / "page"
     done = CliRunner().invoke(app, [*own, "--out", str(page)])
@@ -267,13 +267,13 @@ def test_wrong_contact_spans_are_rejected(clips: Path, tmp_path: Path, spans: st
         read_clips(labelled_contacts(clips, tmp_path, spans))
 
 
-def test_a_group_that_no_clip_is_of_is_named(clips: Path) -> None:
+def test_group_without_clips_is_named(clips: Path) -> None:
     done = CliRunner().invoke(app, ["benchmark", "clips", str(clips), "--group", "dirty"])
     assert isinstance(done.exception, InputError)
     assert "choose one of clean, coded" in str(done.exception)
 
 
-def test_the_halves_are_by_object_and_of_equal_size() -> None:
+def test_halves_are_split_by_object_and_of_equal_size() -> None:
     rows = list(csv.DictReader(HALVES.read_text(encoding="utf-8").splitlines()))
     halves = [{r["clip"] for r in rows if r["group"] == g} for g in ("development", "held back")]
     assert [len(half) for half in halves] == [12, 12]

@@ -39,21 +39,21 @@ def trial_that_fails(at: list[int], attempts: list[FaultyLift]) -> Callable[[boo
     return run
 
 
-def test_the_trial_goes_on_after_a_case_that_failed() -> None:
+def test_trial_continues_after_a_failed_case() -> None:
     attempts: list[FaultyLift] = []
     _run_to_the_end(trial_that_fails([0, 2], attempts), attempts)
     assert [result.case for result in attempts[::3]] == [CASES[0], CASES[2]]
     assert all(lift.given_up and not lift.passed for lift in attempts)
 
 
-def test_a_bench_on_which_nothing_works_ends_the_benchmark() -> None:
+def test_benchmark_ends_if_no_lift_works() -> None:
     attempts: list[FaultyLift] = []
     with pytest.raises(DeviceError, match="in a row"):
         _run_to_the_end(trial_that_fails([1, 1, 1], attempts), attempts)
     assert len(attempts) == 6
 
 
-def test_a_bench_that_cannot_be_reached_again_ends_the_benchmark() -> None:
+def test_benchmark_ends_if_the_bench_stays_unreachable() -> None:
     attempts: list[FaultyLift] = []
 
     def run(resume: bool) -> None:
@@ -66,7 +66,7 @@ def test_a_bench_that_cannot_be_reached_again_ends_the_benchmark() -> None:
     assert len(attempts) == 3
 
 
-def test_a_case_that_is_mended_after_two_attempts_is_not_given_up_after_one_more() -> None:
+def test_repaired_case_gets_further_attempts() -> None:
     case = FaultyLift(next(case for case in CASES if case.mended_after == 2))
     attempts: list[FaultyLift] = []
     over = iter([False, True])
@@ -80,14 +80,14 @@ def test_a_case_that_is_mended_after_two_attempts_is_not_given_up_after_one_more
     assert not case.given_up
 
 
-def test_a_lift_that_is_stopped_before_its_fault_meets_it_in_the_next_attempt() -> None:
+def test_lift_stopped_before_its_fault_gets_it_in_the_next_attempt() -> None:
     result, over = FaultyLift(CASES[0]), threading.Event()
     _note_stop(result, over, to_ns(1.0))
     assert over.is_set()
     assert not result.detected_ns
 
 
-def test_the_first_stop_after_a_fault_is_when_it_was_seen() -> None:
+def test_first_stop_after_a_fault_is_its_detection_time() -> None:
     result, over = FaultyLift(CASES[0], injected_ns=to_ns(1.0)), threading.Event()
     for at_s in (1.2, 1.4):
         _note_stop(result, over, to_ns(at_s))
@@ -95,7 +95,7 @@ def test_the_first_stop_after_a_fault_is_when_it_was_seen() -> None:
     assert not over.is_set()
 
 
-def test_the_cases_are_named_once_and_cover_every_device() -> None:
+def test_case_names_are_unique_and_cover_every_device() -> None:
     names = [case.name for case in CASES]
     assert len(set(names)) == len(names)
     assert {name.partition(":")[0] for name in names} == {"arm", "gripper", "fingertip", "camera"}
@@ -109,7 +109,7 @@ def row(**changes: object) -> FaultRow:
     return row_of(1, found)
 
 
-def test_a_fault_passes_only_when_it_is_seen_named_safe_and_recovered_from() -> None:
+def test_fault_passes_only_if_detected_named_made_safe_and_recovered() -> None:
     good = row()
     assert (good.seen_s, good.safe_s, good.passed) == (pytest.approx(0.2), pytest.approx(0.1), True)
     assert not row(faults=["DeviceError: gripper"]).passed

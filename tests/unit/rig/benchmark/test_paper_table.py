@@ -3,7 +3,7 @@
 from rig.benchmark.segmentation.paper_table import table_two, trained_models
 
 
-def test_table_two_has_a_row_per_network_and_fold_and_says_how_each_was_trained() -> None:
+def test_table_two_has_a_row_per_network_and_fold_with_training_settings() -> None:
     table = table_two()
     rows = {(row[0], row[1]): row for row in table.rows}
     assert len(rows) == 12

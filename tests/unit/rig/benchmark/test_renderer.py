@@ -1,4 +1,4 @@
-"""The second renderer: its pictures show what it says, and estimators are scored on it as in a trial."""
+"""The second renderer: its images match its ground truth, and estimators are scored as in a trial."""
 
 import cv2
 import numpy as np
@@ -22,32 +22,32 @@ def pressed(kind: int, angle_deg: float) -> np.ndarray:
 
 
 def axis_deg(change: np.ndarray) -> float:
-    """The long axis of what has changed, counter-clockwise as seen, modulo 180."""
+    """Return the long axis of the changed pixels, counter-clockwise as seen, modulo 180."""
     rows, columns = np.nonzero(change > 0.4 * change.max())
     (dx, dy) = np.linalg.eigh(np.cov(columns, rows))[1][:, 1]
     return float(np.degrees(np.arctan2(-dy, dx))) % 180.0
 
 
 @pytest.mark.parametrize("angle_deg", [-50.0, -25.0, 25.0, 50.0])
-def test_a_face_turns_counter_clockwise_as_seen(angle_deg: float) -> None:
+def test_face_turns_counter_clockwise_as_seen(angle_deg: float) -> None:
     off = axis_deg(pressed(BLADE, angle_deg)) - axis_deg(pressed(BLADE, 0.0)) - angle_deg
     assert abs((off + 90.0) % 180.0 - 90.0) < 15.0  # the picture cuts a long face off
 
 
 @pytest.mark.parametrize("kind", SOFT)
-def test_a_soft_body_rests_while_its_relief_turns(kind: int) -> None:
+def test_soft_body_does_not_turn_with_its_relief(kind: int) -> None:
     one, other = (cv2.GaussianBlur(pressed(kind, angle), (0, 0), 12.0) for angle in (0.0, 60.0))
     assert np.corrcoef(one.ravel(), other.ravel())[0, 1] > 0.9
 
 
-def test_blocks_of_a_video_rest_until_its_refresh() -> None:
+def test_codec_blocks_are_constant_until_the_refresh() -> None:
     camera, noise = GelCamera(4), np.random.default_rng(0)
     shots = [camera._coded(noise).copy() for _ in range(camera._refresh + 1)]
     assert all((shot == shots[0]).all() for shot in shots[:-1])
     assert (shots[-1] != shots[0]).any()
 
 
-def test_a_lift_is_drawn_from_its_seed_and_begins_at_rest() -> None:
+def test_lift_is_reproducible_and_starts_at_rest() -> None:
     one, again, other = (next(frames(seed, 0)).image for seed in (1, 1, 2))
     np.testing.assert_array_equal(one, again)
     assert (one != other).any()
@@ -58,17 +58,17 @@ def test_a_lift_is_drawn_from_its_seed_and_begins_at_rest() -> None:
 
 
 @pytest.fixture(scope="module")
-def told() -> DrawnLift:
+def drawn() -> DrawnLift:
     return answer_lift([choose_estimator("slip")], BLADE)["slip"]
 
 
-def test_a_lift_is_answered_and_scored_as_a_trial_scores(told: DrawnLift) -> None:
-    assert told.kind == "blade"
-    assert told.score.answered > 0.95
-    assert told.score.re is not None
-    assert told.score.re.mean_deg < 1.0
-    assert told.score.wrong == 0
+def test_lift_is_scored_as_in_a_trial(drawn: DrawnLift) -> None:
+    assert drawn.kind == "blade"
+    assert drawn.score.answered > 0.95
+    assert drawn.score.re is not None
+    assert drawn.score.re.mean_deg < 1.0
+    assert drawn.score.wrong == 0
 
 
-def test_table_has_a_row_for_each_kind_of_face(told: DrawnLift) -> None:
-    assert [row[1] for row in face_table({"slip": [told]}).rows] == ["all", "blade"]
+def test_table_has_a_row_for_each_kind_of_face(drawn: DrawnLift) -> None:
+    assert [row[1] for row in face_table({"slip": [drawn]}).rows] == ["all", "blade"]

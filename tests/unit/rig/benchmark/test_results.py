@@ -25,7 +25,7 @@ from rig.experiments.stored_trial import stored_trial
 from rig.sessions.rows import read_finished_lifts
 from support.benches import lighter
 
-DOCUMENT = Path(__file__).resolve().parents[4] / "docs" / "estimators.md"
+DOCUMENT = Path(__file__).resolve().parents[4] / "docs" / "measurements.md"
 BEGIN, END = markers("estimators")
 
 

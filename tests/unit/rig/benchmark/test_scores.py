@@ -30,7 +30,7 @@ Press = Callable[..., Image]
 FRAME_NS = 16_666_667
 
 
-def test_a_lift_is_scored_as_the_contract_says() -> None:
+def test_lift_score_matches_the_contract() -> None:
     score = score_series(
         "t1/1",
         [0.0, 1.0, None, 4.0],
@@ -46,7 +46,7 @@ def test_a_lift_is_scored_as_the_contract_says() -> None:
     assert (score.sure, score.within) == (2, 2)
 
 
-def test_many_lifts_give_the_papers_mean_of_means_and_the_worst() -> None:
+def test_many_lifts_give_the_mean_of_means_and_the_worst_lift() -> None:
     one = score_series("t1/1", [1.0, 3.0], [None, None], [0.0, 0.0])
     two = score_series("1/2", [4.0, 4.0], [None, None], [0.0, 0.0])
     score = score_all([one, two])
@@ -58,7 +58,7 @@ def test_many_lifts_give_the_papers_mean_of_means_and_the_worst() -> None:
     assert score.within_two_sigma is None
 
 
-def test_onsets_are_counted_missed_late_or_unfounded() -> None:
+def test_missed_late_and_false_onsets_are_counted() -> None:
     told = [(0.2, 0.21), (0.2, 0.4), (0.2, None), (None, 0.3), (None, None), (0.5, 0.1)]
     lifts = [
         replace(
@@ -77,7 +77,7 @@ def test_onsets_are_counted_missed_late_or_unfounded() -> None:
     assert score.onset.error_s == pytest.approx(0.2)
 
 
-def test_a_contender_without_rates_tells_no_event() -> None:
+def test_estimator_without_rates_reports_no_event() -> None:
     assert score_all([score_series("t1/1", [0.0], [None], [0.0])]).event is None
 
 
@@ -120,7 +120,7 @@ def test_windows_after_one_pass_equal_the_estimator_run_with_that_window(
     assert [s.angle_deg for s in filtered(name, samples, window)] == expected
 
 
-def test_estimators_that_share_a_contact_find_what_they_find_alone(press: Press, blank: Image) -> None:
+def test_estimators_with_a_shared_contact_give_the_same_angles(press: Press, blank: Image) -> None:
     finder = SharedContact(ContactFinder(blank))
     for turn in (10, 20):
         frame = press(turn)
@@ -134,7 +134,7 @@ def test_estimators_that_share_a_contact_find_what_they_find_alone(press: Press,
 @given(
     st.lists(st.one_of(st.none(), st.floats(-180, 180)), min_size=1, max_size=30), st.sampled_from(WINDOWS)
 )
-def test_a_window_never_answers_more_than_was_answered(angles: list[float | None], window: int) -> None:
+def test_window_adds_no_angles_to_refused_frames(angles: list[float | None], window: int) -> None:
     samples = [
         SlipSample(i * FRAME_NS, State.LOST if a is None else State.TRACKING, a) for i, a in enumerate(angles)
     ]

@@ -9,7 +9,7 @@ from rig.benchmark.segmentation.study import FRAME_SIZE, HARD, HELD_OUT, LEAST_U
 from rig.training.examples import examples_of
 
 
-def test_the_shipped_network_finds_the_contacts_of_hard_lifts() -> None:
+def test_shipped_network_finds_the_contacts_of_hard_lifts() -> None:
     examples = examples_of(hard_frames(HELD_OUT, 11), 60, FRAME_SIZE)
     score = score_examples("ours", "ours", HARD, examples)
     assert score.frames == 60
@@ -22,7 +22,7 @@ def test_hard_frames_are_the_same_for_a_seed() -> None:
     assert (made[0].frames != made[2].frames).any()
 
 
-def test_the_frames_of_a_hard_lift_are_of_one_unit_and_one_object() -> None:
+def test_frames_of_a_hard_lift_show_one_unit_and_one_object() -> None:
     for lift in islice(hard_frames(HELD_OUT, 5), 3):
         assert len({shown.object_id for shown in lift}) == 1
         assert all((shown.background == lift[0].background).all() for shown in lift)

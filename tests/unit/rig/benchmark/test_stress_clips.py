@@ -28,7 +28,7 @@ def rng() -> np.random.Generator:
     return np.random.default_rng(0)
 
 
-def test_a_clip_rests_turns_and_rests(clip: Clip) -> None:
+def test_clip_rests_turns_and_rests(clip: Clip) -> None:
     assert clip.angle_deg[0] == 0.0
     assert clip.angle_deg[-1] == 6.0
     moving = np.diff(clip.angle_deg) > 0
@@ -37,19 +37,19 @@ def test_a_clip_rests_turns_and_rests(clip: Clip) -> None:
     assert clip.frames[0].shape == clip.background.shape == (320, 240, 3)
 
 
-def test_the_same_scene_is_the_same_clip_and_another_seed_another(clip: Clip) -> None:
+def test_clip_is_reproducible_and_depends_on_its_seed(clip: Clip) -> None:
     render_clip.cache_clear()
     again, other = render_clip(SHORT), render_clip(Scene("t1:1", 6.0, 60.0, seed=1))
     assert all(np.array_equal(a, b) for a, b in zip(clip.frames, again.frames, strict=True))
     assert not np.array_equal(clip.frames[0], other.frames[0])
 
 
-def test_the_other_way_round_has_the_other_sign() -> None:
+def test_opposite_scene_has_the_opposite_sign() -> None:
     assert render_clip(opposite(SHORT)).angle_deg[-1] == -6.0
 
 
 @pytest.mark.parametrize("contact", ["t1:9", "t1", "nothing:0"])
-def test_an_unknown_contact_is_an_input_error(contact: str) -> None:
+def test_unknown_contact_is_an_input_error(contact: str) -> None:
     with pytest.raises(InputError):
         render_clip(Scene(contact))
 
@@ -64,7 +64,7 @@ def test_every_disturbance_keeps_frames_times_and_truth_together(condition: Cond
     assert all(np.array_equal(a, b) for a, b in zip(changed.frames, again.frames, strict=True))
 
 
-def test_disturbances_do_what_their_names_say(clip: Clip) -> None:
+def test_disturbances_have_their_documented_effect(clip: Clip) -> None:
     grey = float(clip.frames[-1].mean())
     assert float(d.drift(-0.2, (1, 1, 1))(clip, rng()).frames[-1].mean()) == pytest.approx(
         0.8 * grey, rel=0.01
@@ -79,18 +79,18 @@ def test_disturbances_do_what_their_names_say(clip: Clip) -> None:
     assert doubled.time_ns == clip.time_ns
 
 
-def test_conditions_have_names_of_their_own() -> None:
+def test_condition_names_are_unique() -> None:
     names = [c.name for c in CONDITIONS]
     assert len(set(names)) == len(names) > 30
 
 
-def test_tasks_are_the_same_for_the_same_seed_and_cover_all_conditions() -> None:
+def test_tasks_are_reproducible_and_cover_all_conditions() -> None:
     tasks = stress_tasks(3)
     assert tasks == stress_tasks(3)
     assert {t.group for t in tasks} == {c.group for c in CONDITIONS}
 
 
-def test_a_turn_is_followed_and_a_ball_refused() -> None:
+def test_rotation_is_followed_and_a_ball_is_refused() -> None:
     turning = stress_rows(run_stress(StressTask("size", "t1:1", 0)))
     ours = {row.condition: row.score for row in turning if row.estimator == "slip"}
     assert set(ours) == {c.name for c in CONDITIONS if c.group == "size"}

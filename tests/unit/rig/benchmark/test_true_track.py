@@ -33,21 +33,21 @@ DOWN_AND_STAY = [0.16 - 0.001 * min(i, 50) for i in range(100)]
 
 
 @pytest.mark.parametrize(("event_s", "after_s", "way_m"), [(0.1, 0.1, 0.025), (0.0, 0.2, 0.05), (0.3, 0, 0)])
-def test_standstill_and_the_way_to_it(event_s: float, after_s: float, way_m: float) -> None:
+def test_standstill_and_distance_are_measured(event_s: float, after_s: float, way_m: float) -> None:
     stood = standstill(track_of(DOWN_AND_STAY), to_ns(event_s))
     assert stood.after_s == pytest.approx(after_s, abs=1e-6)
     assert stood.way_m == pytest.approx(way_m, abs=1e-6)
     assert stood.time_ns == to_ns(max(event_s, 0.2))
 
 
-def test_a_motion_that_goes_on_after_a_rest_is_another_one() -> None:
+def test_motion_after_a_rest_is_a_new_motion() -> None:
     on = [*DOWN_AND_STAY, *(0.11 - 0.001 * i for i in range(30))]
     assert standstill(track_of(on), to_ns(0.1)).time_ns == to_ns(0.2)
     back = [*DOWN_AND_STAY[:52], *(0.11 + 0.001 * i for i in range(30)), *([0.14] * 20)]
     assert standstill(track_of(back), to_ns(0.1)).time_ns == to_ns(0.2)
 
 
-def test_an_object_let_go_in_the_air_is_dropped_and_one_set_down_is_not() -> None:
+def test_object_released_in_the_air_counts_as_dropped() -> None:
     held = track_of([0.11] * 5, held=True)
     free = TrueState(to_ns(1.0), (0.0, 0.0, 0.11), 6.0, held=False)
     assert dropped([*held, free], grasp_m=0.06)
@@ -87,7 +87,7 @@ def test_stages_follow_one_another() -> None:
     assert [watch.see(world(seen)) for seen, _ in LIFT] == [stage for _, stage in LIFT]
 
 
-def test_a_moment_is_waited_for_until_the_lift_is_over() -> None:
+def test_waiting_for_a_moment_ends_with_the_lift() -> None:
     hold, course, left = Moment(Stage.HOLD, 0.0), iter(LIFT), [3, 2, 1, 0]
     assert wait_for(hold, 0.06, lambda: world(next(course)[0]), lambda: False) is Stage.HOLD
     assert wait_for(hold, 0.06, lambda: world(LIFT[0][0]), lambda: not left.pop(0)) is None

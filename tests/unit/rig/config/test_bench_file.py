@@ -31,7 +31,7 @@ def test_built_in_benches_are_simulated(name: str) -> None:
     assert load_bench(name).simulated
 
 
-def test_the_template_is_a_real_bench_with_every_key_explained(tmp_path: Path) -> None:
+def test_template_is_a_real_bench_with_every_key_explained(tmp_path: Path) -> None:
     path = tmp_path / "bench.toml"
     new_bench_file(path)
     config = load_bench(str(path))
@@ -76,7 +76,7 @@ def test_the_template_is_a_real_bench_with_every_key_explained(tmp_path: Path) -
         ("home_m = [0.45, 0.0, 0.30]", "home_m = 2026-01-01", "array"),
     ],
 )
-def test_impossible_values_and_unknown_keys_are_refused(old: str, new: str, said: str) -> None:
+def test_invalid_values_and_unknown_keys_are_rejected(old: str, new: str, said: str) -> None:
     assert old in REAL
     message = refusal(REAL.replace(old, new, 1))
     assert said in message

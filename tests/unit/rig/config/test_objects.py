@@ -116,13 +116,13 @@ def test_grips_in_counts_of_earlier_versions_are_read() -> None:
     assert spec.steps_for(new.require_largest_grip()) == 20
 
 
-def test_two_positions_of_one_name_are_refused() -> None:
+def test_duplicate_position_name_is_rejected() -> None:
     with pytest.raises(InputError, match=r"line 6: position: has two positions called 'middle'"):
         parse_object(BOX + BOX[BOX.index("[[position]]") :], "box.toml")
 
 
 @pytest.mark.parametrize(("key", "value"), [("id", "BOX"), ("id", "wrench"), ("name", "T1"), ("name", "Mug")])
-def test_two_objects_of_one_name_are_refused_with_both_files(folder: Path, key: str, value: str) -> None:
+def test_duplicate_object_name_is_rejected_with_both_files(folder: Path, key: str, value: str) -> None:
     unlike = {"id": "crate", "name": "crate", key: value}
     text = BOX.replace('"box"', f'"{unlike["id"]}"').replace('"cardboard box"', f'"{unlike["name"]}"')
     (folder / "crate.toml").write_text(text)
@@ -139,7 +139,7 @@ def test_objects_in_a_bench_file_are_rejected(tmp_path: Path, folder: Path) -> N
         load_bench(str(file))
 
 
-def test_a_stored_bench_keeps_the_objects_it_needs_and_no_others(folder: Path) -> None:
+def test_stored_bench_contains_only_the_objects_it_needs(folder: Path) -> None:
     config = with_objects(load_bench("fake"), "fake", folder)
     kept = with_objects_of(config, ["t1", "box"])
     assert BenchConfig.model_validate_json(kept.model_dump_json()).objects == kept.objects == config.objects
@@ -148,7 +148,7 @@ def test_a_stored_bench_keeps_the_objects_it_needs_and_no_others(folder: Path) -
     assert with_more(without, kept.objects).objects == kept.objects
 
 
-def test_a_new_file_can_be_read_as_it_is_and_overwrites_nothing(tmp_path: Path) -> None:
+def test_new_object_file_is_valid_and_overwrites_nothing(tmp_path: Path) -> None:
     file = tmp_path / "blue cup (2).toml"
     new_object_file(file)
     made = parse_object(file.read_text(), str(file))

@@ -147,7 +147,7 @@ def test_invalid_bench_of_one_sensor_is_refused(old: str, new: str, said: str) -
         ("sign = -1", "tactile.1.sign: is needed beside [gripper]"),
     ],
 )
-def test_keys_that_only_a_bench_without_parts_may_leave_out(line: str, said: str) -> None:
+def test_key_needed_beside_another_device_is_required(line: str, said: str) -> None:
     for text in (FAKE, REAL):
         assert said in refusal("\n".join(each for each in text.splitlines() if not each.startswith(line)))
 
@@ -179,7 +179,7 @@ def test_real_arm_on_a_bench_without_gripper_needs_its_limits() -> None:
 
 
 @pytest.mark.parametrize("text", [as_digits(FAKE), with_camera(FAKE)], ids=["fingertips", "camera"])
-def test_real_sensors_beside_a_simulated_arm_are_used_by_what_does_not_move(text: str) -> None:
+def test_real_sensors_beside_a_simulated_arm_work_in_commands_without_motion(text: str) -> None:
     config = parse_bench(text, "b.toml")
     assert config.mixed
     assert {*working(config)} == STANDING

@@ -60,7 +60,7 @@ def test_key_without_effect_is_rejected_with_its_line(text: str, head: str, line
     assert f"line {number}: {said}" in str(refused.value)
 
 
-def test_over_a_serial_line_the_network_address_is_refused() -> None:
+def test_network_address_is_rejected_with_a_serial_line() -> None:
     serial = REAL.replace('transport = "tcp"', 'transport = "rtu"').replace(
         'preset = "tcp"', 'preset = "rtu"'
     )
@@ -78,7 +78,7 @@ def test_keys_at_their_fixed_value_are_accepted() -> None:
     assert parse_bench(said, "b.toml") == parse_bench(FAKE, "b.toml")
 
 
-def test_limits_and_dots_of_a_simulated_bench_may_be_written() -> None:
+def test_simulated_bench_file_may_contain_limits_and_markers() -> None:
     text = after(after(FAKE, "[arm]", "limits.max_speed_m_s = 0.3"), "[gripper]", "limits.max_counts = 230")
     config = parse_bench(after(text, "[[tactile]]", "markers = true"), "b.toml")
     assert (config.arm.limits.max_speed_m_s, config.gripper.limits.max_counts) == (0.3, 230)

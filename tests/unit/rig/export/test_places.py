@@ -32,7 +32,7 @@ def everything(folder: Path) -> set[Path]:
 
 @pytest.mark.parametrize("place", OUTSIDE)
 @pytest.mark.parametrize("key", ["object", "name", "recording"])
-def test_no_name_in_a_trial_leads_out_of_the_export(
+def test_names_in_a_trial_cannot_leave_the_export_folder(
     drawn_trial: Drawn, tmp_path: Path, key: str, place: str
 ) -> None:
     session = drawn_trial(tmp_path / "s", (12.0,))
@@ -46,7 +46,7 @@ def test_no_name_in_a_trial_leads_out_of_the_export(
 
 @pytest.mark.parametrize("place", OUTSIDE)
 @pytest.mark.parametrize("key", ["file", "serial"])
-def test_no_name_in_a_recording_leads_out_of_the_export(
+def test_names_in_a_recording_cannot_leave_the_export_folder(
     drawn_recording: Drawn, tmp_path: Path, key: str, place: str
 ) -> None:
     session = drawn_recording(tmp_path / "s")
@@ -58,7 +58,7 @@ def test_no_name_in_a_recording_leads_out_of_the_export(
 
 
 @pytest.mark.parametrize("place", ["../x", "/x", "a/b", ".."])
-def test_serials_and_names_of_a_bench_are_names_that_files_can_have(place: str) -> None:
+def test_serials_and_bench_names_are_valid_file_names(place: str) -> None:
     text = bench_text(load_bench("fake"))
     for old in ("SIM-D0001", "SIM-C0001", "fake"):
         with pytest.raises(InputError, match=r"is not a (name of a file|valid file name)"):

@@ -34,7 +34,7 @@ def frames(*times_ns: int, unreadable: int | None = None) -> list[TimedFrame]:
     ]
 
 
-def test_states_of_the_arm_come_before_the_frames_that_follow_them() -> None:
+def test_arm_states_are_passed_before_later_frames() -> None:
     calls: list[tuple[str, int]] = []
     still = Pose((0.0, 0.0, 0.0)), (0.0,) * 6, None, ArmMode.RUNNING
     states = [ArmState(time_ns, *still) for time_ns in (5, 10, 15, 25)]

@@ -57,7 +57,7 @@ def test_image_of_another_size_is_refused() -> None:
         gel_shape(BACKGROUND[::2, ::2], BACKGROUND[::2, ::2], GelMap(linear_map(), MM_PER_PX))
 
 
-def test_calibration_without_a_colour_map_says_what_to_do(tmp_path: Path) -> None:
+def test_calibration_without_a_colour_map_is_rejected_with_advice(tmp_path: Path) -> None:
     path = tmp_path / "tactile-D1.yaml"
     value = {"image_height": 320, "image_width": 240, "mm_per_px": MM_PER_PX}
     save(

@@ -96,16 +96,16 @@ def test_commands_read_public_sets(tracking: Path, poses: Path) -> None:
     done = rig("estimate", f"{bag}:middle", "--estimator", "pca", "--json")
     assert done.returncode == 0, done.stderr
     assert "finger middle" in done.stderr
-    told = json.loads(done.stdout)
-    assert told["background"] == "background: the set's own"
-    assert told["samples"][-1]["angle_deg"] == pytest.approx(turns_deg(61)[-1], abs=3.0)
+    result = json.loads(done.stdout)
+    assert result["background"] == "background: the set's own"
+    assert result["samples"][-1]["angle_deg"] == pytest.approx(turns_deg(61)[-1], abs=3.0)
     done = rig("benchmark", "clips", poses, "--estimator", "pca", "--reversed-turns", "--json")
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout)["estimators"]["pca"]["all"]["labels"] == 6
 
 
 @pytest.mark.parametrize(
-    ("content", "says"),
+    ("content", "message"),
     [
         (b"no pickle", "is not a sequence"),
         (pickle.dumps([1, 2]), "holds a list"),
@@ -122,9 +122,9 @@ def test_commands_read_public_sets(tracking: Path, poses: Path) -> None:
         ),
     ],
 )
-def test_invalid_sequence_is_rejected(tmp_path: Path, content: bytes, says: str) -> None:
+def test_invalid_sequence_is_rejected(tmp_path: Path, content: bytes, message: str) -> None:
     (tmp_path / "bag_00.pkl").write_bytes(content)
-    with pytest.raises(InputError, match=says):
+    with pytest.raises(InputError, match=message):
         read_bag(tmp_path / "bag_00.pkl", "index")
 
 
@@ -138,10 +138,10 @@ def test_incomplete_trial_is_rejected(tmp_path: Path) -> None:
     np.save(trial / "contact_masks.npy", np.ones((20, 320, 240), bool))
     with pytest.raises(InputError, match="no part of any frame is without contact"):
         read_clips(trial)
-    for poses, says in ((np.full((20, 4, 4), np.nan), "not a rigid transform"), (np.eye(4), "not .N, 4, 4."),
+    for poses, text in ((np.full((20, 4, 4), np.nan), "not a rigid transform"), (np.eye(4), "not .N, 4, 4."),
                         (np.array([about_z(0.0)] * 3), "3 poses for 20 frames")):  # fmt: skip
         np.save(trial / "true_start_T_currs.npy", poses)
-        with pytest.raises(InputError, match=says):
+        with pytest.raises(InputError, match=text):
             trial_turns_deg(trial, 20)
     (trial / "true_start_T_currs.npy").write_bytes(b"no array")
     with pytest.raises(InputError, match="cannot be read as an array"):

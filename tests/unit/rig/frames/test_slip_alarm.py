@@ -34,29 +34,29 @@ def first(slipped: Sequence[bool | None]) -> int | None:
     return next((i for i, now in enumerate(slipped) if now), None)
 
 
-def test_a_turn_while_the_contact_grows_is_no_slip() -> None:
+def test_rotation_while_the_contact_grows_is_no_slip() -> None:
     raised = first(slips(a_lift()))
     assert raised is not None
     assert len(GRASP) + REST < raised < len(GRASP) + REST + 4
     assert first(slips(a_lift()[: len(GRASP) + REST])) is None
 
 
-def test_a_known_lift_arms_the_alarm_and_nothing_before_it() -> None:
-    told = a_lift()
+def test_known_lift_time_arms_the_alarm() -> None:
+    samples = a_lift()
     begin = len(GRASP) + REST + 5
-    raised = first(slips(told, begin * STEP_NS))
+    raised = first(slips(samples, begin * STEP_NS))
     assert raised is not None
     assert raised > begin
-    assert first(slips(told, len(told) * STEP_NS)) is None
-    assert first(slips(told, 0)) == 3, "the grasp's own turn, for whoever says that the lift began before it"
+    assert first(slips(samples, len(samples) * STEP_NS)) is None
+    assert first(slips(samples, 0)) == 3, "the grasp's own turn, if the lift is said to begin before it"
 
 
-def test_a_contact_that_never_settles_arms_nothing() -> None:
+def test_unsettled_contact_does_not_arm_the_alarm() -> None:
     areas = [100.0 * 1.08**i for i in range(30)]
     assert first(slips(samples(areas, [0.5 * i for i in range(30)]))) is None
 
 
-def test_a_new_grasp_disarms_it_again() -> None:
+def test_new_grasp_disarms_the_alarm() -> None:
     gone = [0.0] * 30
     again = samples(
         [*GRASP, *[700.0] * (REST + len(SLIP)), *gone, *GRASP[2:], *[700.0] * REST],
@@ -68,13 +68,13 @@ def test_a_new_grasp_disarms_it_again() -> None:
 
 
 def test_a_short_gap_is_the_same_grasp() -> None:
-    told = a_lift()
+    samples = a_lift()
     gap = len(GRASP) + STABLE_FRAMES + 2
     for i in range(gap, gap + 5):
-        told[i] = SlipSample(told[i].time_ns, State.NO_CONTACT)
-    assert first(slips(told)) == first(slips(a_lift()))
+        samples[i] = SlipSample(samples[i].time_ns, State.NO_CONTACT)
+    assert first(slips(samples)) == first(slips(a_lift()))
 
 
 def test_estimator_without_rate_raises_no_alarm() -> None:
-    told = [SlipSample(i * STEP_NS, State.TRACKING, float(i), contact_area_px=100.0) for i in range(30)]
-    assert slips(told) == [None] * 30
+    samples = [SlipSample(i * STEP_NS, State.TRACKING, float(i), contact_area_px=100.0) for i in range(30)]
+    assert slips(samples) == [None] * 30

@@ -26,7 +26,7 @@ def unexplained(picture: np.ndarray) -> float:
     return float(picture[-PANEL_HEIGHT_PX - band // 3 : -band // 3, -width:].mean())
 
 
-def test_a_wrong_turn_explains_less() -> None:
+def test_wrong_rotation_leaves_a_larger_residual() -> None:
     found = explained_lift(STORED, 1, None)
     turn = found.turn
     assert abs(turn.angle_deg) > 3.0
@@ -37,7 +37,7 @@ def test_a_wrong_turn_explains_less() -> None:
     assert unexplained(right) < 0.8 * unexplained(wrong)
 
 
-def test_the_command_writes_a_picture_and_names_what_is_not_there(tmp_path: Path) -> None:
+def test_command_writes_a_picture_and_names_missing_input(tmp_path: Path) -> None:
     out = tmp_path / "stages.png"
     done = rig("explain", str(STORED), "--out", str(out), "--json")
     assert done.returncode == 0, done.stderr

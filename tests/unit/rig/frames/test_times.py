@@ -24,7 +24,7 @@ def test_a_row_names_its_frame_by_file_stem_or_number(tmp_path: Path, frames: tu
     assert [time.time_ns for time in times_from_table(path, NAMES)] == [0, 500_000_000, 1_000_000_000]
 
 
-def test_the_text_of_a_time_stays_as_given_and_the_value_exact(tmp_path: Path) -> None:
+def test_time_keeps_its_text_and_its_exact_value(tmp_path: Path) -> None:
     texts = ["1732175999.123456789", "1.7321760000e9", "+1732176000.50"]
     path = table(tmp_path, "frame,note,t_s", *(f"{n},x, {t} " for n, t in zip(NAMES, texts, strict=True)))
     times = times_from_table(path, NAMES)
@@ -34,7 +34,7 @@ def test_the_text_of_a_time_stays_as_given_and_the_value_exact(tmp_path: Path) -
     ]  # fmt: skip
 
 
-def test_a_byte_order_mark_and_equal_times_do_no_harm(tmp_path: Path) -> None:
+def test_byte_order_mark_and_equal_times_are_accepted(tmp_path: Path) -> None:
     path = tmp_path / "times.csv"
     path.write_bytes(b"\xef\xbb\xbfframe,t_s\r\n0,1\r\n1,1\r\n2,2\r\n")
     assert [time.text for time in times_from_table(path, NAMES)] == ["1", "1", "2"]
@@ -61,7 +61,7 @@ def test_a_byte_order_mark_and_equal_times_do_no_harm(tmp_path: Path) -> None:
         (("frame,t_s", "a1,0", "a2,2", "b,1"), "line 4 comes before line 3"),
     ],
 )
-def test_a_table_that_does_not_fit_is_an_input_error_naming_the_line(
+def test_table_with_wrong_rows_is_rejected_with_its_line(
     tmp_path: Path, lines: tuple[str, ...], message: str
 ) -> None:
     with pytest.raises(InputError, match=r"times.csv: .*" + message):

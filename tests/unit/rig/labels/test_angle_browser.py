@@ -107,7 +107,7 @@ def test_everything_can_be_done_by_keys(browser: Browser, server: AngleServer) -
     assert "Pass 1 of 2, frame 2 " in browser.value("at('where').textContent"), "undo shows what it took back"
 
 
-def test_a_page_loaded_again_shows_what_was_drawn_and_goes_on(browser: Browser, server: AngleServer) -> None:
+def test_reloaded_page_shows_drawn_lines_and_continues(browser: Browser, server: AngleServer) -> None:
     opened(browser, server)
     for x, y in true_ends(2):
         click_at(browser, x, y)

@@ -46,9 +46,7 @@ def test_frames_without_both_lines_are_left_out() -> None:
         ({0: 0, 1: 5}, {0: 0, 1: 184}, "frame 1: both passes differ by"),
     ],
 )
-def test_lines_that_give_no_angles_are_rejected(
-    one: dict[int, float], two: dict[int, float], why: str
-) -> None:
+def test_lines_without_an_angle_are_rejected(one: dict[int, float], two: dict[int, float], why: str) -> None:
     with pytest.raises(InputError, match=why):
         angle_labels(passes(one, two), 0)
 

@@ -27,7 +27,7 @@ def iou(one: Image, other: Image) -> float:
     half_axes=st.tuples(st.floats(10.0, 90.0), st.floats(10.0, 90.0)),
     center=st.tuples(st.floats(0.0, 240.0), st.floats(0.0, 320.0)),
 )
-def test_an_outline_fills_to_the_mask_it_came_from(
+def test_filled_outline_equals_its_mask(
     drawn_mask: Draw, angle_deg: float, half_axes: tuple[float, float], center: tuple[float, float]
 ) -> None:
     mask = drawn_mask(angle_deg, half_axes, center, SIZE)
@@ -36,7 +36,7 @@ def test_an_outline_fills_to_the_mask_it_came_from(
     assert np.count_nonzero(mask != again) <= 8 + 0.02 * np.count_nonzero(mask)
 
 
-def test_parts_come_apart_holes_are_filled_and_nothing_is_nothing() -> None:
+def test_parts_become_outlines_and_holes_are_filled() -> None:
     mask = np.zeros((320, 240), np.uint8)
     mask[10:30, 20:60] = 255
     mask[15:20, 30:40] = 0
@@ -47,7 +47,7 @@ def test_parts_come_apart_holes_are_filled_and_nothing_is_nothing() -> None:
 
 
 @pytest.mark.filterwarnings("ignore:__array__ implementation")  # pycocotools 2.0.11 with numpy 2
-def test_cocos_own_tools_read_the_file_and_fill_the_same_mask(drawn_mask: Draw, tmp_path: Path) -> None:
+def test_coco_tools_read_the_file_and_fill_the_same_mask(drawn_mask: Draw, tmp_path: Path) -> None:
     pytest.importorskip("pycocotools")
     from pycocotools.coco import COCO
 
@@ -71,7 +71,7 @@ def test_cocos_own_tools_read_the_file_and_fill_the_same_mask(drawn_mask: Draw, 
         assert annotation["area"] == pytest.approx((mask > 0).sum(), rel=0.02)
 
 
-def test_a_labelme_file_has_the_fields_labelme_asks_for(drawn_mask: Draw) -> None:
+def test_labelme_file_has_the_required_fields(drawn_mask: Draw) -> None:
     polygons = mask_polygons(drawn_mask(20.0))
     document = labelme_document("a.png", SIZE, polygons, "contact", "drawn")
     assert {"version", "flags", "shapes", "imagePath", "imageData", "imageHeight", "imageWidth"} == set(

@@ -66,7 +66,7 @@ def test_both_fingertips_count_at_ten_frames_per_second() -> None:
     assert fused.angle_deg == pytest.approx(20.1)
 
 
-def test_one_answer_is_enough() -> None:
+def test_one_fingertip_with_an_angle_is_enough() -> None:
     assert fuse(answer(None), [answer(3.0)]).angle_deg == 3.0
     assert fuse(answer(None), [answer(None)]).angle_deg is None
     assert fuse(answer(None), []).state is State.UNOBSERVABLE
@@ -92,7 +92,7 @@ def test_older_answer_is_extrapolated_to_the_newer_time() -> None:
         (10.0, -10.0, Disagreement.ONE_PAD_SLIPS),
     ],
 )
-def test_different_turns_are_reported_as_disagreement(
+def test_different_rotations_are_reported_as_disagreement(
     first: float, second: float, expected: Disagreement | None
 ) -> None:
     assert fuse(answer(first, 0.2), [answer(second, 0.2)]).disagreement is expected

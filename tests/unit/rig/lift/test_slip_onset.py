@@ -38,7 +38,7 @@ def test_onset_of_a_noisy_stick_slip_ramp(seed, sign, rate_deg_s):
 
 
 @given(st.integers(0, 10_000))
-def test_noise_is_no_onset(seed):
+def test_noise_gives_no_onset(seed):
     times = frames(600)
     noise = np.random.default_rng(seed).normal(0.0, 0.03, 600)
     assert slip_onset_ns(times, noise) is None
@@ -47,7 +47,7 @@ def test_noise_is_no_onset(seed):
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_a_jolt_that_falls_back_is_no_onset(sign):
+def test_jolt_that_returns_gives_no_onset(sign):
     times = frames(120)
     jolt = np.where((times > 1_000 * MS) & (times < 1_060 * MS), sign * 2.0, 0.0)
     assert slip_onset_ns(times, jolt) is None
@@ -57,7 +57,7 @@ def test_a_jolt_that_falls_back_is_no_onset(sign):
     assert onset / 1e9 == pytest.approx(1.525, abs=0.005)
 
 
-def test_growth_in_a_gap_is_no_onset():
+def test_growth_during_a_gap_gives_no_onset():
     times = frames(120)
     ramp = np.maximum(0.0, times / 1e9 - 1.0) * 10.0
     ended = times < 1_140 * MS
@@ -68,7 +68,7 @@ def test_growth_in_a_gap_is_no_onset():
     assert slip_onset_ns(times[gap], ramp[gap]) is None
 
 
-def test_an_empty_series_has_no_onset():
+def test_empty_series_has_no_onset():
     assert slip_onset_ns(np.array([], np.int64), np.array([])) is None
 
 
@@ -81,7 +81,7 @@ def test_onset_rejects_an_invalid_series(times, angles):
         slip_onset_ns(np.array(times, np.int64), np.array(angles))
 
 
-def test_a_departure_needs_no_growth_and_starts_from_the_rest_given() -> None:
+def test_departure_is_measured_from_the_given_rest_angle() -> None:
     time_ns = np.arange(6, dtype=np.int64) * 33_000_000
     angle = np.array([2.0, 2.0, 2.25, 2.75, 2.75, 2.75])
     assert departure_ns(time_ns, angle, 2.0) == round(2.5 * 33_000_000)

@@ -92,7 +92,7 @@ def test_two_sensors_give_one_angle() -> None:
     assert last.sigma_deg is not None
 
 
-def test_a_person_may_ask_for_reference_background_and_another_estimator() -> None:
+def test_user_can_set_reference_background_and_estimator() -> None:
     frames = list(desk_frames(5.5))
     with Desk([GivenFrames(frames)], DeskSettings(SLIP), Sender(NOBODY)) as desk:
 

@@ -42,14 +42,14 @@ def test_no_word_is_cut_or_lost_at_any_width(width: int) -> None:
     assert found.count(NAME) == 3
 
 
-def test_away_from_a_terminal_a_row_is_one_line() -> None:
+def test_row_is_one_line_without_a_terminal() -> None:
     table = Table(*HEADINGS)
     table.add_row(*(f"{cell} " * 10 for cell in ROW))
     text = printed(table, UNBOUNDED)
     assert sum(NAME in line for line in text.splitlines()) == 1
 
 
-def test_the_papers_table_is_a_table_at_80_columns() -> None:
+def test_paper_table_fits_80_columns() -> None:
     mare = Mare(0.2, 0.15, 0.11, 0.33, 5)
     row = ObjectSummary(
         object_id="t4", name="plastic spatula", lifts=5, outcomes={"slipped": 4, "fallen": 1},

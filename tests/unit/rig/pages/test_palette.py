@@ -51,7 +51,7 @@ def test_lines_stand_out_from_the_page(colour: Colour) -> None:
     assert contrast(colour.dark, PAPER.dark) >= 3.0
 
 
-def test_a_figure_takes_its_colours_from_the_page() -> None:
+def test_figure_uses_the_colours_of_the_page() -> None:
     with drawing(200) as figure:
         axes = figure.subplots()
         axes.plot([0, 1], [0, 1], color=ESTIMATE.light)

@@ -33,12 +33,12 @@ def bars() -> list[Image]:
 
 
 def test_a_bar_that_turns_is_followed() -> None:
-    told = rig.estimate(bars(), gel(320, 240), fps=30.0)
-    assert told.time_s[:3].tolist() == pytest.approx([0.0, 1 / 30, 2 / 30], abs=1e-8)
-    assert np.isnan(told.angle_deg[:4]).all()
-    assert told.states[:2] == ("no_contact", "no_contact")
-    assert told.angle_deg[-1] == pytest.approx(19.0, abs=3.0)
-    assert np.isfinite(told.sigma_deg[-1])
+    angles = rig.estimate(bars(), gel(320, 240), fps=30.0)
+    assert angles.time_s[:3].tolist() == pytest.approx([0.0, 1 / 30, 2 / 30], abs=1e-8)
+    assert np.isnan(angles.angle_deg[:4]).all()
+    assert angles.states[:2] == ("no_contact", "no_contact")
+    assert angles.angle_deg[-1] == pytest.approx(19.0, abs=3.0)
+    assert np.isfinite(angles.sigma_deg[-1])
 
 
 @pytest.mark.parametrize(
@@ -58,11 +58,11 @@ def test_invalid_frames_are_an_input_error(frames: Any, why: str) -> None:
 
 
 def test_iterator_of_frames_and_own_class_are_accepted() -> None:
-    told = rig.estimate(iter(bars()), gel(320, 240), estimator=Brightness)
-    assert len(told) == 34
-    assert told.angle_deg[told.states.index("tracking")] == 0.0
+    angles = rig.estimate(iter(bars()), gel(320, 240), estimator=Brightness)
+    assert len(angles) == 34
+    assert angles.angle_deg[angles.states.index("tracking")] == 0.0
     averaged = rig.estimate(iter(bars()), gel(320, 240), estimator=Brightness, window=5)
-    assert np.abs(np.diff(averaged.angle_deg)).max() < np.abs(np.diff(told.angle_deg)).max()
+    assert np.abs(np.diff(averaged.angle_deg)).max() < np.abs(np.diff(angles.angle_deg)).max()
 
 
 def test_invalid_arguments_are_input_errors() -> None:
@@ -90,9 +90,9 @@ def test_invalid_arguments_are_input_errors() -> None:
 
 
 def test_angles_validate_their_shapes() -> None:
-    told = rig.Angles([0, 1, 2], [3.0, float("nan"), 4.0])  # type: ignore[arg-type]
-    assert told.time_s.dtype == np.float64
-    assert np.isnan(told.sigma_deg).all()
+    angles = rig.Angles([0, 1, 2], [3.0, float("nan"), 4.0])  # type: ignore[arg-type]
+    assert angles.time_s.dtype == np.float64
+    assert np.isnan(angles.sigma_deg).all()
     for arguments, match in (
         (([0, 1], [1.0]), "2 times and 1 angles"),
         (([1, 0], [1.0, 2.0]), "not decrease"),

@@ -81,7 +81,7 @@ def test_arm_wrench_gripper_and_markers_are_arrays(session: rig.Session) -> None
     assert lift.arm is arm, "a recording is read once"
 
 
-def test_an_estimator_over_frames_finds_the_turn(session: rig.Session) -> None:
+def test_estimator_measures_the_rotation_in_frames(session: rig.Session) -> None:
     (lift,) = session
     serial = lift.serials[0]
     frames = [f for f in lift.frames(serial) if f.time_s >= lift.phases_s["A"]]
@@ -111,7 +111,7 @@ def test_tables_need_pandas(session: rig.Session, monkeypatch: pytest.MonkeyPatc
         lift.to_pandas()
 
 
-def test_real_pandas_makes_a_frame_of_it(session: rig.Session) -> None:
+def test_pandas_data_frame_is_returned(session: rig.Session) -> None:
     pytest.importorskip("pandas")
     table = session.lifts[0].to_pandas()
     assert table.shape == (len(session.lifts[0].estimate), 5)

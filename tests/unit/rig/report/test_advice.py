@@ -110,7 +110,7 @@ def test_sound_trial_has_no_warning(sound: Trial) -> None:
         (lambda t: manifest_with(t, simulated=False), "camera and hand-eye is in use", "rig calibrate"),
     ],
 )  # fmt: skip
-def test_each_finding_says_what_was_seen_and_what_to_do(
+def test_each_notice_has_observation_and_advice(
     sound: Trial, spoil: Callable[[Trial], Trial], seen: str, advice: str
 ) -> None:
     found = [n for n in trial_notices(spoil(sound), NOW) if seen in n.what]

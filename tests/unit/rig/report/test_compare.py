@@ -34,7 +34,7 @@ def row(lift: int, error: float | None, name: str = "wrench", answered: float = 
     )  # fmt: skip
 
 
-def test_a_side_that_is_always_closer_wins_by_the_mean_difference() -> None:
+def test_side_that_is_always_closer_wins() -> None:
     old = [row(i, 1.0 + 0.1 * i) for i in range(10)]
     new = [row(i, 0.6 + 0.1 * i) for i in range(10)]
     found = compare_lifts(NAMES, old, new)
@@ -72,7 +72,7 @@ def test_banner_is_green_only_for_a_winner() -> None:
     assert '<li class="note"><b>No difference is shown' in compare_page(same, simulated=False, about="two")
 
 
-def test_pairing_finds_what_the_spread_over_lifts_would_hide() -> None:
+def test_pairing_detects_differences_smaller_than_the_spread() -> None:
     rng = np.random.default_rng(3)
     spread = rng.uniform(0.2, 8.0, 30)
     old = [row(i, float(error)) for i, error in enumerate(spread)]

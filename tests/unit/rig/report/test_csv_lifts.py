@@ -26,9 +26,7 @@ def ramp(
     return table(path, head.replace(",", comma), rows)
 
 
-def test_the_ten_real_lifts_give_the_errors_that_were_read_off_with_them(
-    real_data: Path, tmp_path: Path
-) -> None:
+def test_ten_real_lifts_have_the_published_errors(real_data: Path, tmp_path: Path) -> None:
     folder = real_data / "aurova_figures" / "curves"
     summary = (folder / "summary.csv").read_text().splitlines()
     known = {row["object"]: row for row in csv.DictReader(summary)}
@@ -65,7 +63,7 @@ def test_times_count_from_the_first_row(tmp_path: Path) -> None:
     assert absolute.curves.onset_truth_s == pytest.approx(relative.curves.onset_truth_s, abs=1e-3)
 
 
-def test_a_lift_that_held_has_no_phases_and_counts_whole(tmp_path: Path) -> None:
+def test_held_lift_has_no_phases_and_counts_as_a_whole(tmp_path: Path) -> None:
     rows = [f"{0.1 * i:.1f},0.2,0.0" for i in range(30)]
     lift = read_table(table(tmp_path / "held.csv", "t_s,estimate_deg,truth_deg", rows))
     assert lift.curves.phases_s == {}
@@ -82,7 +80,7 @@ def test_a_lift_that_held_has_no_phases_and_counts_whole(tmp_path: Path) -> None
         (" T_S ,Estimate_Deg,TRUTH_DEG", ","),
     ],
 )
-def test_names_and_separators_of_other_tools(tmp_path: Path, head: str, comma: str) -> None:
+def test_column_names_and_separators_of_other_tools_are_read(tmp_path: Path, head: str, comma: str) -> None:
     assert read_table(ramp(tmp_path / "lift.csv", head=head, comma=comma)).errors is not None
 
 

@@ -52,7 +52,7 @@ def test_film_has_the_length_of_the_lift_and_its_curve_grows(
     assert np.abs(first_tips - pictures[-1][:HEIGHT_PX, : width // 4]).mean() > 2.0
 
 
-def test_an_animated_picture_is_as_long_and_as_wide_as_asked(trial: Path, tmp_path: Path) -> None:
+def test_animated_image_has_the_requested_length_and_width(trial: Path, tmp_path: Path) -> None:
     manifest = read_manifest_of(trial, TrialManifest, "no trial")
     chosen, out = find_lift(trial, manifest, "1"), tmp_path / "lift.webp"
     made = write_film([FilmedLift(trial, manifest, chosen)], out, fps=10.0, width_px=640)
@@ -102,7 +102,7 @@ def test_impossible_films_are_rejected(trial: Path, drawn_trial: Any, tmp_path: 
         film(broken, tmp_path / "lift.mp4")
 
 
-def test_a_missing_camera_leaves_its_place_empty(drawn_trial: Any, tmp_path: Path) -> None:
+def test_missing_camera_leaves_an_empty_panel(drawn_trial: Any, tmp_path: Path) -> None:
     folder = drawn_trial(tmp_path / "s", (12.0,), serials=("T1", "T2", "ANOTHER"))
     assert film(folder, tmp_path / "lift.avi").frames > 10
 

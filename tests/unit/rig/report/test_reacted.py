@@ -49,7 +49,7 @@ def rows(folder: Path, number: int, **changes: Any) -> None:
     path.write_text("".join(json.dumps(row) + "\n" for row in kept))
 
 
-def test_a_caught_lift_stands_beside_the_same_lift_that_was_not(
+def test_caught_lift_is_shown_beside_the_lift_without_reaction(
     without: Path, reacted: Path, tmp_path: Path
 ) -> None:
     for session, other in ((reacted, without), (without, reacted)):
@@ -61,11 +61,11 @@ def test_a_caught_lift_stands_beside_the_same_lift_that_was_not(
         assert part.count("wrench, lift 2") == 1  # in the table alone: it was not caught
 
 
-def test_without_another_session_there_is_no_such_part(reacted: Path, tmp_path: Path) -> None:
+def test_report_has_no_comparison_without_another_session(reacted: Path, tmp_path: Path) -> None:
     assert "With and without" not in write_report([reacted], tmp_path / "page.html").path.read_text()
 
 
-def test_two_sessions_alike_or_of_other_lifts_are_refused(
+def test_sessions_with_equal_reaction_or_other_lifts_are_rejected(
     without: Path, reacted: Path, tmp_path: Path
 ) -> None:
     with pytest.raises(InputError, match="neither reacts"):

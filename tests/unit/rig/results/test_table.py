@@ -47,7 +47,7 @@ def test_written_table_is_read_back_unchanged(kind: str, tmp_path: Path, lift_ro
     assert read_results(tmp_path) == rows
 
 
-def test_the_summary_of_a_table_is_that_of_its_rows(lift_row: MakeRow) -> None:
+def test_summary_of_a_table_equals_that_of_its_rows(lift_row: MakeRow) -> None:
     rows = [row(lift_row, n, 0.5 + 0.1 * n if n % 7 else None) for n in range(20)]
     assert summarize_table([table_row(HEAD, r) for r in rows]) == summarize_trial(rows)
 

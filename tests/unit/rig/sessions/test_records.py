@@ -149,7 +149,7 @@ def test_invalid_manifest_is_reported_with_its_key(
     assert said in str(raised.value)
 
 
-def test_another_kind_of_session_is_refused_in_one_sentence(drawn_recording: Any, tmp_path: Path) -> None:
+def test_session_of_another_kind_is_rejected_in_one_sentence(drawn_recording: Any, tmp_path: Path) -> None:
     folder = drawn_recording(tmp_path / "s")
     with pytest.raises(SessionError, match=r"is a 'record' session; only trials have wings"):
         read_manifest_of(folder, TrialManifest, "only trials have wings")

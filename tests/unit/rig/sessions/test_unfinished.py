@@ -44,7 +44,7 @@ def writers() -> list[str]:
     return [thread.name for thread in threading.enumerate() if thread.name.startswith("writer of")]
 
 
-def test_frames_are_on_the_disk_before_the_lift_is_over(tmp_path: Path) -> None:
+def test_frames_are_on_disk_during_the_lift(tmp_path: Path) -> None:
     file = new_recording(tmp_path, RECORDING)
     recorder = LiftRecorder(file)
     with completed(recorder, file):
@@ -68,7 +68,7 @@ def test_second_recording_of_a_lift_does_not_overwrite_the_first(tmp_path: Path)
     assert 0 < small.stat().st_size < large.stat().st_size
 
 
-def test_a_lift_that_ends_before_its_first_message_leaves_no_file(tmp_path: Path) -> None:
+def test_lift_without_messages_leaves_no_file(tmp_path: Path) -> None:
     file = new_recording(tmp_path, RECORDING)
     with pytest.raises(OperatorStopError), completed(LiftRecorder(file), file):
         raise OperatorStopError("stopped")
@@ -138,7 +138,7 @@ def test_full_disk_is_an_error_within_the_lift(tmp_path: Path) -> None:
     assert writers() == []
 
 
-def test_final_name_is_given_without_overwriting_a_recording_that_has_no_line(
+def test_finished_recording_gets_its_name_and_an_unlisted_one_is_kept(
     tmp_path: Path, lift_row: Callable[..., FinishedLift]
 ) -> None:
     """The state after a crash between renaming a recording and appending its line."""

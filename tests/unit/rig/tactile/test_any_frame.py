@@ -40,7 +40,7 @@ def test_reduced_copy_is_never_empty_and_its_area_never_exceeds_the_frame(
     assert full_area(columns * rows, (rows, columns), (height, width)) <= height * width
 
 
-def test_frames_of_the_largest_size_are_answered() -> None:
+def test_largest_frame_size_is_processed() -> None:
     largest = gel(1024, MAX_SIDE_PX)
     for name in ("slip", "ellipse", "kolamuri"):
         require_possible(choose_estimator(name).make(largest).update(largest, 0), largest)
@@ -64,7 +64,7 @@ CONTENT = st.one_of(
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ESTIMATORS)
 @given(background=CONTENT, frames=st.lists(CONTENT, min_size=1, max_size=6))
-def test_any_content_is_answered_or_refused(name: str, background: Image, frames: Sequence[Image]) -> None:
+def test_any_image_is_estimated_or_refused(name: str, background: Image, frames: Sequence[Image]) -> None:
     estimator = choose_estimator(name).make(background)
     for i, frame in enumerate(frames):
         frame.setflags(write=False)

@@ -16,7 +16,7 @@ def blas_threads() -> set[int]:
     return {library["num_threads"] for library in found}
 
 
-def test_one_thread_inside_and_the_former_number_afterwards() -> None:
+def test_number_of_threads_is_restored() -> None:
     with threadpool_limits(2, user_api="blas"):
         before = blas_threads()
         with one_blas_thread():

@@ -8,7 +8,7 @@ from rig.training.simulated_lifts import simulated_views, simulated_wrists
 SIZE = (36, 48)
 
 
-def test_simulated_lifts_are_those_of_the_protocol_and_the_same_again() -> None:
+def test_simulated_lifts_follow_the_protocol_and_are_reproducible() -> None:
     first, second = (simulated_wrists(["7"], 1, 5, lambda *_: None)[0] for _ in range(2))
     assert first.states == second.states
     assert (first.turn_deg == second.turn_deg).all()
@@ -19,7 +19,7 @@ def test_simulated_lifts_are_those_of_the_protocol_and_the_same_again() -> None:
     assert pulled[-20:].mean() < pulled[: -len(pulled) // 2].mean() - 0.1
 
 
-def test_both_fingertips_see_the_object_turn_from_opposite_sides() -> None:
+def test_fingertips_measure_opposite_image_rotations() -> None:
     views = list(simulated_views(["7"], 1, 5, SIZE, lambda *_: None))
     angles = np.array([angle for *_, angle in views]).reshape(2, -1)
     assert angles[0] == pytest.approx(-angles[1], abs=1.5)

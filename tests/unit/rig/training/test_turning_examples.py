@@ -30,7 +30,7 @@ def _shown() -> TurningFrame:
     return TurningFrame(image, background, before, after, CENTER_PX, 1.0)
 
 
-def test_a_bar_turns_and_a_ring_rests() -> None:
+def test_bar_turns_and_ring_does_not() -> None:
     difference, share, weight = example_of(_shown())
     assert difference.shape == (160, 120, 3)
     y, x = np.mgrid[:160, :120] * 2.0 + 0.5
@@ -43,7 +43,7 @@ def test_a_bar_turns_and_a_ring_rests() -> None:
     assert share[weight < 0.04].max() == pytest.approx(0.0)
 
 
-def test_examples_have_the_size_that_the_network_sees_and_its_answer() -> None:
+def test_examples_have_the_network_input_and_output_sizes() -> None:
     told: list[int] = []
     examples = turning_examples(2, 7, told.append)
     assert told == [1, 2]

@@ -30,7 +30,7 @@ def test_both_forward_kinematics_agree(q):
 
 
 @given(joints)
-def test_the_inverse_finds_back_to_the_pose_it_came_from(q):
+def test_inverse_kinematics_return_the_original_pose(q):
     frame = forward(q)
     solution = nearest_inverse(frame, q)
     assert solution is not None
@@ -38,7 +38,7 @@ def test_the_inverse_finds_back_to_the_pose_it_came_from(q):
 
 
 @given(joints, st.tuples(*[st.floats(-1e-3, 1e-3)] * 6))
-def test_along_a_path_the_joints_do_not_jump(q, step):
+def test_joints_are_continuous_along_a_path(q, step):
     # not at a boundary between branches: stretched or folded elbow, aligned wrist, shoulder over the base
     if min(abs(math.sin(q[2])), abs(math.sin(q[4]))) < 0.05 or math.hypot(*forward(q)[:2]) < 0.3:
         return
@@ -48,14 +48,14 @@ def test_along_a_path_the_joints_do_not_jump(q, step):
         assert np.allclose(forward(solution), target, atol=1e-9)
 
 
-def test_out_of_reach_is_none():
+def test_unreachable_pose_gives_none():
     far = ur_frames.from_ur((1.2, 0.0, 0.3, math.pi, 0.0, 0.0))
     assert nearest_inverse(far, kinematics.ELBOW_UP) is None
     assert tracked_inverse(far, kinematics.ELBOW_UP) is None
 
 
 @given(poses)
-def test_a_pose_survives_the_controllers_notation(pose):
+def test_pose_is_unchanged_by_the_controllers_notation(pose):
     frame = ur_frames.from_ur(pose)
     assert np.allclose(np.reshape(frame[3:], (3, 3)), Rotation.from_rotvec(pose[3:]).as_matrix(), atol=1e-12)
     assert np.allclose(ur_frames.from_ur(ur_frames.to_ur(frame)), frame, atol=1e-9)

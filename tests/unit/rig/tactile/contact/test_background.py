@@ -29,7 +29,7 @@ def error(background: Image, truth: Image) -> float:
     return float(np.abs(background.astype(int) - truth).mean())
 
 
-def test_contacts_that_move_about_leave_no_trace(press: Draw, blank: Image) -> None:
+def test_moving_contacts_are_absent_from_the_background(press: Draw, blank: Image) -> None:
     frames = [press(20 * i, (60.0, 25.0), center, seed=i) for i, center in enumerate(PLACES)]
     made = auto_background(frames)
     assert made.dtype == np.uint8
@@ -37,13 +37,13 @@ def test_contacts_that_move_about_leave_no_trace(press: Draw, blank: Image) -> N
     assert error(np.median(frames, axis=0), blank) > error(made, blank)
 
 
-def test_a_few_frames_without_contact_are_found_among_many_with_one(press: Draw, blank: Image) -> None:
+def test_few_frames_without_contact_are_found_among_many(press: Draw, blank: Image) -> None:
     frames = [press(None, seed=i) for i in range(4)] + [press(0.3 * i, seed=i) for i in range(40)]
     assert error(auto_background(frames), blank) < 2.0
     assert error(np.median(frames, axis=0), blank) > 4.0
 
 
-def test_a_pixel_that_no_frame_shows_bare_is_guessed(press: Draw) -> None:
+def test_background_is_complete_even_if_a_pixel_is_always_in_contact(press: Draw) -> None:
     frames = [press(0, seed=i) for i in range(5)]
     assert auto_background(frames).shape == (320, 240, 3)
 

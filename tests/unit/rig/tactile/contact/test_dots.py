@@ -47,18 +47,18 @@ def states(frames: list[Image], background: Image, name: str = "slip") -> list[S
 
 @pytest.mark.parametrize("radius_px", [4.5, 6.0, 9.0])
 @pytest.mark.parametrize("spacing_px", [28.0, 44.0])
-def test_a_printed_gel_is_recognised(blank: Image, radius_px: float, spacing_px: float) -> None:
+def test_gel_with_printed_dots_is_recognised(blank: Image, radius_px: float, spacing_px: float) -> None:
     assert is_dotted(printed(blank, grid(spacing_px), radius_px))
 
 
-def test_filled_dots_leave_the_gel(blank: Image) -> None:
+def test_filling_dots_restores_the_gel(blank: Image) -> None:
     gap = without_dots(printed(blank, grid())).astype(int) - blank
     assert np.abs(gap).max() <= 6
     assert np.abs(gap).mean() < 0.5
 
 
 @pytest.mark.parametrize("name", ["slip", "ellipse", "ecc"])
-def test_dots_that_have_moved_are_no_contact(blank: Image, name: str) -> None:
+def test_moved_dots_are_not_a_contact(blank: Image, name: str) -> None:
     background = printed(blank, grid())
     moved = [printed(blank, pushed(grid(), 0.5 * i)) for i in range(12)]
     assert set(states(moved, background, name)) == {State.NO_CONTACT}
@@ -67,7 +67,7 @@ def test_dots_that_have_moved_are_no_contact(blank: Image, name: str) -> None:
     assert State.TRACKING in seen, "without filling them they would be"
 
 
-def test_the_angle_comes_from_what_lies_between_the_dots(blank: Image, press: Draw) -> None:
+def test_angle_is_measured_between_the_dots(blank: Image, press: Draw) -> None:
     background = printed(blank, grid())
     estimator = choose_estimator("slip").make(background)
     for i in range(30):
@@ -92,7 +92,7 @@ def test_source_of_the_angles_is_named(blank: Image) -> None:
     assert choose_estimator("slip").sees(blank) == choose_estimator("pca-published").sees(dotted)
 
 
-def test_real_gels_are_told_apart(real_data: object) -> None:
+def test_real_gels_with_and_without_dots_are_distinguished(real_data: object) -> None:
     from pathlib import Path
 
     folder = Path(str(real_data))

@@ -41,14 +41,14 @@ def test_the_mask_covers_the_contact(press: Draw, blank: Image, drawn_mask: Draw
 
 
 @pytest.mark.parametrize("noise", [0.0, 1.5, 4.0, 12.0])
-def test_noise_alone_is_no_contact(press: Draw, blank: Image, noise: float) -> None:
+def test_noise_gives_no_contact(press: Draw, blank: Image, noise: float) -> None:
     finder = ContactFinder(blank)
     found = [finder.find(press(None, noise=noise, seed=seed)) for seed in range(10)]
     assert all(contact.mask is None for contact in found)
 
 
 @pytest.mark.parametrize("light", [(0.75, 0.75, 0.75), (1.15, 1.0, 0.9), (0.6, 0.8, 1.1)])
-def test_drifting_light_neither_makes_nor_hides_a_contact(
+def test_drifting_light_does_not_change_the_detection(
     press: Draw, blank: Image, drawn_mask: Draw, light: tuple[float, float, float]
 ) -> None:
     finder = ContactFinder(blank)
@@ -56,7 +56,7 @@ def test_drifting_light_neither_makes_nor_hides_a_contact(
     assert dice(finder.find(press(30, light=light)).mask, drawn_mask(30)) > 0.85
 
 
-def test_the_gate_lets_a_contact_fade_further_than_it_lets_one_begin(press: Draw, blank: Image) -> None:
+def test_contact_detection_has_hysteresis(press: Draw, blank: Image) -> None:
     strengths = np.arange(0.02, 0.6, 0.01)
     frames = [press(0, strength=strength) for strength in strengths]
     fresh = [ContactFinder(blank).find(frame).mask is not None for frame in frames]
@@ -91,13 +91,13 @@ CONTENT = st.one_of(
 
 
 @given(background=CONTENT, frames=st.lists(CONTENT, min_size=1, max_size=3))
-def test_any_content_gives_a_sound_answer(background: Image, frames: list[Image]) -> None:
+def test_any_image_gives_a_valid_result(background: Image, frames: list[Image]) -> None:
     finder = ContactFinder(background)
     assert all(is_sound(finder.find(frame), frame) for frame in frames)
 
 
 @pytest.mark.parametrize("tightness", [0.0, -1.0, float("nan"), 11.0])
-def test_an_absurd_tightness_is_an_input_error(blank: Image, tightness: float) -> None:
+def test_invalid_tightness_is_an_input_error(blank: Image, tightness: float) -> None:
     with pytest.raises(InputError, match="tightness"):
         ContactFinder(blank, tightness)
 
@@ -123,7 +123,7 @@ def test_masks_of_real_frames_agree_with_the_labels(panels: list[tuple[Image, Im
 
 
 @pytest.mark.slow
-def test_masks_agree_where_the_frame_had_no_part_in_its_background(
+def test_masks_agree_with_a_background_from_other_frames(
     panels: list[tuple[Image, Image]],
 ) -> None:
     images = [image for image, _ in panels]
@@ -134,7 +134,7 @@ def test_masks_agree_where_the_frame_had_no_part_in_its_background(
     assert np.mean(scores) > 0.87
 
 
-def test_a_real_frame_without_contact_shows_none(real_data: Path) -> None:
+def test_real_frame_without_contact_has_no_mask(real_data: Path) -> None:
     bare = read_image(real_data / "digit_backgrounds" / "tacto_bg_digit_240_320.jpg")
     finder = ContactFinder(bare)
     rng = np.random.default_rng(0)

@@ -26,7 +26,7 @@ CONTACT = drawn((48, 64), (38, 12))
 LEFT_HALF = CONTACT * (np.arange(SIZE[0]) < 48).astype(np.uint8)
 
 
-def test_the_other_half_of_a_contact_is_added() -> None:
+def test_missed_half_of_a_contact_is_added() -> None:
     part = overlooked_part(LEFT_HALF, changed(CONTACT, (0.3, -0.4, 0.2)))
     assert part is not None
     whole = part | LEFT_HALF
@@ -35,22 +35,22 @@ def test_the_other_half_of_a_contact_is_added() -> None:
 
 
 @pytest.mark.parametrize("by", [(0.3, 0.0, 0.0), (0.0, -0.5, 0.0), (0.0, 0.0, 0.0)])
-def test_a_shadow_of_one_colour_and_nothing_add_nothing(by: tuple[float, float, float]) -> None:
+def test_shadow_of_one_colour_adds_nothing(by: tuple[float, float, float]) -> None:
     assert overlooked_part(LEFT_HALF, changed(CONTACT, by)) is None
 
 
-def test_the_foot_of_a_dent_is_no_part_of_it() -> None:
+def test_foot_of_a_dent_is_not_added() -> None:
     assert overlooked_part(CONTACT, changed(drawn((48, 64), (41, 15)), (0.3, -0.4, 0.2))) is None
 
 
 @pytest.mark.parametrize(("share", "goes_on"), [(0.35, False), (0.8, True)])
-def test_a_slope_that_reaches_far_is_weaker_than_the_contact(share: float, goes_on: bool) -> None:
+def test_wide_slope_around_a_contact_is_not_added(share: float, goes_on: bool) -> None:
     around = drawn((48, 64), (46, 28)) - CONTACT
     seen = changed(CONTACT, (0.6, -0.8, 0.4)) + changed(around, (0.6 * share, -0.8 * share, 0.4 * share))
     assert (overlooked_part(CONTACT, seen) is not None) == goes_on
 
 
-def test_a_contact_that_was_not_found_at_all_is_added_by_two_colours() -> None:
+def test_missed_contact_is_added_if_two_colours_change() -> None:
     nothing = np.zeros_like(CONTACT)
     part = overlooked_part(nothing, changed(CONTACT, (0.3, -0.4, 0.0)))
     assert part is not None
@@ -59,7 +59,7 @@ def test_a_contact_that_was_not_found_at_all_is_added_by_two_colours() -> None:
     assert overlooked_part(CONTACT, changed(CONTACT, (0.3, -0.4, 0.0))) is None, "it was found"
 
 
-def test_a_light_that_changed_everywhere_is_no_contact() -> None:
+def test_global_light_change_is_not_a_contact() -> None:
     everywhere = np.ones_like(CONTACT)
     assert overlooked_part(np.zeros_like(CONTACT), changed(everywhere, (0.3, 0.3, 0.3))) is None
     assert overlooked_part(everywhere, changed(everywhere, (0.3, 0.3, 0.3))) is None

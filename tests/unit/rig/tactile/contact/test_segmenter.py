@@ -35,7 +35,7 @@ def pressed() -> tuple[Image, Image, Image]:
     return unit.render(None, 0.0, rng), unit.render(imprint, 3.0, rng), contact_label(unit.touching(imprint))
 
 
-def test_network_mask_has_the_call_of_the_classical_mask(pressed: tuple[Image, Image, Image]) -> None:
+def test_network_and_classical_segmenter_have_the_same_interface(pressed: tuple[Image, Image, Image]) -> None:
     background, frame, _ = pressed
     for model in (*SHIPPED, "classical"):
         segmentation = make_segmenter(SegmentChoice(model), background).segment(frame)
@@ -44,7 +44,7 @@ def test_network_mask_has_the_call_of_the_classical_mask(pressed: tuple[Image, I
 
 
 @pytest.mark.parametrize("model", ["ours", "ours-full"])
-def test_a_contact_on_an_unseen_unit_is_found(model: str, pressed: tuple[Image, Image, Image]) -> None:
+def test_contact_on_an_unseen_unit_is_found(model: str, pressed: tuple[Image, Image, Image]) -> None:
     background, frame, label = pressed
     contact = Segmenter(load_network(model), background).find(frame)
     assert agreement(contact.mask, label).dice > 0.93
@@ -68,7 +68,7 @@ def test_unusable_frames_have_no_mask_and_a_reason(model: str, pressed: tuple[Im
         assert found.contact.mask is None
 
 
-def test_the_margin_moves_the_outline_by_a_share_of_the_width(drawn_mask) -> None:
+def test_margin_moves_the_outline_by_a_fraction_of_the_width(drawn_mask) -> None:
     mask = drawn_mask(20.0)
     wider, narrower = moved_outline(mask, 0.02), moved_outline(mask, -0.02)
     assert np.all(narrower <= mask)
@@ -98,7 +98,7 @@ def test_images_of_another_type_or_size_are_refused(
         Segmenter(load_network("ours"), pressed[0]).find(image)  # type: ignore[arg-type]
 
 
-def test_a_network_that_compares_asks_for_a_background() -> None:
+def test_network_with_background_input_requires_a_background() -> None:
     with pytest.raises(InputError, match="--background"):
         Segmenter(load_network("ours"))
 
@@ -118,14 +118,14 @@ def test_invalid_network_file_is_rejected_with_its_path(tmp_path: Path) -> None:
     ("shape", "metadata", "said"),
     [((1, 3, 32, 32), b"", "maps"), ((1, 1, 32, 32), b"", "maps"), ((3, 32, 32), b"", "maps")],
 )
-def test_a_network_of_another_shape_is_refused(
+def test_network_of_another_shape_is_rejected(
     shape: tuple[int, ...], metadata: bytes, said: str, tmp_path: Path
 ) -> None:
     with pytest.raises(InputError, match=said):
         load_network(identity_network(tmp_path / "other.onnx", shape, metadata))
 
 
-def test_the_cards_describe_the_shipped_files() -> None:
+def test_cards_match_the_shipped_files() -> None:
     cards = shipped_cards()
     assert [card["name"] for card in cards] == list(SHIPPED)
     for card in cards:
@@ -135,7 +135,7 @@ def test_the_cards_describe_the_shipped_files() -> None:
         assert card["shipped"]["bytes"] < 5e6
 
 
-def test_a_network_that_fails_when_it_is_run_is_named(tmp_path: Path) -> None:
+def test_failing_network_is_named(tmp_path: Path) -> None:
     """Gather takes a channel that is not there: nothing shows before it runs."""
     path = tmp_path / "gather.onnx"
     dims = [b"".join(field(1, field(1, side)) for side in (1, channels, 32, 32)) for channels in (3, 1)]
@@ -188,7 +188,7 @@ def test_contacts_on_a_sensor_of_another_make_are_found(real_data: Path) -> None
     assert np.mean(dice) > 0.8
 
 
-def test_the_label_is_neither_looser_nor_tighter_than_a_persons(panels: Panels) -> None:
+def test_outline_without_margin_fits_manual_labels_best(panels: Panels) -> None:
     at_zero = np.mean(dice(panels))
     assert at_zero > np.mean(dice(panels, -0.03))
     assert at_zero > np.mean(dice(panels, 0.03))

@@ -12,13 +12,13 @@ def settled_at(levels: list[float], frames: int, drifting: bool = False) -> list
     return settled
 
 
-def test_a_slow_drift_settles_only_where_each_frame_is_compared_with_the_one_before() -> None:
+def test_slow_drift_settles_only_relative_to_the_previous_frame() -> None:
     drift = [100.0 * 1.03**frame for frame in range(6)]
     assert not any(settled_at(drift, 3))
     assert settled_at(drift, 3, drifting=True) == [False, False, True, True, True, True]
 
 
-def test_every_level_has_to_stay() -> None:
+def test_every_level_must_be_constant_to_settle() -> None:
     steadiness = Steadiness(2)
     assert steadiness.update((100.0, 1.0))
     assert steadiness.update((100.0, 1.2))

@@ -58,7 +58,7 @@ def test_still_contact_at_the_start_is_not_the_background(
 
 
 @pytest.mark.parametrize("kind", ["contact throughout", "untouched throughout", "too few"])
-def test_recording_without_an_untouched_gel_that_can_be_told_is_refused(
+def test_recording_without_a_recognisable_untouched_gel_is_refused(
     kind: str, rest: Callable[[int], list[Image]], turning: Callable[[int], list[Image]]
 ) -> None:
     frames = {"contact throughout": turning(30), "untouched throughout": rest(30), "too few": turning(2)}[

@@ -30,7 +30,7 @@ def outline(
 
 @EACH_METHOD
 @given(angle_deg=st.floats(-360, 360), long_px=st.floats(75, 110), short_px=st.floats(8, 35))
-def test_a_drawn_ellipse_has_its_angle_counter_clockwise_as_seen(
+def test_ellipse_angle_is_counter_clockwise_as_seen(
     method: AxisMethod, angle_deg: float, long_px: float, short_px: float
 ) -> None:
     axis = method(outline(angle_deg, (long_px, short_px)))
@@ -40,7 +40,7 @@ def test_a_drawn_ellipse_has_its_angle_counter_clockwise_as_seen(
 
 
 @EACH_METHOD
-def test_an_ellipse_half_outside_the_image_is_drawn_whole(method: AxisMethod) -> None:
+def test_ellipse_half_outside_the_image_keeps_its_axis(method: AxisMethod) -> None:
     axis = method(outline(-35, (90, 30), center=(-20.3, 5.8)))
     assert axis is not None
     assert abs(wrapped(axis.angle_deg + 35)) < TOLERANCE_DEG[method.__name__]
@@ -93,7 +93,7 @@ def reference(mask: NDArray[np.uint8]) -> NDArray[np.uint8]:
     st.tuples(st.floats(1, 240), st.floats(1, 120)),
     st.floats(0, 180),
 )
-def test_ellipses_thin_as_in_opencv_even_across_the_border(
+def test_thinning_matches_opencv_across_the_border(
     center: tuple[float, float], axes: tuple[float, float], angle_deg: float
 ) -> None:
     mask = np.zeros((320, 256), np.uint8)

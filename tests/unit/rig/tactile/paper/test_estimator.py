@@ -33,7 +33,7 @@ def angles(samples: Iterable[SlipSample]) -> list[float]:
     return [angle for angle in found if angle is not None]
 
 
-def test_the_names_are_the_contracts() -> None:
+def test_estimator_names_match_the_contract() -> None:
     assert set(ESTIMATORS) == {
         "slip", "skeleton", "ellipse", "pca", "skeleton-published", "ellipse-published", "pca-published",
         "ecc", "polar", "kolamuri", "anglenet", "toskov",
@@ -50,7 +50,7 @@ def test_a_window_out_of_range_is_an_input_error(blank: Image, window: int) -> N
 @pytest.mark.parametrize("name", MENDED)
 @pytest.mark.parametrize("start_deg", [-10.0, 30.0, 80.0, 170.0])
 @pytest.mark.parametrize("turn_deg", [25.0, -25.0])
-def test_a_turn_keeps_size_and_sign_wherever_it_begins(
+def test_rotation_does_not_depend_on_the_initial_angle(
     press: Draw, blank: Image, name: str, start_deg: float, turn_deg: float
 ) -> None:
     turns = np.linspace(0, turn_deg, 9)
@@ -66,7 +66,7 @@ def test_angles_pass_180_without_a_jump(press: Draw, blank: Image) -> None:
 
 
 @pytest.mark.parametrize("window", range(2, 11))
-def test_the_window_is_the_mean_of_the_last_angles(press: Draw, blank: Image, window: int) -> None:
+def test_window_is_the_mean_of_the_last_angles(press: Draw, blank: Image, window: int) -> None:
     images = [press(4.0 * i) for i in range(14)]
     single = angles(run(choose_estimator("pca", 1).make(blank), images))
     mean = angles(run(choose_estimator("pca", window).make(blank), images))
@@ -74,7 +74,7 @@ def test_the_window_is_the_mean_of_the_last_angles(press: Draw, blank: Image, wi
     assert mean == pytest.approx(expected)
 
 
-def test_a_frame_given_twice_counts_once(press: Draw, blank: Image) -> None:
+def test_repeated_frame_counts_once(press: Draw, blank: Image) -> None:
     once, twice = choose_estimator("pca", 3).make(blank), choose_estimator("pca", 3).make(blank)
     for i in range(6):
         image = press(5.0 * i)
@@ -87,7 +87,7 @@ def test_a_frame_given_twice_counts_once(press: Draw, blank: Image) -> None:
 
 
 @pytest.mark.parametrize("name", MENDED)
-def test_contact_comes_goes_and_comes_back(press: Draw, blank: Image, name: str) -> None:
+def test_contact_that_returns_is_rekeyed(press: Draw, blank: Image, name: str) -> None:
     estimator = choose_estimator(name, 2).make(blank)
     frames = [press(a) for a in (None, 10, 10, None, None, 40, 40, 40)]
     samples = run(estimator, frames)
@@ -102,13 +102,13 @@ def test_contact_comes_goes_and_comes_back(press: Draw, blank: Image, name: str)
 
 
 @pytest.mark.parametrize("name", MENDED)
-def test_a_round_contact_is_refused(press: Draw, blank: Image, name: str) -> None:
+def test_round_contact_is_refused(press: Draw, blank: Image, name: str) -> None:
     samples = run(choose_estimator(name).make(blank), (press(a, half_axes=(60.0, 57.0)) for a in (0, 20, 40)))
     assert {s.state for s in samples} == {State.UNOBSERVABLE}
     assert all(s.angle_deg is None and s.contact_area_px > 0 for s in samples)
 
 
-def test_true_pixels_are_measured_where_the_published_script_stretches(press: Draw, blank: Image) -> None:
+def test_pixel_aspect_is_corrected_unlike_in_the_published_script(press: Draw, blank: Image) -> None:
     images = [press(a, half_axes=(90.0, 20.0)) for a in (0, 45)]
     mended = angles(run(choose_estimator("ellipse", 1).make(blank), images))
     published = angles(run(choose_estimator("ellipse-published", 1).make(blank), images))
@@ -118,7 +118,7 @@ def test_true_pixels_are_measured_where_the_published_script_stretches(press: Dr
 
 
 @pytest.mark.parametrize("name", [n for n in ESTIMATORS if n.endswith(PUBLISHED)])
-def test_the_published_scripts_answer_any_contact(press: Draw, blank: Image, name: str) -> None:
+def test_published_scripts_report_an_angle_for_any_contact(press: Draw, blank: Image, name: str) -> None:
     frames = [press(None), press(0, half_axes=(60.0, 58.0)), press(10), press(10), press(None)]
     samples = run(choose_estimator(name).make(blank), frames)
     assert all(sample.angle_deg is not None for sample in samples[1:4])
@@ -148,7 +148,9 @@ def background(figures: Path) -> Image:
 
 @pytest.mark.parametrize("name", METHODS)
 @pytest.mark.parametrize("panel", [1, 2, 4, 9])
-def test_long_contacts_have_the_labels_axis(figures: Path, background: Image, name: str, panel: int) -> None:
+def test_long_contacts_have_the_labelled_axis(
+    figures: Path, background: Image, name: str, panel: int
+) -> None:
     label = read_image(figures / "panels" / f"{panel}_label.png")[..., 0]
     contour = largest_contour(np.where(label > 127, 255, 0).astype(np.uint8))
     assert contour is not None

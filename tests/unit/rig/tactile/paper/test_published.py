@@ -20,7 +20,7 @@ def authors_mask(real_data: Path, name: str) -> NDArray[np.uint8]:
     ("name", "angle_deg", "tolerance_deg"),
     [("ellipse", 87.76, 0.01), ("pca", 86.91, 0.01), ("skeleton", 88.72, 0.05)],
 )
-def test_the_authors_printed_angles_come_out(
+def test_published_angles_are_reproduced(
     real_data: Path, name: str, angle_deg: float, tolerance_deg: float
 ) -> None:
     assert ANGLES[name](authors_mask(real_data, "digit_mask.png")) == pytest.approx(
@@ -28,7 +28,7 @@ def test_the_authors_printed_angles_come_out(
     )
 
 
-def test_the_authors_printed_angle_of_the_round_contact_comes_out(real_data: Path) -> None:
+def test_published_angle_of_the_round_contact_is_reproduced(real_data: Path) -> None:
     angle_deg = skeleton_angle(authors_mask(real_data, "limitation_mask.png"))
     assert angle_deg == pytest.approx(37.42, abs=0.01)
 

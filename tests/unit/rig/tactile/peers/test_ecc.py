@@ -22,7 +22,7 @@ def followed(name: str, blank: Image, frames: list[Image]) -> list[SlipSample]:
 
 @names
 @pytest.mark.parametrize("sign", [1, -1])
-def test_follows_a_turn_with_its_sign(name: str, sign: int, press: Press, blank: Image) -> None:
+def test_rotation_is_followed_with_its_sign(name: str, sign: int, press: Press, blank: Image) -> None:
     turns = [0.0] * 8 + [sign * float(turn) for turn in range(31)]
     samples = followed(name, blank, [press(turn, seed=i) for i, turn in enumerate(turns)])
     errors = [abs((s.angle_deg or 0.0) - turn) for s, turn in zip(samples, turns, strict=True)]
@@ -32,7 +32,7 @@ def test_follows_a_turn_with_its_sign(name: str, sign: int, press: Press, blank:
 
 
 @names
-def test_refuses_a_disc(name: str, press: Press, blank: Image) -> None:
+def test_disc_is_refused(name: str, press: Press, blank: Image) -> None:
     frames = [press(turn, half_axes=(50.0, 50.0), seed=turn) for turn in range(12)]
     samples = followed(name, blank, frames)
     assert {s.state for s in samples} == {State.UNOBSERVABLE}
@@ -40,7 +40,7 @@ def test_refuses_a_disc(name: str, press: Press, blank: Image) -> None:
 
 
 @names
-def test_says_no_contact_and_goes_on_where_it_was(name: str, press: Press, blank: Image) -> None:
+def test_angle_continues_after_a_time_without_contact(name: str, press: Press, blank: Image) -> None:
     frames = [press(t, seed=t) for t in (0, 0, 0, 0, 0, 0, 0, 10)]
     frames += [press(None, seed=i) for i in range(40)] + [press(10, seed=i) for i in range(8)]
     samples = followed(name, blank, frames)
@@ -50,7 +50,7 @@ def test_says_no_contact_and_goes_on_where_it_was(name: str, press: Press, blank
 
 
 @names
-def test_a_repeated_frame_counts_for_nothing(name: str, press: Press, blank: Image) -> None:
+def test_repeated_frame_is_ignored(name: str, press: Press, blank: Image) -> None:
     estimator = choose_estimator(name).make(blank)
     first = estimator.update(press(0.0), FRAME_NS)
     again = estimator.update(press(9.0), FRAME_NS)

@@ -43,7 +43,7 @@ def lens(center: complex, radius: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 @given(st.floats(18.0, 30.0), st.floats(0.6, 0.9), st.floats(-math.pi, math.pi))
-def test_pivot_doubt_of_an_arc_grows_as_its_center_comes_near(
+def test_pivot_uncertainty_of_an_arc_grows_towards_its_center(
     radius: float, share: float, direction_rad: float
 ) -> None:
     center = share * radius * np.exp(1j * direction_rad)
@@ -55,7 +55,7 @@ def test_pivot_doubt_of_an_arc_grows_as_its_center_comes_near(
 
 
 @given(st.floats(-math.pi, math.pi))
-def test_straight_edges_leave_no_pivot_doubt(direction_rad: float) -> None:
+def test_straight_edges_have_no_pivot_uncertainty(direction_rad: float) -> None:
     across = direction_rad + math.pi / 2
     assert pivot_doubt(*field(line(direction_rad, 4.0), line(across, 4.0), within=DOME)) == 0.0
     straight = pivot_doubt(*field(line(direction_rad, 4.0), within=DOME))
@@ -63,5 +63,5 @@ def test_straight_edges_leave_no_pivot_doubt(direction_rad: float) -> None:
 
 
 @given(st.floats(0.0, 2.0), st.floats(8.0, 14.0))
-def test_a_ring_around_the_middle_leaves_all_of_a_turn_open(off_px: float, radius: float) -> None:
+def test_ring_around_the_middle_does_not_constrain_the_rotation(off_px: float, radius: float) -> None:
     assert pivot_doubt(*field(arc(complex(off_px), radius), within=DOME)) == 1.0

@@ -46,7 +46,7 @@ def lift(
     half_axes=st.sampled_from([(80.0, 20.0), (90.0, 35.0), (60.0, 25.0)]),
     size=st.sampled_from([(240, 320), (320, 240)]),
 )
-def test_a_turn_is_measured_wherever_it_begins(
+def test_rotation_is_measured_from_any_initial_angle(
     press: Draw, start: float, turn: float, half_axes: tuple[float, float], size: tuple[int, int]
 ) -> None:
     center = (size[0] / 2, size[1] / 2)
@@ -62,7 +62,7 @@ def test_a_turn_is_measured_wherever_it_begins(
 @pytest.mark.slow
 @given(turn=st.floats(5, 30), start=st.floats(-90, 90))
 @settings(max_examples=10)
-def test_a_mirrored_sensor_sees_the_opposite_turn(
+def test_mirrored_sensor_measures_the_opposite_rotation(
     press: Draw, blank: Image, turn: float, start: float
 ) -> None:
     images = lift(press, turn, start)
@@ -80,14 +80,14 @@ def steady(press: Draw, blank: Image) -> float:
 @pytest.mark.slow
 @given(light=st.tuples(*[st.floats(0.8, 1.15)] * 3))
 @settings(max_examples=10)
-def test_the_light_may_drift(
+def test_drifting_light_does_not_change_the_angle(
     press: Draw, blank: Image, steady: float, light: tuple[float, float, float]
 ) -> None:
     dimmed = turned(run(SlipEstimator(blank), lift(press, 20.0, light=light)))
     assert dimmed == pytest.approx(steady, abs=0.25)
 
 
-def test_frame_rate_and_dropped_frames_change_nothing(press: Draw, blank: Image) -> None:
+def test_angle_does_not_depend_on_frame_rate_and_dropped_frames(press: Draw, blank: Image) -> None:
     images = lift(press, 24.0, steps=24)
     every = turned(run(SlipEstimator(blank), images))
     second = turned(run(SlipEstimator(blank), images[:REST] + images[REST + 1 :: 2], 2 * PERIOD_NS))
@@ -96,14 +96,14 @@ def test_frame_rate_and_dropped_frames_change_nothing(press: Draw, blank: Image)
     assert few == pytest.approx(every, abs=0.1)
 
 
-def test_a_turn_beyond_a_whole_one_is_unwrapped(press: Draw, blank: Image) -> None:
+def test_rotation_beyond_360_degrees_is_unwrapped(press: Draw, blank: Image) -> None:
     samples = run(SlipEstimator(blank), lift(press, 400.0, steps=130))
     assert turned(samples) == pytest.approx(400.0, abs=4.0)
     assert any(sample.state is State.REKEYED for sample in samples) or samples[-1].sigma_deg is not None
 
 
 @pytest.mark.parametrize("half_axes", [(60.0, 60.0), (45.0, 45.0)])
-def test_a_round_smooth_contact_is_refused(press: Draw, blank: Image, half_axes: tuple[float, float]) -> None:
+def test_smooth_round_contact_is_refused(press: Draw, blank: Image, half_axes: tuple[float, float]) -> None:
     samples = run(SlipEstimator(blank), lift(press, 30.0, half_axes=half_axes))
     assert {sample.state for sample in samples} == {State.UNOBSERVABLE}
     assert all(sample.angle_deg is None for sample in samples)
@@ -117,7 +117,7 @@ def test_without_contact_there_is_no_angle_and_no_gradient(press: Draw, blank: I
     assert "gradient" not in sample.stage_s
 
 
-def test_repeated_and_late_frames_cost_nothing_but_information(press: Draw, blank: Image) -> None:
+def test_repeated_and_late_frames_do_not_change_the_angle(press: Draw, blank: Image) -> None:
     images = lift(press, 20.0, steps=20)
     plain = run(SlipEstimator(blank), images)
     tracker = SlipEstimator(blank)
@@ -131,7 +131,7 @@ def test_repeated_and_late_frames_cost_nothing_but_information(press: Draw, blan
     assert sample.angle_deg == pytest.approx(plain[-1].angle_deg, abs=0.02)
 
 
-def test_a_torn_frame_is_survived(press: Draw, blank: Image) -> None:
+def test_torn_frame_does_not_end_tracking(press: Draw, blank: Image) -> None:
     images = lift(press, 20.0, steps=20)
     torn = [image.copy() for image in images]
     torn[REST + 6][140:] = 128
@@ -168,7 +168,7 @@ def test_shift_of_a_moving_contact_is_measured(press: Draw, blank: Image) -> Non
     assert sample.contact_area_px > 0.0
 
 
-def test_the_rate_is_that_of_the_turn(press: Draw, blank: Image) -> None:
+def test_rate_equals_that_of_the_rotation(press: Draw, blank: Image) -> None:
     sample = run(SlipEstimator(blank), lift(press, 30.0, steps=30))[-1]
     assert sample.rate_deg_s == pytest.approx(60.0, abs=3.0)
 
@@ -199,7 +199,7 @@ def test_skipping_pixels_far_from_the_contact_changes_no_angle(press: Draw, blan
         assert less.angle_deg == more.angle_deg
 
 
-def test_pixels_that_are_not_square_are_allowed_for(press: Draw, blank: Image) -> None:
+def test_pixel_aspect_is_corrected(press: Draw, blank: Image) -> None:
     size = (264, 320)  # the same picture, stretched by a tenth
     stretched = [np.ascontiguousarray(_stretched(image, size)) for image in lift(press, 30.0, steps=15)]
     background = _stretched(blank, size)
@@ -216,7 +216,7 @@ def _stretched(image: Image, size: tuple[int, int]) -> Image:
 
 
 @pytest.mark.parametrize("size", [(60, 80), (120, 160), (480, 640), (640, 480)])
-def test_any_size_of_image_will_do(press: Draw, size: tuple[int, int]) -> None:
+def test_any_image_size_is_accepted(press: Draw, size: tuple[int, int]) -> None:
     scale = max(size) / 320
     shape = {"size": size, "center": (size[0] / 2, size[1] / 2), "half_axes": (70 * scale, 22 * scale)}
     images = lift(press, 20.0, noise=1.0, strength=scale, **shape)
@@ -224,7 +224,7 @@ def test_any_size_of_image_will_do(press: Draw, size: tuple[int, int]) -> None:
     assert turned(samples) == pytest.approx(20.0, abs=0.8)
 
 
-def test_views_and_read_only_frames_are_taken(press: Draw, blank: Image) -> None:
+def test_views_and_read_only_frames_are_accepted(press: Draw, blank: Image) -> None:
     images = lift(press, 15.0)
     wide = [np.repeat(image, 2, axis=1)[:, ::2] for image in images]
     for image in wide:
@@ -240,7 +240,7 @@ def test_unobserved_turn_of_a_round_contact_stays_unknown(press: Draw, blank: Im
     assert last.sigma_deg is None or last.unseen_deg > 20.0
 
 
-def test_a_stream_that_begins_anew_is_followed(press: Draw, blank: Image) -> None:
+def test_restarted_stream_is_followed(press: Draw, blank: Image) -> None:
     images, hour_ns = lift(press, 16.0), 3_600_000_000_000
     tracker = SlipEstimator(blank)
     samples = [tracker.update(images[0], hour_ns)]

@@ -22,7 +22,7 @@ def held(background: Image, image: Image, frames: int = 12) -> list[SlipSample]:
 
 
 @pytest.mark.slow
-def test_every_ball_pressed_into_a_real_gel_is_refused(real_data: Path) -> None:
+def test_balls_on_a_real_gel_are_refused(real_data: Path) -> None:
     folder = real_data / "gelsight_ball"
     background = read_image(folder / "background.png")
     balls = sorted(folder.glob("*mm_*.png"))
@@ -34,7 +34,7 @@ def test_every_ball_pressed_into_a_real_gel_is_refused(real_data: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("panel", range(1, 10))
-def test_a_real_contact_at_rest_stays_at_rest(real_data: Path, panel: int) -> None:
+def test_real_contact_at_rest_has_a_constant_angle(real_data: Path, panel: int) -> None:
     panels = [read_image(real_data / "aurova_figures" / "panels" / f"{i}_raw.png") for i in range(1, 10)]
     smallest = tuple(min(p.shape[axis] for p in panels) for axis in (0, 1))
     panels = [p[: smallest[0], : smallest[1]] for p in panels]

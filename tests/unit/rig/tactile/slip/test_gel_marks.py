@@ -10,14 +10,14 @@ from support.drawn_sensor import SPECKS, drawn_press, specked
 FINE = (120, 160)
 
 
-def test_specks_are_found_where_they_are_and_nowhere_else() -> None:
+def test_only_true_specks_are_found() -> None:
     marked = found_marks(specked(drawn_press(None), 0.25), FINE)
     centers = {(round(x), round(y)) for x, y in cv2.connectedComponentsWithStats(marked)[3][1:]}
     assert centers == {(x // 2, y // 2) for x, y in SPECKS}
     assert not found_marks(drawn_press(None), FINE).any()
 
 
-def test_a_patterned_gel_has_no_marks() -> None:
+def test_patterned_gel_has_no_marks() -> None:
     dots = drawn_press(None)
     for x in range(10, 240, 20):
         for y in range(10, 320, 20):
@@ -26,7 +26,7 @@ def test_a_patterned_gel_has_no_marks() -> None:
     assert MOST_SHARE < 0.2
 
 
-def test_marks_are_filled_from_around_them_and_the_rest_is_left() -> None:
+def test_marks_are_filled_and_other_pixels_unchanged() -> None:
     background = specked(drawn_press(None), 0.25)
     slope = np.repeat(np.linspace(0, 1, FINE[0], dtype=np.float32)[None, :, None], FINE[1], 0).repeat(3, 2)
     spoilt, marked = slope.copy(), found_marks(background, FINE) > 0
@@ -36,6 +36,6 @@ def test_marks_are_filled_from_around_them_and_the_rest_is_left() -> None:
     np.testing.assert_array_equal(mended[~marked], slope[~marked])
 
 
-def test_a_gel_without_marks_is_left_as_it_is() -> None:
+def test_gel_without_marks_is_unchanged() -> None:
     difference = np.zeros((FINE[1], FINE[0], 3), np.float32)
     assert GelMarks(found_marks(drawn_press(None), FINE), FINE).mended(difference) is difference

@@ -22,7 +22,7 @@ def drift(object_id: str, site: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 @pytest.mark.parametrize(("object_id", "site"), [("t1", 0), ("t4", 0), ("t5", 2), ("t7", 1)])
-def test_a_contact_with_an_edge_stays_where_it_is(object_id: str, site: int) -> None:
+def test_growing_contact_with_an_edge_keeps_its_angle(object_id: str, site: int) -> None:
     angles, _ = drift(object_id, site)
     assert np.abs(angles).max() < 0.5
 

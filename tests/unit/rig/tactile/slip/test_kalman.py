@@ -22,7 +22,7 @@ def filtered(angles_deg: np.ndarray, rate_hz: float = 60.0, noisy: bool = True) 
     )
 
 
-def test_at_rest_the_noise_of_a_frame_is_averaged_away() -> None:
+def test_noise_is_averaged_at_rest() -> None:
     told = filtered(np.zeros(20_000))[60:]
     assert told.std() < 0.85 * NOISE_RATIO * TOLD_DEG
     assert np.abs(told).max() < 3.8 * NOISE_RATIO * TOLD_DEG
@@ -30,14 +30,14 @@ def test_at_rest_the_noise_of_a_frame_is_averaged_away() -> None:
 
 @pytest.mark.parametrize("rate_hz", [30.0, 60.0])
 @pytest.mark.parametrize("turn_deg_s", [-120.0, -20.0, 5.0, 60.0])
-def test_a_slip_out_of_rest_is_followed_from_its_first_frames(turn_deg_s: float, rate_hz: float) -> None:
+def test_slip_is_followed_from_its_first_frames(turn_deg_s: float, rate_hz: float) -> None:
     true = np.concatenate([np.zeros(120), turn_deg_s * np.arange(1, 31) / rate_hz])
     late = np.abs(filtered(true, rate_hz) - true)
     assert late[120:].max() < 8.0 * NOISE_RATIO * TOLD_DEG
     assert late[125:].mean() < 1.5 * NOISE_RATIO * TOLD_DEG
 
 
-def test_creep_below_the_noise_of_a_frame_is_not_held_back() -> None:
+def test_creep_below_the_noise_is_followed() -> None:
     true = 1.0 * np.arange(300) / 60.0
     assert abs((filtered(true) - true)[60:].mean()) < 0.2 * NOISE_RATIO * TOLD_DEG
 

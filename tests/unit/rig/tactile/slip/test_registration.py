@@ -52,7 +52,7 @@ lamp_gains = st.tuples(*[st.floats(0.6, 1.4)] * 3)
 
 
 @given(angle=st.floats(-90, 90), azimuths=lamp_azimuths, gains=lamp_gains)
-def test_the_map_is_learnt_whatever_the_lamps(
+def test_colour_map_is_learnt_for_any_led_directions(
     angle: float, azimuths: tuple[float, ...], gains: tuple[float, ...]
 ) -> None:
     true = slopes(dent(angle))
@@ -91,7 +91,7 @@ cases from 20 to 25 degrees it missed 101, and reported each of these as not set
     slope=st.tuples(st.floats(-0.02, 0.02), st.floats(-0.02, 0.02)),
     gain=st.floats(0.9, 1.1),
 )
-def test_an_alignment_finds_turn_and_shift(
+def test_alignment_finds_rotation_and_shift(
     turn: float, shift: tuple[float, float], slope: tuple[float, float], gain: float
 ) -> None:
     before, after = dent(10.0), dent(10.0 + turn, at=shift)
@@ -111,7 +111,7 @@ def test_an_alignment_finds_turn_and_shift(
     assert not found.settled or abs(math.degrees(further.further_rad)) < 0.02, "nothing worth the time"
 
 
-def test_a_smooth_ball_has_no_contrast_and_an_edge_much() -> None:
+def test_smooth_ball_has_less_contrast_than_an_edge() -> None:
     contrast = {}
     for name, half_axes in (("ball", (12.0, 12.0)), ("oval", (15.0, 11.0)), ("edge", (22.0, 4.0))):
         height = dent(0.0, half_axes)
@@ -148,7 +148,7 @@ def read(field: GradientField, place: complex) -> tuple[NDArray[np.float32], flo
 
 
 @given(st.floats(4.0, 54.0), st.floats(4.0, 74.0))
-def test_between_pixels_a_linear_field_is_exact(x: float, y: float) -> None:
+def test_interpolation_of_a_linear_field_is_exact(x: float, y: float) -> None:
     rows, columns = np.mgrid[0:80, 0:60].astype(np.float32)
     gradient = columns + 2 * rows + 1j * columns * rows
     field = GradientField(gradient.astype(np.complex64), np.ones((80, 60), np.uint8))
@@ -158,7 +158,7 @@ def test_between_pixels_a_linear_field_is_exact(x: float, y: float) -> None:
     assert values == pytest.approx([fine * (x + 2 * y), fine * x * y], rel=1e-4)
 
 
-def test_sharpening_keeps_what_is_fine_and_turns_with_the_field() -> None:
+def test_sharpening_keeps_fine_structure_and_turns_with_the_field() -> None:
     line = np.zeros((80, 60), np.complex64)
     line[40] = 1.0 + 2.0j
     found = sharpened(line)
@@ -169,7 +169,7 @@ def test_sharpening_keeps_what_is_fine_and_turns_with_the_field() -> None:
 
 
 @pytest.mark.parametrize("place", [(-1.0, 5.0), (5.0, -0.5), (59.5, 5.0), (5.0, 80.0), (math.nan, 1.0)])
-def test_outside_the_picture_nothing_is_seen(place: tuple[float, float]) -> None:
+def test_samples_outside_the_image_are_zero(place: tuple[float, float]) -> None:
     field = GradientField(np.ones((80, 60), np.complex64), np.ones((80, 60), np.uint8))
     values, inside = read(field, complex(*place))
     assert not values.any()

@@ -26,14 +26,14 @@ def ball(radius_mm: float, texture: str = "none", texture_mm: float = 0.0) -> Co
 @pytest.mark.parametrize(
     ("radius_mm", "force_n"), [(3.0, 8.0), (4.0, 4.0), (6.0, 8.0), (8.0, 4.0), (12.0, 8.0), (25.0, 4.0)]
 )
-def test_a_smooth_ball_is_refused_however_steep(radius_mm: float, force_n: float) -> None:
+def test_smooth_ball_of_any_depth_is_refused(radius_mm: float, force_n: float) -> None:
     assert {sample.state for sample in followed(ball(radius_mm), force_n)} == {State.UNOBSERVABLE}
 
 
 @pytest.mark.parametrize("radius_mm", [8.0, 12.0])
 @pytest.mark.parametrize("texture", ["leather", "fabric", "letters"])
 @pytest.mark.parametrize("texture_mm", [0.02, 0.05, 0.08])
-def test_a_ball_with_weak_grain_is_refused_or_its_sigma_tells(
+def test_ball_with_weak_grain_is_refused_or_has_a_large_sigma(
     radius_mm: float, texture: str, texture_mm: float
 ) -> None:
     samples = followed(ball(radius_mm, texture, texture_mm), seed=1)
@@ -47,7 +47,7 @@ def test_a_ball_with_weak_grain_is_refused_or_its_sigma_tells(
 
 @pytest.mark.parametrize("radius_mm", [12.0, 25.0])
 @pytest.mark.parametrize("texture", ["ribs", "knurl", "leather", "fabric", "letters"])
-def test_a_ball_with_a_texture_is_followed(radius_mm: float, texture: str) -> None:
+def test_textured_ball_is_followed(radius_mm: float, texture: str) -> None:
     samples = followed(ball(radius_mm, texture, 0.12))
     angles = np.array([sample.angle_deg for sample in samples[STILL - 1 :]], float)
     off = angles - angles[0] - np.concatenate([[0.0], TURNS_DEG])

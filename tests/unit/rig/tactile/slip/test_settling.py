@@ -25,13 +25,11 @@ def settled_with(rests_s: float, rate_hz: float) -> int | None:
 
 @pytest.mark.parametrize("rate_hz", [25.0, 30.0, 60.0])
 @pytest.mark.parametrize("rests_s", [0.05, 0.12])
-def test_a_rest_between_two_steps_of_the_fingers_is_not_the_end_of_the_closing(
-    rests_s: float, rate_hz: float
-) -> None:
+def test_pause_between_finger_steps_is_not_settled(rests_s: float, rate_hz: float) -> None:
     assert settled_with(rests_s, rate_hz) == STEPS_PX[-1]
 
 
-def test_a_contact_that_stays_for_longer_has_settled_once() -> None:
+def test_constant_contact_settles_once() -> None:
     assert settled_with(0.3, 60.0) == STEPS_PX[0]
     settling = Settling()
     told = [settling.update(Region(NOTHING, 100, 0.2), to_ns(frame / 60.0)) for frame in range(30)]

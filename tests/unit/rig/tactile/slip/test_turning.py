@@ -36,7 +36,7 @@ def test_shipped_network_separates_turning_from_resting_on_unseen_faces() -> Non
     assert (found @ rests) / rests.sum() < 0.30
 
 
-def test_the_card_is_of_the_shipped_file() -> None:
+def test_card_matches_the_shipped_file() -> None:
     card = json.loads((MODELS / "turning.json").read_text(encoding="utf-8"))
     assert card["files"]["fp32"]["sha256"] == sha256((MODELS / "turning.onnx").read_bytes()).hexdigest()
     assert card["simulated"]
@@ -46,7 +46,7 @@ SIZES = [(160, 120, 2), (117, 158, 2), (80, 60, 1), (53, 81, 1)]
 
 
 @pytest.mark.parametrize(("height", "width", "scale"), SIZES)
-def test_every_size_of_picture_is_answered(height: int, width: int, scale: int) -> None:
+def test_any_image_size_is_processed(height: int, width: int, scale: int) -> None:
     difference = np.random.default_rng(1).normal(0.0, 0.1, (height, width, 3)).astype(np.float32)
     counts = shipped_turning().counts(difference, scale)
     assert counts.shape == (height, width)

@@ -14,11 +14,10 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from rig.frames.streaming import AngleSample, StreamingEstimator
-    from rig.python.angles import Angles
     from rig.python.calibrating import CameraSolution, HandEyeSolution, solve_camera, solve_hand_eye
     from rig.python.estimating import Score, estimate, estimator, score
     from rig.python.session import Lift, SensorFrame, Session, open_session
-    from rig.python.tracks import ArmTrack, GripperTrack, MarkerTrack, WrenchTrack
+    from rig.python.tracks import Angles, ArmTrack, GripperTrack, MarkerTrack, WrenchTrack
 
 __all__ = [
     "AngleSample",
@@ -44,11 +43,10 @@ __all__ = [
 
 _HOMES = {
     "frames.streaming": ("AngleSample", "StreamingEstimator"),
-    "python.angles": ("Angles",),
     "python.calibrating": ("CameraSolution", "HandEyeSolution", "solve_camera", "solve_hand_eye"),
     "python.estimating": ("Score", "estimate", "estimator", "score"),
     "python.session": ("Lift", "SensorFrame", "Session", "open_session"),
-    "python.tracks": ("ArmTrack", "GripperTrack", "MarkerTrack", "WrenchTrack"),
+    "python.tracks": ("Angles", "ArmTrack", "GripperTrack", "MarkerTrack", "WrenchTrack"),
 }
 """Which module of `rig` each name is in."""
 

@@ -1,4 +1,1 @@
-"""Camera model, camera files, and intrinsic calibration with its uncertainty.
-
-Imports `calibration.targets`.
-"""
+"""Camera model, camera files, and intrinsic calibration with its uncertainty."""

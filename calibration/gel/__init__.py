@@ -1,4 +1,1 @@
-"""A tactile sensor's gel: its light at rest, its scale, and the map from its colours to surface slope.
-
-Imports `calibration.verdict` alone.
-"""
+"""A tactile sensor's gel: its light at rest, its scale, and the map from its colours to surface slope."""

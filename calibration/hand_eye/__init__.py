@@ -1,4 +1,1 @@
-"""Estimate the pose of a camera relative to the robot from pictures of a target at known robot poses.
-
-Imports `calibration.camera` and `calibration.targets`.
-"""
+"""Estimate the pose of a camera relative to the robot from pictures of a target at known robot poses."""

@@ -1,4 +1,1 @@
-"""Calibration targets: ArUco markers, boards, printed sheets, and their detection in a picture.
-
-Imports only `calibration.verdict`.
-"""
+"""Calibration targets: ArUco markers, boards, printed sheets, and their detection in a picture."""

@@ -33,9 +33,9 @@ _KINDS = ("str", "int", "float", "bool", "null", "seq", "map", "opencv-matrix")
 _TAGS = {None, "!", *(f"tag:yaml.org,2002:{kind}" for kind in _KINDS)}
 
 
-def read_json(path: Path, most_bytes: int = MOST_JSON_BYTES) -> Any:
+def read_json(path: Path) -> Any:
     """Read a JSON file. Raises `FormatError` with the path."""
-    return parse_json(read_bounded(path, most_bytes), str(path))
+    return parse_json(read_bounded(path, MOST_JSON_BYTES), str(path))
 
 
 def parse_json(data: bytes, where: str) -> Any:

@@ -1,4 +1,1 @@
-"""Render the image of the simulated external camera: two markers on an object, or a calibration target.
-
-Imports `fakes.world`.
-"""
+"""Render the image of the simulated external camera: two markers on an object, or a calibration target."""

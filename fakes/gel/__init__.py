@@ -1,4 +1,1 @@
-"""Rendering of a simulated DIGIT: shape of the dented gel, light, printed markers, and the image.
-
-Imports `fakes.objects`, but neither the world nor a device.
-"""
+"""Rendering of a simulated DIGIT: shape of the dented gel, light, printed markers, and the image."""

@@ -43,14 +43,12 @@ class GelSensor:
     def __init__(
         self,
         unit_seed: int,
-        shape: tuple[int, int] = (320, 240),
         variation: Variation = FAMILY,
         markers: bool = False,
         look: Look | None = None,
     ) -> None:
         rng = np.random.default_rng((unit_seed, 17))
-        if look is not None:
-            shape = look.shape
+        shape = (320, 240) if look is None else look.shape
         scale = _MM_PER_PX * 240.0 / shape[1]
         mm_per_px = (scale * float(rng.uniform(0.98, 1.0)), scale * float(rng.uniform(1.0, 1.025)))
         dome_mm = GEL_DOME_RADIUS_MM * float(rng.uniform(0.9, 1.12))

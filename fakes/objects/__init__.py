@@ -1,4 +1,1 @@
-"""The simulated objects: catalogue, shapes, textures, and the surfaces that fingers touch.
-
-Imports no other package of `fakes`.
-"""
+"""The simulated objects: catalogue, shapes, textures, and the surfaces that fingers touch."""

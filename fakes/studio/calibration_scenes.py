@@ -20,9 +20,6 @@ _FACING = Rotation.from_matrix([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.
 """The object's axes (x right, z up, y away) in camera axes (x right, y down, z away)."""
 _SIDE_M = 0.030
 _FOCAL_PX = 640.0
-MM_PER_PX = (0.060, 0.060)
-"""Nominal scale of the simulated sensor; the scale of a unit differs by a percent or two."""
-_RADII_MM = (3.0, 5.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,53 +75,6 @@ class MarkerPictures:
         turn = Rotation.from_euler("y", -turn_deg, degrees=True)
         distance = _FOCAL_PX * _SIDE_M / self.side_px
         return Pose.from_rotation((0.02 + move_m[0], 0.01 + move_m[1], distance), tilt * _FACING * turn)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class MadePress:
-    """A simulated press: image, radius of the ball, centre and radius of the contact."""
-
-    name: str
-    image: Image
-    radius_mm: float
-    centre_px: tuple[float, float]
-    contact_px: float
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class SimulatedGel:
-    """One simulated sensor unit. reference: (H, W, 3) float32, mean of thirty frames without contact."""
-
-    seed: int = 0
-    _sensor: GelSensor = field(init=False)
-    reference: NDArray[np.float32] = field(init=False)
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "_sensor", GelSensor(self.seed))
-        rng = np.random.default_rng((self.seed, 1))
-        still = np.mean([self.frame(rng) for _ in range(30)], axis=0)
-        object.__setattr__(self, "reference", still.astype(np.float32))
-
-    def frame(self, rng: np.random.Generator) -> Image:
-        """Return a frame without contact, (H, W, 3) uint8 RGB."""
-        return self._sensor.render(None, 0.0, rng)
-
-    def presses(self, count: int, seed: int = 0) -> list[MadePress]:
-        """Return presses of balls of 3 and 5 mm radius, alternately, at random positions on the gel."""
-        rng = np.random.default_rng((self.seed, 2, seed))
-        return [self._press(i, rng) for i in range(count)]
-
-    def _press(self, number: int, rng: np.random.Generator) -> MadePress:
-        radius = _RADII_MM[number % 2]
-        x, y = rng.uniform((-4.5, -6.5), (4.5, 6.5))
-        deep = rng.uniform(0.30, 0.50)
-        dome = (x**2 + y**2) / (2.0 * GEL_DOME_RADIUS_MM)
-        imprint = Imprint(_ball(radius), 0.0, (float(x), float(y)), float(deep + dome))
-        image = self._sensor.render(imprint, 0.0, rng)
-        sx, sy = self._sensor.mm_per_px
-        centre = (119.5 + float(x) / sx, 159.5 + float(y) / sy)
-        contact = float(np.sqrt(2.0 * deep / (1.0 / radius + 1.0 / GEL_DOME_RADIUS_MM))) / sx
-        return MadePress(f"{number:02d}", image, radius, centre, contact)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

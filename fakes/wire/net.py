@@ -134,13 +134,13 @@ def _can_bind(stack: ExitStack, address: str, port: int) -> bool:
 class ControlServer(BackgroundServer):
     """The server of the side channel: commands by name, each in the thread of its connection."""
 
-    def __init__(self, commands: Mapping[str, Command], host: str = "127.0.0.1", port: int = 0) -> None:
+    def __init__(self, commands: Mapping[str, Command], host: str = "127.0.0.1") -> None:
         class Handler(socketserver.StreamRequestHandler):
             def handle(self) -> None:
                 while line := self.rfile.readline(LONGEST_LINE):
                     self.wfile.write(json.dumps(_answer(commands, line)).encode() + b"\n")
 
-        super().__init__(_ControlServer((host, port), Handler))
+        super().__init__(_ControlServer((host, 0), Handler))
 
     @property
     def address(self) -> str:

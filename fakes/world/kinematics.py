@@ -10,7 +10,7 @@ _A_M = (0.0, -0.425, -0.3922, 0.0, 0.0, 0.0)
 _D_M = (0.1625, 0.0, 0.0, 0.1333, 0.0997, 0.0996)
 _ALPHA = (np.pi / 2, 0.0, 0.0, np.pi / 2, -np.pi / 2, 0.0)
 ELBOW_UP: Vector6 = (0.0, -1.75, -1.9, -1.05, 1.57, 0.0)
-_REACHED = 1e-6
+_REACHED, _ITERATIONS = 1e-6, 60
 
 
 def forward(joints_rad: Vector6 | NDArray[np.float64], tool_length_m: float) -> Pose:
@@ -23,7 +23,6 @@ def inverse(
     base_T_tcp: Pose,  # noqa: N803
     tool_length_m: float,
     near_rad: Vector6 = ELBOW_UP,
-    iterations: int = 60,
 ) -> Vector6 | None:
     """Return joint angles near `near_rad` that reach a pose, or None if it is out of reach.
 
@@ -32,7 +31,7 @@ def inverse(
     joints = np.array(near_rad, float)
     target_position = np.asarray(base_T_tcp.position_m)
     target_rotation = base_T_tcp.rotation.as_matrix()
-    for _ in range(iterations):
+    for _ in range(_ITERATIONS):
         frames = _chain(joints, tool_length_m)
         error = _pose_error(frames[-1], target_position, target_rotation)
         if float(np.abs(error).max()) < _REACHED:

@@ -22,10 +22,9 @@ from fakes.world.fixture import Sheet
 from fakes.world.state import BenchLayout
 from fakes.world.world import World
 from protocols.operator import Operator
-from rig.bench.looks import look_of
 from rig.bench.operators import SimulatedOperator
 from rig.bench.own_devices import own_arm, own_gripper, own_source
-from rig.bench.twins import laid_as
+from rig.bench.twins import laid_as, look_of
 from rig.config import BenchConfig
 from rig.config.fields import GripperLimitsConfig
 

@@ -1,12 +1,37 @@
-"""Objects on a simulated bench: the twin from the catalogue, or a plain shape."""
+"""What a simulated bench shows: objects (twins from the catalogue, plain shapes), and looks of real gels."""
 
 import json
 from collections.abc import Sequence
+from functools import cache
+from pathlib import Path
 
-from drivers.errors import InputError
+from calibration.gel.look import GelLook, load_look
+from drivers.errors import CalibrationError, InputError
 from fakes.objects.catalogue import PREFIX
 from protocols.grasps import GraspFile, Position
-from rig.config import BenchConfig
+from rig.config import BenchConfig, TactileConfig
+
+
+def look_of(tactile: TactileConfig) -> GelLook | None:
+    """Return the look that a bench file names for a sensor; None if it names none.
+
+    Raises `CalibrationError` for a file that cannot be read, or is of another image size.
+    """
+    if tactile.look is None:
+        return None
+    look = _look(tactile.look, tactile.look_seed)
+    if look.shape[::-1] != tactile.size_px:
+        raise CalibrationError(
+            f"{tactile.look}: was made of pictures of {look.shape[::-1]} px, the bench file has size_px = "
+            f"{list(tactile.size_px)}; correct it"
+        )
+    return look
+
+
+@cache
+def _look(path: str, seed: int | None) -> GelLook:
+    look = load_look(Path(path))
+    return look if seed is None else look.varied(seed)
 
 
 def laid_as(own: Sequence[GraspFile], object_id: str) -> str:

@@ -23,7 +23,7 @@ from rig.frames.masks import make_folder
 from rig.sessions.codec import Codec, json_line, json_value
 from rig.sessions.files import append_line, drop_torn_line
 from rig.sessions.rows import read_rows
-from rig.tactile.foreign import EstimatorFaults
+from rig.tactile.sample import EstimatorFaults
 
 RESULTS = "results.jsonl"
 """File of a study's folder: a line per finished case."""

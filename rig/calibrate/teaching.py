@@ -30,7 +30,6 @@ BESIDE_M = 0.010
 """How far beside the mark, along the closing direction, a hand may stand: the fingers centre the object."""
 TILTED_DEG = 3.0
 USUAL_LIFT_M = 0.05
-TAUGHT = ("offset_m", "height_m", "turn_deg", "width_m", "lift_height_m")
 
 
 @dataclass(frozen=True, slots=True)

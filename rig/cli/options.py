@@ -10,7 +10,7 @@ from rig.cli.declared import option
 
 if TYPE_CHECKING:
     from rig.config import BenchConfig
-    from rig.sessions.remarks import Remarks
+    from rig.sessions.about import Remarks
 
 JsonOption = Annotated[bool, typer.Option("--json", help="Print only one JSON object on stdout.")]
 TopicOption = Annotated[
@@ -89,7 +89,7 @@ class SessionOptions:
 
     def remarks(self) -> "Remarks":
         """Return the session's metadata. Raises `InputError`."""
-        from rig.sessions.remarks import remarks_of
+        from rig.sessions.about import remarks_of
 
         return remarks_of(self.name, self.note, self.tags, self.operator)
 

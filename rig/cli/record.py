@@ -20,8 +20,8 @@ from rig.live.questions import ask
 if TYPE_CHECKING:
     from rig.config import BenchConfig
     from rig.experiments.pose_attempt import RecordSettings
+    from rig.sessions.about import Remarks
     from rig.sessions.records import PoseRow
-    from rig.sessions.remarks import Remarks
 
 
 @dataclass(frozen=True, slots=True)

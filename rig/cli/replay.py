@@ -65,8 +65,8 @@ def replay(options: ReplayOptions) -> None:
 
 
 def _replay_one(session: Path, options: ReplayOptions) -> None:
+    from rig.experiments.lift_plan import stored_trial
     from rig.experiments.replay import run_replay
-    from rig.experiments.stored_trial import stored_trial
     from rig.live.terminal import WorkProgress
     from rig.results.notes import lift_note
 

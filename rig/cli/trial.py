@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from rig.experiments.lift_plan import TrialSettings
     from rig.live.session import FoxgloveServer
     from rig.results.summary import TrialSummary
-    from rig.sessions.remarks import Remarks
+    from rig.sessions.about import Remarks
 
 
 @dataclass(frozen=True, slots=True)

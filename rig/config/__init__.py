@@ -1,7 +1,4 @@
-"""Bench files: read and checked key by key; errors name the line.
-
-Imports calibration files and the shared modules of `drivers`, but no device.
-"""
+"""Bench files: read and checked key by key; errors name the line."""
 
 from rig.config.load import BENCHES, load_bench, validation_text
 from rig.config.models import (

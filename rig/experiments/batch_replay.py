@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from drivers.errors import InputError
+from rig.experiments.lift_plan import StoredTrial, trial_of
 from rig.experiments.replay import replay_around_gaps
-from rig.experiments.stored_trial import StoredTrial, trial_of
 from rig.results.listing import find_sessions
 from rig.results.table import COLUMNS, TableHead, broken_row, table_lines, table_row, unread_row
 from rig.sessions.manifest import ReplayManifest, TrialManifest, begun, read_manifest

@@ -1,10 +1,16 @@
-"""Plan a lift: its task, the settings of a trial, the plan drawn from the seed, and the reaction to slip."""
+"""Plan a lift: its task, the settings of a trial, the plan drawn from the seed, and the reaction to slip.
+
+A replay has the settings of a finished trial, from its manifest.
+"""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 
+from calibration.markers.angle import MarkerAngle
+from calibration.markers.tracker import MarkerTracker
 from drivers.errors import InputError
 from drivers.types import Pose
 from protocols.grasps import find_grasp_file
@@ -12,13 +18,14 @@ from protocols.reaction import FIRST_CLOSING_M, MOST_REACTIONS, ReactionKind
 from protocols.slip_trial import LiftPlan
 from rig.config import BenchConfig
 from rig.experiments.grasp_plans import derived_seed, grasp_pose, refuse_impossible
-from rig.lift.marker_truth import MarkerTruth
+from rig.lift.marker_truth import TRUTH, MarkerTruth
 from rig.lift.measurement import ExpectedDistance, LiftMeasurement
 from rig.lift.slip_watch import SlipSettings, SlipWatch
 from rig.lift.tip_watch import sigmas_for
 from rig.sessions.files import recording_file
+from rig.sessions.manifest import TrialManifest, read_manifest_of
 from rig.sessions.records import LiftHead
-from rig.tactile.estimators import WITH_RATE, EstimatorChoice
+from rig.tactile.estimators import WITH_RATE, EstimatorChoice, choose_estimator, stored_choice
 
 LEAST_LIFT = 0.4
 """Smallest fraction of the object file's lift height that is drawn; the largest is 1."""
@@ -113,15 +120,10 @@ def lift_head(task: LiftTask, plan: LiftPlan, seed: int, settings: TrialSettings
 
 def new_measurement(settings: TrialSettings) -> LiftMeasurement:
     """Return the measurement of one lift, the same for a live lift and for its replay."""
-    camera = settings.bench.camera
-    truth = MarkerTruth(
-        camera.marker_ids,
-        camera.marker_dictionary,
-        settings.bench.base_T_camera(),
-        settings.bench.camera_model(),
-        search_everywhere=not settings.estimator.skip,
-        camera_turn_sigma_rad=settings.bench.camera_turn_sigma_rad(),
-    )
+    camera, model = settings.bench.camera, settings.bench.camera_model()
+    tracker = MarkerTracker(camera.marker_ids, camera.marker_dictionary, not settings.estimator.skip)
+    angle = MarkerAngle(tracker, model)
+    truth = MarkerTruth(angle, settings.bench.base_T_camera(), settings.bench.camera_turn_sigma_rad())
     signs = {tactile.serial: tactile.sign for tactile in settings.bench.tactile}
     shifts = settings.bench.calibrations.time_shift_s
     distance = ExpectedDistance(camera.marker_side_m, settings.bench.object_distance_m())
@@ -169,3 +171,70 @@ def describe_reaction(settings: TrialSettings, objects: Iterable[str]) -> list[s
         f"{head} the fingers close step by step ({1e3 * FIRST_CLOSING_M:.1f} mm, then twice as far each "
         f"time), and the lift goes on. At most, in mm past contact: {largest}."
     ]
+
+
+@dataclass(frozen=True, slots=True)
+class StoredTrial:
+    """A trial's folder, its manifest, and the settings of a replay.
+
+    settings: those of the trial, or with another estimator.
+    """
+
+    folder: Path
+    manifest: TrialManifest
+    settings: TrialSettings
+
+    @property
+    def own_estimator(self) -> bool:
+        """Whether the settings have the estimator of the trial itself."""
+        stored = self.manifest
+        return self.settings.estimator == stored_choice(stored.estimator, stored.window, stored.skip)
+
+    @property
+    def repeats(self) -> bool:
+        """Whether a replay is expected to give exactly the stored results."""
+        return self.own_estimator and self.truth_note is None
+
+    @property
+    def truth_note(self) -> str | None:
+        """How a replay measures the true angles differently; None if it measures them in the same way."""
+        truth = self.manifest.truth
+        if truth == TRUTH:
+            return None
+        return (
+            f"true angles were measured by the markers' {truth}, a replay measures them by their {TRUTH}: "
+            "errors differ by some hundredths of a degree; the stored rows stay as they are"
+        )
+
+
+def stored_trial(folder: Path, estimator: str | None = None, window: int | None = None) -> StoredTrial:
+    """Read a trial's manifest and choose the estimator as `trial_of` does. Raises `SessionError`."""
+    manifest = read_manifest_of(folder, TrialManifest, "only trials have lifts to replay")
+    return trial_of(folder, manifest, estimator, window)
+
+
+def trial_of(
+    folder: Path, manifest: TrialManifest, estimator: str | None = None, window: int | None = None
+) -> StoredTrial:
+    """Return a trial with the settings of a replay. estimator, window: those of the trial if None.
+
+    A user-defined estimator is imported only if it is named here. If only the session names it,
+    `settings.estimator` cannot be created. Raises `InputError` for an unknown estimator or window.
+    """
+    settings = TrialSettings(
+        manifest.config,
+        manifest.seed,
+        _choice(manifest, estimator, window),
+        react=manifest.react,
+        slip=SlipSettings(manifest.false_alarms_per_hour, manifest.max_turn_deg),
+    )
+    return StoredTrial(folder, manifest, settings)
+
+
+def _choice(manifest: TrialManifest, estimator: str | None, window: int | None) -> EstimatorChoice:
+    """Return the session's own estimator, or another one with its usual window."""
+    if estimator is None:
+        return stored_choice(manifest.estimator, window or manifest.window, manifest.skip)
+    if estimator == manifest.estimator:
+        return choose_estimator(estimator, window or manifest.window, manifest.skip)
+    return choose_estimator(estimator, window)

@@ -29,10 +29,10 @@ from rig.experiments.pose_attempt import PoseTask, RecordSettings, arm_pose, att
 from rig.experiments.pose_capture import ReferenceCapture
 from rig.live.feed import NOBODY, LiveFeed
 from rig.live.screen import begin_phase
+from rig.sessions.about import NO_REMARKS, Remarks
 from rig.sessions.files import reference_file
 from rig.sessions.manifest import RecordManifest, begun_on
 from rig.sessions.records import POSES, PoseRow
-from rig.sessions.remarks import NO_REMARKS, Remarks
 from rig.sessions.session import Session, open_session
 from rig.tactile.contact.background import mean_background
 from rig.tactile.contact.finder import ContactFinder

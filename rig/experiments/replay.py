@@ -11,9 +11,8 @@ from drivers.clock import NS_PER_S
 from drivers.errors import RigError, SessionError
 from drivers.realtime import compute_in_one_thread
 from rig.experiments.interrupted import InterruptedLift, interrupted_lifts
-from rig.experiments.lift_plan import TrialSettings, new_measurement
+from rig.experiments.lift_plan import StoredTrial, TrialSettings, new_measurement
 from rig.experiments.process_pool import run_tasks
-from rig.experiments.stored_trial import StoredTrial
 from rig.lift.result import lift_result
 from rig.results.metrics import Floats
 from rig.results.summary import TrialSummary, summarize_trial

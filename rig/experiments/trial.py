@@ -29,9 +29,9 @@ from rig.lift.marker_truth import TRUTH
 from rig.live.feed import NOBODY, LiveFeed
 from rig.results.summary import TrialSummary, summarize_trial
 from rig.results.table import lifts_csv
+from rig.sessions.about import NO_REMARKS, Remarks
 from rig.sessions.manifest import TrialManifest, begun_on
 from rig.sessions.records import LIFTS, LiftRow
-from rig.sessions.remarks import NO_REMARKS, Remarks
 from rig.sessions.session import Session, open_session
 
 WORDING = Wording("trial", "lift")

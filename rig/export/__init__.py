@@ -1,4 +1,1 @@
-"""Export sessions to other tools: tables, labelled images, data sets.
-
-Imports sessions, results and labels.
-"""
+"""Export sessions to other tools: tables, labelled images, data sets."""

@@ -15,7 +15,7 @@ from rig.frames.times import FrameTime, parse_time
 from rig.tactile.contact.background import auto_background, structure
 from rig.tactile.contact.untouched import Comparison
 from rig.tactile.estimators import ESTIMATORS, PUBLISHED, TOSKOV, EstimatorChoice
-from rig.tactile.foreign import faults_of
+from rig.tactile.sample import faults_of
 
 # The first frame is compared with this many later ones. It counts as dark if its mean brightness is below
 # this share of theirs.

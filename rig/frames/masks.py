@@ -21,8 +21,7 @@ from rig.sessions.manifest import RecordManifest, is_session, read_manifest_of
 from rig.sessions.rows import read_poses
 from rig.tactile.contact.finder import NO_CONTACT, ContactFinder
 from rig.tactile.contact.model_files import MODELS
-from rig.tactile.contact.network import SHIPPED, load_network
-from rig.tactile.contact.network_input import NetworkInput
+from rig.tactile.contact.network import SHIPPED, NetworkInput, load_network
 from rig.tactile.contact.segmenter import (
     FrameState,
     Segmentation,

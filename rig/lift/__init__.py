@@ -1,4 +1,1 @@
-"""The measurement of one lift: angles, fusion, ground truth from markers, slip onset, the stored row.
-
-Imports estimators, sessions and metrics, but no device.
-"""
+"""The measurement of one lift: angles, fusion, ground truth from markers, slip onset, the stored row."""

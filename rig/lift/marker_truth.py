@@ -13,10 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from calibration.camera.model import CameraModel
 from calibration.markers.angle import MarkerAngle
 from calibration.markers.planar import FEWEST_FRAMES, PlanarAngle, PlaneReference, wrapped_deg
-from calibration.markers.tracker import MarkerTracker
 from calibration.targets.aruco import Corners, Refusal
 from drivers.clock import NS_PER_S
 from drivers.errors import CalibrationError, InputError, counted
@@ -90,25 +88,19 @@ class _Zero:
 class MarkerTruth:
     """Measures the object's angle during a lift, or again from its stored pictures.
 
-    `MarkerAngle` measures the rotation of the markers; this class subtracts that of the wrist, and unwraps
-    angles over time. ids: the two markers, in any order. dictionary: OpenCV's name, such as "DICT_4X4_50".
-    base_T_camera: from the hand-eye calibration. camera: calibrated external camera; without it the markers'
-    tilt is unknown, lens distortion is not corrected, and the wrist's rotation is subtracted about the
-    camera's axis instead of the markers' normal. search_everywhere: search each whole picture.
-    camera_turn_sigma_rad: one sigma of base_T_camera's orientation, which is propagated to the wrist's share
-    of an angle.
+    angle: measures the rotation of the markers; this class subtracts that of the wrist, and unwraps angles
+    over time. If its camera is not calibrated, the wrist's rotation is subtracted about the camera's axis
+    instead of the markers' normal. base_T_camera: from the hand-eye calibration. camera_turn_sigma_rad: one
+    sigma of base_T_camera's orientation, which is propagated to the wrist's share of an angle.
     """
 
     def __init__(
         self,
-        ids: tuple[int, int],
-        dictionary: str,
+        angle: MarkerAngle,
         base_T_camera: Pose,  # noqa: N803
-        camera: CameraModel | None = None,
-        search_everywhere: bool = False,
         camera_turn_sigma_rad: float = 0.0,
     ) -> None:
-        self._angle = MarkerAngle(MarkerTracker(ids, dictionary, search_everywhere), camera)
+        self._angle = angle
         self._camera_R_base = base_T_camera.rotation.inv()
         self._camera_sigma = camera_turn_sigma_rad
         self._sightings: list[_Sighting] = []

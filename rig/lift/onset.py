@@ -66,20 +66,17 @@ def estimated_onset_ns(answers: Iterable[tuple[int, float | None]]) -> int | Non
     return slip_onset_ns(time_ns, (sums[last] - sums[first]) / (last - first))
 
 
-def slip_onset_ns(
-    time_ns: NDArray[np.int64], angle_deg: NDArray[np.float64], rest_deg: float = 0.0
-) -> int | None:
-    """Return when the angle has left rest by 0.5 degrees and keeps growing for 100 ms, or None.
+def slip_onset_ns(time_ns: NDArray[np.int64], angle_deg: NDArray[np.float64]) -> int | None:
+    """Return when the angle has left 0 by 0.5 degrees and keeps growing for 100 ms, or None.
 
-    time_ns: (N,) int64, increasing. angle_deg: (N,) float64. rest_deg: the rest value, 0 for an angle since
-    the trial's zero. The time is interpolated between the frames on either side of 0.5 degrees. To exclude
-    noise, over the 100 ms a fitted line must gain 0.1 degrees (five sigma of the two-marker angle), and the
-    angle must never fall 0.1 degrees below its previous maximum. Frames more than 50 ms apart, or the end of
-    the series, leave growth unproven. Raises `InputError` for unequal lengths, times that do not increase, or
-    NaN and infinite values.
+    time_ns: (N,) int64, increasing. angle_deg: (N,) float64, 0 at rest. The time is interpolated between the
+    frames on either side of 0.5 degrees. To exclude noise, over the 100 ms a fitted line must gain 0.1
+    degrees (five sigma of the two-marker angle), and the angle must never fall 0.1 degrees below its previous
+    maximum. Frames more than 50 ms apart, or the end of the series, leave growth unproven. Raises
+    `InputError` for unequal lengths, times that do not increase, or NaN and infinite values.
     """
-    _check(time_ns, angle_deg, rest_deg)
-    away = np.asarray(angle_deg, np.float64) - rest_deg
+    _check(time_ns, angle_deg, 0.0)
+    away = np.asarray(angle_deg, np.float64)
     for i in np.flatnonzero(np.abs(away) >= ONSET_DEG):
         slope = away if away[i] > 0 else -away
         start_ns, start_deg = _departure(time_ns, slope, int(i))
@@ -93,7 +90,8 @@ def departure_ns(
 ) -> int | None:
     """Return when the angle first left rest by 0.5 degrees, whether or not it keeps growing; None if never.
 
-    For a rotation that a reaction ends. Arguments and errors as for `slip_onset_ns`.
+    For a rotation that a reaction ends. rest_deg: the angle at rest; other arguments and errors as for
+    `slip_onset_ns`.
     """
     _check(time_ns, angle_deg, rest_deg)
     away = np.abs(np.asarray(angle_deg, np.float64) - rest_deg)

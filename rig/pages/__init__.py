@@ -1,4 +1,1 @@
-"""The one look of all pages: colours, figures that follow light and dark, and how a page is put together.
-
-Imports nothing of `rig`.
-"""
+"""The one look of all pages: colours, figures that follow light and dark, and how a page is put together."""

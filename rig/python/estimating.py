@@ -17,12 +17,12 @@ from rig.frames.estimation import require_frames_suffice
 from rig.frames.series import FrameSeries, TimedFrame, evenly_spread, find_background
 from rig.frames.streaming import StreamingEstimator
 from rig.frames.times import MAX_TIME_S, FrameTime, times_at_rate
-from rig.python.angles import Angles
+from rig.python.tracks import Angles
 from rig.report.curves import Curve, truth_at
 from rig.results.metrics import summarize
 from rig.tactile.estimators import choose_estimator
 from rig.tactile.foreign import ForeignEstimator
-from rig.tactile.paper.window import WindowMean
+from rig.tactile.paper.estimator import WindowMean
 from rig.tactile.sample import TactileEstimator, check_frame
 
 RATE_HZ = 60.0

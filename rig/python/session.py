@@ -14,12 +14,14 @@ from drivers.errors import counted, unknown_name
 from drivers.types import Image
 from drivers.values import short_repr
 from protocols.observer import Phase
-from rig.python.angles import Angles, Floats, data_frame
 from rig.python.tracks import (
+    Angles,
     ArmTrack,
+    Floats,
     GripperTrack,
     MarkerTrack,
     WrenchTrack,
+    data_frame,
     read_arm,
     read_gripper,
     read_markers,

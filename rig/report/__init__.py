@@ -1,4 +1,1 @@
-"""Pages that people look at and send: reports of trials, recordings and curves, comparisons, films.
-
-Imports replays (`rig.experiments`), results, sessions, a lift's measurement and `rig.pages`.
-"""
+"""Pages that people look at and send: reports of trials, recordings and curves, comparisons, films."""

@@ -7,7 +7,7 @@ from pathlib import Path
 from drivers.errors import InputError, SessionError, counted
 from drivers.named_classes import is_class_name
 from protocols.observer import Phase
-from rig.experiments.stored_trial import trial_of
+from rig.experiments.lift_plan import trial_of
 from rig.report.compare import ComparedLift
 from rig.report.curves import Curve, LiftCurves
 from rig.report.kept_replays import replayed

@@ -7,7 +7,7 @@ from drivers.clock import NS_PER_S
 from drivers.errors import SessionError
 from protocols.observer import Phase
 from rig.experiments.interrupted import InterruptedLift, read_interrupted
-from rig.experiments.stored_trial import trial_of
+from rig.experiments.lift_plan import trial_of
 from rig.report.curves import LiftCurves
 from rig.report.session import curve
 from rig.sessions.manifest import TrialManifest

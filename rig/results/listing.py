@@ -11,6 +11,7 @@ from drivers.errors import InputError, SessionError
 from drivers.images import image_flaw
 from protocols.grasps import find_grasp_file
 from rig.results.metrics import Mare, mare_of
+from rig.sessions.about import NO_REMARKS, Remarks
 from rig.sessions.files import MANIFEST, RECORDINGS, RESULTS
 from rig.sessions.manifest import (
     AnyManifest,
@@ -21,7 +22,6 @@ from rig.sessions.manifest import (
 )
 from rig.sessions.recording_file import check_recording
 from rig.sessions.records import LIFTS, finished
-from rig.sessions.remarks import NO_REMARKS, Remarks
 from rig.sessions.rows import read_poses, read_rows, readable_rows
 from rig.sessions.session import in_use
 from rig.sessions.table_files import REPLAYS

@@ -1,4 +1,1 @@
-"""Session folders: write and read the data of every lift and pose.
-
-Imports only `rig.config`.
-"""
+"""Session folders: write and read the data of every lift and pose."""

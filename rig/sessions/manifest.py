@@ -16,9 +16,9 @@ from rig.config import BenchConfig
 from rig.config.fields import FileName
 from rig.config.in_use import FileInUse
 from rig.config.objects import with_objects_of
+from rig.sessions.about import NO_REMARKS, Remarks
 from rig.sessions.codec import Codec, json_value, strict
 from rig.sessions.files import MANIFEST, RESULTS, read_whole
-from rig.sessions.remarks import NO_REMARKS, Remarks
 
 SCHEMA_VERSION = 1
 """Version of all files in a session folder."""

@@ -17,7 +17,7 @@ from protocols.observer import REQUIRED
 from protocols.reaction import ReactionKind
 from rig.config.fields import FileName, InnerPath
 from rig.sessions.codec import Codec, strict
-from rig.tactile.foreign import EstimatorFaults
+from rig.tactile.sample import EstimatorFaults
 
 
 class LiftOutcome(StrEnum):

@@ -8,14 +8,12 @@ import numpy as np
 from drivers.errors import EstimatorError, InputError, unknown_name
 from drivers.named_classes import installed_classes, is_class_name
 from drivers.types import Image
-from rig.tactile.contact.dot_free import DotFreeEstimator
-from rig.tactile.contact.dots import is_dotted, without_dots
+from rig.tactile.contact.dots import DotFreeEstimator, is_dotted, without_dots
 from rig.tactile.contact.finder import ContactFinder
 from rig.tactile.foreign import GROUP, ForeignEstimator, require_estimator
 from rig.tactile.paper.axis import METHODS
-from rig.tactile.paper.estimator import AxisEstimator, PublishedEstimator
+from rig.tactile.paper.estimator import AxisEstimator, PublishedEstimator, WindowMean
 from rig.tactile.paper.published import ANGLES
-from rig.tactile.paper.window import WindowMean
 from rig.tactile.peers.ecc import EccMatcher, PolarMatcher, ReferenceEstimator
 from rig.tactile.peers.kolamuri import KolamuriEstimator
 from rig.tactile.peers.learned import AngleNetEstimator, ToskovEstimator

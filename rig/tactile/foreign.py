@@ -9,12 +9,11 @@ raises an exception or returns an invalid sample, the frame gets a sample `lost`
 import inspect
 import math
 import time
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from numbers import Real
 from typing import Any
 
-from drivers.errors import EstimatorError, InputError, OperatorStopError, counted
+from drivers.errors import EstimatorError, InputError, OperatorStopError
 from drivers.named_classes import named_class
 from drivers.types import ArmState, Image
 from rig.tactile.sample import FreshFrameEstimator, SlipSample, State, check_frame
@@ -25,30 +24,6 @@ STAGE = "update"
 """Name of the stage for the run time of an estimator that reports no stages."""
 LONGEST_FAULT = 300
 """Length of the text of a fault, in characters; longer ones are cut."""
-
-
-@dataclass(frozen=True, slots=True)
-class EstimatorFaults:
-    """The number of frames on which an estimator failed, and the fault of the first of them."""
-
-    frames: int
-    first: str
-
-    def __str__(self) -> str:
-        return (
-            f"the estimator failed on {counted(self.frames, 'frame')}, counted as 'lost'; first: {self.first}"
-        )
-
-
-def faults_of(samples: Iterable[SlipSample]) -> EstimatorFaults | None:
-    """Return the faults among samples; None if there are none."""
-    faults = [sample.fault for sample in samples if sample.fault is not None]
-    return EstimatorFaults(len(faults), faults[0]) if faults else None
-
-
-def together(faults: Sequence[EstimatorFaults]) -> EstimatorFaults:
-    """Return the sum of the faults of several parts, in order; there must be at least one."""
-    return EstimatorFaults(sum(of.frames for of in faults), faults[0].first)
 
 
 def require_estimator(name: str) -> None:

@@ -1,6 +1,8 @@
-"""The interface of estimators: frames in, one `SlipSample` per frame out."""
+"""The interface of estimators: frames in, one `SlipSample` per frame out, with its faults and run times."""
 
 import math
+import time
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from typing import ClassVar, Protocol
@@ -8,7 +10,7 @@ from typing import ClassVar, Protocol
 import numpy as np
 
 from drivers.clock import NS_PER_S
-from drivers.errors import InputError
+from drivers.errors import InputError, counted
 from drivers.tally import LONGEST_STEP_NS, StreamTimes
 from drivers.types import ArmState, Image
 from drivers.values import short_repr
@@ -143,3 +145,41 @@ class FreshFrameEstimator(TactileEstimator):
     def _estimate(self, image: Image, time_ns: int) -> SlipSample:
         """Estimate from a frame that is newer than all frames before."""
         raise TypeError(f"{type(self).__name__} does not implement _estimate")
+
+
+@dataclass(frozen=True, slots=True)
+class EstimatorFaults:
+    """The number of frames on which an estimator failed, and the fault of the first of them."""
+
+    frames: int
+    first: str
+
+    def __str__(self) -> str:
+        return (
+            f"the estimator failed on {counted(self.frames, 'frame')}, counted as 'lost'; first: {self.first}"
+        )
+
+
+def faults_of(samples: Iterable[SlipSample]) -> EstimatorFaults | None:
+    """Return the faults among samples; None if there are none."""
+    faults = [sample.fault for sample in samples if sample.fault is not None]
+    return EstimatorFaults(len(faults), faults[0]) if faults else None
+
+
+def together(faults: Sequence[EstimatorFaults]) -> EstimatorFaults:
+    """Return the sum of the faults of several parts, in order; there must be at least one."""
+    return EstimatorFaults(sum(of.frames for of in faults), faults[0].first)
+
+
+class Stopwatch:
+    """Run time of the stages of one frame, s; used only in reports, never in results."""
+
+    def __init__(self) -> None:
+        self.stage_s: dict[str, float] = {}
+        self._since = time.perf_counter()
+
+    def lap(self, stage: str) -> None:
+        """Add the time since the last lap to a stage."""
+        now = time.perf_counter()
+        self.stage_s[stage] = self.stage_s.get(stage, 0.0) + now - self._since
+        self._since = now

@@ -17,8 +17,8 @@ from torch import nn
 from torch.nn import functional
 
 from drivers.types import Image
-from rig.tactile.contact.network_input import frame_planes
-from rig.tactile.peers.networks import load_image_network
+from rig.tactile.contact.network import frame_planes
+from rig.tactile.peers.learned import load_image_network
 from rig.training.export import check_agreement, export_half, onnx_model
 from rig.training.lifts import GelViews
 from rig.training.networks import declare_missing_operators

@@ -9,7 +9,7 @@ import torch
 from numpy.typing import NDArray
 
 from drivers.types import Image
-from rig.tactile.contact.network_input import NetworkInput, compared_planes, frame_planes
+from rig.tactile.contact.network import NetworkInput, compared_planes, frame_planes
 from rig.tactile.contact.relative import RelativeDifference
 from rig.training.examples import Examples
 

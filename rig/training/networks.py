@@ -8,7 +8,7 @@ from torch import nn
 from torch.nn import functional
 
 from drivers.errors import unknown_name
-from rig.tactile.contact.network_input import NetworkInput
+from rig.tactile.contact.network import NetworkInput
 
 # schemas that torchvision's import needs: torchvision/csrc/ops/nms.cpp, quantized/cpu/qnms_kernel.cpp
 _SCHEMAS = [f"{name}(Tensor dets, Tensor scores, float iou_threshold) -> Tensor" for name in ("nms", "qnms")]

@@ -14,8 +14,7 @@ import onnx
 import torch
 from torch import nn
 
-from rig.tactile.peers.networks import load_wrench_network
-from rig.tactile.peers.wrench_steps import WrenchSteps
+from rig.tactile.peers.learned import WrenchSteps, load_wrench_network
 from rig.training.export import check_agreement, onnx_model
 from rig.training.lifts import WristSeries
 from rig.training.regression import EpochReport, fit

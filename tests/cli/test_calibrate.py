@@ -14,11 +14,13 @@ import yaml
 
 from calibration.store import read_yaml
 from drivers.types import Pose
-from fakes.studio.calibration_scenes import MarkerPictures, SimulatedGel
+from fakes.studio.calibration_scenes import MarkerPictures
 from rig.benchmark.calibration.board_scenes import BOARD, CAMERA, board_pose, render_target
-from rig.benchmark.calibration.motion_scenes import general_scene, pivot_scene, wiggle_scene
+from rig.benchmark.calibration.motion_scenes import general_scene, wiggle_scene
 from rig.calibrate.bench_hand_eye import pose_row
 from support.command_line import rig
+from support.motions import pivot_scene
+from support.simulated_gel import SimulatedGel
 
 
 def calibrate(*arguments: object) -> "subprocess.CompletedProcess[str]":

@@ -27,10 +27,9 @@ from rig.benchmark.wire.safety_events import as_real
 from rig.calibrate.bench import Station, grasp_at
 from rig.calibrate.bench_camera import collect_camera
 from rig.calibrate.bench_clocks import WiggleObserver, collect_streams
-from rig.calibrate.bench_fingers import collect_openings
 from rig.calibrate.bench_hand_eye import collect_hand_eye
 from rig.calibrate.bench_tactile import collect_presses
-from rig.calibrate.bench_tip import collect_tip
+from rig.calibrate.bench_tip import collect_openings, collect_tip
 from rig.calibrate.clamped_tip import tip_from_folder
 from rig.calibrate.result import file_result
 from rig.config import BenchConfig, load_bench

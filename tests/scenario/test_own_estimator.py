@@ -20,9 +20,8 @@ from rig.benchmark.estimators.lifts import score_lift
 from rig.benchmark.harness import Run
 from rig.benchmark.renderer import study as renderer
 from rig.config import BenchConfig
-from rig.experiments.lift_plan import TrialSettings
+from rig.experiments.lift_plan import TrialSettings, stored_trial
 from rig.experiments.replay import run_replay
-from rig.experiments.stored_trial import stored_trial
 from rig.experiments.trial import run_trial
 from rig.report.write import write_report
 from rig.results.listing import list_session

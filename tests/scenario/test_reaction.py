@@ -13,9 +13,14 @@ from protocols.reaction import ReactionKind
 from rig.benchmark.reaction.lifts import times_of
 from rig.config import load_bench
 from rig.experiments.lift_attempt import attempt_lift
-from rig.experiments.lift_plan import LiftTask, TrialSettings, describe_reaction, require_reaction
+from rig.experiments.lift_plan import (
+    LiftTask,
+    TrialSettings,
+    describe_reaction,
+    require_reaction,
+    stored_trial,
+)
 from rig.experiments.replay import run_replay
-from rig.experiments.stored_trial import stored_trial
 from rig.experiments.trial import run_trial
 from rig.lift.slip_watch import SlipSettings
 from rig.results.summary import TrialSummary

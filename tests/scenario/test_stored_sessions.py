@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from drivers.errors import InputError
+from rig.experiments.lift_plan import stored_trial
 from rig.experiments.replay import run_replay
-from rig.experiments.stored_trial import stored_trial
 from rig.experiments.trial import run_trial
 from rig.export.formats import export_session
 from rig.report.film import FilmedLift, write_film

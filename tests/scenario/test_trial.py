@@ -13,9 +13,8 @@ import pytest
 from threadpoolctl import threadpool_limits
 
 from rig.config import BenchConfig
-from rig.experiments.lift_plan import TrialSettings
+from rig.experiments.lift_plan import TrialSettings, stored_trial
 from rig.experiments.replay import run_replay
-from rig.experiments.stored_trial import stored_trial
 from rig.experiments.trial import run_trial
 from rig.results.summary import TrialSummary
 from rig.sessions.rows import read_finished_lifts, read_lifts

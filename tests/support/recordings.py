@@ -9,8 +9,8 @@ from pathlib import Path
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 
+from rig.experiments.lift_plan import stored_trial
 from rig.experiments.replay import run_replay
-from rig.experiments.stored_trial import stored_trial
 from rig.sessions.recording_chunks import summary_layout
 from rig.sessions.rows import read_finished_lifts
 

@@ -1,4 +1,1 @@
-"""A simulated 3-Finger gripper behind Modbus, over TCP or a pseudo-terminal; `server.py` serves it.
-
-Imports `fakes.wire.net` and the world.
-"""
+"""A simulated 3-Finger gripper behind Modbus, over TCP or a pseudo-terminal; `server.py` serves it."""

@@ -27,7 +27,8 @@ PAUSE_S = 0.05
 class GripperServer(WireGripper):
     """Modbus TCP; any unit is answered, because the manual and the ROS driver use different ones.
 
-    preset: "tcp" or "tcp-2014". port: 0 takes a free one, which is kept over a disconnect. fingers: the axes
+    preset: "tcp" or "tcp-2014". Its port is free at
+    the start, and kept over a disconnect. fingers: the axes
     that carry the world's fingertips. activation_s: duration of the activation (our assumption).
     """
 
@@ -36,13 +37,12 @@ class GripperServer(WireGripper):
         world: World,
         clock: Clock,
         host: str = "127.0.0.1",
-        port: int = 0,
         preset: str = "tcp",
         fingers: tuple[str, ...] = ("B", "C"),
         activation_s: float = 3.0,
     ) -> None:
         super().__init__(world, clock, preset, fingers, activation_s)
-        self.address = host, port
+        self.address = host, 0
         """Host and port, known from `start` on."""
         self._server: ModbusTcpServer | None = None
 

@@ -21,8 +21,8 @@ from pymodbus.simulator import DataType, SimData, SimDevice
 
 from drivers.clock import NS_PER_S, Clock, to_ns
 from drivers.errors import InputError
+from fakes.faults import Faults
 from fakes.wire.gripper.model import IMAGE_BYTES, REFRESH_NS, GripperModel
-from fakes.wire.injection import Faults
 from fakes.wire.net import VitalThread
 from fakes.world.world import World
 

@@ -1,4 +1,1 @@
-"""Simulated sensors as Motion JPEG over HTTP; `server.py` serves one.
-
-Imports `fakes.wire.net`.
-"""
+"""Simulated sensors as Motion JPEG over HTTP; `server.py` serves one."""

@@ -15,7 +15,7 @@ import numpy as np
 from drivers.clock import NS_PER_S, Clock
 from drivers.errors import InputError
 from drivers.types import Image
-from fakes.wire.injection import Faults
+from fakes.faults import Faults
 
 Kind = Literal["digit", "camera"]
 Render = Callable[[int], Image]

@@ -38,7 +38,7 @@ class MjpegServer:
 
     render: draws the (H, W, 3) uint8 RGB image at a time in ns of `clock`, upright. It runs in the server's
     thread, and only while a client is connected. kind: "digit" (raw images are rotated by 90 degrees,
-    320 x 240 at 60 or 30 Hz, 640 x 480 at 30 or 15) or "camera". port: 0 takes a free one. phase: when the
+    320 x 240 at 60 or 30 Hz, 640 x 480 at 30 or 15) or "camera". phase: when the
     sensor captures within its period, 0 to 1; None derives it from the serial.
     """
 
@@ -49,7 +49,6 @@ class MjpegServer:
         rate_hz: float,
         clock: Clock,
         host: str = "127.0.0.1",
-        port: int = 0,
         kind: Kind = "digit",
         on_light: OnLight | None = None,
         phase: float | None = None,
@@ -60,7 +59,7 @@ class MjpegServer:
         self._clock = clock
         self._to_monotonic_ns = SystemClock().now_ns() - clock.now_ns()
         handler = type("Handler", (_Handler,), {"served": self})
-        self._http = BackgroundServer(_Server((host, port), handler), poll_s=0.05)
+        self._http = BackgroundServer(_Server((host, 0), handler), poll_s=0.05)
         self._changed = threading.Condition()
         self._clients: list[deque[Capture]] = []
         self._stopping = threading.Event()

@@ -1,4 +1,1 @@
-"""A simulated UR controller behind its own ports: RTDE, script, dashboard; `controller.py` serves it.
-
-Imports `fakes.wire.net` and the world.
-"""
+"""A simulated UR controller behind its own ports: RTDE, script, dashboard; `controller.py` serves it."""

@@ -20,7 +20,7 @@ from typing import Any
 from drivers.clock import NS_PER_S, Clock
 from drivers.errors import InputError
 from drivers.types import Vector6
-from fakes.wire.injection import Faults
+from fakes.faults import Faults
 from fakes.wire.net import VitalThread
 from fakes.wire.ur.body import Guided
 from fakes.wire.ur.connections import MOST_CLIENTS, Connection, accept, listen
@@ -76,14 +76,12 @@ class URController:
         clock: Clock,
         host: str = "127.0.0.1",
         version: str = POLYSCOPE,
-        serial_number: str = "20265500001",
         release_after_s: float = 5.0,
     ) -> None:
         self.host = host
         self._clock = clock
         self.robot = Robot(world, _version(version), release_after_s)
         self.faults = Faults("simulated controller", FAULTS, lambda: self.robot.time_ns)
-        self._serial_number = serial_number
         self._listeners: dict[int, socket.socket] = {}
         self._selector = selectors.SelectSelector()
         self._connections: list[Connection] = []
@@ -256,7 +254,7 @@ class URController:
 
     def _feed_dashboard(self, reader: LineReader, data: bytes) -> bytes:
         lines = reader.feed(data)
-        return "".join(reply(self.robot, self._serial_number, line) + "\n" for line in lines).encode()
+        return "".join(reply(self.robot, line) + "\n" for line in lines).encode()
 
     def _feed_script(self, reader: ProgramReader, data: bytes) -> bytes:
         for text in reader.feed(data):

@@ -15,7 +15,6 @@ from drivers.types import Pose, Vector6
 
 Frame = tuple[float, ...]
 Quaternion = tuple[float, float, float, float]
-IDENTITY: Frame = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
 A2_M, A3_M = -0.425, -0.3922
 D1_M, D4_M, D5_M, D6_M = 0.1625, 0.1333, 0.0997, 0.0996
 _TWO_PI = 2.0 * math.pi

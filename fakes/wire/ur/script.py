@@ -109,11 +109,9 @@ _SINCE_5S = (
 )
 
 
-def reply(robot: Robot, serial_number: str, line: str) -> str:
-    """Answer one request to a controller with this serial number."""
+def reply(robot: Robot, line: str) -> str:
+    """Answer one request."""
     text = line.strip()
-    if text.lower() == "get serial number":
-        return serial_number
     answer = _REQUESTS.get(text.lower())
     return f'could not understand: "{text}"' if answer is None else answer(robot)
 
@@ -133,6 +131,7 @@ def _power(robot: Robot, mode: RobotMode, done: str) -> str:
 
 _REQUESTS: dict[str, Callable[[Robot], str]] = {
     "polyscopeversion": lambda robot: "URSoftware {}.{}.{}.{} (Jun 30 2021)".format(*robot.version),
+    "get serial number": lambda _: "20265500001",
     "is in remote control": lambda robot: str(robot.safety.remote_control).lower(),
     "running": lambda robot: f"Program running: {str(robot.runtime.running).lower()}",
     "robotmode": lambda robot: f"Robotmode: {robot.safety.robot_mode.name}",

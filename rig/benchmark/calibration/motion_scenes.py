@@ -1,6 +1,5 @@
-"""Simulated motions with ground truth: hand-eye samples, a tool tip on a point, one motion on two clocks."""
+"""Simulated motions with ground truth: hand-eye samples, and one motion on two clocks."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -86,27 +85,14 @@ def general_scene(
         shown = camera_T_target
         if len(samples) < flipped:
             shown = _turned(camera_T_target, rng, 20.0, 40.0)
-        samples.append(_sample(len(samples), truth, camera_T_target, shown, rng, noise))
+        samples.append(noisy_sample(len(samples), truth, camera_T_target, shown, rng, noise))
     return truth, samples
 
 
-def motion_scene(
-    rng: np.random.Generator, turns: Sequence[Array] | Array, moves: Array
-) -> tuple[Truth, list[HandEyeSample]]:
-    """Return views with given rotations (rotation vectors) and translations (m), from a pose 0.7 m ahead."""
-    truth = draw_truth(rng)
-    first = Pose.from_rotation((0.0, 0.0, 0.7), Rotation.from_rotvec([0.3, 0.2, 0.1]))
-    samples = []
-    for i, (turn, move) in enumerate(zip(turns, moves, strict=True)):
-        place = np.add(first.position_m, move)
-        view = Pose.from_rotation(place, Rotation.from_rotvec(turn) * first.rotation)
-        samples.append(_sample(i, truth, view, view, rng, NOISE))
-    return truth, samples
-
-
-def _sample(
+def noisy_sample(
     number: int, truth: Truth, true_view: Pose, shown: Pose, rng: np.random.Generator, noise: Noise
 ) -> HandEyeSample:
+    """Return a noisy sample: the pose of the robot at `true_view`, and the pattern seen at `shown`."""
     robot = truth.x @ true_view @ truth.z.inverse()
     if truth.setup is Setup.EYE_IN_HAND:
         robot = robot.inverse()
@@ -174,18 +160,3 @@ def _angle_deg(time_s: Array, motion: str, seconds: float) -> Array:
     within = np.mod(time_s, period)
     phase = 2 * np.pi * (0.4 * within + 0.4 * within**2 / period)
     return 8.0 * np.sin(phase)
-
-
-def pivot_scene(
-    rng: np.random.Generator, count: int, turns: Rotation | None = None
-) -> tuple[Array, list[tuple[str, Pose]]]:
-    """Draw the tip's position in the tool frame, and poses with the tip in one hole (sigma 0.1 mm)."""
-    tip, hole = np.array([0.004, -0.002, 0.283]), np.array([0.45, 0.05, 0.02])
-    turns = turns or Rotation.from_rotvec(rng.normal(0.0, 0.45, (count, 3)))
-    down = Rotation.from_euler("x", 180, degrees=True)
-    poses = []
-    for i in range(count):
-        turn = down * turns[i]
-        place = rng.normal(hole - turn.apply(tip), 1e-4)
-        poses.append((f"{i:02d}", Pose.from_rotation(place, turn)))
-    return tip, poses

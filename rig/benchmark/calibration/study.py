@@ -19,9 +19,8 @@ from calibration.verdict import Verdict
 from drivers.formats import read_csv_rows
 from drivers.images import read_image
 from rig.benchmark.calibration import board_scenes
-from rig.benchmark.calibration.angle_scenes import AngleRow, angle_rows
 from rig.benchmark.calibration.board_scenes import BOARD, board_pose, render_target
-from rig.benchmark.calibration.markers import marker_limits
+from rig.benchmark.calibration.markers import AngleRow, angle_rows, marker_limits
 from rig.benchmark.calibration.motion_scenes import CAMERA, Truth, general_scene, wiggle_scene
 from rig.benchmark.harness import Report, Run, Study, option, table_of
 from rig.benchmark.measured import Measured, at_most, between, data_folder, informative, not_there
@@ -228,7 +227,7 @@ def measure(options: CalibrationOptions, run: Run) -> Report:
     run.say("measuring: two-marker angle")
     angles = angle_rows(seed)
     parts = {
-        "two-marker angle": lambda: marker_limits(seed, data),
+        "two-marker angle": lambda: marker_limits(angles, data),
         "hand-eye": lambda: hand_eye_limits(seed, options.trials),
         "intrinsics": lambda: camera_limits(seed, data),
         "time offset": lambda: sync_limits(seed),

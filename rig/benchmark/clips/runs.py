@@ -7,8 +7,7 @@ from rig.benchmark.clips.labelled import ClipVersion, LabelledClip
 from rig.benchmark.clips.scores import ClipScore, JudgedLabel, score
 from rig.frames.estimates import Answer, Estimate, estimate_series, zeroed
 from rig.tactile.estimators import EstimatorChoice
-from rig.tactile.foreign import EstimatorFaults, faults_of
-from rig.tactile.sample import State
+from rig.tactile.sample import EstimatorFaults, State, faults_of
 
 ALL = "all"
 """Name of the group of all clips."""

@@ -11,9 +11,8 @@ from drivers.types import Image
 from rig.tactile.contact.finder import Contact, ContactFinder
 from rig.tactile.estimators import DEFAULT_ESTIMATOR, MATCHERS, PUBLISHED, choose_estimator
 from rig.tactile.paper.axis import METHODS
-from rig.tactile.paper.estimator import AxisEstimator, FindsContact
+from rig.tactile.paper.estimator import AxisEstimator, FindsContact, WindowMean
 from rig.tactile.paper.published import ANGLES, ScriptAngle, ScriptError, ScriptFilter, stretched
-from rig.tactile.paper.window import WindowMean
 from rig.tactile.sample import SlipSample, State, TactileEstimator
 
 NO_SKIP = f"{DEFAULT_ESTIMATOR} --no-skip"

@@ -74,9 +74,9 @@ def uncalibrated(clip: Clip, rng: np.random.Generator) -> Clip:
     return replace(clip, aspect=None)
 
 
-def gains(error: float, pattern: Sequence[float] = LED_PATTERN) -> Disturbance:
-    """Scale the channels of all frames, but not of the background, by 1 + error * pattern."""
-    return _lit((1.0, 1.0), error, pattern)
+def gains(error: float) -> Disturbance:
+    """Scale the channels of all frames, but not of the background, by 1 + error * LED_PATTERN."""
+    return _lit((1.0, 1.0), error)
 
 
 def drift(error: float, pattern: Sequence[float] = LED_PATTERN) -> Disturbance:

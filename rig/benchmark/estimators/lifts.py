@@ -20,8 +20,7 @@ from rig.results.scores import SeriesScore, score_angles
 from rig.sessions.reading import phase_times
 from rig.sessions.records import FinishedLift
 from rig.tactile.estimators import DEFAULT_ESTIMATOR
-from rig.tactile.foreign import EstimatorFaults, faults_of
-from rig.tactile.sample import SlipSample
+from rig.tactile.sample import EstimatorFaults, SlipSample, faults_of
 
 Scores = dict[tuple[str, int], SeriesScore]
 Passes = dict[str, dict[str, list[SlipSample]]]

@@ -23,14 +23,13 @@ from rig.benchmark.estimators.tables import (
 from rig.benchmark.estimators.timing import time_lifts
 from rig.benchmark.harness import Report, Run, Study, option
 from rig.config import BenchConfig, load_bench
-from rig.experiments.lift_plan import TrialSettings
-from rig.experiments.stored_trial import stored_trial
+from rig.experiments.lift_plan import TrialSettings, stored_trial
 from rig.experiments.trial import run_trial
 from rig.sessions.manifest import is_session
 from rig.sessions.records import FinishedLift, LiftRow
 from rig.sessions.rows import read_finished_lifts
 from rig.tactile.estimators import DEFAULT_ESTIMATOR, EstimatorChoice, choose_estimator
-from rig.tactile.foreign import EstimatorFaults, together
+from rig.tactile.sample import EstimatorFaults, together
 
 LIFTS = 5
 """Lifts of each object that are recorded."""

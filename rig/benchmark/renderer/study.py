@@ -27,8 +27,7 @@ from rig.lift.object_angle import object_angle
 from rig.results.scores import SeriesScore, score_angles
 from rig.tactile.contact.background import mean_background
 from rig.tactile.estimators import EstimatorChoice, choose_estimator
-from rig.tactile.foreign import EstimatorFaults, faults_of, together
-from rig.tactile.sample import SlipSample
+from rig.tactile.sample import EstimatorFaults, SlipSample, faults_of, together
 
 MOST_MARE_DEG, MOST_WORST_DEG, LEAST_ANSWERED = 0.5, 3.0, 0.95
 LEAST_WITHIN, MOST_WITHIN = 0.90, 0.98

@@ -19,8 +19,7 @@ from rig.benchmark.segmentation.paper_table import NETWORKS, OURS, MeanStd, tabl
 from rig.frames.masks import CLASSICAL, FrameSegmenter, SegmentChoice, make_segmenter, segmenter_maker
 from rig.labels.polygons import agreement
 from rig.tactile.contact.background import auto_background
-from rig.tactile.contact.network import SHIPPED, load_network
-from rig.tactile.contact.network_input import NetworkInput, compared_planes, frame_planes
+from rig.tactile.contact.network import SHIPPED, NetworkInput, compared_planes, frame_planes, load_network
 from rig.tactile.contact.relative import RelativeDifference
 from rig.training.examples import Examples, examples_of, simulated_examples
 

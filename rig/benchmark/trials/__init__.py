@@ -1,4 +1,1 @@
-"""The paper's Tables III and IV on the same simulated lifts.
-
-Imports `rig.benchmark.estimators` and the networks' names of `rig.benchmark.segmentation`.
-"""
+"""The paper's Tables III and IV on the same simulated lifts."""

@@ -26,8 +26,12 @@ from rig.tactile.contact.segmenter import Segmenter
 from rig.tactile.estimators import ANGLENET, DEFAULT_ESTIMATOR, KOLAMURI, TOSKOV, choose_estimator
 from rig.tactile.paper.axis import METHODS
 from rig.tactile.paper.estimator import AxisEstimator
-from rig.tactile.peers.learned import AngleNetEstimator, ToskovEstimator
-from rig.tactile.peers.networks import load_image_network, load_wrench_network
+from rig.tactile.peers.learned import (
+    AngleNetEstimator,
+    ToskovEstimator,
+    load_image_network,
+    load_wrench_network,
+)
 from rig.tactile.sample import SlipSample, State, TactileEstimator
 
 PERIOD_S = 1.0 / 30.0

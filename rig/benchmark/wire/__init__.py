@@ -1,4 +1,1 @@
-"""The real drivers over the wire protocols, in real time: a lift, faults, events at any moment, endurance.
-
-Imports experiments and the bench, but no other benchmark.
-"""
+"""The real drivers over the wire protocols, in real time: a lift, faults, events at any moment, endurance."""

@@ -109,7 +109,7 @@ def gripper(context: typer.Context, common: StationOptions, options: GripperOpti
       rig calibrate gripper --from measured --serial R3F-1
 
     """
-    from rig.calibrate.bench_fingers import collect_openings
+    from rig.calibrate.bench_tip import collect_openings
     from rig.calibrate.from_tables import gripper_from_folder
 
     blocks_mm = options.blocks_mm or _BLOCKS_MM

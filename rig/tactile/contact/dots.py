@@ -3,18 +3,49 @@
 Some gels are printed with dots, called markers, that show the motion of the gel: small dark blobs at regular
 distances. Ink absorbs light of every colour, so a dot is dark in all three channels; a slope of the gel is
 dark in some channels and bright in others. Dots are not a contact, and they move with the gel. Therefore they
-are detected in every frame.
+are detected in every frame, and an estimator for such a gel runs on the filled frames.
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from drivers.types import Image
-from rig.tactile.sample import check_frame
+from drivers.types import ArmState, Image
+from rig.tactile.sample import SlipSample, Stopwatch, TactileEstimator, check_frame
+
+DOTS = "dots"
+"""Name of the stage that fills the dots."""
+
+
+class DotFreeEstimator(TactileEstimator):
+    """Fills the dots of each frame, then passes the frame to another estimator.
+
+    estimator: an estimator that was made with a background whose dots are filled.
+    """
+
+    def __init__(self, estimator: TactileEstimator) -> None:
+        self._estimator = estimator
+
+    def update(self, image: Image, time_ns: int) -> SlipSample:
+        """Estimate from (H, W, 3) uint8 RGB. Raises only `InputError`, for another shape or type."""
+        watch = Stopwatch()
+        plain = without_dots(image)
+        watch.lap(DOTS)
+        sample = self._estimator.update(plain, time_ns)
+        return replace(sample, stage_s={**watch.stage_s, **sample.stage_s})
+
+    def arm(self, state: ArmState) -> None:
+        """Pass the state of the arm on."""
+        self._estimator.arm(state)
+
+    def gripped_further(self) -> None:
+        """Notify the estimator that the fingers have closed further."""
+        self._estimator.gripped_further()
+
 
 # Side of the search window as a fraction of the frame's short side. Markers are narrower: on a GelSight Mini
 # (320 x 240) they are 12 to 20 px wide and 26 to 45 px apart.

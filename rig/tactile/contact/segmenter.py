@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 from drivers.errors import InputError
 from drivers.types import Image
 from rig.tactile.contact.finder import NO_CONTACT, Contact
-from rig.tactile.contact.network import Network
-from rig.tactile.contact.network_input import NetworkInput, compared_planes, frame_planes
+from rig.tactile.contact.network import Network, NetworkInput, compared_planes, frame_planes
 from rig.tactile.contact.overlooked import overlooked_part
 from rig.tactile.contact.relative import RelativeDifference
 from rig.tactile.sample import check_frame

@@ -1,4 +1,1 @@
-"""The paper's methods, corrected and as published: contact, long axis, window mean.
-
-Imports `rig.tactile.contact`.
-"""
+"""The paper's methods, corrected and as published: contact, long axis, window mean."""

@@ -6,18 +6,54 @@ frames instead of loop passes, and a contact without a long axis is refused. The
 reproduce the script (`rig.tactile.paper.published`).
 """
 
+from collections import deque
 from dataclasses import replace
 from typing import Protocol
 
 import cv2
 
 from drivers.tally import StreamTimes
-from drivers.types import Image
+from drivers.types import ArmState, Image
 from rig.tactile.contact.finder import Contact, ContactFinder
 from rig.tactile.paper.axis import Axis, AxisMethod
 from rig.tactile.paper.published import ScriptAngle, ScriptError, ScriptFilter, stretched
-from rig.tactile.sample import FreshFrameEstimator, SlipSample, State, TactileEstimator
-from rig.tactile.stopwatch import Stopwatch
+from rig.tactile.sample import FreshFrameEstimator, SlipSample, State, Stopwatch, TactileEstimator
+
+
+class WindowMean(TactileEstimator):
+    """Wraps an estimator and reports the mean of its last n angles; a refused frame empties the window.
+
+    A frame that is not newer than the previous one, or whose time jumped, is not counted.
+    """
+
+    def __init__(self, estimator: TactileEstimator, window: int) -> None:
+        self._estimator = estimator
+        self._angles: deque[float] = deque(maxlen=window)
+        self._last: SlipSample | None = None
+
+    def arm(self, state: ArmState) -> None:
+        """Pass the state of the arm on."""
+        self._estimator.arm(state)
+
+    def gripped_further(self) -> None:
+        """Notify the estimator that the fingers have closed further."""
+        self._estimator.gripped_further()
+
+    def update(self, image: Image, time_ns: int) -> SlipSample:
+        """Estimate from (H, W, 3) uint8 RGB. Raises only `InputError`, for another shape or type."""
+        sample = self._estimator.update(image, time_ns)
+        if sample.jumped:
+            return sample
+        if self._last is not None and sample.time_ns == self._last.time_ns:
+            return replace(sample, angle_deg=self._last.angle_deg)
+        if sample.angle_deg is None:
+            self._angles.clear()
+        else:
+            self._angles.append(sample.angle_deg)
+            sample = replace(sample, angle_deg=sum(self._angles) / len(self._angles))
+        self._last = sample
+        return sample
+
 
 # Ratio of long to short axis from which on the angle is reported, and below which it is refused again. On the
 # nine real frames this ratio differs by up to 0.3 between our masks of nearly round contacts and the human

@@ -1,4 +1,1 @@
-"""Methods from the literature for comparison: image alignment, printed dots, networks.
-
-Imports `rig.tactile.contact`.
-"""
+"""Methods from the literature for comparison: image alignment, printed dots, networks."""

@@ -22,8 +22,7 @@ from drivers.types import Image
 from rig.tactile.contact.gate import ContactGate, Region
 from rig.tactile.contact.relative import RelativeDifference, full_area, work_size
 from rig.tactile.contact.steadiness import Steadiness
-from rig.tactile.sample import FreshFrameEstimator, SlipSample, State
-from rig.tactile.stopwatch import Stopwatch
+from rig.tactile.sample import FreshFrameEstimator, SlipSample, State, Stopwatch
 
 NOISE_BLUR_PX = 1.0
 # The reference is replaced until area and strength have stayed within SETTLED_SHARE for this number of

@@ -18,7 +18,7 @@ from drivers.types import Image
 from rig.tactile.blas_threads import one_blas_thread
 from rig.tactile.contact.gate import ContactGate
 from rig.tactile.contact.relative import Light, RelativeDifference, full_area, work_size
-from rig.tactile.sample import FreshFrameEstimator, SlipSample, State
+from rig.tactile.sample import FreshFrameEstimator, SlipSample, State, Stopwatch
 from rig.tactile.slip.compiling import compile_all
 from rig.tactile.slip.following import TEXTURE, ContactFollower, SeenContact, TextureOnDemand
 from rig.tactile.slip.fused_angle import FirstAnswer, Fused, FusedAngle, JointAngle
@@ -30,7 +30,6 @@ from rig.tactile.slip.settling import Tearing
 from rig.tactile.slip.texture import TextureField, fine_scale
 from rig.tactile.slip.tracker import TEXTURE_NOISE_RAD, Tracked
 from rig.tactile.slip.turning import shipped_turning
-from rig.tactile.stopwatch import Stopwatch
 
 NOISE_BLUR_PX = 0.7
 # A contact gone for longer is a new grasp.

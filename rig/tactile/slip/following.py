@@ -12,7 +12,7 @@ import cv2
 from drivers.clock import NS_PER_S
 from drivers.types import Image
 from rig.tactile.contact.gate import Region
-from rig.tactile.sample import State
+from rig.tactile.sample import State, Stopwatch
 from rig.tactile.slip.axis_check import AxisAnchor, anchor
 from rig.tactile.slip.gradient import Box, LearntGradientMap, learn_map
 from rig.tactile.slip.height import Field, Gradient, only_within
@@ -25,7 +25,6 @@ from rig.tactile.slip.settling import Settling
 from rig.tactile.slip.texture import TextureField, make_texture_key
 from rig.tactile.slip.tracker import KeyframeTracker, Tracked
 from rig.tactile.slip.unseen import unseen_variance
-from rig.tactile.stopwatch import Stopwatch
 
 BOX_MARGIN_PX = BROAD_REACH_PX + 3
 # Below this contrast a turn leaves no trace (smooth balls and rings reach 0.15, ovals of axis ratio

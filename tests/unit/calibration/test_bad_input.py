@@ -26,10 +26,11 @@ from calibration.targets.boards import View, parse_target
 from calibration.time_offset import TimedSignal, make_stream, time_offset
 from drivers.errors import RigError
 from drivers.types import Pose
-from fakes.studio.calibration_scenes import MM_PER_PX, MarkerPictures, SimulatedGel
+from fakes.studio.calibration_scenes import MarkerPictures
 from rig.benchmark.calibration.board_scenes import BOARD, CAMERA, board_pose, render_target
 from rig.benchmark.calibration.motion_scenes import wiggle_scene
 from support.board_views import exact_view
+from support.simulated_gel import MM_PER_PX, SimulatedGel
 
 Image = NDArray[Any]
 PICTURES = MarkerPictures()

@@ -23,10 +23,9 @@ from rig.benchmark.calibration.motion_scenes import (
     CAMERA,
     Truth,
     general_scene,
-    motion_scene,
-    pivot_scene,
     wiggle_scene,
 )
+from support.motions import motion_scene, pivot_scene
 
 Random = np.random.Generator
 Answer = str | tuple[float, float]

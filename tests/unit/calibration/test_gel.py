@@ -13,7 +13,7 @@ from calibration.gel.reference import assess_reference, drift_since, make_refere
 from calibration.gel.scale import fit_scale
 from calibration.verdict import Verdict
 from drivers.errors import CalibrationError
-from fakes.studio.calibration_scenes import MM_PER_PX, SimulatedGel
+from support.simulated_gel import MM_PER_PX, SimulatedGel
 
 GEL = SimulatedGel(seed=3)
 

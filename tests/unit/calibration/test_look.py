@@ -14,7 +14,8 @@ from calibration.gel.look_fit import LookFit, fit_look
 from calibration.gel.untouched import Pressed, jpeg_quality
 from drivers.errors import CalibrationError
 from fakes.gel.sensor import GelSensor
-from fakes.studio.calibration_scenes import MM_PER_PX, SimulatedGel, draw_press
+from fakes.studio.calibration_scenes import draw_press
+from support.simulated_gel import MM_PER_PX, SimulatedGel
 
 GEL = SimulatedGel(seed=3)
 BACKGROUND = np.rint(GEL.reference).astype(np.uint8)

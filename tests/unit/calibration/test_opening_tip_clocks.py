@@ -10,7 +10,8 @@ from calibration.tool_tip import calibrate_pivot
 from calibration.verdict import Verdict
 from drivers.errors import CalibrationError
 from drivers.types import Pose
-from rig.benchmark.calibration.motion_scenes import pivot_scene, wiggle_scene
+from rig.benchmark.calibration.motion_scenes import wiggle_scene
+from support.motions import pivot_scene
 
 
 def test_offset_from_a_wiggle_is_within_its_sigma() -> None:

@@ -46,7 +46,7 @@ def test_any_dashboard_line_is_parsed_or_rejected(cases: Cases) -> None:
             (b"\n", b"")
         )
         try:
-            replies = [reply(robot, "1", line) for line in reader.feed(data)]
+            replies = [reply(robot, line) for line in reader.feed(data)]
         except InputError:
             reader = LineReader()
             continue

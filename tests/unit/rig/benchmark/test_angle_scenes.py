@@ -2,8 +2,13 @@
 
 import pytest
 
-from rig.benchmark.calibration.angle_scenes import SCENES, AngleScene, score_scene
-from rig.benchmark.calibration.markers import printed_turns, real_marker_limits
+from rig.benchmark.calibration.markers import (
+    SCENES,
+    AngleScene,
+    printed_turns,
+    real_marker_limits,
+    score_scene,
+)
 
 
 @pytest.mark.parametrize("scene", [AngleScene(24.0), AngleScene(jpeg=80), AngleScene(hidden=0.06)], ids=str)

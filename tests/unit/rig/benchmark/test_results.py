@@ -20,8 +20,8 @@ from rig.benchmark.estimators.tables import (
 )
 from rig.benchmark.harness import Report, Run
 from rig.benchmark.measured import check_readme, markers
+from rig.experiments.lift_plan import stored_trial
 from rig.experiments.replay import replay_with_angles
-from rig.experiments.stored_trial import stored_trial
 from rig.sessions.rows import read_finished_lifts
 from support.benches import lighter
 

@@ -17,9 +17,8 @@ from rig.config import BenchConfig, load_bench
 from rig.config.calibrations import find_calibrations, load_calibrated_bench
 from rig.config.fields import GripperLimitsConfig
 from rig.config.in_use import CalibrationsInUse, CameraInUse, FileInUse
-from rig.experiments.lift_plan import TrialSettings
+from rig.experiments.lift_plan import TrialSettings, stored_trial
 from rig.experiments.replay import run_replay
-from rig.experiments.stored_trial import stored_trial
 from rig.experiments.trial import run_trial
 from rig.sessions.manifest import TrialManifest, read_manifest_of
 from rig.tactile.estimators import choose_estimator

@@ -11,8 +11,8 @@ from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 from numpy.typing import NDArray
 
+from rig.experiments.lift_plan import stored_trial
 from rig.experiments.replay import run_replay
-from rig.experiments.stored_trial import stored_trial
 from rig.frames.estimates import estimate_series, figures, zeroed
 from rig.frames.series import FrameSeries, TimedFrame
 from rig.frames.times import FrameTime

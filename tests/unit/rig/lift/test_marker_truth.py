@@ -8,6 +8,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from calibration.camera.model import CameraModel, CameraUncertainty
+from calibration.markers.angle import MarkerAngle
+from calibration.markers.tracker import MarkerTracker
 from drivers.errors import CalibrationError, InputError
 from drivers.types import Pose
 from fakes.camera.marker_scene import MarkerScene
@@ -40,7 +42,9 @@ class Lift:
 
     def __init__(self, scene, camera=None, place_sigma_rad=0.0):
         self.scene = scene
-        self.truth = MarkerTruth((0, 1), "DICT_4X4_50", CAMERA, camera, camera_turn_sigma_rad=place_sigma_rad)
+        self.truth = MarkerTruth(
+            MarkerAngle(MarkerTracker((0, 1), "DICT_4X4_50"), camera), CAMERA, place_sigma_rad
+        )
         self.rng = np.random.default_rng(7)
         self.time_ns = 0
 

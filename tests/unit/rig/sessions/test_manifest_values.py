@@ -10,6 +10,7 @@ import pytest
 from pydantic import TypeAdapter
 
 from rig.results.listing import list_session
+from rig.sessions.about import Remarks
 from rig.sessions.manifest import (
     AnyManifest,
     BenchManifest,
@@ -19,7 +20,6 @@ from rig.sessions.manifest import (
     begun,
     read_manifest,
 )
-from rig.sessions.remarks import Remarks
 
 STORED = Path(__file__).parents[3] / "data"
 VALUES: tuple[Any, ...] = (

@@ -8,8 +8,8 @@ import pytest
 
 from drivers.errors import SessionError
 from protocols.observer import Phase
+from rig.experiments.lift_plan import stored_trial
 from rig.experiments.replay import run_replay
-from rig.experiments.stored_trial import stored_trial
 from rig.export.formats import export_session
 from rig.report.write import write_report
 from rig.results.listing import SessionState, list_session

@@ -9,10 +9,10 @@ from rig.config import load_bench
 from rig.experiments.lift_plan import TrialSettings
 from rig.experiments.trial import trial_manifest
 from rig.report.header import header
+from rig.sessions.about import NO_REMARKS, Remarks, remarks_of
 from rig.sessions.codec import json_value
 from rig.sessions.manifest import TrialManifest, first_difference, read_manifest_of
 from rig.sessions.records import LIFTS
-from rig.sessions.remarks import NO_REMARKS, Remarks, remarks_of
 from rig.sessions.session import open_session
 from rig.tactile.estimators import choose_estimator
 

@@ -10,8 +10,8 @@ import pytest
 from drivers.errors import EstimatorError, InputError, OperatorStopError
 from drivers.types import Image
 from rig.tactile.estimators import choose_estimator, stored_choice
-from rig.tactile.foreign import EstimatorFaults, ForeignEstimator, faults_of
-from rig.tactile.sample import SlipSample, State
+from rig.tactile.foreign import ForeignEstimator
+from rig.tactile.sample import EstimatorFaults, SlipSample, State, faults_of
 from support.own_estimators import MODULE, own_estimators
 
 GEL: Image = np.random.default_rng(0).integers(90, 110, (120, 90, 3), np.uint8)

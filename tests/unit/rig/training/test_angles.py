@@ -21,7 +21,7 @@ def test_the_trials_objects_are_held_back() -> None:
 
 
 def test_a_wrist_network_is_trained_and_answers_alike_from_its_file(tmp_path: Path) -> None:
-    from rig.tactile.peers.networks import load_wrench_network
+    from rig.tactile.peers.learned import load_wrench_network
     from rig.training.wrist import blind_error_deg, error_deg, export_wrist, sequences, train_wrist
 
     lifts = sequences(simulated_wrists(["7", "2"], 2, 5, lambda *_: None))

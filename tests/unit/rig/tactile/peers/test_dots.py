@@ -16,8 +16,7 @@ from fakes.gel.sensor import GelSensor, Imprint
 from fakes.objects.surfaces import Surface
 from rig.tactile.contact.dots import find_dots, without_markers
 from rig.tactile.estimators import KOLAMURI, choose_estimator
-from rig.tactile.peers.dots import DotTracker
-from rig.tactile.peers.rotation_centre import Degenerate, Rotation, find_rotation
+from rig.tactile.peers.kolamuri import Degenerate, DotTracker, Rotation, find_rotation
 from rig.tactile.sample import SlipSample, State
 
 SHAPE, MM_PER_PX, FRAME_NS = (320, 240), (0.06, 0.06), 16_666_667

@@ -16,8 +16,7 @@ from drivers.types import ArmMode, ArmState, Pose
 from protocols.grasps import TRIAL_OBJECTS
 from rig.tactile.contact.model_files import MODELS
 from rig.tactile.estimators import ANGLENET, TOSKOV, choose_estimator
-from rig.tactile.peers.networks import load_image_network, load_wrench_network
-from rig.tactile.peers.wrench_steps import PERIOD_S, REST_S, WrenchSteps
+from rig.tactile.peers.learned import PERIOD_S, REST_S, WrenchSteps, load_image_network, load_wrench_network
 from rig.tactile.sample import State
 
 Image = NDArray[np.uint8]

@@ -17,10 +17,14 @@ from hypothesis import HealthCheck, is_hypothesis_test, settings
 
 from rig.config import BenchConfig
 from rig.config.write import write_bench
+from rig.experiments.lift_plan import TrialSettings
+from rig.experiments.trial import run_trial
 from rig.live import screen
+from rig.tactile.estimators import choose_estimator
 from rig.tactile.slip.compiling import compile_all
 from support.benches import lighter
 from support.fuzz import PROFILE
+from support.shared import made_once
 
 # A suite under nohup ignores hangups, and so would all that it starts.
 signal.signal(signal.SIGHUP, signal.SIG_DFL)
@@ -37,7 +41,7 @@ screen.SILENT_S = 600.0
 
 FUZZ_CASES, LONG_FUZZ_CASES = 200, 1000
 """Damaged inputs drawn for each format, without and with --long."""
-PROPERTY_CASES, LONG_PROPERTY_CASES = 25, 200
+PROPERTY_CASES, LONG_PROPERTY_CASES = 15, 200
 """Examples drawn for each property test that names no number, without and with --long."""
 SLOW_FOLDERS = ("tests/cli/", "tests/scenario/", "tests/unit/rig/benchmark/")
 """Their tests run commands, lifts and whole trials, many in processes of their own."""
@@ -155,3 +159,17 @@ def light_bench_file(tmp_path_factory: pytest.TempPathFactory, light_bench: Benc
     file = tmp_path_factory.mktemp("bench") / "light.toml"
     write_bench(file, light_bench)
     return file
+
+
+@pytest.fixture(scope="session")
+def one_lift(tmp_path_factory: pytest.TempPathFactory, light_bench: BenchConfig) -> Path:
+    """A trial of one lift of the toothbrush on the light bench, estimated by slip; to be read only."""
+    settings = TrialSettings(light_bench, 0, choose_estimator("slip"))
+    return made_once(tmp_path_factory, "one_lift", lambda to: run_trial(to, settings, ["t2"], lifts=1))
+
+
+@pytest.fixture(scope="session")
+def two_lifts(tmp_path_factory: pytest.TempPathFactory, light_bench: BenchConfig) -> Path:
+    """A trial of two lifts of the toothbrush on the light bench, estimated by pca; to be read only."""
+    settings = TrialSettings(light_bench, 0, choose_estimator("pca"))
+    return made_once(tmp_path_factory, "two_lifts", lambda to: run_trial(to, settings, ["t2"], lifts=2))

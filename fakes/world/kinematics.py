@@ -9,6 +9,7 @@ from drivers.types import Pose, Vector6
 _A_M = (0.0, -0.425, -0.3922, 0.0, 0.0, 0.0)
 _D_M = (0.1625, 0.0, 0.0, 0.1333, 0.0997, 0.0996)
 _ALPHA = (np.pi / 2, 0.0, 0.0, np.pi / 2, -np.pi / 2, 0.0)
+_COS_ALPHA, _SIN_ALPHA = np.cos(_ALPHA).tolist(), np.sin(_ALPHA).tolist()
 ELBOW_UP: Vector6 = (0.0, -1.75, -1.9, -1.05, 1.57, 0.0)
 _REACHED, _ITERATIONS = 1e-6, 60
 
@@ -45,9 +46,8 @@ def inverse(
 
 def _chain(joints: NDArray[np.float64], tool_length_m: float) -> list[NDArray[np.float64]]:
     frames = [np.eye(4)]
-    for i, angle in enumerate(joints):
-        c, s = np.cos(angle), np.sin(angle)
-        ca, sa = np.cos(_ALPHA[i]), np.sin(_ALPHA[i])
+    cosines, sines = np.cos(joints).tolist(), np.sin(joints).tolist()
+    for i, (c, s, ca, sa) in enumerate(zip(cosines, sines, _COS_ALPHA, _SIN_ALPHA, strict=True)):
         link = np.array(
             [
                 [c, -s * ca, s * sa, _A_M[i] * c],
@@ -72,7 +72,9 @@ def _pose_error(
 
 def _jacobian(frames: list[NDArray[np.float64]]) -> NDArray[np.float64]:
     tip = frames[-1][:3, 3]
-    columns = [
-        np.concatenate([np.cross(frame[:3, 2], tip - frame[:3, 3]), frame[:3, 2]]) for frame in frames[:6]
-    ]
+    columns = []
+    for frame in frames[:6]:
+        (ax, ay, az), (bx, by, bz) = frame[:3, 2].tolist(), (tip - frame[:3, 3]).tolist()
+        # the cross product written out: numpy's takes most of the time of a simulated arm's state
+        columns.append([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx, ax, ay, az])
     return np.array(columns).T

@@ -67,11 +67,11 @@ def test_a_camera_from_photos(photos: Path, tmp_path: Path) -> None:
     assert same == {"kind": "camera", "rms_px": 0.0, "middle_rms_px": 0.0, "worst_px": 0.0}
 
 
-def test_a_refused_camera_leaves_a_page_and_code_2(photos: Path, tmp_path: Path) -> None:
+def test_a_refused_camera_leaves_a_page_and_code_2(tmp_path: Path) -> None:
     few = tmp_path / "few"
     few.mkdir()
     for name in ("00.png", "01.png"):
-        (few / name).write_bytes((photos / name).read_bytes())
+        cv2.imwrite(str(few / name), np.full((120, 160), 90, np.uint8))
     done = calibrate("camera", "--from", few, "--target", "chessboard:9x6:25", "--out", tmp_path)
     assert done.returncode == 2
     assert "0 usable distinct views" in done.stderr

@@ -10,16 +10,14 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-import typer
 from typer.core import TyperGroup
 
 from rig.cli.completing import COMPLETED, ESTIMATOR_NAMES, FORMAT_NAMES
 from rig.cli.helping import COMMAND_GROUPS, OPTION_GROUPS
-from rig.cli.main import app
 from rig.export.formats import FORMATS
 from rig.tactile.estimators import ESTIMATORS
 from support.command_line import rig
-from support.documentation import commands
+from support.documentation import commands, program
 from support.marks import long
 
 STORED_TRIAL = str(Path(__file__).parents[1] / "data" / "stored_trial")
@@ -28,7 +26,7 @@ FRAME = "╭╮╰╯─│"
 
 def every_command() -> Iterator[tuple[str, Any]]:
     """Every command and every group of commands, by its name."""
-    root = typer.main.get_command(app)
+    root = program()
     assert isinstance(root, TyperGroup)
     yield "", root
     yield from ((name, each) for name, each in root.commands.items() if isinstance(each, TyperGroup))
@@ -68,6 +66,7 @@ def test_help_neither_cuts_nor_splits_a_word(
     shown = help_of(name)
     assert "…" not in shown
     assert max(map(len, shown.splitlines())) <= columns
+    assert name not in commands() or ("Examples" in shown and f"rig {name}" in shown)
     expected = {word for text in stated(EVERY[name]) for word in text.replace("\\[", "[").split()}
     assert expected - words(shown) == set()
 
@@ -112,17 +111,7 @@ def test_every_grouped_option_exists() -> None:
         (("benchmark", "estimatrs"), "estimators"),
         (("trail",), "trial"),
         (("benchmark", "others", "--part", "clint"), "clients"),
-        (
-            (
-                "explain",
-                str(Path(__file__).parents[1] / "data" / "stored_trial"),
-                "--serial",
-                "SIM-D001",
-                "--out",
-                "x.png",
-            ),
-            "SIM-D0001",
-        ),
+        (("explain", STORED_TRIAL, "--serial", "SIM-D001", "--out", "x.png"), "SIM-D0001"),
     ],
 )
 def test_misspelt_name_is_rejected_with_the_closest_match(

@@ -13,6 +13,7 @@ from typing import Any
 import pytest
 
 from support.command_line import rig
+from support.marks import long
 
 Run = Callable[..., "subprocess.CompletedProcess[str]"]
 STORED = Path(__file__).parents[1] / "data"
@@ -101,9 +102,8 @@ def test_unexpected_os_error_is_a_one_line_error(tmp_path: Path, monkeypatch: py
     ("suffix", "limit"),
     [
         ("webm", 1000),
-        ("avi", 100_000),
-        *(pytest.param("webm", limit, marks=pytest.mark.long) for limit in (0, 20_000, 100_000)),
-        *(pytest.param("avi", limit, marks=pytest.mark.long) for limit in (0, 1000, 20_000)),
+        *long(*(("webm", limit) for limit in (0, 20_000, 100_000))),
+        *long(*(("avi", limit) for limit in (0, 1000, 20_000, 100_000))),
     ],
 )
 def test_film_on_a_full_disk_is_an_error_and_keeps_the_older_film(

@@ -126,7 +126,7 @@ def test_first_lift_is_played_into_a_default_file(
     trial: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    done = rig("play", trial, "--speed", "4", "--json")
+    done = rig("play", trial, "--speed", "8", "--json")
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout)["film"] == "trial_001.webm"
     assert json.loads(done.stdout)["frames"] > 20
@@ -149,12 +149,12 @@ def test_mp4_without_an_encoder_becomes_webm_with_a_note(
 def test_own_frames_are_played(tmp_path: Path, press: Draw, monkeypatch: pytest.MonkeyPatch) -> None:
     clip = write_clip(tmp_path / "pen", press, press(None))
     monkeypatch.chdir(tmp_path)
-    same = ("--background", clip / "background.png", "--rate", 5)
+    same = ("--background", clip / "background.png", "--rate", 10)
     done = rig("play", clip / "frames", *same, "--json")
     assert done.returncode == 0, done.stderr
     film = json.loads(done.stdout)
     assert film["film"] == "frames_film.webm"
-    assert film["frames"] == pytest.approx(13 / 5 * 30, abs=2)
+    assert film["frames"] == pytest.approx(13 / 10 * 30, abs=2)
     video = cv2.VideoCapture("frames_film.webm")
     first, last = video.read()[1].astype(int), None
     while (read := video.read())[0]:

@@ -42,13 +42,6 @@ def station(folder: Path, seed: int = 0, bench: BenchConfig | None = None) -> St
     return Station(bench or load_bench("fake"), seed, folder, person, lambda _: None)
 
 
-def slower(rate_hz: float) -> BenchConfig:
-    """The light bench with fingertips of another rate: their frames take most of the time."""
-    bench = lighter()
-    tips = tuple(tip.model_copy(update={"rate_hz": rate_hz}) for tip in bench.tactile)
-    return bench.model_copy(update={"tactile": tips})
-
-
 def flange_tip_m(seed: int) -> tuple[float, ...]:
     """Where the simulated tip is on the flange, m."""
     return tuple(np.add((0.0, 0.0, TOOL_LENGTH_M), tip_m(seed)))
@@ -96,7 +89,7 @@ def test_calibrated_tip_does_not_depend_on_the_configured_tcp(
 
 
 def test_blocks_give_the_opening_table_of_the_gripper(tmp_path: Path) -> None:
-    found = collect_openings(station(tmp_path, bench=slower(15.0)), [20.0, 45.0, 70.0])
+    found = collect_openings(station(tmp_path, bench=lighter(tip_hz=15.0)), [20.0, 45.0, 70.0])
     limits = load_bench("fake").gripper.limits
     table = found.value["closing"]
     nominal = limits.max_opening_m - (np.asarray(table["counts"]) - 6) * limits.opening_per_count_m
@@ -143,7 +136,7 @@ def test_board_on_the_tool_gives_the_focal_length(tmp_path: Path) -> None:
 
 @pytest.mark.long
 def test_ball_presses_give_pixel_aspect_and_scale(tmp_path: Path) -> None:
-    for outcome in collect_presses(station(tmp_path, bench=slower(15.0)), [12.0], 9):
+    for outcome in collect_presses(station(tmp_path, bench=lighter(tip_hz=15.0)), [12.0], 9):
         truth = GelSensor(unit_seed(outcome.serials["tactile"])).mm_per_px
         measured = outcome.value["pixel_aspect"]
         assert measured == pytest.approx(truth[0] / truth[1], abs=0.015)
@@ -158,7 +151,7 @@ def test_ball_presses_give_pixel_aspect_and_scale(tmp_path: Path) -> None:
 def test_ball_presses_are_stored_for_each_fingertip(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """`tests/cli/test_calibrate.py` solves such a folder."""
     monkeypatch.setattr("rig.calibrate.bench_tactile.tactile_from_folder", Mock())
-    assert len(collect_presses(station(tmp_path, bench=slower(15.0)), [12.0], 2)) == 2
+    assert len(collect_presses(station(tmp_path, bench=lighter(tip_hz=15.0)), [12.0], 2)) == 2
     placed = {}
     for serial in ("SIM-D0001", "SIM-D0002"):
         folder = tmp_path / f"tactile-{serial}-samples"

@@ -38,6 +38,7 @@ from rig.sessions.recording_file import recorded_messages
 from rig.sessions.rows import read_finished_lifts, read_poses
 from rig.sessions.table_files import read_csv
 from rig.tactile.estimators import choose_estimator
+from support.benches import lighter
 from support.recordings import written_again
 
 
@@ -154,28 +155,40 @@ def test_labelme_loader_reads_exported_files(recording: Path, tmp_path: Path) ->
         assert loaded.shapes[0]["label"] == "contact"
 
 
-def test_lerobot_data_set_has_its_parts_and_the_stored_images(one_lift: Path, tmp_path: Path) -> None:
+@pytest.fixture(scope="module")
+def quick_tips(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A trial of one lift whose fingertips deliver twice as many frames as the camera."""
+    bench = lighter(tip_hz=30.0)
+    bench = bench.model_copy(update={"camera": bench.camera.model_copy(update={"rate_hz": 15.0})})
+    folder = tmp_path_factory.mktemp("lerobot") / "trial"
+    run_trial(folder, TrialSettings(bench, 0, choose_estimator("slip")), ["t2"], lifts=1)
+    return folder
+
+
+def test_lerobot_data_set_has_its_parts_and_the_stored_images(quick_tips: Path, tmp_path: Path) -> None:
     parquet = pytest.importorskip("pyarrow.parquet")
     out = tmp_path / "out"
-    export_session(one_lift, "lerobot", out)
+    export_session(quick_tips, "lerobot", out)
     info = json.loads((out / "meta/info.json").read_text())
     data = parquet.read_table(out / info["data_path"].format(chunk_index=0, file_index=0))
-    assert (info["codebase_version"], info["fps"], info["total_episodes"]) == ("v3.0", 30, 1)
+    assert (info["codebase_version"], info["fps"], info["total_episodes"]) == ("v3.0", 15, 1)
     assert set(data.column_names) == set(info["features"])
-    assert len(data) == info["total_frames"] > 100
-    np.testing.assert_allclose(np.diff(data["timestamp"].to_numpy()), 1 / 30, atol=1e-5)
+    assert len(data) == info["total_frames"] > 50
+    np.testing.assert_allclose(np.diff(data["timestamp"].to_numpy()), 1 / 15, atol=1e-5)
     action, names = data["action"][0].as_py(), info["features"]["observation.state"]["names"]
     assert info["features"]["action"]["names"] == names[:8]
-    assert data["observation.state"][0].as_py()[:8] == pytest.approx(action, abs=0.05)
+    first = data["observation.state"][0].as_py()
+    assert first[:7] == pytest.approx(action[:7], abs=0.05)
+    assert abs(first[7] - action[7]) <= 1.0, "counts: the fingers tighten meanwhile"
     assert data["observation.state"][1].as_py()[:8] == action
-    stored = {frame.jpeg for frame in recorded_frames(one_lift / "lifts/001.mcap", "SIM-D0001")}
+    stored = {frame.jpeg for frame in recorded_frames(quick_tips / "lifts/001.mcap", "SIM-D0001")}
     kept = [image["bytes"] for image in data["observation.images.finger_b"].to_pylist()]
     assert set(kept) <= stored
     assert len(set(kept)) == len(kept)
-    last = [arm.wrench for arm in recorded_arm_states(one_lift / "lifts/001.mcap") if arm.wrench][-1]
+    last = [arm.wrench for arm in recorded_arm_states(quick_tips / "lifts/001.mcap") if arm.wrench][-1]
     assert names[8:] == ["force_x_n", "force_y_n", "force_z_n", "torque_x_nm", "torque_y_nm", "torque_z_nm"]
     assert data["observation.state"][-1].as_py()[10] == pytest.approx(last[2], abs=1.0)
-    row = read_finished_lifts(one_lift)[0]
+    row = read_finished_lifts(quick_tips)[0]
     angles = np.array(data["observation.angle"].to_pylist())
     assert info["features"]["observation.angle"]["names"] == ["angle_deg", "sigma_deg", "known"]
     assert angles[-1, 0] == pytest.approx(row.final_estimate_deg, abs=1.0)
@@ -195,11 +208,9 @@ def test_lerobot_data_set_has_its_parts_and_the_stored_images(one_lift: Path, tm
     assert not any("SIM-D" in name for name in info["features"])
 
 
-def test_lerobot_data_set_has_the_tactile_frames_between_its_steps(tmp_path: Path) -> None:
+def test_lerobot_data_set_has_the_tactile_frames_between_its_steps(quick_tips: Path, tmp_path: Path) -> None:
     parquet = pytest.importorskip("pyarrow.parquet")
-    session = tmp_path / "trial"
-    run_trial(session, TrialSettings(load_bench("fake"), 0, choose_estimator("pca")), ["t2"], lifts=1)
-    export_session(session, "lerobot", tmp_path / "out")
+    export_session(quick_tips, "lerobot", tmp_path / "out")
     data = parquet.read_table(tmp_path / "out/data/chunk-000/file-000.parquet")
     ages = np.array(data["observation.tactile.finger_b.age_s"].to_pylist())
     assert ages.shape == (len(data), 2)
@@ -207,7 +218,9 @@ def test_lerobot_data_set_has_the_tactile_frames_between_its_steps(tmp_path: Pat
         [image["bytes"] for image in data[key].to_pylist()]
         for key in ("observation.images.finger_b", "observation.tactile.finger_b.1")
     )
-    frames = {frame.jpeg: frame.time_ns for frame in recorded_frames(session / "lifts/001.mcap", "SIM-D0001")}
+    frames = {
+        frame.jpeg: frame.time_ns for frame in recorded_frames(quick_tips / "lifts/001.mcap", "SIM-D0001")
+    }
     times = np.array([[frames[a], frames[b]] for a, b in zip(newest, before, strict=True)]) / NS_PER_S
     np.testing.assert_allclose(times[:, 0] - times[:, 1], ages[:, 1] - ages[:, 0], atol=1e-5)
     used = sorted({*newest, *before}, key=frames.__getitem__)

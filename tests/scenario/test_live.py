@@ -20,7 +20,7 @@ pytest.importorskip("rerun", reason="the live view's library is not installed: e
 
 
 def lift_once(folder: Path, bench: BenchConfig, live: LiveFeed) -> None:
-    run_trial(folder, TrialSettings(bench, 0, choose_estimator("pca")), ["t2"], lifts=1, live=live)
+    run_trial(folder, TrialSettings(bench, 0, choose_estimator("slip")), ["t2"], lifts=1, live=live)
 
 
 def same(one: Path, other: Path) -> bool:

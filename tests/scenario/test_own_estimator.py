@@ -5,7 +5,6 @@ import json
 import shutil
 import sys
 from collections.abc import Callable, Iterator
-from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -46,7 +45,7 @@ def lab(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
 def session(lab: Path, light_bench: BenchConfig) -> Path:
     """Two lifts, each measured in a process of its own."""
     folder = lab.parent / "trial"
-    settings = TrialSettings(light_bench, 0, choose_estimator(MINE))
+    settings = TrialSettings(light_bench, 0, choose_estimator(MINE, window=2))
     run_trial(folder, settings, ["t2"], lifts=2, jobs=2)
     return folder
 
@@ -60,10 +59,9 @@ def not_imported(lab: Path) -> Callable[[], bool]:
     return lambda: not lab.exists() and MODULE not in sys.modules
 
 
-def test_own_estimator_gives_the_rows_of_the_one_it_wraps(session: Path) -> None:
+def test_own_estimator_gives_the_rows_of_the_one_it_wraps(session: Path, two_lifts: Path) -> None:
     rows = read_finished_lifts(session)
-    again = run_replay(stored_trial(session, "pca", 1), jobs=1).rows
-    assert [replace(row, marker_distance=None) for row in again] == rows
+    assert read_finished_lifts(two_lifts) == rows
     assert all(row.answered > 0.5 and row.estimator_faults is None for row in rows)
 
 

@@ -60,8 +60,8 @@ def caught(folder: Path, summary: TrialSummary) -> FinishedLift:
     return read_finished_lifts(folder)[0]
 
 
-def test_tightening_catches_an_object_that_slips_otherwise(caught: FinishedLift) -> None:
-    without = lifted("none")
+def test_tightening_catches_an_object_that_slips_otherwise(caught: FinishedLift, one_lift: Path) -> None:
+    (without,) = read_finished_lifts(one_lift)
     assert without.outcome is LiftOutcome.SLIPPED
     assert without.final_truth_deg is not None
     assert abs(without.final_truth_deg) > 10.0
@@ -111,7 +111,9 @@ def test_replay_of_a_reaction_is_identical(folder: Path, caught: FinishedLift) -
 def test_replay_with_other_estimator_has_the_commands_and_no_event(
     folder: Path, caught: FinishedLift
 ) -> None:
-    row = run_replay(stored_trial(folder, "pca"), jobs=1).rows[0]
+    replay = run_replay(stored_trial(folder, "pca"), jobs=1)
+    assert replay.identical is None
+    row = replay.rows[0]
     assert row.reactions
     assert caught.reactions
     assert [r.command_s for r in row.reactions] == [r.command_s for r in caught.reactions]

@@ -7,27 +7,17 @@ import pytest
 import rig
 from drivers.clock import NS_PER_S
 from protocols.observer import Phase
-from rig.config import BenchConfig
-from rig.experiments.lift_plan import TrialSettings
-from rig.experiments.trial import run_trial
 from rig.frames.of_session import recording_frames
 from rig.sessions.reading import phase_times, recorded_angles
 from rig.sessions.recorder import slip_topic
-from rig.tactile.estimators import choose_estimator
 from support.marks import long
 
 Values = tuple[float | None, float | None, str, float | None]
 
 
-@pytest.fixture(scope="module")
-def recording(tmp_path_factory: pytest.TempPathFactory, light_bench: BenchConfig) -> Path:
-    folder = tmp_path_factory.mktemp("streamed") / "trial"
-    run_trial(folder, TrialSettings(light_bench, 0, choose_estimator("slip")), ["t1"], lifts=1)
-    return folder / "lifts" / "001.mcap"
-
-
 @pytest.mark.parametrize("place", [0, *long(1)])
-def test_streamed_frames_give_the_angles_of_the_lift(recording: Path, place: int) -> None:
+def test_streamed_frames_give_the_angles_of_the_lift(one_lift: Path, place: int) -> None:
+    recording = one_lift / "lifts" / "001.mcap"
     tip, phases = recording_frames(recording)[place], phase_times(recording)
     lift_ns, lower_ns = phases[Phase.LIFT], phases[Phase.LOWER]
     estimator = rig.estimator("slip", background=tip.background, pixel_aspect=tip.aspect, sign=tip.sign)

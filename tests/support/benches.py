@@ -3,14 +3,14 @@
 from rig.config import BenchConfig, load_bench
 
 
-def lighter(name: str = "fake") -> BenchConfig:
-    """Return a bench with half the fingertips' frames and a quarter of the camera's pixels.
+def lighter(name: str = "fake", tip_hz: float = 20.0) -> BenchConfig:
+    """Return a bench with fewer frames of the fingertips and a quarter of the camera's pixels.
 
-    An arm behind wires says a quarter as often where it is. Lifts are simulated in less than half the
-    time; nothing but precision needs the rest.
+    An arm over the wire protocol reports its state a quarter as often. Lifts are simulated in less than
+    half the time, and only precision needs the rest.
     """
     bench = load_bench(name)
-    slower = tuple(t.model_copy(update={"rate_hz": t.rate_hz / 2.0}) for t in bench.tactile)
+    slower = tuple(tip.model_copy(update={"rate_hz": tip_hz}) for tip in bench.tactile)
     width, height = bench.camera.size_px
     small = {"size_px": (width // 2, height // 2), "focal_px": bench.camera.focal_px / 2.0}
     camera = bench.camera.model_copy(update=small)

@@ -3,6 +3,7 @@
 import importlib.util
 import re
 import shlex
+from functools import cache
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -49,13 +50,19 @@ def spans(page: Path) -> list[str]:
     return [" ".join(span.split()) for span in _SPAN.findall(without_code(page))]
 
 
+@cache
+def program() -> Any:
+    """Return the command line's parser."""
+    return typer.main.get_command(app)
+
+
 def parse(line: str, may_be_a_name: bool = False) -> str:
     """Parse a command line to its last option, running nothing; return its command, as `fakes serve`.
 
     may_be_a_name: a command's name alone is a way to speak of it, and lacks nothing.
     Raises `USAGE_ERROR` for what the program itself would refuse.
     """
-    words, command, context = shlex.split(line, comments=True)[1:], typer.main.get_command(app), None
+    words, command, context = shlex.split(line, comments=True)[1:], program(), None
     names: list[str] = []
     while isinstance(command, TyperGroup) and words:
         context = command.make_context(command.name, words, parent=context)
@@ -69,6 +76,7 @@ def parse(line: str, may_be_a_name: bool = False) -> str:
     return " ".join(names)
 
 
+@cache
 def commands() -> dict[str, Any]:
     """Every command of the program by its name, as `fakes serve`."""
 
@@ -81,4 +89,4 @@ def commands() -> dict[str, Any]:
             found |= below(inner, f"{name} {word}".strip())
         return found
 
-    return below(typer.main.get_command(app), "")
+    return below(program(), "")

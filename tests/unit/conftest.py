@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -38,6 +39,7 @@ def true_angle(time_s: NDArray[np.float64], turn_deg: float) -> NDArray[np.float
     return turn_deg * np.clip((time_s - PHASES_S["B"] - 0.3) / 0.9, 0.0, 1.0)
 
 
+@cache
 def _lift(number: int, turn_deg: float, error_deg: float, press: Press) -> tuple[FinishedLift, bytes]:
     import io
 

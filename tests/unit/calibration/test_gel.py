@@ -30,6 +30,7 @@ def _found(image: np.ndarray, name: str) -> Press:
     return press
 
 
+@pytest.mark.slow
 def test_held_out_balls_are_reconstructed_at_their_radius(fitted) -> None:
     assert set(fitted.radius_error()) == {3.0, 5.0}
     # the simulated colours saturate with the slope, which the map follows in part only
@@ -40,6 +41,7 @@ def test_held_out_balls_are_reconstructed_at_their_radius(fitted) -> None:
         assert found == pytest.approx(made.radius_mm, rel=0.2)
 
 
+@pytest.mark.slow
 def test_slopes_point_away_from_the_middle_of_a_dent(fitted) -> None:
     made = GEL.presses(1, seed=2)[0]
     press = _found(made.image, made.name)
@@ -62,6 +64,7 @@ def test_map_is_exact_if_colour_is_linear_in_slope() -> None:
         fit_gradient_map(change * np.nan, places, normals, (240, 320))
 
 
+@pytest.mark.slow
 def test_ball_smaller_than_its_imprint_is_rejected() -> None:
     made = GEL.presses(10, seed=4)
     presses = [BallPress(_found(p.image, p.name), p.radius_mm) for p in made]
@@ -121,7 +124,7 @@ def test_held_out_real_gelsight_balls_are_reconstructed_within_five_percent(real
     reference = rgb("background.png").astype(np.float32)
     presses = []
     with (folder / "catalog.csv").open() as stream:
-        for row in csv.DictReader(stream):
+        for row in list(csv.DictReader(stream))[::2]:  # half of the 67 presses, for the time
             press = find_press(rgb(row["image"]), reference, row["image"])
             assert isinstance(press, Press), press
             presses.append(BallPress(press, float(row["diameter(mm)"]) / 2))

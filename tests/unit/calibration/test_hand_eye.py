@@ -13,9 +13,7 @@ from calibration.hand_eye.samples import HandEyeSample, Setup, make_problem, tar
 from calibration.hand_eye.solve import calibrate_hand_eye
 from calibration.verdict import Verdict
 from drivers.types import Pose
-from rig.benchmark.calibration.motion_scenes import CAMERA, Noise, general_scene
-
-EXACT = Noise(0.0, 0.0, 0.0)
+from rig.benchmark.calibration.motion_scenes import CAMERA, general_scene
 
 
 def solved(samples: list[HandEyeSample], setup: Setup = Setup.EYE_TO_HAND):

@@ -1,6 +1,7 @@
 """What a run of the benchmark leaves: figures, picture, page, and the README's table."""
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -31,7 +32,7 @@ BEGIN, END = markers("estimators")
 
 @pytest.fixture(scope="module")
 def measured(tmp_path_factory: pytest.TempPathFactory) -> tuple[EstimatorsResult, list[str]]:
-    """One lift of one object with half the frames, no stress: the smallest run that has all other parts."""
+    """One lift of one object with few frames, no stress: the smallest run that has all other parts."""
     progress: list[str] = []
 
     def show(done: int, total: int, note: str) -> None:
@@ -39,8 +40,8 @@ def measured(tmp_path_factory: pytest.TempPathFactory) -> tuple[EstimatorsResult
 
     run = Run(jobs=1, folder=tmp_path_factory.mktemp("benchmark"), progress=show)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(timing, "FRAMES_PER_LIFT", 120)
-        patch.setattr(study, "load_bench", lighter)
+        patch.setattr(timing, "FRAMES_PER_LIFT", 60)
+        patch.setattr(study, "load_bench", partial(lighter, tip_hz=12.0))
         patch.setattr(study, "TRIAL_OBJECTS", ("t2",))
         patch.setattr(study, "LIFTS", 1)
         patch.setattr(study, "stress_tasks", lambda *_: [])

@@ -91,7 +91,7 @@ def test_tasks_are_reproducible_and_cover_all_conditions() -> None:
 
 
 def test_rotation_is_followed_and_a_ball_is_refused() -> None:
-    turning = stress_rows(run_stress(StressTask("size", "t1:1", 0)))
+    turning = stress_rows(run_stress(StressTask("size", "t1:1", 0, ("slip",))))
     ours = {row.condition: row.score for row in turning if row.estimator == "slip"}
     assert set(ours) == {c.name for c in CONDITIONS if c.group == "size"}
     for score in ours.values():

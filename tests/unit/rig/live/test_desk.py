@@ -77,6 +77,7 @@ def test_recorded_clip_is_read_with_its_background_and_times(tmp_path: Path) -> 
     assert done.figures.answered > 0.5 * len(recorded)
 
 
+@pytest.mark.slow
 def test_two_sensors_give_one_angle() -> None:
     pairs = {f"D{side}": list(desk_frames(7.5, side)) for side in (1, -1)}
     sources = [GivenFrames(frames, name) for name, frames in pairs.items()]

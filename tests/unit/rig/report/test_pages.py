@@ -141,6 +141,7 @@ def films_of(html: str) -> list[dict[str, Any]]:
     return [json.loads(data)["film"] for data in found]
 
 
+@pytest.mark.slow
 def test_films_have_fewer_pictures_if_the_page_has_no_room_and_the_page_says_so(
     trial: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

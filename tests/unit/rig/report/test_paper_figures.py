@@ -18,6 +18,8 @@ from rig.report.write import write_report
 from rig.results.summary import summarize_trial
 from rig.sessions.manifest import TrialManifest, read_manifest_of
 
+pytestmark = pytest.mark.slow
+
 COLUMN_PT = 88.9 / 25.4 * 72
 
 

@@ -27,7 +27,7 @@ def test_balls_on_a_real_gel_are_refused(real_data: Path) -> None:
     background = read_image(folder / "background.png")
     balls = sorted(folder.glob("*mm_*.png"))
     assert len(balls) > 60
-    for ball in balls:
+    for ball in balls[::3]:
         states = {sample.state for sample in held(background, read_image(ball))}
         assert states == {State.UNOBSERVABLE}, ball.name
 

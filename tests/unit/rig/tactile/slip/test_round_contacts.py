@@ -6,6 +6,7 @@ import pytest
 from fakes.objects.shapes import Ball, ContactShape
 from fakes.objects.surfaces import build_surface
 from rig.tactile.sample import SlipSample, State
+from support.marks import long
 from support.presses import followed_presses
 
 pytestmark = pytest.mark.slow
@@ -30,9 +31,9 @@ def test_smooth_ball_of_any_depth_is_refused(radius_mm: float, force_n: float) -
     assert {sample.state for sample in followed(ball(radius_mm), force_n)} == {State.UNOBSERVABLE}
 
 
-@pytest.mark.parametrize("radius_mm", [8.0, 12.0])
+@pytest.mark.parametrize("radius_mm", [8.0, *long(12.0)])
 @pytest.mark.parametrize("texture", ["leather", "fabric", "letters"])
-@pytest.mark.parametrize("texture_mm", [0.02, 0.05, 0.08])
+@pytest.mark.parametrize("texture_mm", [0.02, *long(0.05), 0.08])
 def test_ball_with_weak_grain_is_refused_or_has_a_large_sigma(
     radius_mm: float, texture: str, texture_mm: float
 ) -> None:
@@ -45,7 +46,7 @@ def test_ball_with_weak_grain_is_refused_or_has_a_large_sigma(
     assert all(abs(off - told[0][0]) < 2.0 * sigma_deg for off, sigma_deg in told[1:])
 
 
-@pytest.mark.parametrize("radius_mm", [12.0, 25.0])
+@pytest.mark.parametrize("radius_mm", [12.0, *long(25.0)])
 @pytest.mark.parametrize("texture", ["ribs", "knurl", "leather", "fabric", "letters"])
 def test_textured_ball_is_followed(radius_mm: float, texture: str) -> None:
     samples = followed(ball(radius_mm, texture, 0.12))

@@ -125,9 +125,8 @@ def look_at_calibrations(folder: Path, serials: set[str]) -> list[Finding]:
     files = sorted(folder.glob("*.yaml")) if folder.is_dir() else []
     if not files:
         seen = f"none in {folder}: the bench file's own values are used"
-        return [
-            Finding("calibration", "files", Severity.NOTE, seen, "measure the camera's pose and focal length")
-        ]
+        advice = "rig calibrate measures what this bench has: see docs/calibrating.md"
+        return [Finding("calibration", "files", Severity.NOTE, seen, advice)]
     return [_calibration(path, serials) for path in files]
 
 

@@ -35,7 +35,10 @@ def export_mlflow(request: ExportRequest) -> Exported:
         run = _log(MLFLOW.MlflowClient(tracking_uri=request.uri), request, manifest, metrics)
     except (MLFLOW.MlflowException, OSError, ImportError) as error:
         said = " ".join(str(error).split())
-        raise InputError(f"--mlflow {request.uri}: the run cannot be logged ({said})") from error
+        cure = (
+            "; a database file needs the full package: pip install mlflow" if "sqlite:" in request.uri else ""
+        )
+        raise InputError(f"--mlflow {request.uri}: the run cannot be logged ({said}){cure}") from error
     (request.out / "run.json").write_text(json.dumps({"uri": request.uri, **run}, indent=1))
     note = f"{simulated_mark(manifest)}MLflow run {run['run_id']} of experiment '{run['experiment']}'"
     return Exported({"runs": 1, "metrics": len(metrics)}, (note,))

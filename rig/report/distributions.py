@@ -34,7 +34,7 @@ def boxes(
 ) -> Chart:
     """A box per group from the first to the third quartile, the median, and whiskers to least and most.
 
-    groups: values (N,) by name, absolute errors in deg unless `label` says otherwise; empty groups are
+    groups: values (N,) by name, absolute errors in deg unless `label` states another unit; empty groups are
     written, not drawn. least: beginning of the scale, None for that of the values. mark: value at which a
     dashed line is drawn.
     """

@@ -33,7 +33,7 @@ class Dated:
     value: float
 
     def spot(self, text: str) -> Spot:
-        """Return where the value is drawn. text: what is shown there, after the session."""
+        """Return where the value is drawn. text: shown there after the session."""
         return Spot(
             float(date2num(self.began)), self.value, f"{self.session}, {self.began:{_TIME}} UTC: {text}"
         )

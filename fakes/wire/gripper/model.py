@@ -88,7 +88,7 @@ class GripperModel:
     """The device behind the registers. `tick` it every 5 ms; other calls only read or write bytes.
 
     fingers: the axes that carry the world's fingertips; the world's opening follows their mean. faults: names
-    of the active faults: `deaf` ignores what is written, the others are those of `fakes.faults.KINDS`.
+    of the active faults: `deaf` ignores writes, the others are those of `fakes.faults.KINDS`.
     """
 
     def __init__(self, world: World, now_ns: int, fingers: tuple[str, ...], activation_s: float) -> None:

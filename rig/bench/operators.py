@@ -167,7 +167,7 @@ class ConsoleOperator:
             raise OperatorStopError("stopped: a person at a terminal is needed to guide the tip")
         while words := self._tell(f"{question} x y z in mm, empty when it sits, q to stop:").split():
             if words[0] in ("q", "quit"):
-                raise OperatorStopError("stopped by the operator; the arm stands where it is")
+                raise OperatorStopError("stopped by the operator; the arm holds its position")
             try:
                 x, y, z = (float(word) / 1e3 for word in words)
             except ValueError:
@@ -187,7 +187,7 @@ class ConsoleOperator:
             raise OperatorStopError("stopped: a person at a terminal is needed to step the arm")
         key = self._press(question)
         if key == "q":
-            raise OperatorStopError("stopped by the operator; the arm stands where it is")
+            raise OperatorStopError("stopped by the operator; the arm holds its position")
         return key
 
 

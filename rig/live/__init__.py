@@ -1,1 +1,1 @@
-"""The live view: what happens on the bench, shown while it happens, without ever being waited for."""
+"""The live view of the bench. No command ever waits for a viewer."""

@@ -1,4 +1,4 @@
-"""Writes a clip of one sensor while its frames come: frames, their times, and the frame without contact."""
+"""Write a clip of one sensor as its frames arrive: frames, their times, and the frame without contact."""
 
 from datetime import datetime
 from pathlib import Path
@@ -11,10 +11,10 @@ from rig.frames.clips import BACKGROUND, FRAMES, TIMES
 
 
 class ClipWriter:
-    """A clip as `rig label-angle`, `rig estimate` and `rig benchmark clips` read it.
+    """A clip in the layout that `rig label-angle`, `rig estimate` and `rig benchmark clips` read.
 
-    folder: of the clip, made here. background: the frame without contact. Raises `RecordingError` if
-    something cannot be written.
+    folder: of the clip; it is created. background: the frame without contact. Raises `RecordingError` if a
+    file cannot be written.
     """
 
     def __init__(self, folder: Path, background: Image) -> None:

@@ -1,4 +1,4 @@
-"""The console of every table, bar and display: it shows text of others plainly and reads no markup in it."""
+"""The console of all tables, bars and displays. It shows text from files as it is, without markup."""
 
 import sys
 from collections.abc import Iterable
@@ -12,14 +12,14 @@ from rig.live.screen import drawn_stream, plain
 
 
 class PlainConsole(Console):
-    """A rich console on which square brackets and `:names:` are text, and control characters are escapes."""
+    """A rich console that shows square brackets and `:names:` as text and escapes control characters."""
 
     def __init__(self, *, file: IO[str] | None = None, stderr: bool = False, **options: Any) -> None:
         stream = file or drawn_stream(sys.stderr if stderr else sys.stdout)
         super().__init__(file=stream, markup=False, emoji=False, **options)
 
     def render_str(self, text: str, **options: Any) -> Text:
-        """Return a text as it is shown, so that it is measured as such."""
+        """Return a text as it is shown, so that its width is measured correctly."""
         return super().render_str(plain(text), **options)
 
     def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:

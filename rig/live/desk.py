@@ -1,7 +1,7 @@
 """One or two sensors on a desk: a live angle without a bench.
 
-A thread per sensor waits for its frames; one thread estimates, records and sends to viewers. Nothing here
-moves anything.
+One thread per sensor waits for its frames; one thread estimates, records and sends to viewers. Nothing here
+moves hardware.
 """
 
 import os
@@ -28,20 +28,20 @@ from rig.tactile.estimators import EstimatorChoice, choose_estimator
 from rig.tactile.sample import State
 
 LATEST_S = 0.3
-"""Frames that wait longer are skipped and counted as dropped, so that the angle stays a live one."""
+"""Frames that wait longer are skipped and counted as dropped, so that the angle is never late."""
 FRAME_TIMEOUT_S = 1.0
 REFERENCE, TAKE_BACKGROUND, RECORD, ESTIMATOR = "reference", "background", "record", "estimator"
-"""What a person can ask for while it runs; `estimator` is followed by a name."""
+"""Actions that the user can request; `estimator` is followed by a name."""
 NO_REFERENCE = "no reference yet"
 """State of the object while its sensors track a contact that has no reference."""
 
 
 @dataclass(frozen=True, slots=True)
 class DeskSettings:
-    """How a desk runs.
+    """Settings of a desk.
 
-    signs: of each sensor's angle in the object's, +1 or -1. background, aspect: as `DeskSensor`. clips:
-    folder in which clips are recorded.
+    signs: factor from each sensor's image angle to the object angle, +1 or -1. background, aspect: see
+    `DeskSensor`. clips: folder in which clips are recorded.
     """
 
     choice: EstimatorChoice
@@ -54,7 +54,8 @@ class DeskSettings:
 class Desk:
     """Sensors on a desk, from `start` to `close`. A context manager.
 
-    sources: one or two, not connected. sender: to viewers. Raises `DeviceError` if a source cannot be opened.
+    sources: one or two, not connected. sender: sends to viewers. Raises `DeviceError` if a source cannot be
+    opened.
     """
 
     def __init__(
@@ -79,7 +80,7 @@ class Desk:
         self._open = len(sources)
 
     def __enter__(self) -> "Desk":
-        self._settings.choice.try_making()  # which takes seconds the first time; no frame waits for it
+        self._settings.choice.try_making()  # takes seconds the first time, so do it before the first frame
         with_frames: list[FrameSource] = []
         try:
             for source in self._sources:
@@ -117,10 +118,10 @@ class Desk:
         return any(sensor.clip is not None for sensor in self.sensors.values())
 
     def step(self, timeout_s: float = 0.1) -> list[Reading]:
-        """Take the next frame of any sensor; return its reading, and the object's with two sensors.
+        """Process the next frame of any sensor; return its reading and, with two sensors, that of the object.
 
-        Nothing is returned if none came in time, or a source ended, see `ended`. Raises `DeviceError` for a
-        sensor that fails.
+        The list is empty if no frame arrived in time or a source ended, see `ended`. Raises `DeviceError` if
+        a sensor fails.
         """
         try:
             name, frame = self._frames.get(timeout=timeout_s)
@@ -143,7 +144,7 @@ class Desk:
         return [reading, fused]
 
     def act(self, text: str) -> None:
-        """Do what a person asks for, see `REFERENCE`; `notice` then says what was done, or why it was not."""
+        """Carry out an action of the user, see `REFERENCE`; `notice` then has the result or the error."""
         what, _, name = text.partition(" ")
         try:
             self._say(self._done(what, name))
@@ -151,7 +152,7 @@ class Desk:
             self._say(str(error))
 
     def _backgrounds(self) -> int:
-        """Return how many sensors have a background."""
+        """Return the number of sensors with a background."""
         return sum(not sensor.collecting for sensor in self.sensors.values())
 
     def _done(self, what: str, name: str) -> str:
@@ -224,7 +225,7 @@ class Desk:
         scale, jpeg = 1.0, frame.jpeg or b""
         if max(frame.image.shape[:2]) > PICTURE_LONG_SIDE_PX:
             jpeg, scale = small_jpeg(frame.image)
-        # the middle of a pixel is at whole numbers in OpenCV, at halves in browsers
+        # OpenCV's coordinates are 0 at the centre of the first pixel, a browser's at its corner
         outline = ((reading.outline + 0.5) * scale).round(1).tolist()
         self._sender.send("sensor", {**values, "outline": outline}, jpeg)
 
@@ -233,7 +234,7 @@ class Desk:
         self._sender.send("notice", {"sender": os.getpid(), "text": notice})
 
     def _wait(self, source: FrameSource) -> None:
-        """Hand a source's frames on, in its own thread, until it ends or the desk is closed."""
+        """Pass on a source's frames until it ends or the desk is closed; runs in a separate thread."""
         while not self._stopping.is_set():
             try:
                 frame = source.next_frame(FRAME_TIMEOUT_S)

@@ -19,21 +19,21 @@ from rig.tactile.estimators import EstimatorChoice
 from rig.tactile.sample import State, check_frame
 
 BACKGROUND_FRAMES = 15
-"""Frames whose mean becomes the background."""
+"""Number of frames that are averaged for the background."""
 OUTLINE_EVERY_S = 0.05
 OUTLINE_STEP = 4
 """The points of an outline are 1 px apart; every 4th point is shown."""
 RATE_FRAMES = 61
-"""Frames from whose times the frame rate is computed: one second of a DIGIT."""
+"""Number of frames for the computation of the frame rate: one second of a DIGIT."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reading:
-    """What is known after one frame of a sensor, or of the fused object.
+    """The result for one frame of a sensor, or the fused angle of the object.
 
-    sample: None while the background is taken. fps: of capture times, None at first. latency_s: from capture
-    to the angle. dropped: frames that never came or were skipped. outline: (N, 2) px, x right and y down.
-    frame: with its JPEG; None for the fused object.
+    sample: None while the background is taken. fps: frame rate from capture times, None at first. latency_s:
+    time from capture to the angle. dropped: number of lost or skipped frames. outline: of the contact, (N, 2)
+    px, x right and y down. frame: with its JPEG; None for the object.
     """
 
     name: str
@@ -47,7 +47,7 @@ class Reading:
     frame: Frame | None = None
 
     def values(self) -> dict[str, object]:
-        """Return the reading as JSON takes it."""
+        """Return the reading as JSON values."""
         sample = self.sample
         return {
             "sensor": self.name,
@@ -66,8 +66,8 @@ class Reading:
 class DeskSensor:
     """One sensor: its background, estimator and clip.
 
-    sign: of its image angle in the object's. background: None takes it from the first frames. aspect: width
-    over height of a pixel on the gel, if known.
+    sign: factor from the image angle to the object angle. background: None to take it from the first frames.
+    aspect: width over height of a pixel on the gel, if known.
     """
 
     def __init__(
@@ -94,11 +94,11 @@ class DeskSensor:
 
     @property
     def dropped(self) -> int:
-        """Frames that never came or were skipped."""
+        """Number of lost or skipped frames."""
         return self._tally.dropped
 
     def take(self, frame: Frame, clock: Clock) -> Reading:
-        """Estimate a frame, write it to the clip, return what is known now. Raises `InputError`."""
+        """Estimate the angle in a frame and write the frame to the clip. Raises `InputError`."""
         self._tally.add(frame)
         self._times.append(frame.time_ns)
         if self.clip is not None:
@@ -121,7 +121,7 @@ class DeskSensor:
         self._choice, self.stream = choice, None
 
     def take_background(self) -> None:
-        """Make the next frames the background."""
+        """Take the background from the next frames."""
         self._empty, self.stream = [], None
         self._outline = self._outline[:0]
 

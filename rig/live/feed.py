@@ -1,4 +1,4 @@
-"""Messages from a lift to viewers: sent without blocking, or lost.
+"""Messages from a lift to viewers, sent without blocking; undeliverable messages are dropped.
 
 A message is one datagram on a local socket (unix(7), SOCK_DGRAM). If a viewer is slow, stopped or gone, the
 message is lost and the lift goes on. Worker processes send in the same way as the main process. The receiver
@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from typing import Any
 
 OBJECT = "object"
-"""Name of the angle of the object that two sensors touch, among the sensors on a desk."""
+"""Name under which the angle of the object, from two sensors on a desk, is shown beside the sensors."""
 KEPT_MESSAGES = 512
 """Unread messages that a receiver keeps: some seconds of one lift."""
 LARGEST_BYTES = 200_000
@@ -25,14 +25,14 @@ LARGEST_BYTES = 200_000
 
 @dataclass(frozen=True, slots=True)
 class Message:
-    """An event: its kind, values that can be written as JSON, and optionally a JPEG."""
+    """An event: its kind, JSON values, and optionally a JPEG."""
 
     kind: str
     values: dict[str, Any]
     picture: bytes = b""
 
     def packed(self) -> bytes:
-        """Return the datagram: a line of JSON, then the picture's bytes."""
+        """Return the datagram: a line of JSON, then the image's bytes."""
         return json.dumps({"kind": self.kind, **self.values}).encode() + b"\n" + self.picture
 
     @classmethod
@@ -41,7 +41,7 @@ class Message:
         line, _, picture = data.partition(b"\n")
         values = json.loads(line)
         if not isinstance(values, dict) or "kind" not in values:
-            raise ValueError("no message of the live view")
+            raise ValueError("not a message of the live view")
         return cls(values.pop("kind"), values, picture)
 
 
@@ -100,7 +100,7 @@ class Sender:
 
 
 class Inbox:
-    """Receives messages at an address; a thread empties the socket, so that its buffer does not fill.
+    """Receives messages at an address; a thread reads the socket, so that its buffer does not fill.
 
     address: a path that does not exist yet, at most 107 bytes long (unix(7)).
     """
@@ -134,5 +134,5 @@ class Inbox:
         while data := self._socket.recv(LARGEST_BYTES):
             try:
                 self._messages.append(Message.unpacked(data))
-            except ValueError:  # from another program
+            except ValueError:  # a datagram of another program
                 continue

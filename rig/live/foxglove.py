@@ -37,11 +37,11 @@ TABLES: dict[str, dict[str, dict[str, Any]]] = {
     "/gripper": {"opening_m": NUMBER, "moving": TRUE_OR_FALSE},
     "/frames": {"rates_hz": {"type": "object"}, "dropped": {"type": "object"}},
 }
-"""Fields of the topics without a schema of Foxglove's."""
+"""Fields of the topics for which Foxglove has no schema."""
 
 
 class FoxgloveScene:
-    """Serves messages to Foxglove. If lifts run side by side, only those of one process are shown.
+    """Serves messages to Foxglove. If lifts run in parallel, only those of one process are shown.
 
     names: of the tactile sensors by serial, as "finger_b", in the order of their topics. context: of the
     sinks. server: whether to serve.
@@ -73,7 +73,7 @@ class FoxgloveScene:
         self._sensors: dict[str, dict[str, Any]] = {}
 
     def show(self, message: Message) -> None:
-        """Show a message of the process that is followed: the first that sends any.
+        """Show a message if it is from the first process that has sent one.
 
         Messages of lifts have their number and attempt; messages of sensors on a desk have none.
         """
@@ -143,7 +143,7 @@ class FoxgloveScene:
         self._images[topic].log(image, log_time=dated)
 
     def _outline(self, dated: int, topic: str, loops_px: Iterable[Any], colour: Colour) -> None:
-        """Show closed lines over an image. loops_px: of each the points, x right and y down."""
+        """Show closed lines over an image. loops_px: points of each line, x right and y down."""
         if topic not in self._outlines:
             self._outlines[topic] = ImageAnnotationsChannel(topic, context=self._context)
         red, green, blue = (value / 255 for value in bytes.fromhex(colour.dark[1:]))

@@ -56,7 +56,7 @@ class Notifier:
             try:
                 self._waiting.put_nowait(event)
             except queue.Full:
-                self._failed("it is slower than what happens")
+                self._failed("it is slower than the events")
 
     def _work(self) -> None:
         while not self._late.is_set() and (event := self._waiting.get()) is not None:
@@ -83,7 +83,7 @@ class Notifier:
     def _failed(self, why: str) -> None:
         if not self._warned:
             self._warned = True
-            self._warn(f"WARNING: --notify {shlex.join(self._words)}: {why}; everything else goes on")
+            self._warn(f"WARNING: --notify {shlex.join(self._words)}: {why}; the command itself continues")
 
 
 def _kill(process: "subprocess.Popen[bytes]") -> None:

@@ -23,7 +23,7 @@ PICTURE_QUALITY = 80
 LIFT_KEYS = ("number", "attempt", "object", "name", "lift", "simulated")
 """Fields that identify the lift of a message."""
 RATE_FRAMES = 31
-"""Frames of a source from whose times its rate is computed: one second of the camera."""
+"""Number of frames for the computation of a source's rate: one second of the camera."""
 
 
 class Sparing:
@@ -134,7 +134,7 @@ class LiveObserver(LiftEvents):
         if frame.serial not in self._measurement.angle.tips:
             values["source"] = "camera"
             corners = self._measurement.truth.latest_corners_px()
-            # the middle of a pixel is at whole numbers in OpenCV, at halves in viewers
+            # OpenCV's coordinates are 0 at the centre of the first pixel, a viewer's at its corner
             values["markers_px"] = None if corners is None else ((corners + 0.5) * scale).round(2).tolist()
         self._send("frame", values, jpeg)
 

@@ -1,6 +1,7 @@
-"""Observers of a command's events: progress, questions, faults, its end.
+"""Observers of a command's events: progress, questions, faults, end.
 
-One list per process, which has one terminal and runs one command. By default it is empty.
+There is one list per process, because a process has one terminal and runs one command. It is empty by
+default.
 """
 
 from collections.abc import Callable, Iterator
@@ -14,7 +15,7 @@ from rig.live.screen import set_aside
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """An event of a command. done, total: pieces of work, only for "progress"."""
+    """An event of a command. done, total: numbers of pieces of work, only for "progress"."""
 
     kind: Literal["progress", "question", "answered", "fault", "end"]
     text: str = ""
@@ -27,7 +28,7 @@ Tell = Callable[[Event], None]
 """Takes an event; never blocks, never raises."""
 _onlookers: list[Tell] = []
 _report_pages: list[Callable[[Path], None]] = []
-"""Each shows the report of the command that has just written it."""
+"""Functions that show the report of the command once it is written."""
 
 
 def tell(event: Event) -> None:
@@ -39,7 +40,7 @@ def tell(event: Event) -> None:
 def telling(
     show: Callable[[int, int, Row], None], note: Callable[[Row], str], fault: Callable[[Row], str | None]
 ) -> Callable[[int, int, Row], None]:
-    """Return a function that shows each finished piece of work, then sends it and its fault to onlookers."""
+    """Return a function that shows each finished piece of work, then passes it and its fault to observers."""
 
     def progress(done: int, total: int, row: Row) -> None:
         show(done, total, row)
@@ -52,7 +53,7 @@ def telling(
 
 @contextmanager
 def looking_on(onlooker: Tell) -> Iterator[None]:
-    """Pass all events to an observer, at last how the work ended."""
+    """Pass all events to an observer, finally one with the outcome of the command."""
     _onlookers.append(onlooker)
     try:
         yield
@@ -65,20 +66,20 @@ def looking_on(onlooker: Tell) -> Iterator[None]:
 
 
 def report_to(page: Callable[[Path], None]) -> Callable[[], None]:
-    """Pass the path of the command's report to a page once it is written; return what ends that."""
+    """Pass the path of the command's report to `page` when it is written; return a function to cancel."""
     _report_pages.append(page)
     return lambda: _report_pages.remove(page)
 
 
 def report_written(file: Path) -> None:
-    """Pass the path of the command's report on."""
+    """Pass on the path of the command's report."""
     for page in _report_pages:
         page(file)
 
 
 @contextmanager
 def asked(question: str) -> Iterator[None]:
-    """Free the terminal for a question, and announce it unless it is "", which was announced before."""
+    """Free the terminal for a question, and send it to observers unless it is "" (sent before)."""
     with set_aside():
         if question:
             tell(Event("question", question))

@@ -16,8 +16,8 @@ TAIL = 4000
 class Output:
     """A stream of this process whose failure does not end the command.
 
-    If the reader has gone (`| head`), the rest is discarded: the command goes on with its other work.
-    needed: whether other write errors, as of a full disk, are raised.
+    If the reader has gone (`| head`), further output is discarded and the command continues its other work.
+    needed: whether other write errors, such as a full disk, are raised.
     """
 
     def __init__(self, stream: TextIO, needed: bool) -> None:
@@ -55,7 +55,7 @@ class Output:
         self.reader_gone = isinstance(error, BrokenPipeError)
         if self._needed and not isinstance(error, BrokenPipeError):
             raise RecordingError(
-                f"what it prints cannot be written ({error.strerror}); all else is done as far as it came"
+                f"the output cannot be written ({error.strerror}); results stored so far are complete"
             ) from error
 
 
@@ -80,7 +80,7 @@ def guarded_output() -> Iterator[Output]:
 
 
 def discard(descriptors: list[int]) -> None:
-    """Redirect descriptors to the null device: writing to a terminal or reader that has gone is an error."""
+    """Redirect descriptors to the null device, so that writing to a closed terminal is no error."""
     nowhere = os.open(os.devnull, os.O_RDWR)
     for descriptor in descriptors:
         os.dup2(nowhere, descriptor)

@@ -1,7 +1,7 @@
-"""Questions to the person at the terminal; displays are off the terminal until the answer.
+"""Questions to the person at the terminal; displays are hidden until the answer.
 
-Only what is typed after a question answers it. A question needs a terminal on which it is seen and answered:
-standard input and standard error.
+Only input typed after a question answers it. Standard input and standard error must be a terminal, so that
+the person sees the question and can answer.
 """
 
 import os
@@ -47,7 +47,7 @@ def waited(question: str) -> Iterator[Callable[[], bool]]:
             return False
         line = sys.stdin.readline()
         if not line or line.strip().lower() in ("q", "quit", "stop"):
-            raise OperatorStopError("stopped by the operator; the arm is held where it is")
+            raise OperatorStopError("stopped by the operator; the arm holds its position")
         return True
 
     with asked(question):
@@ -77,12 +77,12 @@ def press(question: str) -> str:
         finally:
             termios.tcsetattr(sys.stdin, termios.TCSAFLUSH, before)
     if not key or key == "\x04":
-        raise OperatorStopError("stopped: the terminal is gone; the arm stands where it is")
+        raise OperatorStopError("stopped: the terminal is gone; the arm holds its position")
     return "enter" if key in "\r\n" else key
 
 
 def _terminal() -> bool:
-    """Return whether a person sees questions and can answer them."""
+    """Return whether standard input and standard error are a terminal."""
     return sys.stdin.isatty() and sys.stderr.isatty()
 
 
@@ -91,9 +91,9 @@ def _show(text: str) -> None:
 
 
 def _typed(prompt: str) -> str:
-    """Show a prompt without displays; return the line typed after it, in lower case, "" at the end of input.
+    """Show a prompt with displays hidden; return the typed line in lower case, "" at the end of input.
 
-    What was typed before the prompt is discarded.
+    Input typed before the prompt is discarded.
     """
     import termios
 

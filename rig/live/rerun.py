@@ -13,7 +13,7 @@ from rig.pages.palette import ESTIMATE, TRUTH
 APPLICATION = "slip_rig"
 TIMELINE = "bench_time"
 MEMORY_LIMIT = "1GB"
-"""What the viewer may use before it forgets the oldest data."""
+"""Memory limit of the viewer; beyond it the oldest data are dropped."""
 BETWEEN_LIFTS_S = 1.0
 # The viewer is dark; hex as a list of red, green, blue.
 ESTIMATE_RGB, TRUTH_RGB = (list(bytes.fromhex(colour.dark[1:])) for colour in (ESTIMATE, TRUTH))
@@ -22,7 +22,7 @@ ESTIMATE_RGB, TRUTH_RGB = (list(bytes.fromhex(colour.dark[1:])) for colour in (E
 class RerunScene:
     """Shows messages in the rerun viewer, or writes them to a file for it. Only this module imports rerun.
 
-    If lifts run side by side in several processes, only those of one process are shown.
+    If lifts run in parallel in several processes, only those of one process are shown.
 
     save: the .rrd file; None opens the viewer.
     """
@@ -46,7 +46,7 @@ class RerunScene:
         self._mark = ""
 
     def show(self, message: Message) -> None:
-        """Show a message of the process that is followed: the first that says anything."""
+        """Show a message if it is from the first process that has sent one."""
         values = message.values
         self._sender = values["sender"] if self._sender is None else self._sender
         if values["sender"] != self._sender:
@@ -59,7 +59,7 @@ class RerunScene:
             show[message.kind](values, message.picture)
 
     def close(self) -> None:
-        """Write what is left."""
+        """Write the remaining data."""
         self._stream.flush()
         self._stream.disconnect()
 
@@ -70,7 +70,7 @@ class RerunScene:
         self._stream.log("events", rr.TextLog(f"{self._mark}lift {lift[0]}: {name}"))
 
     def _at(self, time_ns: int) -> None:
-        """Set the time: the lifts' own, one after the other."""
+        """Set the time on the timeline, on which the lifts follow one another."""
         self._began_ns = time_ns if self._began_ns is None else self._began_ns
         now_s = self._offset_s + (time_ns - self._began_ns) / NS_PER_S
         self._latest_s = max(self._latest_s, now_s)
@@ -92,7 +92,7 @@ class RerunScene:
             self._stream.log("camera/markers", rr.LineStrips2D(outlines, colors=[TRUTH_RGB], radii=1.5))
 
     def _lay_out(self, serial: str) -> None:
-        """Give a fingertip that was not seen before its place."""
+        """Add a view for a new fingertip to the layout."""
         if serial not in self._serials:
             self._serials = sorted([*self._serials, serial])
             self._stream.send_blueprint(layout(self._serials, self._mark))
@@ -122,7 +122,7 @@ class RerunScene:
 
 
 def layout(serials: list[str], mark: str = "") -> rrb.Blueprint:
-    """Pictures above, angles below, the arm and what happened beside them. mark: before each view's name."""
+    """Return the layout: images above, angles below, arm and events beside. mark: prefix of view names."""
     fingertips = [rrb.Spatial2DView(origin=f"tactile/{serial}", name=f"{mark}{serial}") for serial in serials]
     pictures = rrb.Horizontal(
         rrb.Spatial2DView(origin="camera", name=f"{mark}camera and markers"), *fingertips

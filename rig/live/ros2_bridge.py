@@ -25,7 +25,7 @@ from rig.live.desk_sensor import Reading
 from rig.live.feed import OBJECT
 
 DEPTH = 10
-"""Messages that are kept for a slow receiver: the default of ROS 2's publishers."""
+"""Number of messages that are kept for a slow receiver, as by default in ROS 2."""
 
 
 @dataclass
@@ -122,7 +122,8 @@ class Ros2Bridge:
         if writer is None:
             kind = type(message)
             described = f"typehash={self._types.hash_rihs01(ROS_NAMES[kind])};".encode()
-            # Reliable writers match every reader; with a bounded history they do not wait for a slow one.
+            # A reliable writer matches every reader. With a bounded history it does not wait for slow
+            # readers.
             qos = Qos(
                 Policy.Reliability.Reliable(duration(seconds=0)),
                 Policy.History.KeepLast(DEPTH),

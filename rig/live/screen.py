@@ -1,9 +1,9 @@
-"""The terminal's output: plain text, names of silent phases, and displays that give way to questions.
+"""The terminal's output: escaped text, names of silent phases, and displays that are hidden during questions.
 
 Names, notes, tags and paths come from files of unknown origin. Escape sequences in them could move the
-cursor, hide or rewrite lines, and set the clipboard; bidirectional controls change the order in which a line
-is read. So everything printed passes `plain`: `print` and messages by `PlainStream`, tables and displays by
-`rig.live.console.PlainConsole`.
+cursor, hide or rewrite lines, and set the clipboard; bidirectional controls change the displayed order of a
+line. Therefore all output passes through `plain`: `print` and messages in `PlainStream`, tables and displays
+in `rig.live.console.PlainConsole`.
 """
 
 import re
@@ -20,16 +20,16 @@ _ACTING = re.compile(
     "[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\u061c\u200b\u200e\u200f\u2028-\u202e\u2060-\u206f\ufeff\ufff9-\ufffb"
     "\ud800-\udfff\U000e0000-\U000e007f]|\r(?!\n)"
 )
-"""C0 (but tab and line end), DEL, C1, bidirectional and invisible characters, surrogates, tag characters."""
+"""C0 (except tab and line end), DEL, C1, bidirectional, invisible and tag characters, surrogates."""
 SILENT_S = 0.4
-"""Silence before a phase's name is printed: a command prints something within its first second."""
+"""Time without output after which a phase's name is printed, so that a command prints within a second."""
 _pending: threading.Timer | None = None
 _shown: "list[Live]" = []
-"""The displays that are on the terminal now: of this process, which has one terminal."""
+"""The displays of this process that are on the terminal now."""
 
 
 def plain(text: str) -> str:
-    r"""Return a text with `\u001b` for an escape character, and so on: escaped as in JSON."""
+    r"""Return a text with control characters escaped as in JSON, such as `\u001b` for an escape character."""
     return _ACTING.sub(_escaped, text)
 
 
@@ -39,36 +39,36 @@ def _escaped(found: "re.Match[str]") -> str:
 
 
 def drawn_stream(stream: Any) -> Any:
-    """Return the stream below all others that a program draws on: rich's, too, while it shows a display."""
+    """Return the underlying stream, below those of this module and of rich."""
     while (below := getattr(stream, "rich_proxied_file", None)) is not None:
         stream = below
     return stream
 
 
 class PlainStream:
-    """A stream on which text is shown plainly. Rich, which writes escapes of its own, goes around it."""
+    """A stream that escapes control characters. Rich writes past it, because it needs control sequences."""
 
     def __init__(self, stream: Any) -> None:
         self._stream = stream
 
     @property
     def rich_proxied_file(self) -> Any:
-        """Where rich writes: the name under which it looks for that."""
+        """The stream that rich writes to; rich looks for this attribute."""
         return drawn_stream(self._stream)
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._stream, name)
 
     def write(self, text: str) -> int:
-        """Write a text plainly; return its length, as streams do."""
+        """Write an escaped text; return the length of the text."""
         self._stream.write(plain(text))
         return len(text)
 
 
 def begin_phase(name: str) -> None:
-    """Print a phase's name on stderr if nothing else is printed for `SILENT_S` from now on.
+    """Print a phase's name on stderr if nothing else is printed within `SILENT_S`.
 
-    The phase of before ends. name: what the command does, as "writing the report".
+    The previous phase ends. name: description of the work, such as "writing the report".
     """
     global _pending
     end_phase()
@@ -78,7 +78,7 @@ def begin_phase(name: str) -> None:
 
 
 def end_phase(wait: bool = False) -> None:
-    """End the phase, as all other output does. wait: until its thread has ended, as before a fork."""
+    """End the phase, as any other output does. wait: join its thread, as needed before a fork."""
     global _pending
     timer, _pending = _pending, None
     if timer is not None:
@@ -88,13 +88,13 @@ def end_phase(wait: bool = False) -> None:
 
 
 def _print_name(name: str) -> None:
-    with suppress(OSError, ValueError):  # nobody reads any more
+    with suppress(OSError, ValueError):  # the reader has gone
         print(f"{name} ...", file=sys.stderr, flush=True)
 
 
 @contextmanager
 def shown(display: "Live") -> Iterator[None]:
-    """Show a display, and know of it while it is shown."""
+    """Show a display, and register it meanwhile, so that `set_aside` can hide it."""
     _start(display)
     _shown.append(display)
     try:
@@ -106,10 +106,10 @@ def shown(display: "Live") -> Iterator[None]:
 
 @contextmanager
 def set_aside() -> Iterator[None]:
-    """Take all displays off the terminal for as long as something is asked there, then show them again."""
+    """Hide all displays during a question, then show them again."""
     paused = [(display, display.transient, display.vertical_overflow) for display in _shown]
     for display, _, _ in paused:
-        display.transient = True  # what is left behind would stand over the question
+        display.transient = True  # otherwise its last state would remain above the question
         display.stop()
     try:
         yield
@@ -120,6 +120,6 @@ def set_aside() -> Iterator[None]:
 
 
 def _start(display: "Live") -> None:
-    """Show a display; it takes over both streams and would interpret escape sequences printed there."""
+    """Show a display. It replaces both streams by its own, so wrap them again in `PlainStream`."""
     display.start()
     sys.stdout, sys.stderr = PlainStream(sys.stdout), PlainStream(sys.stderr)  # type: ignore[assignment]

@@ -19,7 +19,7 @@ from rig.config.extras import require_extra
 from rig.live.feed import Inbox, Listener, LiveFeed
 
 FOXGLOVE_PORT = 8765
-"""The port at which Foxglove looks by default."""
+"""Foxglove's default port."""
 FOXGLOVE_LAYOUT = Path(__file__).parent / "foxglove_layout.json"
 """The layout to import in Foxglove, for lifts and for sensors on a desk."""
 START_TIMEOUT_S = 30.0
@@ -66,7 +66,7 @@ class FoxgloveServer:
 
     @property
     def arguments(self) -> tuple[str, ...]:
-        """Those of `rig.live.foxglove.open_scene`."""
+        """Arguments for `rig.live.foxglove.open_scene`."""
         return self.host, str(self.port), json.dumps(dict(self.names))
 
 
@@ -108,7 +108,7 @@ def foxglove_listener(server: FoxgloveServer) -> Iterator[Listener]:
 
 @contextmanager
 def viewer_feed(file: Path | None) -> Iterator[LiveFeed]:
-    """Yield a feed into a .rrd file only, without a terminal's view; without a file it has no listeners.
+    """Yield a feed into a .rrd file, without a view on the terminal; without a file it has no listeners.
 
     Raises `InputError` as `check_viewer` does.
     """
@@ -140,7 +140,7 @@ def _viewer(kind: str, address: str, *arguments: str) -> Iterator[subprocess.Pop
         _wait_until_ready(process, log)
         yield process
         if process.poll() is not None:
-            # Without a handler of the caller's, logging brings a warning to standard error.
+            # If the caller has set no handler, logging prints warnings on standard error.
             _log.warning("the live viewer ended before the command did; the recordings are complete")
     finally:
         _end(process)
@@ -161,7 +161,7 @@ def _wait_until_ready(process: subprocess.Popen[str], log: Path) -> None:
     said = log.read_text().strip().splitlines()
     raise InputError(
         f"the live viewer did not start ({said[-1] if said else 'no answer'}); run without --live and "
-        "--foxglove, or see whether `rerun` alone starts"
+        "--foxglove, or check that `rerun` starts by itself"
     )
 
 

@@ -1,7 +1,7 @@
-"""Tables that are never cut: whole where nobody looks at a terminal's edge, folded where somebody does.
+"""Tables that are never cut: folded to the width of a terminal, of full width in other output.
 
-A table too wide for a terminal is folded at spaces; where even that does not fit, each row becomes a few
-lines of "heading value". Nothing is left out, and a word, as a session's name, is never broken.
+A table that is too wide for a terminal is folded at spaces. If that is not sufficient, each row becomes
+several lines of "heading value". Nothing is left out, and words, such as a session's name, are never broken.
 """
 
 import sys
@@ -23,16 +23,16 @@ UNBOUNDED = 100_000
 
 
 class TableConsole(PlainConsole):
-    """A console whose tables fit."""
+    """A console that fits tables to its width."""
 
     def print(self, *objects: Any, **options: Any) -> None:
-        """Print; a table as it fits."""
+        """Print objects; tables are fitted to the width."""
         fits = (fitted(o, self) if isinstance(o, Table) else o for o in objects)
         super().print(*fits, **{"crop": False, **options})
 
 
 def table_console(to_stderr: bool = False) -> Console:
-    """Return a console for tables: as wide as the terminal; of unlimited width if there is none."""
+    """Return a console for tables, as wide as the terminal, or of unlimited width without a terminal."""
     terminal = (sys.stderr if to_stderr else sys.stdout).isatty()
     return TableConsole(stderr=to_stderr, width=None if terminal else UNBOUNDED)
 
@@ -43,7 +43,7 @@ def console_table(
     left: Collection[int] = (0,),
     title: str | None = None,
 ) -> Table:
-    """Return a table. left: the columns that are aligned to the left; all others are to the right."""
+    """Return a table. left: indices of the left-aligned columns; the others are right-aligned."""
     table = Table(title=title)
     for place, column in enumerate(columns):
         table.add_column(column, justify="left" if place in left else "right")
@@ -53,7 +53,7 @@ def console_table(
 
 
 def fitted(table: Table, console: Console) -> Table | Group:
-    """Return a table as wide as the console at the most, or the same figures as lines."""
+    """Return a table that is at most as wide as the console, or the same content as lines."""
     room = console.width - 3 * len(table.columns) - 1
     columns = [[_text(cell) for cell in (column.header, *column.cells)] for column in table.columns]
     widths = _folded(columns, room)
@@ -65,7 +65,7 @@ def fitted(table: Table, console: Console) -> Table | Group:
 
 
 def _folded(columns: Sequence[Sequence[Text]], room: int) -> list[int] | None:
-    """Return widths with the fewest lines per row that fit; None if nothing fits."""
+    """Return the column widths that fit with the fewest lines per row; None if none fit."""
     for height in range(1, 1 + max(len(text.plain.split()) for cells in columns for text in cells)):
         widths = [_narrowest(cells, height) for cells in columns]
         if sum(widths) <= room:
@@ -74,7 +74,7 @@ def _folded(columns: Sequence[Sequence[Text]], room: int) -> list[int] | None:
 
 
 def _unfolded(columns: Sequence[Sequence[Text]], widths: list[int], room: int) -> list[int]:
-    """Give the room that is left to columns that become lower by it, the cheapest first."""
+    """Use the remaining width for columns that then need fewer lines, those that need least width first."""
     while True:
         wider = {}
         for i, (cells, width) in enumerate(zip(columns, widths, strict=True)):
@@ -88,7 +88,7 @@ def _unfolded(columns: Sequence[Sequence[Text]], widths: list[int], room: int) -
 
 
 def _narrowest(cells: Sequence[Text], height: int) -> int:
-    """Return the smallest width with which no cell is higher than so many lines."""
+    """Return the smallest width at which every cell has at most `height` lines."""
     width = max(map(_longest_word, cells))
     while max(_height(text, width) for text in cells) > height:
         width += 1
@@ -96,12 +96,12 @@ def _narrowest(cells: Sequence[Text], height: int) -> int:
 
 
 def _height(text: Text, width: int) -> int:
-    """How many lines a text takes, folded at spaces."""
+    """Return the number of lines of a text that is folded at spaces."""
     return sum(len(wrap(line, width, break_on_hyphens=False)) or 1 for line in text.plain.split("\n"))
 
 
 def _lines(table: Table, columns: Sequence[Sequence[Text]]) -> Group:
-    """Write each row as its first cell, and below it all others behind their headings."""
+    """Write each row as its first cell, followed by a line per other cell with its heading."""
     heads = [cells[0].plain.replace("\n", " ") for cells in columns]
     lines: list[RenderableType] = [Text(str(table.title))] if table.title else []
     for row in zip(*(cells[1:] for cells in columns), strict=True):

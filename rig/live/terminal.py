@@ -1,7 +1,7 @@
-"""The terminal's view of work: how far it is, and of a trial also the lifts in progress.
+"""Progress of work on the terminal, and for a trial the lifts in progress.
 
-On a terminal a display that refreshes; elsewhere a plain line per finished piece of work, and of a trial also
-one now and then.
+On a terminal this is a display that refreshes. In other output it is a line per finished piece of work, and
+for a trial a line per lift in progress every few seconds.
 """
 
 import sys
@@ -35,11 +35,11 @@ Row = TypeVar("Row")
 REFRESH_PER_S = 4.0
 PLAIN_EVERY_S = 5.0
 USUAL_LIFT_S = 8.0
-"""From a lift's first frame to its last, by the bench's clock, until one has been seen."""
+"""Assumed time from a lift's first to its last frame, until a lift has been measured."""
 
 
 class WorkProgress:
-    """A progress bar on a terminal, a plain line per finished piece of work elsewhere."""
+    """A progress bar on a terminal; in other output a line per finished piece of work."""
 
     def __init__(self, total: int, what: str) -> None:
         console = PlainConsole(stderr=True)
@@ -58,7 +58,7 @@ class WorkProgress:
 
     def __enter__(self) -> Self:
         if self._plain:
-            begin_phase(f"{self._what}: the first is under way")
+            begin_phase(f"{self._what}: the first one has started")
         else:
             self._shown.enter_context(shown(self._bar.live))
         return self
@@ -67,7 +67,7 @@ class WorkProgress:
         self._shown.close()
 
     def show(self, done: int, total: int, note: str) -> None:
-        """Show how many pieces are done, and the result of the last one."""
+        """Show the number of finished pieces, and the result of the last one."""
         if self._plain:
             print(f"{done}/{total} {note}", file=sys.stderr, flush=True)
         else:
@@ -76,7 +76,7 @@ class WorkProgress:
             self._bar.console.print(f"{done}/{total} {note}", highlight=False)
 
     def showing(self, note: Callable[[Row], str]) -> Callable[[int, int, Row], None]:
-        """Return a function that shows one finished piece of work after the other. note: its result."""
+        """Return a function that shows a finished piece of work. note: returns the text of its result."""
         return lambda done, total, row: self.show(done, total, note(row))
 
 
@@ -93,9 +93,9 @@ class _TimeLeftColumn(ProgressColumn):
 
 
 class OneMessage(Generic[Row]):
-    """Returns the result of each attempt in a line; a fault that repeats is not spelled out again.
+    """Returns the result of each attempt as a line; a repeated fault is abbreviated.
 
-    note: returns the result, with the fault. fault: returns what ended an attempt, None if it counts.
+    note: returns the result, including the fault. fault: returns the fault that ended an attempt, else None.
     """
 
     def __init__(self, note: Callable[[Row], str], fault: Callable[[Row], str | None]) -> None:
@@ -111,7 +111,7 @@ class OneMessage(Generic[Row]):
 
 
 class TrainingView:
-    """A progress bar at a terminal, a line per epoch elsewhere."""
+    """A progress bar on a terminal; in other output a line per epoch."""
 
     def __init__(self) -> None:
         self._bar = Progress(console=PlainConsole(stderr=True), transient=True)
@@ -126,7 +126,7 @@ class TrainingView:
         self._bar.stop()
 
     def __call__(self, text: str, share: float) -> None:
-        """Show the step, and the share of the training that is done."""
+        """Show the step and the finished fraction of the training."""
         self._bar.update(self._task, description=text, completed=share)
         if "loss" in text:
             self._bar.console.print(text, highlight=False)
@@ -136,10 +136,10 @@ class TrainingView:
 
 
 class TrialView:
-    """Shows a trial while it runs; call it with lifts done, lifts wanted and a finished lift's row.
+    """Shows a running trial. Call it with the finished number, the total number and a finished lift's row.
 
-    note: says in a few words what came of a lift. done: lifts that an earlier run has done. usual_s: time
-    per lift in that run, where known.
+    note: returns a one-line summary of a lift's outcome. done: number of lifts that an earlier run has
+    finished. usual_s: time per lift in that run, if known.
     """
 
     def __init__(
@@ -173,7 +173,7 @@ class TrialView:
         self._shown.stop()
 
     def __call__(self, done: int, total: int, row: LiftRow) -> None:
-        """Take a finished lift."""
+        """Show a finished lift."""
         self._read()
         with self._lock:
             self._time_left.done, self._time_left.total = done, total
@@ -183,7 +183,7 @@ class TrialView:
         self._shown.line(f"{done}/{total} {self._note(row)}")
 
     def render(self) -> Group:
-        """Return the progress bar over two lines for each lift in progress, in the order of the lifts."""
+        """Return the progress bar, followed by two lines per lift in progress, in the order of the lifts."""
         self._read()
         lifts = self._in_order()
         self._progress.update(
@@ -225,7 +225,7 @@ class TrialView:
                 lift.take(message)
 
     def _begin_once(self) -> None:
-        """Start estimating the time left at the first lift; earlier time, as for questions, is ignored."""
+        """Start the estimate of the remaining time at the first lift; earlier questions do not count."""
         if not self._begun:
             self._begun = True
             self._time_left.begin()
@@ -256,10 +256,10 @@ class _Plain:
     def __init__(self, lines: Callable[[], list[str]]) -> None:
         self._lines = lines
         self._over = threading.Event()
-        self._thread = threading.Thread(target=self._tell, daemon=True, name="live lines")
+        self._thread = threading.Thread(target=self._repeat, daemon=True, name="live lines")
 
     def start(self) -> None:
-        begin_phase("lifts: the first is under way")
+        begin_phase("lifts: the first one has started")
         self._thread.start()
 
     def stop(self) -> None:
@@ -269,7 +269,7 @@ class _Plain:
     def line(self, text: str) -> None:
         print(text, file=sys.stderr, flush=True)
 
-    def _tell(self) -> None:
+    def _repeat(self) -> None:
         while not self._over.wait(PLAIN_EVERY_S):
             for line in self._lines():
                 self.line(line)

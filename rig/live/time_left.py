@@ -1,11 +1,11 @@
-"""Estimated time left. Work in progress counts by its finished share, so the estimate keeps changing."""
+"""Estimate of the remaining time, which includes the finished fraction of work in progress."""
 
 from drivers.clock import NS_PER_S, Clock, SystemClock
 
 LEAST_WORK = 0.05
-"""Least finished share of one piece of work from which the time left is estimated."""
+"""Least finished fraction of one piece of work for an estimate."""
 MOST_IN_PROGRESS = 0.97
-"""Work in progress never counts as done."""
+"""Largest finished fraction of work in progress."""
 LEAST_S = 1.0
 """Least elapsed time for an estimate: the first report may contain several pieces at once."""
 USUAL_PIECES = 10
@@ -13,9 +13,9 @@ USUAL_PIECES = 10
 
 
 class TimeLeft:
-    """The time left for `total` pieces of work, of which `done` were done before it began to be measured.
+    """The remaining time for `total` pieces of work, of which `done` were finished before the measurement.
 
-    usual_s: time per piece in an earlier run, where known.
+    usual_s: time per piece in an earlier run, if known.
     """
 
     def __init__(
@@ -33,7 +33,7 @@ class TimeLeft:
         self._began_ns = self._clock.now_ns()
 
     def seconds(self, shares: tuple[float, ...] = ()) -> float | None:
-        """Return the time left, s; None until enough is done. shares: finished, of pieces in progress."""
+        """Return the remaining time, s; None until enough is done. shares: finished fractions in progress."""
         in_progress = sum(min(max(share, 0.0), MOST_IN_PROGRESS) for share in shares)
         worked = self.done - self._before + in_progress
         elapsed_s = (self._clock.now_ns() - self._began_ns) / NS_PER_S if worked else 0.0
@@ -43,14 +43,14 @@ class TimeLeft:
         return pace_s * max(self.total - self.done - in_progress, 0.0)
 
     def piece_done(self, done: int, total: int) -> None:
-        """Count a finished piece, `done` in total; time counts from the end of the first, slower one."""
+        """Count a finished piece, `done` in total. Time is measured from the end of the first, slower one."""
         now_ns = self._clock.now_ns()
         if self._newest_ns is None:
             self._before, self._began_ns = done, now_ns
         self.done, self.total, self._newest_ns = done, total, now_ns
 
     def counting_down(self) -> float | None:
-        """Return `seconds` if the share of the next piece is unknown: assume the usual pace."""
+        """Return the remaining time at the usual pace, without the progress of the current piece."""
         done = self.done - self._before
         if self._newest_ns is None or done <= 0 or self._newest_ns <= self._began_ns:
             return None
@@ -59,7 +59,7 @@ class TimeLeft:
 
 
 def left_text(seconds: float | None) -> str:
-    """Write a time left for people: "about 1 min 20 s left", nothing where it is not known."""
+    """Return a remaining time as text: "about 1 min 20 s left", or "" if it is unknown."""
     if seconds is None:
         return ""
     whole = round(seconds)

@@ -1,7 +1,7 @@
-"""A viewer's own process: `python -m rig.live.viewer rerun|foxglove ADDRESS [ARGUMENT...]`.
+"""The process of a viewer: `python -m rig.live.viewer rerun|foxglove ADDRESS [ARGUMENT...]`.
 
-It prints "ready" when it listens and ends when its standard input ends, so also when the process
-that started it is killed; a file is then complete up to there.
+It prints "ready" when it listens, and ends when its standard input ends. This also happens if the process
+that started it is killed; a file is then complete up to that time.
 """
 
 import os
@@ -15,7 +15,7 @@ from rig.live.feed import Inbox, Message
 
 EVERY_S = 0.05
 GIVE_WAY = 10
-"""How much later than the lifts the viewer gets the processor (nice(2))."""
+"""Niceness of the viewer relative to the lifts (nice(2))."""
 
 
 class Scene(Protocol):
@@ -25,12 +25,12 @@ class Scene(Protocol):
         """Show a message."""
 
     def close(self) -> None:
-        """Write what is left."""
+        """Write the remaining data."""
 
 
 def main(arguments: list[str]) -> None:
-    """Show what arrives until the input ends. arguments: viewer, address, and those of its `open_scene`."""
-    # Ctrl-C is for the trial; what it then still sends is to be seen.
+    """Show messages until the input ends. arguments: viewer, address, and those of its `open_scene`."""
+    # Ctrl-C is for the trial only; messages that the trial sends after it are still shown.
     leave_signals_to_parent()
     os.nice(GIVE_WAY)
     scene: Scene = import_module(f"rig.live.{arguments[0]}").open_scene(arguments[2:])

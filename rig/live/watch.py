@@ -1,6 +1,6 @@
-"""The page of `--watch` and of `rig live`, in a process of its own, so that no browser is ever waited for.
+"""The page of `--watch` and of `rig live`. A separate process serves it, so that commands never wait.
 
-The page of `--watch` is read-only. That of `rig live` also passes on what a person asks for by its buttons.
+The page of `--watch` is read-only. The page of `rig live` also passes on the actions of its buttons.
 """
 
 import json
@@ -32,18 +32,18 @@ from rig.pages.serving import (
 )
 
 TOKEN = "x-rig-token"  # noqa: S105 - its name
-"""Header of a request that changes something, with the token that only the page itself knows."""
+"""Header of requests that change something; its token is contained only in the page."""
 MOST_ACTION_BYTES = 200
 REPORT_WAIT_S = 1.5
-"""A browser that looks on is given this much time to fetch the report before the page ends."""
+"""Time that a connected browser gets to fetch the report before the server stops."""
 LOOKING, REPORT_SHOWN = b"looking", b"report shown"
-"""What the page's process reports: a browser has opened the page, and a browser has the report."""
+"""Messages of the server's process: a browser has opened the page; a browser has fetched the report."""
 
 
 def watch_address(at: str | None, option: str = "--watch-at", port: int = 0) -> tuple[str, int]:
-    """Return host and port to serve at; port 0 is a free one.
+    """Return host and port to serve at; port 0 stands for any free port.
 
-    at: as typed for the option, HOST:PORT, None for `port` on this computer alone. Raises `InputError` for
+    at: value of the option, HOST:PORT, or None for `port` on this computer only. Raises `InputError` for
     anything else.
     """
     if at is None:
@@ -55,10 +55,10 @@ def watch_address(at: str | None, option: str = "--watch-at", port: int = 0) -> 
 
 
 class WatchPage:
-    """Serves what happens at `address` until it is closed. `listener`: lifts and poses send to it.
+    """Serves the page at `address` until it is closed. Lifts and poses send their messages to `listener`.
 
-    at: host and port. title, what, done, total: as `Progress`. estimators: names to choose from on a page
-    with buttons, see `asked`; a page without them is read-only. Raises `InputError` for an address that
+    at: host and port. title, what, done, total: see `Progress`. estimators: names to choose from on a page
+    with buttons, see `asked`; without them the page is read-only. Raises `InputError` for an address that
     cannot be served.
     """
 
@@ -92,7 +92,7 @@ class WatchPage:
         self.process.send(json.dumps(asdict(self._progress)).encode())
 
     def show_report(self, file: Path) -> None:
-        """Let browsers that look on show a report from now on; it is one file."""
+        """Let connected browsers show a report, a single file, from now on."""
         self._progress = replace(self._progress, report=str(file.absolute()))
         self.process.send(json.dumps(asdict(self._progress)).encode())
 
@@ -102,7 +102,7 @@ class WatchPage:
         return None if report in (None, LOOKING) else str(report, errors="replace")
 
     def close(self) -> None:
-        """Stop serving, once a browser that looks on has the report, if there is one."""
+        """Stop serving. If there is a report and a connected browser, wait until it has fetched it."""
         if self._progress.report:
             with suppress(RigError):
                 self._wait_until_shown()
@@ -110,7 +110,7 @@ class WatchPage:
         self._folder.cleanup()
 
     def _wait_until_shown(self) -> None:
-        """Wait until a browser that looks on has the report; not at all if none does. Raises `RigError`."""
+        """Wait until a connected browser has fetched the report, if there is one. Raises `RigError`."""
         looking = False
         while report := self.process.receive(REPORT_WAIT_S if looking else 0.0):
             if report == REPORT_SHOWN:
@@ -119,9 +119,10 @@ class WatchPage:
 
 
 class Watched:
-    """The page, in its own process.
+    """The request handler of the page, in the server's process.
 
-    progress: of the command so far. address: lifts, poses and sensors send there. estimators: as `WatchPage`.
+    progress: of the command so far. address: receives the messages of lifts, poses and sensors. estimators:
+    see `WatchPage`.
     """
 
     def __init__(self, progress: Progress, address: str, estimators: tuple[str, ...] = ()) -> None:
@@ -133,7 +134,7 @@ class Watched:
         self._state = WatchState(progress, self._inbox.take)
 
     def take(self, message: bytes) -> None:
-        """Take the command's progress."""
+        """Receive the command's progress."""
         self._state.progress = Progress(**json.loads(message))
 
     def answer(self, request: Request) -> Answer:
@@ -146,7 +147,7 @@ class Watched:
             return Answer(self._html, "text/html; charset=utf-8")
         if request.path == "/state.json":
             return Answer(json.dumps(self._state.values()).encode(), "application/json")
-        if request.path == "/clock":  # a browser finds the offset of its own clock by this
+        if request.path == "/clock":  # for the browser to compute the offset of its clock
             return Answer(str(time.monotonic()).encode(), "application/json")
         if request.path == "/stream":
             return Answer(b"", "application/octet-stream", report=LOOKING, news=StateNews(self._state))
@@ -159,7 +160,7 @@ class Watched:
         self._inbox.close()
 
     def _passed_on(self, request: Request) -> Answer:
-        """Pass on what a person asked for by a button, as text."""
+        """Pass on the action of a button, as text."""
         known = secrets.compare_digest(request.header(TOKEN).encode(), self._token.encode())
         if not known or not 0 < len(request.body) <= MOST_ACTION_BYTES:
             return FORBIDDEN

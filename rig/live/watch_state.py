@@ -1,4 +1,4 @@
-"""What the page of `--watch` and of `rig live` shows, and what of it a browser has not been sent yet."""
+"""State of the page of `--watch` and of `rig live`, and the changes that a browser has not received yet."""
 
 import json
 import struct
@@ -15,27 +15,27 @@ from rig.live.lift_in_view import LiftInView
 from rig.live.onlookers import Event
 
 RECORD_HEAD = struct.Struct(">II")
-"""Before each record of `/stream`: length of its JSON, then of all its pictures, which follow in order."""
+"""Head of each record of `/stream`: length of its JSON, total length of the images after it."""
 WATCH_EVERY_S = 0.5
-"""How often a page without live sensors is brought up to date."""
+"""Interval of the updates of a page without live sensors."""
 KEPT_FAULTS, MOST_CHARACTERS = 20, 2000
 KEPT_FINISHED = 60
 KEPT_LIFTS = 16
-"""Processes whose newest lift is shown."""
+"""Number of processes whose newest lift is shown."""
 POINTS_APART_S, KEPT_POINTS = 0.05, 600
-"""Of the curve of a lift's angles: no more than a screen shows, and the newest half minute of them."""
+"""Smallest spacing and largest number of the points of an angle curve: half a minute in all."""
 SILENT_S = 3.0
-"""Pictures are those of one process; after so long without any, those of another."""
+"""Images of one process are shown; after this time without an image, those of another process."""
 
 Curve = deque[tuple[float, float | None]]
-"""Times in s from a lift's first frame, angles in degrees, None where there was no answer."""
+"""Times in s from a lift's first frame, angles in degrees, None if refused."""
 
 
 @dataclass(slots=True)
 class SensorOnPage:
-    """A live sensor, or the fused object: its newest reading, its picture and the curve of its angle.
+    """A live sensor, or the object: its newest reading, its image and the curve of its angle.
 
-    points: time in s of the bench's clock, angle and sigma in degrees. added: how many there ever were.
+    points: time in s of the bench's clock, angle and sigma in degrees. added: total number of points so far.
     """
 
     reading: dict[str, Any] = field(default_factory=dict)
@@ -55,7 +55,7 @@ class SensorOnPage:
             self.added += 1
 
     def since(self, known: int) -> dict[str, Any]:
-        """Return the reading, and the points after the first `known`, as JSON takes it."""
+        """Return the reading, and the points after the first `known`, as JSON values."""
         new = min(self.added - known, len(self.points))
         points = list(self.points)[len(self.points) - new :]
         return {**self.reading, "points": points, "bytes": len(self.picture)}
@@ -78,7 +78,7 @@ class LiftOnPage:
                     self._add(curve, time_ns, angle_deg)
 
     def values(self) -> dict[str, Any]:
-        """Return it as the page takes it."""
+        """Return the lift as JSON values."""
         return {
             "title": self.lift.title,
             "phase": self.lift.phase,
@@ -99,11 +99,11 @@ class LiftOnPage:
 
 @dataclass(frozen=True, slots=True)
 class Progress:
-    """State of a command for the page. title: its name. what: name of its pieces of work, as "lifts".
+    """State of a command for the page. title: its name. what: name of its pieces of work, such as "lifts".
 
-    newest: about the piece finished last. finished: about all pieces finished while the page was served,
-    newest first. question: that waits for an answer. ended: how the command ended. faults: newest first, with
-    the time of day. report: path of the report, once it is written.
+    newest: text about the piece finished last. finished: texts about the pieces finished while the page was
+    served, newest first. question: the question that waits for an answer. ended: outcome of the command.
+    faults: newest first, with the time of day. report: path of the report, once it is written.
     """
 
     title: str
@@ -133,12 +133,12 @@ class Progress:
 
 @dataclass(slots=True)
 class WatchState:
-    """What is shown now. take: returns the messages of lifts since the last call, oldest first."""
+    """The displayed state. take: returns the messages of lifts since the last call, oldest first."""
 
     progress: Progress
     take: Callable[[], list[Message]]
     version: int = 0
-    """Counts the changes by messages of lifts and sensors."""
+    """Number of changes by messages of lifts and sensors."""
     notice: str = ""
     sensors: dict[str, SensorOnPage] = field(default_factory=dict)
     _lifts: dict[int, LiftOnPage] = field(default_factory=dict)
@@ -147,7 +147,7 @@ class WatchState:
     _followed_at_s: float = 0.0
 
     def values(self) -> dict[str, Any]:
-        """Return everything but the pictures, as JSON takes it."""
+        """Return the state without images, as JSON values."""
         self.read()
         lifts = sorted(self._lifts.values(), key=lambda each: each.lift.number)
         return {
@@ -158,12 +158,12 @@ class WatchState:
         }
 
     def picture(self, serial: str) -> bytes | None:
-        """Return the newest JPEG of a source; None where there is none."""
+        """Return the newest JPEG of a source; None if there is none."""
         self.read()
         return self._pictures.get(serial, (0, None))[1]
 
     def read(self) -> None:
-        """Take the messages that have come."""
+        """Process the received messages."""
         for message in self.take():
             self.version += 1
             if message.kind == "notice":
@@ -195,10 +195,10 @@ class WatchState:
 
 
 class StateNews:
-    """What one browser has not been sent yet, record by record: see `RECORD_HEAD`.
+    """The changes that one browser has not received yet, as records: see `RECORD_HEAD`.
 
-    A record is the state as `state.json` has it, with the live sensors: each one's newest reading, its new
-    points, and its picture unless the browser has it already.
+    A record is the state as in `state.json`, and for each live sensor its newest reading, its new points, and
+    its image if the browser does not have it yet.
     """
 
     def __init__(self, state: WatchState) -> None:

@@ -1,1 +1,1 @@
-"""The one look of all pages: colours, figures that follow light and dark, and how a page is put together."""
+"""Common style of all pages: colours, figures for light and dark mode, templates, and the server."""

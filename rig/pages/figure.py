@@ -1,7 +1,7 @@
-"""Figures for pages: drawn once with matplotlib, then coloured by the page for light and dark.
+"""Figures for pages: drawn once with matplotlib, then coloured by the page for light and dark mode.
 
-The text of a figure stays text, so that it is found, read aloud and stays sharp; a figure is drawn
-at the width it is shown at on a desktop, and shrinks to a phone's with its labels still legible.
+The text of a figure remains text in the SVG, so that it can be searched, read aloud and scaled. A figure is
+drawn at its width on a desktop; on a phone it is scaled down, and its labels are still legible.
 """
 
 import io
@@ -28,13 +28,13 @@ from rig.pages.palette import INK, LINE, MUTED, PAPER, by_light_hex
 
 Floats = NDArray[np.float64]
 PX_PER_INCH = 72
-"""An SVG of matplotlib counts 72 units per inch: here one unit is one CSS pixel."""
+"""Matplotlib's SVG has 72 units per inch; one unit is displayed as one CSS pixel."""
 WIDTH_PX = 400
-"""Width of a figure: three side by side on a desktop, one on a phone with little shrinking."""
+"""Width of a figure: three fit side by side on a desktop; on a phone one fits, scaled down slightly."""
 
 _STYLE: dict[Any, Any] = {
     "svg.fonttype": "none",
-    # names of files and objects are what they are, also with a $ in them
+    # names of files and objects may contain a $, which must not start a formula
     "text.parse_math": False,
     "svg.hashsalt": "rig",
     "font.family": "sans-serif",
@@ -72,7 +72,7 @@ _PAPER: dict[str, dict[str, Any]] = {
     "svg": {"metadata": {"Date": None, "Creator": None}},
     "png": {"dpi": 600, "facecolor": PAPER.light, "metadata": {"Software": None}},
 }
-"""How a figure for a paper is saved, by format; the same bytes each time."""
+"""Settings for saving a figure for a paper, by format; the bytes are reproducible."""
 _TICKS = ("xtick.labelsize", "xtick.major.pad", "xtick.major.size")
 _PAD_IN = 0.04167
 """Matplotlib's own margin around arranged axes."""
@@ -82,8 +82,8 @@ _PAD_IN = 0.04167
 def _styled() -> Iterator[None]:
     """Draw in the pages' style.
 
-    A character that matplotlib's font lacks (in a name, for example) causes no warning: text stays text in
-    SVG, and the browser has the character.
+    Characters that are missing in matplotlib's font cause no warning, because the browser draws the text of
+    an SVG with its own fonts.
     """
     with mpl.rc_context(_STYLE), warnings.catch_warnings():
         warnings.filterwarnings("ignore", r"Glyph \d+ .* missing from font")
@@ -92,9 +92,10 @@ def _styled() -> Iterator[None]:
 
 @contextmanager
 def drawing(height_px: float, width_px: float = WIDTH_PX, arranged: bool = True) -> Iterator[Figure]:
-    """Give an empty figure of this size in CSS pixels, in the pages' style.
+    """Yield an empty figure of this size in CSS pixels, in the style of the pages.
 
-    arranged: find room for all labels, which takes as long as drawing; else the caller places its axes.
+    arranged: use matplotlib's constrained layout, which takes as long as drawing; else the caller places the
+    axes.
     """
     with _styled():
         size = (width_px / PX_PER_INCH, height_px / PX_PER_INCH)
@@ -121,13 +122,13 @@ def limits(*values: Floats, room: float, least: float) -> tuple[float, float]:
 
 
 def band(axes: Axes, x: Floats, middle: Floats, half: Floats, colour: str) -> None:
-    """Fill `middle` +- `half`, cut off where the axes end. Set the axes' limits before the call."""
+    """Fill `middle` +- `half`, clipped at the limits of the axes, which must be set before the call."""
     low, high = (np.clip(edge, *axes.get_ylim()) for edge in (middle - half, middle + half))
     axes.fill_between(x, low, high, color=colour, alpha=0.22, linewidth=0)
 
 
 def svg(figure: Figure, alt: str) -> Markup:
-    """Return a figure as inline SVG whose colours are the page's. alt: what it shows, for screen readers."""
+    """Return a figure as inline SVG with the colours of the page. alt: description for screen readers."""
     buffer = io.StringIO()
     with _styled():
         figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None, "Type": None})
@@ -135,7 +136,7 @@ def svg(figure: Figure, alt: str) -> Markup:
     text = text[text.index("<svg") :].replace("\n", " ")
     for pattern, instead in _SUPERFLUOUS:
         text = pattern.sub(instead, text)
-    # in a tag digits beyond a hundredth of a pixel are nothing; in a label they may be all there is
+    # coordinates in tags are rounded to hundredths of a pixel; numbers in labels must not be rounded
     text = _TAG.sub(lambda tag: _DIGITS.sub(r".\1", tag.group()), text)
     text = _own_ids(text, f"f{next(_number)}-")
     text = re.sub(r"#[0-9a-f]{6}\b", _in_css, text)
@@ -152,9 +153,9 @@ def png(figure: Figure, dpi: float) -> bytes:
 
 
 def column_files(figure: Figure) -> dict[str, bytes]:
-    """Return a figure at the width of a paper's column as PDF, SVG and PNG, by ending.
+    """Return a figure with the width of a paper's column as PDF, SVG and PNG, by file suffix.
 
-    The figure is scaled as a whole, labels and lines with it, and keeps that size.
+    The whole figure is scaled, including labels and lines, and keeps that size afterwards.
     """
     _scale(figure, COLUMN_IN / float(figure.get_size_inches()[0]))
     found = {}
@@ -181,13 +182,13 @@ def _scale(figure: Figure, factor: float) -> None:
             artist.set_linewidth(artist.get_linewidth() * factor)
         elif isinstance(artist, Collection):
             artist.set_linewidth([float(width) * factor for width in np.ravel(artist.get_linewidth())])
-    for axes in figure.axes:  # labels of ticks, also of those that are made later
+    for axes in figure.axes:  # tick labels, including those that are created later
         size, pad, length = (factor * float(_STYLE.get(key, mpl.rcParams[key])) for key in _TICKS)
         axes.tick_params(which="both", labelsize=size, pad=pad, length=length)
 
 
 def legend_above(axes: Axes, columns: int = 3) -> None:
-    """Put the legend above the axes, where no curve runs."""
+    """Put the legend above the axes, so that it covers no curve."""
     axes.legend(
         loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=columns, borderaxespad=0.2, handlelength=1.4,
         columnspacing=1.1, handletextpad=0.5,
@@ -202,17 +203,17 @@ _SUPERFLUOUS = (
     (re.compile(r'(<svg [^>]*?)width="[^"]*" height="[^"]*"'), r"\1"),
     (re.compile(r"[ \n]+(?=[ >])"), ""),
 )
-"""Parts that are the same in all figures, or that the page defines."""
+"""Parts of an SVG that are removed: they are equal in all figures, or the page defines them."""
 _TAG, _DIGITS = re.compile(r"<[^>]+>"), re.compile(r"\.(\d\d)\d+")
 
 
 def _in_css(colour: re.Match[str]) -> str:
-    """Return a hex colour of the palette as a reference in CSS; others as they are."""
+    """Return a hex colour of the palette as a CSS variable; other colours unchanged."""
     name = _NAMES.get(colour.group())
     return f"var(--{name})" if name else colour.group()
 
 
 def _own_ids(text: str, prefix: str) -> str:
-    """Make the ids of a figure unique: a page has several figures."""
+    """Make the ids of a figure unique, because a page contains several figures."""
     text = re.sub(r'\bid="', f'id="{prefix}', text)
     return re.sub(r"(url\(|href=\")#", rf"\1#{prefix}", text)

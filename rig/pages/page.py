@@ -1,4 +1,4 @@
-"""How a page is put together: templates in their packages, one style, everything inside the file."""
+"""Render pages from templates of other packages, with the common style, as self-contained files."""
 
 import base64
 import re
@@ -12,12 +12,12 @@ from markupsafe import Markup
 from rig.pages.palette import variables
 
 FEWEST_HEADINGS = 4
-"""A page with fewer is seen at a glance."""
+"""Fewest headings of a page with a table of contents."""
 _HEADING = re.compile(r"<h2>(.*?)</h2>", re.DOTALL)
 
 
 def render(package: str, template: str, **values: Any) -> str:
-    """Return the page of a template that lies in `package` and extends `base.html`."""
+    """Render a template of `package` that extends `base.html`."""
 
     def load(name: str) -> str | None:
         for place in (package, "rig.pages"):
@@ -42,12 +42,12 @@ def render(package: str, template: str, **values: Any) -> str:
 
 
 def asset(name: str) -> Markup:
-    """Return a style or program of this package, which holds no input."""
+    """Return a style sheet or script of this package. It contains no user input, so it is not escaped."""
     return Markup(files("rig.pages").joinpath(name).read_text(encoding="utf-8"))  # noqa: S704
 
 
 def with_contents(html: str) -> str:
-    """Give the headings of a long page names, and put links to them below its title."""
+    """Add ids to the headings of a long page, and a table of contents below its title."""
     headings = _HEADING.findall(html)
     if len(headings) < FEWEST_HEADINGS:
         return html
@@ -62,7 +62,7 @@ def with_contents(html: str) -> str:
 
 
 def data_uri(image: bytes) -> str:
-    """Return PNG, JPEG or WebP bytes as an address that holds the picture itself."""
+    """Return PNG, JPEG or WebP bytes as a data URI."""
     kinds = {b"\x89PNG": "png", b"RIFF": "webp"}
     kind = kinds.get(image[:4], "jpeg")
     return f"data:image/{kind};base64,{base64.b64encode(image).decode('ascii')}"

@@ -1,7 +1,7 @@
-"""Every colour of every picture, once: the same colour means the same thing on all of them.
+"""All colours of pages and figures. A colour has the same meaning everywhere.
 
-The hues are those of Okabe and Ito (Color Universal Design, 2008), told apart with any colour
-vision; where two meet in one picture, line style, shape or place differs too.
+The hues are those of Okabe and Ito (Color Universal Design, 2008), which people with any colour vision can
+distinguish. Two of them in one figure also differ in line style, shape or position.
 """
 
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Colour:
-    """A colour named by its meaning: hex values on white paper and on a dark screen."""
+    """A colour with the name of its meaning, and its hex values in light and in dark mode."""
 
     name: str
     light: str
@@ -17,7 +17,7 @@ class Colour:
 
     @property
     def css(self) -> str:
-        """Reference to it in a page's styles."""
+        """The reference to the colour in CSS."""
         return f"var(--{self.name})"
 
 
@@ -38,7 +38,7 @@ FIRST = Colour("first", "#009e73", "#2fcf9f")
 SECOND = Colour("second", "#92408e", "#e27fd4")
 
 SERIES = (FIRST, SECOND, WARNING, INK)
-"""Curves and groups that have no colour of their own, in order."""
+"""Colours of curves and groups without a fixed colour, in this order."""
 
 STATES = {
     "tracking": Colour("tracking", "#add2eb", "#1a4067"),
@@ -47,7 +47,7 @@ STATES = {
     "lost": Colour("lost", "#a20f4c", "#ca56a4"),
     "no_contact": Colour("nocontact", "#7d828a", "#5c5c5c"),
 }
-"""What the estimator claims about a frame, by the names of `rig.tactile.sample.State`."""
+"""Colour of each state of the estimator, by the names of `rig.tactile.sample.State`."""
 
 _ALL = (
     INK, MUTED, LINE, PAPER, CARD, PHASE, ESTIMATE, TRUTH, WARNING, BAD, GOOD, FIRST, SECOND,
@@ -56,7 +56,7 @@ _ALL = (
 
 
 def variables() -> str:
-    """Return the colours as CSS: light ones, dark ones where the reader's system is dark, light on paper."""
+    """Return the colours as CSS: dark ones on screens in dark mode, otherwise light ones, also in print."""
     light = " ".join(f"--{c.name}: {c.light};" for c in _ALL)
     dark = " ".join(f"--{c.name}: {c.dark};" for c in _ALL)
     return (
@@ -66,5 +66,5 @@ def variables() -> str:
 
 
 def by_light_hex() -> dict[str, str]:
-    """Return the name of each colour, by its hex on white paper."""
+    """Return the name of each colour, by its hex value in light mode."""
     return {c.light: c.name for c in _ALL}

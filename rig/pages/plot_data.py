@@ -1,7 +1,7 @@
-"""Data of a drawn figure, from which the page's program plots it again with values and zoom.
+"""Data of a figure, from which the page draws it again with zoom and values at the pointer.
 
-JavaScript in `rig/pages/explore.js`. Coordinates are those of the figure's axes; dates are Unix times in s.
-Colours are names of the page's palette.
+`rig/pages/explore.js` draws it. Coordinates are those of the axes of the figure; dates are Unix times in s.
+Colours are names of the palette.
 """
 
 from collections.abc import Iterator, Sequence
@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from rig.pages.palette import by_light_hex
 
 SECONDS_PER_DAY = 86_400
-"""Matplotlib counts the days since 1970, JavaScript the seconds."""
+"""Matplotlib has dates in days since 1970, JavaScript in seconds."""
 _DIGITS = 10
 """Significant digits of a coordinate: enough for a Unix time in s."""
 _NO_LINE = ("None", " ", "")
@@ -36,7 +36,7 @@ Shape = dict[str, Any]
 
 @dataclass(frozen=True, slots=True)
 class Spot:
-    """A point of a figure with the text that is shown when the pointer is near.
+    """A point of a figure with the text that is shown if the pointer is near it.
 
     anchor: id in the page of the lift that a click opens, "" for none.
     """
@@ -78,7 +78,7 @@ def _rounded(values: NDArray[np.float64]) -> list[list[float]]:
 
 
 def _axis(axis: Axis, unit: int) -> dict[str, Any]:
-    """Return an axis. limits: least and largest value. down: whether values grow downwards."""
+    """Describe an axis for JSON. limits: smallest and largest value. down: whether the axis is inverted."""
     ticks = None
     if isinstance(axis.get_major_locator(), FixedLocator):
         labels = [label.get_text() for label in axis.get_ticklabels()]
@@ -118,7 +118,7 @@ def _shapes(artist: Artist, axes: Axes) -> Iterator[Shape]:
 
 
 def _line(line: Line2D) -> Shape:
-    """Return the look of a line. dot: diameter of its markers in px; width 0: markers only."""
+    """Describe the style of a line for JSON. dot: marker diameter in px; width 0: markers only."""
     marker = line.get_marker()
     return {
         "stroke": _name(line.get_color()),

@@ -1,7 +1,7 @@
-"""A local page over HTTP: requests are read, checked and answered, all on one thread and at a bounded rate.
+"""Serve a local page over HTTP, in one thread and at a limited rate; validate each request.
 
-An idle or slow client occupies a socket for at most `WAIT_S`, and no thread. An answer with news is sent
-until its browser has gone.
+An idle or slow client occupies a socket for at most `WAIT_S`, and no thread. A response with news continues
+until its browser disconnects.
 """
 
 import asyncio
@@ -21,21 +21,22 @@ from drivers.realtime import ordinary
 
 LOOPBACK = "127.0.0.1"
 WAIT_S = 5.0
-"""Longest time from a connection to the end of its answer."""
+"""Longest time from a connection to the end of its response, s."""
 MOST_AT_ONCE = 64
-"""Open connections; beyond that a new one replaces the oldest."""
+"""Most open connections; any further connection replaces the oldest."""
 MOST_PER_S, BURST = 100.0, 50
-"""Connections accepted per second on average, and at once after a pause. A browser makes about 10 per second.
+"""Most connections accepted per second on average, and most at once after a pause.
 
-Further connections wait in the kernel, where they cost no processor time.
+A browser makes about 10 per second. Further connections wait in the kernel, where they need no processor
+time.
 """
 MOST_HEAD_BYTES = MOST_BODY_BYTES = 16_384
 MOST_MESSAGE_BYTES = 200_000
-"""A message of the program has to fit into a socket's send buffer, 208 KiB by default (socket(7))."""
+"""Largest message of the program; it must fit into the send buffer of a socket (208 KiB, socket(7))."""
 NEWS_EVERY_S = 0.008
-"""How often there may be news: at each frame of two sensors at 60 frames per second."""
+"""Period at which news are polled, s: each frame of two sensors at 60 frames per second."""
 UNSENT_BYTES = 65_536
-"""News wait while more than this is on its way to a browser."""
+"""While more bytes than this are unsent, no further news are sent to a browser."""
 RETRY_S = 0.1
 GIVE_WAY = 10
 """Niceness of the process (nice(2)): the program gets about 10 times its share of a core."""
@@ -58,15 +59,15 @@ class Request:
 
 
 News = Callable[[], bytes]
-"""Returns what a browser has not been sent yet, b"" if there is nothing new. It has to return soon."""
+"""Returns the data that a browser has not received yet, b"" if there is nothing new. It must not block."""
 
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """The answer to a request. report: sent to the program once the browser has the answer.
+    """The response to a request. report: sent to the program after the browser has received the response.
 
-    news: if given, the answer has no end: what it returns follows the body, until the browser or the program
-    has gone. A slow browser is sent less often.
+    news: if given, its data follow the body until the browser disconnects or the program ends. A slow browser
+    gets news less often.
     """
 
     body: bytes
@@ -76,7 +77,7 @@ class Answer:
     news: News | None = None
 
     def packed(self) -> bytes:
-        """Return the answer as it is sent."""
+        """Return the bytes of the response."""
         lines = [
             f"HTTP/1.1 {self.status.value} {self.status.phrase}",
             f"Content-Type: {self.kind}",
@@ -84,38 +85,39 @@ class Answer:
             "Cache-Control: no-store",
             "X-Content-Type-Options: nosniff",
             "Cross-Origin-Resource-Policy: same-origin",
-            "X-Frame-Options: DENY",  # a site elsewhere could lay the page, unseen, under the pointer
+            "X-Frame-Options: DENY",  # against clickjacking by another site
             "Connection: close",
         ]
         return "\r\n".join([*lines, "", ""]).encode() + self.body
 
 
-NOT_FOUND = Answer(b"not here", status=HTTPStatus.NOT_FOUND)
-NOT_ALLOWED = Answer(b"not allowed", status=HTTPStatus.METHOD_NOT_ALLOWED)
-FORBIDDEN = Answer(b"asked under another name, or from another site", status=HTTPStatus.FORBIDDEN)
-UNREADABLE = Answer(b"not understood", status=HTTPStatus.BAD_REQUEST)
+NOT_FOUND = Answer(b"not found", status=HTTPStatus.NOT_FOUND)
+NOT_ALLOWED = Answer(b"method not allowed", status=HTTPStatus.METHOD_NOT_ALLOWED)
+FORBIDDEN = Answer(b"request to another host name, or from another site", status=HTTPStatus.FORBIDDEN)
+UNREADABLE = Answer(b"invalid request", status=HTTPStatus.BAD_REQUEST)
 
 
 class Page(Protocol):
-    """What a server shows. It is called from one thread, and has to return soon."""
+    """The page that a server shows. Its methods are called from one thread and must not block."""
 
     def answer(self, request: Request) -> Answer:
         """Answer a request."""
         ...
 
     def take(self, message: bytes) -> None:
-        """Take a message of the program."""
+        """Process a message of the program."""
         ...
 
     def close(self) -> None:
-        """Release what the page holds."""
+        """Release the resources of the page."""
         ...
 
 
 async def serve(page: Page, listening: socket.socket, program: socket.socket) -> None:
-    """Answer browsers until the program closes its end of the socket, or has ended.
+    """Serve browsers until the program closes its end of the socket or ends.
 
-    listening: accepts browsers. program: SOCK_SEQPACKET, messages for the page, and reports in return.
+    listening: socket for browsers. program: SOCK_SEQPACKET socket, with messages to the page and reports from
+    it.
     """
     over = asyncio.Event()
     listening.setblocking(False)
@@ -144,7 +146,7 @@ async def _accept(page: Page, listening: socket.socket, program: socket.socket) 
         await pace.turn()
         try:
             connection, _ = await loop.sock_accept(listening)
-        except OSError:  # no descriptor is free, or the client has gone
+        except OSError:  # no file descriptor is free, or the client has disconnected
             await asyncio.sleep(RETRY_S)
             continue
         if len(open_now) >= MOST_AT_ONCE:
@@ -157,7 +159,7 @@ async def _accept(page: Page, listening: socket.socket, program: socket.socket) 
 
 
 class _Pace:
-    """Spaces turns 1 / `MOST_PER_S` apart, `BURST` of them less."""
+    """Rate limiter: `MOST_PER_S` turns per second, after a pause `BURST` turns at once."""
 
     def __init__(self) -> None:
         self._next_s = 0.0
@@ -172,7 +174,7 @@ class _Pace:
 async def _converse(
     page: Page, connection: socket.socket, names: frozenset[str], program: socket.socket
 ) -> None:
-    """Read one request and answer it; a client that is too slow or gone is disconnected."""
+    """Read one request and respond; a client that is too slow is disconnected."""
     reader, writer = await asyncio.open_connection(sock=connection, limit=MOST_HEAD_BYTES)
     try:
         async with asyncio.timeout(WAIT_S):
@@ -192,7 +194,7 @@ async def _converse(
 
 
 async def _keep_sending(writer: asyncio.StreamWriter, news: News) -> None:
-    """Send news until the browser has gone, or takes none for `WAIT_S`."""
+    """Send news until the browser disconnects, or receives nothing for `WAIT_S`."""
     writer.transport.set_write_buffer_limits(high=UNSENT_BYTES)
     while not writer.transport.is_closing():
         if data := news():
@@ -209,11 +211,11 @@ def _answer(page: Page, request: Request | None, names: frozenset[str]) -> Answe
 
 
 def is_from_here(request: Request, names: frozenset[str]) -> bool:
-    """Whether a request asks for this computer's page, and comes from that page or from a person.
+    """Whether a request is addressed to this computer, and was sent by its page or by a person.
 
-    names: hosts under which the page may be asked for; empty for all, but changes need a host that
-    `is_this_computer`. A site elsewhere can lead its own name to this computer's address, which shows in
-    Host, and can send requests here, which shows in Origin.
+    names: accepted host names; empty for all, but changes then need a host that `is_this_computer`. Another
+    site can resolve its own name to the address of this computer, which the header Host shows, and can send
+    requests to it, which the header Origin shows.
     """
     try:
         host = urlsplit(f"//{request.header('host')}").hostname or ""
@@ -224,7 +226,7 @@ def is_from_here(request: Request, names: frozenset[str]) -> bool:
 
 
 def is_this_computer(host: str) -> bool:
-    """Whether a host is an IP address or this computer's own name: no site elsewhere has either."""
+    """Whether a host is an IP address or the name of this computer; the host of another site is neither."""
     name = socket.gethostname().lower()
     if host in ("localhost", name, f"{name}.local"):
         return True
@@ -236,14 +238,14 @@ def is_this_computer(host: str) -> bool:
 
 
 def _names(listening: socket.socket) -> frozenset[str]:
-    """Return the hosts under which a page on the loopback may be asked for; empty if others may look on."""
+    """Return the accepted host names; empty if the page is not on a loopback address."""
     address = str(listening.getsockname()[0])
     loopback = ipaddress.ip_address(address).is_loopback
     return frozenset({"localhost", LOOPBACK, address}) if loopback else frozenset()
 
 
 async def _read(reader: asyncio.StreamReader) -> Request | None:
-    """Read a request; None for anything else."""
+    """Read a request; return None if it is invalid."""
     try:
         head = await reader.readuntil(b"\r\n\r\n")
         first, *fields = head[:-4].decode("latin-1").split("\r\n")
@@ -259,10 +261,10 @@ async def _read(reader: asyncio.StreamReader) -> Request | None:
 
 
 class PageProcess:
-    """Serves a page at `host` and `port` until it is closed.
+    """Serves a page at `host` and `port` in another process until it is closed.
 
-    make: makes the `Page`, in that process; has to be picklable. at: host and port, 0 for a free one. Raises
-    `OSError` or `UnicodeError` for an address where nothing can be served.
+    make: makes the `Page` in that process; must be picklable. at: host and port, 0 for a free port. Raises
+    `OSError` or `UnicodeError` if the address cannot be used.
     """
 
     def __init__(self, make: Callable[[], Page], at: tuple[str, int]) -> None:
@@ -277,14 +279,14 @@ class PageProcess:
                 self._process.start()
 
     def send(self, message: bytes) -> bool:
-        """Send a message without waiting; return whether the page will get it."""
+        """Send a message without waiting; return whether it was sent."""
         try:
             return self._program.send(message) == len(message)
-        except OSError:  # the page is stopped or too slow, or its process has ended
+        except OSError:  # the page is closed or too slow, or its process has ended
             return False
 
     def receive(self, timeout_s: float) -> bytes | None:
-        """Return the next report of the page, None if there is none in time.
+        """Return the next report of the page, None if none arrives within the timeout.
 
         Raises `RigError` if the page's process has ended.
         """
@@ -299,7 +301,7 @@ class PageProcess:
         return report
 
     def close(self) -> None:
-        """Stop serving; open connections are not waited for."""
+        """Stop the server without waiting for open connections."""
         self._program.close()
         self._process.join(STOP_S)
         if self._process.is_alive():
@@ -310,7 +312,7 @@ class PageProcess:
 def _run(make: Callable[[], Page], listening: socket.socket, program: socket.socket) -> None:
     leave_signals_to_parent()
     os.nice(GIVE_WAY)
-    with ordinary():  # a program at real-time priority hands its priority on
+    with ordinary():  # a child process inherits real-time priority
         page = make()
         try:
             asyncio.run(serve(page, listening, program))

@@ -1,1 +1,1 @@
-"""Pages that people look at and send: reports of trials, recordings and curves, comparisons, films."""
+"""Pages and films for people: reports of trials, recordings and curves, comparisons, films."""

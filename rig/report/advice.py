@@ -1,4 +1,4 @@
-"""Warnings about a trial, in words that a person can act on: what was seen, where, what to do."""
+"""Warnings about a trial: observation, place and advice."""
 
 from collections import Counter
 from collections.abc import Callable
@@ -23,7 +23,7 @@ BIG_TURN_DEG, FEW_BIG_TURNS = 5.0, 0.3
 
 
 def trial_notices(trial: Trial, now: datetime | None = None) -> list[Notice]:
-    """All there is to say about a trial, the worst first."""
+    """Return all notices about a trial, the most serious first."""
     checks: tuple[Callable[[Trial], list[Notice]], ...] = (
         _unfinished, _faults, _fallen, _few_lifts, _small_turns, _refused, _sigma, _unseen_markers,
         _marker_distance, _estimator_faults, _drops, _jumps, _slow, _one_sided, _false_alarms,
@@ -39,9 +39,7 @@ def trial_notices(trial: Trial, now: datetime | None = None) -> list[Notice]:
 def _unfinished(trial: Trial) -> list[Notice]:
     if trial.manifest.status == "complete":
         return []
-    advice = (
-        f"Go on with the same command and --resume --out {trial.folder}; what is below counts only these."
-    )
+    advice = f"Continue with the same command and --resume --out {trial.folder}; only these lifts are shown."
     what = f"Unfinished: {len(trial.lifts)} of {counted(trial.manifest.wanted, 'lift')} accepted."
     return [Notice("bad", what, advice)]
 
@@ -52,13 +50,15 @@ def _faults(trial: Trial) -> list[Notice]:
         return []
     often, times = Counter(row.fault for row in failed).most_common(1)[0]
     names = joined([lift_name(row) for row in failed])
-    advice = f"They were repeated and count in no figure. The most frequent ({times}): {often}"
+    advice = f"They were repeated and are not in any figure. The most frequent ({times}): {often}"
     return [Notice("warn", f"{counted(len(failed), 'attempt')} ended in a rig fault: {names}.", advice)]
 
 
 def _fallen(trial: Trial) -> list[Notice]:
     names = [lift.name for lift in trial.lifts if lift.row.outcome is LiftOutcome.FALLEN]
-    advice = "Grip firmer (grip_mm in the object's file) or lift less high, so that the whole turn is seen."
+    advice = (
+        "Grip more firmly (grip_mm in the object's file) or lift less high, to measure the whole rotation."
+    )
     return [Notice("warn", f"The object fell in {joined(names)}.", advice)] if names else []
 
 
@@ -67,19 +67,23 @@ def _few_lifts(trial: Trial) -> list[Notice]:
     few = [f"{name} ({count})" for name, count in counts.items() if count < FEWEST_LIFTS]
     if not few:
         return []
-    advice = f"Their mean has no interval, and one lift can decide. Take --lifts {FEWEST_LIFTS} or more."
+    advice = f"Their mean has no interval, and one lift can dominate it. Use --lifts {FEWEST_LIFTS} or more."
     return [Notice("warn", f"Few lifts of {joined(few)}.", advice)]
 
 
 def _small_turns(trial: Trial) -> list[Notice]:
-    if trial.manifest.react is not ReactionKind.NONE:  # small turns are what a reaction is for
+    if trial.manifest.react is not ReactionKind.NONE:  # reactions keep rotations small on purpose
         return []
     turns = [abs(t) for lift in trial.lifts if (t := lift.row.final_truth_deg) is not None]
     big = sum(turn >= BIG_TURN_DEG for turn in turns)
     if not turns or big >= FEW_BIG_TURNS * len(turns):
         return []
     what = f"Only {big} of {counted(len(turns), 'lift')} turned by {BIG_TURN_DEG:g} degrees or more."
-    return [Notice("warn", what, "Small errors of small turns say little: grip lighter or lift higher.")]
+    return [
+        Notice(
+            "warn", what, "Small rotations give small errors in any case: grip less firmly or lift higher."
+        )
+    ]
 
 
 def _refused(trial: Trial) -> list[Notice]:
@@ -116,7 +120,9 @@ def _unseen_markers(trial: Trial) -> list[Notice]:
         f"The markers were lost for more than {MOST_UNSEEN:.0%} of {counted(len(missing), 'lift')}, most in "
         f"{worst.name} ({share:.0%})."
     )
-    advice = "No error is counted there. See that hand and object hide no marker, and that the light is even."
+    advice = (
+        "These frames have no error. Check that hand and object hide no marker, and that the light is even."
+    )
     return [Notice("warn", what, advice)]
 
 
@@ -126,10 +132,10 @@ def _marker_distance(trial: Trial) -> list[Notice]:
         return []
     worst, off = max(found, key=lambda pair: abs(pair[1].seen_m / pair[1].placed_m - 1.0))
     where = f"{counted(len(found), 'lift')}; most in {worst.name}"
-    what = f"Size and place of the markers do not agree in {where}: {off}."
+    what = f"Size and position of the markers are inconsistent in {where}: {off}."
     advice = (
-        "See marker_side_m and position_m of [camera] and position_m of [table] in the bench file, or run "
-        "rig calibrate camera and hand-eye; and see that objects are put in their place."
+        "Check marker_side_m and position_m of [camera] and position_m of [table] in the bench file, or run "
+        "rig calibrate camera and hand-eye; and check that objects are placed on their mark."
     )
     return [Notice("warn", what, advice)]
 
@@ -140,7 +146,7 @@ def _estimator_faults(trial: Trial) -> list[Notice]:
         return []
     worst, faults = max(found, key=lambda pair: pair[1].frames)
     what = f"The estimator itself failed in {counted(len(found), 'lift')}, most in {worst.name}: {faults}."
-    advice = "The frames are kept: mend the estimator's code, then rig replay with --estimator."
+    advice = "The frames are stored: correct the estimator's code, then run rig replay with --estimator."
     return [Notice("bad", what, advice)]
 
 
@@ -157,7 +163,7 @@ def _drops(trial: Trial) -> list[Notice]:
     ]
     if not bad:
         return []
-    advice = "rig doctor measures all cameras at once and says which of them share a USB bus."
+    advice = "rig doctor measures all cameras at once and reports which of them share a USB bus."
     return [Notice("warn", f"Frames were dropped: {joined(bad)}.", advice)]
 
 
@@ -168,7 +174,7 @@ def _jumps(trial: Trial) -> list[Notice]:
     if not jumped:
         return []
     counted = joined([f"{count} of {source}" for source, count in jumped.items()])
-    advice = "They are left out of all angles. See the clock of whatever stamps these frames."
+    advice = "They have no angle. Check the clock of the device that stamps these frames."
     return [Notice("warn", f"The times of frames jumped: {counted}.", advice)]
 
 
@@ -184,8 +190,8 @@ def _slow(trial: Trial) -> list[Notice]:
         f"1 frame in 100 takes {slow:.0f} ms, and a frame of some fingertip comes every {period_ms:.1f} ms."
     )
     advice = (
-        "In real time angles would come late. Run nothing else on this computer (simulated lifts side by "
-        "side slow one another), and see below which stage takes it."
+        "In real time angles would be late. Run nothing else on this computer (parallel simulated lifts slow "
+        "each other down); the table of stages below shows which stage is slow."
     )
     return [Notice("warn", what, advice)]
 
@@ -199,7 +205,7 @@ def _one_sided(trial: Trial) -> list[Notice]:
     if not many:
         return []
     advice = "One fingertip sticks while the other slips: centre the grasp, clean the gels."
-    return [Notice("warn", f"The fingertips disagree for much of {joined(many)}.", advice)]
+    return [Notice("warn", f"The fingertips disagree during much of {joined(many)}.", advice)]
 
 
 def _false_alarms(trial: Trial) -> list[Notice]:
@@ -210,8 +216,10 @@ def _false_alarms(trial: Trial) -> list[Notice]:
     ]
     if not early:
         return []
-    advice = "A controller that regrasps on the event would have done so without need in these lifts."
-    return [Notice("warn", f"The slip event was raised though nothing slipped in {joined(early)}.", advice)]
+    advice = (
+        "A controller that grips more firmly on a slip event would have done so unnecessarily in these lifts."
+    )
+    return [Notice("warn", f"A slip event was reported although nothing slipped in {joined(early)}.", advice)]
 
 
 def _tactile_frames(row: FinishedLift) -> int:

@@ -1,4 +1,4 @@
-"""Which calibrations a session used, and how old they are."""
+"""The calibrations that a session used, and their age."""
 
 from datetime import datetime
 
@@ -10,11 +10,11 @@ from rig.sessions.manifest import BenchManifest
 
 OLD_DAYS = 30.0
 NEEDED = ("camera", "hand-eye")
-"""What the marker angle rests on."""
+"""Calibrations that the marker angle depends on."""
 
 
 def calibration_table(manifest: BenchManifest, now: datetime) -> Table | None:
-    """A row per calibration that the manifest names; None where it names none."""
+    """Return a row per calibration in the manifest; None if there is none."""
     rows = [
         [name, about.file, about.verdict, _age(about, now)] for name, about in manifest.calibration.items()
     ]
@@ -22,14 +22,14 @@ def calibration_table(manifest: BenchManifest, now: datetime) -> Table | None:
 
 
 def calibration_notices(manifest: BenchManifest, now: datetime) -> list[Notice]:
-    """What to say about them: missing on a real bench, old, or weak."""
+    """Return notices about calibrations that are old, weak, or missing on a real bench."""
     named = manifest.calibration
     notices = []
     missing = [kind for kind in NEEDED if not any(name.startswith(kind) for name in named)]
     if missing and not manifest.simulated:
         advice = (
-            "The numbers typed into the bench file are used instead, and the marker angle is no better than "
-            f"they are: rig calibrate {missing[0]}."
+            "The values in the bench file are used instead, and limit the accuracy of the marker angle. Run "
+            f"rig calibrate {missing[0]}."
         )
         notices.append(Notice("warn", f"No calibration of {joined(missing)} is in use.", advice))
     old = [
@@ -38,11 +38,11 @@ def calibration_notices(manifest: BenchManifest, now: datetime) -> list[Notice]:
         if (_days(about, now) or 0.0) > OLD_DAYS
     ]
     if old:
-        advice = "Look whether it still holds: rig calibrate compare, or calibrate again."
+        advice = "Check that they are still valid with rig calibrate compare, or calibrate again."
         notices.append(Notice("warn", f"Old calibrations: {joined(old)}.", advice))
     weak = [name for name, about in named.items() if about.verdict == Verdict.WEAK]
     if weak:
-        advice = "Their pages say what was missing; more or better samples make them good."
+        advice = "Their pages state the reasons; more or better samples improve them."
         notices.append(Notice("warn", f"Weak calibrations: {joined(weak)}.", advice))
     return notices
 

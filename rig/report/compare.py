@@ -1,4 +1,4 @@
-"""Two ways to measure the same lifts, lift by lift: which is better, by how much, and where."""
+"""Comparison of two measurements of the same lifts, lift by lift: differences, intervals and verdict."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -16,8 +16,8 @@ from rig.sessions.records import ErrorSummary, FinishedLift
 class ComparedLift:
     """A lift on one side.
 
-    frame_ms: median wall time per tactile frame, None where it was not timed. curves: None where its
-    recording cannot be read.
+    frame_ms: median wall time per tactile frame, None if it was not timed. curves: None if its recording
+    cannot be read.
     """
 
     row: FinishedLift
@@ -31,7 +31,7 @@ Key = tuple[str, int]
 
 @dataclass(frozen=True, slots=True)
 class Figure:
-    """A figure of a lift that is compared. smaller: whether less of it is better; None where neither is."""
+    """A figure of a lift that is compared. smaller: whether smaller is better; None for no preference."""
 
     name: str
     unit: str
@@ -41,11 +41,12 @@ class Figure:
 
 @dataclass(frozen=True, slots=True)
 class Paired:
-    """One figure over the lifts that both sides have.
+    """One figure over the lifts of both sides.
 
     first, second: means of the sides. difference: mean of second - first, with its 95 % interval
-    (`mean_interval`; None below `FEWEST_LIFTS`). wins: lifts in which the first is better, the second,
-    neither. lifts: how many pairs have the figure. missing: pairs without it, on either side.
+    (`mean_interval`; None below `FEWEST_LIFTS`). wins: number of lifts in which the first side is better, the
+    second, or neither. lifts: number of pairs with the figure. missing: number of pairs without it on either
+    side.
     """
 
     figure: Figure
@@ -60,7 +61,7 @@ class Paired:
 
     @property
     def winner(self) -> int | None:
-        """0 or 1 where the interval says which side is better, else None."""
+        """Index of the better side if the interval excludes 0, else None."""
         if self.low is None or self.high is None or self.low <= 0.0 <= self.high:
             return None
         if self.figure.smaller is None:
@@ -78,7 +79,7 @@ class Paired:
 class Comparison:
     """All figures over all pairs, the mean error per object, and the pairs themselves.
 
-    alone: names of the lifts that only the first, only the second side has.
+    alone: names of the lifts that exist only on the first side, and only on the second.
     """
 
     names: tuple[str, str]
@@ -94,7 +95,7 @@ class Comparison:
 
     @property
     def error(self) -> Paired | None:
-        """The mean error over B and C, by which the verdict is given; None if no pair has one."""
+        """The mean error over B and C, on which the verdict is based; None if no pair has one."""
         return next((p for p in self.overall if p.figure is ERROR), None)
 
     def as_json(self) -> dict[str, object]:
@@ -141,10 +142,10 @@ def compare_lifts(
     second: Iterable[ComparedLift],
     same_estimator: bool = False,
 ) -> Comparison:
-    """Compare lifts, paired by object and number. Raises `InputError` when none is in both.
+    """Compare lifts, paired by object and number. Raises `InputError` if they have no lift in common.
 
-    same_estimator: whether one estimator measured both; then its times differ by how busy the computers
-    were, and neither side wins in them.
+    same_estimator: whether both sides used the same estimator. Then differences of run time are due to the
+    load of the computers, and no side is better.
     """
     left, right = _by_lift(first), _by_lift(second)
     keys = [key for key in left if key in right]
@@ -171,7 +172,7 @@ def _alone(mine: Mapping[Key, ComparedLift], others: Mapping[Key, ComparedLift])
 
 
 def differences(figure: Figure, pairs: Iterable[Pair]) -> tuple[Floats, Floats]:
-    """The figure on both sides, (N,) each, of the pairs that have it on both."""
+    """Return the figure of the first and second side, (N,) each, for the pairs with a value on both sides."""
     both = [
         (a, b) for x, y in pairs if (a := figure.value(x)) is not None and (b := figure.value(y)) is not None
     ]
@@ -180,7 +181,7 @@ def differences(figure: Figure, pairs: Iterable[Pair]) -> tuple[Floats, Floats]:
 
 
 def paired(figure: Figure, pairs: Sequence[Pair]) -> Paired | None:
-    """Compare one figure; None where no pair has it."""
+    """Compare one figure; None if no pair has it."""
     first, second = differences(figure, pairs)
     if not first.size:
         return None
@@ -202,7 +203,7 @@ def paired(figure: Figure, pairs: Sequence[Pair]) -> Paired | None:
 
 
 def verdict(comparison: Comparison) -> str:
-    """Say in a sentence who wins by the mean error over B and C, or why there is no verdict."""
+    """Return a sentence: which side has the lower mean error over B and C, or why none."""
     found = comparison.error
     if found is None:
         return "No verdict: no lift has an error on both sides."
@@ -213,8 +214,8 @@ def verdict(comparison: Comparison) -> str:
     if found.winner is None:
         more = "more" if found.difference >= 0.0 else "less"
         return (
-            f"No difference is shown: {second} errs by {abs(found.difference):.2f}° {more} than {first} "
-            f"{over}, 95 % interval {found.low:+z.2f} to {found.high:+z.2f}."
+            f"No significant difference: the error of {second} is {abs(found.difference):.2f}° {more} than "
+            f"that of {first} {over}, 95 % interval {found.low:+z.2f} to {found.high:+z.2f}."
         )
     ends = sorted(abs(end) for end in (found.low, found.high))
     return (

@@ -1,4 +1,4 @@
-"""The page of a comparison, with its one picture."""
+"""The page of a comparison, with its chart."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -23,13 +23,13 @@ from rig.results.metrics import FEWEST_LIFTS, INTERVAL
 _ROW_PX = 30
 _JITTER = 0.22
 _LINE, _NAME = 46, 14
-"""Characters that fit: below the axes, and of a name on either side above them."""
+"""Number of characters that fit below the axes, and of a name at either side above them."""
 
 
 def compare_page(comparison: Comparison, simulated: bool, about: str, notes: Sequence[str] = ()) -> str:
     """Return the comparison as one HTML page.
 
-    about: what the sides are, in words. notes: what could not be read of them.
+    about: description of the sides. notes: parts of them that could not be read.
     """
     return render(
         "rig.report",
@@ -54,7 +54,7 @@ def compare_page(comparison: Comparison, simulated: bool, about: str, notes: Seq
 
 
 def difference_chart(comparison: Comparison) -> Chart:
-    """Difference of the mean error in B and C: a dot per lift, a bar per object with its interval."""
+    """Draw the differences of the mean error in B and C: a dot per lift, and the interval per object."""
     first, second = (shorten(name) for name in comparison.names)
     rows = list(comparison.objects.items())
     total = comparison.error
@@ -77,13 +77,13 @@ def difference_chart(comparison: Comparison) -> Chart:
             (1.0, "right", f"{first} is closer \u25b6"),
         ):
             axes.text(x, 1.01, text, transform=axes.transAxes, ha=side, va="bottom", color=MUTED.light)
-        title = "Who is closer to the markers, and where"
+        title = "Which side is closer to the markers, by object"
         caption = "A dot per lift; the tick is the mean of the differences, the bar its 95 % interval."
         return Chart(title, figure, caption, f"{title}: {first} and {second}", spots=spots)
 
 
 def lift_charts(comparison: Comparison) -> list[Chart]:
-    """Both sides' curves of every lift that has them, the largest difference of the mean error first."""
+    """Draw both sides' curves of every lift with curves, largest difference of the mean error first."""
     charts = []
     for first, second in comparison.pairs:
         if first.curves is None or second.curves is None:
@@ -104,12 +104,12 @@ def lift_charts(comparison: Comparison) -> list[Chart]:
 
 
 def shorten(name: str) -> str:
-    """A name that fits into the picture: its end says more, as sessions begin with their date."""
+    """Return the end of a name that is too long for the chart; sessions begin with their date."""
     return name if len(name) <= _NAME else "\u2026" + name[1 - _NAME :]
 
 
 def figure_table(comparison: Comparison) -> Table:
-    """Every figure over all pairs."""
+    """Return a table of every figure over all pairs."""
     return Table(
         _columns(comparison, "figure"),
         [_cells(f"{p.figure.name}", p, comparison) for p in comparison.overall],
@@ -117,7 +117,7 @@ def figure_table(comparison: Comparison) -> Table:
 
 
 def object_table(comparison: Comparison) -> Table:
-    """The mean error over B and C per object."""
+    """Return a table of the mean error over B and C per object."""
     return Table(
         _columns(comparison, "object"), [_cells(n, p, comparison) for n, p in comparison.objects.items()]
     )

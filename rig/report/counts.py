@@ -1,4 +1,4 @@
-"""What was counted and timed in a trial, as tables."""
+"""Tables of counts and times of a trial."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -12,7 +12,7 @@ from rig.sessions.timing import LiftTiming, StageTimes
 
 
 def stage_table(timing: Sequence[LiftTiming]) -> Table | None:
-    """Wall time per stage and frame: the middle lift's median and 95th, the worst lift's 99th percentile."""
+    """Return a table of the wall time per stage and frame: percentiles of the median and the worst lift."""
     stages: dict[str, list[StageTimes]] = {}
     for row in timing:
         for name, spent in row.stages.items():
@@ -36,7 +36,7 @@ def stage_table(timing: Sequence[LiftTiming]) -> Table | None:
 
 
 def counts_table(rows: Sequence[FinishedLift]) -> Table | None:
-    """Frames received and dropped, per source."""
+    """Return a table of received and dropped frames per source."""
     frames: Counter[str] = Counter()
     dropped: Counter[str] = Counter()
     for row in rows:
@@ -49,7 +49,7 @@ def counts_table(rows: Sequence[FinishedLift]) -> Table | None:
 
 
 def onset_delays_ms(rows: Sequence[FinishedLift]) -> dict[str, Floats]:
-    """How much later than the markers' onset the estimate's, and the event raised in the lift, came; (N,)."""
+    """Return the delays of the estimated onset and of the slip event after the true onset, (N,) ms."""
     seen = {
         "estimated curve": [(row.onset_estimate_s, row.onset_truth_s) for row in rows],
         "slip event": [(row.onset_alarm_s, row.onset_truth_s) for row in rows],
@@ -61,7 +61,7 @@ def onset_delays_ms(rows: Sequence[FinishedLift]) -> dict[str, Floats]:
 
 
 def onset_table(rows: Sequence[FinishedLift]) -> Table | None:
-    """Medians and 90 % ranges of `onset_delays_ms`; None where no markers slipped."""
+    """Return a table of medians and 90 % ranges of `onset_delays_ms`; None if no lift has a true slip."""
     slips = sum(row.onset_truth_s is not None for row in rows)
     if not slips:
         return None
@@ -79,7 +79,7 @@ def onset_table(rows: Sequence[FinishedLift]) -> Table | None:
 
 
 def state_table(rows: Sequence[FinishedLift]) -> Table | None:
-    """What the estimator claimed, what it had no need to do, and how often the fingertips disagreed."""
+    """Return a table of the estimator's states, its skipped stages, and disagreements of the fingertips."""
     states: Counter[str] = Counter()
     skipped: Counter[str] = Counter()
     apart: Counter[str] = Counter()

@@ -1,4 +1,4 @@
-"""Warnings about sigma: over all lifts, and the lifts whose errors it does not cover."""
+"""Warnings about a sigma that is too small, over all lifts and for single lifts."""
 
 from collections.abc import Sequence
 
@@ -11,11 +11,11 @@ from rig.report.trial_charts import sigma_ratios
 
 LEAST_COVERED = 0.90
 MOST_BEYOND = 0.3
-"""Share of a lift's frames whose error may be beyond 2 sigma; 5 % should be."""
+"""Accepted fraction of a lift's frames with an error beyond 2 sigma; the expected fraction is 5 %."""
 
 
 def sigma_notices(lifts: Sequence[LiftCurves]) -> list[Notice]:
-    """What there is to say; nothing for lifts without a sigma."""
+    """Return the warnings; none for lifts without a sigma."""
     return [*_overall(lifts), *_single(lifts)]
 
 
@@ -32,7 +32,7 @@ def _overall(lifts: Sequence[LiftCurves]) -> list[Notice]:
 
 
 def _single(lifts: Sequence[LiftCurves]) -> list[Notice]:
-    """Name the lifts that the overall share may hide, the worst first."""
+    """Warn of single lifts, worst first, because the fraction over all lifts can hide them."""
     shares: list[tuple[float, str]] = []
     for lift in lifts:
         ratios = sigma_ratios([lift])
@@ -43,7 +43,7 @@ def _single(lifts: Sequence[LiftCurves]) -> list[Notice]:
     named = joined([f"{name} ({share:.0%})" for share, name in sorted(shares, reverse=True)])
     what = f"More than {MOST_BEYOND:.0%} of the frames are beyond 2 sigma in {named}."
     advice = (
-        "There the estimate is off by more than it says: look at the curves and frames of these lifts before "
+        "Their errors are larger than their sigmas: inspect the curves and frames of these lifts before "
         "using their angles."
     )
     return [Notice("warn", what, advice)]

@@ -1,4 +1,4 @@
-"""Lifts from plain CSV files: two angle curves each, from whatever tool measured them."""
+"""Lifts from CSV files with two angle curves each, from any tool."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -19,15 +19,16 @@ ESTIMATE_COLUMNS = ("estimate_deg", "pred_deg", "angle_deg")
 TRUTH_COLUMNS = ("truth_deg", "aruco_gt_deg", "aruco_deg", "marker_deg")
 SIGMA_COLUMNS = ("sigma_deg",)
 SETTLED_DEG, SETTLED_SHARE = 0.5, 0.05
-"""Phase C begins when the reference stays within this, or this share of its turn, of where it ends."""
+"""Phase C begins when the reference stays within this distance of its final angle; or within this fraction of
+its rotation."""
 _REFUSED = ("", "nan", "none", "null")
 _LARGEST = 9e9
-"""Of a number: integer nanoseconds of later seconds do not fit 64 bits."""
+"""Largest accepted number; larger times in s do not fit 64-bit integer nanoseconds."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CsvLift:
-    """A lift from a table. errors: over all its frames, None where no frame has both angles."""
+    """A lift from a table. errors: over all its frames, None if no frame has both angles."""
 
     path: Path
     curves: LiftCurves
@@ -38,16 +39,16 @@ class CsvLift:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tables:
-    """The lifts that could be read, and a note for each file that could not."""
+    """The readable lifts, and a note for each unreadable file."""
 
     lifts: tuple[CsvLift, ...]
     notes: tuple[str, ...]
 
 
 def read_tables(sources: Sequence[Path]) -> Tables:
-    """Read CSV files, and those in folders. Raises `InputError` when no lift is among them.
+    """Read CSV files, and the CSV files in folders. Raises `InputError` if there is no lift.
 
-    A file that is named and holds no lift is an error; one that merely lies in a folder is a note.
+    A given file without a lift is an error; for a file without a lift in a given folder a note is added.
     """
     lifts, notes = [], []
     for source in sources:
@@ -69,7 +70,7 @@ def read_tables(sources: Sequence[Path]) -> Tables:
 
 
 def read_table(path: Path) -> CsvLift:
-    """Read one CSV file. Raises `InputError` naming the column or line that is wrong."""
+    """Read one CSV file. Raises `InputError` naming the invalid column or line."""
     columns = _columns(path)
     time_s = columns["time"]
     if not np.isfinite(time_s).all() or (np.diff(time_s) <= 0.0).any():
@@ -98,9 +99,9 @@ def read_table(path: Path) -> CsvLift:
 
 
 def detected_phases(truth: Curve) -> tuple[dict[str, float], float | None]:
-    """Where A, B and C begin, and the onset, told from the reference alone; none where nothing slipped.
+    """Return the starts of phases A, B and C and the onset, from the reference only; none without a slip.
 
-    B begins with the slip (contract, metrics), C where the angle stays near to where it ends.
+    B begins with the slip, and C when the angle stays near its final value.
     """
     onset_s = _onset_s(truth)
     known = truth.answered
@@ -138,7 +139,7 @@ _WANTED = {
 
 
 def _numbers(table: CsvTable, index: int) -> Floats:
-    """The numbers of a column, NaN where refused. Raises `InputError` naming the line of one that is none."""
+    """Return the numbers of a column, NaN for refused frames. Raises `InputError` for an invalid number."""
     values = np.full(len(table.lines), np.nan)
     for number, (line, row) in enumerate(table.lines):
         cell = row[index].strip() if index < len(row) else ""

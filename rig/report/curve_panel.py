@@ -1,4 +1,4 @@
-"""The growing curve of a film: drawn whole once, then uncovered from the left as time goes on."""
+"""The growing curve of a film: drawn once as a whole, then revealed from the left over time."""
 
 from dataclasses import dataclass
 
@@ -13,14 +13,14 @@ from rig.report.lift_chart import draw_lift
 from rig.report.strips import rgb
 
 _SCALE = 1.25
-"""Drawn larger than on a page, as a film is looked at from further away."""
+"""Scale relative to a chart on a page, because films are watched from a larger distance."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CurvePanel:
-    """A lift's curves as pictures, (H, W, 3) uint8 RGB: all of them, and the axes alone.
+    """Images, (H, W, 3) uint8 RGB, of a lift's curves with their axes, and of the axes without curves.
 
-    A time t, s, lies at column `origin_px + t * px_per_s`.
+    The time t, in s, is at column `origin_px + t * px_per_s`.
     """
 
     whole: Image
@@ -29,7 +29,7 @@ class CurvePanel:
     px_per_s: float
 
     def until(self, time_s: float) -> Image:
-        """The curves as far as they are known at a time, with a line where it stands."""
+        """Return the curves up to a time, with a line at that time."""
         column = int(np.clip(round(self.origin_px + time_s * self.px_per_s), 0, self.whole.shape[1] - 1))
         picture = self.axes.copy()
         picture[:, :column] = self.whole[:, :column]
@@ -38,7 +38,7 @@ class CurvePanel:
 
 
 _TOP, _BOTTOM = 22, 46
-"""Where the line that marks the time ends, px from the panel's edges: at the axes."""
+"""Distances of the ends of the time line from the panel's edges, px: at the axes."""
 
 
 def draw_panel(lift: LiftCurves, width_px: int, height_px: int) -> CurvePanel:

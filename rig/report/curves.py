@@ -15,8 +15,8 @@ from rig.results.metrics import Floats
 class Curve:
     """An angle over time.
 
-    time_s: (N,) float64, increasing. angle_deg, sigma_deg: (N,) float64, NaN where refused or
-    unknown. states: (N,) what the estimator claimed; empty where nothing is known of that.
+    time_s: (N,) float64, increasing. angle_deg, sigma_deg: (N,) float64, NaN if refused or unknown. states:
+    (N,) states of the estimator; empty if unknown.
     """
 
     time_s: Floats
@@ -26,7 +26,7 @@ class Curve:
 
     @property
     def answered(self) -> "Curve":
-        """The part with an angle."""
+        """Return the samples with an angle."""
         known = np.isfinite(self.angle_deg)
         states = tuple(s for s, k in zip(self.states, known, strict=True) if k) if self.states else ()
         return Curve(self.time_s[known], self.angle_deg[known], self.sigma_deg[known], states)
@@ -34,12 +34,11 @@ class Curve:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LiftCurves:
-    """All curves of one lift; times in s from the start of phase B (as given, in a table), angles in deg.
+    """All curves of one lift; times in s from the start of phase B (in a table: as given), angles in deg.
 
-    estimate: the fused angle. truth: the markers'. tips: each fingertip's, by serial. phases_s:
-    where "A", "B" and "C" begin and "lower" ends them, and other phases, which split none of these; empty
-    where nothing is known of them.
-    onset_truth_s, onset_estimate_s: None where no slip began.
+    estimate: the fused angle. truth: the marker angle. tips: the angle of each fingertip, by serial.
+    phases_s: start times of phases, "A", "B", "C" and "lower" among them; empty if unknown. onset_truth_s,
+    onset_estimate_s: None without a slip.
     """
 
     name: str
@@ -53,7 +52,7 @@ class LiftCurves:
 
     @property
     def paper_phases_s(self) -> dict[str, float]:
-        """The phases that each lift has."""
+        """Start times of the phases of the paper, which every lift has."""
         return {name: t for name, t in self.phases_s.items() if name in REQUIRED}
 
     @property
@@ -62,7 +61,7 @@ class LiftCurves:
         return {name: t for name, t in self.phases_s.items() if name not in REQUIRED}
 
     def within(self, *phases: str) -> NDArray[np.bool_]:
-        """Which frames of the estimate, (N,) bool, lie in these phases; all where phases are unknown."""
+        """Return which frames of the estimate, (N,) bool, are in these phases; all if phases are unknown."""
         times = self.estimate.time_s
         inside = np.zeros(times.shape, bool)
         for phase in phases:
@@ -74,7 +73,7 @@ class LiftCurves:
 
 
 def truth_at(truth: Curve, time_s: Floats) -> Floats:
-    """The marker angle at other times, (N,) deg, as the metrics take it: NaN across gaps over 50 ms."""
+    """Return the marker angle at other times, (N,) deg; NaN in gaps of more than 50 ms."""
     known = truth.answered
     times_ns = np.rint(known.time_s * NS_PER_S).astype(np.int64)
     series = TruthSeries(times_ns, known.angle_deg, known.sigma_deg, 0.0, None, {})
@@ -83,11 +82,11 @@ def truth_at(truth: Curve, time_s: Floats) -> Floats:
 
 
 def signed_errors(lift: LiftCurves) -> Floats:
-    """Estimate minus truth at each frame of the estimate, (N,) deg, NaN where either is missing."""
+    """Return estimate minus truth at each frame of the estimate, (N,) deg, NaN if either is missing."""
     return lift.estimate.angle_deg - truth_at(lift.truth, lift.estimate.time_s)
 
 
 def rates_deg_s(lift: LiftCurves, span_s: float = 0.1) -> Floats:
-    """How fast the markers turn at each frame of the estimate, (N,) deg/s, over `span_s` around it."""
+    """Return the rate of the markers at each frame of the estimate, (N,) deg/s, over `span_s` around it."""
     times = lift.estimate.time_s
     return (truth_at(lift.truth, times + span_s / 2) - truth_at(lift.truth, times - span_s / 2)) / span_s

@@ -1,4 +1,4 @@
-"""The report of lifts that come as plain tables: old data, or somebody else's."""
+"""The report of lifts from CSV tables, such as old data or data of another lab."""
 
 from dataclasses import replace
 from datetime import UTC, datetime

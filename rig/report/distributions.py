@@ -1,4 +1,4 @@
-"""Figures of errors by group and by size of another value: boxes and percentiles."""
+"""Figures of errors: boxes by group, and percentiles by angle, rate and time."""
 
 from collections.abc import Sequence
 from itertools import pairwise
@@ -16,7 +16,7 @@ from rig.report.parts import Chart
 from rig.results.metrics import Floats
 
 FEWEST_FRAMES = 30
-"""Fewer frames than this make no percentile worth drawing."""
+"""Fewest frames for which percentiles are drawn."""
 ANGLE_EDGES_DEG = (0.0, 2.0, 5.0, 10.0, 15.0, 20.0, 30.0, 45.0, 90.0)
 RATE_EDGES_DEG_S = (0.0, 2.0, 5.0, 10.0, 20.0, 40.0, 80.0, 200.0)
 TIME_EDGES_S = (0.0, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 5.0)
@@ -32,7 +32,7 @@ def boxes(
     least: float | None = 0.0,
     mark: float | None = None,
 ) -> Chart:
-    """A box per group from the first to the third quartile, the median, and whiskers to least and most.
+    """Draw a box plot per group: quartiles, median, and whiskers to minimum and maximum.
 
     groups: values (N,) by name, absolute errors in deg unless `label` states another unit; empty groups are
     written, not drawn. least: beginning of the scale, None for that of the values. mark: value at which a
@@ -82,27 +82,27 @@ def _draw_boxes(axes: Axes, filled: Sequence[tuple[int, Floats]]) -> None:
 
 
 def error_against_angle(lifts: Sequence[LiftCurves]) -> Chart:
-    """Error over how far the object had turned."""
+    """Draw the error over the rotation of the object."""
     sizes = [np.abs(truth_at(lift.truth, lift.estimate.time_s)) for lift in lifts]
     return _against(
         lifts, sizes, ANGLE_EDGES_DEG, "Error against angle", "marker angle, degrees",
-        "Absolute error by how far the markers had turned since the zero.",
+        "Absolute error over the rotation of the markers since the zero.",
     )  # fmt: skip
 
 
 def error_over_time(lifts: Sequence[LiftCurves]) -> Chart:
-    """Error over the time in a lift."""
+    """Draw the error over the time in a lift."""
     return _against(
         lifts, [lift.estimate.time_s for lift in lifts], TIME_EDGES_S, "Error over time",
-        "time from the start of the lift, s", "Absolute error by the time since phase B began.",
+        "time from the start of the lift, s", "Absolute error over the time since phase B began.",
     )  # fmt: skip
 
 
 def error_against_rate(lifts: Sequence[LiftCurves]) -> Chart:
-    """Error over how fast the object turned."""
+    """Draw the error over the rate of rotation of the object."""
     return _against(
         lifts, [np.abs(rates_deg_s(lift)) for lift in lifts], RATE_EDGES_DEG_S, "Error against rate",
-        "marker rate, degrees/s", "Absolute error by how fast the markers turned (over 0.1 s).",
+        "marker rate, degrees/s", "Absolute error over the rate of rotation of the markers (over 0.1 s).",
     )  # fmt: skip
 
 

@@ -27,9 +27,9 @@ from rig.sessions.recorder import GRIPPER_TOPIC, JOINTS_TOPIC
 from rig.sessions.recording_file import recorded_messages
 
 FRAMES_BEFORE, FRAMES_OF_LIFT, FILM_HEIGHT_PX = 4, 20, 144
-"""Pictures of a film in phase A, in which nothing turns, and from phase B on."""
+"""Number of images of a film in phase A, in which nothing turns, and from phase B on; height of an image."""
 _STEPS = ((1, 35), (1, 12), (2, 12), (4, 8))
-"""Every nth picture, and its WebP quality: the first that fits is taken, else the last."""
+"""Steps of reduction: every nth image, and WebP quality. The first one that fits is used, else the last."""
 _ANGLE_PX, _SMALL_PX = 230, 90
 
 Messages = list[tuple[int, bytes]]
@@ -38,7 +38,7 @@ Messages = list[tuple[int, bytes]]
 
 @dataclass(frozen=True, slots=True)
 class Series:
-    """Values over time, (N,) each. half: half the width of a band around them. dash: px drawn, and left."""
+    """Values over time, (N,) each. half: half the width of a band around them. dash: px drawn and skipped."""
 
     label: str
     colour: Colour
@@ -63,7 +63,7 @@ class Panel:
 
 
 def explored(lift: LiftCurves, panels: Sequence[Panel], film: str | None = None) -> dict[str, Any]:
-    """Return what the page's program needs of a lift, ready for JSON."""
+    """Return the data of a lift for the page's program, as JSON values."""
     start, end = shown_range(lift)
     panels_shown = [
         {
@@ -93,7 +93,7 @@ def _shown(one: Series, start_s: float, end_s: float) -> dict[str, Any]:
 
 
 def angle_panels(lift: LiftCurves) -> list[Panel]:
-    """Angles of the markers, of the estimate with its band, of each fingertip; and the estimate's error."""
+    """Return panels with the angles of markers, estimate (with band) and fingertips, and with the error."""
     estimate = lift.estimate
     half = SIGMAS * estimate.sigma_deg if np.isfinite(estimate.sigma_deg).any() else None
     colours = zip(lift.tips.items(), cycle((FIRST, SECOND)), strict=False)
@@ -113,7 +113,7 @@ def angle_panels(lift: LiftCurves) -> list[Panel]:
 
 
 def pair_panels(names: tuple[str, str], first: LiftCurves, second: LiftCurves) -> list[Panel]:
-    """Angles and errors of one lift as both sides of a comparison estimate it."""
+    """Return panels with the angles and errors of one lift on both sides of a comparison."""
     sides = list(zip(names, (FIRST, SECOND), (first, second), strict=True))
     angles = [
         Series(name, colour, lift.estimate.time_s, lift.estimate.angle_deg) for name, colour, lift in sides
@@ -126,8 +126,8 @@ def pair_panels(names: tuple[str, str], first: LiftCurves, second: LiftCurves) -
 def recorded_lift(path: Path, lift: LiftCurves, zero_ns: int, film: str | None = None) -> dict[str, Any]:
     """Return the data of a recorded lift, with the wrench and the grip.
 
-    zero_ns: start of phase B by the recording's clock. film: mark in the place of the film's data.
-    Gaps of the recording are passed over. Raises `SessionError` and others of `UNREADABLE`.
+    zero_ns: start of phase B by the recording's clock. film: placeholder for the film's data. Gaps of the
+    recording are skipped. Raises `SessionError` and other errors of `UNREADABLE`.
     """
     messages: dict[str, Messages] = {JOINTS_TOPIC: [], GRIPPER_TOPIC: []}
     for topic, time_ns, _, data in recorded_messages(path, *messages, gaps=[]):
@@ -171,8 +171,8 @@ def lift_film(
 ) -> dict[str, object]:
     """Return a film as one WebP sheet, a row per picture: fingertips and camera side by side.
 
-    most_bytes: of the sheet; a longer one is made with lower quality and fewer pictures, as far as these go.
-    Raises `SessionError` and others of `UNREADABLE`.
+    most_bytes: largest size of the sheet. To reach it, quality and number of images are reduced, down to the
+    last of `_STEPS`. Raises `SessionError` and other errors of `UNREADABLE`.
     """
     start, end = shown_range(lift)
     before = np.linspace(start, 0.0, FRAMES_BEFORE, endpoint=False)

@@ -1,4 +1,4 @@
-"""A film of a lift, or of anyone's frames: fingertips and camera, and below them the growing angle curve."""
+"""A film of a lift or a clip: fingertips and camera, and below them the growing angle curve."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -35,7 +35,7 @@ _TEXT = cv2.FONT_HERSHEY_SIMPLEX
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Scene:
-    """What is filmed. tips: fingertips with their frames; camera: its frames, None if there is no camera."""
+    """Content of a film. tips: fingertips with their frames. camera: its frames, None without a camera."""
 
     title: str
     curves: LiftCurves
@@ -44,7 +44,7 @@ class _Scene:
 
 
 _ImageAt = Callable[[float], Image | None]
-"""Returns the newest image at a time, s, None if there is none at all. Times must not go back."""
+"""Returns the newest image at a time, s; None if there is no image. Times must not decrease."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,12 +63,12 @@ def write_film(
     speed: float = 1.0,
     width_px: int | None = None,
 ) -> Film:
-    """Render a lift, or several one below the other, from phase A on; or anyone's frames, all of them.
+    """Render lifts from phase A on, or all frames of clips; several are shown one below the other.
 
-    fps: of the film; speed: 1 as it happened, 0.25 four times slower; width_px: of the film, as drawn
-    without it. An .mp4 becomes a .webm where OpenCV has no H.264, see `film_place`. Raises `InputError` for
-    an ending that no codec is known for, `SessionError` for a recording that cannot be read,
-    `RecordingError` when the film cannot be written.
+    fps: frame rate of the film. speed: 1 for real time, 0.25 for four times slower. width_px: of the film;
+    None for the original width. An .mp4 becomes a .webm if OpenCV has no H.264, see `film_place`. Raises
+    `InputError` for an ending without a codec, `SessionError` for a recording that cannot be read,
+    `RecordingError` if the film cannot be written.
     """
     out = film_place(out)
     scenes = [_read(each) if isinstance(each, FilmedLift) else _own_frames(each) for each in filmed]
@@ -104,7 +104,7 @@ def _own_frames(series: EstimatedSeries) -> _Scene:
 
 
 def _newest(frames: Iterable[tuple[float, Image]]) -> _ImageAt:
-    """Return what finds the newest of some frames at a time, reading them one by one. frames: s and image."""
+    """Return a function that returns the newest frame at a time. frames: (s, image), read one by one."""
     ahead = iter(frames)
     shown = following = next(ahead, None)
 
@@ -164,7 +164,7 @@ def _picture(scene: _Scene, time_s: float) -> Image:
 
 
 def _band(scene: _Scene, time_s: float, width: int) -> Image:
-    """The line below: which lift, which phase, both angles."""
+    """Draw the line of text below: lift, phase and both angles."""
     band = _blank(BAND_PX, width)
     begun = [(t, name) for name, t in scene.curves.phases_s.items() if t <= time_s]
     phase = max(begun)[1] if begun else ""
@@ -182,7 +182,7 @@ _OF_A_LIFT = ((TRUTH, 5, "marker angle, thick axis"), (PHASE, 12, "phase B: the 
 
 @cache
 def _legend(width: int, of_a_lift: bool) -> Image:
-    """What the colours and lines mean, (N LEGEND_PX, width, 3) uint8. of_a_lift: with markers and phases."""
+    """Draw the legend, (N LEGEND_PX, width, 3) uint8. of_a_lift: whether there are markers and phases."""
     entries = (
         (ESTIMATE, 2, "estimated angle, thin axis"),
         *(_OF_A_LIFT if of_a_lift else ()),
@@ -222,6 +222,6 @@ def _empty(text: str) -> Image:
 
 
 def _even(picture: Image) -> Image:
-    """Without an odd last row and column, which most codecs refuse."""
+    """Return the image without an odd last row and column, which most codecs reject."""
     height, width = picture.shape[:2]
     return np.ascontiguousarray(picture[: height // 2 * 2, : width // 2 * 2])

@@ -1,4 +1,4 @@
-"""Files of films: what a codec makes of pictures, whole or not at all."""
+"""Encode images as a film file, which is written completely or not at all."""
 
 import os
 import sys
@@ -16,17 +16,17 @@ from drivers.errors import InputError, RecordingError
 from drivers.types import Image
 
 H264 = "avc1"
-"""Many builds of OpenCV, those on PyPI among them, come without an encoder for it."""
+"""Codec of .mp4 files. Many builds of OpenCV, including those on PyPI, have no encoder for it."""
 CODECS = {".webm": "VP80", ".mp4": H264, ".avi": "MJPG", ".webp": "WEBP"}
 """Codecs by the file's ending. Browsers play all but .avi; every build of OpenCV writes all but .mp4."""
 ANIMATED = ".webp"
-"""An animated picture, which pages show like any picture; it is encoded as a whole, in memory."""
+"""Ending of an animated image, which web pages show like any image; it is encoded in memory."""
 MOST_ANIMATED, _WEBP_QUALITY = 400, 60
 
 
 @dataclass(frozen=True, slots=True)
 class Film:
-    """A film that was written. codec: the four letters OpenCV knows it by."""
+    """A written film. codec: its four-letter code in OpenCV."""
 
     path: Path
     frames: int
@@ -35,10 +35,10 @@ class Film:
 
 
 def film_place(out: Path) -> Path:
-    """Return where a film goes: where asked, but as .webm for an .mp4 if OpenCV has no H.264.
+    """Return the file of a film: the requested one, but a .webm in place of an .mp4 if OpenCV has no H.264.
 
-    Raises `InputError` for an ending without a codec, a missing folder, or a .webm that exists already and
-    was not asked for.
+    Raises `InputError` for an ending without a codec, for a missing folder, and if such a .webm exists
+    already.
     """
     if out.suffix.lower() not in CODECS:
         raise InputError(f"{out}: a film's name ends in {' or '.join(CODECS)}")
@@ -66,9 +66,9 @@ def has_h264() -> bool:
 
 
 def save_film(out: Path, pictures: Iterator[Image], fps: float) -> Film:
-    """Write pictures of one size (height x width x 3, RGB) as a film, whole or not at all.
+    """Write images of one size (height x width x 3, RGB) as a film, completely or not at all.
 
-    Raises `RecordingError` when it cannot be written, `InputError` for too many pictures of an animated one.
+    Raises `RecordingError` if it cannot be written, `InputError` for too many images in an animated one.
     """
     first = next(pictures)
     codec, size = CODECS[out.suffix.lower()], (first.shape[1], first.shape[0])
@@ -79,7 +79,7 @@ def save_film(out: Path, pictures: Iterator[Image], fps: float) -> Film:
             count, there = _animate(aside, fps, all_pictures), cv2.imcount(str(aside))
         else:
             count, there = _write(aside, codec, fps, size, all_pictures), _pictures_in(aside)
-        if there < count:  # its writer tells of no full disk
+        if there < count:  # OpenCV's writer does not report a full disk
             raise RecordingError(f"{out}: {there} of {count} pictures were written as '{codec}'; free space")
         aside.replace(out)
     except OSError as error:
@@ -105,7 +105,7 @@ def _animate(path: Path, fps: float, pictures: Iterable[Image]) -> int:
 
 
 def _write(path: Path, codec: str, fps: float, size: tuple[int, int], pictures: Iterable[Image]) -> int:
-    path.touch()  # says what is wrong, as the writer does not
+    path.touch()  # raises an error with the reason, which the writer does not
     with _quiet():
         writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*codec), fps, size)
     count = 0
@@ -120,11 +120,11 @@ def _write(path: Path, codec: str, fps: float, size: tuple[int, int], pictures: 
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Let OpenCV's libraries say nothing on standard error: that WebM has a tag of its own is no fault."""
+    """Suppress messages of OpenCV's libraries on standard error, such as a harmless one about WebM's tag."""
     sys.stderr.flush()
     try:
         kept = os.dup(2)
-    except OSError:  # there is none
+    except OSError:  # there is no standard error
         yield
         return
     nowhere = os.open(os.devnull, os.O_WRONLY)

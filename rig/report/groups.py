@@ -1,4 +1,4 @@
-"""Errors by groups of lifts: by object, and by the surface that the fingers hold."""
+"""Errors by groups of lifts: by object, and by the grasped surface."""
 
 from collections import Counter
 from collections.abc import Callable, Sequence
@@ -19,7 +19,7 @@ SURFACES = ("edge", "flat", "cylinder", "ball")
 
 
 def errors_by(lifts: Sequence[Lift], group: Callable[[Lift], str]) -> dict[str, Floats]:
-    """Absolute errors in phase B by the group of their lift, (N,) deg each."""
+    """Return the absolute errors in phase B, (N,) deg, by the group of their lift."""
     found: dict[str, list[Floats]] = {}
     for lift in lifts:
         parts = found.setdefault(group(lift), [])
@@ -30,7 +30,7 @@ def errors_by(lifts: Sequence[Lift], group: Callable[[Lift], str]) -> dict[str, 
 
 
 def object_chart(lifts: Sequence[Lift]) -> Chart:
-    """The paper's box plot: a box per object over all frames of phase B."""
+    """Draw the paper's box plot: a box per object over all frames of phase B."""
     return boxes(
         errors_by(lifts, lambda lift: object_label(lift.row)),
         "Rotational error per object",
@@ -42,9 +42,9 @@ def object_chart(lifts: Sequence[Lift]) -> Chart:
 
 
 def surface_chart(lifts: Sequence[Lift], own: Sequence[GraspFile] = ()) -> Chart | None:
-    """A box per kind of surface, as the object files name it; None where they name fewer than two.
+    """Draw a box per kind of surface in the object files; None if there are fewer than two kinds.
 
-    own: a lab's objects, as the session kept them.
+    own: a lab's objects, as stored in the session.
     """
     named = [lift for lift in lifts if surface(lift, own)]
     groups = errors_by(named, lambda lift: surface(lift, own))
@@ -59,7 +59,7 @@ def surface_chart(lifts: Sequence[Lift], own: Sequence[GraspFile] = ()) -> Chart
 
 
 def surface(lift: Lift, own: Sequence[GraspFile] = ()) -> str:
-    """What the object file says of the surface at the lift's grasp position; "" where it says nothing."""
+    """Return the surface at the lift's grasp position in the object file; "" if it is not given."""
     try:
         grasps = find_grasp_file(lift.row.object, own)
     except InputError:

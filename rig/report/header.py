@@ -1,10 +1,10 @@
-"""What stands above every report of a session."""
+"""The head of every report of a session."""
 
 from rig.sessions.manifest import BenchManifest, TrialManifest
 
 
 def header(manifest: BenchManifest, what: str) -> dict[str, str]:
-    """Say whether it is simulated, which bench, when, with what, and what people said of it."""
+    """Return the texts of the head: SIMULATED or not, bench, date, settings, and the session's metadata."""
     trial = manifest if isinstance(manifest, TrialManifest) else None
     parts = [
         manifest.started.replace("T", " ")[:16],

@@ -1,8 +1,8 @@
-"""Replays that comparisons have made, kept outside the sessions: the same one again takes no time.
+"""A cache of the replays of comparisons, outside the sessions.
 
-A replay follows from the recordings, the estimator and the code; each line is kept as soon as its lift is
-done, so that what was stopped goes on. Nothing is kept where nothing can be written, nor of an estimator that
-is not the rig's own, whose code may have changed since.
+A replay depends on the recordings, the estimator and the code. Each lift is stored when it is finished, so
+that an interrupted comparison can continue. Nothing is stored if the cache cannot be written, and nothing of
+a lab's own estimator, whose code may change.
 """
 
 import hashlib
@@ -27,7 +27,7 @@ from rig.sessions.records import LIFTS, FinishedLift, LiftFigures
 from rig.sessions.rows import read_usable_lifts, readable_rows
 
 SOURCES = ("rig/tactile", "rig/lift", "rig/models", "rig/sessions", "calibration", "drivers")
-"""What a replay's numbers depend on, below the folder of the packages."""
+"""Folders and files of the code that a replay's results depend on."""
 Progress = Callable[[int, int, FinishedLift], None]
 Replayed = tuple[FinishedLift, Floats]
 """A lift's row, and its angles as `replay_with_angles` returns them."""
@@ -36,9 +36,10 @@ Replayed = tuple[FinishedLift, Floats]
 def replayed(
     folder: Path, settings: TrialSettings, jobs: int, progress: Progress
 ) -> tuple[list[Replayed], tuple[str, ...], int]:
-    """Replay a session's lifts; return them, what could not be read, and how many were kept before.
+    """Replay the lifts of a session.
 
-    Raises `SessionError` for a damaged session.
+    Returns them, messages about unreadable ones, and the number found in the cache. Raises `SessionError` for
+    a damaged session.
     """
     usable = read_usable_lifts(folder)
     file = None if settings.estimator.foreign else _file(folder, settings)
@@ -64,7 +65,7 @@ def replayed(
 
 
 def _measured(row: FinishedLift) -> dict[str, Any]:
-    """The part of a row that a replay makes anew."""
+    """Return the fields of a row that a replay computes again."""
     return {field.name: getattr(row, field.name) for field in fields(LiftFigures)}
 
 
@@ -85,7 +86,7 @@ def _keep(file: Path, row: FinishedLift, angles: Floats) -> None:
         drop_torn_line(file)
         append_line(file, json_line(row))
     except (OSError, RecordingError):
-        return  # it is in this comparison all the same
+        return  # the comparison does not need the cache
 
 
 def _angles_file(file: Path, row: FinishedLift) -> Path:
@@ -112,7 +113,7 @@ def _file(folder: Path, settings: TrialSettings) -> Path:
 
 @cache
 def _code() -> str:
-    """A hash of all that a replay's numbers depend on."""
+    """Return a hash of the code that a replay's results depend on."""
     root = Path(__file__).parents[2]
     key = hashlib.sha256()
     for source in SOURCES:

@@ -1,4 +1,4 @@
-"""One lift in a picture: both angles over time, the phases, the onsets and what was claimed."""
+"""The chart of one lift: both angles over time, phases, onsets and states."""
 
 from dataclasses import replace
 
@@ -14,17 +14,17 @@ from rig.report.parts import Chart
 from rig.results.metrics import Floats
 
 SIGMAS = 2.0
-"""Width of the band around the estimate: 95 % of a normal error."""
+"""Half width of the band around the estimate, in sigma: 95 % of normally distributed errors."""
 HEIGHT_PX = 230
 _LEAST_SPAN_DEG = 2.0
-"""A lift that held still is not drawn as if its noise were a turn."""
+"""Least range of the angle axis, so that noise at rest does not look like a rotation."""
 _LEFT_PX, _TOP_PX, _RIGHT_PX, _BOTTOM_PX, _STATE_PX = 50.0, 18.0, 8.0, 36.0, 8.0
 _SHORTEST_S = 0.01
-"""A curve of one frame is drawn over at least this."""
+"""Least length at which a curve of one frame is drawn."""
 _SHADED, _PLAIN = "B", ("A", "C")
 _AFTER_S = 0.15
 _MOST_BEFORE = (5.0, 95.0)
-"""Percentiles of what fingertips say in A that a picture reaches over: first contacts may say anything."""
+"""Percentiles of the angles in phase A that the axes include; angles of first contacts can be arbitrary."""
 
 
 def lift_chart(
@@ -60,7 +60,7 @@ def pair_chart(first: LiftCurves, second: LiftCurves, caption: str) -> Chart:
 
 
 def draw_lift(figure: Figure, lift: LiftCurves, until_s: float = np.inf) -> Axes:
-    """Draw a lift's angles, and the states below them; of the curves only what was known by `until_s`."""
+    """Draw a lift's angles and, below them, the states, up to the time `until_s`."""
     tips = [tip for tip in lift.tips.values() if tip.states]
     states_px = _STATE_PX * len(tips)
     axes = placed(figure, _LEFT_PX, _TOP_PX, _RIGHT_PX, _BOTTOM_PX + states_px)
@@ -81,7 +81,7 @@ def draw_lift(figure: Figure, lift: LiftCurves, until_s: float = np.inf) -> Axes
 
 
 def draw_states(axes: Axes, tips: list[Curve], until_s: float = np.inf) -> None:
-    """Draw what each fingertip's estimator claimed, a line of colour per fingertip."""
+    """Draw the states of each fingertip's estimator, one coloured line per fingertip."""
     for row, tip in enumerate(tips):
         for begins, ends, state in runs(tip):
             if begins >= until_s:
@@ -97,7 +97,7 @@ def draw_states(axes: Axes, tips: list[Curve], until_s: float = np.inf) -> None:
 
 
 def runs(curve: Curve) -> list[tuple[float, float, str]]:
-    """Stretches of one state: begin and end in s, and the state."""
+    """Return runs of equal state: start and end in s, and the state."""
     found: list[tuple[float, float, str]] = []
     for time_s, state in zip(curve.time_s.tolist(), curve.states, strict=True):
         if found and found[-1][2] == state:
@@ -110,7 +110,7 @@ def runs(curve: Curve) -> list[tuple[float, float, str]]:
 
 
 def shown_range(lift: LiftCurves) -> tuple[float, float]:
-    """From where to where a lift is drawn, s: all of A to the end of C."""
+    """Return the time range of a lift's chart, s: from the start of A to the end of C."""
     if not lift.phases_s:
         times = np.concatenate([lift.estimate.time_s, lift.truth.time_s])
         start = float(times.min()) if times.size else 0.0
@@ -122,7 +122,7 @@ def shown_range(lift: LiftCurves) -> tuple[float, float]:
 
 
 def angle_range(lift: LiftCurves) -> tuple[float, float]:
-    """The angles a lift's picture reaches over, deg."""
+    """Return the range of the angle axis of a lift's chart, deg."""
     start, end = shown_range(lift)
     values = []
     for curve in (lift.estimate, lift.truth):
@@ -135,7 +135,7 @@ def angle_range(lift: LiftCurves) -> tuple[float, float]:
 
 
 def before_lift(lift: LiftCurves) -> list[tuple[Floats, Floats]]:
-    """Each fingertip's angles in phase A, s and deg: they are put together from the lift on alone."""
+    """Return each fingertip's angles in phase A, s and deg; angles are fused only from the lift on."""
     if "A" not in lift.phases_s or "B" not in lift.phases_s:
         return []
     found = []
@@ -197,7 +197,7 @@ def _onsets(axes: Axes, lift: LiftCurves, until_s: float) -> None:
 
 
 def key(states: bool = True, truth: bool = True) -> list[dict[str, str]]:
-    """The signs that all lift pictures share, for one legend on the page. truth: and phases, of a trial."""
+    """Return the legend of all lift charts. truth: with ground truth and phases, as in a trial."""
     lines = [
         {"kind": "line", "colour": ESTIMATE.css, "text": f"estimated angle, with its {SIGMAS:g} sigma band"},
         {"kind": "dash", "colour": TRUTH.css, "text": "marker angle"},

@@ -1,4 +1,4 @@
-"""A lift of a trial in words: its row of the table of lifts, and the caption of its figure."""
+"""Texts about a lift of a trial: its row in the table of lifts, and the caption of its chart."""
 
 from collections.abc import Sequence
 
@@ -13,7 +13,7 @@ def anchor(lift: Lift) -> str:
 
 
 def lift_table(lifts: Sequence[Lift]) -> Table:
-    """A row per lift, with a link to its figure."""
+    """Return a table with a row per lift and links to the charts."""
     columns = (
         "lift", "object", "outcome", "grasp", "grip", "mean error, °", "largest, °", "true turn, °",
         "answered", "onset seen, ms later",
@@ -55,7 +55,7 @@ def lift_caption(lift: Lift) -> str:
 
 
 def _onset_delay(curves: LiftCurves | None) -> float | None:
-    """Return by how much later than the markers' onset the estimate's is, s; None without both."""
+    """Return the delay of the estimated onset after that of the markers, s; None if either is missing."""
     if curves is None or curves.onset_truth_s is None or curves.onset_estimate_s is None:
         return None
     return curves.onset_estimate_s - curves.onset_truth_s

@@ -1,4 +1,4 @@
-"""An estimate over anyone's frames as a lift is shown: its curve with states, and frames with the contact."""
+"""The page of an estimate for a clip: its curve with states, and frames with the contact."""
 
 from collections.abc import Sequence
 from datetime import UTC, datetime
@@ -37,7 +37,7 @@ def estimate_curves(series: EstimatedSeries) -> LiftCurves:
 
 
 def tip_of(series: EstimatedSeries) -> TipFrames:
-    """Return what is drawn into the frames of a series."""
+    """Return the data that are drawn into the frames of a series."""
     found = series.done.estimate
     zero = None if found.zero is None else [answer.time for answer in found.answers].index(found.zero)
     finder = ContactFinder(series.done.untouched)

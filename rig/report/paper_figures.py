@@ -13,7 +13,7 @@ from rig.sessions.files import write_file
 
 TABLE = "rotational_error"
 SIMULATED = "simulated_"
-"""Beginning of every file's name if the lifts are simulated, so that no paper shows them as measured."""
+"""Prefix of file names if the lifts are simulated, so that they are not published as measured."""
 _LATEX = {
     "\\": r"\textbackslash{}", "&": r"\&", "%": r"\%", "$": r"\$", "#": r"\#", "_": r"\_", "{": r"\{",
     "}": r"\}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "±": r"$\pm$", "°": r"$^\circ$",

@@ -1,4 +1,4 @@
-"""What pages are made of: notices, charts and tables."""
+"""Parts of pages: notices, charts and tables."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -14,9 +14,9 @@ from rig.pages.plot_data import Spot, plot_data
 
 @dataclass(frozen=True, slots=True)
 class Notice:
-    """Something the reader should know: what was seen, and what to do about it.
+    """A notice to the reader: an observation, and advice.
 
-    level: "bad" (figures are missing or wrong), "warn" (they mean less than they seem), "good".
+    level: "bad" (figures are missing or wrong), "warn" (figures are less reliable than they seem), "good".
     """
 
     level: str
@@ -79,7 +79,7 @@ class ReportPage:
 
 
 def joined(items: Sequence[str], most: int = 4) -> str:
-    """List things in a sentence, the first few of many."""
+    """Return items as an enumeration, of many only the first `most`."""
     shown = list(items[:most])
     if len(items) > most:
         shown.append(f"{len(items) - most} more")

@@ -1,4 +1,4 @@
-"""A picture of a report's first screen, as a browser shows it: to send, and to put on other pages."""
+"""A screenshot of the top of a report in a browser."""
 
 import os
 import shutil
@@ -16,7 +16,7 @@ _AT_MOST_S = 60.0
 
 
 def require_picture(out: Path) -> str:
-    """Return the browser's program. Raises `InputError` where none is installed, or for another ending."""
+    """Return the browser's program. Raises `InputError` if none is installed, or for another ending."""
     if out.suffix.lower() != ENDING:
         raise InputError(f"{out}: a report's picture is a {ENDING}; choose another --picture")
     found = next(filter(None, map(shutil.which, BROWSERS)), None)
@@ -26,12 +26,12 @@ def require_picture(out: Path) -> str:
 
 
 def picture_of(page: Path, out: Path) -> None:
-    """Write what a browser of `SIZE_PX` shows of a page. Raises `RecordingError` where it shows nothing."""
+    """Write a screenshot of `SIZE_PX` of a page. Raises `RecordingError` if the browser fails."""
     browser = require_picture(out)
     with TemporaryDirectory(prefix="rig-picture-") as folder:
         taken = Path(folder) / "page.png"
         flags = ["--headless", "--disable-gpu", "--hide-scrollbars", f"--user-data-dir={folder}/profile"]
-        as_root = ["--no-sandbox"] if os.geteuid() == 0 else []  # it refuses to start otherwise
+        as_root = ["--no-sandbox"] if os.geteuid() == 0 else []  # as root it does not start otherwise
         size = f"--window-size={SIZE_PX[0]},{SIZE_PX[1]}"
         command = [browser, *flags, *as_root, size, f"--screenshot={taken}", page.resolve().as_uri()]
         try:

@@ -1,4 +1,4 @@
-"""Lifts that reacted to slip beside the same lifts without a reaction."""
+"""Lifts with a reaction to slip, compared with the same lifts without a reaction."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,7 +16,11 @@ MOST_SHOWN = 3
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Beside:
-    """What the page shows. table: every lift of both; pairs: without and with, of those that gained most."""
+    """Data of the comparison.
+
+    table: all lifts of both. pairs: charts without and with a reaction, of the lifts with the largest
+    improvement.
+    """
 
     table: Table
     pairs: list[list[Chart]]
@@ -25,7 +29,7 @@ class Beside:
 
 
 def beside(trial: Trial, other: Trial) -> Beside:
-    """Put lifts of one object, number and seed beside each other. Raises `InputError` where none are."""
+    """Pair lifts of equal object, number and seed. Raises `InputError` if there is no pair."""
     without, reacted = _in_order(trial, other)
     kept = {_same(lift.row): lift for lift in without.lifts}
     both = [(kept[_same(lift.row)], lift) for lift in reacted.lifts if _same(lift.row) in kept]
@@ -38,7 +42,7 @@ def beside(trial: Trial, other: Trial) -> Beside:
 
 
 def _in_order(trial: Trial, other: Trial) -> tuple[Trial, Trial]:
-    """The session without a reaction, and the one with. Raises `InputError`."""
+    """Return the session without a reaction and the one with a reaction. Raises `InputError`."""
     reacts = [each.manifest.react is not ReactionKind.NONE for each in (trial, other)]
     if reacts[0] == reacts[1]:
         both = "both react" if reacts[0] else "neither reacts"
@@ -69,7 +73,7 @@ def _table(both: Sequence[tuple[Lift, Lift]]) -> Table:
 
 
 def _pairs(both: Sequence[tuple[Lift, Lift]]) -> list[list[Chart]]:
-    """The pictures of caught lifts whose end turn became most smaller."""
+    """Return the charts of caught lifts with the largest reduction of the final rotation."""
     caught = [pair for pair in both if pair[1].row.outcome is LiftOutcome.CAUGHT]
     caught.sort(
         key=lambda pair: abs(pair[1].row.final_truth_deg or 0.0) - abs(pair[0].row.final_truth_deg or 0.0)

@@ -1,4 +1,4 @@
-"""Reading a recording for a report: its images with the contacts in them."""
+"""Read a recording for a report: its images and their contacts."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,12 +19,12 @@ from rig.tactile.contact.finder import Contact, ContactFinder
 from rig.tactile.paper.axis import ellipse_axis
 
 ROUND = 1.15
-"""Below this elongation a contact's long axis means nothing."""
+"""Elongation below which a contact has no meaningful long axis."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Taken:
-    """One image of a recording. contact: of the classical finder; axis_deg: None where round or none."""
+    """One image of a recording. contact: from the classical finder. axis_deg: None if round or no contact."""
 
     row: PoseRow
     about: PoseImage
@@ -53,16 +53,14 @@ class Recording:
 
 
 def read_recording(folder: Path, manifest: RecordManifest) -> Recording:
-    """Read the images of a recording; what is missing or damaged is named and left out."""
+    """Read the images of a recording; missing or damaged ones are left out and reported."""
     rows, problems = read_usable(folder / RESULTS["record"], POSES)
     rows.sort(key=lambda row: (row.pose, row.attempt))
     references = {s: load_image(folder / reference_file(s)) for s in _serials(rows)}
     without = [serial for serial, reference in references.items() if reference is None]
     if without:
         what = f"The reference image of {joined(without)} cannot be read."
-        advice = (
-            "Contacts cannot be told from the empty gel there: copy the session's reference folder again."
-        )
+        advice = "Contacts cannot be detected there: copy the session's reference folder again."
         problems.append(Notice("bad", what, advice))
     taken, missing = [], []
     for row in rows:
@@ -80,7 +78,7 @@ def read_recording(folder: Path, manifest: RecordManifest) -> Recording:
 
 
 def _taken(row: PoseRow, about: PoseImage, image: Image, reference: Image) -> Taken:
-    # a finder for each image, as one remembers contact from frame to frame, and these are no series
+    # one finder per image, because a finder has hysteresis between frames, and these images are not a series
     contact = ContactFinder(reference).find(image)
     axis = ellipse_axis(contact.contour) if contact.mask is not None else None
     told = axis is not None and axis.elongation >= ROUND

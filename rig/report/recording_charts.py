@@ -1,4 +1,4 @@
-"""Where on the sensors and at which orientation the contacts of a recording fell."""
+"""Positions and orientations of the contacts of a recording."""
 
 import math
 from collections.abc import Sequence
@@ -15,13 +15,13 @@ from rig.report.recording import Taken
 
 BIN_DEG = 15.0
 CELLS = (3, 4)
-"""Cells across and down the sensor that should each have been touched."""
+"""Number of cells across and down the sensor; each cell should have been touched."""
 _TICK_PX = 16.0
 _SENSOR_COLOURS = (FIRST, SECOND)
 
 
 def place_map(serial: str, taken: Sequence[Taken]) -> Chart:
-    """Share of the images in which each place of a sensor was touched, with the contacts' axes."""
+    """Draw the fraction of the images in which each pixel of a sensor was touched, and the contacts' axes."""
     height, width = taken[0].image.shape[:2]
     touched = share_touched(taken)
     with drawing(370, 330) as figure:
@@ -39,13 +39,13 @@ def place_map(serial: str, taken: Sequence[Taken]) -> Chart:
             _mark(axes, image)
         axes.set(xlabel="x, px", ylabel="y, px", xlim=(0, width), ylim=(height, 0))
         axes.grid(False)
-        title = f"Where contacts fell on {serial}"
+        title = f"Positions of the contacts on {serial}"
         caption = "Dots: centres of the contacts; strokes: their long axes; round ones have none."
         return Chart(title, figure, caption)
 
 
 def axis_histogram(by_serial: dict[str, list[Taken]]) -> Chart:
-    """How many contacts lie at which orientation of their long axis, per sensor."""
+    """Draw a histogram of the orientations of the contacts' long axes, per sensor."""
     edges = np.arange(-90.0, 90.0 + BIN_DEG, BIN_DEG)
     with drawing(260) as figure:
         axes = figure.subplots()
@@ -61,7 +61,7 @@ def axis_histogram(by_serial: dict[str, list[Taken]]) -> Chart:
         axes.set(xlabel="long axis in the image, degrees", ylabel="images")
         axes.grid(False, axis="x")
         legend_above(axes, 2)
-        title = "At which orientation"
+        title = "Orientations of the contacts"
         caption = (
             "Counter-clockwise from the image's x; -90 and 90 are the same axis. Without round contacts."
         )
@@ -69,7 +69,7 @@ def axis_histogram(by_serial: dict[str, list[Taken]]) -> Chart:
 
 
 def share_touched(taken: Sequence[Taken]) -> NDArray[np.float64]:
-    """Share of the images in which each pixel was touched, (H, W) in 0 to 1."""
+    """Return the fraction of the images in which each pixel was touched, (H, W), 0 to 1."""
     masks = [t.contact.mask > 0 for t in taken if t.contact.mask is not None]
     if not masks:
         return np.zeros(taken[0].image.shape[:2])
@@ -77,12 +77,12 @@ def share_touched(taken: Sequence[Taken]) -> NDArray[np.float64]:
 
 
 def axes_deg(taken: Sequence[Taken]) -> NDArray[np.float64]:
-    """The long axes that are known, (N,) deg in (-90, 90]."""
+    """Return the known long axes, (N,) deg in (-90, 90]."""
     return np.array([t.axis_deg for t in taken if t.axis_deg is not None], float)
 
 
 def untouched_cells(taken: Sequence[Taken]) -> list[str]:
-    """Cells of the sensor that no contact reached, in words."""
+    """Return the cells of the sensor that no contact reached, in words."""
     touched = share_touched(taken)
     names = []
     for y, rows in enumerate(np.array_split(touched, CELLS[1], axis=0)):
@@ -97,7 +97,7 @@ _COLUMNS = ("left", "middle", "right")
 
 
 def empty_orientations(taken: Sequence[Taken]) -> list[tuple[float, float]]:
-    """Stretches of orientation, deg from and to, in which no contact's axis lies."""
+    """Return ranges of orientation, deg from and to, without any contact's axis."""
     edges = np.arange(-90.0, 90.0 + BIN_DEG, BIN_DEG)
     counts, _ = np.histogram(axes_deg(taken), edges)
     gaps: list[tuple[float, float]] = []

@@ -29,9 +29,9 @@ from rig.sessions.manifest import RecordManifest
 THUMB_PX = (72, 96)
 ACROSS, GAP_PX, LABEL_PX = 8, 3, 15
 _BETWEEN = 120
-"""Grey between the images, between a white page and a black one."""
+"""Grey level between the images, for light and dark pages."""
 FEWEST_FOR_AXES = 20
-"""Fewer contacts with an axis than this leave gaps by chance."""
+"""With fewer contacts with an axis than this, gaps are due to chance."""
 
 
 def recording_page(recording: Recording, now: datetime | None = None) -> str:
@@ -109,33 +109,35 @@ def _pose_table(recording: Recording) -> Table:
 def _notices(recording: Recording, gaps: Sequence[str], now: datetime) -> list[Notice]:
     found = [*recording.problems]
     if recording.manifest.status != "complete":
-        advice = f"Go on with rig record --resume --out {recording.folder}."
+        advice = f"Continue with rig record --resume --out {recording.folder}."
         done = sum(row.accepted for row in recording.rows)
         found.append(
             Notice("bad", f"Unfinished: {done} of {counted(recording.manifest.poses, 'pose')}.", advice)
         )
     if not _whole(recording):
         there = _all_poses(recording)
-        all_of_them = f": --poses {there} is all of them" if there else ""
+        all_of_them = f": --poses {there} takes all" if there else ""
         advice = f"Take more of the poses in the object's file{all_of_them}."
         found += [Notice("warn", f"{gap}.", advice) for gap in gaps]
     found += calibration_notices(recording.manifest, now)
     if found:
         return found
-    touched = "All poses of the object's file are here; below stands what they do not reach."
+    touched = (
+        "All poses of the object's file were recorded; the charts show the parts that they do not reach."
+    )
     if not gaps:
         touched = "Every part of both sensors was touched, at every orientation."
     return [Notice("good", "Nothing stands out.", touched)]
 
 
 def _whole(recording: Recording) -> bool:
-    """Whether all poses of the object's file were taken: what is not reached then, the file has not."""
+    """Whether all poses of the object's file were recorded, so that remaining gaps are gaps of the file."""
     wanted = _all_poses(recording)
     return wanted is not None and sum(row.accepted for row in recording.rows) >= wanted
 
 
 def _all_poses(recording: Recording) -> int | None:
-    """How many poses the object's file has; None where nobody knows the file."""
+    """Return the number of poses in the object's file; None if the file is not found."""
     manifest = recording.manifest
     try:
         return len(grasp_poses(find_grasp_file(manifest.objects[0], manifest.config.objects)))
@@ -144,18 +146,18 @@ def _all_poses(recording: Recording) -> int | None:
 
 
 def _gaps(serial: str, taken: Sequence[Taken]) -> list[str]:
-    """Where a sensor was not touched, and at which orientations not, in words."""
+    """Return the cells and orientations without contact on a sensor, in words."""
     found = []
     if cells := untouched_cells(taken):
         found.append(f"{serial} was never touched {joined(cells)}")
     if len(axes_deg(taken)) >= FEWEST_FOR_AXES and (empty := empty_orientations(taken)):
         names = joined([f"{low:+.0f} to {high:+.0f}" for low, high in empty])
-        found.append(f"{serial} saw no long axis at {names} degrees")
+        found.append(f"{serial} has no contact with a long axis at {names} degrees")
     return found
 
 
 def _sheets(recording: Recording) -> list[dict[str, object]]:
-    """A contact sheet per pose: its images small, the contact's outline drawn in."""
+    """Return a contact sheet per pose: small images with the contact's outline."""
     poses: dict[int, list[Taken]] = {}
     for image in recording.taken:
         poses.setdefault(image.row.pose, []).append(image)
@@ -179,7 +181,7 @@ def _grips(taken: Sequence[Taken]) -> str:
 
 
 def montage(taken: Sequence[Taken]) -> Image:
-    """Put the images side by side: below each sensor's name its images, each above its grip."""
+    """Arrange the images: a row per sensor below its name, each image above its grip."""
     by_serial: dict[str, list[Taken]] = {}
     for image in taken:
         by_serial.setdefault(image.about.serial, []).append(image)
@@ -202,7 +204,7 @@ def _row(taken: Sequence[Taken]) -> Image:
 
 
 def _written(text: str, width: int) -> Image:
-    """A line of text, (LABEL_PX, width, 3) uint8."""
+    """Draw a line of text, (LABEL_PX, width, 3) uint8."""
     band = np.full((LABEL_PX, width, 3), _BETWEEN, np.uint8)
     cv2.putText(
         band, text, (2, LABEL_PX - 4), cv2.FONT_HERSHEY_SIMPLEX, 0.38, (255, 255, 255), 1, cv2.LINE_AA

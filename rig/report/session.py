@@ -1,4 +1,4 @@
-"""Reading a session for a report: whatever of it can still be read, and what cannot."""
+"""Read a session for a report, as far as it is readable, with notices about damaged parts."""
 
 import struct
 from collections.abc import Sequence
@@ -29,14 +29,14 @@ UNREADABLE = (
     RigError, KeyError, TypeError, ValueError, IndexError, AttributeError, ArithmeticError, MemoryError,
     struct.error, DecodeError,
 )  # fmt: skip
-"""What damaged bytes lead to, beside the errors that the readers know."""
+"""Exceptions that damaged recordings raise, in addition to those of the readers."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Lift:
-    """An accepted lift: its row of `lifts.jsonl`, and its curves where the recording can be read.
+    """An accepted lift: its row of `lifts.jsonl`, and its curves if the recording can be read.
 
-    gaps: what of the recording is damaged, passed over in the curves.
+    gaps: damaged parts of the recording, which are skipped in the curves.
     """
 
     row: FinishedLift
@@ -45,7 +45,7 @@ class Lift:
 
     @property
     def name(self) -> str:
-        """Name for people, as "wrench, lift 3"."""
+        """Name for display, such as "wrench, lift 3"."""
         return lift_name(self.row)
 
     @property
@@ -61,7 +61,7 @@ class Lift:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Trial:
-    """A trial as far as it can be read. rows: all attempts; problems: what could not be read."""
+    """The readable parts of a trial. rows: all attempts. problems: notices about unreadable parts."""
 
     folder: Path
     manifest: TrialManifest
@@ -72,17 +72,17 @@ class Trial:
 
 
 def lift_name(row: LiftHead) -> str:
-    """Name of a lift for people."""
+    """Return the name of a lift for display."""
     return f"{row.name}, lift {row.lift}"
 
 
 def object_label(row: LiftHead) -> str:
-    """Id and name of a lift's object."""
+    """Return id and name of a lift's object."""
     return f"{row.object} {row.name}"
 
 
 def read_trial(folder: Path, manifest: TrialManifest) -> Trial:
-    """Read the lifts of a trial; what is damaged is named and left out."""
+    """Read the lifts of a trial; damaged parts are left out and reported."""
     rows, problems = read_usable(folder / RESULTS["trial"], LIFTS)
     timing = read_timing(folder)
     lifts, damaged = [], []
@@ -95,8 +95,8 @@ def read_trial(folder: Path, manifest: TrialManifest) -> Trial:
     if damaged:
         what = f"{len(damaged)} of {len(lifts)} recordings cannot be read: {joined(damaged)}."
         advice = (
-            "Their results count in the tables, their curves and frames are missing below. Copy the session "
-            "again from the rig's disk, or repeat these lifts."
+            "Their results are in the tables; their curves and frames are missing. Copy the session again "
+            "from the rig's disk, or repeat these lifts."
         )
         problems.append(Notice("bad", what, advice))
     if partly := [lift for lift in lifts if lift.gaps]:
@@ -105,7 +105,7 @@ def read_trial(folder: Path, manifest: TrialManifest) -> Trial:
 
 
 def _read_lift(folder: Path, row: FinishedLift, manifest: TrialManifest) -> Lift:
-    """Read a lift around the gaps of its recording. Raises `SessionError` and others of `UNREADABLE`."""
+    """Read a lift, skipping gaps of its recording. Raises `SessionError` and other errors of `UNREADABLE`."""
     gaps = recording_gaps(folder / row.recording)
     return Lift(row, read_curves(folder, row, manifest, []), tuple(gaps))
 
@@ -113,8 +113,8 @@ def _read_lift(folder: Path, row: FinishedLift, manifest: TrialManifest) -> Lift
 def _gaps_notice(lifts: Sequence[Lift], of: int) -> Notice:
     named = joined([f"{lift.name} ({lift.row.recording}: {joined(list(lift.gaps))})" for lift in lifts])
     advice = (
-        "Their results count in the tables; their curves and frames are shown without what is damaged. Copy "
-        "the session again from the rig's disk, or repeat these lifts."
+        "Their results are in the tables; curves and frames are shown without the damaged parts. Copy the "
+        "session again from the rig's disk, or repeat these lifts."
     )
     return Notice("bad", f"{len(lifts)} of {of} recordings are damaged in part: {named}.", advice)
 
@@ -124,8 +124,8 @@ def find_lift(folder: Path, manifest: TrialManifest, wanted: str | None) -> Lift
 
     wanted: None for the first lift.
 
-    Gaps of its recording are passed over. Raises `SessionError` for a recording that cannot be read,
-    `InputError` with the lifts there are for one that is not there.
+    Gaps of its recording are skipped. Raises `SessionError` for a recording that cannot be read, and
+    `InputError` with the existing lifts for a missing one.
     """
     rows, problems = read_usable(folder / RESULTS["trial"], LIFTS)
     lifts = sorted(finished(rows), key=lambda row: row.number)
@@ -143,10 +143,10 @@ def find_lift(folder: Path, manifest: TrialManifest, wanted: str | None) -> Lift
 
 
 def read_usable(path: Path, codec: Codec[Record]) -> tuple[list[Record], list[Notice]]:
-    """Return the rows of a session's file that can be read, and a notice where some cannot."""
+    """Return the readable rows of a session's file, and a notice if others are damaged."""
     try:
         rows, damaged = readable_rows(path, codec)
-        missing = "" if path.exists() else f"{path.name} is not there."
+        missing = "" if path.exists() else f"{path.name} is missing."
     except SessionError as error:
         rows, damaged, missing = [], [], f"{error}."
     if missing:
@@ -156,14 +156,12 @@ def read_usable(path: Path, codec: Codec[Record]) -> tuple[list[Record], list[No
         return rows, []
     where = joined([f"line {line.number}: {line.problem}" for line in damaged])
     what = f"{path.name}: {len(damaged)} of {counted(len(damaged) + len(rows), 'line')} damaged ({where})."
-    advice = (
-        "They are left out of every figure. Copy the file again from the rig's disk, or remove those lines."
-    )
+    advice = "They are not in any figure. Copy the file again from the rig's disk, or remove those lines."
     return rows, [Notice("bad", what, advice)]
 
 
 def read_timing(folder: Path) -> list[LiftTiming]:
-    """The usable rows of a trial's `timing.jsonl`; none where it is missing."""
+    """Return the readable rows of a trial's `timing.jsonl`; none if it is missing."""
     return readable_rows(folder / TIMING, LIFT_TIMINGS)[0]
 
 
@@ -172,7 +170,7 @@ def read_curves(
 ) -> LiftCurves:
     """Read a lift's curves from its recording.
 
-    gaps: see `recorded_messages`. Raises `SessionError` and others of `UNREADABLE`.
+    gaps: see `recorded_messages`. Raises `SessionError` and other errors of `UNREADABLE`.
     """
     path = folder / row.recording
     zero_s = row.phases_s[Phase.LIFT]
@@ -192,7 +190,7 @@ def read_curves(
 
 
 def curve(angles: list[RecordedAngle], zero_s: float) -> Curve:
-    """Return angles in the order of their times, which count from zero_s by the bench's clock."""
+    """Return angles as a curve in order of time. zero_s: time 0 of the curve, by the bench's clock."""
     ordered = sorted(angles, key=lambda angle: angle.time_ns)
     times = np.array([angle.time_ns / NS_PER_S - zero_s for angle in ordered], float)
     # None becomes nan
@@ -202,12 +200,12 @@ def curve(angles: list[RecordedAngle], zero_s: float) -> Curve:
 
 
 def _why(error: BaseException) -> str:
-    """The error without the path, which stands beside it."""
+    """Return the text of an error without the path, which the caller shows."""
     if not isinstance(error, RigError):
         return f"damaged: {type(error).__name__} {error}".strip()
     return (str(error).partition(".mcap: ")[2] or str(error)).removeprefix("the recording is ")
 
 
 def curves_of(lifts: Sequence[Lift]) -> list[LiftCurves]:
-    """The curves of the lifts that have them."""
+    """Return the curves of the lifts with curves."""
     return [lift.curves for lift in lifts if lift.curves is not None]

@@ -1,4 +1,4 @@
-"""The page of the sessions in a folder: a table that is searched, errors over time, links to the reports."""
+"""The page of the sessions in a folder: a searchable table, errors over time, links to the reports."""
 
 import os
 from collections.abc import Mapping, Sequence
@@ -17,7 +17,7 @@ from rig.report.write import REPORT, write_page
 from rig.results.listing import SessionEntry
 
 CHOSEN = ("kind", "bench", "objects", "tags", "operator", "state")
-"""Columns of which the reader chooses a value."""
+"""Columns in which the reader can choose a value."""
 
 
 def write_sessions(
@@ -29,9 +29,9 @@ def write_sessions(
 ) -> None:
     """Write the page of some sessions.
 
-    columns: texts of the listing by heading, one for each entry; the first names the sessions. wear: of
-    those whose sensors are shown over time. Raises `InputError` for a place it cannot have, `RecordingError`
-    when writing fails.
+    columns: texts of the listing by heading, one per entry; the first column has the sessions' names. wear:
+    of the sessions whose sensors are shown over time. Raises `InputError` for an unwritable path,
+    `RecordingError` if writing fails.
     """
     names = [_link(text, entry.folder, page) for text, entry in zip(columns["session"], entries, strict=True)]
     rows = [list(row) for row in zip(names, *list(columns.values())[1:], strict=True)]

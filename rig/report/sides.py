@@ -1,4 +1,4 @@
-"""The two sides of a comparison: sessions as stored, or one session seen by two estimators."""
+"""The two sides of a comparison: two sessions, or one session with two estimators."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -24,9 +24,9 @@ ONLY_TRIALS = "only trials have lifts to compare"
 
 @dataclass(frozen=True, slots=True)
 class Side:
-    """One side: its name, its lifts, and whether they are simulated. notes: what was left out, and why.
+    """One side: its name, its lifts, and whether they are simulated. notes: omitted lifts, with the reason.
 
-    estimator: what measured them.
+    estimator: name and window of the estimator.
     """
 
     name: str
@@ -37,7 +37,7 @@ class Side:
 
 
 def session_side(folder: Path, name: str | None = None) -> Side:
-    """A session with the results it has. Raises `SessionError`, `InputError`."""
+    """Return a session with its stored results as a side. Raises `SessionError`, `InputError`."""
     if not is_session(folder):
         hint = (
             " (an estimator's name needs --on SESSION)"
@@ -64,7 +64,7 @@ def _stored_side(folder: Path, name: str | None, manifest: TrialManifest) -> Sid
 
 
 def estimator_side(folder: Path, estimator: str, jobs: int, progress: Progress) -> Side:
-    """A session's lifts with an estimator: the stored results where it is the session's own.
+    """Return a session's lifts with an estimator; the stored results if the session used this estimator.
 
     Raises `InputError` for an unknown estimator, `SessionError` for a damaged session.
     """
@@ -97,7 +97,7 @@ def _curves(folder: Path, row: FinishedLift, manifest: TrialManifest) -> LiftCur
 
 
 def _again(stored: LiftCurves | None, row: FinishedLift, angles: Floats) -> LiftCurves | None:
-    """A lift's stored curves with the angles of a replay, (N, 3), in place of the estimate."""
+    """Return a lift's stored curves with the angles of a replay, (N, 3), as the estimate."""
     if stored is None:
         return None
     estimate = Curve(angles[:, 0] - row.phases_s[Phase.LIFT], angles[:, 1], angles[:, 2])

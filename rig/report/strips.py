@@ -1,6 +1,6 @@
-"""Tactile frames of a lift as small pictures, with the contact and both angles drawn in.
+"""Small images of the tactile frames of a lift, with the contact and both angles drawn in.
 
-Gaps of a recording are passed over: `rig.report.session` names them, once for each lift.
+Gaps of a recording are skipped; `rig.report.session` reports them once per lift.
 """
 
 import math
@@ -32,12 +32,12 @@ JPEG_QUALITY = 85
 LONG_SIDE_PX = 320
 _WHITE = (255, 255, 255)
 _ARM_SHARE = 0.30
-"""Half length of the drawn axes, as a share of the frame's height."""
+"""Half length of the drawn axes, as a fraction of the frame's height."""
 
 
 @dataclass(frozen=True, slots=True)
 class Still:
-    """One picture of a strip: JPEG bytes, what it shows, and its width and height in px."""
+    """One image of a strip: JPEG bytes, caption, and width and height in px."""
 
     jpeg: bytes
     caption: str
@@ -46,10 +46,10 @@ class Still:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TipFrames:
-    """What is needed to draw into a fingertip's frames.
+    """Data for drawing into a fingertip's frames.
 
-    finder: knows the frame without contact. axis_deg: of the contact at the zero, image angle, None
-    where there was no contact to take it from. sign: turns the object's angle into the image's.
+    finder: detects the contact. axis_deg: image angle of the contact at the zero, None without contact then.
+    sign: factor from the object's angle to the image angle.
     """
 
     serial: str
@@ -62,10 +62,10 @@ class TipFrames:
 def pictures(
     path: Path, lift: LiftCurves, zero_ns: int, serial: str, sign: int | None, times_s: Sequence[float]
 ) -> list[tuple[Image, str]]:
-    """Return a source's pictures nearest to some times and what they show; only these are decoded.
+    """Return a source's images nearest to some times, with captions; only these are decoded.
 
-    zero_ns: start of phase B by the recording's clock. sign: of a fingertip, into whose pictures the contact
-    and both angles are drawn; None for the camera. Raises `SessionError` for a recording without them.
+    zero_ns: start of phase B by the recording's clock. sign: of a fingertip, whose contact and angles are
+    drawn into the images; None for the camera. Raises `SessionError` for a recording without such images.
     """
     messages = [
         (time_ns, data) for _, time_ns, _, data in recorded_messages(path, image_topic(serial), gaps=[])
@@ -96,7 +96,7 @@ def pictures(
 
 
 def strip(path: Path, lift: LiftCurves, zero_ns: int, serial: str, sign: int | None) -> list[Still]:
-    """Return small pictures of a source over a lift: at the zero, through the slip, at the end.
+    """Return small images of a source over a lift: at the zero, during the slip, at the end.
 
     Arguments and errors are those of `pictures`.
     """
@@ -109,13 +109,13 @@ def strip(path: Path, lift: LiftCurves, zero_ns: int, serial: str, sign: int | N
 
 
 def still(picture: Image, text: str) -> Still:
-    """Pack a picture, (H, W, 3) uint8 RGB, with what it shows."""
+    """Encode an image, (H, W, 3) uint8 RGB, with its caption."""
     height, width = picture.shape[:2]
     return Still(encode_jpeg(picture, JPEG_QUALITY), text, (width, height))
 
 
 def moments(lift: LiftCurves, count: int = FRAMES) -> list[float]:
-    """Times worth a picture, s: the zero, the turn in equal steps, and the end of C."""
+    """Return the times of images, s: the zero, equal steps of the rotation, and the end of C."""
     start, end = lift.phases_s.get("B", 0.0), lift.phases_s.get("lower", 0.0)
     onset = lift.onset_truth_s if lift.onset_truth_s is not None else start
     turned = lift.truth.answered
@@ -141,7 +141,7 @@ def read_tip(path: Path, lift: LiftCurves, zero_ns: int, serial: str, sign: int)
 
 
 def tip_at_zero(serial: str, sign: int, finder: ContactFinder, zero: Image | None) -> TipFrames:
-    """Return what is drawn into frames. zero: frame at the zero, (H, W, 3) uint8 RGB, or None."""
+    """Return the data for drawing. zero: frame at the zero, (H, W, 3) uint8 RGB, or None."""
     contact = None if zero is None else finder.find(zero)
     axis = None if contact is None or contact.mask is None else ellipse_axis(contact.contour)
     return TipFrames(serial, sign, finder, None if axis is None else axis.angle_deg)
@@ -162,19 +162,19 @@ def drawn(image: Image, tip: TipFrames, estimate_deg: float, truth_deg: float) -
 
 
 def angles_at(lift: LiftCurves, serial: str, time_s: float) -> tuple[float, float]:
-    """A fingertip's angle and the markers' nearest to a time, deg, NaN where unknown."""
+    """Return a fingertip's angle and the marker angle nearest to a time, deg, NaN if unknown."""
     truth = truth_at(lift.truth, np.array([time_s]))[0]
     return _value_at(lift.tips.get(serial, lift.estimate), time_s), float(truth)
 
 
 def caption(time_s: float, estimate_deg: float, truth_deg: float | None = None) -> str:
-    """Say when, and both angles. truth_deg: None if there is no ground truth at all."""
+    """Return a caption with time and angles. truth_deg: None if the source has no ground truth."""
     marker = "" if truth_deg is None else f", marker {angle_text(truth_deg)}"
     return f"{round(time_s, 2) + 0.0:.2f} s: {angle_text(estimate_deg)}{marker}"
 
 
 def rgb(hex_colour: str) -> tuple[int, int, int]:
-    """A colour as OpenCV takes it for RGB pictures."""
+    """Convert a colour to the tuple that OpenCV needs for RGB images."""
     red, green, blue = (int(hex_colour[i : i + 2], 16) for i in (1, 3, 5))
     return red, green, blue
 

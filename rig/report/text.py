@@ -1,4 +1,4 @@
-"""Numbers for people, written the same way on every page."""
+"""Formatting of numbers, the same on every page."""
 
 import math
 from datetime import datetime
@@ -7,22 +7,22 @@ from rig.results.metrics import Mare
 
 
 def mare_tile(value: Mare | None, what: str) -> tuple[str, str]:
-    """The tile of a MARE: the figure, and below it what it is, with its interval and refused lifts."""
+    """Return the tile of a MARE: the figure, and below it a description with interval and refused lifts."""
     return mare_short(value), f"{what} {value.beside if value else ''}".rstrip()
 
 
 def mare_short(value: Mare | None) -> str:
-    """MARE with its spread, deg."""
+    """Return MARE and standard deviation, deg."""
     return "no answer" if value is None else f"{value.mean_deg:.2f} ± {value.std_deg:.2f}°"
 
 
 def made_text(when: datetime) -> str:
-    """When a page was made. when: with its zone, UTC."""
+    """Return the creation time of a page. when: in UTC."""
     return when.strftime("%Y-%m-%d %H:%M UTC")
 
 
 def angle_text(angle_deg: float | None) -> str:
-    """An angle with its sign."""
+    """Return an angle with its sign."""
     if angle_deg is None or not math.isfinite(angle_deg):
         return "refused"
     return f"{round(angle_deg, 1) + 0.0:+.1f}°"

@@ -26,7 +26,7 @@ _OUTCOMES = {
 
 
 def grip_chart(lifts: Sequence[Lift]) -> Chart | None:
-    """True turn of each lift over its grip, by outcome; None if no lift has a true turn."""
+    """Draw the true final rotation of each lift over its grip, by outcome; None without ground truth."""
     known = [(lift, abs(turn)) for lift in lifts if (turn := lift.row.final_truth_deg)]
     if not known:
         return None
@@ -50,7 +50,7 @@ def grip_chart(lifts: Sequence[Lift]) -> Chart | None:
 
 
 def coverage_chart(lifts: Sequence[LiftCurves]) -> Chart | None:
-    """How often the error is within the reported sigma; None where no sigma is reported."""
+    """Draw the fraction of errors within multiples of the reported sigma; None without sigmas."""
     ratios = sigma_ratios(lifts)
     if ratios.size < FEWEST_FRAMES:
         return None
@@ -81,7 +81,7 @@ def coverage_chart(lifts: Sequence[LiftCurves]) -> Chart | None:
 
 
 def sigma_ratios(lifts: Sequence[LiftCurves]) -> Floats:
-    """|error| over the reported sigma of all answered frames in B and C, (N,)."""
+    """Return |error| / sigma of all frames with an angle in B and C, (N,)."""
     parts = [np.zeros(0)]
     for lift in lifts:
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -125,6 +125,6 @@ def finals_chart(lifts: Sequence[Final]) -> Chart | None:
         axes.set(xlabel="final marker angle, degrees", ylabel="final estimate, degrees", aspect="equal")
         axes.set(xlim=reach, ylim=reach)
         legend_above(axes, 2)
-        title = "Where the lifts ended"
-        caption = "Both angles over the last moments of C; on the line they agree."
+        title = "Final angles"
+        caption = "Means over the end of C. Points on the line have no error."
         return Chart(title, figure, caption, spots=spots)

@@ -35,7 +35,7 @@ WORST_LIFTS = 3
 def trial_page(trial: Trial, now: datetime | None = None, other: Trial | None = None) -> ReportPage:
     """Return the report of a trial as one HTML page.
 
-    other: the same lifts without a reaction to slip, or with one. Raises `InputError` for any other.
+    other: the same lifts without a reaction to slip, or with one. Raises `InputError` for any other session.
     """
     now = now or datetime.now(UTC)
     summary = summarize_trial(trial.rows)
@@ -73,7 +73,7 @@ def trial_page(trial: Trial, now: datetime | None = None, other: Trial | None = 
 
 
 def object_table(summary: TrialSummary) -> Table:
-    """The paper's table: error per object over B, and over B and C."""
+    """Return the paper's table: error per object over B, and over B and C."""
     columns = (
         "object",
         "MARE in B, °",
@@ -99,7 +99,9 @@ def _reaction_tile(summary: TrialSummary) -> list[tuple[str, str]]:
     reacting = summary.reacting
     if reacting is None:
         return []
-    what = f"lifts caught by reaction to slip '{reacting.kind}'; their MARE stands apart from others'"
+    what = (
+        f"lifts caught by the reaction to slip '{reacting.kind}'; their MARE is separate from that of others"
+    )
     return [(f"{reacting.caught} of {reacting.lifts}", what)]
 
 
@@ -145,12 +147,12 @@ def _onset_chart(rows: Sequence[FinishedLift]) -> Chart | None:
     delays = onset_delays_ms(rows)
     if not any(late_ms.size for late_ms in delays.values()):
         return None
-    caption = "By how much later than the markers' onset each was seen, over the lifts in which both were."
+    caption = "Delay after the onset of the markers, over the lifts in which both were found."
     return boxes(delays, "Onset latency", caption, "later than the markers' onset, ms", least=None)
 
 
 def fingertip_table(lifts: Sequence[Lift]) -> Table:
-    """MARE of the fused angle and of each fingertip's own, from the recorded curves."""
+    """Return a table with the MARE of the fused angle and of each fingertip, from the recorded curves."""
     curves = curves_of(lifts)
     serials = dict.fromkeys(serial for lift in curves for serial in lift.tips)
     sources = {"both, fused": curves}
@@ -170,7 +172,7 @@ def _errors(lift: LiftCurves, phases: str) -> ErrorSummary | None:
 
 
 def _worst(trial: Trial) -> list[dict[str, object]]:
-    """The lifts with the largest mean error, with their frames."""
+    """Return the lifts with the largest mean error, with their frames."""
     known = [(lift.row.re.mean_deg, lift, lift.curves) for lift in trial.lifts if lift.row.re and lift.curves]
     ranked = sorted(known, key=lambda entry: -entry[0])
     return [_with_strips(trial, lift, curves) for _, lift, curves in ranked[:WORST_LIFTS]]
@@ -198,6 +200,6 @@ def _chart_of_lift(trial: Trial, lift: Lift, curves: LiftCurves) -> Chart:
     try:
         path = trial.folder / lift.row.recording
         data = recorded_lift(path, curves, lift.zero_ns, film_mark(lift))
-    except UNREADABLE:  # the recording's damage is named above
+    except UNREADABLE:  # the page has a notice about the damaged recording
         data = explored(curves, angle_panels(curves))
     return replace(lift_chart(curves, lift_caption(lift)), anchor=anchor(lift), explored=data)

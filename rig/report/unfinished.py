@@ -17,7 +17,7 @@ from rig.sessions.unfinished import unfinished_recordings
 
 @dataclass(frozen=True, slots=True, eq=False)
 class UnfinishedLift:
-    """An interrupted lift as a film shows it, see `rig.report.session.Lift`.
+    """An interrupted lift for a film, see `rig.report.session.Lift`.
 
     zero_ns: start of phase B by the recording's clock, or of the last phase if B was not reached.
     """
@@ -30,9 +30,9 @@ class UnfinishedLift:
 
 
 def find_unfinished(folder: Path, manifest: TrialManifest, wanted: str) -> UnfinishedLift | None:
-    """Find an unfinished recording by its file name, as "007.unfinished"; None if there is none of that name.
+    """Find an unfinished recording by its file name, such as "007.unfinished"; None if there is none.
 
-    Raises `SessionError` for one that holds nothing to show, `EstimatorError` as `require_named` does.
+    Raises `SessionError` if it contains no angle, and `EstimatorError` like `require_named`.
     """
     name = wanted.strip().removesuffix(".mcap")
     path = next((path for path in unfinished_recordings(folder) if path.stem == name), None)

@@ -1,4 +1,4 @@
-"""What sessions say of their sensors over time: noise and look of the untouched gel, contact, error."""
+"""Changes of the sensors over sessions: noise and image of the untouched gel, contact area, error."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -20,14 +20,14 @@ from rig.sessions.records import FinishedLift
 from rig.sessions.rows import read_poses, read_usable_lifts
 
 MOST_FRAMES = 30
-"""Of one sensor in one lift: half a second says what its noise is."""
+"""Number of frames of one sensor in one lift for its noise: half a second."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Rest:
-    """A sensor while nothing touches it: its mean picture, (H, W, 3) float32 grey levels, and its noise.
+    """A sensor without contact: its mean image, (H, W, 3) float32 grey levels, and its noise.
 
-    noise: standard deviation over time, mean over the picture, grey levels; None where one picture is known.
+    noise: standard deviation over time, mean over the image, grey levels; None if there is only one image.
     """
 
     picture: NDArray[np.float32]
@@ -36,10 +36,10 @@ class Rest:
 
 @dataclass(frozen=True, slots=True)
 class TipWear:
-    """One sensor in one session; None where a session does not tell it.
+    """One sensor in one session; None for values that the session does not contain.
 
-    noise: as of `Rest`. change: of its picture at rest since the sensor's first session, mean over the
-    picture, grey levels. contact_px: median area.
+    noise: see `Rest`. change: mean change of its image without contact since the sensor's first session, grey
+    levels. contact_px: median area of the contacts.
     """
 
     noise: float | None
@@ -60,9 +60,9 @@ class SessionWear:
 
 
 def read_wear(folders: Sequence[Path]) -> tuple[list[SessionWear], list[str]]:
-    """Read sessions in the order in which they were begun; also what could not be read of them.
+    """Read sessions in the order of their start; return them and messages about unreadable parts.
 
-    Replays and empty sessions are passed over. Raises `InputError` where nothing is left.
+    Replays and empty sessions are skipped. Raises `InputError` if nothing is left.
     """
     problems: list[str] = []
     found: list[tuple[TrialManifest | RecordManifest, Path]] = []
@@ -80,9 +80,7 @@ def read_wear(folders: Sequence[Path]) -> tuple[list[SessionWear], list[str]]:
         except UNREADABLE as error:
             problems.append(f"{folder}: {error}" if str(folder) not in str(error) else str(error))
     if not sessions:
-        raise InputError(
-            problems[0] if problems else "there is no session to look at: give a folder with some"
-        )
+        raise InputError(problems[0] if problems else "there is no session: give a folder with sessions")
     return sessions, problems
 
 
@@ -111,18 +109,18 @@ def _change(first: Rest | None, rest: Rest | None) -> float | None:
 
 
 def _lifts_at_rest(folder: Path, manifest: BenchManifest, lifts: Sequence[FinishedLift]) -> dict[str, Rest]:
-    """Each sensor before the grasp of a session's first lift whose recording can be read."""
+    """Return each sensor before the grasp in a session's first lift with a readable recording."""
     problem: SessionError | None = None
     for lift in sorted(lifts, key=lambda lift: lift.number):
         try:
             return {serial: lift_at_rest(folder / lift.recording, serial) for serial in manifest.signs}
         except SessionError as error:
             problem = problem or error
-    raise problem or SessionError(f"{folder}: no lift to look at")
+    raise problem or SessionError(f"{folder}: no finished lift")
 
 
 def lift_at_rest(path: Path, serial: str) -> Rest:
-    """A sensor before the grasp of a recorded lift. Raises `SessionError`."""
+    """Return a sensor before the grasp of a recorded lift. Raises `SessionError`."""
     end_ns = phase_times(path)[Phase.GRASP]
     frames = []
     for frame in recorded_frames(path, serial):
@@ -138,7 +136,7 @@ def lift_at_rest(path: Path, serial: str) -> Rest:
 
 
 def _recording_at_rest(folder: Path, manifest: BenchManifest) -> dict[str, Rest]:
-    """A recording keeps one picture of each sensor at rest, the mean of many."""
+    """Return the sensors without contact in a recording, which stores one mean image of each."""
     pictures = {serial: load_image(folder / reference_file(serial)) for serial in manifest.signs}
     return {
         serial: Rest(picture.astype(np.float32), None)

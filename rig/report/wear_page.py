@@ -1,4 +1,4 @@
-"""The page of gel wear: noise, look, contact and error of sessions over days and weeks."""
+"""The page of gel wear: noise, image change, contact area and error of sessions over days and weeks."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -67,12 +67,12 @@ def _notices(sessions: Sequence[SessionWear], problems: Sequence[str]) -> list[N
     found = [Notice("warn", "A session was left out.", problem) for problem in problems]
     kinds = {session.manifest.simulated for session in sessions}
     if len(kinds) > 1:
-        advice = "They say nothing of one another: choose some with --tag or by their folder."
-        found.append(Notice("bad", "Simulated and real sessions stand side by side.", advice))
+        advice = "They cannot be compared: select sessions with --tag or by their folder."
+        found.append(Notice("bad", "The page contains both simulated and real sessions.", advice))
     methods = sorted({s.manifest.estimator for s in sessions if isinstance(s.manifest, TrialManifest)})
     if len(methods) > 1:
-        what = f"Errors are of several estimators: {joined(methods)}."
-        found.append(Notice("warn", what, "Compare like with like: replay the sessions with one of them."))
+        what = f"The errors are those of several estimators: {joined(methods)}."
+        found.append(Notice("warn", what, "Replay the sessions with the same estimator to compare them."))
     return found
 
 
@@ -94,15 +94,15 @@ def wear_charts(sessions: Sequence[SessionWear], bench: str = "") -> list[Chart]
     charts = [
         _chart(
             by_serial(lambda tip: tip.noise), f"Noise at rest{bench}", "noise, grey levels",
-            "How much each pixel of the untouched gel varies in the quarter of a second before a grasp.",
+            "Standard deviation of the pixels of the untouched gel in the 0.25 s before a grasp.",
         ),
         _chart(
             by_serial(lambda tip: tip.change), f"Change of the gel at rest{bench}", "change, grey levels",
-            "How far the picture of the untouched gel is from that of the sensor's first session here.",
+            "Difference of the untouched gel's image from that in the sensor's first session on this page.",
         ),
         _chart(
             by_serial(lambda tip: tip.contact_px), f"Contact{bench}", "contact area, px",
-            "Median area of the contacts of a session. Other objects and grips change it, too.",
+            "Median area of the contacts of a session. It also depends on objects and grips.",
         ),
     ]  # fmt: skip
     return [chart for chart in charts if chart is not None]
@@ -150,7 +150,7 @@ def error_chart(known: Sequence[tuple[datetime, str, Mare]], title: str = "Error
 
 
 def _dated(axes: Axes, unit: str) -> None:
-    """Give axes a scale of dates, and one from zero with some room above."""
+    """Set a date scale, and a value scale from zero with a margin at the top."""
     locator = AutoDateLocator(minticks=3, maxticks=6)
     axes.xaxis.set_major_locator(locator)
     axes.xaxis.set_major_formatter(ConciseDateFormatter(locator))

@@ -1,4 +1,4 @@
-"""Writes the report of what it is given: a trial, a recording, tables of curves, or what is left of one."""
+"""Write the report of a trial, a recording or CSV tables, even if parts are damaged."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ WITH_REPORT = (TrialManifest, RecordManifest)
 
 @dataclass(frozen=True, slots=True)
 class Written:
-    """Where a report went, and what of its source could not be read."""
+    """The file of a report, and messages about unreadable parts of its source."""
 
     path: Path
     problems: tuple[str, ...] = ()
@@ -33,7 +33,7 @@ def write_report(
     out: the page's file; default `report.html` in the session or folder, in the current folder
     for single files. beside: another session of the same lifts, where one reacts to slip and one does not.
     figures: folder for the figures and the table of a trial, or of CSV files, as files for a paper.
-    Raises `InputError` for sources that are neither, `RecordingError` when the page cannot be written.
+    Raises `InputError` for sources that are neither, `RecordingError` if the page cannot be written.
     """
     for source in sources:
         if not source.exists():
@@ -41,11 +41,11 @@ def write_report(
     session = next((s for s in sources if is_session(s)), None)
     if session is not None:
         if len(sources) > 1:
-            raise InputError(f"{session} is a session: one report is of one session; rig compare takes two")
+            raise InputError(f"{session} is a session: a report shows one session; rig compare compares two")
         page, problems = _session_page(session) if beside is None else _pair_page(session, beside)
         return _written(out or session / REPORT, page, problems, figures)
     if beside is not None:
-        raise InputError(f"--beside {beside}: only a trial's session has another beside it")
+        raise InputError(f"--beside {beside}: only a trial can be shown beside another")
     from rig.report.csv_lifts import read_tables
     from rig.report.curves_page import curves_page
 
@@ -73,7 +73,7 @@ def _session_page(folder: Path) -> tuple[ReportPage, tuple[str, ...]]:
 
 
 def _pair_page(folder: Path, beside: Path) -> tuple[ReportPage, tuple[str, ...]]:
-    """The page of a trial with another beside it. Raises `InputError`, `SessionError` for what cannot be."""
+    """Return the page of a trial beside another one. Raises `InputError`, `SessionError`."""
     from rig.report.session import read_trial
     from rig.report.trial_page import trial_page
 
@@ -86,7 +86,7 @@ def _pair_page(folder: Path, beside: Path) -> tuple[ReportPage, tuple[str, ...]]
 
 
 def _broken_page(folder: Path, error: BaseException) -> str:
-    """The page of a session of which nothing can be shown: what was seen, and what still lies there."""
+    """Return the page of an unreadable session: the error, and the files in its folder."""
     files = sorted(p for p in folder.rglob("*") if p.is_file() and not p.name.startswith("."))
     rows = [[str(p.relative_to(folder)), f"{p.stat().st_size / 1e6:.2f}"] for p in files[:60]]
     return render(
@@ -101,7 +101,7 @@ def _broken_page(folder: Path, error: BaseException) -> str:
 
 
 def write_page(path: Path, html: str) -> None:
-    """Write a page. Raises `InputError` for a place it cannot have, `RecordingError` when writing fails."""
+    """Write a page. Raises `InputError` for an unwritable path, `RecordingError` if writing fails."""
     if path.is_dir():
         raise InputError(f"{path} is a folder: give the page a name with --out {path / REPORT}")
     if not path.parent.is_dir():

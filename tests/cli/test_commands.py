@@ -25,7 +25,7 @@ def session(one_lift: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def same_trial(session: Path, light_bench_file: Path) -> tuple[object, ...]:
-    """The command that this session was made by, and is gone on with."""
+    """Return the command that created this session and continues it."""
     what = ("--lifts", 1, "--object", "t2", "--bench", light_bench_file)
     return ("trial", *what, "--out", session, "--resume")
 
@@ -60,7 +60,7 @@ def test_missed_limit_exits_with_4_and_keeps_the_session(same_trial: tuple[objec
 
 
 def process(*arguments: str) -> "subprocess.CompletedProcess[str]":
-    """The command line in a process of its own, as a user starts it."""
+    """Run the command line in a separate process, as a user does."""
     command = [sys.executable, "-m", "rig", *arguments]
     return subprocess.run(
         command, capture_output=True, text=True, stdin=subprocess.DEVNULL, timeout=100, check=False
@@ -68,7 +68,7 @@ def process(*arguments: str) -> "subprocess.CompletedProcess[str]":
 
 
 def one_line(done: "subprocess.CompletedProcess[str]", code: int, *words: str) -> None:
-    """The last line explains, nothing is a traceback."""
+    """Check that the last line explains the error and that there is no traceback."""
     assert done.returncode == code, done.stderr
     assert "Traceback" not in done.stderr
     last = done.stderr.strip().splitlines()[-1]
@@ -78,10 +78,10 @@ def one_line(done: "subprocess.CompletedProcess[str]", code: int, *words: str) -
 
 
 def test_version_help_and_completion_options_work() -> None:
-    told = rig("--version")
-    assert told.returncode == 0
-    assert told.stdout.split()[0] == "rig"
-    assert told.stdout.split()[1][0].isdigit()
+    result = rig("--version")
+    assert result.returncode == 0
+    assert result.stdout.split()[0] == "rig"
+    assert result.stdout.split()[1][0].isdigit()
     assert rig("trial", "-h").stdout == rig("trial", "--help").stdout
     assert "--install-completion" in rig("-h").stdout
     assert "[fakes]" in " ".join(rig("fakes", "serve", "-h").stdout.split())

@@ -1,4 +1,4 @@
-"""Commands that start processes import nothing from the current folder: its files may be somebody else's."""
+"""Commands that start processes import nothing from the current folder, whose files may be untrusted."""
 
 import shutil
 import signal
@@ -30,7 +30,7 @@ DEADLINE_S = 240.0
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    """A session in whose folder lie files named as modules."""
+    """Return a session whose folder contains files with the names of modules."""
     folder = tmp_path / "session"
     shutil.copytree(ROOT / "tests" / "data" / "stored_trial", folder)
     for name in SHADOWED:

@@ -1,4 +1,4 @@
-"""`--dry-run`: every device read, the whole plan shown, nothing moved, connected to or kept."""
+"""`--dry-run` reads every device and shows the whole plan, but moves and stores nothing."""
 
 import json
 from pathlib import Path

@@ -20,7 +20,7 @@ STORED = Path(__file__).parents[1] / "data"
 
 
 def process(arguments: Sequence[object], **streams: Any) -> "subprocess.CompletedProcess[str]":
-    """`rig ARGUMENTS` in a process of its own: its streams are the system's."""
+    """Run `rig ARGUMENTS` in a separate process with the system's streams."""
     command = [sys.executable, "-m", "rig", *map(str, arguments)]
     return subprocess.run(command, text=True, timeout=120, check=False, **streams)
 
@@ -32,7 +32,7 @@ def test_unwritable_results_are_a_one_line_error(arguments: Sequence[object]) ->
         done = process(arguments, stdout=full, stderr=subprocess.PIPE)
     assert done.returncode == 1
     last = done.stderr.splitlines()[-1]
-    assert last.startswith("rig: what it prints cannot be written (No space left on device)")
+    assert last.startswith("rig: the output cannot be written (No space left on device)")
     assert "Traceback" not in done.stderr
 
 

@@ -1,4 +1,4 @@
-"""Every place that a command is to write to is looked at before any work."""
+"""Every output path of a command is checked before any work."""
 
 from pathlib import Path
 

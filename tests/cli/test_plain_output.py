@@ -1,4 +1,4 @@
-"""Names, notes and tags of a stranger's session do not act on the terminal of any command."""
+"""Control sequences in names, notes and tags of a foreign session do not act on the terminal."""
 
 import json
 import os
@@ -21,7 +21,7 @@ ACTING = (CLEAR, OVERRIDE, C1, TITLE, "\x9b", "\x1b]")
 
 @pytest.fixture
 def session(tmp_path: Path) -> Path:
-    """A trial with hostile texts wherever its files hold a text that is free."""
+    """Return a trial with hostile texts in all free text fields of its files."""
     folder = tmp_path / "sessions" / "hostile[bold]"
     shutil.copytree(STORED, folder)
     change(folder / "session.json", bench=HOSTILE, started=HOSTILE, simulated=False, remarks={
@@ -36,7 +36,7 @@ def change(file: Path, **values: Any) -> None:
 
 
 def at_a_terminal(*arguments: object) -> str:
-    """What `rig ARGUMENTS` writes to a terminal, with all its control sequences."""
+    """Return the output of `rig ARGUMENTS` on a terminal, with all control sequences."""
     ours, theirs = pty.openpty()
     command = [sys.executable, "-m", "rig", *map(str, arguments)]
     process = subprocess.Popen(command, stdin=theirs, stdout=theirs, stderr=theirs)

@@ -1,4 +1,4 @@
-"""Questions at a terminal: seen whole while they wait, however the display around them is drawn."""
+"""Questions at a terminal stay completely visible while displays are redrawn."""
 
 import sys
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""A session that was stopped: how it goes on, with what it was asked for."""
+"""Resuming an interrupted session with its original options."""
 
 import json
 import shutil
@@ -28,7 +28,7 @@ def copied(one_lift: Path, folder: Path, **changes: Any) -> Path:
 
 @pytest.fixture
 def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The folder that commands are typed in."""
+    """Return the current folder of the commands."""
     monkeypatch.chdir(tmp_path)
     return tmp_path
 

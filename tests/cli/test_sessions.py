@@ -1,4 +1,4 @@
-"""`rig sessions`: found by tag and object, sorted, checked, listed in several processes, and their wear."""
+"""`rig sessions`: search by tag and object, sorting, checks, listing in several processes, and wear."""
 
 import json
 import shutil
@@ -23,7 +23,7 @@ def listed(folder: Path, *options: object) -> list[dict[str, Any]]:
 
 @pytest.fixture(scope="module")
 def named(tmp_path_factory: pytest.TempPathFactory, one_lift: Path) -> Path:
-    """Three copies of a trial: another date, other words and another error each."""
+    """Return three copies of a trial with different dates, remarks and errors."""
     folder = tmp_path_factory.mktemp("named")
     words = ({"name": "Beta", "tags": ["gel-1", "x"]}, {"tags": ["gel-1"], "operator": "Ada"}, {})
     for number, said in enumerate(words):

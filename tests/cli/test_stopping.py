@@ -1,4 +1,4 @@
-"""Signals: the first begins the safe end, the second ends that at once, further ones come between nothing."""
+"""Signals: the first starts the safe end, the second stops at once, further ones are ignored."""
 
 import os
 import signal

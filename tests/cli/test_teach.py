@@ -133,4 +133,4 @@ def test_keys_and_enter_are_read_at_a_terminal(
     terminal.wait_for("again?", 10.0)
     terminal.read_for(0.2)
     terminal.type("q\r")
-    terminal.wait_for("held where it is", 10.0)
+    terminal.wait_for("holds its position", 10.0)

@@ -29,7 +29,7 @@ TIPS = {"SIM-D0001", "SIM-D0002"}
 
 
 class Browser:
-    """Requests a page again and again from the moment its address is printed."""
+    """Requests a page repeatedly from the time when its address is printed."""
 
     def __init__(self) -> None:
         self.states: list[dict[str, Any]] = []

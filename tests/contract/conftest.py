@@ -1,7 +1,8 @@
-"""The contract checks for the rig's own: simulated devices, real drivers on fakes behind wires, hardware.
+"""Contract checks of simulated devices, of real drivers on fakes over the wire protocols, and of hardware.
 
-Hardware is used when a bench file is given (`pytest tests/contract --bench FILE`), and moved only
-with `--moves` as well: then somebody stands at the bench, whose fingers are free and whose way is clear.
+Hardware is used only if a bench file is given (`pytest tests/contract --bench FILE`), and moved only with
+`--moves`. Then a person must be at the bench, the fingers must hold nothing, and the arm's path must be
+clear.
 """
 
 from collections.abc import Callable, Iterator
@@ -26,7 +27,7 @@ RUNNING = pytest.StashKey[ExitStack]()
 
 @dataclass(frozen=True)
 class Station:
-    """A bench of real drivers, and the side channel of the fakes behind them."""
+    """A bench of real drivers, and the side channel of the fakes that they are connected to."""
 
     bench: Bench
     config: BenchConfig
@@ -35,7 +36,7 @@ class Station:
 
 @pytest.fixture(scope="session")
 def wire_station(request: pytest.FixtureRequest) -> Iterator[Station]:
-    """Real drivers on fakes behind wires, until `pytest_runtest_teardown` ends them."""
+    """Return real drivers on fakes over the wire protocols; `pytest_runtest_teardown` ends them."""
     with ExitStack() as running:
         request.config.stash[RUNNING] = running
         config = running.enter_context(started_fakes(lighter("wire")))
@@ -85,7 +86,7 @@ def bench(kind: str, request: pytest.FixtureRequest) -> Iterator[Bench]:
 
 @pytest.fixture
 def inactive_bench(bench: Bench, kind: str, request: pytest.FixtureRequest) -> Bench:
-    """A connected bench whose gripper was not activated since it got power."""
+    """Return a connected bench whose gripper has not been activated since power-on."""
     if kind == "wire":
         station: Station = request.getfixturevalue("wire_station")
         assert station.tell is not None

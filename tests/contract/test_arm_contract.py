@@ -1,3 +1,3 @@
-"""The rig's arms, held to the checks of every arm."""
+"""Contract checks of the rig's arms."""
 
 from rig.contract_checks.test_arm import *  # noqa: F403

@@ -1,4 +1,4 @@
-"""What every device says of itself for `rig doctor`: real ones something, simulated ones nothing false."""
+"""Device information for `rig doctor`: real devices report it, simulated ones report nothing false."""
 
 import math
 

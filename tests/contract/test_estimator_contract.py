@@ -1,4 +1,4 @@
-"""The rig's estimators, and one that is not the rig's, held to the checks of every estimator."""
+"""Contract checks of the rig's estimators and of a user-defined one."""
 
 from collections.abc import Iterator
 from pathlib import Path

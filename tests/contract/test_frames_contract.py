@@ -1,3 +1,3 @@
-"""The rig's sensors and cameras, held to the checks of every source of frames."""
+"""Contract checks of the rig's sensors and cameras."""
 
 from rig.contract_checks.test_frames import *  # noqa: F403

@@ -1,4 +1,4 @@
-"""The rig's grippers, held to the checks of every gripper, and to Robotiq's fault codes."""
+"""Contract checks of the rig's grippers, and Robotiq's fault codes."""
 
 import pytest
 

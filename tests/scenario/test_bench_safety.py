@@ -1,6 +1,6 @@
 """Programs that are stopped or killed at a bench over the wire protocol that counts as real.
 
-What truly happened is read from the simulated world. `rig benchmark safety` does this at random moments.
+The true motions are read from the simulated world. `rig benchmark safety` does this at random moments.
 """
 
 import os
@@ -24,7 +24,7 @@ from support.command_line import SHORT_PHASES
 
 pytestmark = pytest.mark.real_time
 GRASP_M, ABOVE_M = 0.06, 0.16
-"""Heights of the tool when it grasps, and from where it comes down."""
+"""Heights of the tool at the grasp and at the start of the descent."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ def served(tmp_path: Path, unhurried_bench: BenchConfig) -> Iterator[Served]:
 
 
 def trial(bench: Path, out: Path) -> subprocess.Popen[str]:
-    """A trial in a script: agreed to beforehand, nobody at a terminal."""
+    """A trial in a script: with --yes and without a terminal."""
     words = ["trial", "--lifts", "1", "--object", "wrench", "--no-report", "--yes"]
     return subprocess.Popen(
         [sys.executable, "-c", SHORT_PHASES, *words, "--bench", str(bench), "--out", str(out)],

@@ -1,4 +1,4 @@
-"""Exports, opened by the libraries of the tools they are for."""
+"""Exports are opened with the libraries of the target tools."""
 
 import importlib
 import json

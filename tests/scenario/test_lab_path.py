@@ -1,6 +1,6 @@
-"""A lab's own way, from an empty folder: its bench file, objects, an estimator in a package, results.
+"""The workflow of a lab from an empty folder: bench file, objects, an estimator in a package, results.
 
-Behind wires, in real time: what a person types, one command after the other.
+The commands are run as a person types them, over the wire protocols and in real time.
 """
 
 import json

@@ -1,4 +1,4 @@
-"""Trials that are looked at: the file opens in rerun, and looking changes nothing."""
+"""Trials with a live view: the file opens in rerun, and the view changes no result."""
 
 import threading
 import time

@@ -1,4 +1,4 @@
-"""Lifts with drivers of a lab's own, at a bench that counts as real: behind wires, its [fakes] cut out."""
+"""Lifts with a lab's own drivers over the wire protocols; without [fakes] the bench counts as real."""
 
 import os
 import subprocess
@@ -22,7 +22,7 @@ pytestmark = pytest.mark.real_time
 
 
 def with_own_drivers(bench: BenchConfig) -> BenchConfig:
-    """The same bench, each device driven by a class of the lab's own, two of them with options."""
+    """Return the same bench with a user-defined driver for each device, two of them with options."""
     arm = bench.arm.model_copy(update={"driver": f"{MODULE}:Wrist"})
     registers = {"registers": bench.gripper.preset or "tcp"}
     gripper = bench.gripper.model_copy(
@@ -36,7 +36,7 @@ def with_own_drivers(bench: BenchConfig) -> BenchConfig:
 
 
 def rig(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
-    """The program in a lab's folder, in a script: nobody at a terminal."""
+    """Run the program in a lab's folder as in a script, without a terminal."""
     return subprocess.run(
         [sys.executable, "-c", SHORT_PHASES, *words], cwd=folder, stdin=subprocess.DEVNULL,
         capture_output=True, text=True, timeout=120, check=False, env={**os.environ, "PYTHONUNBUFFERED": "1"},

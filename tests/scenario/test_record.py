@@ -1,4 +1,4 @@
-"""Recording grasp poses: what is kept, what is rejected, and going on after a kill."""
+"""Recording grasp poses: stored and rejected frames, and continuing after a kill."""
 
 import json
 import random

@@ -1,4 +1,4 @@
-"""Recordings as they are, opened by what other people's viewers are made of."""
+"""Recordings are opened with the libraries of third-party viewers."""
 
 import json
 from datetime import UTC, date, datetime
@@ -23,7 +23,7 @@ from rig.sessions.rows import read_finished_lifts
 
 
 def test_recordings_contain_foxglove_schemas(one_lift: Path) -> None:
-    """What a viewer reads is the schema inside the file, so that is what is compared."""
+    """Compare with the schemas inside the file, because viewers read these."""
     known = {
         "foxglove.CompressedImage": CompressedImage, "foxglove.PoseInFrame": PoseInFrame,
         "foxglove.CameraCalibration": CameraCalibration, "foxglove.FrameTransforms": FrameTransforms,

@@ -1,4 +1,4 @@
-"""A lift over the wire protocol goes on, whatever happens to the page that shows it.
+"""A lift over the wire protocol continues whatever happens to the page that shows it.
 
 The page alone: `tests/unit/rig/test_watch.py`.
 """

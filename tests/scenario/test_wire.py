@@ -1,4 +1,4 @@
-"""Lifts with the real drivers against fakes behind wires, in real time."""
+"""Lifts with the real drivers on fakes over the wire protocols, in real time."""
 
 import json
 import signal

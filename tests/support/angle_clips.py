@@ -1,4 +1,4 @@
-"""A clip that turns, drawn, and its page asked over HTTP as a browser asks."""
+"""A drawn clip with a rotation, and requests to its labelling page as a browser sends them."""
 
 import json
 import math

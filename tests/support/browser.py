@@ -1,4 +1,4 @@
-"""A real browser without a window, for tests of pages; they are skipped where none is installed."""
+"""A headless browser for tests of pages; without an installed browser they are skipped."""
 
 import base64
 import json
@@ -73,7 +73,7 @@ class Browser:
             self._next()
 
     def value(self, expression: str) -> Any:
-        """Return the value of an expression in the page, waited for where it is a promise."""
+        """Return the value of an expression in the page; wait for it if it is a promise."""
         found = self.call("Runtime.evaluate", expression=expression, awaitPromise=True, returnByValue=True)
         assert "exceptionDetails" not in found, found
         return found["result"].get("value")

@@ -1,4 +1,4 @@
-"""The command line, run in this process as `python -m rig` runs it in one of its own."""
+"""Run the command line in this process, as `python -m rig` runs it in a separate one."""
 
 import io
 import os
@@ -51,7 +51,7 @@ def _away_from_a_terminal(command: list[str]) -> Iterator[None]:
 
 @contextmanager
 def _signals_kept() -> Iterator[None]:
-    """Give the signals back that the command line listens to."""
+    """Restore the signal handlers that the command line replaces."""
     before = {number: signal.getsignal(number) for number in (*STOPS, signal.SIGHUP)}
     try:
         yield

@@ -1,4 +1,4 @@
-"""Two simulated fingertips as MJPEG streams, in a process of their own: `python -m support.desk_streams`.
+"""Two simulated fingertips as MJPEG streams in a separate process: `python -m support.desk_streams`.
 
 It prints both addresses, and serves 60 frames per second each until its standard input ends.
 """

@@ -1,4 +1,4 @@
-"""README and the pages of docs, and the command lines that stand in them."""
+"""README and the pages of docs, and the command lines in them."""
 
 import importlib.util
 import re
@@ -46,7 +46,7 @@ def code_lines(page: Path) -> list[str]:
 
 
 def spans(page: Path) -> list[str]:
-    """What stands in the text between backticks and begins with `rig`."""
+    """Return the texts between backticks that begin with `rig`."""
     return [" ".join(span.split()) for span in _SPAN.findall(without_code(page))]
 
 
@@ -59,8 +59,8 @@ def program() -> Any:
 def parse(line: str, may_be_a_name: bool = False) -> str:
     """Parse a command line to its last option, running nothing; return its command, as `fakes serve`.
 
-    may_be_a_name: a command's name alone is a way to speak of it, and lacks nothing.
-    Raises `USAGE_ERROR` for what the program itself would refuse.
+    may_be_a_name: accept a command's name without its required arguments, as in running text. Raises
+    `USAGE_ERROR` for lines that the program rejects.
     """
     words, command, context = shlex.split(line, comments=True)[1:], program(), None
     names: list[str] = []

@@ -1,7 +1,7 @@
 """Simulated frames as files, bit for bit: a folder of PNG, or a video in FFV1.
 
-Both read back exactly what was drawn (JPEG does not), so that what a perception test sees is
-known to the last bit. A driver plays them at the pace of its clock.
+Both are lossless, unlike JPEG, so that the frames of a test are known exactly. A driver plays them at the
+pace of its clock.
 """
 
 from collections.abc import Iterator

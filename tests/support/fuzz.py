@@ -25,7 +25,7 @@ def fuzzed() -> Callable[[Callable[..., None]], Callable[..., None]]:
 def changed(whole: Sequence[bytes], pieces: Sequence[bytes] = BYTES) -> st.SearchStrategy[bytes]:
     """Draw one of some whole files with up to three places replaced by pieces, cut out or cut off.
 
-    A place is anywhere; what is cut there is up to 40 bytes, or, rarely, all that follows.
+    A place can be anywhere. A cut removes up to 40 bytes or, rarely, the rest of the file.
     """
     return st.integers(0, (1 << 110) - 1).map(lambda drawn: _changed(whole, pieces, drawn))
 

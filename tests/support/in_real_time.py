@@ -1,6 +1,6 @@
-"""Tests in real time: before other programs by priority, where that is granted.
+"""Tests in real time run with a higher priority than other programs, if the user may set it.
 
-Skipped, not failed, where the computer had no time for them all the same; those are named at the end.
+If a test fails while other programs used the cores, it is skipped and named at the end.
 """
 
 import json
@@ -18,7 +18,7 @@ from drivers.realtime import before_others
 from support.waking import MOST_OTHERS_CORES
 
 MOST_LATE_S = 0.05
-"""Later than this nobody on the computer keeps the deadlines of an arm and of 60 frames a second."""
+"""Wake-up delay above which a host cannot meet the deadlines of an arm and of 60 frames per second."""
 LATENESS = (DeviceError, AssertionError, pytest.fail.Exception, OSError, subprocess.SubprocessError)
 """What a loaded host can cause: a device that was not heard, a count that falls short. A replay that differs
 is none of these (`recordings.ReplayDiffersError`)."""
@@ -59,7 +59,7 @@ def pytest_runtest_teardown(item: pytest.Item) -> Generator[None]:
 
 
 def _in_time(item: pytest.Item) -> Generator[None]:
-    """Go on with a test marked `real_time`; where it fails and the computer had no time, skip it."""
+    """Run a test marked `real_time`; if it fails on a loaded host, skip it."""
     watch = item.stash.get(_watch, None)
     try:
         with nullcontext() if watch is None else before_others():
@@ -74,7 +74,7 @@ def _in_time(item: pytest.Item) -> Generator[None]:
 
 
 def excuse_for(failure: BaseException, late_s: float, others_cores: float) -> str | None:
-    """What the computer did that explains a failure; None where it had time.
+    """Return the host load that explains a failure; None if the host was not loaded.
 
     late_s, others_cores: as `support.waking` saw them. What no lack of time explains, as a
     calibration refused, has no excuse.
@@ -91,7 +91,7 @@ def excuse_for(failure: BaseException, late_s: float, others_cores: float) -> st
 
 @pytest.hookimpl(wrapper=True, tryfirst=True)
 def pytest_sessionfinish(session: pytest.Session) -> Generator[None]:
-    """Say at the very end what a busy computer has left out."""
+    """Print at the end the names of tests that were skipped because of host load."""
     yield
     reporter = session.config.pluginmanager.get_plugin("terminalreporter")
     if reporter is None or "PYTEST_XDIST_WORKER" in os.environ or session.config.option.collectonly:

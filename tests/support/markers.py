@@ -1,4 +1,4 @@
-"""Markers in a whole picture, searched for once: no part of the product does that for all of them."""
+"""Search for all markers in a whole image, which no part of the product does."""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -25,7 +25,7 @@ JPEGS = [jpeg_of(number) for number in range(40)]
 
 
 class RawServer:
-    """A TCP server that reads a request's head and then does what it is told; a thread each."""
+    """A TCP server that reads the head of a request and then runs a handler, in a thread per connection."""
 
     def __init__(self, behaviour: Behaviour) -> None:
         self._behaviour = behaviour

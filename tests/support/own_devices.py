@@ -1,4 +1,4 @@
-"""A lab's own drivers: a module in a folder of its own, as a person writes one."""
+"""A lab's own drivers, as a module in a separate folder."""
 
 MODULE = "lab_devices"
 SOURCE = '''
@@ -55,7 +55,7 @@ class Motion:
 
 
 class Plain(Arm):
-    """Jumps to where it is sent, and notes what it heard."""
+    """Moves instantly to each target, and records the commands."""
 
     def __init__(
         self, limits, flange_T_tcp, payload_kg, payload_cog_m, *, stuck=False, behaviour=None, ahead_s=0.0

@@ -1,4 +1,4 @@
-"""A lab's own estimators: a module in a folder of its own, as a person writes one."""
+"""A lab's own estimators, as a module in a separate folder."""
 
 import sys
 from collections.abc import Iterator
@@ -136,5 +136,5 @@ def own_estimators(folder: Path) -> Iterator[Path]:
 
 
 def forget() -> None:
-    """Have the next name imported anew."""
+    """Remove the module from Python's cache, so that the next use imports it again."""
     _imported.cache_clear()

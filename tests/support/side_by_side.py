@@ -1,8 +1,8 @@
-"""Which tests run side by side: a file at a time on each worker, tests in real time one after the other.
+"""Distribution of tests over workers: one file at a time per worker, real-time tests one after the other.
 
-Tests in real time come first, on one worker. Those that mostly wait, `real_time(beside=True)`, run beside
-them on a second worker. The others give way to both until they are over (`give_way`); the folders whose
-files take longest come first. Hardware is driven by one process: with `--bench` there are no workers.
+Real-time tests come first, on one worker. Those that mostly wait, `real_time(beside=True)`, run on a second
+worker at the same time. The others have a lower priority until these are over (`give_way`); the folders with
+the slowest files come first. Hardware is driven by one process: with `--bench` there are no workers.
 
 There is one worker more than there are cores: while one waits for a device's deadline or a person's answer,
 another computes.
@@ -24,13 +24,13 @@ REAL_TIME, BESIDE = "real_time", "beside real_time"
 REAL_TIME_CORES = 2
 """Simulated devices and their drivers take more than one core, and fall behind if they get less."""
 OWN_NICE, NICER = os.getpriority(os.PRIO_PROCESS, 0), 9
-"""Niceness of this worker, and what is added meanwhile: a page is served at 10 more, and 19 is the limit."""
+"""Niceness of this worker, and its increase during real-time tests. A page adds 10, and the limit is 19."""
 POLL_S = 0.05
 LONGEST_FIRST = ("tests/scenario", "tests/cli", "tests/unit/rig/benchmark")
 
 
 def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
-    """One more than there are cores; none at hardware, nor for files that somebody names, to see them run."""
+    """One worker more than there are cores; none with hardware or if files are named on the command line."""
     named = any(".py" in argument for argument in config.args)
     alone = named or config.getoption("--bench") or _cores() == 1
     return 0 if alone else min(_cores() + 1, MOST_WORKERS)
@@ -72,7 +72,7 @@ def pytest_runtest_protocol(
     alone = "PYTEST_XDIST_WORKER" not in os.environ
     if alone or not any(_group(other) == REAL_TIME for other in item.session.items):
         return (yield)
-    # Of a worker this is a folder of its own, beside those of the others.
+    # each worker has a separate folder beside those of the others
     over = Path(str(item.config.getoption("basetemp"))).parent / "real_time_is_over"
     if _group(item) not in (REAL_TIME, BESIDE):
         give_way(over)

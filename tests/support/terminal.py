@@ -1,4 +1,4 @@
-"""A terminal to run commands at: a pseudo-terminal, and what a person would see on it."""
+"""A pseudo-terminal to run commands in, with its visible text."""
 
 import fcntl
 import os
@@ -14,7 +14,7 @@ _PIECES = re.compile(rb"\x1b\[([?\d;]*)([A-Za-z])|([\r\n])|([^\x1b\r\n]+)")
 
 
 class Terminal:
-    """A child at a pseudo-terminal of so many columns. `rows` is what stands there now."""
+    """A child process at a pseudo-terminal with a given number of columns. `rows` is its visible text."""
 
     def __init__(self, command: list[str], columns: int) -> None:
         self._ours, theirs = pty.openpty()
@@ -31,7 +31,7 @@ class Terminal:
         self.rows = [""]
 
     def read_for(self, seconds: float) -> None:
-        """Take in what is written for a while."""
+        """Read the output for a while."""
         end = time.monotonic() + seconds
         while (left := end - time.monotonic()) > 0.0:
             if select.select([self._ours], [], [], left)[0]:

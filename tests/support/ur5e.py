@@ -1,4 +1,4 @@
-"""The UR5e's driver and the simulated controller it drives, each on an address of its own."""
+"""The UR5e's driver and a simulated controller, each at a separate address."""
 
 import itertools
 import os
@@ -56,7 +56,7 @@ def let_go_of_arms() -> None:
 
 
 def agree(question: str) -> None:
-    """A person who has looked at the arm."""
+    """A person who has inspected the arm."""
 
 
 def first_error(call: Callable[[], object], limit_s: float = 3.0) -> tuple[DeviceError, float]:

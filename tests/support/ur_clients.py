@@ -1,4 +1,4 @@
-"""The simulated controller on an address of its own, and clients of it in plain sockets."""
+"""The simulated controller at a separate address, and clients of it with plain sockets."""
 
 import itertools
 import os

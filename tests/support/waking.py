@@ -1,4 +1,4 @@
-"""What the computer did meanwhile, said by a process that does nothing but wake every 10 ms.
+"""Measure the host load with a process that only wakes every 10 ms.
 
 `python waking.py PID` watches until its input ends, then prints a line of JSON. late_s: how late it woke
 at worst. others_cores: how much of the cores went at worst, in a second, to processes that do not descend
@@ -16,9 +16,9 @@ from pathlib import Path
 PERIOD_S = 0.01
 WINDOW_S = 1.0
 MOST_OTHERS_CORES = 0.3
-"""What programs beside the tests may take of the cores, and the computer still has time for real time."""
+"""Load of other programs, in cores, up to which the host counts as free for real-time tests."""
 SHORTEST_S = 0.3
-"""Shorter than this a window says nothing: the kernel counts in steps of 10 ms."""
+"""Least length of a window: the kernel counts CPU time in steps of 10 ms."""
 
 
 def watch(root: int) -> dict[str, float]:

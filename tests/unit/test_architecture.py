@@ -1,4 +1,4 @@
-"""What holds the product together beside its behaviour: layers, style, packing."""
+"""Structure of the product: layers, style, packaging."""
 
 import importlib
 import re
@@ -67,7 +67,7 @@ def _installed(name: str) -> bool:
 
 @pytest.mark.slow
 def test_rig_works_without_the_arm_library() -> None:
-    """Everything but the arm works where ur-rtde has no wheel; a whole real bench can be made."""
+    """Check that everything except the arm works without ur-rtde, and that a real bench can be created."""
     code = (
         "import sys; sys.modules.update({'rtde_control': None, 'rtde_receive': None});"
         "import rig.experiments.record, rig.experiments.replay, rig.cli.main;"

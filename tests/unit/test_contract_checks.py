@@ -1,4 +1,4 @@
-"""The contract checks, run as others run them: in a folder of their own, on a class of their own."""
+"""The contract checks, run as a lab runs them: in a separate folder, on a lab's own class."""
 
 import subprocess
 import sys

@@ -1,4 +1,4 @@
-"""How the suite runs: one process at hardware, and what a busy computer excuses."""
+"""How the suite runs: one process with hardware, and failures that host load excuses."""
 
 import os
 import subprocess
@@ -17,7 +17,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 
 def suite(*arguments: str) -> "subprocess.CompletedProcess[str]":
-    """Run the suite as somebody does who stands at a bench."""
+    """Run the suite as a person at a bench does."""
     command = [sys.executable, "-m", "pytest", *arguments, "--bench", "nowhere.toml"]
     alone = {name: value for name, value in os.environ.items() if not name.startswith("PYTEST_")}
     return subprocess.run(command, cwd=ROOT, env=alone, capture_output=True, text=True, check=False)

@@ -1,4 +1,4 @@
-"""What `rig new` writes: packages that install into a folder of their own, run, and keep the contract."""
+"""Packages written by `rig new` can be installed, run, and pass the contract checks."""
 
 import json
 import os
@@ -155,7 +155,7 @@ NOT_TAKEN = {
 
 
 @pytest.mark.parametrize(
-    ("name", "says"),
+    ("name", "message"),
     [
         ("My-Gel", "is not a module name"),
         ("class", "is not a module name"),
@@ -163,11 +163,11 @@ NOT_TAKEN = {
         ("there", "exists already"),
     ],
 )
-def test_invalid_package_name_is_rejected(tmp_path: Path, name: str, says: str) -> None:
+def test_invalid_package_name_is_rejected(tmp_path: Path, name: str, message: str) -> None:
     (tmp_path / "there").mkdir()
     done = rig("new", "sensor", tmp_path / name)
     assert done.returncode == 2
-    assert says in done.stderr
+    assert message in done.stderr
 
 
 def test_lerobot_package_under_another_name_is_rejected(tmp_path: Path) -> None:

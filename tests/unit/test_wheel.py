@@ -1,4 +1,4 @@
-"""The wheel: it holds the packages with their data, and runs from an empty folder, without our tree."""
+"""The wheel contains the packages with their data, and runs from an empty folder without the source tree."""
 
 import os
 import subprocess
@@ -43,7 +43,7 @@ def test_wheel_holds_the_packages_and_their_data_only(unpacked: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("command", "told"),
+    ("command", "printed"),
     [
         (("trial", "--object", "wrench", "--lifts", "1", "--dry-run"), "nothing was moved"),
         (("model", "list"), "ours"),
@@ -51,7 +51,7 @@ def test_wheel_holds_the_packages_and_their_data_only(unpacked: Path) -> None:
     ],
 )
 def test_commands_find_their_data_in_the_wheel(
-    unpacked: Path, tmp_path: Path, command: tuple[str, ...], told: str
+    unpacked: Path, tmp_path: Path, command: tuple[str, ...], printed: str
 ) -> None:
     # nothing has been compiled for this place, and compiling takes longer than the commands
     environment = {**os.environ, "PYTHONPATH": str(unpacked), "NUMBA_DISABLE_JIT": "1"}
@@ -66,4 +66,4 @@ def test_commands_find_their_data_in_the_wheel(
         timeout=120,
     )
     assert done.returncode == 0, done.stderr
-    assert told in done.stdout + done.stderr
+    assert printed in done.stdout + done.stderr

@@ -1,4 +1,4 @@
-"""Leading the arm by hand: it gives way while somebody looks, and is held, standing, however that ends."""
+"""Leading the arm by hand: it yields only while the program polls it, and is held at rest at any end."""
 
 import signal
 import subprocess

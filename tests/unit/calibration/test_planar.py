@@ -114,7 +114,7 @@ def test_corners_inconsistent_with_a_planar_turn_are_flagged(seen, in_plane):
 
 
 @pytest.mark.parametrize(
-    ("reference", "told"),
+    ("reference", "message"),
     [
         (still(frames=9), "needs 10 frames"),
         (np.full((10, 2, 4, 2), np.nan), "NaN or infinite"),
@@ -124,8 +124,8 @@ def test_corners_inconsistent_with_a_planar_turn_are_flagged(seen, in_plane):
     ],
     ids=["few", "nan", "moving", "coincident", "not square"],
 )
-def test_degenerate_reference_is_refused(reference, told):
-    with pytest.raises(CalibrationError, match=told):
+def test_degenerate_reference_is_refused(reference, message):
+    with pytest.raises(CalibrationError, match=message):
         fit_plane(reference, KNOWN)
 
 

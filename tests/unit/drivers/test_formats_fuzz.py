@@ -54,7 +54,7 @@ def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_yaml(file: Path, data: bytes) -> None:
     file.write_bytes(data)
     value = answered(lambda: read_yaml(file))
-    assert len(repr(value)) < 20 * len(data) + 1000  # nothing stands for more than itself
+    assert len(repr(value)) < 20 * len(data) + 1000  # no entity expands to more than its own length
 
 
 @fuzzed()

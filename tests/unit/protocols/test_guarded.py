@@ -59,12 +59,12 @@ def test_setting_down_an_object_is_not_reported_as_contact(lift_of: Callable[...
 def test_lost_gripper_stops_the_descent(lift_of: Callable[[], Any], monkeypatch: pytest.MonkeyPatch) -> None:
     lift = lift_of()
     half_m = lift.plan.base_T_grasp.position_m[2] + CLEARANCE_M / 2
-    told = FakeGripper.state
+    original = FakeGripper.state
 
     def state(gripper: FakeGripper) -> Any:
         if lift.bench.arm.state().base_T_tcp.position_m[2] < half_m:
             raise DeviceTimeoutError("gripper: lost")
-        return told(gripper)
+        return original(gripper)
 
     monkeypatch.setattr(FakeGripper, "state", state)
     with pytest.raises(DeviceTimeoutError, match="gripper: lost"):

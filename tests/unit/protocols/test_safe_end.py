@@ -140,7 +140,7 @@ def test_emergency_stop_in_the_hold_phase_is_noticed_within_two_frames(
         now_ns = lift.bench.clock.now_ns()
         holding = lift.observer.phase_now is Phase.HOLD
         if holding and not pressed_ns:
-            pressed_ns.append(now_ns + 3_000_000)  # just after the arm was looked at
+            pressed_ns.append(now_ns + 3_000_000)  # just after the arm was polled
         pressed = pressed_ns and now_ns >= pressed_ns[0]
         return replace(state(arm), mode=ArmMode.EMERGENCY_STOP) if pressed else state(arm)
 

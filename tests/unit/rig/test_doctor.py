@@ -1,4 +1,4 @@
-"""The doctor's findings: what is measured, what is judged, what is advised."""
+"""The findings of `rig doctor`: measurements, verdicts and advice."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Whatever files hold: sessions, recordings, labels, networks, checkpoints answer, or raise a typed error."""
+"""Readers of sessions, recordings, labels, networks and checkpoints accept a file or raise a typed error."""
 
 import io
 import json

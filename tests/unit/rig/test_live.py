@@ -1,4 +1,4 @@
-"""The live view's messages: lost rather than waited for, and lifts as a terminal shows them."""
+"""Messages of the live view never block, and lifts are shown on the terminal."""
 
 import os
 import shutil

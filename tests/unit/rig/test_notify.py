@@ -1,4 +1,4 @@
-"""The command of `--notify`: run with the event as data, never waited for beyond a bound, warned of once."""
+"""The command of `--notify` gets the event as arguments, has a time limit, and fails with one warning."""
 
 import json
 import shlex
@@ -56,7 +56,7 @@ def test_events_beyond_the_queue_are_dropped_with_a_warning(tmp_path: Path) -> N
         for _ in range(100):
             notifier.tell(Event("fault", "again"))
     assert len(warnings) == 1
-    assert "slower than what happens" in warnings[0]
+    assert "slower than the events" in warnings[0]
 
 
 @pytest.mark.parametrize(

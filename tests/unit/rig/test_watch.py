@@ -149,7 +149,7 @@ def test_browser_shows_live_updates(page: WatchPage, tmp_path: Path, width: int,
         assert box[1] > 100
         until(lambda: browser.value("document.querySelector('#pictures img')?.naturalHeight") == 8)
         page.tell(Event("end", "done"))
-        until(lambda: not shown("Place it. Ready?") and shown("It has ended"))
+        until(lambda: not shown("Place it. Ready?") and shown("The command has ended"))
         assert browser.value("document.documentElement.scrollWidth - innerWidth") <= 0
         report = tmp_path / "report.html"
         report.write_text("<!doctype html><title>t</title><p>the report</p>")

@@ -31,13 +31,13 @@ FAULTS: list[tuple[str, dict[str, object], type[DeviceError], str]] = [
 ]
 
 
-@pytest.mark.parametrize(("kind", "arguments", "expected", "says"), FAULTS)
+@pytest.mark.parametrize(("kind", "arguments", "expected", "message"), FAULTS)
 def test_fault_in_a_motion_is_reported_and_cleared_by_reconnecting(
     wire: tuple[Wire, Link],
     kind: str,
     arguments: dict[str, object],
     expected: type[DeviceError],
-    says: str,
+    message: str,
     raised_by: RaisedBy,
 ) -> None:
     fake, link = wire
@@ -48,7 +48,7 @@ def test_fault_in_a_motion_is_reported_and_cleared_by_reconnecting(
     fake.inject(kind, **arguments)
     error = raised_by(motion.done)
     assert isinstance(error, expected)
-    assert re.search(says, str(error))
+    assert re.search(message, str(error))
     fake.inject("clear")
     gripper.disconnect()
     time.sleep(0.05)

@@ -46,20 +46,20 @@ class SlowGripper:
 
     def image(self) -> bytes:
         now = time.monotonic()
-        told = (
+        command = (
             [data for at, data in self.writes if at < now - REFRESH_S][-1] if now > REFRESH_S else bytes(16)
         )
         travel, self.last = COUNTS_PER_S * (now - self.last), now
-        active, going = told[0] & 1, bool(told[0] & 8)
+        active, going = command[0] & 1, bool(command[0] & 8)
         image, moving = bytearray(16), False
         for offset in self.positions:
-            asked = told[offset if told[1] & 4 else 3]
+            asked = command[offset if command[1] & 4 else 3]
             if going:
                 away = asked - self.positions[offset]
                 self.positions[offset] += max(-travel, min(travel, away))
                 moving |= self.positions[offset] != asked
-            image[offset], image[offset + 1] = told[offset], round(self.positions[offset])
-        image[0] = told[0] & 15 | (0x30 if active else 0) | (0xC0 if going and not moving else 0)
+            image[offset], image[offset + 1] = command[offset], round(self.positions[offset])
+        image[0] = command[0] & 15 | (0x30 if active else 0) | (0xC0 if going and not moving else 0)
         return bytes(image)
 
 

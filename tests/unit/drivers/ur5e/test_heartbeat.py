@@ -120,7 +120,7 @@ def test_motion_is_stopped_once_when_polling_ends_and_not_before(state: SharedSt
     assert "it hangs" in watched.heartbeat.halted
     watched.heartbeat.begin(SPEED_M_S)
     assert watched.heartbeat.halted == ""
-    watched.control.running = False  # arrived unseen: there is nothing to stop
+    watched.control.running = False  # the motion has ended without a poll, so there is nothing to stop
     watched.wait(0.1)
     assert (watched.control.stops, watched.heartbeat.halted) == (1, "")
 

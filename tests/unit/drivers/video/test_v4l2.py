@@ -1,7 +1,7 @@
 """The V4L2 side of the drivers, against an object with the methods of `cv2.VideoCapture`.
 
-It behaves as OpenCV's source says that its capture does. No video device was at hand: what these
-tests hold is our half of the conversation.
+It behaves like the capture in OpenCV's source code. No video device was available, so these tests check only
+the driver's side of the interface.
 """
 
 import time

@@ -1,4 +1,4 @@
-"""The simulated camera picture: its truth is exact, and it is a picture of what it says."""
+"""The simulated camera image agrees with its ground truth."""
 
 import cv2
 import numpy as np

@@ -1,4 +1,4 @@
-"""Simulated tactile frames: repeatable, different per unit, and true to the turn of the object."""
+"""Simulated tactile frames: reproducible, different per unit, and turned by the object's rotation."""
 
 import cv2
 import numpy as np

@@ -1,4 +1,4 @@
-"""Sensor units that depart from their family, random contacts, and frames for training."""
+"""Sensor units that differ from their family, random contacts, and frames for training."""
 
 import numpy as np
 import pytest

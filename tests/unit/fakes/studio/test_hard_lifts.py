@@ -67,7 +67,7 @@ def soft_seed() -> int:
 
 
 def relief(kind: str, angle_deg: float) -> np.ndarray:
-    """What the face adds to the dent of its bulge alone, mm."""
+    """Return the dent by the face in addition to that of its bulge, mm."""
     surface = soft_surface(kind, 1, 4)
     flat = soft_surface(kind, 1, 4)
     flat.height_mm[:] = np.median(surface.height_mm[112:144, 112:144])

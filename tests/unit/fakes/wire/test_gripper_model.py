@@ -1,4 +1,4 @@
-"""The simulated gripper's state machine, tick by tick: what the manual says happens when."""
+"""The simulated gripper's state machine, tick by tick, compared with the manual."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""What holds the fakes behind wires together: mirror, side channel, motion log, addresses, bench file."""
+"""Shared parts of the served fakes: mirror, side channel, motion log, addresses, bench file."""
 
 import math
 import socket

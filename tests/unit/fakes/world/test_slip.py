@@ -1,4 +1,4 @@
-"""The grip's dynamics: it turns the way gravity says, at a bounded rate, and only as far as lifted."""
+"""The grip's dynamics: direction, limited rate and extent of the object's rotation."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Labelled clips: what is read, what counts, and that the figures of known answers are right."""
+"""Labelled clips: reading, scoring, and figures of known estimates."""
 
 import csv
 import json
@@ -108,8 +108,8 @@ def test_refused_label_counts_with_the_last_angle() -> None:
     [
         (40.0, 15.0, 4.0, True, True),
         (-40.0, -15.0, 4.0, True, True),
-        (40.0, 15.0, 9.0, False, False),  # says itself that it does not know
-        (40.0, 21.0, 4.0, True, False),  # more than half of the turn is told
+        (40.0, 15.0, 9.0, False, False),  # its sigma shows that the angle is unknown
+        (40.0, 21.0, 4.0, True, False),  # more than half of the rotation is reported
         (9.0, 0.0, 0.1, False, False),  # has hardly turned
         (0.0, 20.0, 1.0, True, False),
         (40.0, 90.0, 1.0, True, False),  # turned too far is no rest
@@ -341,7 +341,7 @@ def test_unknown_version_is_rejected(clips: Path) -> None:
 
 @pytest.mark.parametrize("name", ["eraser_1", "potato_0"])
 def test_real_clip_is_measured_within_three_degrees(real_clips: Path, tmp_path: Path, name: str) -> None:
-    """Two of the clips that no one tuned on; `pytest --long` takes all of them."""
+    """Return two of the held-back clips; with `pytest --long` all of them."""
     (tmp_path / name).symlink_to(real_clips / name)
     score = measure(ClipsOptions(tmp_path, ["slip"]), Run()).tables[1].records[0].score
     assert (score.labels, score.answered) == (5, 1.0)
@@ -351,7 +351,7 @@ def test_real_clip_is_measured_within_three_degrees(real_clips: Path, tmp_path: 
 @pytest.mark.long
 @pytest.mark.timeout(600)
 def test_held_back_real_clips_meet_every_limit(real_clips: Path) -> None:
-    """The figures on recordings that nobody tuned on; limits are those of `rig benchmark clips`."""
+    """Figures on the held-back recordings; limits are those of `rig benchmark clips`."""
     options = ClipsOptions(real_clips, ["slip"], HALVES, group="held back", limits=True, p99_ms=100.0)
     report = measure(options, Run())
     assert report.tables[1].records[0].score.labels == 120

@@ -14,7 +14,7 @@ SOFT = [number for number, name in enumerate(KIND_NAMES) if name.startswith("sof
 
 
 def pressed(kind: int, angle_deg: float) -> np.ndarray:
-    """How much a face changes the picture, (H, W)."""
+    """Return the change of the image by a face, (H, W)."""
     camera, noise = GelCamera(3), np.random.default_rng(0)
     empty = camera.picture(None, 0.0, (0.0, 0.0), 0.0, noise).astype(float)
     seen = camera.picture(draw_face(kind, kind, 0), np.radians(angle_deg), (0.0, 0.0), 0.6, noise)

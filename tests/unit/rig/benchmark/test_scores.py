@@ -59,7 +59,7 @@ def test_many_lifts_give_the_mean_of_means_and_the_worst_lift() -> None:
 
 
 def test_missed_late_and_false_onsets_are_counted() -> None:
-    told = [(0.2, 0.21), (0.2, 0.4), (0.2, None), (None, 0.3), (None, None), (0.5, 0.1)]
+    result = [(0.2, 0.21), (0.2, 0.4), (0.2, None), (None, 0.3), (None, None), (0.5, 0.1)]
     lifts = [
         replace(
             score_series(f"t1/{i}", [0.0], [None], [0.0]),
@@ -68,7 +68,7 @@ def test_missed_late_and_false_onsets_are_counted() -> None:
             onset_event_s=found,
             has_rates=True,
         )
-        for i, (true, found) in enumerate(told)
+        for i, (true, found) in enumerate(result)
     ]
     score = score_all(lifts)
     assert score.event == score.onset

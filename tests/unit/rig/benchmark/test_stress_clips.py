@@ -1,4 +1,4 @@
-"""Clips with known angles, what may disturb them, and that the estimator follows them."""
+"""Clips with known angles, their disturbances, and the estimator on them."""
 
 import numpy as np
 import pytest

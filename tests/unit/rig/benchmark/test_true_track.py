@@ -1,4 +1,4 @@
-"""What a track tells: standstill, the way to it, what was dropped; and which stage of a lift it is."""
+"""Evaluation of a true track: standstill, distance, dropped objects, and stages of a lift."""
 
 import random
 from itertools import pairwise

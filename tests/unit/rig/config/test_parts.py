@@ -159,7 +159,8 @@ def test_arm_needs_the_table() -> None:
 @pytest.mark.parametrize("kind", ["arm", "gripper"])
 @pytest.mark.parametrize("fake", ["arm", "gripper", "tactile", "camera"])
 def test_real_arm_or_gripper_beside_any_simulated_device_is_refused(kind: str, fake: str) -> None:
-    # a simulated bench asks nobody, needs no limits and may react to slip: nothing real may move like that
+    # a simulated bench asks no questions, needs no limits and may react to slip, so it must not move real
+    # devices
     if kind == fake:
         return
     tables = REAL.split("\n[")

@@ -1,4 +1,4 @@
-"""Frames from ROS bags: every storage, every encoding, and what is wrong with a bag."""
+"""Frames from ROS bags: every storage, every encoding, and errors for damaged bags."""
 
 from pathlib import Path
 
@@ -52,7 +52,7 @@ def test_messages_without_stamps_have_the_time_at_which_the_bag_received_them(tm
 
 
 def encoded(encoding: str, image: Image) -> Image:
-    """Write an image in an encoding, as OpenCV does where it can."""
+    """Write an image in an encoding, with OpenCV if it supports it."""
     conversions = {
         "bgr8": cv2.COLOR_RGB2BGR, "8UC3": cv2.COLOR_RGB2BGR, "rgba8": cv2.COLOR_RGB2RGBA,
         "bgra8": cv2.COLOR_RGB2BGRA, "mono8": cv2.COLOR_RGB2GRAY, "8UC1": cv2.COLOR_RGB2GRAY,

@@ -56,7 +56,7 @@ def state_of(server: AngleServer) -> dict[str, Any]:
 
 
 def click_at(browser: Browser, x: float, y: float) -> str:
-    """Click a place of the frame, px; return what the page says once the click is kept."""
+    """Click a position in the frame, px; return the page's text once the click is stored."""
     browser.value("at('drawing').scrollIntoView({block: 'center'})")
     box = "(b => [b.left, b.top, b.width / known.width])(canvas.getBoundingClientRect())"
     left, top, zoom = browser.value(box)

@@ -1,4 +1,4 @@
-"""Lines drawn by hand as angles: what two passes say, and how sure they are."""
+"""Angles from lines drawn by hand in two passes, and their sigma."""
 
 import math
 

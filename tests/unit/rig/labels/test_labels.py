@@ -1,4 +1,4 @@
-"""Masks as labels: outlines that fill to the mask they came from, files their own tools read."""
+"""Masks as labels: outlines enclose the original mask, and the formats' own tools read the files."""
 
 import json
 from collections.abc import Callable

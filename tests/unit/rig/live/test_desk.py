@@ -1,4 +1,4 @@
-"""Sensors on a desk: background, reference, angle, fusion, clips and what a person may ask for."""
+"""Sensors on a desk: background, reference, angle, fusion, clips and actions of the user."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Which characters are shown as escapes, and what rich may still write."""
+"""Characters that are escaped, and control sequences of rich that are kept."""
 
 import io
 import json

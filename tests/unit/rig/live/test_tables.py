@@ -1,4 +1,4 @@
-"""Tables on terminals of any width, and away from one: nothing is cut."""
+"""Tables are never cut, on terminals of any width and in other output."""
 
 import io
 import re

@@ -1,4 +1,4 @@
-"""Colours: readable on their paper, and told apart with every kind of colour vision."""
+"""Colours are readable on their background and distinguishable with any colour vision."""
 
 import re
 

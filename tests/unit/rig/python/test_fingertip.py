@@ -1,4 +1,4 @@
-"""A tactile sensor read and estimated in a thread, for programs with a loop of their own."""
+"""A tactile sensor that is read and estimated in a thread, for programs with a main loop."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager

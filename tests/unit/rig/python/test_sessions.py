@@ -85,16 +85,16 @@ def test_estimator_measures_the_rotation_in_frames(session: rig.Session) -> None
     (lift,) = session
     serial = lift.serials[0]
     frames = [f for f in lift.frames(serial) if f.time_s >= lift.phases_s["A"]]
-    told = rig.estimate(
+    result = rig.estimate(
         [f.image for f in frames],
         lift.background(serial),
         times_s=[f.time_s for f in frames],
         estimator="pca",
     )
-    assert len(told) == len(frames)
-    assert told.time_s[0] == pytest.approx(frames[0].time_s, abs=1e-8)
+    assert len(result) == len(frames)
+    assert result.time_s[0] == pytest.approx(frames[0].time_s, abs=1e-8)
     turned = lift.truth.angle_deg[-1] - lift.truth.angle_deg[0]
-    answered = told.angle_deg[np.isfinite(told.angle_deg)]
+    answered = result.angle_deg[np.isfinite(result.angle_deg)]
     assert abs(answered[-1]) == pytest.approx(abs(turned), abs=6.0)
 
 

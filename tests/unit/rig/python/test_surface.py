@@ -1,4 +1,4 @@
-"""What `import rig` offers: its names and signatures, which programs rely on, and what importing it costs."""
+"""The public interface of `import rig`: names, signatures, and the time of the import."""
 
 import inspect
 import subprocess

@@ -1,4 +1,4 @@
-"""Warnings: each is given where it is due, says what to do, and is silent elsewhere."""
+"""Warnings appear only in their case and contain advice."""
 
 from collections.abc import Callable
 from dataclasses import fields, replace
@@ -24,7 +24,7 @@ NOW = datetime(2026, 11, 21, 12, 0, tzinfo=UTC)
 
 @pytest.fixture(scope="module")
 def sound(drawn_trial: Any, tmp_path_factory: pytest.TempPathFactory) -> Trial:
-    """A trial of which there is nothing to say."""
+    """Return a trial without any warnings."""
     folder: Path = drawn_trial(
         tmp_path_factory.mktemp("advice") / "s", (12.0, -20.0, 9.0, 15.0, -11.0), (0.2,) * 5
     )
@@ -92,8 +92,8 @@ def test_sound_trial_has_no_warning(sound: Trial) -> None:
         (lambda t: manifest_with(t, status="running", lifts_per_object=9), "5 of 9 lifts", "--resume"),
         (lambda t: replace(t, lifts=t.lifts[:2]), "Few lifts of wrench (2)", "--lifts 5"),
         (with_a_fault, "1 attempt ended in a rig fault", "gripper: no answer"),
-        (lambda t: rows_with(t, outcome=LiftOutcome.FALLEN), "fell in wrench, lift 1", "Grip firmer"),
-        (lambda t: rows_with(t, final_truth_deg=0.4), "Only 0 of 5 lifts turned", "grip lighter"),
+        (lambda t: rows_with(t, outcome=LiftOutcome.FALLEN), "fell in wrench, lift 1", "Grip more firmly"),
+        (lambda t: rows_with(t, final_truth_deg=0.4), "Only 0 of 5 lifts turned", "grip less firmly"),
         (
             lambda t: rows_with(t, answered=0.6, states={"tracking": 180, "unobservable": 120}),
             "'unobservable'", "grasp the object elsewhere",
@@ -101,12 +101,12 @@ def test_sound_trial_has_no_warning(sound: Trial) -> None:
         (lambda t: rows_with(t, answered=0.6, states={"lost": 120}), "'lost'", "stray light"),
         (lambda t: rows_with(t, dropped={"T1": 30, "T2": 0, "camera": 0}), "T1 150 of 900", "rig doctor"),
         (lambda t: sigma_divided(t, 6.0), "Sigma is too small", "times as wide"),
-        (lambda t: sigma_divided(t, 6.0), "beyond 2 sigma in wrench, lift", "look at the curves"),
-        (lambda t: sigma_divided_once(t, 20.0), "beyond 2 sigma in wrench, lift 1 (", "look at the curves"),
+        (lambda t: sigma_divided(t, 6.0), "beyond 2 sigma in wrench, lift", "inspect the curves"),
+        (lambda t: sigma_divided_once(t, 20.0), "beyond 2 sigma in wrench, lift 1 (", "inspect the curves"),
         (markers_hidden, "markers were lost", "hide no marker"),
         (slow, "1 frame in 100 takes 40", "which stage"),
-        (lambda t: rows_with(t, disagreements={"one pad slips": 200}), "disagree for much", "centre the"),
-        (lambda t: rows_with(t, onset_truth_s=None), "event was raised though nothing", "regrasps"),
+        (lambda t: rows_with(t, disagreements={"one pad slips": 200}), "disagree during much", "centre the"),
+        (lambda t: rows_with(t, onset_truth_s=None), "event was reported although", "grips more firmly"),
         (lambda t: manifest_with(t, simulated=False), "camera and hand-eye is in use", "rig calibrate"),
     ],
 )  # fmt: skip
@@ -120,7 +120,7 @@ def test_each_notice_has_observation_and_advice(
 
 def test_small_turns_of_a_reacting_trial_are_not_criticised(sound: Trial) -> None:
     reacting = manifest_with(rows_with(sound, final_truth_deg=0.4), react=ReactionKind.TIGHTEN)
-    assert "grip lighter" not in texts(reacting)
+    assert "grip less firmly" not in texts(reacting)
 
 
 def test_an_old_and_a_weak_calibration_are_named(sound: Trial) -> None:

@@ -69,7 +69,7 @@ def test_banner_is_green_only_for_a_winner() -> None:
     won = compare_lifts(NAMES, old, [row(i, 0.6 + 0.1 * i) for i in range(10)])
     same = compare_lifts(NAMES, old, [row(i, 1.0 + 0.1 * (9 - i)) for i in range(10)])
     assert '<li class="good"><b>new is better' in compare_page(won, simulated=False, about="two")
-    assert '<li class="note"><b>No difference is shown' in compare_page(same, simulated=False, about="two")
+    assert '<li class="note"><b>No significant difference' in compare_page(same, simulated=False, about="two")
 
 
 def test_pairing_detects_differences_smaller_than_the_spread() -> None:

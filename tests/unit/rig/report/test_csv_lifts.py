@@ -1,4 +1,4 @@
-"""Reports of plain tables: the paper's own curves, and tables of every kind."""
+"""Reports of CSV tables: the paper's curves, and tables of other tools."""
 
 import csv
 import math

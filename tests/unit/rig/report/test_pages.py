@@ -304,7 +304,7 @@ def test_invalid_report_source_is_rejected(tmp_path: Path, trial: Path) -> None:
         write_report([tmp_path / "nowhere"])
     with pytest.raises(InputError, match="neither a session nor CSV"):
         write_report([tmp_path])
-    with pytest.raises(InputError, match="rig compare takes two"):
+    with pytest.raises(InputError, match="rig compare compares two"):
         write_report([trial, trial])
     with pytest.raises(InputError, match="is a folder"):
         write_report([trial], tmp_path)
@@ -320,7 +320,7 @@ def test_a_recording_shows_its_poses_contacts_and_failed_attempts(
     assert "Recording of t1 wrench" in found.text
     assert "GraspError: the fingers closed on nothing" in found.text
     assert found.images == 2
-    assert sum("Where contacts fell" in name for name in found.figures) == 2
+    assert sum("Positions of the contacts" in name for name in found.figures) == 2
     assert "T1 was never touched" in found.text
     assert "6 images of T1 and T2, grips of 0 to 5 steps past contact" in found.text
 

@@ -78,5 +78,5 @@ def test_sessions_with_equal_reaction_or_other_lifts_are_rejected(
         rows(other, number, seed=12345)
     with pytest.raises(InputError, match="same --seed"):
         write_report([without], tmp_path / "page.html", beside=other)
-    with pytest.raises(InputError, match="only a trial's session"):
+    with pytest.raises(InputError, match="only a trial can be shown"):
         write_report([tmp_path], tmp_path / "page.html", beside=without)

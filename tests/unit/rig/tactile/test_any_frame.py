@@ -1,4 +1,4 @@
-"""Frames of any size and content; `rig.contract_checks` has what every estimator must do besides."""
+"""Frames of any size and content, in addition to the checks of `rig.contract_checks`."""
 
 from collections.abc import Sequence
 

@@ -1,4 +1,4 @@
-"""Simulated lifts to learn from: the protocol's own, the same again, seen from both sides."""
+"""Simulated training lifts follow the protocol, are reproducible, and are seen from both sides."""
 
 import numpy as np
 import pytest

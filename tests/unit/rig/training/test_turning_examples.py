@@ -1,4 +1,4 @@
-"""What is learnt of turning contacts is what was drawn."""
+"""Training examples of turning contacts agree with the drawn contacts."""
 
 import numpy as np
 import pytest
@@ -44,9 +44,9 @@ def test_bar_turns_and_ring_does_not() -> None:
 
 
 def test_examples_have_the_network_input_and_output_sizes() -> None:
-    told: list[int] = []
-    examples = turning_examples(2, 7, told.append)
-    assert told == [1, 2]
+    result: list[int] = []
+    examples = turning_examples(2, 7, result.append)
+    assert result == [1, 2]
     assert examples.differences.shape == (12, 3, SIZE[1], SIZE[0])
     assert examples.shares.shape == examples.weights.shape == (12, SIZE[1] // 2, SIZE[0] // 2)
     assert 0.0 <= examples.shares.min() < examples.shares.max() <= 1.0 + 1e-5

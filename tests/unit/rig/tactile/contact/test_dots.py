@@ -1,4 +1,4 @@
-"""Dots printed on a gel: recognised, no contact, and no hindrance to the angle."""
+"""Dots printed on a gel are recognised, are not a contact, and do not disturb the angle."""
 
 from collections.abc import Callable
 

@@ -27,7 +27,7 @@ def dice(mask: Image | None, truth: Image) -> float:
 
 
 def is_sound(contact: Contact, image: Image) -> bool:
-    """Mask, area and contour of a contact tell the same, or all tell of none."""
+    """Check that mask, area and contour agree, or that all show no contact."""
     if contact.mask is None:
         return contact.area_px == 0 and len(contact.contour) == 0
     inside = contact.mask.shape == image.shape[:2] and set(np.unique(contact.mask)) <= {0, 255}

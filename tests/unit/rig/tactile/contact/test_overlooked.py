@@ -1,4 +1,4 @@
-"""What a network overlooks: a contact goes on where all colours changed, and a shadow does not."""
+"""Regions missed by a network: regions in which all colours changed are added, shadows are not."""
 
 import cv2
 import numpy as np

@@ -1,4 +1,4 @@
-"""The contact mask by a network: what it finds, what it flags, and files that are no network."""
+"""The contact mask of a network: accuracy, flagged frames, and invalid network files."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""A contact's touch and its settling, each one rule for whoever asks."""
+"""The rules for touch and for a settled contact."""
 
 from rig.tactile.contact.steadiness import Steadiness, TouchDebounce
 

@@ -1,4 +1,4 @@
-"""The standard alignments to compare with: they follow a turn, and refuse what has no angle."""
+"""The standard alignments for comparison follow a rotation and refuse contacts without an angle."""
 
 from collections.abc import Callable
 

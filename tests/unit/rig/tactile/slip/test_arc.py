@@ -1,4 +1,4 @@
-"""An arc that is all a contact shows of the object tells a turn only as far as the pivot is known."""
+"""If a contact shows only an arc of the object, its rotation is as uncertain as the pivot."""
 
 import math
 

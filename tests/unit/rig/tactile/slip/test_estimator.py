@@ -73,7 +73,7 @@ def test_mirrored_sensor_measures_the_opposite_rotation(
 
 @pytest.fixture(scope="module")
 def steady(press: Draw, blank: Image) -> float:
-    """What is seen of a turn of 20 degrees in a light that stays."""
+    """Return the measured rotation of a lift by 20 degrees in constant light."""
     return turned(run(SlipEstimator(blank), lift(press, 20.0)))
 
 

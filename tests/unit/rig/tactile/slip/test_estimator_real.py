@@ -15,7 +15,7 @@ Image = NDArray[np.uint8]
 
 
 def held(background: Image, image: Image, frames: int = 12) -> list[SlipSample]:
-    """Show one picture again and again, each time with noise of its own."""
+    """Show one image repeatedly, each time with different noise."""
     tracker, rng = SlipEstimator(background), np.random.default_rng(0)
     noisy = (np.clip(image + rng.normal(0, 2, image.shape), 0, 255).astype(np.uint8) for _ in range(frames))
     return [tracker.update(picture, i * 16_666_667) for i, picture in enumerate(noisy)]

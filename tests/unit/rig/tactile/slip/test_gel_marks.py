@@ -1,4 +1,4 @@
-"""Specks of the gel: found in the background, and no longer in what is told from a frame."""
+"""Specks of the gel are found in the background and removed from frames."""
 
 import cv2
 import numpy as np

@@ -1,4 +1,4 @@
-"""The filter of angle and rate: still at rest, and at once when the object moves."""
+"""The filter of angle and rate is constant at rest and follows a motion immediately."""
 
 import math
 
@@ -8,7 +8,7 @@ import pytest
 from rig.tactile.slip.kalman import NOISE_RATIO, RateFilter
 
 TOLD_DEG = 0.02
-"""An alignment's noise as told; that of a frame is `NOISE_RATIO` times as large."""
+"""Reported noise of an alignment; the true noise of a frame is `NOISE_RATIO` times as large."""
 
 
 def filtered(angles_deg: np.ndarray, rate_hz: float = 60.0, noisy: bool = True) -> np.ndarray:
@@ -23,9 +23,9 @@ def filtered(angles_deg: np.ndarray, rate_hz: float = 60.0, noisy: bool = True) 
 
 
 def test_noise_is_averaged_at_rest() -> None:
-    told = filtered(np.zeros(20_000))[60:]
-    assert told.std() < 0.85 * NOISE_RATIO * TOLD_DEG
-    assert np.abs(told).max() < 3.8 * NOISE_RATIO * TOLD_DEG
+    result = filtered(np.zeros(20_000))[60:]
+    assert result.std() < 0.85 * NOISE_RATIO * TOLD_DEG
+    assert np.abs(result).max() < 3.8 * NOISE_RATIO * TOLD_DEG
 
 
 @pytest.mark.parametrize("rate_hz", [30.0, 60.0])

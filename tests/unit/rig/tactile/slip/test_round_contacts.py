@@ -1,4 +1,4 @@
-"""Round contacts: a smooth one tells no turn, one with a texture does. SIMULATED."""
+"""Round contacts: the rotation of a smooth one is unobservable, that of a textured one is not. SIMULATED."""
 
 import numpy as np
 import pytest
@@ -38,12 +38,12 @@ def test_ball_with_weak_grain_is_refused_or_has_a_large_sigma(
     radius_mm: float, texture: str, texture_mm: float
 ) -> None:
     samples = followed(ball(radius_mm, texture, texture_mm), seed=1)
-    told = [
+    result = [
         (sample.angle_deg - turn, sample.sigma_deg)
         for sample, turn in zip(samples, [*[0.0] * STILL, *TURNS_DEG], strict=True)
         if sample.angle_deg is not None and sample.sigma_deg is not None
     ]
-    assert all(abs(off - told[0][0]) < 2.0 * sigma_deg for off, sigma_deg in told[1:])
+    assert all(abs(off - result[0][0]) < 2.0 * sigma_deg for off, sigma_deg in result[1:])
 
 
 @pytest.mark.parametrize("radius_mm", [12.0, *long(25.0)])

@@ -1,4 +1,4 @@
-"""When a contact has settled: fingers close step by step, and rest between two steps."""
+"""Detection of a settled contact while the fingers close in steps with pauses."""
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ STEPS_PX = (5800, 13600, 17500, 20700, 23400)
 
 
 def settled_with(rests_s: float, rate_hz: float) -> int | None:
-    """The area with which a contact settles that grows in steps, each but the last held for so long."""
+    """Return the area at which a contact settles that grows in steps `rests_s` apart."""
     settling = Settling()
     rests = [rests_s] * (len(STEPS_PX) - 1) + [0.5]
     areas = [px for px, rest_s in zip(STEPS_PX, rests, strict=True) for _ in range(round(rest_s * rate_hz))]
@@ -32,6 +32,6 @@ def test_pause_between_finger_steps_is_not_settled(rests_s: float, rate_hz: floa
 def test_constant_contact_settles_once() -> None:
     assert settled_with(0.3, 60.0) == STEPS_PX[0]
     settling = Settling()
-    told = [settling.update(Region(NOTHING, 100, 0.2), to_ns(frame / 60.0)) for frame in range(30)]
-    assert sum(told) == 1
+    result = [settling.update(Region(NOTHING, 100, 0.2), to_ns(frame / 60.0)) for frame in range(30)]
+    assert sum(result) == 1
     assert settling.settled

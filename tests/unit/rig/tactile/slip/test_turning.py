@@ -1,4 +1,4 @@
-"""What of a texture turns, as the shipped network tells it."""
+"""The shipped network separates turning texture from texture at rest."""
 
 import json
 from hashlib import sha256
@@ -20,14 +20,14 @@ UNSEEN = 90_001
 @pytest.mark.slow
 def test_shipped_network_separates_turning_from_resting_on_unseen_faces() -> None:
     drawn, network = turning_frames(UNSEEN), shipped_turning()
-    told, true, weights = [], [], []
+    result, true, weights = [], [], []
     for shown in (frame for _ in range(12) for frame in next(drawn)[:2]):
         difference, share, weight = example_of(shown)
         wide = network.share(difference).repeat(SHARE_PX, 0).repeat(SHARE_PX, 1)
-        told.append(wide[: share.shape[0], : share.shape[1]])
+        result.append(wide[: share.shape[0], : share.shape[1]])
         true.append(share)
         weights.append(weight)
-    found, known, weight = (np.concatenate([a.ravel() for a in arrays]) for arrays in (told, true, weights))
+    found, known, weight = (np.concatenate([a.ravel() for a in arrays]) for arrays in (result, true, weights))
     turns, rests = weight * (known > 0.8), weight * (known < 0.2)
     assert turns.sum() > 1000.0
     assert rests.sum() > 1000.0

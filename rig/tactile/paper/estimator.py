@@ -2,8 +2,8 @@
 
 `skeleton`, `ellipse` and `pca` are the paper's three methods, with the faults of the published script
 corrected: the image is not stretched, the sign is kept, angles are unwrapped over time, the window is a
-number of new frames (the script also counts repeated ones), and a contact without a long axis is refused. The same
-names with `-published` reproduce the script (`rig.tactile.paper.published`).
+number of new frames (the script also counts repeated ones), and a contact without a long axis is refused.
+The same names with `-published` reproduce the script (`rig.tactile.paper.published`).
 """
 
 from collections import deque

@@ -35,9 +35,8 @@ _LOOK_SHARES = np.array([0.8, 0.6], np.float32)[:, None, None, None]
 class GelSensor:
     """A sensor unit: its own light, scale, gel and noise, all drawn from `unit_seed`.
 
-    shape: (rows, columns) of its images; a DIGIT is upright, 320 x 240. variation: differences of the unit
-    from its family. markers: whether dots are printed on its gel. look: of a real unit, which sets shape,
-    scale, colours, background and noise.
+    Its images are 320 x 240 px, upright. variation: differences of the unit from its family. markers: whether
+    dots are printed on its gel. look: of a real unit, which sets shape, scale, colours, background and noise.
     """
 
     def __init__(

@@ -1,4 +1,4 @@
-"""Motions with a known answer: given views of a target, and a tool tip turned about one point."""
+"""Motions with ground truth: given views of a target, and a tool tip turned about one point."""
 
 from collections.abc import Sequence
 
@@ -16,7 +16,7 @@ Array = NDArray[np.floating]
 def motion_scene(
     rng: np.random.Generator, turns: Sequence[Array] | Array, moves: Array
 ) -> tuple[Truth, list[HandEyeSample]]:
-    """Views whose turns (rotation vectors) and moves (m), from one pose 0.7 m ahead, are given."""
+    """Return views with given rotations (rotation vectors) and translations (m), from a pose 0.7 m ahead."""
     truth = draw_truth(rng)
     first = Pose.from_rotation((0.0, 0.0, 0.7), Rotation.from_rotvec([0.3, 0.2, 0.1]))
     samples = []
@@ -30,7 +30,7 @@ def motion_scene(
 def pivot_scene(
     rng: np.random.Generator, count: int, turns: Rotation | None = None
 ) -> tuple[Array, list[tuple[str, Pose]]]:
-    """Draw where the tip is in the tool's frame, and poses with the tip in one hole to 0.1 mm (one sigma)."""
+    """Draw the tip's position in the tool frame, and poses with the tip in one hole (sigma 0.1 mm)."""
     tip, hole = np.array([0.004, -0.002, 0.283]), np.array([0.45, 0.05, 0.02])
     turns = turns or Rotation.from_rotvec(rng.normal(0.0, 0.45, (count, 3)))
     down = Rotation.from_euler("x", 180, degrees=True)

@@ -1,1 +1,1 @@
-"""The limits of the calibrations, and their results for bad data."""
+"""Limits on the errors of the calibrations, and their results for bad data."""

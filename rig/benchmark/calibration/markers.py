@@ -1,4 +1,4 @@
-"""The two-marker angle over size, tilt, noise, blur, JPEG and hidden edges of simulated pictures; its limits.
+"""Error of the two-marker angle in images with varied size, tilt, noise, blur, JPEG and hidden edges; limits.
 
 Real photographs are measured too, if they are available.
 """
@@ -38,10 +38,10 @@ _FURTHEST_DEG = 25.0
 
 @dataclass(frozen=True, slots=True)
 class AngleScene:
-    """Conditions of a scene's pictures.
+    """Conditions of a scene's images.
 
-    jpeg: quality of the compression, None for no compression. hidden: in every other picture, an edge of one
-    marker is covered to this share of the marker's side.
+    jpeg: quality of the compression, None for no compression. hidden: in every other image, this fraction of
+    the marker's side is covered at an edge of one marker.
     """
 
     side_px: float = 40.0
@@ -89,7 +89,7 @@ def angle_rows(seed: int) -> list[AngleRow]:
 
 
 def score_scene(scene: AngleScene, seed: tuple[int, ...]) -> AngleRow:
-    """Measure the angle in the pictures of one scene."""
+    """Measure the angle in the images of one scene."""
     pictures = MarkerPictures(scene.side_px, scene.tilt_deg, scene.blur_px, scene.noise_grey)
     rng = np.random.default_rng(seed)
     camera = CameraModel(pictures.size, pictures.camera_matrix, pictures.distortion)
@@ -127,7 +127,7 @@ def _draw(
 
 
 def _cover(picture: Image, marker: NDArray[np.floating], share: float, rng: np.random.Generator) -> None:
-    """Cover a part of one edge of a (4, 2) px marker with one grey, in place."""
+    """Cover a part of one edge of a marker with uniform grey, in place. marker: its corners, (4, 2) px."""
     side = int(rng.integers(4))
     corner, along = marker[side], marker[(side + 1) % 4] - marker[side]
     inward = marker[(side + 2) % 4] - marker[(side + 1) % 4]
@@ -144,7 +144,7 @@ def _cover(picture: Image, marker: NDArray[np.floating], share: float, rng: np.r
 
 
 def _compressed(picture: Image, scene: AngleScene) -> Image:
-    """Return the picture after a JPEG compression of the scene's quality."""
+    """Return the image after JPEG compression with the scene's quality."""
     if scene.jpeg is None:
         return picture
     _, data = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, scene.jpeg])

@@ -72,9 +72,8 @@ def general_scene(
 ) -> tuple[Truth, list[HandEyeSample]]:  # fmt: skip
     """Draw views from 0.5 to 0.9 m, rotated by 10 to 45 degrees about random axes.
 
-    The first `flipped` views are wrong.
-
-    In a flipped view the target is rotated by another 20 to 40 degrees, as after a wrong detection.
+    The first `flipped` views are wrong. In a flipped view the target is rotated by another 20 to 40 degrees,
+    as after a wrong detection.
     """
     truth = draw_truth(rng, setup)
     samples: list[HandEyeSample] = []
@@ -92,7 +91,7 @@ def general_scene(
 def noisy_sample(
     number: int, truth: Truth, true_view: Pose, shown: Pose, rng: np.random.Generator, noise: Noise
 ) -> HandEyeSample:
-    """Return a noisy sample: the pose of the robot at `true_view`, and the pattern seen at `shown`."""
+    """Return the sample of a view: the robot's pose at `true_view`, and an image of `shown`, with noise."""
     robot = truth.x @ true_view @ truth.z.inverse()
     if truth.setup is Setup.EYE_IN_HAND:
         robot = robot.inverse()

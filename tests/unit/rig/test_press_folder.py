@@ -7,10 +7,10 @@ import pytest
 
 from drivers.errors import InputError
 from drivers.images import encode_png
-from fakes.studio.calibration_scenes import SimulatedGel
 from rig.calibrate.press_folder import read_press_folder
 from rig.calibrate.tactile import unpressed_fields
 from rig.config.load import load_bench, parse_bench
+from support.simulated_gel import SimulatedGel
 
 GEL = SimulatedGel(seed=3)
 LOOK_BENCH = 'name = "desk"\n[[tactile]]\ndriver = "fake"\nserial = "S1"\n'

@@ -89,7 +89,10 @@ def fit_gradient_map(change: Array, places_px: Array, normals: Array, shape: tup
         raise CalibrationError(f"gel: {len(system)} samples of known slope are too few for its colour map")
     scale = np.maximum(np.sqrt((system**2).mean(axis=0)), 1e-12)
     ridge = np.sqrt(_RIDGE * len(system)) * np.eye(len(scale))
-    q, triangle = np.linalg.qr(system / scale)
-    target = np.vstack([q.T @ normals, np.zeros((len(scale), 2))])
+    # The normals are factorised too: forming the orthogonal matrix would take as long again.
+    triangle, turned = np.hsplit(
+        np.linalg.qr(np.column_stack([system / scale, normals]), mode="r")[: len(scale)], [len(scale)]
+    )
+    target = np.vstack([turned, np.zeros((len(scale), 2))])
     weights, *_ = np.linalg.lstsq(np.vstack([triangle, ridge]), target, rcond=None)
     return GradientMap(weights / scale[:, None], shape)

@@ -4,6 +4,7 @@ With `-s` it prints the figures: delay from a frame's capture to the screen, dro
 time from the command to the page and to a live angle.
 """
 
+import json
 import os
 import re
 import subprocess
@@ -11,12 +12,13 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from itertools import product
 from pathlib import Path
 from statistics import median
 
 import pytest
 
-from support.browser import NEEDS_CHROMIUM, Browser
+from support.browser import FLAWS, NEEDS_CHROMIUM, SEEN, Browser
 from support.desk_streams import desk_streams
 from support.waiting import until
 
@@ -122,9 +124,18 @@ def test_page_shows_the_angle_and_its_buttons_act(tmp_path: Path) -> None:
                 "(document.getElementById('estimator'))"
             )
             until(lambda: shown("estimator ellipse"), LIMIT_S)
-            assert browser.value("document.documentElement.scrollWidth - innerWidth") <= 0
             assert browser.said() == []
             assert browser.fetched() == [url for url in browser.fetched() if url.startswith(address)]
+            for width, scheme in product((1400, 390), ("light", "dark")):
+                browser.open(address, width, scheme)
+                until(
+                    lambda: browser.value("document.querySelector('#sensors .curve path.estimate') !== null"),
+                    LIMIT_S,
+                )
+                seen = json.loads(browser.value(SEEN))
+                assert {name: seen[name] for name in FLAWS if seen[name]} == {}
+                assert seen["wide"] <= width
+                assert browser.said() == []
         (clip,) = (tmp_path / "clips").iterdir()
         assert {path.name for path in clip.iterdir()} == {"frames", "background.png", "timestamps.csv"}
     finally:

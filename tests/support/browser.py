@@ -16,6 +16,57 @@ NEEDS_CHROMIUM = pytest.mark.skipif(
     CHROMIUM is None, reason="no Chromium here: install chromium to run this test"
 )
 
+SEEN = """(() => {
+  const out = {figures: 0, cut: [], overlap: [], small: [], wide: document.documentElement.scrollWidth};
+  for (const svg of document.querySelectorAll('svg')) {
+    const frame = svg.getBoundingClientRect();
+    if (frame.width > 50 && frame.height > 30) out.figures++;
+    const texts = [...svg.querySelectorAll('text')].filter(
+      t => t.textContent.trim() && t.getBoundingClientRect().width > 0);  // thumbnails hide theirs
+    const boxes = texts.map(t => t.getBoundingClientRect());
+    texts.forEach((t, i) => {
+      const b = boxes[i], name = svg.getAttribute('aria-label') + ': ' + t.textContent;
+      const scale = frame.width / svg.viewBox.baseVal.width;
+      if (parseFloat(getComputedStyle(t).fontSize) * scale < 8) out.small.push(name);
+      if (b.left < frame.left - 1 || b.right > frame.right + 1 || b.top < frame.top - 1 ||
+          b.bottom > frame.bottom + 1) out.cut.push(name);
+      for (let j = i + 1; j < boxes.length; j++) {
+        const o = boxes[j];
+        const x = Math.min(b.right, o.right) - Math.max(b.left, o.left);
+        const y = Math.min(b.bottom, o.bottom) - Math.max(b.top, o.top);
+        if (x > 1.5 && y > 3) out.overlap.push(name + ' / ' + texts[j].textContent);
+      }
+    });
+  }
+  out.figures += document.querySelectorAll('.plotted').length;
+  const parts = text => text.match(/[\\d.]+/g).map(Number);
+  const bright = rgb => {
+    const linear = c => c <= .04045 ? c / 12.92 : ((c + .055) / 1.055) ** 2.4;
+    const [r, g, b] = rgb.slice(0, 3).map(c => linear(c / 255));
+    return .2126 * r + .7152 * g + .0722 * b;
+  };
+  const ground = element => {
+    for (let at = element; at; at = at.parentElement) {
+      const colour = parts(getComputedStyle(at).backgroundColor);
+      if (colour.length < 4 || colour[3] > 0) return colour;
+    }
+    return [255, 255, 255];
+  };
+  out.faint = [...document.body.querySelectorAll('*')].filter(element => {
+    const own = [...element.childNodes].some(node => node.nodeType === 3 && node.textContent.trim());
+    if (!own || !element.getClientRects().length || element.closest('script, style, option')) return false;
+    const style = getComputedStyle(element);
+    const text = parts(element instanceof SVGElement ? style.fill : style.color);
+    const [low, high] = [bright(text), bright(ground(element))].sort((a, b) => a - b);
+    return (high + .05) / (low + .05) < 4.5;
+  }).map(element => element.textContent.slice(0, 40));
+  out.pictures = [...document.images].every(i => i.complete && i.naturalWidth > 0);
+  out.paper = getComputedStyle(document.body).backgroundColor;
+  return JSON.stringify(out);
+})()"""
+"""Program that returns what is seen of a page. faint: texts with a contrast below 4.5."""
+FLAWS = ("cut", "overlap", "small", "faint")
+
 
 class Browser:
     """Chromium without a window, driven over its debugging pipe: JSON messages, ended by a zero byte."""
@@ -71,6 +122,11 @@ class Browser:
         self.call("Page.navigate", url=address)
         while not any(event["method"] == "Page.loadEventFired" for event in self.events):
             self._next()
+
+    def seen(self, address: str, width: int, scheme: str) -> dict[str, Any]:
+        """Open a page; return what is seen of it, see `SEEN`."""
+        self.open(address, width, scheme)
+        return json.loads(self.value(SEEN))
 
     def value(self, expression: str) -> Any:
         """Return the value of an expression in the page; wait for it if it is a promise."""

@@ -19,66 +19,13 @@ from rig.report.compare_page import compare_page
 from rig.report.parts import Table
 from rig.report.sessions_page import sessions_page
 from rig.report.sides import session_side
+from rig.report.wear import read_wear
+from rig.report.wear_page import write_wear
 from rig.report.write import write_report
-from support.browser import NEEDS_CHROMIUM, Browser
+from support.browser import FLAWS, NEEDS_CHROMIUM, Browser
 from support.waiting import until
 
 pytestmark = [NEEDS_CHROMIUM, pytest.mark.slow]
-
-SEEN = """(() => {
-  const out = {figures: 0, cut: [], overlap: [], small: [], wide: document.documentElement.scrollWidth};
-  for (const svg of document.querySelectorAll('svg')) {
-    const frame = svg.getBoundingClientRect();
-    if (frame.width > 50 && frame.height > 30) out.figures++;
-    const texts = [...svg.querySelectorAll('text')].filter(
-      t => t.textContent.trim() && t.getBoundingClientRect().width > 0);  // thumbnails hide theirs
-    const boxes = texts.map(t => t.getBoundingClientRect());
-    texts.forEach((t, i) => {
-      const b = boxes[i], name = svg.getAttribute('aria-label') + ': ' + t.textContent;
-      const scale = frame.width / svg.viewBox.baseVal.width;
-      if (parseFloat(getComputedStyle(t).fontSize) * scale < 8) out.small.push(name);
-      if (b.left < frame.left - 1 || b.right > frame.right + 1 || b.top < frame.top - 1 ||
-          b.bottom > frame.bottom + 1) out.cut.push(name);
-      for (let j = i + 1; j < boxes.length; j++) {
-        const o = boxes[j];
-        const x = Math.min(b.right, o.right) - Math.max(b.left, o.left);
-        const y = Math.min(b.bottom, o.bottom) - Math.max(b.top, o.top);
-        if (x > 1.5 && y > 3) out.overlap.push(name + ' / ' + texts[j].textContent);
-      }
-    });
-  }
-  out.figures += document.querySelectorAll('.plotted').length;
-  const parts = text => text.match(/[\\d.]+/g).map(Number);
-  const bright = rgb => {
-    const linear = c => c <= .04045 ? c / 12.92 : ((c + .055) / 1.055) ** 2.4;
-    const [r, g, b] = rgb.slice(0, 3).map(c => linear(c / 255));
-    return .2126 * r + .7152 * g + .0722 * b;
-  };
-  const ground = element => {
-    for (let at = element; at; at = at.parentElement) {
-      const colour = parts(getComputedStyle(at).backgroundColor);
-      if (colour.length < 4 || colour[3] > 0) return colour;
-    }
-    return [255, 255, 255];
-  };
-  out.faint = [...document.body.querySelectorAll('*')].filter(element => {
-    const own = [...element.childNodes].some(node => node.nodeType === 3 && node.textContent.trim());
-    if (!own || !element.getClientRects().length || element.closest('script, style, option')) return false;
-    const style = getComputedStyle(element);
-    const text = parts(element instanceof SVGElement ? style.fill : style.color);
-    const [low, high] = [bright(text), bright(ground(element))].sort((a, b) => a - b);
-    return (high + .05) / (low + .05) < 4.5;
-  }).map(element => element.textContent.slice(0, 40));
-  out.pictures = [...document.images].every(i => i.complete && i.naturalWidth > 0);
-  out.paper = getComputedStyle(document.body).backgroundColor;
-  return JSON.stringify(out);
-})()"""
-
-
-def seen_of(browser: Browser, page: Path, width: int, scheme: str) -> dict[str, Any]:
-    """Open a page and return what is seen of it."""
-    browser.open(page.as_uri(), width, scheme)
-    return json.loads(browser.value(SEEN))
 
 
 @pytest.fixture(scope="module")
@@ -106,6 +53,8 @@ def pages(
     comparison = folder / "compare.html"
     found = compare_lifts(("trial", "2026-11-21T093000_obj07_trial"), sides[0].lifts, sides[1].lifts)
     comparison.write_text(compare_page(found, simulated=True, about="Two sessions."))
+    worn = folder / "wear.html"
+    write_wear(*read_wear([trial, other]), worn)
     broken = drawn_trial(folder / "broken", (12.0,))
     (broken / "session.json").write_text("{}")
     return {
@@ -113,6 +62,7 @@ def pages(
         "recording": write_report([drawn_recording(folder / "recording")]).path,
         "table": write_report([tables], folder / "table.html").path,
         "comparison": comparison,
+        "wear": worn,
         "broken": write_report([broken]).path,
         "calibration": calibration(folder),
     }
@@ -153,7 +103,7 @@ POSES = [
     )
     for i in range(12)
 ]
-FIGURES = {"trial": 12, "recording": 3, "table": 5, "comparison": 3, "broken": 0, "calibration": 6}
+FIGURES = {"trial": 12, "recording": 3, "table": 5, "comparison": 3, "wear": 4, "broken": 0, "calibration": 6}
 """Figures that are seen; poses in 3D are not counted."""
 
 
@@ -163,15 +113,12 @@ FIGURES = {"trial": 12, "recording": 3, "table": 5, "comparison": 3, "broken": 0
 def test_page_opens_without_messages_and_with_readable_labels(
     browser: Browser, pages: dict[str, Path], kind: str, width: int, scheme: str
 ) -> None:
-    seen = seen_of(browser, pages[kind], width, scheme)
+    seen = browser.seen(pages[kind].as_uri(), width, scheme)
     assert browser.said() == []
     assert browser.fetched() == []
     assert seen["figures"] == FIGURES[kind]
     assert seen["pictures"]
-    assert seen["cut"] == []
-    assert seen["overlap"] == []
-    assert seen["small"] == []
-    assert seen["faint"] == []
+    assert {name: seen[name] for name in FLAWS if seen[name]} == {}
     assert seen["wide"] <= width
     bright = sum(int(part) for part in seen["paper"].removeprefix("rgb(").removesuffix(")").split(","))
     assert (bright > 600) == (scheme == "light")
@@ -273,7 +220,7 @@ def test_page_without_javascript_shows_every_figure_at_full_width(
 ) -> None:
     browser.call("Emulation.setScriptExecutionDisabled", value=True)
     try:
-        seen = seen_of(browser, pages["trial"], 1400, "light")
+        seen = browser.seen(pages["trial"].as_uri(), 1400, "light")
         narrowest = "Math.min(...[...document.querySelectorAll('.thumbs svg')].map(svg => svg.clientWidth))"
         assert browser.value(narrowest) > 300
         assert browser.value("document.querySelector('#explorer').hidden")
@@ -345,7 +292,7 @@ def test_poses_rotate_by_mouse_and_keys_and_name_the_pose_under_the_pointer(
 def test_poses_without_javascript_are_a_figure(browser: Browser, pages: dict[str, Path]) -> None:
     browser.call("Emulation.setScriptExecutionDisabled", value=True)
     try:
-        seen = seen_of(browser, pages["calibration"], 390, "light")
+        seen = browser.seen(pages["calibration"].as_uri(), 390, "light")
         assert browser.value("document.querySelector('.poses svg').getAttribute('aria-label')") == (
             "poses in 3D: TCP, camera, base"
         )

@@ -92,10 +92,10 @@ def main() -> None:
     stop_on_signals()
     begin_answer()
     try:
-        with guarded_output() as said:
+        with guarded_output() as printed:
             if "_RIG_COMPLETE" not in os.environ:  # the shell's completion, which shows stderr
                 begin_phase("loading")
-            _run(said)
+            _run(printed)
     except RigError as error:
         notes = "".join(f" [{note}]" for note in getattr(error, "__notes__", []))
         _end(f"{error}{notes}", type(error).__name__, exit_code(error))
@@ -103,13 +103,13 @@ def main() -> None:
         _end(f"{error.filename or 'a file'}: {error.strerror or error}", "OSError", Exit.FAULT)
 
 
-def _run(said: Output) -> None:
+def _run(printed: Output) -> None:
     """Run the command that was typed; with --json print usage errors of typer as a JSON object, too."""
     try:
         app()
     except SystemExit as end:
         if isinstance(end.code, int) and end.code != 0:
-            emit_error(_framed_text(said.tail()), "UsageError", end.code)
+            emit_error(_framed_text(printed.tail()), "UsageError", end.code)
         _ignore_stops()
         raise
 
@@ -134,6 +134,6 @@ def _end(message: str, kind: str, code: Exit) -> None:
 
 
 def _ignore_stops() -> None:
-    """Ignore a further Ctrl-C once all is done: also while Python ends, it must not end it otherwise."""
+    """Ignore any further Ctrl-C when the work is done, so that it cannot change the exit code."""
     for number in STOPS:
         signal.signal(number, signal.SIG_IGN)

@@ -1,8 +1,8 @@
 """A cache of the replays of comparisons, outside the sessions.
 
 A replay depends on the recordings, the estimator and the code. Each lift is stored when it is finished, so
-that an interrupted comparison can continue. Nothing is stored if the cache cannot be written, and nothing of
-a lab's own estimator, whose code may change.
+that an interrupted comparison can continue. Replays of a lab's own estimator are not stored, because its code
+may change. If the cache cannot be written, the comparison continues without it.
 """
 
 import hashlib

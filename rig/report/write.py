@@ -111,7 +111,7 @@ def write_page(path: Path, html: str) -> None:
 
 def _written(path: Path, page: ReportPage, problems: Sequence[str], figures: Path | None) -> Written:
     if figures is not None and not page.charts:
-        raise InputError(f"--figures {figures}: only trials that can be read, and CSV files, have them")
+        raise InputError(f"--figures {figures}: only readable trials and CSV files have figures")
     write_page(path, page.html)
     if figures is not None:
         from rig.report.paper_figures import write_paper

@@ -55,7 +55,7 @@ def photos(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_a_camera_from_photos(photos: Path, tmp_path: Path) -> None:
+def test_camera_is_calibrated_from_photos(photos: Path, tmp_path: Path) -> None:
     done = figures("camera", "--from", photos, "--serial", "C1", "--out", tmp_path)
     content = yaml.safe_load(Path(done["file"]).read_text())
     assert content["image_width"] == 1280
@@ -67,7 +67,7 @@ def test_a_camera_from_photos(photos: Path, tmp_path: Path) -> None:
     assert same == {"kind": "camera", "rms_px": 0.0, "middle_rms_px": 0.0, "worst_px": 0.0}
 
 
-def test_a_refused_camera_leaves_a_page_and_code_2(tmp_path: Path) -> None:
+def test_refused_camera_calibration_writes_a_page_and_exits_with_2(tmp_path: Path) -> None:
     few = tmp_path / "few"
     few.mkdir()
     for name in ("00.png", "01.png"):
@@ -82,7 +82,7 @@ def test_a_refused_camera_leaves_a_page_and_code_2(tmp_path: Path) -> None:
     )
 
 
-def test_hand_eye_on_the_simulated_bench_and_again_from_its_files(tmp_path: Path) -> None:
+def test_hand_eye_is_calibrated_on_the_simulated_bench_and_again_from_its_files(tmp_path: Path) -> None:
     done = figures("hand-eye", "--bench", "fake", "--poses", "8", "--out", tmp_path)
     assert done["simulated"]
     assert np.linalg.norm(np.subtract(done["value"]["translation_m"], (0.45, -0.62, 0.16))) < 2e-3
@@ -102,7 +102,7 @@ def test_hand_eye_on_the_simulated_bench_and_again_from_its_files(tmp_path: Path
     assert hashes != {sha256().hexdigest()}
 
 
-def test_hand_eye_from_poses_of_the_target_needs_no_camera(tmp_path: Path) -> None:
+def test_hand_eye_from_target_poses_needs_no_camera(tmp_path: Path) -> None:
     truth, samples = general_scene(np.random.default_rng(2), 15)
     rows = {"poses.csv": [], "targets.csv": []}
     for sample in samples:
@@ -119,7 +119,7 @@ def test_hand_eye_from_poses_of_the_target_needs_no_camera(tmp_path: Path) -> No
 
 
 @pytest.mark.long
-def test_a_camera_and_the_markers_on_the_simulated_bench(tmp_path: Path) -> None:
+def test_camera_and_markers_are_calibrated_on_the_simulated_bench(tmp_path: Path) -> None:
     camera = figures("camera", "--bench", "fake", "--poses", "12", "--out", tmp_path)
     assert camera["simulated"]
     assert camera["value"]["camera_matrix"]["data"][0] == pytest.approx(640.0, abs=8.0)
@@ -128,7 +128,7 @@ def test_a_camera_and_the_markers_on_the_simulated_bench(tmp_path: Path) -> None
     assert markers["value"]["angle_sigma_deg"] < 0.1
 
 
-def test_markers_at_rest(tmp_path: Path) -> None:
+def test_markers_at_rest_are_assessed(tmp_path: Path) -> None:
     pictures, rng = MarkerPictures(), np.random.default_rng(0)
     for i in range(24):
         cv2.imwrite(str(tmp_path / f"{i:02d}.png"), pictures.draw(0.0, rng))
@@ -137,7 +137,7 @@ def test_markers_at_rest(tmp_path: Path) -> None:
     page_is_whole(done["page"], 1)
 
 
-def test_references_of_the_simulated_fingertips_are_compared_with_the_last(tmp_path: Path) -> None:
+def test_fingertip_references_are_compared_with_the_previous_ones(tmp_path: Path) -> None:
     first = figures("tactile", "--bench", "fake", "--out", tmp_path)["calibrations"]
     assert [r["verdict"] for r in first] == ["weak", "weak"]
     again = figures("tactile", "--bench", "fake", "--seed", "1", "--out", tmp_path)["calibrations"]
@@ -150,7 +150,7 @@ def test_references_of_the_simulated_fingertips_are_compared_with_the_last(tmp_p
     assert "changed shape" in swapped.stderr
 
 
-def test_a_gel_from_presses(tmp_path: Path) -> None:
+def test_gel_is_calibrated_from_presses(tmp_path: Path) -> None:
     gel = SimulatedGel(3)
     background = np.rint(gel.reference).astype(np.uint8)
     cv2.imwrite(str(tmp_path / "background.png"), background[..., ::-1])
@@ -164,7 +164,7 @@ def test_a_gel_from_presses(tmp_path: Path) -> None:
     page_is_whole(done["page"], 3)
 
 
-def test_tables_tips_and_clocks(tmp_path: Path) -> None:
+def test_opening_tip_and_clocks_are_calibrated_from_files(tmp_path: Path) -> None:
     rows = [f"{c},{120 - 0.5 * c},{way}" for way in ("closing", "opening") for c in range(10, 200, 20)]
     (tmp_path / "gripper.csv").write_text("\n".join(["counts,opening_mm,direction", *rows]))
     assert figures("gripper", "--from", tmp_path, "--out", tmp_path / "out")["verdict"] == "good"
@@ -188,7 +188,7 @@ def write_tip_poses(folder: Path, poses: Sequence[tuple[str, Pose]], child_frame
     (folder / "poses.csv").write_text("\n".join([header, *rows]))
 
 
-def test_tip_poses_of_an_unstated_frame_are_refused_and_those_of_the_tcp_are_converted(
+def test_tip_poses_need_a_stated_frame_and_tcp_poses_are_converted(
     tmp_path: Path,
 ) -> None:
     tip, poses = pivot_scene(np.random.default_rng(0), 12)
@@ -205,7 +205,7 @@ def test_tip_poses_of_an_unstated_frame_are_refused_and_those_of_the_tcp_are_con
     assert figures(*command)["value"]["translation_m"] == pytest.approx(expected.tolist(), abs=1e-3)
 
 
-def test_a_tip_far_from_the_bench_files_tcp_is_refused_unless_accepted(tmp_path: Path) -> None:
+def test_tip_far_from_the_configured_tcp_is_refused_unless_accepted(tmp_path: Path) -> None:
     tip, poses = pivot_scene(np.random.default_rng(0), 12)  # 0.283 m beyond tcp_m
     write_tip_poses(tmp_path, poses, "tcp")
     command = ("tcp", "--from", tmp_path, "--bench", "fake", "--out", tmp_path / "out")
@@ -221,7 +221,7 @@ def test_a_tip_far_from_the_bench_files_tcp_is_refused_unless_accepted(tmp_path:
         assert text in page
 
 
-def test_a_board_is_drawn_to_scale(tmp_path: Path) -> None:
+def test_board_is_drawn_to_scale(tmp_path: Path) -> None:
     path = tmp_path / "board.svg"
     assert calibrate("board", "charuco:8x6:25:18:DICT_5X5_100", "--out", path).returncode == 0
     text = path.read_text()
@@ -251,7 +251,7 @@ def test_a_board_is_drawn_to_scale(tmp_path: Path) -> None:
         (("compare", "/nowhere", "/nowhere"), "cannot be read"),
     ],
 )
-def test_mistakes_are_one_line_and_code_2(arguments: tuple[str, ...], said: str) -> None:
+def test_usage_errors_are_one_line_and_exit_with_2(arguments: tuple[str, ...], said: str) -> None:
     done = calibrate(*arguments)
     assert done.returncode == 2, done.stderr
     assert said in done.stderr

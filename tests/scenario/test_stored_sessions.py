@@ -61,7 +61,7 @@ def test_stored_sessions_are_listed_with_their_results() -> None:
     assert trial.mare.mean_deg == pytest.approx(1.0317541729443707, abs=1e-12)
 
 
-def test_a_replay_gives_the_fingertips_answers_to_the_last_digit() -> None:
+def test_replay_gives_identical_fingertip_angles() -> None:
     """The markers' angle may be measured better than it was; the estimate may not change."""
     [stored] = read_finished_lifts(TRIAL)
     [again] = run_replay(stored_trial(TRIAL), jobs=1).rows
@@ -79,7 +79,7 @@ def test_replay_notes_the_other_measurement_of_ground_truth() -> None:
     assert "stored rows stay" in said
 
 
-def test_an_unfinished_trial_does_not_go_on_with_another_truth(trial: Path) -> None:
+def test_unfinished_trial_is_not_continued_with_another_ground_truth(trial: Path) -> None:
     manifest = read_manifest_of(trial, TrialManifest, "no trial")
     unfinished = replace(manifest, status="running", completed=None, lifts_per_object=2)
     (trial / "session.json").write_text(json.dumps(json_value(unfinished)))

@@ -15,12 +15,12 @@ UNCLEAR = re.compile(
 )
 """Words that usually stand in a sentence that has to be read twice."""
 CEILINGS = {
-    ".": 21, "calibration": 7, "docs": 13, "drivers": 13, "fakes": 2, "protocols": 19, "rig": 2,
+    ".": 21, "calibration": 7, "docs": 12, "drivers": 13, "fakes": 2, "protocols": 19, "rig": 2,
     "rig/bench": 5, "rig/benchmark": 12, "rig/calibrate": 12, "rig/cli": 118, "rig/config": 2,
     "rig/doctor": 1, "rig/experiments": 8, "rig/frames": 1, "rig/lift": 9, "rig/live": 11,
-    "rig/report": 6, "rig/results": 1, "rig/sessions": 5,
-    "rig/tactile": 134, "tests": 4, "tests/cli": 12, "tests/contract": 4,
-    "tests/scenario": 10, "tests/support": 11, "tests/unit": 76,
+    "rig/report": 4, "rig/results": 1, "rig/sessions": 5,
+    "rig/tactile": 134, "tests": 4, "tests/cli": 11, "tests/contract": 4,
+    "tests/scenario": 10, "tests/support": 9, "tests/unit": 76,
 }  # fmt: skip
 """Most uses per package. Lower a ceiling after rewriting; never raise one."""
 

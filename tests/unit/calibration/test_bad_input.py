@@ -94,7 +94,7 @@ def frozen(picture: Image) -> Image:
     ids=["mirrored", "inverted", "motion blur", "saturated", "dark", "stained", "other size", "3 channels",
          "16 bits", "empty", "not contiguous", "read-only"],
 )  # fmt: skip
-def test_bad_marker_picture_is_refused_or_measured(
+def test_bad_marker_image_is_refused_or_measured_correctly(
     change: Callable[[Image], Image], reason: str, angle: MarkerAngle
 ) -> None:
     angle.forget()
@@ -158,7 +158,7 @@ def poses(tilt_deg: tuple[float, float] = (5.0, 45.0), reach: float = 1.0) -> It
 
 
 @pytest.mark.slow
-def test_views_that_do_not_determine_a_camera_are_refused_or_doubted() -> None:
+def test_views_that_do_not_determine_a_camera_are_refused_or_rated_weak() -> None:
     draws, nearer = rng(), CAMERA.matrix * np.array([[1.04], [1.04], [1.0]])
     (one,) = seen(poses(), count=1)
     copies = [replace(one, id=str(i), image_px=draws.normal(one.image_px, 0.06)) for i in range(15)]
@@ -274,7 +274,7 @@ def closing_at_100_m(found: GripperResult) -> float:
     ("counts", "opening_m"), [(300.0, 0.05), (100.0, 50.0), (100.0, float("nan"))],
     ids=["counts above 255", "opening in mm", "NaN"],
 )  # fmt: skip
-def test_bad_opening_is_left_out_by_name(counts: float, opening_m: float) -> None:
+def test_bad_opening_is_left_out_and_named(counts: float, opening_m: float) -> None:
     found = calibrate_opening(openings(OpeningSample("bad", counts, opening_m, Direction.CLOSING)))
     assert [rejected.id for rejected in found.rejected] == ["bad"]
     assert closing_at_100_m(found) == pytest.approx(0.07, abs=1e-6)

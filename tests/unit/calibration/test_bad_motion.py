@@ -228,12 +228,12 @@ CASES = (
 
 
 @pytest.mark.parametrize("case", CASES, ids=str)
-def test_bad_data_is_refused_or_answered_right(case: Case) -> None:
+def test_bad_data_is_refused_or_gives_a_correct_result(case: Case) -> None:
     require_right(case, draw=0)
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("case", CASES, ids=str)
 @pytest.mark.parametrize("draw", range(1, 5))
-def test_further_draws_of_bad_data_are_refused_or_answered_right(case: Case, draw: int) -> None:
+def test_further_bad_data_is_refused_or_gives_a_correct_result(case: Case, draw: int) -> None:
     require_right(case, draw)

@@ -39,7 +39,7 @@ def test_held_out_presses_are_rendered_from_their_circles(fit: LookFit) -> None:
 
 
 @pytest.mark.slow
-def test_look_survives_its_file(fit: LookFit, tmp_path: Path) -> None:
+def test_look_is_read_back_unchanged(fit: LookFit, tmp_path: Path) -> None:
     path = tmp_path / "tactile-D1.npz"
     path.write_bytes(replace(fit.look, about={"serial": "D1"}).packed())
     again = load_look(path)
@@ -59,7 +59,7 @@ def test_simulated_gel_takes_background_and_noise_of_its_look(fit: LookFit) -> N
 
 
 @pytest.mark.slow
-def test_varied_look_differs_in_colour_by_its_seed_alone(fit: LookFit) -> None:
+def test_varied_look_depends_on_its_seed_only(fit: LookFit) -> None:
     press = fit.presses[0]
     own, one, same, other = (
         draw_press(look, 1, press.circle, press.radius_mm).change

@@ -64,7 +64,7 @@ def test_progress_names_each_step(measured: tuple[EstimatorsResult, list[str]]) 
     assert others == ["1/1 timed on lift t2/1", "1/1 estimators on t2/1"]
 
 
-def test_the_benchmark_scores_a_lift_as_the_trial_does(result: EstimatorsResult) -> None:
+def test_benchmark_scores_a_lift_as_in_the_trial(result: EstimatorsResult) -> None:
     rows = read_finished_lifts(result.session)
     for name, window in (("slip", 1), ("pca", 4)):
         row = replay_with_angles(
@@ -96,9 +96,7 @@ def test_every_estimator_has_every_window_from_one_pass(result: EstimatorsResult
         assert of.stages["contact"].count == of.contact.count
 
 
-def test_limits_are_judged_and_nothing_to_measure_is_no_success(
-    result: EstimatorsResult, report: Report
-) -> None:
+def test_limit_without_measurement_is_missed(result: EstimatorsResult, report: Report) -> None:
     limits = {limit.name: limit for limit in report.limits}
     assert len(limits) == 12
     assert limits["share of frames answered"].met
@@ -108,7 +106,7 @@ def test_limits_are_judged_and_nothing_to_measure_is_no_success(
     assert "largest difference of skipping and --no-skip, deg" in {v.name for v in bad if not v.met}
 
 
-def test_files_hold_the_figures_and_need_nothing_else(result: EstimatorsResult, report: Report) -> None:
+def test_result_files_contain_all_figures(result: EstimatorsResult, report: Report) -> None:
     assert len(report.figures["estimators"]) == len(result.scores)
     assert report.files[TABLE] == report.section + "\n"
     assert table_columns(report.section) == estimator_table(result).columns[:README_COLUMNS]
@@ -123,7 +121,7 @@ def test_tables_have_a_cell_per_column(result: EstimatorsResult) -> None:
     assert estimator_table(result).rows[-1][0] == "kolamuri"
 
 
-def test_the_documentation_has_the_benchmarks_table(result: EstimatorsResult) -> None:
+def test_documentation_contains_the_benchmark_table(result: EstimatorsResult) -> None:
     check_readme(DOCUMENT, "estimators")
     section = DOCUMENT.read_text(encoding="utf-8").partition(BEGIN)[2].partition(END)[0]
     assert table_columns(section) == estimator_table(result).columns[:README_COLUMNS]
@@ -142,6 +140,6 @@ def test_document_without_markers_is_rejected(text: str, tmp_path: Path) -> None
         check_readme(readme, "estimators")
 
 
-def test_folder_that_is_no_session_is_rejected(tmp_path: Path) -> None:
+def test_folder_without_a_session_is_rejected(tmp_path: Path) -> None:
     with pytest.raises(SessionError):
         compare(EstimatorsOptions(session=tmp_path), Run())

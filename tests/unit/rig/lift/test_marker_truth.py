@@ -77,7 +77,7 @@ BLANK = np.full((480, 640, 3), 90, np.uint8)
 @pytest.mark.slow
 @pytest.mark.parametrize("sign", [1, -1])
 @pytest.mark.parametrize("with_camera", [True, False])
-def test_a_slip_is_measured_to_a_twentieth_of_a_degree(scene, sign, with_camera):
+def test_slip_is_measured_within_a_twentieth_of_a_degree(scene, sign, with_camera):
     lift = Lift(scene, known(scene) if with_camera else None)
     lift.rest()
     turned = [sign * 0.75 * k for k in range(40)]
@@ -204,7 +204,7 @@ def test_zero_of_a_slow_camera_uses_earlier_frames_but_none_of_the_grasp(scene):
         lift.truth.set_zero(late_ns, lift.time_ns, earliest_ns=late_ns)
 
 
-def test_a_moving_object_gives_no_zero(scene):
+def test_moving_object_gives_no_zero(scene):
     lift = Lift(scene)
     for k in range(STILL_FRAMES):
         lift.see(1.0 * k)

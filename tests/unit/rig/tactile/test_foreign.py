@@ -29,7 +29,7 @@ def answers(name: str, frames: int) -> list[SlipSample]:
     return [estimator.update(GEL, i * STEP_NS) for i in range(frames)]
 
 
-def test_a_class_is_made_by_its_full_name_and_by_its_entry_point(imported: Path) -> None:
+def test_class_is_created_by_full_name_and_by_entry_point(imported: Path) -> None:
     for name in (f"{MODULE}:Mine", "lab-pca"):
         choice = choose_estimator(name)
         assert (choice.name, choice.window, choice.foreign) == (name, 1, True)
@@ -37,12 +37,12 @@ def test_a_class_is_made_by_its_full_name_and_by_its_entry_point(imported: Path)
     assert imported.exists()
 
 
-def test_a_module_in_the_folder_the_program_was_started_in_is_found(imported: Path) -> None:
+def test_module_in_the_start_folder_is_found(imported: Path) -> None:
     sys.path.remove(str(imported.parent))
     assert choose_estimator(f"{MODULE}:Mine").foreign
 
 
-def test_an_entry_point_with_the_name_of_one_of_ours_does_not_hide_ours(imported: Path) -> None:
+def test_entry_point_does_not_hide_a_built_in_estimator(imported: Path) -> None:
     assert not choose_estimator("slip").foreign
     assert not imported.exists()
 
@@ -75,7 +75,7 @@ def test_invalid_estimator_name_is_rejected(imported: Path, name: str, says: str
         choose_estimator(name)
 
 
-def test_a_module_that_does_not_import_says_why(imported: Path) -> None:
+def test_failing_import_is_reported_with_its_reason(imported: Path) -> None:
     for number, (text, why) in enumerate(
         [("import lab_weights", "No module named 'lab_weights'"), ("1/0", "ZeroDivisionError"),
          ("raise SystemExit(3)", "SystemExit")]
@@ -135,7 +135,7 @@ def test_estimator_gets_each_frame_once_and_of_one_size(imported: Path) -> None:
         estimator.update(GEL[:-1], STEP_NS)
 
 
-def test_a_stop_goes_through(imported: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_operator_stop_is_not_caught(imported: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     estimator = choose_estimator(f"{MODULE}:Mine").make(GEL)
     assert isinstance(estimator, ForeignEstimator)
 

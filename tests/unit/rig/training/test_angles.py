@@ -10,7 +10,7 @@ from rig.training.simulated_lifts import simulated_wrists
 torch = pytest.importorskip("torch", reason="training is the extra 'train'")
 
 
-def test_the_trials_objects_are_held_back() -> None:
+def test_trial_objects_are_not_in_the_training_set() -> None:
     from rig.training.angles import split_objects
 
     split = split_objects(["1", "2", "3", "4", "t1", "t1"], False, "here")
@@ -20,7 +20,7 @@ def test_the_trials_objects_are_held_back() -> None:
         split_objects(["t1", "t2"], False, "here")
 
 
-def test_a_wrist_network_is_trained_and_answers_alike_from_its_file(tmp_path: Path) -> None:
+def test_wrist_network_gives_the_same_angles_from_its_file(tmp_path: Path) -> None:
     from rig.tactile.peers.learned import load_wrench_network
     from rig.training.wrist import blind_error_deg, error_deg, export_wrist, sequences, train_wrist
 
@@ -32,7 +32,7 @@ def test_a_wrist_network_is_trained_and_answers_alike_from_its_file(tmp_path: Pa
     assert load_wrench_network(tmp_path / "wrist.onnx").blank().shape == (1, 1, 32)
 
 
-def test_an_angle_network_answers_alike_from_its_files(tmp_path: Path) -> None:
+def test_angle_network_gives_the_same_angles_from_its_files(tmp_path: Path) -> None:
     from rig.training.angle_net import AngleNet, export_angle_net
 
     torch.manual_seed(0)

@@ -36,7 +36,7 @@ def turned(points: Points, angle_deg: float, centre: tuple[float, float]) -> Poi
     x=st.floats(-200, 300),
     y=st.floats(-200, 300),
 )
-def test_centre_and_angle_of_any_turn_are_found(angle_deg: float, x: float, y: float) -> None:
+def test_centre_and_angle_of_any_rotation_are_found(angle_deg: float, x: float, y: float) -> None:
     found = find_rotation(GRID, turned(GRID, angle_deg, (x, y)))
     assert isinstance(found, Rotation)
     assert math.degrees(found.angle_rad) == pytest.approx(angle_deg, abs=1e-6)
@@ -60,7 +60,7 @@ def test_markers_on_a_line_are_refused(direction_deg: float, angle_deg: float) -
     assert find_rotation(line, turned(line, angle_deg, (20.0, 5.0))) is Degenerate.COLLINEAR
 
 
-def test_points_that_do_not_fit_are_input_errors() -> None:
+def test_points_of_different_number_are_input_errors() -> None:
     with pytest.raises(InputError, match=r"\(N, 2\)"):
         find_rotation(GRID, GRID[1:])
     with pytest.raises(InputError, match="finite"):
@@ -74,7 +74,7 @@ def printed(shear: Shear | None = None) -> NDArray[np.uint8]:
     return (light * np.array([150.0, 110.0, 180.0])).astype(np.uint8)
 
 
-def test_the_markers_of_a_blank_gel_are_found_and_can_be_taken_away() -> None:
+def test_markers_of_an_untouched_gel_are_found_and_removed() -> None:
     markers = find_dots(printed())
     apart = np.hypot(*(markers[:, None] - markers[None]).transpose(2, 0, 1))
     nearest = np.sort(apart, axis=1)[:, 1]
@@ -84,7 +84,7 @@ def test_the_markers_of_a_blank_gel_are_found_and_can_be_taken_away() -> None:
 
 
 @pytest.mark.parametrize("twist_deg", [8.0, -8.0])
-def test_a_twisted_gel_turns_its_markers(twist_deg: float) -> None:
+def test_twisted_gel_turns_its_markers(twist_deg: float) -> None:
     tracker = DotTracker(printed())
     motion = tracker.update(printed())
     for share in np.linspace(0.0, 1.0, 6):
@@ -116,7 +116,7 @@ def followed(frames: list[NDArray[np.uint8]]) -> list[SlipSample]:
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_the_estimator_measures_how_the_gel_turned(sign: float) -> None:
+def test_estimator_measures_the_rotation_of_the_gel(sign: float) -> None:
     turns = [None, *[0.0] * 9, *(sign * np.arange(0.5, 6.5, 0.5)).tolist()]
     samples = followed(pressed(GelSensor(7, markers=True), turns, True))
     assert sum(sample.angle_deg is not None for sample in samples[8:]) >= 10

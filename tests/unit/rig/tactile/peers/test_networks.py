@@ -30,7 +30,7 @@ def state(time_s: float, *wrench: float) -> ArmState:
 
 
 @pytest.mark.parametrize("rate_hz", [30.0, 60.0, 500.0])
-def test_steps_come_thirty_times_a_second_whatever_the_rate(rate_hz: float) -> None:
+def test_steps_have_30_hz_at_any_rate_of_states(rate_hz: float) -> None:
     steps = WrenchSteps()
     made = [steps.add(state(i / rate_hz, 0.0, 0.0, -1.0 if i / rate_hz > 1.0 else 0.0, 0.0, 0.0, 0.0))
             for i in range(round(2.0 * rate_hz))]  # fmt: skip
@@ -40,7 +40,7 @@ def test_steps_come_thirty_times_a_second_whatever_the_rate(rate_hz: float) -> N
     assert told[-1] == pytest.approx([0.0, 0.0, -1.0, 0.0, 0.0, 0.0], abs=1e-5)
 
 
-def test_a_state_that_is_not_newer_counts_for_nothing() -> None:
+def test_state_that_is_not_newer_is_ignored() -> None:
     once, twice = WrenchSteps(), WrenchSteps()
     for i in range(40):
         first = once.add(state(i * PERIOD_S, 0.1 * i, 0.0, 0.0, 0.0, 0.0, 0.0))
@@ -50,7 +50,7 @@ def test_a_state_that_is_not_newer_counts_for_nothing() -> None:
         assert first is None or (first == second).all()
 
 
-def test_toskov_needs_the_wrist_and_turns_its_answer_to_the_fingertip(press: Draw, blank: Image) -> None:
+def test_toskov_needs_the_wrench_and_reports_the_fingertip_angle(press: Draw, blank: Image) -> None:
     choice = choose_estimator(TOSKOV)
     left, right = choice.make(blank, None, 1), choice.make(blank, None, -1)
     assert left.update(press(10), 0).state is State.UNOBSERVABLE, "the wrist was not felt yet"
@@ -64,7 +64,7 @@ def test_toskov_needs_the_wrist_and_turns_its_answer_to_the_fingertip(press: Dra
     assert left.update(press(None), to_ns(2.2)).state is State.NO_CONTACT
 
 
-def test_angle_net_answers_every_contact(press: Draw, blank: Image) -> None:
+def test_angle_net_reports_an_angle_for_every_contact(press: Draw, blank: Image) -> None:
     estimator = choose_estimator(ANGLENET).make(blank)
     touched, bare = estimator.update(press(10), 0), estimator.update(press(None), 1)
     assert touched.state is State.TRACKING
@@ -75,7 +75,7 @@ def test_angle_net_answers_every_contact(press: Draw, blank: Image) -> None:
 
 
 @pytest.mark.parametrize(("name", "precision"), [(ANGLENET, "fp16"), (TOSKOV, "fp32")])
-def test_cards_are_of_the_files_beside_them(name: str, precision: str) -> None:
+def test_cards_match_the_files_beside_them(name: str, precision: str) -> None:
     card = json.loads((MODELS / f"{name}.json").read_text(encoding="utf-8"))
     assert card["files"][precision]["sha256"] == sha256((MODELS / f"{name}.onnx").read_bytes()).hexdigest()
     assert card["simulated"]

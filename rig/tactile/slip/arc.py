@@ -1,7 +1,7 @@
 """Contacts that show one arc of the object, or a ring: its turn is seen only as far as the pivot is known.
 
-An arc that turns about its own center looks the same. What is seen of another turn is where that center goes,
-and the way there per turn is its distance from the pivot. The rest of the contact's outline is the gel's, and
+An arc that turns about its own center looks the same. A turn about another pivot moves that center, by the
+angle times its distance from the pivot. The rest of the contact's outline is the gel's, and
 follows. A round fingertip against a rounded corner looks like this; so does a straight edge, whose center is
 so far off that the pivot does not matter.
 """

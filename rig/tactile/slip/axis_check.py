@@ -1,8 +1,8 @@
 """An absolute check on a tracked angle: the direction of a long contact.
 
-Every further keyframe adds its error to the angle, and a turn that nobody saw is not known at all.
-The long axis of the contact, known modulo a half turn, is less exact than an alignment, but what it
-says of the turn since the grasp does not depend on what happened in between.
+Every further keyframe adds its error to the angle, and a turn without contact is not observed at all.
+The long axis of the contact, known modulo a half turn, is less exact than an alignment, but it shows the
+turn since the grasp independently of the frames in between.
 """
 
 import math
@@ -15,7 +15,7 @@ from drivers.types import Image
 # Ratio of long to short axis (of the ellipse with the contact's second moments) from which on the
 # axis is asked; over simulated lifts it is then 0.65 degrees off, rms, and below 1.3 up to 2 degrees.
 LEAST_RATIO = 1.5
-# Taken for one standard deviation: a load that shifts draws the contact's outline too.
+# One standard deviation: a shifting load also changes the outline of the contact.
 SIGMA_RAD = math.radians(1.5)
 # An axis further off than this many standard deviations belongs to a contact of another shape, and so
 # does one whose area or ratio of axes has changed by more than this factor.
@@ -63,13 +63,13 @@ class AxisAnchor:
 
 
 def anchor(mask: Image, angle_rad: float) -> AxisAnchor | None:
-    """Note the axis of a contact at a tracked angle; None where it has no long axis."""
+    """Return the axis of a contact at a tracked angle; None without a long axis."""
     shape = contact_shape(mask)
     return None if shape is None else AxisAnchor(angle_rad - shape.axis_rad, shape.area_px, shape.ratio)
 
 
 def contact_shape(mask: Image) -> ContactShape | None:
-    """Return a contact's long axis and shape; None where it is not long.
+    """Return the long axis and the shape of a contact; None if it is not long.
 
     mask: (h, w) uint8, 1 in the contact.
     """

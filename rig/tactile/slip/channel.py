@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 MOST_KEYS = 4
-"""So many keyframes are aligned to jointly: the compiled loop takes this many."""
+"""Number of keyframes that the compiled loop aligns to jointly."""
 Values = NDArray[np.float32]
 
 

@@ -6,12 +6,12 @@ from typing import Any, TypeVar
 import numba
 
 _Loop = TypeVar("_Loop", bound=Callable[..., object])
-# Sums may be taken in another order; what is not a number stays so.
+# Sums may be computed in another order; NaN stays NaN.
 _OPTIONS = {"fastmath": {"reassoc", "contract", "arcp", "nsz"}, "error_model": "numpy"}
 
 
 def compiled(loop: _Loop) -> _Loop:
-    """Return a loop that is compiled when it is first called; each time anew where nothing can be kept."""
+    """Return a loop that is compiled when first called: in each process if no cache is writable."""
     dispatcher: Any = None
     try:
         dispatcher = numba.njit(cache=True, **_OPTIONS)(loop)

@@ -7,19 +7,19 @@ from functools import cache
 import numpy as np
 
 from rig.tactile.slip.channel import MOST_KEYS, Channel, JointKey
-from rig.tactile.slip.loops import align_alone, align_jointly, align_together, weights_of
+from rig.tactile.slip.loops import align_alone, align_jointly, correlation_at, weights_of
 from rig.tactile.slip.texture import beyond_noise, summed_tensor
 
-# Compiling that takes longer is told.
-TOLD_AFTER_S = 3.0
+# Compiling that takes longer is reported.
+REPORTED_AFTER_S = 3.0
 
 
 @cache
 def compile_all() -> None:
     """Compile all loops, or load what was compiled, once: not when a contact first shows on a bench."""
-    told = threading.Timer(TOLD_AFTER_S, _tell)
-    told.daemon = True
-    told.start()
+    report = threading.Timer(REPORTED_AFTER_S, _report)
+    report.daemon = True
+    report.start()
     planes, point = np.zeros((8, 8, 3), np.float32), np.zeros(1, np.complex64)
     ones, none = np.ones(1, np.float32), np.zeros((6, 3, 1), np.float32)
     slopes = Channel(
@@ -28,12 +28,13 @@ def compile_all() -> None:
     texture = Channel(planes, point, 3.5 + 3.5j, none[0], ones, none[:3], turns=2.0)
     both = slopes, weights_of(slopes), texture, weights_of(texture)
     align_alone(slopes, ones, 1.0, (0.0, 0j), 1, False)
-    align_together(*both, 0.0, 0j, (1.0, 1.0), 1)
+    correlation_at(*both[:2], 0.0, 0j)
+    correlation_at(*both[2:], 0.0, 0j)
     key = JointKey(*both, 1.0, 0.0, 0j)
     align_jointly((key,) * MOST_KEYS, (0.0, 0j), 0.0, 1.0, (1.0, 1.0), 1)
     beyond_noise(summed_tensor(planes, planes), planes[..., 0].copy(), 0.0, 1)
-    told.cancel()
+    report.cancel()
 
 
-def _tell() -> None:
+def _report() -> None:
     logging.getLogger(__name__).warning("compiling the estimator's inner loops, once an installation")

@@ -28,14 +28,14 @@ from rig.tactile.slip.kalman import HORIZON_S, RateFilter
 from rig.tactile.slip.registration import MAX_ITERATIONS
 from rig.tactile.slip.settling import Tearing
 from rig.tactile.slip.texture import TextureField, fine_scale
-from rig.tactile.slip.tracker import TEXTURE_NOISE_RAD, Tracked
+from rig.tactile.slip.tracker import Tracked
 from rig.tactile.slip.turning import shipped_turning
 
 NOISE_BLUR_PX = 0.7
 # A contact gone for longer is a new grasp.
 FORGET_S = 0.5
-# A sigma follows what one frame says of it over this time: two fingertips are weighed by it, and a
-# weight that jumps makes the fused angle jump.
+# Time constant of the reported sigma: two fingertips are weighted by it, and a weight that jumps makes the
+# fused angle jump.
 SIGMA_PACE_S = 0.15
 JOINT = "joint alignment"
 OUTSIDE, ITERATIONS = "gradient outside the contact", "iterations after the last change"
@@ -76,7 +76,8 @@ class SlipEstimator(FreshFrameEstimator):
         self._seen_ns: int | None = None
         self._first_variance: float | None = None
         self._variance: float | None = None
-        self._joint, self._joint_filter, self._fusion = JointTracker(), RateFilter(), FusedAngle()
+        self._joint, self._fusion = JointTracker(), FusedAngle()
+        self._waiting: tuple[SeenContact, float] | None = None
         self.fused: Fused | None = None
         """The fused answer of the newest frame, for `rig benchmark sigma`."""
         self._follower = ContactFollower(self._filter, aspect is not None, skip)
@@ -122,7 +123,7 @@ class SlipEstimator(FreshFrameEstimator):
         if state is State.UNOBSERVABLE:
             return sample
         first = None if tracked is None else self._first_answer(sample, tracked)
-        joint = self._joint_angle(seen) if tracked is None or texture.computed is not None else None
+        joint = self._joint_angle(seen, state, first)
         watch.lap(JOINT)
         self.fused = fused = self._fusion.update(time_ns / NS_PER_S, first, joint)
         if fused is None:
@@ -135,7 +136,7 @@ class SlipEstimator(FreshFrameEstimator):
         """Forget the contact."""
         self._follower.release(time_ns)
         self._joint.release()
-        self._joint_filter.restart()
+        self._waiting = None
         self._fusion.released()
 
     def _texture(self, image: Image, light: Light) -> TextureField:
@@ -151,19 +152,39 @@ class SlipEstimator(FreshFrameEstimator):
         self._follower.answered(angle, variance, tracked)
         self._first_variance = variance
         kept = min(tracked.inherited, variance)
-        leads = tracked.motion is not None
+        leads = tracked.fit is not None
         rate = self._filter.rate_rad_s
-        # The variance of this frame: what is reported is averaged over time later.
+        # The variance of this frame; the reported one is averaged over time.
         sigma = math.sqrt(total)
         return FirstAnswer(angle, rate, sigma, kept, tracked.shape_doubt, leads, tracked.corrected_rad)
 
-    def _joint_angle(self, seen: SeenContact) -> JointAngle | None:
-        """Return what the joint tracker answers."""
-        found = self._joint.follow(seen)
-        if found is None:
-            return None
-        angle = self._joint_filter.update(seen.time_ns / NS_PER_S, found.angle_rad, TEXTURE_NOISE_RAD)
-        return JointAngle(angle, self._joint_filter.rate_rad_s, found.score, found.own_rad)
+    def _joint_angle(self, seen: SeenContact, state: State, first: FirstAnswer | None) -> JointAngle | None:
+        """Return what the joint tracker answers to this frame; None if it is not run.
+
+        While the slopes lead, the answer does not depend on it. Then it follows a frame, and takes its
+        keyframes, during later frames without texture or a new keyframe, so that no frame takes the time of
+        all stages.
+        """
+        looked = seen.texture.computed is not None
+        if first is None or first.texture_leads:
+            self._catch_up()
+            return self._joint.follow(seen) if first is None or looked else None
+        if looked:
+            self._catch_up()
+            self._waiting = seen, first.angle_rad
+        elif state is not State.REKEYED and not self._catch_up():
+            self._joint.take_keyframe()
+        return None
+
+    def _catch_up(self) -> bool:
+        """Let the joint tracker follow the frame that waits for it; return whether one did."""
+        if self._waiting is None:
+            return False
+        (seen, first_rad), self._waiting = self._waiting, None
+        joint = self._joint.follow(seen)
+        if joint is not None:
+            self._fusion.take_late(joint, first_rad)
+        return True
 
     def _answer(
         self, sample: SlipSample, fused: Fused, tracked: Tracked | None, watch: Stopwatch

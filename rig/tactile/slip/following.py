@@ -16,7 +16,7 @@ from rig.tactile.sample import State, Stopwatch
 from rig.tactile.slip.axis_check import AxisAnchor, anchor
 from rig.tactile.slip.gradient import Box, LearntGradientMap, learn_map
 from rig.tactile.slip.height import Field, Gradient, only_within
-from rig.tactile.slip.kalman import RateFilter
+from rig.tactile.slip.kalman import RateFilter, unseen_variance
 from rig.tactile.slip.keyframe import Keyframe, make_keyframe
 from rig.tactile.slip.keys import Key
 from rig.tactile.slip.roundness import LEAST_TRACE, missed_rad
@@ -24,19 +24,18 @@ from rig.tactile.slip.sampling import BROAD_REACH_PX, GradientField
 from rig.tactile.slip.settling import Settling
 from rig.tactile.slip.texture import TextureField, make_texture_key
 from rig.tactile.slip.tracker import KeyframeTracker, Tracked
-from rig.tactile.slip.unseen import unseen_variance
 
 BOX_MARGIN_PX = BROAD_REACH_PX + 3
 # Below this contrast a turn leaves no trace (smooth balls and rings reach 0.15, ovals of axis ratio
 # 1.3 about 0.2) and the angle is refused. Where the image's edge cuts a ball off, the map learnt on
 # the rest makes up a direction (real balls reach 0.6).
 LEAST_CONTRAST, LEAST_CONTRAST_CLIPPED = 0.18, 0.7
-# A refused contact is looked at again after so many frames.
+# Frames until a refused contact is examined again.
 PATIENCE_FRAMES = 12
-# A settled contact that fits no keyframe for longer gets a new one; one that still grows, after so many
-# frames.
+# Time without a fitting keyframe after which a settled contact gets a new one, and number of frames for a
+# growing contact.
 GIVE_UP_S, DEFERRED_FRAMES = 0.25, 2
-# Where the texture does not lead it is looked at so often.
+# Period of the texture while the slopes lead.
 TEXTURE_PERIOD_S = 0.035
 TEXTURE = "texture"
 
@@ -72,7 +71,7 @@ class SeenContact:
 class ContactFollower:
     """Follows the contacts of one sensor.
 
-    motion: the filter that expects where a contact is; it is begun anew with a keyframe that was not
+    motion: the filter that expects where a contact is; it is restarted with a keyframe that was not
     tracked. aspect_known: see `angle_variance`. skip: see `SlipEstimator`. point_px, origin_px: where the
     grasp's first keyframe is now and was at first, work pixels.
     """
@@ -120,14 +119,14 @@ class ContactFollower:
     def _shape_doubt(self, tracked: Tracked, time_ns: int) -> float:
         """Return the variance that the contact's shape leaves open, rad^2: an arc, or a round contact."""
         by_pivot = max(0.0, tracked.pivot_rad**2 - tracked.base.pivot_rad**2)
-        # A turn that is taken for rest is none that there was no time for.
+        # A turn that appears as rest is limited by the time since the keyframe.
         possible = unseen_variance(0.0, (time_ns - self._key_ns) / NS_PER_S)
         missed = min(missed_rad(tracked.key.frame.trace) ** 2, possible)
         # What the key has inherited holds what its shape has left open until then.
         return by_pivot + max(0.0, missed - tracked.inherited)
 
     def _texture(self, seen: SeenContact, grasp: KeyframeTracker) -> TextureField | None:
-        """Return the frame's texture where it is due: always while it leads, else now and then.
+        """Return the texture of a frame if it is due: always while it leads, else periodically.
 
         A torn frame shows two moments: it does not decide whether the texture leads.
         """
@@ -151,7 +150,7 @@ class ContactFollower:
         firmer, self._firmer = self._firmer, False
         if firmer:
             settled, self._anchor = True, None
-        outgrown = (not tracked.good or tracked.motion is not None) and self._settling.outgrown(seen.region)
+        outgrown = (not tracked.good or tracked.fit is not None) and self._settling.outgrown(seen.region)
         if tracked.good and not settled and not outgrown:
             return None
         variance = max(tracked.variance, self._variance)
@@ -170,7 +169,7 @@ class ContactFollower:
         return placed
 
     def _missed(self, seen: SeenContact, watch: Stopwatch) -> tuple[State, Tracked | None]:
-        """Wait where nothing fits; begin anew where that has lasted too long."""
+        """Wait if no keyframe fits; restart if that has lasted too long."""
         self._misses += 1
         elapsed_s = (seen.time_ns - self._fitted_ns) / NS_PER_S
         patient = elapsed_s <= GIVE_UP_S if self._settling.settled else self._misses <= DEFERRED_FRAMES
@@ -191,7 +190,7 @@ class ContactFollower:
     def _restarted(
         self, seen: SeenContact, angle_rad: float, variance: float, watch: Stopwatch
     ) -> tuple[State, Tracked | None]:
-        """Take a keyframe of this frame at an angle that it did not tell."""
+        """Take a keyframe of this frame at an angle that it does not show."""
         again = self._answered
         begun = self._begin(seen, angle_rad, variance)
         watch.lap("keyframe")

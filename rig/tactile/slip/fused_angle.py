@@ -145,6 +145,14 @@ class FusedAngle:
             inherited = unseen
         return Fused(angle, self._rate(weight, first), variance + unseen, inherited, weight, terms)
 
+    def take_late(self, joint: JointAngle, first_rad: float) -> None:
+        """Take the joint tracker's answer to an earlier frame, in which the first tracker was at an angle."""
+        at_first = first_rad + self._first_zero
+        if self._joint is None:
+            self._joint_zero = at_first - joint.angle_rad
+        turned = 0.0 if self._first_rad is None else self._first_rad - at_first
+        self._joint, self._joint_rad = joint, joint.angle_rad + self._joint_zero + turned
+
     def _angles(
         self, first: FirstAnswer | None, joint: JointAngle | None
     ) -> tuple[float | None, float | None]:

@@ -1,24 +1,25 @@
 """Specks, scratches and cuts of the gel: seen in the background, they rest whatever an object does.
 
-Under a contact their look changes, and what changes there is crisp: it fits perfectly where it was, and says
-that nothing turned. Where the background has a mark, a frame shows what stands around it instead.
+Under a contact they change, and the change is sharp: it fits perfectly at its old position, as if nothing had
+turned. Therefore the marks of the background are replaced by their surroundings in every frame.
 """
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csr_array
 
 from drivers.types import Image
 from rig.tactile.contact.relative import DARK_OFFSET
 from rig.tactile.slip.height import Field
 from rig.tactile.slip.texture import FINE_PX, NOISE_PX
 
-# A mark changes so many times as much as what is around it (median of a square this wide, px) and as the
+# Ratio of the change at a mark to that around it (median of a square this wide, px) and to that of the
 # whole background: streaks of light and a codec's blocks stay below.
 TIMES_AROUND, TIMES_OVERALL, AROUND_PX = 3.5, 2.5, 25
 # What changes by less, relative to the light, is nothing even where the rest is all alike.
 LEAST_CHANGE = 1e-3
-# A mark reaches so far beyond where it is found, and is filled from a rim so wide, by what is so near, px.
+# Margin of a mark, width of the rim that it is filled from, standard deviation of the fill weights, px.
 REACH_PX, RIM_PX, FILL_PX = 3, 3, 2.5
 # The plane through the rim is held level by this: where the picture ends, all of the rim lies on one side.
 LEVEL = 0.01
@@ -29,14 +30,16 @@ MOST_SHARE = 0.05
 class GelMarks:
     """The marks of one gel.
 
-    marked: where they are, (h, w), as `found_marks` tells. size: width and height of what is mended.
+    marked: mask of the marks, (h, w), see `found_marks`. size: width and height of the differences.
     """
 
     def __init__(self, marked: Image, size: tuple[int, int]) -> None:
         inside = cv2.resize(marked, size, interpolation=cv2.INTER_AREA) > 0
         rim = cv2.dilate(inside.astype(np.uint8), np.ones((2 * RIM_PX + 1, 2 * RIM_PX + 1), np.uint8)) > 0
         self._marked, self._rim = np.flatnonzero(inside), np.flatnonzero(rim & ~inside)
-        self._weights = _weights(self._marked, self._rim, size[0])
+        weights = _weights(self._marked, self._rim, size[0])
+        # Weights below the rounding of a difference are left out: a dense product takes ten times as long.
+        self._weights = csr_array(weights * (np.abs(weights) > np.finfo(np.float32).eps))
 
     def mended(self, difference: Field) -> Field:
         """Return a difference (h, w, 3) with its marks filled from around; without any, itself."""
@@ -48,7 +51,7 @@ class GelMarks:
 
 
 def found_marks(background: Image, fine: tuple[int, int]) -> Image:
-    """Return where a background has marks, (h, w), 255 or 0. fine: width and height looked at."""
+    """Return where a background has marks, (h, w), 255 or 0. fine: width and height of the mask."""
     light = cv2.resize(background.astype(np.float32), fine, interpolation=cv2.INTER_AREA)
     sharp = cv2.subtract(light, cv2.GaussianBlur(light, (0, 0), FINE_PX)) / (light + DARK_OFFSET)
     sharp = cv2.GaussianBlur(sharp, (0, 0), NOISE_PX)
@@ -67,7 +70,7 @@ def found_marks(background: Image, fine: tuple[int, int]) -> Image:
 def _weights(marked: NDArray[np.intp], rim: NDArray[np.intp], width: int) -> NDArray[np.float32]:
     """Return how much each pixel of the rim counts for each marked one, (M, R): its plane, fitted nearby.
 
-    A mean of what is near would flatten the slope of a contact that lies across a mark.
+    A mean of the neighbours would flatten the slope of a contact that lies across a mark.
     """
     down, across = (
         np.subtract.outer(one.astype(np.float64), other.astype(np.float64)) / FILL_PX

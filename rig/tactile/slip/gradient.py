@@ -2,15 +2,15 @@
 
 A slope of the gel brightens or darkens each colour by how far it faces that colour's LED, so the
 relative difference of a frame is about a linear map of the surface gradient, and the map changes
-slowly over the gel because the LEDs are near. Nobody knows the map of a sensor that was never
-calibrated, but two facts pin it down from a single picture of a contact:
+slowly over the gel because the LEDs are near. The map of an uncalibrated sensor is
+unknown, but two facts determine it from a single picture of a contact:
 
-- what is wanted is the gradient of a height, so its field has no curl;
+- the result is the gradient of a height, so its field has no curl;
 - the height is zero outside the dent, so by parts the first moments of the field are
   `sum g_i x_j = -delta_ij V`, with V the volume of the dent.
 
 The map is the one with least curl (all scales alike: the energy of the field's solenoidal part in
-Fourier space) at unit volume, with a ridge that keeps it plain where the contact says little. It
+Fourier space) at unit volume, with a ridge that keeps it constant if the contact has little information. It
 needs no LED positions, no assumed colours and no press of a known ball. Its scale is arbitrary.
 """
 

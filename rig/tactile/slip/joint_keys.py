@@ -8,15 +8,13 @@ import math
 from dataclasses import dataclass, replace
 
 from drivers.types import Image
-from rig.tactile.slip.channel import MOST_KEYS, JointKey, some_of
-from rig.tactile.slip.evidence import SLOPE_POINTS
+from rig.tactile.slip.channel import MOST_KEYS, JointKey
 from rig.tactile.slip.gradient import LearntGradientMap, learn_map
 from rig.tactile.slip.height import Field
-from rig.tactile.slip.keyframe import Keyframe, make_keyframe
-from rig.tactile.slip.keys import ContactPose
-from rig.tactile.slip.loops import weights_of
+from rig.tactile.slip.keyframe import make_keyframe
+from rig.tactile.slip.keys import ContactPose, Key
 from rig.tactile.slip.sampling import GradientField
-from rig.tactile.slip.texture import TextureField, TextureKey, make_texture_key, richness
+from rig.tactile.slip.texture import TextureField, make_texture_key, richness
 
 # A keyframe is added where the texture is richer than in any other by this factor, or the contact has
 # turned by this angle from all others. Those poorer than this share of
@@ -24,8 +22,8 @@ from rig.tactile.slip.texture import TextureField, TextureKey, make_texture_key,
 RICHER, FURTHER_RAD, LEAST_RICHNESS = 1.3, math.radians(14.0), 0.5
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class RichKeyframe:
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class RichKeyframe(Key):
     """A keyframe with what it was made of, so that it can be made again with another colour map.
 
     difference: (h, w, 3). mask: (h, w) uint8, 1 in the contact. richness: root energy of its texture.
@@ -33,27 +31,15 @@ class RichKeyframe:
 
     difference: Field
     mask: Image
-    frame: Keyframe
-    texture: TextureKey
-    pose: ContactPose
     richness: float
-
-    def facing(self, field: GradientField, texture: TextureField, weight: float) -> JointKey:
-        """Return this keyframe with a frame to align to it. weight: of this keyframe among the others."""
-        slopes = some_of(self.frame.within(field), -(-len(self.frame.points_px) // SLOPE_POINTS))
-        fine = self.texture.within(texture, self.frame.center_px)
-        lever = complex(self.pose.point_px - self.frame.center_px)
-        return JointKey(
-            slopes, weights_of(slopes), fine, weights_of(fine), weight, self.pose.angle_rad, lever
-        )
 
     def with_map(self, learnt: LearntGradientMap) -> "RichKeyframe | None":
         """Return this keyframe as another colour map shows it; None if it then has too few points."""
         frame = make_keyframe(learnt.apply(self.difference), self.mask)
         if frame is None:
             return None
-        texture = self.texture.counted_from(frame.center_px - self.frame.center_px)
-        return replace(self, frame=frame, texture=texture)
+        moved = frame.center_px - self.frame.center_px
+        return replace(self, frame=frame, texture=self.texture and self.texture.counted_from(moved))
 
 
 class RichKeyframes:
@@ -76,7 +62,8 @@ class RichKeyframes:
         """Return the keyframes that are rich enough, with a frame to align to them, weighted by richness."""
         best = self.richest
         rich = (key for key in self._keys if key.richness >= LEAST_RICHNESS * best)
-        return [key.facing(field, texture, key.richness / best) for key in rich]
+        facing = (key.facing(field, texture, key.richness / best) for key in rich)
+        return [key for key in facing if key is not None]
 
     def wants(self, texture: TextureField, mask: Image, angle_rad: float) -> bool:
         """Whether a frame at an angle should become a keyframe."""
@@ -108,7 +95,8 @@ class RichKeyframes:
         self.map = used
         point = frame.center_px if point_px is None else point_px
         pose = ContactPose(angle_rad, point)
-        self._keys.append(RichKeyframe(difference, mask, frame, fine, pose, rich))
+        key = RichKeyframe(frame, fine, pose, 0.0, difference=difference, mask=mask, richness=rich)
+        self._keys.append(key)
         if len(self._keys) > MOST_KEYS:
             self._keys.remove(min(self._keys[:-1], key=lambda key: key.richness))
         return point

@@ -1,7 +1,7 @@
 """Angle and rate over time from noisy angles: a constant-rate Kalman filter at the frames' own times.
 
-At rest it averages a frame's noise away; when the angles say that the object moves otherwise than
-expected it opens up and follows at once (a filter with manoeuvre detection, as in Bar-Shalom, Li and
+At rest it averages the noise of the frames. When the angles deviate from the prediction, it follows at
+once (a filter with manoeuvre detection, as in Bar-Shalom, Li and
 Kirubarajan, Estimation with Applications to Tracking and Navigation, 2001, chapter 11).
 """
 
@@ -18,13 +18,18 @@ MOVING_DENSITY, REST_DENSITY = 4.0, 0.04
 # The one passes into the other over this time.
 CALMING_S = 0.025
 # The object moves otherwise when the last surprises, each in its own standard deviations, add up to
-# this many standard deviations of so many: by chance less than once in an hour at 60 Hz.
+# this many standard deviations of their sum: by chance less than once in an hour at 60 Hz.
 MOVES_SIGMAS, MOST_SURPRISES = 5.3, 4
-# An alignment's noise is told as if pixels erred by themselves; neighbours err a little together.
+# The noise of an alignment assumes independent pixels; those of neighbours are slightly correlated.
 NOISE_RATIO, LEAST_NOISE_RAD = 1.2, math.radians(0.01)
 FIRST_RATE_RAD_S = 0.5
-# A rate says nothing of what an object does after so long.
+# A rate is extrapolated at most so far.
 HORIZON_S = 0.1
+
+# A held object that begins to slip, or one turned by hand, changes its rate at most so fast, one sigma.
+ACCELERATION_RAD_S2 = math.radians(300.0)
+# Beyond this nothing is known: all turns within a half turn to either side are as likely.
+ANY_TURN_RAD = math.pi / math.sqrt(12.0)
 
 
 @dataclass(slots=True)
@@ -55,7 +60,7 @@ class RateFilter:
             self.angle_rad, self.rate_rad_s = angle_rad, 0.0
             self._covariance = (noise, 0.0, FIRST_RATE_RAD_S**2)
         else:
-            elapsed_s = max(time_s - self.time_s, 0.0)  # below zero where a stream has begun anew
+            elapsed_s = max(time_s - self.time_s, 0.0)  # below zero if a stream was restarted
             self._density = max(REST_DENSITY, self._density * math.exp(-elapsed_s / CALMING_S))
             predicted, covariance = self._ahead(elapsed_s)
             if self._moves((angle_rad - predicted) / math.sqrt(covariance[0] + noise)):
@@ -88,3 +93,12 @@ class RateFilter:
         self.angle_rad = predicted + aa / spread * surprise
         self.rate_rad_s += ar / spread * surprise
         self._covariance = (aa * noise / spread, ar * noise / spread, rr - ar * ar / spread)
+
+
+def unseen_variance(rate_rad_s: float, elapsed_s: float) -> float:
+    """Return the variance of a turn that was not seen, rad^2: what the last rate leaves open.
+
+    rate_rad_s: as last seen; the object may have stopped or gone on. elapsed_s: since then.
+    """
+    speed = abs(rate_rad_s) + 0.5 * ACCELERATION_RAD_S2 * elapsed_s
+    return min(speed * elapsed_s, ANY_TURN_RAD) ** 2

@@ -1,6 +1,7 @@
 """The picture of a contact to which later frames are aligned (see `rig.tactile.slip.registration`)."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import cv2
 import numpy as np
@@ -23,16 +24,14 @@ MIN_POINTS, MAX_POINTS = 24, 600
 STEEP_SHARE = 0.6
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Keyframe:
     """The gradients of a contact to which later frames are aligned.
 
     center_px: where points_px, (N,) complex64, are counted from. template: (2, N) float32, x and y of the
     gradients, sharpened. squares: (N,) of their lengths. weights: (N,), lower where steep.
-    jacobian: (6, 2, N) for rotation (rad), x, y (px), gain, slope along x and y. contrast: the share of the
-    energy of the gradients, as they are, that a rotation by 1 rad changes beyond what translation, gain and
-    slope can imitate: 0 for a smooth ball, about 1 and more for an edge. trace: see `trace_of_a_turn`.
-    pivot: see `pivot_doubt`. clipped: whether the contact reaches the image's edge.
+    jacobian: (6, 2, N) for rotation (rad), x, y (px), gain, slope along x and y. pixels: rows and columns of
+    the points. gradient, mask: (h, w), what it was made of.
     """
 
     center_px: complex
@@ -42,10 +41,34 @@ class Keyframe:
     weights: NDArray[np.float32]
     jacobian: NDArray[np.float32]
     energy: float
-    contrast: float
-    trace: float
-    pivot: float
-    clipped: bool
+    pixels: tuple[NDArray[np.intp], NDArray[np.intp]]
+    gradient: Gradient
+    mask: Image
+
+    @cached_property
+    def contrast(self) -> float:
+        """The share of the gradients' energy that only a rotation by 1 rad changes.
+
+        Translation, gain and slope cannot imitate it: 0 for a smooth ball, about 1 and more for an edge.
+        """
+        _, squares, jacobian = _linearised(self.gradient, self.points_px, *self.pixels)
+        return _contrast(jacobian, _energy(squares))
+
+    @cached_property
+    def trace(self) -> float:
+        """See `trace_of_a_turn`."""
+        return trace_of_a_turn(self.points_px, self.template, self.gradient, self.mask)
+
+    @cached_property
+    def pivot(self) -> float:
+        """See `pivot_doubt`."""
+        return pivot_doubt(self.gradient, self.mask)
+
+    @property
+    def clipped(self) -> bool:
+        """Whether the contact reaches the image's edge."""
+        inner = self.mask[BORDER_PX:-BORDER_PX, BORDER_PX:-BORDER_PX]
+        return cv2.countNonZero(inner) < cv2.countNonZero(self.mask)
 
     def within(self, field: GradientField, step: int = 1) -> Channel:
         """Return this keyframe, or every step-th point of it, with a frame to find it in."""
@@ -75,7 +98,6 @@ def make_keyframe(gradient: Gradient, mask: Image) -> Keyframe | None:
     energy = _energy(squares)
     if not energy > 0.0:
         return None
-    _, plain_squares, plain_jacobian = _linearised(gradient, points, rows, columns)
     return Keyframe(
         center_px=center,
         points_px=points,
@@ -84,10 +106,9 @@ def make_keyframe(gradient: Gradient, mask: Image) -> Keyframe | None:
         weights=_plainness(squares, energy),
         jacobian=jacobian,
         energy=energy,
-        contrast=_contrast(plain_jacobian, _energy(plain_squares)),
-        trace=trace_of_a_turn(points, template, gradient, mask),
-        pivot=pivot_doubt(gradient, mask),
-        clipped=_clipped(mask),
+        pixels=(rows, columns),
+        gradient=gradient,
+        mask=mask,
     )
 
 
@@ -130,11 +151,6 @@ def _contrast(jacobian: NDArray[np.float32], energy: float) -> float:
     alike = np.ones(jacobian.shape[2], np.float32)
     inverse = np.linalg.inv(with_priors(normal_matrix(jacobian, alike), energy))
     return float(1.0 / (inverse[0, 0] * energy * 2 * jacobian.shape[2]))
-
-
-def _clipped(mask: Image) -> bool:
-    inner = mask[BORDER_PX:-BORDER_PX, BORDER_PX:-BORDER_PX]
-    return cv2.countNonZero(inner) < cv2.countNonZero(mask)
 
 
 def _contact_proper(gradient: Gradient, mask: Image) -> Image:

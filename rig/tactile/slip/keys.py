@@ -3,16 +3,34 @@
 import math
 from dataclasses import dataclass
 
+from rig.tactile.slip.channel import JointKey, some_of
 from rig.tactile.slip.keyframe import Keyframe
-from rig.tactile.slip.loops import turning
-from rig.tactile.slip.texture import TextureKey
+from rig.tactile.slip.loops import turning, weights_of
+from rig.tactile.slip.sampling import GradientField
+from rig.tactile.slip.texture import TextureField, TextureKey
 
-# From where it is expected, an object turns at most so far between two frames.
+# Largest turn of an object from its prediction between two frames.
 MAX_JUMP_RAD = math.radians(20.0)
-# A keyframe says something of a contact within this of its own angle.
+# Largest turn of a contact since a keyframe that is aligned to.
 NEAR_RAD = math.radians(25.0)
-# Two keyframes that tell angles further apart than this many standard deviations do not see the same.
+# Two keyframes whose angles differ by more standard deviations contradict each other.
 SAME_SIGMAS = 3.0
+# Highest speed of a contact that is followed, work pixels per frame.
+MOST_MOVING_PX = 3.0
+# Number of points of a keyframe's slopes beside its texture.
+SLOPE_POINTS = 300
+
+
+class PointMotion:
+    """The speed of a contact's point, work pixels per frame."""
+
+    def __init__(self) -> None:
+        self.per_frame_px = 0j
+
+    def update(self, moved_px: complex) -> None:
+        """Take the motion of the point in one frame."""
+        bounded = moved_px * min(1.0, MOST_MOVING_PX / max(abs(moved_px), 1e-9))
+        self.per_frame_px = 0.5 * (self.per_frame_px + bounded)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -39,6 +57,15 @@ class Key:
     pose: ContactPose
     variance: float
     pivot_rad: float = 0.0
+
+    def facing(self, field: GradientField, texture: TextureField, weight: float = 1.0) -> JointKey | None:
+        """Return this key with a frame to align to it; None without texture. weight: among other keys."""
+        if self.texture is None:
+            return None
+        slopes = some_of(self.frame.within(field), -(-len(self.frame.points_px) // SLOPE_POINTS))
+        fine = self.texture.within(texture, self.frame.center_px)
+        both = slopes, weights_of(slopes), fine, weights_of(fine)
+        return JointKey(*both, weight, self.pose.angle_rad, complex(self._lever_px))
 
     def near(self, angle_rad: float) -> bool:
         """Whether a contact at an angle may still look like this key."""

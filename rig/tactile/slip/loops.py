@@ -1,7 +1,7 @@
 """The inner loops of the alignments, compiled: reading a frame between pixels, weights, equations, steps.
 
 They run some hundred times a frame over a few hundred points: NumPy would spend most of that time on being
-called. Those that call one another stand in one file, because what is kept of a compiled loop (see
+called. Those that call one another stand in one file, because the cache of a compiled loop (see
 `rig.tactile.slip.compiled`) does not notice a change in another.
 
 Places and vectors are complex numbers, x (right) + i y (down). Sums are of double precision.
@@ -19,13 +19,13 @@ from rig.tactile.slip.compiled import compiled
 Sums = NDArray[np.float64]
 
 # Turn and shift come first among the parameters of slopes; gain and a constant slope along x and y follow.
-# Those stay free where the contact tells them from rotation and small where it does not: prior weights of
+# They stay free if the contact separates them from rotation, else small: prior weights of
 # gain, in template energy, and of slope, in pixels; of slopes alone, and of slopes and texture together.
 MOTION, PARAMETERS = 3, 6
 GAIN_PRIOR, SLOPE_PRIOR = 50.0, 20.0
 GAIN_PRIOR_TOGETHER, SLOPE_PRIOR_TOGETHER = 1e-3, 10.0
-# Which points count, and so the normal matrix, is decided twice: at the guess, and so many iterations on.
-ANEW_AFTER = 2
+# The weights of the points and the normal matrix are computed twice: at first, and in this iteration.
+RENEWED_AFTER = 2
 # A step this small is the last one needed: the next would be several times smaller.
 DONE_RAD, DONE_PX = 5e-5, 1.5e-3
 DONE_TOGETHER_RAD, DONE_TOGETHER_PX = 5e-4, 1.5e-2
@@ -155,14 +155,14 @@ def _pulls(key: Channel, points: Values, residuals: Values) -> Sums:
 def align_alone(
     key: Channel, points: Values, energy: float, start: tuple[float, complex], most: int, to_the_end: bool
 ) -> Found:
-    """Align slopes in so many iterations at most; see `align`. points: weights, (N,). start: angle, shift."""
+    """Align slopes in at most `most` iterations; see `align`. points: weights, (N,). start: angle, shift."""
     angle_rad, shift_px = start
     used, inverse, step = points.copy(), np.zeros((PARAMETERS, PARAMETERS)), np.zeros(PARAMETERS)
     residuals, last_step, answer_rad, answer_px = values_at(key, 0.0, 0j), step, angle_rad, shift_px
     iteration, done = 0, False
     while iteration < most and (to_the_end or not done):
         values = values_at(key, angle_rad, shift_px)
-        if not done and (iteration == 0 or iteration == ANEW_AFTER):
+        if not done and (iteration == 0 or iteration == RENEWED_AFTER):
             for i in range(len(points)):
                 used[i] = points[i] if values[2, i] >= SEEN else 0.0
             normal = with_priors(normal_matrix(key.jacobian, used), energy)
@@ -196,11 +196,11 @@ def _equations(
     shift_px: complex,
     robust: Values,
     matrix: Sums,
-    anew: bool,
+    renew: bool,
 ) -> tuple[float, float, Sums]:
     """Return by what the matrix is weighted, by what the pulls are, and these, (P,).
 
-    robust, matrix: weights of the points and normal matrix, worked out here if `anew`.
+    robust, matrix: weights of the points and normal matrix, computed here if `renew`.
     """
     values, components, gain = values_at(key, angle_rad, shift_px), len(key.template), 1.0
     if components == 3:
@@ -216,7 +216,7 @@ def _equations(
             squares[i] += values[k, i] ** 2
     for i in range(len(robust)):
         misfit += weights.points[i] * squares[i]
-    if anew:
+    if renew:
         width = 2.0 * misfit / weights.total + 1e-20
         for i in range(len(robust)):
             robust[i] = weights.points[i] / (1.0 + squares[i] / width)
@@ -240,15 +240,15 @@ def key_equations(
     texture_points: Values,
     by_slopes: Sums,
     by_texture: Sums,
-    anew: bool,
+    renew: bool,
 ) -> tuple[Sums, Sums]:
     """Return the normal matrix (3, 3) and the pulls (3,) of one keyframe in turn and shift.
 
     Gain and constant slope of the slopes are eliminated by their Schur complement.
     """
-    one, along, pulls = _equations(slopes, slope_weights, angle_rad, shift_px, slope_points, by_slopes, anew)
+    one, along, pulls = _equations(slopes, slope_weights, angle_rad, shift_px, slope_points, by_slopes, renew)
     two, beside, further = _equations(
-        texture, texture_weights, angle_rad, shift_px, texture_points, by_texture, anew
+        texture, texture_weights, angle_rad, shift_px, texture_points, by_texture, renew
     )
     matrix, pulls = shares[0] * one * by_slopes, shares[0] * along * pulls
     matrix[:MOTION, :MOTION] += shares[1] * two * by_texture
@@ -263,47 +263,6 @@ def key_equations(
     eliminated = np.linalg.solve(others, across)
     motion = np.ascontiguousarray(matrix[:MOTION, :MOTION]) - across.T @ eliminated
     return motion, pulls[:MOTION] - eliminated.T @ np.ascontiguousarray(pulls[MOTION:])
-
-
-@compiled
-def align_together(
-    slopes: Channel,
-    slope_weights: Weights,
-    texture: Channel,
-    texture_weights: Weights,
-    angle_rad: float,
-    shift_px: complex,
-    shares: tuple[float, float],
-    most: int,
-) -> tuple[float, complex]:
-    """Return angle and shift found from a start by both channels. shares: of slopes and texture."""
-    by_slopes, by_texture = np.zeros((PARAMETERS, PARAMETERS)), np.zeros((MOTION, MOTION))
-    slope_points, texture_points = np.zeros_like(slope_weights.points), np.zeros_like(texture_weights.points)
-    for iteration in range(most):
-        anew = iteration == 0 or iteration == ANEW_AFTER
-        one, along, pulls = _equations(
-            slopes, slope_weights, angle_rad, shift_px, slope_points, by_slopes, anew
-        )
-        two, beside, further = _equations(
-            texture, texture_weights, angle_rad, shift_px, texture_points, by_texture, anew
-        )
-        matrix, pulls = shares[0] * one * by_slopes, shares[0] * along * pulls
-        matrix[:MOTION, :MOTION] += shares[1] * two * by_texture
-        pulls[:MOTION] += shares[1] * beside * further
-        for a in range(PARAMETERS):
-            matrix[a, a] += DAMPING * matrix[a, a] + 1e-9
-        matrix[3, 3] += GAIN_PRIOR_TOGETHER
-        matrix[4, 4] += SLOPE_PRIOR_TOGETHER
-        matrix[5, 5] += SLOPE_PRIOR_TOGETHER
-        step = np.linalg.solve(matrix, pulls)
-        turn = min(max(step[0], -MOST_TURN_STEP_RAD), MOST_TURN_STEP_RAD)
-        right = min(max(step[1], -MOST_STEP_PX), MOST_STEP_PX)
-        down = min(max(step[2], -MOST_STEP_PX), MOST_STEP_PX)
-        shift_px += turning(angle_rad) * complex(right, down)
-        angle_rad += turn
-        if abs(turn) < DONE_TOGETHER_RAD and abs(complex(right, down)) < DONE_TOGETHER_PX:
-            break
-    return angle_rad, shift_px
 
 
 @compiled
@@ -324,7 +283,7 @@ def align_jointly(
     normal, basis = np.zeros((3, 3)), np.zeros((3, 3))
     basis[0, 0] = 1.0
     for iteration in range(most):
-        anew = iteration == 0 or iteration == ANEW_AFTER
+        renew = iteration == 0 or iteration == RENEWED_AFTER
         normal[:] = 0.0
         pulls = np.zeros(3)
         for k in range(count):
@@ -346,7 +305,7 @@ def align_jointly(
                 texture_points[k, : len(key.texture_weights.points)],
                 by_slopes[k],
                 by_texture[k],
-                anew,
+                renew,
             )
             back, arm = factor.conjugate(), 1j * key.lever_px
             basis[1, 0], basis[1, 1], basis[1, 2] = arm.real, back.real, -back.imag

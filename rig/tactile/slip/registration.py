@@ -59,8 +59,8 @@ def align(
     """Align a frame with a keyframe, starting from a guess of angle and shift.
 
     Points that fall outside the contact do not count. to_the_end: iterate on when nothing changes
-    any more, and say what that would change. The answer stays: what depends on it, such as whether another
-    keyframe is due, may turn on the last digit.
+    any more, and return what that would change. The answer stays the same, because decisions such as a
+    further keyframe may depend on the last digit.
     """
     weights = key.weights if weights is None else weights * key.weights
     start = angle_rad, complex(shift_px)

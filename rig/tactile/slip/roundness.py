@@ -1,8 +1,8 @@
 """Round contacts: whether anything shows a turn, or only what the learnt map makes up.
 
 A smooth ball looks the same however it is turned. But the map from colours to slopes is linear and a sensor
-is not, so that a steep ball seems to have a pattern, which rests with the lights. How large that is the field
-itself tells: a map that errs leaves curl, and slopes of a height have none.
+is not, so that a steep ball seems to have a pattern, which rests with the lights. The field
+itself shows its size: a wrong map leaves curl, and slopes of a height have none.
 """
 
 import math
@@ -41,7 +41,7 @@ def trace_of_a_turn(
 
 
 def missed_rad(trace: float) -> float:
-    """Return one standard deviation of a turn of 20 degrees that is taken for rest, or in part."""
+    """Return one standard deviation of a turn of 20 degrees that appears as rest, or in part."""
     return MISSED_RAD * (ALL_MISSED_TRACE / trace) ** MISSED_POWER
 
 
@@ -73,8 +73,8 @@ def _directions(height: int, width: int) -> tuple[Field, Field, Field]:
     length = np.hypot(kx, ky)
     used = (length > 0.0) & (length < HIGHEST_FREQUENCY)
     per_length = used / np.where(used, length, 1.0)
-    unit_x, unit_y, told = kx * per_length, ky * per_length, used.astype(np.float32)
-    return unit_x.astype(np.float32), unit_y.astype(np.float32), told
+    unit_x, unit_y, shares = kx * per_length, ky * per_length, used.astype(np.float32)
+    return unit_x.astype(np.float32), unit_y.astype(np.float32), shares
 
 
 def _squares(values: Gradient) -> Field:

@@ -1,4 +1,4 @@
-"""A frame's gradients as an alignment looks at them: sharpened."""
+"""The gradients of a frame, sharpened for the alignment."""
 
 import cv2
 import numpy as np
@@ -6,7 +6,7 @@ import numpy as np
 from drivers.types import Image
 from rig.tactile.slip.height import Box, Gradient, within
 
-# What is broad in a contact's slopes is less to be trusted than what is fine: the gel gives way around
+# Broad slopes of a contact are less reliable than fine ones: the gel gives way around
 # the contact, the map is a little wrong, and an arc that slides along itself keeps its outline. So much
 # of the mean over this many pixels around is taken off (standard deviation and reach of the window).
 BROAD_PX, BROAD_REACH_PX, BROAD_SHARE = 2.0, 4, 0.6

@@ -1,16 +1,16 @@
-"""What a contact's region says of a frame: whether it still grows, and whether it is to be believed."""
+"""Whether a contact still grows, and whether a frame is torn, by the contact's region."""
 
 from drivers.clock import to_ns
 from rig.tactile.contact.gate import Region
 from rig.tactile.contact.steadiness import Steadiness
 
-# A contact has settled when it has not grown for so many frames, and for so long: fingers that close step by
+# Number of frames and time without growth after which a contact has settled: fingers that close step by
 # step rest for a tenth of a second between two steps, and a keyframe of a light touch fits no firm grip.
 SETTLED_FRAMES, SETTLED_S = 5, 0.15
 # Until then its keyframe is out of date when the contact has changed by this share.
 RENEWED_SHARE = 0.3
 # An area that jumps by half, up or down, from one frame to the next is no growth: a frame is torn, or a
-# video's codec has begun anew.
+# video's codec has restarted.
 TORN_RATIO = 1.5
 
 
@@ -44,7 +44,7 @@ class Settling:
 
 
 class Tearing:
-    """Tells frames of which no keyframe should be taken, by the contact's area."""
+    """Detects torn frames by the area of the contact; no keyframe is taken of them."""
 
     def __init__(self) -> None:
         self._area_px: int | None = None

@@ -1,9 +1,9 @@
 """A contact's fine texture: where the picture has lines, edges and marks, and which way they run.
 
-The gel's bulge under an object is broad, stays where it is pressed and takes its colours from the LEDs. The
-object's lines and marks are fine and turn with it. What is fine in a frame is its relative difference less
-its surroundings; the structure tensor of that, summed over the colours, says how strongly and which way
-it changes, whatever the LEDs' colours and the line's side (Bigun and Granlund, ICCV 1987). It has two parts:
+The gel's bulge under an object is broad, stays in place and takes its colours from the LEDs. The
+object's lines and marks are fine and turn with it. The fine structure of a frame is its relative difference
+less its surroundings. Its structure tensor, summed over the colours, gives strength and direction of the
+change, whatever the LEDs' colours and the line's side (Bigun and Granlund, ICCV 1987). It has two parts:
 strength (it stays when the object turns) and direction, as a complex number of twice the angle, which a
 turn by d multiplies by exp(-2 i d).
 """
@@ -20,17 +20,17 @@ from rig.tactile.slip.channel import Channel
 from rig.tactile.slip.compiled import compiled
 from rig.tactile.slip.height import Field
 
-# Seen with so many pixels per work pixel, where the sensor has them.
+# Pixels per work pixel, if the resolution of the sensor allows it.
 FINENESS = 2
 # At that fineness: fine is what a blur by the first takes away; noise is blurred away by the second, and
 # neighbours agree on a direction over the third (standard deviations in pixels).
 FINE_PX, NOISE_PX, NEIGHBOURS_PX = 4.0, 1.0, 0.8
-# What changes less than this multiple of the picture's median is noise; what is stronger counts by its root,
+# Changes below this multiple of the picture's median are noise; stronger ones count by their root,
 # so that one edge does not outweigh all lines.
 NOISE_MEDIANS = 1.8
-# Blurs reach in from the border so far; what is there rests with the image.
+# Blurs reach in from the border so far; structure there rests with the image.
 MARGIN_PX = 10
-# A texture is told by its strongest points, within this reach of the contact in work pixels.
+# Number of the strongest points that describe a texture, and their reach around the contact, work pixels.
 MOST_POINTS, FEWEST_POINTS, REACH_PX = 600, 30, 6
 
 
@@ -55,7 +55,7 @@ class TextureField:
 
 
 def fine_scale(shape: tuple[int, ...], size: tuple[int, int]) -> int:
-    """Return how many pixels per work pixel are looked at. size: width and height of the work copy."""
+    """Return the number of pixels per work pixel. size: width and height of the work copy."""
     return max(1, min(FINENESS, shape[1] // size[0], shape[0] // size[1]))
 
 
@@ -75,7 +75,7 @@ class TextureKey:
     jacobian: NDArray[np.float32]
 
     def counted_from(self, moved_px: complex) -> "TextureKey":
-        """Return this texture with its points counted from a center that is moved by so many work pixels."""
+        """Return this texture with its points relative to a center moved by some work pixels."""
         jacobian = self.jacobian.copy()
         # Turning about another point is turning about this one and a shift.
         jacobian[0] += moved_px.real * jacobian[2] - moved_px.imag * jacobian[1]
@@ -130,7 +130,7 @@ def richness(field: TextureField, mask: Image) -> float:
 
 
 def structure(difference: Field, scale: float) -> Field:
-    """Return direction and strength (h, w, 3) of what is fine in a relative difference (h, w, 3).
+    """Return direction and strength (h, w, 3) of the fine structure of a relative difference (h, w, 3).
 
     scale: of the widths above.
     """

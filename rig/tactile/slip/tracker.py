@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.tactile.slip.evidence import Motion
-from rig.tactile.slip.judge import Belief, Judge, still_fits
+from rig.tactile.slip.evidence import Fit
+from rig.tactile.slip.judge import Belief, by_texture, still_fits
 from rig.tactile.slip.keyframe import Keyframe
-from rig.tactile.slip.keys import MAX_JUMP_RAD, SAME_SIGMAS, ContactPose, Key
+from rig.tactile.slip.keys import MAX_JUMP_RAD, SAME_SIGMAS, ContactPose, Key, PointMotion
 from rig.tactile.slip.registration import Alignment, align
 from rig.tactile.slip.sampling import GradientField
 from rig.tactile.slip.texture import TextureField, TextureKey
@@ -25,22 +25,20 @@ MAX_KEYFRAMES = 6
 # Slopes that leave at most this unexplained are those of the object: simulated lifts leave 0.02 to 0.25, real
 # contacts in which a bulge of gel turns against a line 0.2 to 0.7.
 PLAIN_MISFIT = 0.25
-# Below this evidence nothing is believed: the contact is lost.
-LOST_EVIDENCE = 0.2
-# A contact's speed is followed up to so many work pixels a frame.
-MOST_MOVING_PX = 3.0
+# Below this score the contact is lost.
+LOST_SCORE = 0.2
 # Where the texture leads: noise of the angle from frame to frame.
 TEXTURE_NOISE_RAD = math.radians(0.3)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tracked:
-    """A frame's pose, by which key, and how well it fits.
+    """The pose of a frame, the key that it was aligned to, and how well it fits.
 
     variance: of the angle, rad^2. base: the key whose variance is part of it. alignment: of the slopes.
-    motion: where the texture led, what speaks for it, else None. own_rad: there, one standard deviation of
-    what this frame says alone. shape_doubt: what an arc or a round contact adds to the variance. pivot_rad:
-    see `Key`. corrected_rad: by how much the contact's long axis has changed the angle in this frame.
+    fit: if the texture leads, how well the key fits, else None. shape_doubt: what an arc or a round contact
+    adds to the variance. pivot_rad: see `Key`. corrected_rad: by how much the contact's long axis has changed
+    the angle in this frame.
     """
 
     pose: ContactPose
@@ -48,8 +46,7 @@ class Tracked:
     variance: float
     base: Key
     alignment: Alignment | None = None
-    motion: Motion | None = None
-    own_rad: float = 0.0
+    fit: Fit | None = None
     shape_doubt: float = 0.0
     pivot_rad: float = 0.0
     corrected_rad: float = 0.0
@@ -77,7 +74,7 @@ class Tracked:
             worst = GOOD_MISFIT if found.settled else UNSETTLED_MISFIT
             return found.misfit <= worst and found.overlap >= GOOD_OVERLAP
         turned_rad = self.pose.angle_rad - self.key.pose.angle_rad
-        return self.motion is not None and still_fits(self.motion, turned_rad)
+        return self.fit is not None and still_fits(self.fit, turned_rad)
 
 
 class KeyframeTracker:
@@ -100,9 +97,8 @@ class KeyframeTracker:
         self._keys = [Key(first, texture, ContactPose(angle_rad, first.center_px), variance)]
         self._key = self._keys[0]
         self._pose = self._key.pose
-        self._moving_px = 0j
+        self._motion = PointMotion()
         self._weights: NDArray[np.float32] | None = None
-        self._judge = Judge()
         self.texture_leads = False
 
     def track(
@@ -110,7 +106,7 @@ class KeyframeTracker:
     ) -> Tracked | None:
         """Return the pose in a frame, None where no keyframe fits.
 
-        texture: None where it is not looked at. expected_rad: where to start from.
+        texture: None if it is not due. expected_rad: the initial angle.
         """
         expected = ContactPose(expected_rad, self._pose.point_px)
         found = self._by_slopes(field, expected)
@@ -118,7 +114,8 @@ class KeyframeTracker:
         if texture is not None:
             self.texture_leads = belief is not None
         if belief is not None:
-            if belief.motion.evidence < LOST_EVIDENCE:
+            far = abs(belief.fit.pose.angle_rad - self._pose.angle_rad) > MAX_JUMP_RAD
+            if belief.fit.score < LOST_SCORE or far:
                 return None
             key = self._keys[-1]
             found = Tracked(
@@ -126,21 +123,19 @@ class KeyframeTracker:
                 key,
                 belief.variance,
                 key,
-                motion=belief.motion,
-                own_rad=belief.own_rad,
+                fit=belief.fit,
             )
         return None if found is None else self._accept(found)
 
     def _believed(
         self, field: GradientField, texture: TextureField, found: Tracked | None, expected: ContactPose
     ) -> Belief | None:
-        """Return what slopes and texture say together; None where the slopes' pose stands."""
-        start = replace(expected, point_px=expected.point_px + self._moving_px)
+        """Return the pose by slopes and texture together; None if the pose of the slopes stands."""
+        start = replace(expected, point_px=expected.point_px + self._motion.per_frame_px)
         if found is not None and not self.texture_leads:
             start = found.pose
         by_slopes = found.pose if found is not None and found.misfit <= PLAIN_MISFIT else None
-        leads = self.texture_leads
-        return self._judge.judged(self._keys, field, texture, start, self._pose, by_slopes, leads)
+        return by_texture(self._keys, field, texture, start, by_slopes, self.texture_leads)
 
     def _by_slopes(self, field: GradientField, expected: ContactPose) -> Tracked | None:
         older = self._surest(expected.angle_rad)
@@ -161,7 +156,7 @@ class KeyframeTracker:
             del self._keys[1]
 
     def _surest(self, angle_rad: float) -> Key | None:
-        """Return the surest of the other keys that are near, where it is surer than the one in use."""
+        """Return the near key of least variance, if that is less than the variance of the key in use."""
         near = [k for k in self._keys if k.near(angle_rad)]
         surest = min(near, key=lambda k: k.variance, default=self._key)
         return surest if surest.variance < self._key.variance else None
@@ -176,7 +171,7 @@ class KeyframeTracker:
         return None
 
     def _near(self, key: Key, field: GradientField, expected: ContactPose) -> Tracked | None:
-        """Align with a key; None where it does not fit or turns further than an object does."""
+        """Align with a key; None if it does not fit or turns further than an object does."""
         found = self._aligned(key, field, expected)
         if found is None or abs(found.pose.angle_rad - expected.angle_rad) > MAX_JUMP_RAD:
             return None
@@ -193,8 +188,7 @@ class KeyframeTracker:
         return Tracked(pose, key, key.variance + own, key, alignment)
 
     def _accept(self, found: Tracked) -> Tracked:
-        moved = found.pose.point_px - self._pose.point_px
-        self._moving_px = 0.5 * (self._moving_px + moved * min(1.0, MOST_MOVING_PX / max(abs(moved), 1e-9)))
+        self._motion.update(found.pose.point_px - self._pose.point_px)
         self._key, self._pose = found.key, found.pose
         self._weights = None if found.alignment is None else found.alignment.weights
         key = found.key  # whichever it is, what fits it is the arc that the newest one shows
@@ -204,7 +198,7 @@ class KeyframeTracker:
 
 
 def _fused(newer: Tracked, older: Tracked) -> Tracked:
-    """Return what two keys tell together, by their variances; the newer's alone where they contradict.
+    """Return the fused pose of two keys, by their variances; the newer's alone if they contradict.
 
     What both inherit from the older key is the same error in both.
     """

@@ -1,8 +1,8 @@
-"""What of a contact's texture turns with the object, as a network tells it from one picture.
+"""Which texture of a contact turns with the object, predicted by a network from one picture.
 
 Lines, edges and marks of the object turn; the rim of a gel's bulge, its specks and a codec's blocks rest. A
-small network that has seen many simulated contacts turn (`rig train-turning`) tells them apart by their
-looks, before anything has moved.
+small network that has seen many simulated contacts turn (`rig train-turning`) separates them by their
+appearance, before anything has moved.
 """
 
 from functools import cache
@@ -19,18 +19,17 @@ from rig.tactile.contact.model_files import MODELS, open_model, run_model
 from rig.tactile.slip.height import Field
 from rig.tactile.slip.texture import FINENESS
 
-# The network answers for squares of so many pixels, and takes sides that are multiples of the second.
+# Side of the squares that the network predicts, px, and the multiple of px that its input has as sides.
 SHARE_PX, MULTIPLE_PX = 2, 16
-# Texture counts more from the first share that turns, fully from the second, never less than the third says:
-# what looks like nothing that the network has seen still tells a turn. Set on the development half of the
-# labelled real clips.
+# The weight of texture grows between the first two shares that turn, from the third value to 1: texture that
+# the network does not know still shows a turn. Set on the development half of the labelled real clips.
 RESTING, TURNING, LEAST_COUNT = 0.1, 0.7, 0.35
 SHIPPED = "turning.onnx"
 _HOW = "rig train-turning"
 
 
 class TurningNetwork:
-    """Tells the share of a picture's texture that turns."""
+    """Predicts the share of the texture of a picture that turns."""
 
     def __init__(self, session: onnxruntime.InferenceSession, name: str) -> None:
         entries, answers = session.get_inputs(), session.get_outputs()

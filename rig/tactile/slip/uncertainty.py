@@ -1,10 +1,10 @@
-"""How sure an angle is: one standard deviation of noise and of what is not modelled.
+"""Standard deviation of an angle: noise and model errors.
 
 Noise is the smaller part: thousands of pixels average it away. What remains is the gel giving way
 at the contact's edge, colours that saturate, a map learnt on one picture. Such errors grow with
 what the alignment leaves unexplained and shrink with what a turn changes, so their sigma is taken
-proportional to misfit over the root of contrast. The factor was fitted on objects by which nothing
-is judged: the simulated ones that no trial uses (seed 1000, 42 lifts). With 5, 6.5 and 8 degrees 87,
+proportional to misfit over the root of contrast. The factor was fitted on objects outside all
+benchmarks: the simulated ones that no trial uses (seed 1000, 42 lifts). With 5, 6.5 and 8 degrees 87,
 90 and 91 % of their answers are within two sigma; the least that keeps nine in ten was taken. What
 remains is not of this kind: seven tenths of it are three bent contacts, off by 5 to 15 % of the turn;
 elsewhere an object jerks between two frames of the markers.

@@ -52,6 +52,24 @@ firsts = st.none() | st.builds(
 joints = st.none() | st.builds(JointAngle, angles, st.just(0.0), st.floats(0.0, 2.3), st.floats(0.0, 0.5))
 
 
+def test_answer_of_the_joint_tracker_may_come_one_frame_late_while_the_slopes_lead() -> None:
+    in_time, late = FusedAngle(), FusedAngle()
+    for i in range(40):
+        first = replace(FIRST, angle_rad=0.01 * i)
+        joint = replace(JOINT, angle_rad=0.008 * i)
+        expected = in_time.update(i * PERIOD_S, first, joint)
+        answer = late.update(i * PERIOD_S, first, None)
+        late.take_late(joint, first.angle_rad)
+        assert expected is not None
+        assert answer is not None
+        assert answer.angle_rad == expected.angle_rad
+    leading = replace(FIRST, angle_rad=0.4, texture_leads=True)
+    after = [of.update(40 * PERIOD_S, leading, replace(JOINT, angle_rad=0.32)) for of in (in_time, late)]
+    assert after[0] is not None
+    assert after[1] is not None
+    assert after[1].angle_rad == pytest.approx(after[0].angle_rad, abs=1e-3)
+
+
 @given(st.lists(st.tuples(firsts, joints), min_size=2, max_size=30))
 def test_angle_never_changes_faster_than_the_motion_prior_allows(
     frames: list[tuple[FirstAnswer | None, JointAngle | None]],

@@ -9,9 +9,10 @@ import pytest
 from rig.tactile.contact.gate import ContactGate
 from rig.tactile.slip.channel import MOST_KEYS
 from rig.tactile.slip.following import SeenContact, TextureOnDemand
+from rig.tactile.slip.fused_angle import JointAngle
 from rig.tactile.slip.height import Field
 from rig.tactile.slip.joint_keys import RichKeyframes
-from rig.tactile.slip.joint_tracker import JointAnswer, JointTracker
+from rig.tactile.slip.joint_tracker import JointTracker
 from rig.tactile.slip.loops import values_at
 from rig.tactile.slip.sampling import GradientField
 from rig.tactile.slip.texture import TextureField, make_texture_key, richness
@@ -43,7 +44,7 @@ def seen(angle_deg: float, frame: int, strength: float = 1.0, torn: bool = False
     return SeenContact(work, TextureOnDemand(lambda: TextureField(fine, 2)), region, torn, frame * PERIOD_NS)
 
 
-def followed(turns_deg: list[float]) -> list[JointAnswer | None]:
+def followed(turns_deg: list[float]) -> list[JointAngle | None]:
     tracker = JointTracker()
     return [tracker.follow(seen(20.0 + turn, i)) for i, turn in enumerate(turns_deg)]
 
@@ -57,6 +58,17 @@ def test_line_that_turns_on_a_resting_bulge_is_followed_beyond_the_first_keyfram
     turned = math.degrees(answers[-1].angle_rad - answers[2].angle_rad)
     assert turned == pytest.approx(turns[-1], abs=1.5)
     assert answers[-1].score > 0.5
+
+
+def test_keyframes_taken_between_frames_change_no_answer() -> None:
+    at_once, between = JointTracker(), JointTracker()
+    for i in range(24):
+        expected, answer = (tracker.follow(seen(20.0 + 2.0 * i, i)) for tracker in (at_once, between))
+        assert expected is not None
+        assert answer is not None
+        assert answer.angle_rad == expected.angle_rad
+        assert answer.score == expected.score
+        between.take_keyframe()
 
 
 def test_no_keyframe_is_taken_from_a_torn_frame() -> None:

@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Callable, Iterable
-from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -14,12 +13,12 @@ from rig.tactile.sample import SlipSample, State
 from rig.tactile.slip.axis_check import anchor
 from rig.tactile.slip.estimator import SlipEstimator
 from rig.tactile.slip.height import Gradient
-from rig.tactile.slip.keyframe import make_keyframe
+from rig.tactile.slip.kalman import unseen_variance
+from rig.tactile.slip.keyframe import Keyframe, make_keyframe
 from rig.tactile.slip.keys import ContactPose, Key
 from rig.tactile.slip.sampling import GradientField
 from rig.tactile.slip.settling import Tearing
 from rig.tactile.slip.tracker import KeyframeTracker, Tracked
-from rig.tactile.slip.unseen import unseen_variance
 
 Image = NDArray[np.uint8]
 Draw = Callable[..., Image]
@@ -112,12 +111,18 @@ def test_a_chain_of_keyframes_is_held_by_its_surest(press: Draw) -> None:
     assert math.degrees(math.sqrt(tracked.variance)) < 5.0
 
 
+def with_pivot(frame: Keyframe, share: float) -> Keyframe:
+    """Return a keyframe as if an unknown pivot left open this share of a turn."""
+    vars(frame)["pivot"] = share
+    return frame
+
+
 def test_pivot_uncertainty_grows_over_keyframes_and_shrinks_on_the_way_back() -> None:
     half_axes = (18.0, 7.0)
     first, newer = (make_keyframe(*dent(turn, half_axes)) for turn in (0.0, 10.0))
     assert first is not None
     assert newer is not None
-    tracker = KeyframeTracker(replace(first, pivot=0.5), None, 0.0, 0.0)
+    tracker = KeyframeTracker(with_pivot(first, 0.5), None, 0.0, 0.0)
 
     def turned_to(angle_deg: float) -> Tracked:
         tracked = tracker.track(field(angle_deg, half_axes, 0.0), None, math.radians(angle_deg))
@@ -127,7 +132,7 @@ def test_pivot_uncertainty_grows_over_keyframes_and_shrinks_on_the_way_back() ->
 
     there = turned_to(10.0)
     assert math.degrees(there.pivot_rad) == pytest.approx(5.0, abs=0.3)
-    tracker.add_key(Key(replace(newer, pivot=0.5), None, there.pose, 1e-4, there.pivot_rad))
+    tracker.add_key(Key(with_pivot(newer, 0.5), None, there.pose, 1e-4, there.pivot_rad))
     assert math.degrees(turned_to(20.0).pivot_rad) == pytest.approx(10.0, abs=0.6)
     assert math.degrees(turned_to(1.0).pivot_rad) == pytest.approx(0.5, abs=0.3)
 

@@ -1,8 +1,6 @@
 """The texture of a contact: what is fine in it, whatever its colours, and which way it runs."""
 
 import math
-from types import SimpleNamespace
-from typing import Any
 
 import cv2
 import numpy as np
@@ -11,9 +9,7 @@ import pytest
 from drivers.types import Image
 from rig.tactile.sample import State
 from rig.tactile.slip.estimator import SlipEstimator
-from rig.tactile.slip.evidence import Motion
 from rig.tactile.slip.height import Field
-from rig.tactile.slip.judge import sigma_alone
 from rig.tactile.slip.loops import values_at
 from rig.tactile.slip.texture import FEWEST_POINTS, TextureField, fine_scale, make_texture_key, structure
 from support.drawn_sensor import specked
@@ -113,16 +109,3 @@ def test_specks_of_the_gel_that_darken_under_a_contact_do_not_hold_it() -> None:
     off = np.abs(answered - answered[0] - turns[9:])
     assert off.mean() < 1.0
     assert off.max() < 5.0, "held for three frames of 1.5 degrees at most: at the start, after a keyframe"
-
-
-def test_sigma_grows_with_low_contrast_and_poor_texture_fit() -> None:
-    def sigma(contrast: float, slopes: float, texture: float) -> float:
-        key: Any = SimpleNamespace(frame=SimpleNamespace(contrast=contrast))
-        return sigma_alone(key, Motion(0.0, 0j, slopes, texture))
-
-    edge, egg = sigma(20.0, 0.93, 0.9), sigma(0.5, 0.93, 0.5)
-    assert edge < math.radians(1.0) < math.radians(3.0) < egg
-    assert sigma(20.0, 0.93, 0.5) > edge
-    assert sigma(20.0, 0.5, 0.9) > edge
-    assert math.isfinite(sigma(0.2, -1.0, 0.0))
-    assert sigma(20.0, 1.0, 1.0) > 0.0

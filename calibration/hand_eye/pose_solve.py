@@ -9,8 +9,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.hand_eye.closed_form import CLOSED_FORMS, Transforms, motions
-from calibration.hand_eye.observability import Observability, assess_motion, observability
+from calibration.hand_eye.closed_form import (
+    CLOSED_FORMS,
+    Observability,
+    Transforms,
+    assess_motion,
+    motions,
+    observability,
+)
 from calibration.hand_eye.pose_pairs import (
     USUAL_NOISE,
     PosePairs,

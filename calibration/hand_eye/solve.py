@@ -8,8 +8,14 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from calibration.camera.model import CameraModel
-from calibration.hand_eye.closed_form import CLOSED_FORMS, Transforms, nearest_rotation
-from calibration.hand_eye.observability import Observability, assess_motion, observability
+from calibration.hand_eye.closed_form import (
+    CLOSED_FORMS,
+    Observability,
+    Transforms,
+    assess_motion,
+    nearest_rotation,
+    observability,
+)
 from calibration.hand_eye.refine import Refined, refine
 from calibration.hand_eye.samples import (
     HandEyeSample,

@@ -15,7 +15,7 @@ from drivers.interfaces import FrameSource
 from drivers.types import HandState, Holding, Pose
 from rig.sessions.files import state_folder, write_file, write_json
 from rig.tactile.contact.finder import ContactFinder
-from rig.tactile.contact.steadiness import TOUCH_FRAMES
+from rig.tactile.contact.gate import TOUCH_FRAMES
 
 FRAME_S = 1.0
 """Largest age of a stored frame, and time limit for the next one."""

@@ -25,7 +25,7 @@ from rig.config import BenchConfig
 from rig.live.onlookers import Event, tell
 from rig.tactile.contact.background import mean_background
 from rig.tactile.contact.finder import ContactFinder
-from rig.tactile.contact.steadiness import TouchDebounce
+from rig.tactile.contact.gate import TouchDebounce
 
 
 @dataclass(frozen=True, slots=True)

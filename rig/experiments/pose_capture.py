@@ -7,7 +7,7 @@ from drivers.types import Frame, Image
 from protocols.observer import LiftEvents
 from protocols.record_grasps import CaptureObserver, HandObserver
 from rig.tactile.contact.finder import ContactFinder
-from rig.tactile.contact.steadiness import TouchDebounce
+from rig.tactile.contact.gate import TouchDebounce
 
 FRAMES_APART = 3
 """Images of one grip are this many frames apart, so that they differ by more than noise."""

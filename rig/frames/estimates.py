@@ -15,7 +15,7 @@ from rig.frames.series import FrameSeries
 from rig.frames.slip_alarm import STABLE_FRAMES, slips
 from rig.frames.times import FrameTime
 from rig.sessions.table_files import csv_bytes
-from rig.tactile.contact.steadiness import SETTLED_SHARE
+from rig.tactile.contact.gate import SETTLED_SHARE
 from rig.tactile.sample import SlipSample, State, TactileEstimator
 
 # The zero is the first frame of stable full contact: the contact's area is constant over the next frames, at

@@ -12,7 +12,7 @@ import numpy as np
 
 from drivers.clock import NS_PER_S
 from rig.lift.onset import OnsetAlarm
-from rig.tactile.contact.steadiness import Steadiness
+from rig.tactile.contact.gate import Steadiness
 from rig.tactile.sample import SlipSample
 
 STABLE_FRAMES = 6

@@ -18,7 +18,7 @@ from rig.lift.object_angle import ZERO_S, ObjectAngle
 from rig.lift.slip_watch import SlipWatch
 from rig.sessions.records import MarkerDistance
 from rig.tactile.contact.background import mean_background
-from rig.tactile.contact.steadiness import TouchDebounce
+from rig.tactile.contact.gate import TouchDebounce
 from rig.tactile.estimators import EstimatorChoice
 from rig.tactile.sample import State, TactileEstimator
 

@@ -19,9 +19,8 @@ from numpy.typing import NDArray
 
 from drivers.clock import NS_PER_S
 from drivers.types import Image
-from rig.tactile.contact.gate import ContactGate, Region
+from rig.tactile.contact.gate import ContactGate, Region, Steadiness
 from rig.tactile.contact.relative import RelativeDifference, full_area, work_size
-from rig.tactile.contact.steadiness import Steadiness
 from rig.tactile.sample import FreshFrameEstimator, SlipSample, State, Stopwatch
 
 NOISE_BLUR_PX = 1.0

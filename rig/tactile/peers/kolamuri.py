@@ -24,8 +24,8 @@ from drivers.errors import InputError
 from drivers.types import Image
 from rig.tactile.contact.dots import Points, find_dots, without_markers
 from rig.tactile.contact.finder import Contact, ContactFinder
+from rig.tactile.contact.gate import Steadiness
 from rig.tactile.contact.relative import full_area
-from rig.tactile.contact.steadiness import Steadiness
 from rig.tactile.sample import FreshFrameEstimator, SlipSample, State, Stopwatch, check_frame
 
 # Search radius of a marker as a fraction of the distance to its nearest neighbour.

@@ -1,8 +1,7 @@
 """Whether a contact still grows, and whether a frame is torn, by the contact's region."""
 
 from drivers.clock import to_ns
-from rig.tactile.contact.gate import Region
-from rig.tactile.contact.steadiness import Steadiness
+from rig.tactile.contact.gate import Region, Steadiness
 
 # Number of frames and time without growth after which a contact has settled: fingers that close step by
 # step rest for a tenth of a second between two steps, and a keyframe of a light touch fits no firm grip.

@@ -1,6 +1,6 @@
 """The rules for touch and for a settled contact."""
 
-from rig.tactile.contact.steadiness import Steadiness, TouchDebounce
+from rig.tactile.contact.gate import Steadiness, TouchDebounce
 
 
 def settled_at(levels: list[float], frames: int, drifting: bool = False) -> list[bool]:

@@ -17,6 +17,7 @@ from drivers.types import Image
 from support.command_line import rig
 from support.desk_frames import desk_frames
 from support.foxglove_client import first_message
+from support.marks import long
 
 
 @pytest.fixture(scope="module")
@@ -83,7 +84,12 @@ def test_ctrl_c_ends_it_wherever_it_is(waits: str) -> None:
 
 @pytest.mark.parametrize(
     ("moment", "times"),
-    [("typer", 1), ("rig.cli.main", 1), ("multiprocessing.reduction", 1), ("numpy", 2), ("rig.live.desk", 1)],
+    [
+        ("typer", 1),
+        ("numpy", 2),
+        ("rig.live.desk", 1),
+        *long(("rig.cli.main", 1), ("multiprocessing.reduction", 1)),
+    ],
 )
 def test_ctrl_c_while_it_starts_ends_it_without_a_traceback(moment: str, times: int) -> None:
     """The signal comes once this module is imported, in the command or in its page's process."""

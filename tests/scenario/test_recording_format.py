@@ -56,7 +56,7 @@ def test_recording_holds_its_metadata_camera_frames_and_outlines(
         (about,) = reader.iter_metadata()
         said = {
             "object": "t2", "name": "toothbrush", "lift": "1", "seed": str(row.seed),
-            "simulated": "SIMULATED", "estimator": "pca", "bench": light_bench.name,
+            "simulated": "SIMULATED", "estimator": "slip", "bench": light_bench.name,
         }  # fmt: skip
         assert said.items() <= about.metadata.items()
         assert about.metadata["tool_version"][0].isdigit()

@@ -64,7 +64,7 @@ SEEN = """(() => {
   out.paper = getComputedStyle(document.body).backgroundColor;
   return JSON.stringify(out);
 })()"""
-"""Program that returns what is seen of a page. faint: texts with a contrast below 4.5."""
+"""Program that returns the measurements of a page. faint: texts with a contrast below 4.5."""
 FLAWS = ("cut", "overlap", "small", "faint")
 
 
@@ -124,7 +124,7 @@ class Browser:
             self._next()
 
     def seen(self, address: str, width: int, scheme: str) -> dict[str, Any]:
-        """Open a page; return what is seen of it, see `SEEN`."""
+        """Open a page; return its measurements, see `SEEN`."""
         self.open(address, width, scheme)
         return json.loads(self.value(SEEN))
 

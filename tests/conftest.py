@@ -44,7 +44,7 @@ FUZZ_CASES, LONG_FUZZ_CASES = 200, 1000
 PROPERTY_CASES, LONG_PROPERTY_CASES = 15, 200
 """Examples drawn for each property test that names no number, without and with --long."""
 SLOW_FOLDERS = ("tests/cli/", "tests/scenario/", "tests/unit/rig/benchmark/")
-"""Their tests run commands, lifts and whole trials, many in processes of their own."""
+"""Folders whose tests run commands, lifts and whole trials, many of them in separate processes."""
 LONGEST_ID = 100
 """Longest text that stands in a test's name, characters."""
 ROOT = Path(__file__).parent.parent
@@ -102,14 +102,14 @@ def _belongs(item: pytest.Item, long: bool) -> bool:
 
 
 def pytest_sessionstart(session: pytest.Session) -> None:
-    """Have the estimator's loops compiled before any program of a test would, and say so."""
+    """Compile the loops of the estimator before the tests, and print this."""
     if not hasattr(session.config, "workerinput"):
         compile_all()
 
 
 @pytest.fixture(scope="session", autouse=True)
 def _own_memory(tmp_path_factory: pytest.TempPathFactory) -> None:
-    """What is remembered of hands, and of replays, is that of these tests, not of this computer's benches."""
+    """Keep the stored states of hands and replays of the tests separate from those of this computer."""
     os.environ["XDG_STATE_HOME"] = str(tmp_path_factory.mktemp("state"))
 
 
@@ -141,7 +141,7 @@ def real_data() -> Path:
 @pytest.fixture(scope="session")
 def real_clips() -> Path:
     """The folder of labelled real clips, as `rotation_clips/rebuild.py` makes it: RIG_CLIPS."""
-    folder = Path(os.environ.get("RIG_CLIPS", "clips that nobody named"))
+    folder = Path(os.environ.get("RIG_CLIPS", "no clips are given"))
     if not folder.is_dir():
         pytest.skip("no labelled real clips: make them with rotation_clips/rebuild.py and set RIG_CLIPS")
     return folder

@@ -1,4 +1,4 @@
-"""Teaching where an object is grasped: positions led or stepped to, measured, checked against all limits."""
+"""Teach the grasp positions of an object: move the hand there, measure the position, check all limits."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -27,7 +27,7 @@ from rig.config import BenchConfig, validation_text
 from rig.experiments.grasp_plans import grasp_pose
 
 BESIDE_M = 0.010
-"""How far beside the mark, along the closing direction, a hand may stand: the fingers centre the object."""
+"""Largest distance of the hand from the mark along the closing direction; the fingers centre the object."""
 TILTED_DEG = 3.0
 USUAL_LIFT_M = 0.05
 
@@ -81,7 +81,8 @@ def teach(
 ) -> list[TaughtPosition]:
     """Measure the positions at the bench and return them; nothing is written yet.
 
-    Raises `OperatorStopError` unless agreed, `DeviceError`; the arm is held and stands then.
+    Raises `OperatorStopError` if the person does not agree, and `DeviceError`. The arm then holds its
+    position.
     """
     text = f"{teaching_plan(lesson).text()}\nBegin?"
     with session_bench(lesson.config, person, text) as benches, benches.for_lift(seed, "teach") as place:
@@ -98,10 +99,10 @@ def teach(
 def _taught(lesson: Lesson, name: str, bench: Bench, operator: Operator) -> TaughtPosition:
     known = next((p for p in lesson.grasps.position if p.name == name), None)
     where = grasp_pose(bench.base_T_table, known or Position(name=name, offset_m=0.0, width_m=0.03), 0.0)
-    operator.look(f"Position '{name}': the fingers will open wide. Is nothing in their way, and shall they?")
+    operator.look(f"Position '{name}': the fingers will open wide. Is the space around them clear?")
     open_hand(bench)
     _bring(lesson, bench, operator, f"Bring the open fingers around {lesson.grasps.name} at '{name}'.", where)
-    operator.look("The fingers will close, step by step, until both fingertips touch. Shall they?")
+    operator.look("The fingers will close, step by step, until both fingertips touch. Close them?")
     taught = measure_width(
         bench, TouchObserver(tuple(t.sensor.serial for t in bench.fingertips)), lesson.grasps.name
     )
@@ -120,7 +121,7 @@ def _taught(lesson: Lesson, name: str, bench: Bench, operator: Operator) -> Taug
 def _bring(lesson: Lesson, bench: Bench, operator: Operator, question: str, where: Pose) -> Pose:
     if not lesson.by_hand:
         return step_by_keys(bench, operator, question, where)
-    operator.look(f"{question} The arm will give way to your hand: hold it now. Shall it?")
+    operator.look(f"{question} The arm will then follow your hand: hold it now. Continue?")
     return lead_by_hand(bench, operator, question, where, lesson.limit_s)
 
 
@@ -145,7 +146,7 @@ def judged(config: BenchConfig, name: str, taught: Taught, lift_m: float) -> Tau
 
 
 def _turned_deg(pose: Pose) -> tuple[float, float]:
-    """How far a hand is turned about the closing axis, and how far it is tilted besides."""
+    """Return the rotation of a hand about the closing axis, and its remaining tilt."""
     x_axis = pose.rotation.apply([1.0, 0.0, 0.0])
     turn_deg = float(np.degrees(np.arctan2(x_axis[2], x_axis[0])))
     straight = Rotation.from_euler("y", -turn_deg, degrees=True) * TOOL_DOWN
@@ -153,7 +154,7 @@ def _turned_deg(pose: Pose) -> tuple[float, float]:
 
 
 def _refused(config: BenchConfig, place: Position) -> Sequence[str]:
-    """What a trial would be refused at this position: room for the fingers, reach, limits, table, boxes."""
+    """Return why a trial would refuse this position: room for the fingers, reach, limits, table, boxes."""
     grasp, home = grasp_pose(Pose(config.table.position_m), place, 0.0), home_pose(config)
     way = (*way_to(home, grasp), grasp.translated(z_m=place.lift_height_m))
     found = list(make_plan(config, [], [PlannedMotion(place.name, grasp, way, TRAVEL_SPEED_M_S)]).refused)

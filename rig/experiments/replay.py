@@ -69,7 +69,7 @@ def run_replay(
 
 
 def _usable(folder: Path, interrupted: Sequence[InterruptedLift]) -> UsableLifts:
-    """Read the finished lifts. If there is none, this is an error only without an interrupted one."""
+    """Read the finished lifts. Raises `SessionError` if there is no finished and no interrupted lift."""
     try:
         return read_usable_lifts(folder)
     except SessionError as error:

@@ -1,4 +1,4 @@
-"""`rig calibrate`: from folders to files and pages, and what is said when that cannot be."""
+"""`rig calibrate`: from folders to files and pages, and its error messages."""
 
 import json
 import re

@@ -277,7 +277,7 @@ def test_recording_gives_one_table_of_its_fingertips(one_lift: Path, tmp_path: P
     }
     assert sum(map(len, by_sensor.values())) == len(done.rows)
     ends = [float([row for row in rows if row["angle_deg"]][-1]["angle_deg"]) for rows in by_sensor.values()]
-    assert ends[0] == pytest.approx(ends[1], abs=5.0), "both tell the object's angle"
+    assert ends[0] == pytest.approx(ends[1], abs=5.0), "both are the angle of the object"
     text = page.read_text()
     assert "SIMULATED" in text
     assert all(serial in text for serial in by_sensor)

@@ -142,4 +142,4 @@ def test_marker_calibration_accepts_own_object(lab: Path, tmp_path: Path) -> Non
     what = ("calibrate", "markers", "--object", "my lever", "--objects", lab / "objects", "--bench", "fake")
     done = rig(*what, "--out", tmp_path, "--json")
     assert done.returncode == 0, done.stderr
-    assert rig(*what[:4], "--bench", "fake").returncode == 2, "without its folder nobody knows it"
+    assert rig(*what[:4], "--bench", "fake").returncode == 2, "the object is unknown without its folder"

@@ -44,7 +44,7 @@ def names(folder: Path, *options: object) -> list[str]:
 def test_sessions_are_found_by_tags_and_objects(named: Path) -> None:
     assert names(named, "--tag", "gel-1") == ["s0", "s1"]
     assert names(named, "--tag", "gel-1", "--tag", "x") == ["s0"]
-    assert names(named, "--tag", "nobody's") == []
+    assert names(named, "--tag", "unused") == []
     assert len(names(named, "--object", "T2")) == len(names(named, "--object", "toothbrush")) == 3
     assert names(named, "--object", "wrench") == []
 
@@ -52,7 +52,7 @@ def test_sessions_are_found_by_tags_and_objects(named: Path) -> None:
 def test_sessions_are_sorted(named: Path) -> None:
     assert names(named, "--sort", "date") == ["s2", "s1", "s0"]
     assert names(named, "--sort", "date", "--reverse") == ["s0", "s1", "s2"]
-    assert names(named, "--sort", "name", "--reverse")[0] == "s0", "what has no name stands at the end"
+    assert names(named, "--sort", "name", "--reverse")[0] == "s0", "sessions without a name are last"
     assert names(named) == ["s0", "s1", "s2"]
 
 

@@ -38,7 +38,7 @@ def sessions(tmp_path_factory: pytest.TempPathFactory, two_lifts: Path) -> Path:
 
 
 def command_of(*arguments: str) -> list[str]:
-    """The command line as a process of its own."""
+    """Run the command line in a separate process."""
     return [sys.executable, "-m", "rig", *arguments]
 
 

@@ -365,7 +365,7 @@ def test_stamps_after_2038_are_rejected(one_lift: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("to", "says"),
+    ("to", "message"),
     [
         ("rosbag2", r"needs rosbags: pip install .*\[ros2\]"),
         ("rerun", r"needs rerun: pip install .*\[live\]"),
@@ -374,10 +374,10 @@ def test_stamps_after_2038_are_rejected(one_lift: Path, tmp_path: Path) -> None:
     ],
 )
 def test_missing_extra_is_named_with_the_command_that_installs_it(
-    to: str, says: str, one_lift: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    to: str, message: str, one_lift: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(extras, "find_spec", lambda name: None)
-    with pytest.raises(InputError, match=says):
+    with pytest.raises(InputError, match=message):
         export_session(one_lift, to, tmp_path / "out")
     assert not (tmp_path / "out").exists()
 

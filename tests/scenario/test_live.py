@@ -46,7 +46,7 @@ def test_the_file_opens_in_rerun_with_pictures_markers_arm_and_the_whole_curves(
     assert pictures | {"/camera/markers", "/arm/tcp", "/events", "/angle/estimate"} <= set(rows)
     stored = recorded_angles(one_lift / "lifts/001.mcap", FUSED_TOPIC)[FUSED_TOPIC]
     answered = sum(value.angle_deg is not None for value in stored)
-    # one row more says how the curve is drawn; a message may be lost, ten figures at a time
+    # a further row has the style of the curve; a message may be lost, ten figures at a time
     assert answered // 2 < rows["/angle/estimate"] <= answered + 1
     row = read_finished_lifts(one_lift)[0]
     assert rows["/camera"] <= row.frames["camera"]

@@ -43,7 +43,7 @@ def lab(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
 
 @pytest.fixture(scope="module")
 def session(lab: Path, light_bench: BenchConfig) -> Path:
-    """Two lifts, each measured in a process of its own."""
+    """Two lifts, each measured in a separate process."""
     folder = lab.parent / "trial"
     settings = TrialSettings(light_bench, 0, choose_estimator(MINE, window=2))
     run_trial(folder, settings, ["t2"], lifts=2, jobs=2)

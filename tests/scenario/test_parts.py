@@ -91,7 +91,7 @@ def desk(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def real_gel(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
-    """A bench file of one real sensor alone; beside it the sensor's module, and `pressed` where it is."""
+    """A bench file with one real sensor, and the module of the sensor; `pressed` exists during a press."""
     (tmp_path / "desk_gel.py").write_text(GEL)
     monkeypatch.syspath_prepend(tmp_path)
     file = tmp_path / "real.toml"

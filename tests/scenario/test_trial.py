@@ -80,7 +80,7 @@ def test_faulty_lift_is_kept_and_repeated_until_accepted(tmp_path: Path) -> None
 
 @pytest.fixture
 def command(light_bench_file: Path, tmp_path: Path) -> list[str]:
-    """What `rig` is asked for: three lifts into one session, gone on with where it was left."""
+    """Arguments of `rig`: three lifts into one session, which is continued after an interruption."""
     what = ["--object", "t2", "--lifts", "3", "--bench", str(light_bench_file), "--no-report"]
     return ["trial", *what, "--out", str(tmp_path / "session"), "--resume"]
 

@@ -23,8 +23,8 @@ SHORT_PHASES = (
 def rig(*arguments: object) -> "subprocess.CompletedProcess[str]":
     """Run `rig ARGUMENTS` away from a terminal; return its exit code and what it printed.
 
-    An error that the command line does not turn into a line and an exit code is raised here, as in
-    a process of its own it would end in a traceback.
+    An error that the command line does not turn into a line and an exit code is raised here; in a separate
+    process it would end in a traceback.
     """
     command = ["rig", *map(str, arguments)]
     out, err = io.StringIO(), io.StringIO()

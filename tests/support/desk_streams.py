@@ -42,7 +42,9 @@ def main() -> None:
     digits = [DeskDigit(f"STREAM{side}", side, clock.now_ns(), clock) for side in (1, -1)]
     servers = [MjpegServer(d.serial, partial(_drawn, d), 60.0, clock) for d in digits]
     for digit, server in zip(digits, servers, strict=True):
-        _drawn(digit, clock.now_ns() + 5 * 10**9)  # draw once before: what is cached takes a while to make
+        _drawn(
+            digit, clock.now_ns() + 5 * 10**9
+        )  # draw once before, because filling the caches takes a while
         server.start()
     print(*(server.url for server in servers), flush=True)
     sys.stdin.read()

@@ -132,7 +132,7 @@ class Gel:
         image = np.zeros((320, 240, 3), np.uint8)
         frames = {
             "frames": Frame(image, 1, 1, self.serial),
-            "another": Frame(image, 1, 1, "of somebody else"),
+            "another": Frame(image, 1, 1, "of another sensor"),
             "small": Frame(image[::2], 1, 1, self.serial),
             "float": Frame(image.astype(float), 1, 1, self.serial),
             "text": Frame(image, "now", 1, self.serial),

@@ -24,7 +24,7 @@ Path(__file__).with_name("imported").touch()
 
 
 class Mine(TactileEstimator):
-    """The answers of `pca`, so that rows can be compared."""
+    """Returns the samples of `pca`, so that rows can be compared."""
 
     def __init__(self, background):
         self.inner = choose_estimator("pca", 1).make(background)
@@ -33,18 +33,19 @@ class Mine(TactileEstimator):
         return self.inner.update(image, time_ns)
 
 
-class Told(TactileEstimator):
-    """Says what it was made with."""
+class Arguments(TactileEstimator):
+    """Reports the arguments of its constructor."""
 
     def __init__(self, background, *, aspect=None, sign=None):
-        self.told = aspect, sign
+        self.arguments = aspect, sign
 
     def update(self, image, time_ns):
-        return SlipSample(time_ns, State.TRACKING, np.float32(self.told[0]), np.int64(abs(self.told[1])))
+        aspect, sign = self.arguments
+        return SlipSample(time_ns, State.TRACKING, np.float32(aspect), np.int64(abs(sign)))
 
 
 class Numpy(Mine):
-    """Leaves nothing of its frame as it was, and answers with numpy's numbers."""
+    """Overwrites its frame, and returns NumPy scalars."""
 
     def update(self, image, time_ns):
         sample = super().update(image, time_ns)
@@ -82,7 +83,7 @@ function = len
 
 
 class Rubbish:
-    """Tells something else each time it is asked."""
+    """Returns a different invalid value on each call."""
 
     answers = [
         None, 3.5, SlipSample(-1, State.LOST), {"state": "lost"}, "angle nan", "angle text", "angle true",

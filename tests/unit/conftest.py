@@ -195,7 +195,7 @@ def _manifest(folder: Path, manifest: Manifest) -> None:
 
 @pytest.fixture(scope="session")
 def stored_trial_twice() -> Callable[[Path], Path]:
-    """Copies the stored trial, its lift a second time as lift 2, to where it may be written to."""
+    """Copies the stored trial to a writable folder, with its lift a second time as lift 2."""
 
     def copy(folder: Path) -> Path:
         import json

@@ -55,7 +55,7 @@ class WrenchSteps:
                 self._rest, self._due_ns = np.mean(self._resting, 0), state.time_ns
             return None
         self._gathered.append(state.wrench)
-        # Half a period earlier than due, so that the state nearest to the step's end completes it.
+        # A step is complete half a period early, so that the state nearest to its end completes it.
         if state.time_ns < self._due_ns + to_ns(0.5 * PERIOD_S):
             return None
         self._due_ns = max(self._due_ns + to_ns(PERIOD_S), state.time_ns)

@@ -1,4 +1,4 @@
 """The estimator `slip`: gradient, keyframes, alignment, filter, sigma.
 
-`estimator.py` puts the stages in order. Imports `rig.tactile.contact`.
+`estimator.py` runs the stages in order. Imports `rig.tactile.contact`.
 """

@@ -1,9 +1,9 @@
-"""Contacts that show one arc of the object, or a ring: its turn is seen only as far as the pivot is known.
+"""Detect contacts that show one arc of the object, or a ring: their rotation depends on an unknown pivot.
 
-An arc that turns about its own center looks the same. A turn about another pivot moves that center, by the
-angle times its distance from the pivot. The rest of the contact's outline is the gel's, and
-follows. A round fingertip against a rounded corner looks like this; so does a straight edge, whose center is
-so far off that the pivot does not matter.
+An arc that rotates about its own center looks the same. A rotation about another pivot moves the center by
+the angle times its distance from the pivot. The rest of the outline belongs to the gel. A round fingertip
+against a rounded corner looks like this. A straight edge is an arc, too, but its center is so far away that
+the position of the pivot does not matter.
 """
 
 import math
@@ -15,13 +15,14 @@ from numpy.typing import NDArray
 from drivers.types import Image
 from rig.tactile.slip.height import Gradient
 
-# The pivot is taken to be this share of the contact's radius (of a circle of its area) from its middle, one
-# sigma: simulated ones lie 1.2 mm off in contacts of 5 mm.
+# Assumed distance of the pivot from the middle of the contact, one sigma, as a fraction of the radius of a
+# circle of equal area. In simulated lifts it is 1.2 mm for contacts of 5 mm.
 PIVOT_SHARE = 0.25
-# An edge is where the squared slope is this share of what all but the steepest hundredth have.
+# A pixel belongs to an edge if its squared slope exceeds EDGE_SHARE times the quantile STEEPEST.
 EDGE_SHARE, STEEPEST = 0.5, 0.99
 LEAST_POINTS = 12
-# Places on one line are on circles of any size: so much, in squared pixels, keeps their equations solvable.
+# Ridge that keeps the equations solvable for points on one line, which are on circles of any size, px
+# squared.
 RIDGE = 1e-9
 # Slopes of one arc or ring point to its center by this share of their squares (0.88 to 1.00; two edges, a
 # corner or a line with ends 0.2 to 0.8), and are this near the circle, work pixels, rms. Slopes of a texture
@@ -30,7 +31,7 @@ ONE_ARC, THIN_PX = 0.88, 1.25
 
 
 def pivot_doubt(gradient: Gradient, mask: Image) -> float:
-    """Return the share of a turn, one sigma, that an unknown pivot leaves open; 0 without a lone arc.
+    """Return sigma of a rotation due to an unknown pivot, as a fraction of it; 0 without a lone arc.
 
     gradient: (h, w) complex. mask: (h, w) uint8, 1 in the contact.
     """
@@ -57,7 +58,7 @@ def pivot_doubt(gradient: Gradient, mask: Image) -> float:
 
 
 def _center(places: NDArray[np.complex128], weights: NDArray[np.float32]) -> complex:
-    """Return the center of the circle that places (N,) lie on, by the least squares of its equation."""
+    """Return the center of the circle through points (N,), by least squares of its equation."""
     rows = np.stack([places.real, places.imag, np.ones(len(places))])
     normal = (rows * weights) @ rows.T + RIDGE * weights.sum() * np.eye(3)
     solved = np.linalg.solve(normal, (rows * weights) @ (places.real**2 + places.imag**2))

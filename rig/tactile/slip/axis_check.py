@@ -12,13 +12,14 @@ import cv2
 
 from drivers.types import Image
 
-# Ratio of long to short axis (of the ellipse with the contact's second moments) from which on the
-# axis is asked; over simulated lifts it is then 0.65 degrees off, rms, and below 1.3 up to 2 degrees.
+# Smallest ratio of long to short axis (of the ellipse with the contact's second moments) for which the axis
+# is used. In simulated lifts the rms error of the axis is then 0.65 degrees; for ratios below 1.3 up to 2
+# degrees.
 LEAST_RATIO = 1.5
 # One standard deviation: a shifting load also changes the outline of the contact.
 SIGMA_RAD = math.radians(1.5)
-# An axis further off than this many standard deviations belongs to a contact of another shape, and so
-# does one whose area or ratio of axes has changed by more than this factor.
+# The contact is assumed to have another shape if its axis differs by more standard deviations than
+# GATE_SIGMAS, or if its area or ratio of axes has changed by more than the factor SAME_SHAPE.
 GATE_SIGMAS, SAME_SHAPE = 4.0, 1.25
 
 
@@ -33,9 +34,9 @@ class ContactShape:
 
 @dataclass(frozen=True, slots=True)
 class AxisAnchor:
-    """A contact's long axis when it was noted.
+    """The stored long axis of a contact.
 
-    zero_rad: the tracked angle at which it had the image angle 0. area_px, ratio: of the contact's shape.
+    zero_rad: the tracked angle at which the axis has the image angle 0. area_px, ratio: shape of the contact.
     """
 
     zero_rad: float
@@ -43,10 +44,10 @@ class AxisAnchor:
     ratio: float
 
     def corrected(self, mask: Image, angle_rad: float, variance: float) -> tuple[float, float]:
-        """Return angle and variance, bounded by the axis where the angle is less sure than that.
+        """Return angle and variance, corrected by the axis if the angle is less certain than the axis.
 
-        mask: (h, w) uint8, 1 in the contact. variance: rad^2. The variance never falls below the
-        axis's own, whose error is the same each time.
+        mask: (h, w) uint8, 1 in the contact. variance: rad^2. It never becomes smaller than that of the axis,
+        because the errors of the axis are correlated over the frames.
         """
         shape = contact_shape(mask) if variance > SIGMA_RAD**2 else None
         if shape is None or not self._like(shape):
@@ -57,7 +58,7 @@ class AxisAnchor:
         return angle_rad + gap * variance / (variance + SIGMA_RAD**2), SIGMA_RAD**2
 
     def _like(self, shape: ContactShape) -> bool:
-        """Whether a contact still has the shape whose axis was noted."""
+        """Whether a contact still has the shape for which the axis was stored."""
         pairs = ((shape.area_px, self.area_px), (shape.ratio, self.ratio))
         return all(max(pair) <= SAME_SHAPE * min(pair) for pair in pairs)
 

@@ -1,4 +1,4 @@
-"""A keyframe and a frame to find it in, as the compiled loops take them (`rig.tactile.slip.loops`)."""
+"""The input of the compiled loops (`rig.tactile.slip.loops`): a keyframe, and a frame to align with it."""
 
 from typing import NamedTuple
 
@@ -11,12 +11,13 @@ Values = NDArray[np.float32]
 
 
 class Channel(NamedTuple):
-    """The slopes of a keyframe (C = 2, P = 6), or its texture (C = 3, P = 3), and a frame to find them in.
+    """The slopes of a keyframe (C = 2, P = 6), or its texture (C = 3, P = 3), and the same of a frame.
 
-    planes: (h, w, 3), the frame's vectors, x and y, and of slopes 1 in the contact, of texture its strength.
-    points: (N,) complex64 from `center`. template: (C, N). squares: (N,) of its lengths. jacobian: (P, C, N).
-    turns: how many times its angle a vector turns. unit: of the template, times that of planes. scale:
-    pixels of planes per pixel of points. middle: where in them the first of those has its middle.
+    planes: (h, w, 3), of the frame: x and y of its vectors; for slopes 1 in the contact, for texture its
+    strength. points: (N,) complex64, relative to `center`. template: (C, N). squares: (N,), squared lengths
+    of the template. jacobian: (P, C, N). turns: a vector rotates by this multiple of the angle. unit: factor
+    from planes to the template. scale: pixels of planes per pixel of points. middle: position of the middle
+    of the first pixel of points in planes.
     """
 
     planes: Values
@@ -32,7 +33,7 @@ class Channel(NamedTuple):
 
 
 class Weights(NamedTuple):
-    """How much each point counts, (N,), and all of them; energy: of the template, so weighed."""
+    """Weights of the points, (N,), and their sum. energy: weighted energy of the template."""
 
     points: Values
     total: float
@@ -52,10 +53,10 @@ class JointKey(NamedTuple):
 
 
 class Found(NamedTuple):
-    """What `align_alone` found.
+    """Result of `align_alone`.
 
-    inverse: of the normal matrix, for the angle. used: (N,), weights of the points seen. squares: (N,), of
-    what remains. further_rad: see `Alignment`.
+    inverse: element of the inverse normal matrix for the angle. used: (N,), weights of the points inside the
+    contact. squares: (N,), squared residuals. further_rad: see `Alignment`.
     """
 
     angle_rad: float

@@ -1,4 +1,4 @@
-"""Compiles loops, by Numba: once an installation, kept beside their file or with the user's caches."""
+"""Compile loops with Numba, once per installation; cached beside their file or in the user's cache folder."""
 
 from collections.abc import Callable
 from typing import Any, TypeVar
@@ -11,7 +11,7 @@ _OPTIONS = {"fastmath": {"reassoc", "contract", "arcp", "nsz"}, "error_model": "
 
 
 def compiled(loop: _Loop) -> _Loop:
-    """Return a loop that is compiled when first called: in each process if no cache is writable."""
+    """Return a loop that is compiled at its first call; without a writable cache in each process."""
     dispatcher: Any = None
     try:
         dispatcher = numba.njit(cache=True, **_OPTIONS)(loop)

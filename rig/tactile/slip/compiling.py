@@ -16,7 +16,7 @@ REPORTED_AFTER_S = 3.0
 
 @cache
 def compile_all() -> None:
-    """Compile all loops, or load what was compiled, once: not when a contact first shows on a bench."""
+    """Compile all loops or load them from the cache, so that the first contact on a bench causes no delay."""
     report = threading.Timer(REPORTED_AFTER_S, _report)
     report.daemon = True
     report.start()
@@ -37,4 +37,4 @@ def compile_all() -> None:
 
 
 def _report() -> None:
-    logging.getLogger(__name__).warning("compiling the estimator's inner loops, once an installation")
+    logging.getLogger(__name__).warning("compiling the estimator's inner loops, once per installation")

@@ -1,9 +1,9 @@
 """The slip estimator: frame -> contact -> gradient -> alignment to a keyframe -> angle, rate, sigma.
 
-One tactile sensor, frame by frame, causal. A contact's first stable frame becomes the keyframe to
-which later frames are aligned, so errors do not add up over frames. Where the contact has changed
-too much for that (it grew, slid off the gel's edge, turned far), the newest frame that fits becomes
-a further keyframe, whose angle stays as uncertain as it was when it was taken.
+One tactile sensor, frame by frame, causal. The first stable frame of a contact becomes the keyframe to which
+later frames are aligned, so errors do not add up over frames. If the contact has changed too much (it grew,
+slid off the edge of the gel, or rotated far), the newest frame that fits becomes a further keyframe. The
+angle of a keyframe keeps the uncertainty at the time of the keyframe.
 """
 
 import math
@@ -39,15 +39,15 @@ FORGET_S = 0.5
 SIGMA_PACE_S = 0.15
 JOINT = "joint alignment"
 OUTSIDE, ITERATIONS = "gradient outside the contact", "iterations after the last change"
-"""What a frame with a contact can do without."""
+"""Stages that can be skipped for a frame with contact."""
 
 
 class SlipEstimator(FreshFrameEstimator):
     """The estimator `slip`.
 
     background: (H, W, 3) uint8 RGB, a frame without contact. aspect: width over height of a pixel
-    on the gel, from `rig calibrate tactile`; None where unknown (taken as 1, with a larger sigma).
-    skip: leave out what a frame does not need; without it the answers are the same, later.
+    on the gel, from `rig calibrate tactile`; None if unknown (1 is assumed, with a larger sigma).
+    skip: skip stages that a frame does not need; the samples are the same without it, but take longer.
 
     sigma_deg is of the turn since the contact settled, when its keyframe was taken. shift_px counts
     from there too.
@@ -79,11 +79,11 @@ class SlipEstimator(FreshFrameEstimator):
         self._joint, self._fusion = JointTracker(), FusedAngle()
         self._waiting: tuple[SeenContact, float] | None = None
         self.fused: Fused | None = None
-        """The fused answer of the newest frame, for `rig benchmark sigma`."""
+        """The fused angle of the newest frame, for `rig benchmark sigma`."""
         self._follower = ContactFollower(self._filter, aspect is not None, skip)
 
     def gripped_further(self) -> None:
-        """Take a keyframe of the contact as it is now, at its angle: it fits no other so well."""
+        """Take a keyframe of the present contact at its angle, because older keyframes fit it less well."""
         self._follower.gripped_further()
 
     def _estimate(self, image: Image, time_ns: int) -> SlipSample:
@@ -144,7 +144,7 @@ class SlipEstimator(FreshFrameEstimator):
         return TextureField(fine, self._scale, self._turning.counts(fine, self._scale))
 
     def _first_answer(self, sample: SlipSample, tracked: Tracked) -> FirstAnswer:
-        """Return what the keyframe tracker answers."""
+        """Return the filtered answer of the keyframe tracker."""
         total = tracked.variance + tracked.shape_doubt
         variance = self._steady(self._first_variance, total, sample)
         noise = max(tracked.noise_rad, 1e-5)
@@ -159,11 +159,11 @@ class SlipEstimator(FreshFrameEstimator):
         return FirstAnswer(angle, rate, sigma, kept, tracked.shape_doubt, leads, tracked.corrected_rad)
 
     def _joint_angle(self, seen: SeenContact, state: State, first: FirstAnswer | None) -> JointAngle | None:
-        """Return what the joint tracker answers to this frame; None if it is not run.
+        """Return the joint tracker's angle in this frame; None if the tracker does not run.
 
-        While the slopes lead, the answer does not depend on it. Then it follows a frame, and takes its
-        keyframes, during later frames without texture or a new keyframe, so that no frame takes the time of
-        all stages.
+        While the slopes lead, the fused angle does not depend on it. The tracker then processes a frame, and
+        takes its keyframes, during later frames without texture or a new keyframe, so that no frame needs the
+        time of all stages.
         """
         looked = seen.texture.computed is not None
         if first is None or first.texture_leads:
@@ -177,7 +177,7 @@ class SlipEstimator(FreshFrameEstimator):
         return None
 
     def _catch_up(self) -> bool:
-        """Let the joint tracker follow the frame that waits for it; return whether one did."""
+        """Let the joint tracker process the waiting frame; return whether there was one."""
         if self._waiting is None:
             return False
         (seen, first_rad), self._waiting = self._waiting, None
@@ -203,21 +203,21 @@ class SlipEstimator(FreshFrameEstimator):
         )
 
     def _steady(self, before: float | None, variance: float, sample: SlipSample) -> float:
-        """Return the variance to report, from that of one frame and the one reported before."""
+        """Return the variance to report, averaged from that of this frame and the previous one."""
         if before is None or self._last is None or sample.state is State.REKEYED:
             return variance
         elapsed_s = max(sample.time_ns - self._last.time_ns, 0) / NS_PER_S
         return variance + math.exp(-elapsed_s / SIGMA_PACE_S) * (before - variance)
 
     def _left_out(self, tracked: Tracked) -> tuple[str, ...]:
-        """Name what this frame did not need."""
+        """Return the names of the stages that this frame did not need."""
         if not self._skip:
             return ()
         early = tracked.alignment is not None and tracked.alignment.iterations < MAX_ITERATIONS
         return (OUTSIDE, ITERATIONS) if early else (OUTSIDE,)
 
     def _repeated(self, last: SlipSample, time_ns: int) -> SlipSample:
-        """Answer for a frame that is the last one again, from what was computed then."""
+        """Return the sample of a frame that repeats the previous one, without computing it again."""
         if last.angle_deg is None:
             return replace(last, time_ns=time_ns, stage_s={}, skipped=self.stages)
         ahead_s = min((time_ns - last.time_ns) / NS_PER_S, HORIZON_S)

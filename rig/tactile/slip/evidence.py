@@ -1,10 +1,10 @@
-"""How well keyframes and a frame fit at a pose, by slopes and by fine texture; and the pose that fits best.
+"""Align a frame with keyframes by slopes and fine texture, and score the fit at a pose.
 
 The slopes of a contact (`rig.tactile.slip.registration`) hold nearly all of the energy. Where they rotate
 with the object they show a rotation to a few hundredths of a degree. Under a smooth or soft object they are
 those of the gel's bulge, which does not rotate; a line, an edge or a mark (`rig.tactile.slip.texture`) does.
-Neither channel is right everywhere. Both are therefore aligned together, each weighted by how well it fits
-(the likelihood of a channel whose noise is unknown). Points that also fit at their old position get little
+Neither channel is always correct. Both are therefore aligned together, each weighted by the quality of its
+fit (the likelihood of a channel with unknown noise). Points that also fit at their old position get little
 weight, because they may belong to the gel.
 """
 
@@ -19,7 +19,7 @@ from rig.tactile.slip.channel import MOST_KEYS, JointKey
 from rig.tactile.slip.keys import ContactPose
 from rig.tactile.slip.loops import align_jointly, correlation_at, turning
 
-# A channel that leaves less of its energy than this unexplained has no higher score: the rest is not noise.
+# Smallest fraction of residual energy in the score; below it the residual is not noise.
 LEAST_UNEXPLAINED = 0.1
 # Weights of slopes and texture. Set on the augmented development clips: 1 and 0.25 lose 13 % of the labels.
 SHARES = 0.25, 1.0
@@ -61,7 +61,7 @@ def aligned(
 
 
 def fit_at(key: JointKey, pose: ContactPose) -> Fit:
-    """Return how well a keyframe fits at a pose."""
+    """Return the fit of a keyframe at a pose, without alignment."""
     turn = pose.angle_rad - key.angle_rad
     shift = complex(pose.point_px - turning(turn) * key.lever_px - key.slopes.center)
     slopes = correlation_at(key.slopes, key.slope_weights, turn, shift)

@@ -1,7 +1,7 @@
-"""One grasp after the other: which keyframe a contact is followed from, and when it gets another.
+"""Follow the grasps of one sensor: select the keyframe to align to, and decide when to take another.
 
-A keyframe is placed where its own frame is, as uncertain as it is there. Where nothing fits, the frame is
-waited out; what may have turned meanwhile is what the last rate leaves open.
+A keyframe gets the pose and the variance of its frame. If no keyframe fits, the angle is unknown until one
+fits again; the uncertainty of the rotation in the meantime follows from the last rate.
 """
 
 from collections.abc import Callable
@@ -26,9 +26,9 @@ from rig.tactile.slip.texture import TextureField, make_texture_key
 from rig.tactile.slip.tracker import KeyframeTracker, Tracked
 
 BOX_MARGIN_PX = BROAD_REACH_PX + 3
-# Below this contrast a turn leaves no trace (smooth balls and rings reach 0.15, ovals of axis ratio
-# 1.3 about 0.2) and the angle is refused. Where the image's edge cuts a ball off, the map learnt on
-# the rest makes up a direction (real balls reach 0.6).
+# Below this contrast a rotation does not change the image (smooth balls and rings reach 0.15, ovals with an
+# axis ratio of 1.3 about 0.2), and the angle is refused. If the edge of the image clips a ball, the map
+# learnt from the rest has an artificial direction (real balls then reach 0.6).
 LEAST_CONTRAST, LEAST_CONTRAST_CLIPPED = 0.18, 0.7
 # Frames until a refused contact is examined again.
 PATIENCE_FRAMES = 12
@@ -71,9 +71,9 @@ class SeenContact:
 class ContactFollower:
     """Follows the contacts of one sensor.
 
-    motion: the filter that expects where a contact is; it is restarted with a keyframe that was not
-    tracked. aspect_known: see `angle_variance`. skip: see `SlipEstimator`. point_px, origin_px: where the
-    grasp's first keyframe is now and was at first, work pixels.
+    motion: the filter that predicts the angle; it is restarted with a keyframe that was not tracked.
+    aspect_known: see `angle_variance`. skip: see `SlipEstimator`. point_px, origin_px: present and first
+    position of the grasp's first keyframe, work pixels.
     """
 
     def __init__(self, motion: RateFilter, aspect_known: bool, skip: bool) -> None:
@@ -85,22 +85,22 @@ class ContactFollower:
         self.release(0)
 
     def answered(self, angle_rad: float, variance: float, tracked: Tracked) -> None:
-        """Take what was answered to a frame: a further grasp begins there."""
+        """Store the reported angle of a frame, at which the next grasp begins."""
         self._angle_rad, self._variance, self._answered = angle_rad, variance, True
         self.point_px = tracked.pose.point_px
 
     def gripped_further(self) -> None:
-        """Take a keyframe of the next frame: the fingers have closed further."""
+        """Take a keyframe of the next frame, because the fingers have closed further."""
         self._firmer = True
 
     def follow(self, seen: SeenContact, watch: Stopwatch) -> tuple[State, Tracked | None]:
-        """Return the state and, where there is an answer, the pose."""
+        """Return the state and the pose; None if the pose is unknown."""
         settled = self._settling.update(seen.region, seen.time_ns)
         if self._grasp is None or self._map is None:
             return self._begun(seen, settled, watch)
         box = contact_box(seen.region.mask)
         gradient = self._map.apply(seen.difference, box if self._skip else None)
-        if not self._skip:  # beyond the box there is nothing of the contact
+        if not self._skip:  # outside the box there is no contact
             gradient = only_within(gradient, box)
         watch.lap("gradient")
         texture = self._texture(seen, self._grasp)
@@ -117,18 +117,18 @@ class ContactFollower:
         return (State.TRACKING, tracked) if renewed is None else (State.REKEYED, renewed)
 
     def _shape_doubt(self, tracked: Tracked, time_ns: int) -> float:
-        """Return the variance that the contact's shape leaves open, rad^2: an arc, or a round contact."""
+        """Return the variance due to the shape of the contact, rad^2: an arc, or a round contact."""
         by_pivot = max(0.0, tracked.pivot_rad**2 - tracked.base.pivot_rad**2)
-        # A turn that appears as rest is limited by the time since the keyframe.
+        # A rotation that the image does not show is limited by the time since the keyframe.
         possible = unseen_variance(0.0, (time_ns - self._key_ns) / NS_PER_S)
         missed = min(missed_rad(tracked.key.frame.trace) ** 2, possible)
-        # What the key has inherited holds what its shape has left open until then.
+        # The inherited variance of the key contains that of its shape until then.
         return by_pivot + max(0.0, missed - tracked.inherited)
 
     def _texture(self, seen: SeenContact, grasp: KeyframeTracker) -> TextureField | None:
         """Return the texture of a frame if it is due: always while it leads, else periodically.
 
-        A torn frame shows two moments: it does not decide whether the texture leads.
+        A torn frame contains parts of two images, so it does not decide whether the texture leads.
         """
         waited_s = (seen.time_ns - self._texture_ns) / NS_PER_S
         if not grasp.texture_leads and (seen.torn or waited_s < TEXTURE_PERIOD_S):
@@ -146,7 +146,7 @@ class ContactFollower:
     def _renewed(
         self, seen: SeenContact, gradient: Gradient, tracked: Tracked, settled: bool
     ) -> Tracked | None:
-        """Take the keyframe that a frame asks for, at its pose and as uncertain; None without a new one."""
+        """Take a keyframe of this frame, with its pose and variance, if one is needed; else return None."""
         firmer, self._firmer = self._firmer, False
         if firmer:
             settled, self._anchor = True, None
@@ -169,7 +169,7 @@ class ContactFollower:
         return placed
 
     def _missed(self, seen: SeenContact, watch: Stopwatch) -> tuple[State, Tracked | None]:
-        """Wait if no keyframe fits; restart if that has lasted too long."""
+        """Wait if no keyframe fits; restart after `GIVE_UP_S`."""
         self._misses += 1
         elapsed_s = (seen.time_ns - self._fitted_ns) / NS_PER_S
         patient = elapsed_s <= GIVE_UP_S if self._settling.settled else self._misses <= DEFERRED_FRAMES
@@ -180,7 +180,7 @@ class ContactFollower:
         return self._restarted(seen, *self._by_axis(seen.region.mask, angle, variance), watch)
 
     def _begun(self, seen: SeenContact, settled: bool, watch: Stopwatch) -> tuple[State, Tracked | None]:
-        """Take the first keyframe of a contact, or try again after a while where no turn would be seen."""
+        """Take the first keyframe of a contact; try again later if its rotation is not observable."""
         self._patience -= 1
         if seen.torn or (self._patience >= 0 and not settled):
             return State.UNOBSERVABLE, None
@@ -190,7 +190,7 @@ class ContactFollower:
     def _restarted(
         self, seen: SeenContact, angle_rad: float, variance: float, watch: Stopwatch
     ) -> tuple[State, Tracked | None]:
-        """Take a keyframe of this frame at an angle that it does not show."""
+        """Take a keyframe of this frame at an angle that was not measured in it."""
         again = self._answered
         begun = self._begin(seen, angle_rad, variance)
         watch.lap("keyframe")
@@ -203,15 +203,15 @@ class ContactFollower:
         return (State.REKEYED if again else State.TRACKING) if tracked else State.LOST, tracked
 
     def _by_axis(self, mask: Image, angle_rad: float, variance: float) -> tuple[float, float]:
-        """Bound an angle that is less certain than the long axis of a settled contact."""
+        """Correct an angle that is less certain than the long axis of a settled contact."""
         if self._anchor is None or not self._settling.settled:
             return angle_rad, variance
         return self._anchor.corrected(mask, angle_rad, variance)
 
     def _begin(self, seen: SeenContact, angle_rad: float, variance: float, known: bool = False) -> bool:
-        """Learn the map and take a keyframe of this frame; False where a turn would leave no trace in it.
+        """Learn the map and take a keyframe of this frame; return False if its rotation is not observable.
 
-        A contact that is followed stays with the keyframe it has where this one would not do.
+        A contact that is already followed keeps its keyframe in that case.
         """
         self._patience = PATIENCE_FRAMES
         mask = seen.region.mask
@@ -231,7 +231,7 @@ class ContactFollower:
         return True
 
     def release(self, time_ns: int) -> None:
-        """Let go of a grasp: the next contact starts where this one was last seen."""
+        """End a grasp. The next contact starts at the last angle of this one."""
         if self._answered:
             elapsed_s = (time_ns - self._fitted_ns) / NS_PER_S
             self._unseen = self._variance + unseen_variance(self._motion.rate_rad_s, elapsed_s)

@@ -1,16 +1,16 @@
-"""One angle of two trackers: `following`, keyframe by keyframe, and `joint_tracker`, several at once.
+"""Fuse the angles of two trackers: `following` (one keyframe at a time) and `joint_tracker` (several).
 
-Each tracker's angle is the true one plus an error that changes slowly. Where the slopes explain a frame, they
-are those of the object, and the first tracker is right to a few hundredths of a degree. Where they do not, a
-bulge of gel rests, and the joint tracker is more often right. So the angle is a mixture
+The error of each tracker changes slowly. If the slopes explain a frame, they are those of the object, and the
+error of the first tracker is a few hundredths of a degree. If they do not, a bulge of gel is at rest, and the
+joint tracker is more often correct. Therefore the angle is a mixture
 
     angle = (1 - w) first + w (joint + offset),
 
-whose weight w follows the leading channel with a time constant. While the slopes lead, the offset is drawn
-to what makes both equal: a wrong turn of the joint tracker during growth is forgotten. The prior of the
-motion is uniform within `MOST_RATE_RAD_S`: no answer jumps. While the slopes lead, the variance is the first
-tracker's. Else it is linear in known terms, among them the squared gap between the trackers; its coefficients
-are fitted (`fusion.json`).
+whose weight w follows the leading channel with a time constant. While the slopes lead, the offset converges
+to the difference of both, so that an error of the joint tracker during growth does not persist. The prior of
+the motion is uniform within `MOST_RATE_RAD_S`, so the angle does not jump. While the slopes lead, the
+variance is that of the first tracker. Otherwise it is a linear combination of known terms, one of which is
+the squared gap between the trackers; the coefficients are fitted (`fusion.json`).
 """
 
 import json
@@ -26,10 +26,10 @@ from rig.tactile.contact.model_files import MODELS
 # Time constants of the weight and of the offset. Set on the augmented development clips and the simulated
 # lifts: 0.1 to 0.3 s and 0.5 to 1 s change the share of labels within the limit by less than 1 %.
 WEIGHT_S, OFFSET_S = 0.15, 0.5
-# Below this score the joint tracker is not believed. Between 0.35 and 0.6 the share within the limit changes
-# by 2 % (augmented development clips).
+# Lowest score at which the joint tracker is used. Between 0.35 and 0.6 the share within the limit changes by
+# 2 % (augmented development clips).
 LEAST_SCORE = 0.45
-# The fastest turn of an object in a gripper.
+# Highest rotation rate of an object in a gripper.
 MOST_RATE_RAD_S = math.radians(200.0)
 # The gap to a tracker and the first tracker's sigma, if that tracker has no answer.
 UNKNOWN_GAP_RAD, UNKNOWN_SIGMA_RAD = math.radians(10.0), math.radians(30.0)
@@ -46,8 +46,8 @@ Terms = NDArray[np.float64]
 class FirstAnswer:
     """The first tracker's filtered angle (rad) and rate (rad/s), its sigma, and whether the texture leads.
 
-    Parts of the variance, rad^2: inherited from its keyframe; shape_doubt: what the shape of the contact
-    hides from both trackers. corrected_rad: see `Tracked`; a turn without contact is unseen by both.
+    Parts of the variance, rad^2: inherited from its keyframe; shape_doubt: due to the shape of the contact,
+    for both trackers. corrected_rad: see `Tracked`; neither tracker observes a rotation without contact.
     """
 
     angle_rad: float
@@ -73,8 +73,8 @@ class JointAngle:
 class Fused:
     """The fused angle (rad) and rate (rad/s), and its variance, rad^2.
 
-    inherited: the part of the variance from before the keyframes, as of turns without contact. weight: of the
-    joint tracker. terms: of the variance where the texture leads, rad^2, see `TERMS`.
+    inherited: the part of the variance from before the keyframes, such as that of rotations without contact.
+    weight: of the joint tracker. terms: of the variance while the texture leads, rad^2, see `TERMS`.
     """
 
     angle_rad: float
@@ -102,9 +102,9 @@ class FusedAngle:
         self.released()
 
     def released(self) -> None:
-        """Forget where the trackers were: the contact has ended.
+        """Forget the angles of the trackers, because the contact has ended.
 
-        What the first keyframe of the next contact inherits is unseen by both trackers.
+        Neither tracker has observed the variance that the first keyframe of the next contact inherits.
         """
         self._first_rad: float | None = None
         self._joint_rad: float | None = None
@@ -112,9 +112,9 @@ class FusedAngle:
         self._unseen = math.inf
 
     def update(self, time_s: float, first: FirstAnswer | None, joint: JointAngle | None) -> Fused | None:
-        """Return the fused answer of a frame; None without any.
+        """Return the fused angle of a frame; None if neither tracker has one.
 
-        joint: None also if it was not run: then it is taken to turn as the first tracker does.
+        joint: None also if it was not run. It is then assumed to rotate as the first tracker does.
         """
         if first is None and (joint is None or joint.score < LEAST_SCORE):
             return None
@@ -146,7 +146,7 @@ class FusedAngle:
         return Fused(angle, self._rate(weight, first), variance + unseen, inherited, weight, terms)
 
     def take_late(self, joint: JointAngle, first_rad: float) -> None:
-        """Take the joint tracker's answer to an earlier frame, in which the first tracker was at an angle."""
+        """Use the joint tracker's angle in an earlier frame. first_rad: that of the first tracker there."""
         at_first = first_rad + self._first_zero
         if self._joint is None:
             self._joint_zero = at_first - joint.angle_rad
@@ -163,12 +163,12 @@ class FusedAngle:
         turned = 0.0 if at_first is None or self._first_rad is None else at_first - self._first_rad
         at_joint = None if self._joint_rad is None else self._joint_rad + turned
         if joint is not None:
-            if self._joint is None:  # it begins where the first tracker is, or where the last answer was
+            if self._joint is None:  # it begins at the angle of the first tracker, or at the last fused angle
                 begins = (self._angle_rad or 0.0) if at_first is None else at_first
                 self._joint_zero = begins - joint.angle_rad
             self._joint, at_joint = joint, joint.angle_rad + self._joint_zero
         if at_first is not None and self._first_rad is None and at_joint is not None:
-            # The first tracker begins again where the joint one has followed the contact to.
+            # The first tracker begins again at the angle of the joint tracker.
             self._first_zero += at_joint - at_first
             at_first = at_joint
         return at_first, at_joint
@@ -180,13 +180,13 @@ class FusedAngle:
         return self._weight
 
     def _drawn(self, at_joint: float, at_first: float, elapsed_s: float) -> float:
-        """Draw the offset of the joint tracker to the first one; return its angle with the new offset."""
+        """Update the offset of the joint tracker from the first one; return its angle with the new offset."""
         drawn = (1.0 - math.exp(-elapsed_s / OFFSET_S)) * (at_first - at_joint)
         self._joint_zero += drawn
         return at_joint + drawn
 
     def _bound(self, wanted_rad: float, elapsed_s: float) -> float:
-        """Return the angle that is within the motion's prior."""
+        """Limit the angle to the prior of the motion."""
         last, most = self._angle_rad, MOST_RATE_RAD_S * elapsed_s
         self._angle_rad = wanted_rad if last is None else min(max(wanted_rad, last - most), last + most)
         return self._angle_rad
@@ -197,7 +197,7 @@ class FusedAngle:
         return (1.0 - weight) * first_rate + weight * joint_rate
 
     def _terms(self, gap_rad: float, first: FirstAnswer | None) -> Terms:
-        """Return the terms of the variance where the texture leads, rad^2, in the order of `TERMS`."""
+        """Return the terms of the variance while the texture leads, rad^2, in the order of `TERMS`."""
         sigma = UNKNOWN_SIGMA_RAD if first is None else first.sigma_rad
         own = 0.0
         if self._joint is not None:

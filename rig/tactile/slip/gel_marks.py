@@ -1,7 +1,7 @@
-"""Specks, scratches and cuts of the gel: seen in the background, they rest whatever an object does.
+"""Remove specks, scratches and cuts of the gel, which are visible in the background.
 
-Under a contact they change, and the change is sharp: it fits perfectly at its old position, as if nothing had
-turned. Therefore the marks of the background are replaced by their surroundings in every frame.
+They do not move with the object. Under a contact they change sharply, and fit perfectly at their old
+position, as if nothing had rotated. Therefore they are replaced by their surroundings in every frame.
 """
 
 import cv2
@@ -17,13 +17,14 @@ from rig.tactile.slip.texture import FINE_PX, NOISE_PX
 # Ratio of the change at a mark to that around it (median of a square this wide, px) and to that of the
 # whole background: streaks of light and a codec's blocks stay below.
 TIMES_AROUND, TIMES_OVERALL, AROUND_PX = 3.5, 2.5, 25
-# What changes by less, relative to the light, is nothing even where the rest is all alike.
+# Smallest change of a mark relative to the light, also for a uniform background.
 LEAST_CHANGE = 1e-3
 # Margin of a mark, width of the rim that it is filled from, standard deviation of the fill weights, px.
 REACH_PX, RIM_PX, FILL_PX = 3, 3, 2.5
-# The plane through the rim is held level by this: where the picture ends, all of the rim lies on one side.
+# Ridge on the slope of the plane through the rim, because at the edge of the image the rim is on one side
+# only.
 LEVEL = 0.01
-# With more of the background than this the gel is patterned, and there is nothing to fill from.
+# Largest fraction of marks in the background. A gel with more is patterned, and its marks are not filled.
 MOST_SHARE = 0.05
 
 
@@ -38,11 +39,11 @@ class GelMarks:
         rim = cv2.dilate(inside.astype(np.uint8), np.ones((2 * RIM_PX + 1, 2 * RIM_PX + 1), np.uint8)) > 0
         self._marked, self._rim = np.flatnonzero(inside), np.flatnonzero(rim & ~inside)
         weights = _weights(self._marked, self._rim, size[0])
-        # Weights below the rounding of a difference are left out: a dense product takes ten times as long.
+        # Negligible weights are dropped, because a dense product takes ten times as long.
         self._weights = csr_array(weights * (np.abs(weights) > np.finfo(np.float32).eps))
 
     def mended(self, difference: Field) -> Field:
-        """Return a difference (h, w, 3) with its marks filled from around; without any, itself."""
+        """Return a difference (h, w, 3) with its marks filled from their surroundings."""
         if not len(self._marked):
             return difference
         pixels = difference.copy().reshape(-1, difference.shape[2])
@@ -51,7 +52,7 @@ class GelMarks:
 
 
 def found_marks(background: Image, fine: tuple[int, int]) -> Image:
-    """Return where a background has marks, (h, w), 255 or 0. fine: width and height of the mask."""
+    """Return the mask of the marks in a background, (h, w), 255 or 0. fine: width and height of the mask."""
     light = cv2.resize(background.astype(np.float32), fine, interpolation=cv2.INTER_AREA)
     sharp = cv2.subtract(light, cv2.GaussianBlur(light, (0, 0), FINE_PX)) / (light + DARK_OFFSET)
     sharp = cv2.GaussianBlur(sharp, (0, 0), NOISE_PX)
@@ -68,15 +69,15 @@ def found_marks(background: Image, fine: tuple[int, int]) -> Image:
 
 
 def _weights(marked: NDArray[np.intp], rim: NDArray[np.intp], width: int) -> NDArray[np.float32]:
-    """Return how much each pixel of the rim counts for each marked one, (M, R): its plane, fitted nearby.
+    """Return the weight of each pixel of the rim for each marked pixel, (M, R), from a local fit of a plane.
 
-    A mean of the neighbours would flatten the slope of a contact that lies across a mark.
+    A mean of the neighbours would flatten the slope of a contact across a mark.
     """
     down, across = (
         np.subtract.outer(one.astype(np.float64), other.astype(np.float64)) / FILL_PX
         for one, other in zip(divmod(marked, width), divmod(rim, width), strict=True)
     )
-    # Relative to the nearest, so that none is too far to count.
+    # Distances are relative to the nearest pixel, so that some weight remains.
     squares = down**2 + across**2
     near = np.exp((squares.min(axis=1, keepdims=True, initial=np.inf) - squares) / 2.0)
     plane = np.stack([np.ones_like(down), down, across], axis=2)

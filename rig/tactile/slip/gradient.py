@@ -1,17 +1,17 @@
-"""From colours to the gel's surface gradient, by a map learnt from the contact itself.
+"""Compute the surface gradient of the gel from colours, by a map learnt from the contact itself.
 
-A slope of the gel brightens or darkens each colour by how far it faces that colour's LED, so the
-relative difference of a frame is about a linear map of the surface gradient, and the map changes
-slowly over the gel because the LEDs are near. The map of an uncalibrated sensor is
-unknown, but two facts determine it from a single picture of a contact:
+A slope of the gel makes each colour brighter or darker, depending on its direction to the LED of that colour.
+The relative difference of a frame is therefore approximately a linear map of the surface gradient. The map
+changes slowly over the gel, because the LEDs are near. The map of an uncalibrated sensor is unknown, but two
+facts determine it from a single image of a contact:
 
 - the result is the gradient of a height, so its field has no curl;
-- the height is zero outside the dent, so by parts the first moments of the field are
-  `sum g_i x_j = -delta_ij V`, with V the volume of the dent.
+- the height is zero outside the dent, so integration by parts gives the first moments of the field:
+  `sum g_i x_j = -delta_ij V`, where V is the volume of the dent.
 
-The map is the one with least curl (all scales alike: the energy of the field's solenoidal part in
-Fourier space) at unit volume, with a ridge that keeps it constant if the contact has little information. It
-needs no LED positions, no assumed colours and no press of a known ball. Its scale is arbitrary.
+The selected map has the least curl at unit volume (energy of the solenoidal part in Fourier space, with equal
+weight of all scales). A ridge keeps it constant if the contact has little information. No LED positions, no
+assumed colours and no press of a known ball are needed. Its scale is arbitrary.
 """
 
 import math
@@ -27,13 +27,13 @@ from drivers.types import Image
 from rig.tactile.contact.relative import upper_median
 from rig.tactile.slip.height import Box, Field, Gradient, padded, window, within
 
-# Spatial frequencies used, cycles per work pixel: above, there is more noise than shape.
+# Highest spatial frequency that is used, cycles per work pixel; above it there is more noise than shape.
 HIGHEST_FREQUENCY = 0.25
-# Pixels around the contact from which the light's drift is taken.
+# Fewest pixels around the contact from which the drift of the light is computed.
 FEWEST_AROUND = 30
 # Ridge on the constant and on the varying part of the map, in units of the curl's scale.
 RIDGE_CONSTANT, RIDGE_VARYING = 1e-3, 3e-3
-# Ridge on what the map makes of a grey change, the same in all channels.
+# Ridge on the gradient of a grey change, which is equal in all channels.
 RIDGE_GREY = 0.03
 CHANNELS = 3
 # 1, x and y times each channel.
@@ -53,7 +53,7 @@ class LearntGradientMap:
     def apply(self, difference: Field, box: Box | None = None) -> Gradient:
         """Return the gradient (h, w) of a relative difference (h, w, 3); its scale is arbitrary.
 
-        box: only there it is worked out, elsewhere it is 0.
+        box: the gradient is computed only there, and is 0 elsewhere.
         """
         gradient = np.zeros(difference.shape[:2], np.complex64)
         inside = within(box, gradient.shape)
@@ -64,7 +64,7 @@ class LearntGradientMap:
 
 
 def learn_map(difference: Field, mask: Image) -> LearntGradientMap | None:
-    """Learn the map from one contact; None where the picture holds no dent to learn from.
+    """Learn the map from one contact; return None if the image contains no dent.
 
     difference: (h, w, 3) float32. mask: (h, w) uint8, 1 in the contact.
     """
@@ -96,7 +96,7 @@ _RIDGE = _ridge()
 
 
 def _dent(difference: Field, mask: Image) -> Field:
-    """Take the dent out of the frame: what lies around it is the light's drift, not slope."""
+    """Return the difference inside the dent, without the drift of the light, which is measured around it."""
     reach = window(mask)
     around = (reach > 0.5) & (cv2.dilate(mask, np.ones((7, 7), np.uint8)) == 0)
     drift = upper_median(difference[around]) if around.sum() > FEWEST_AROUND else np.float32(0.0)
@@ -133,8 +133,8 @@ def _curl_form(features: Field) -> NDArray[np.float64]:
 def _frequencies(height: int, width: int) -> tuple[NDArray[np.bool_], Field, Field]:
     """Return which frequencies of a real transform are used, (height, columns), and their x and y.
 
-    Both are relative to a frequency's length; columns beyond the highest used one are left out. Half of
-    the plane stands for the other half, but for the column of zero frequency.
+    Both are divided by the length of the frequency; columns beyond the highest used one are left out. Each
+    half of the plane represents the other, except for the column of zero frequency.
     """
     ky, kx = np.fft.fftfreq(height)[:, None], np.fft.rfftfreq(width)[None]
     kx = kx[:, : np.searchsorted(kx[0], HIGHEST_FREQUENCY)]

@@ -1,4 +1,4 @@
-"""The dent's relief, from its gradient."""
+"""Integrate the gradient of a dent to its height."""
 
 from functools import lru_cache
 
@@ -23,7 +23,7 @@ WINDOW_BLUR_PX = 2.0
 
 
 def within(box: Box | None, shape: tuple[int, ...]) -> tuple[slice, slice]:
-    """Return the rows and columns of a box, all of a shape's where there is none."""
+    """Return the rows and columns of a box; without a box those of the whole shape."""
     left, top, width, height = box or (0, 0, shape[1], shape[0])
     return slice(top, top + height), slice(left, left + width)
 
@@ -54,7 +54,7 @@ def relief(gradient: Gradient, mask: Image) -> Field:
 
 @lru_cache(maxsize=8)
 def _integrals(height: int, width: int) -> tuple[Gradient, Gradient]:
-    """Return what a real transform of the slopes along x and y is multiplied by to become the height's."""
+    """Return the factors by which the real transforms of the slopes along x and y give that of the height."""
     ky = 2.0 * np.pi * np.fft.fftfreq(height)[:, None]
     kx = 2.0 * np.pi * np.fft.rfftfreq(width)[None]
     squares = kx * kx + ky * ky
@@ -63,14 +63,14 @@ def _integrals(height: int, width: int) -> tuple[Gradient, Gradient]:
 
 
 def window(mask: Image) -> Field:
-    """Return a soft window (h, w), 1 over a contact and its skirts."""
+    """Return a soft window (h, w), 1 over a contact and the sloping gel around it."""
     reach = 2 * SKIRT_PX + 1
     grown = cv2.dilate(mask, np.ones((reach, reach), np.uint8)).astype(np.float32)
     return np.asarray(cv2.GaussianBlur(grown, (0, 0), WINDOW_BLUR_PX), np.float32)
 
 
 def padded(fields: Field, share: float) -> Field:
-    """Return fields (F, h, w) with a share of zeros added below and right: transforms wrap around."""
+    """Return fields (F, h, w) with a share of zeros added below and right; transforms are periodic."""
     count, rows, columns = fields.shape
     height, width = (int(fft.next_fast_len(n + int(n * share)) or n) for n in (rows, columns))
     spread = np.zeros((count, height, width), np.float32)

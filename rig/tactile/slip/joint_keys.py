@@ -1,7 +1,7 @@
 """The keyframes of a contact to which later frames are aligned jointly, and their common colour map.
 
-A keyframe is rich if its texture has much energy: one taken when the contact was still small is poor. The
-richest keyframes are kept as long as the contact lasts, so that errors do not add up from one to the next.
+A keyframe is rich if its texture has much energy; a keyframe of a small contact is poor. The richest
+keyframes are kept as long as the contact lasts, so that errors do not add up from one to the next.
 """
 
 import math
@@ -16,15 +16,15 @@ from rig.tactile.slip.keys import ContactPose, Key
 from rig.tactile.slip.sampling import GradientField
 from rig.tactile.slip.texture import TextureField, make_texture_key, richness
 
-# A keyframe is added where the texture is richer than in any other by this factor, or the contact has
-# turned by this angle from all others. Those poorer than this share of
-# the richest are not aligned to. Set on the augmented development clips; 1.15 instead of 1.3 changes little.
+# A keyframe is added if its texture is richer than that of all others by the factor RICHER, or if the contact
+# has rotated by FURTHER_RAD from all others. Keyframes below the fraction LEAST_RICHNESS of the richest are
+# not used. Set on the augmented development clips; 1.15 instead of 1.3 changes little.
 RICHER, FURTHER_RAD, LEAST_RICHNESS = 1.3, math.radians(14.0), 0.5
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class RichKeyframe(Key):
-    """A keyframe with what it was made of, so that it can be made again with another colour map.
+    """A keyframe with its source data, so that it can be computed again with another colour map.
 
     difference: (h, w, 3). mask: (h, w) uint8, 1 in the contact. richness: root energy of its texture.
     """
@@ -34,7 +34,7 @@ class RichKeyframe(Key):
     richness: float
 
     def with_map(self, learnt: LearntGradientMap) -> "RichKeyframe | None":
-        """Return this keyframe as another colour map shows it; None if it then has too few points."""
+        """Return this keyframe computed with another colour map; None if it then has too few points."""
         frame = make_keyframe(learnt.apply(self.difference), self.mask)
         if frame is None:
             return None
@@ -48,7 +48,7 @@ class RichKeyframes:
     def __init__(self) -> None:
         self._keys: list[RichKeyframe] = []
         self.map: LearntGradientMap | None = None
-        """Learnt at the richest keyframe."""
+        """The map learnt from the richest keyframe."""
 
     def __len__(self) -> int:
         return len(self._keys)
@@ -78,9 +78,9 @@ class RichKeyframes:
         angle_rad: float,
         point_px: complex | None,
     ) -> complex | None:
-        """Add a frame as a keyframe; return the followed point, or None if the frame shows too little.
+        """Add a frame as a keyframe; return the tracked point, or None if the frame has too few points.
 
-        angle_rad, point_px: of the contact in it; the point of the first keyframe is its center.
+        angle_rad, point_px: pose of the contact in it; the point of the first keyframe is its center.
         """
         rich = richness(texture, mask)
         learnt = learn_map(difference, mask) if rich > self.richest else None

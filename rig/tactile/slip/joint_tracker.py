@@ -1,11 +1,11 @@
-"""Follows a contact by aligning each frame to several keyframes at once.
+"""Follow a contact by aligning each frame to several keyframes at once.
 
-Each keyframe k was taken at angle theta_k with the followed point at p_k. For a trial pose (theta, p) it has
-turned by theta - theta_k, and its center has moved so that the point is at p. The residuals of its slopes and
-of its texture, each divided by what the channel leaves unexplained, are linearised in (theta, p); gain and
+Keyframe k was taken at angle theta_k with the tracked point at p_k. For a candidate pose (theta, p) it has
+rotated by theta - theta_k, and its center has moved so that the point is at p. The residuals of its slopes
+and of its texture, each divided by the residual energy of the channel, are linearised in (theta, p); gain and
 constant slope of each keyframe are eliminated by the Schur complement of its normal matrix. The sum over the
 keyframes, weighted by richness, and a Gaussian prior around the predicted angle give one 3 x 3 system per
-iteration. Since the unknowns are common, a keyframe that follows the resting gel is outvoted.
+iteration. Because the unknowns are common, the other keyframes outweigh one that follows the resting gel.
 """
 
 import math
@@ -29,7 +29,7 @@ ITERATIONS = 16
 # Further initial angles are tried if the score is lower, or the result is further from the prediction.
 GOOD_SCORE, SURPRISE_RAD = 0.7, math.radians(2.0)
 ASIDE_RAD = tuple(math.radians(turn) for turn in (-11.4, -5.7, 5.7, 11.4))
-# An object turns at most so far between two frames (200 degrees per second at 10 Hz, with reserve).
+# Largest rotation of an object between two frames (200 degrees per second at 10 Hz, with a margin).
 MOST_TURN_RAD = math.radians(25.0)
 # The predicted rate follows the turn of a frame with this time constant. With the rate of the answer's filter
 # instead, 1 % fewer labels of the augmented development clips are within the limit.
@@ -37,7 +37,7 @@ RATE_S = 0.06
 
 
 class JointTracker:
-    """Follows one contact after the other; its angle goes on from one to the next."""
+    """Follows one contact after the other; each continues at the angle of the previous one."""
 
     def __init__(self) -> None:
         self._pose = ContactPose(0.0, 0j)
@@ -45,7 +45,7 @@ class JointTracker:
         self.release()
 
     def release(self) -> None:
-        """Forget the keyframes: the contact has ended."""
+        """Forget the keyframes, because the contact has ended."""
         self._keys = RichKeyframes()
         self._wanted: tuple[SeenContact, ContactPose] | None = None
         self._motion, self._rate_rad_s = PointMotion(), 0.0
@@ -68,7 +68,7 @@ class JointTracker:
         return self._filtered(found.score, found.own_rad, seen.time_ns)
 
     def take_keyframe(self) -> None:
-        """Take the keyframe that the last frame has asked for: here, or when the next one is followed."""
+        """Take the keyframe that the last frame needs. If this is not called, the next frame does it."""
         if self._wanted is not None:
             (seen, pose), self._wanted = self._wanted, None
             self._keys.add(seen.difference, seen.texture(), seen.region.mask, pose.angle_rad, pose.point_px)
@@ -82,7 +82,7 @@ class JointTracker:
         if point is None:
             return None
         self._pose = ContactPose(angle_rad, point)
-        # It fits itself: the highest score that two channels can reach.
+        # The fit of a keyframe with itself has the highest possible score.
         return self._filtered(-math.log(LEAST_UNEXPLAINED), 0.0, seen.time_ns)
 
     def _accept(self, pose: ContactPose, time_s: float) -> None:

@@ -1,8 +1,8 @@
-"""Angle and rate over time from noisy angles: a constant-rate Kalman filter at the frames' own times.
+"""Estimate angle and rate from noisy angles: a constant-rate Kalman filter at the times of the frames.
 
-At rest it averages the noise of the frames. When the angles deviate from the prediction, it follows at
-once (a filter with manoeuvre detection, as in Bar-Shalom, Li and
-Kirubarajan, Estimation with Applications to Tracking and Navigation, 2001, chapter 11).
+At rest it averages the noise of the frames. When the angles deviate from the prediction, it follows
+immediately (manoeuvre detection, see Bar-Shalom, Li and Kirubarajan, Estimation with Applications to Tracking
+and Navigation, 2001, chapter 11).
 """
 
 import math
@@ -15,20 +15,20 @@ Covariance = tuple[float, float, float]
 # Spectral density of the angular acceleration, rad^2/s^3. Moving: stick and slip changes the rate by
 # some 30 degrees/s within a frame or two, and the filter must not hold the angle back. At rest: creep.
 MOVING_DENSITY, REST_DENSITY = 4.0, 0.04
-# The one passes into the other over this time.
+# Time constant of the transition from moving to rest.
 CALMING_S = 0.025
-# The object moves otherwise when the last surprises, each in its own standard deviations, add up to
-# this many standard deviations of their sum: by chance less than once in an hour at 60 Hz.
+# A manoeuvre is detected if the sum of at most MOST_SURPRISES normalised innovations exceeds MOVES_SIGMAS of
+# its standard deviations: by chance less than once per hour at 60 Hz.
 MOVES_SIGMAS, MOST_SURPRISES = 5.3, 4
-# The noise of an alignment assumes independent pixels; those of neighbours are slightly correlated.
+# The noise of an alignment assumes independent pixels; neighbouring pixels are slightly correlated.
 NOISE_RATIO, LEAST_NOISE_RAD = 1.2, math.radians(0.01)
 FIRST_RATE_RAD_S = 0.5
-# A rate is extrapolated at most so far.
+# Longest time over which a rate is extrapolated.
 HORIZON_S = 0.1
 
-# A held object that begins to slip, or one turned by hand, changes its rate at most so fast, one sigma.
+# Angular acceleration of an object that begins to slip or is turned by hand, one sigma.
 ACCELERATION_RAD_S2 = math.radians(300.0)
-# Beyond this nothing is known: all turns within a half turn to either side are as likely.
+# Largest standard deviation: all angles within a half turn to either side are equally likely.
 ANY_TURN_RAD = math.pi / math.sqrt(12.0)
 
 
@@ -54,7 +54,7 @@ class RateFilter:
         return self.angle_rad + self.rate_rad_s * min(max(time_s - self.time_s, 0.0), HORIZON_S)
 
     def update(self, time_s: float, angle_rad: float, sigma_rad: float) -> float:
-        """Take an angle measured at a time, with its alignment's noise; return the filtered one, rad."""
+        """Update with a measured angle and the noise of its alignment; return the filtered angle, rad."""
         noise = (NOISE_RATIO * sigma_rad) ** 2 + LEAST_NOISE_RAD**2
         if self.time_s is None:
             self.angle_rad, self.rate_rad_s = angle_rad, 0.0
@@ -71,16 +71,16 @@ class RateFilter:
         return self.angle_rad
 
     def _moves(self, surprise: float) -> bool:
-        """Take a surprise in standard deviations; return whether the newest few are too many by chance."""
+        """Add a normalised innovation; return whether the newest ones show a manoeuvre."""
         self._surprises = (*self._surprises, surprise)[-MOST_SURPRISES:]
         newest_first = accumulate(reversed(self._surprises))
         return any(abs(s) > MOVES_SIGMAS * math.sqrt(n) for n, s in enumerate(newest_first, 1))
 
     def _ahead(self, dt: float) -> tuple[float, Covariance]:
-        """Return the angle, and the covariance, that are expected after a time."""
+        """Return the predicted angle and covariance after a time."""
         aa, ar, rr = self._covariance
-        # White acceleration in continuous time: were it constant from frame to frame, each angle would
-        # be explained by one acceleration and the rate would swing to and fro around the true one.
+        # White acceleration in continuous time. With an acceleration that is constant between frames, each
+        # angle would be explained by one acceleration, and the rate would oscillate around the true one.
         return self.angle_rad + self.rate_rad_s * dt, (
             aa + dt * (2.0 * ar + dt * rr) + self._density * dt**3 / 3.0,
             ar + dt * rr + self._density * dt**2 / 2.0,
@@ -96,9 +96,9 @@ class RateFilter:
 
 
 def unseen_variance(rate_rad_s: float, elapsed_s: float) -> float:
-    """Return the variance of a turn that was not seen, rad^2: what the last rate leaves open.
+    """Return the variance of a rotation that was not observed, from the last rate, rad^2.
 
-    rate_rad_s: as last seen; the object may have stopped or gone on. elapsed_s: since then.
+    rate_rad_s: last observed rate; the object may have stopped or continued. elapsed_s: time since then.
     """
     speed = abs(rate_rad_s) + 0.5 * ACCELERATION_RAD_S2 * elapsed_s
     return min(speed * elapsed_s, ANY_TURN_RAD) ** 2

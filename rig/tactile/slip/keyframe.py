@@ -1,4 +1,4 @@
-"""The picture of a contact to which later frames are aligned (see `rig.tactile.slip.registration`)."""
+"""The slopes of a contact to which later frames are aligned (see `rig.tactile.slip.registration`)."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -15,12 +15,12 @@ from rig.tactile.slip.loops import PARAMETERS, normal_matrix, with_priors
 from rig.tactile.slip.roundness import trace_of_a_turn
 from rig.tactile.slip.sampling import GradientField, sharpened
 
-# The contact proper is where the dent is deeper than this share of its depth, which so much of it does
-# not reach; the gel's skirts around it depend on more than the object.
+# Keyframes use the part of the dent that is deeper than DEPTH_SHARE times the quantile SHALLOWER_SHARE of the
+# depth, because the gel around it does not depend on the object alone.
 DEPTH_SHARE, SHALLOWER_SHARE = 0.25, 0.95
 BORDER_PX = 2
 MIN_POINTS, MAX_POINTS = 24, 600
-# A gradient of this share of the template's rms length counts half.
+# A gradient of this multiple of the template's rms length has half of the weight.
 STEEP_SHARE = 0.6
 
 
@@ -28,10 +28,10 @@ STEEP_SHARE = 0.6
 class Keyframe:
     """The gradients of a contact to which later frames are aligned.
 
-    center_px: where points_px, (N,) complex64, are counted from. template: (2, N) float32, x and y of the
-    gradients, sharpened. squares: (N,) of their lengths. weights: (N,), lower where steep.
-    jacobian: (6, 2, N) for rotation (rad), x, y (px), gain, slope along x and y. pixels: rows and columns of
-    the points. gradient, mask: (h, w), what it was made of.
+    center_px: origin of points_px, (N,) complex64. template: (2, N) float32, x and y of the sharpened
+    gradients. squares: (N,), their squared lengths. weights: (N,), lower for steep gradients. jacobian: (6,
+    2, N) for rotation (rad), x, y (px), gain, slope along x and y. pixels: rows and columns of the points.
+    gradient, mask: (h, w), its source data.
     """
 
     center_px: complex
@@ -47,9 +47,10 @@ class Keyframe:
 
     @cached_property
     def contrast(self) -> float:
-        """The share of the gradients' energy that only a rotation by 1 rad changes.
+        """The fraction of the gradients' energy that a rotation by 1 rad changes.
 
-        Translation, gain and slope cannot imitate it: 0 for a smooth ball, about 1 and more for an edge.
+        Changes that translation, gain and slope can explain do not count: 0 for a smooth ball, 1 or more for
+        an edge.
         """
         _, squares, jacobian = _linearised(self.gradient, self.points_px, *self.pixels)
         return _contrast(jacobian, _energy(squares))
@@ -71,7 +72,7 @@ class Keyframe:
         return cv2.countNonZero(inner) < cv2.countNonZero(self.mask)
 
     def within(self, field: GradientField, step: int = 1) -> Channel:
-        """Return this keyframe, or every step-th point of it, with a frame to find it in."""
+        """Return every step-th point of this keyframe together with a frame to align."""
         key = Channel(
             field.planes,
             self.points_px,
@@ -132,7 +133,7 @@ def _energy(squares: NDArray[np.float32]) -> float:
 
 
 def _slopes(gradient: Gradient) -> tuple[Gradient, Gradient]:
-    """Return how a gradient changes along x and along y."""
+    """Return the derivatives of a gradient along x and along y."""
     pairs = np.ascontiguousarray(gradient).view(np.float32).reshape(*gradient.shape, 2)
     across, down = (
         np.asarray(cv2.Scharr(pairs, cv2.CV_32F, *axis, scale=1 / 32)) for axis in ((1, 0), (0, 1))
@@ -141,20 +142,20 @@ def _slopes(gradient: Gradient) -> tuple[Gradient, Gradient]:
 
 
 def _plainness(squares: NDArray[np.float32], energy: float) -> NDArray[np.float32]:
-    """Weigh points down where steep: there colours saturate and the gel gives way."""
+    """Return lower weights for steep points, where colours saturate and the gel yields."""
     weights = 1.0 / (1.0 + squares / (2.0 * energy * STEEP_SHARE**2))
     return (weights / weights.mean()).astype(np.float32)
 
 
 def _contrast(jacobian: NDArray[np.float32], energy: float) -> float:
-    """Return the share of the energy that a turn changes, see `Keyframe`."""
+    """Return the fraction of the energy that a rotation changes, see `Keyframe.contrast`."""
     alike = np.ones(jacobian.shape[2], np.float32)
     inverse = np.linalg.inv(with_priors(normal_matrix(jacobian, alike), energy))
     return float(1.0 / (inverse[0, 0] * energy * 2 * jacobian.shape[2]))
 
 
 def _contact_proper(gradient: Gradient, mask: Image) -> Image:
-    """Narrow a contact region to where the gel is pressed in deep."""
+    """Reduce a contact region to its deep part."""
     height = relief(gradient, mask)
     inside = mask > 0
     deep = ((height > DEPTH_SHARE * _depth(height[inside])) & inside).astype(np.uint8)
@@ -163,7 +164,7 @@ def _contact_proper(gradient: Gradient, mask: Image) -> Image:
 
 
 def _depth(heights: NDArray[np.float32]) -> float:
-    """Return the height that most of a dent does not reach; np.percentile costs ten times as much."""
+    """Return the quantile `SHALLOWER_SHARE` of the heights; np.percentile takes ten times as long."""
     at = SHALLOWER_SHARE * (heights.size - 1)
     lower, upper = int(at), min(int(at) + 1, heights.size - 1)
     ordered = np.partition(heights, (lower, upper))
@@ -173,9 +174,9 @@ def _depth(heights: NDArray[np.float32]) -> float:
 def _jacobian(
     points: NDArray[np.complex64], template: Gradient, along_x: Gradient, along_y: Gradient
 ) -> NDArray[np.complex64]:
-    """What small changes of the six parameters do to the template, (6, N)."""
+    """Return the derivatives of the template with respect to the six parameters, (6, N)."""
     rows = np.empty((PARAMETERS, len(points)), np.complex64)
-    # Turning by d takes a place z to z - i d z, and a vector alike.
+    # A small rotation by d moves a point z to z - i d z, and changes a vector in the same way.
     rows[0] = -1j * template - (along_x * points.imag - along_y * points.real)
     rows[1], rows[2], rows[3] = -along_x, -along_y, template
     rows[4], rows[5] = 1.0, 1j

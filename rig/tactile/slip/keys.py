@@ -1,4 +1,4 @@
-"""A grasp's keyframes and the poses of its contact."""
+"""The keyframes of a grasp and the poses of its contact."""
 
 import math
 from dataclasses import dataclass
@@ -11,13 +11,13 @@ from rig.tactile.slip.texture import TextureField, TextureKey
 
 # Largest turn of an object from its prediction between two frames.
 MAX_JUMP_RAD = math.radians(20.0)
-# Largest turn of a contact since a keyframe that is aligned to.
+# Keyframes are used up to this rotation of the contact.
 NEAR_RAD = math.radians(25.0)
 # Two keyframes whose angles differ by more standard deviations contradict each other.
 SAME_SIGMAS = 3.0
-# Highest speed of a contact that is followed, work pixels per frame.
+# Largest speed of a contact that is predicted, work pixels per frame.
 MOST_MOVING_PX = 3.0
-# Number of points of a keyframe's slopes beside its texture.
+# Number of points of a keyframe's slopes if its texture is used, too.
 SLOPE_POINTS = 300
 
 
@@ -28,16 +28,17 @@ class PointMotion:
         self.per_frame_px = 0j
 
     def update(self, moved_px: complex) -> None:
-        """Take the motion of the point in one frame."""
+        """Update with the motion of the point in one frame."""
         bounded = moved_px * min(1.0, MOST_MOVING_PX / max(abs(moved_px), 1e-9))
         self.per_frame_px = 0.5 * (self.per_frame_px + bounded)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ContactPose:
-    """Where a contact is.
+    """The pose of a contact.
 
-    angle_rad: from the grasp's zero. point_px: where the first keyframe's center is now, x + i y.
+    angle_rad: relative to the zero of the grasp. point_px: present position of the first keyframe's center, x
+    + i y.
     """
 
     angle_rad: float
@@ -48,8 +49,8 @@ class ContactPose:
 class Key:
     """A keyframe, the pose at which it was taken, and the variance of that angle, rad^2.
 
-    texture: None where there is too little of it. pivot_rad: what an unknown pivot has left open of the angle
-    until then, a part of its standard deviation; it grows with the turn and shrinks on the way back.
+    texture: None if there is too little of it. pivot_rad: part of the angle's standard deviation that is due
+    to an unknown pivot; it grows with the rotation and shrinks when the contact rotates back.
     """
 
     frame: Keyframe
@@ -59,7 +60,7 @@ class Key:
     pivot_rad: float = 0.0
 
     def facing(self, field: GradientField, texture: TextureField, weight: float = 1.0) -> JointKey | None:
-        """Return this key with a frame to align to it; None without texture. weight: among other keys."""
+        """Return this key with a frame to align; None without texture. weight: relative to other keys."""
         if self.texture is None:
             return None
         slopes = some_of(self.frame.within(field), -(-len(self.frame.points_px) // SLOPE_POINTS))
@@ -68,16 +69,16 @@ class Key:
         return JointKey(*both, weight, self.pose.angle_rad, complex(self._lever_px))
 
     def near(self, angle_rad: float) -> bool:
-        """Whether a contact at an angle may still look like this key."""
+        """Whether a contact at this angle is near enough to be aligned with this key."""
         return abs(angle_rad - self.pose.angle_rad) < NEAR_RAD
 
     def motion_to(self, pose: ContactPose) -> tuple[float, complex]:
-        """Return the angle and the shift of this key's center that would put it at a pose."""
+        """Return the rotation and the shift of this key's center that bring it to a pose."""
         turn = pose.angle_rad - self.pose.angle_rad
         return turn, pose.point_px - turning(turn) * self._lever_px - self.frame.center_px
 
     def pose_after(self, angle_rad: float, shift_px: complex) -> ContactPose:
-        """Return the contact's pose after this key has turned and its center has moved."""
+        """Return the pose of the contact after a rotation of this key and a shift of its center."""
         point = self.frame.center_px + shift_px + turning(angle_rad) * self._lever_px
         return ContactPose(self.pose.angle_rad + angle_rad, point)
 

@@ -1,12 +1,12 @@
-"""How a contact has turned and moved since a keyframe: alignment of surface gradients.
+"""Measure the rotation and translation of a contact since a keyframe, by alignment of surface gradients.
 
-A gradient field turns with the object in two ways: it appears elsewhere, and its vectors turn. A
-keyframe keeps the gradients of a contact; a later frame is pulled back by a trial rotation and
-translation, its vectors turned back, and what remains is fitted by a small rotation, translation,
-change of gain (deeper or softer gel) and constant slope (the object tilts against the gel). The
-normal matrix is the keyframe's, so an iteration costs one resampling and a 6 x 6 solve (inverse
-compositional Gauss-Newton). Angles are image angles, counter-clockwise positive. Places and vectors
-are complex numbers, x (right) + i y (down), so that such a turn by d multiplies them by exp(-i d).
+When the object rotates, both the positions and the vectors of the gradient field rotate. A keyframe stores
+the gradients of a contact. A later frame is resampled with a trial rotation and translation, and its vectors
+are rotated back. The residual is explained by a small rotation, translation, change of gain (deeper or softer
+gel) and constant slope (the object tilts against the gel). The normal matrix is that of the keyframe, so an
+iteration needs one resampling and a 6 x 6 solve (inverse compositional Gauss-Newton). Angles are image
+angles, counter-clockwise positive. Positions and vectors are complex numbers, x (right) + i y (down), so that
+a rotation by d multiplies them by exp(-i d).
 """
 
 import math
@@ -20,7 +20,7 @@ from rig.tactile.slip.keyframe import Keyframe
 from rig.tactile.slip.loops import align_alone
 from rig.tactile.slip.sampling import GradientField
 
-# Residuals beyond this multiple of their median count less and less (Cauchy weights squared).
+# Residuals above this multiple of their median get decreasing weights (squared Cauchy weights).
 ROBUST_WIDTH = 2.5
 MAX_ITERATIONS = 12
 
@@ -29,11 +29,11 @@ MAX_ITERATIONS = 12
 class Alignment:
     """A contact's motion since its keyframe.
 
-    angle_rad; shift_px: motion of the keyframe's center. misfit: residual over template, rms; inf
-    where nothing fits. overlap: share of the keyframe's points seen. gain: of the gradients.
+    angle_rad; shift_px: motion of the keyframe's center. misfit: ratio of residual to template, rms; inf if
+    nothing fits. overlap: fraction of the keyframe's points inside the contact. gain: of the gradients.
     noise_rad: one standard deviation of the angle if residuals were independent. settled: whether the
-    last step was as small as wanted. weights: (N,) for the next frame. further_rad: how far iterations
-    after the last change that counts would have turned it, where they were asked for.
+    alignment has converged. weights: (N,) for the next frame. further_rad: change of the angle by iterations
+    after convergence, if they were requested.
     """
 
     angle_rad: float
@@ -56,11 +56,11 @@ def align(
     weights: NDArray[np.float32] | None = None,
     to_the_end: bool = False,
 ) -> Alignment:
-    """Align a frame with a keyframe, starting from a guess of angle and shift.
+    """Align a frame with a keyframe, from an initial angle and shift.
 
-    Points that fall outside the contact do not count. to_the_end: iterate on when nothing changes
-    any more, and return what that would change. The answer stays the same, because decisions such as a
-    further keyframe may depend on the last digit.
+    Points outside the contact do not count. to_the_end: continue to iterate after convergence, and return the
+    change in `further_rad`. The result is not changed by it, because decisions such as a further keyframe may
+    depend on the last digit.
     """
     weights = key.weights if weights is None else weights * key.weights
     start = angle_rad, complex(shift_px)
@@ -83,7 +83,7 @@ def align(
 
 
 def _robust(squares: NDArray[np.float32], seen: NDArray[np.bool_]) -> NDArray[np.float32]:
-    """Return the weights of points by their squared residuals, 1 for those not seen."""
+    """Return the weights of points by their squared residuals; 1 for points outside the contact."""
     # 1.39 is the median of the squared length of a pair of unit normal errors.
     middle = float(upper_median(squares[seen])) / 1.39 if seen.any() else 1.0
     width = ROBUST_WIDTH**2 * middle + 1e-20

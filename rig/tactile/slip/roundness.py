@@ -1,8 +1,8 @@
-"""Round contacts: whether anything shows a turn, or only what the learnt map makes up.
+"""Decide whether the rotation of a round contact is observable, or its pattern an artefact of the map.
 
-A smooth ball looks the same however it is turned. But the map from colours to slopes is linear and a sensor
-is not, so that a steep ball seems to have a pattern, which rests with the lights. The field
-itself shows its size: a wrong map leaves curl, and slopes of a height have none.
+A smooth ball looks the same at every angle. But the map from colours to slopes is linear and a sensor is not,
+so that a steep ball seems to have a pattern, which does not rotate with the ball. The size of this artefact
+is visible in the field: a wrong map causes curl, but slopes of a height have none.
 """
 
 import math
@@ -17,21 +17,21 @@ from rig.tactile.slip.gradient import HIGHEST_FREQUENCY
 from rig.tactile.slip.height import Field, Gradient, padded, window
 
 RINGS = 12
-# A contact is round of which a smaller share of the energy is not alike all around its middle: an oval of
-# axis ratio 1.3 has 0.1, a smooth ball up to 0.12, most real contacts of other shapes 0.4 and more.
+# A contact is round if a smaller fraction of its energy is not rotationally symmetric: an oval with an axis
+# ratio of 1.3 has 0.1, a smooth ball up to 0.12, most real contacts of other shapes 0.4 and more.
 NOT_ROUND = 0.15
 # Simulated smooth balls of 3 to 25 mm radius have a trace of 4.4 to 7.7, weak grain on them 6 to 18, ovals 40
 # and more.
 LEAST_TRACE = 8.0
-# Where grain competes with what rests, all of a turn of 20 degrees may be missed at this trace, above it less
-# by this power.
+# If grain competes with the resting artefact, a rotation of up to 20 degrees may be missed at this trace; for
+# larger traces the missed rotation decreases with this power.
 MISSED_RAD, ALL_MISSED_TRACE, MISSED_POWER = math.radians(20.0), 6.5, 3
 
 
 def trace_of_a_turn(
     points: NDArray[np.complex64], template: NDArray[np.float32], gradient: Gradient, mask: Image
 ) -> float:
-    """Return how much more of a round contact is not round than its share of curl; inf for other contacts.
+    """Return the ratio of the asymmetric fraction of a round contact to its curl; inf for other contacts.
 
     points: (N,) from the contact's middle. template: (2, N), the sharpened slopes there. gradient: (h, w) of
     the frame. mask: (h, w) uint8, 1 in the contact.
@@ -41,12 +41,12 @@ def trace_of_a_turn(
 
 
 def missed_rad(trace: float) -> float:
-    """Return one standard deviation of a turn of 20 degrees that appears as rest, or in part."""
+    """Return the standard deviation of a rotation that is missed completely or in part."""
     return MISSED_RAD * (ALL_MISSED_TRACE / trace) ** MISSED_POWER
 
 
 def unround_share(points: NDArray[np.complex64], template: NDArray[np.float32]) -> float:
-    """Return the share of the energy of slopes (2, N) that is not alike on each ring around the middle."""
+    """Return the fraction of the energy of slopes (2, N) that varies on the rings around the middle."""
     slopes, distance = template[0] + 1j * template[1], np.abs(points)
     from_middle = slopes * points.conj() / np.maximum(distance, 1e-6)
     ring = (distance / max(float(distance.max()), 1e-6) * (RINGS - 0.5)).astype(int)
@@ -57,7 +57,7 @@ def unround_share(points: NDArray[np.complex64], template: NDArray[np.float32]) 
 
 
 def curl_share(gradient: Gradient, mask: Image) -> float:
-    """Return the share of the energy of a field of slopes (h, w) around a contact that is curl, 0 to 1."""
+    """Return the fraction of curl in the energy of a field of slopes (h, w) around a contact, 0 to 1."""
     field = gradient * window(mask)
     spread = padded(np.stack([field.real, field.imag]), 1.0)
     along_x, along_y = np.asarray(fft.rfft2(spread), np.complex64)

@@ -6,14 +6,14 @@ import numpy as np
 from drivers.types import Image
 from rig.tactile.slip.height import Box, Gradient, within
 
-# Broad slopes of a contact are less reliable than fine ones: the gel gives way around
-# the contact, the map is a little wrong, and an arc that slides along itself keeps its outline. So much
-# of the mean over this many pixels around is taken off (standard deviation and reach of the window).
+# Broad slopes of a contact are less reliable than fine ones: the gel yields around the contact, the map has
+# errors, and an arc that slides along itself keeps its outline. Therefore BROAD_SHARE of the local mean is
+# subtracted, with a window of this standard deviation and reach in pixels.
 BROAD_PX, BROAD_REACH_PX, BROAD_SHARE = 2.0, 4, 0.6
 
 
 def sharpened(gradient: Gradient) -> Gradient:
-    """Return a gradient field (h, w) with its broad part made weaker."""
+    """Return a gradient field (h, w) with its broad part attenuated."""
     pairs = np.ascontiguousarray(gradient).view(np.float32).reshape(*gradient.shape, 2)
     side = 2 * BROAD_REACH_PX + 1
     broad = cv2.GaussianBlur(pairs, (side, side), BROAD_PX)
@@ -23,9 +23,9 @@ def sharpened(gradient: Gradient) -> Gradient:
 class GradientField:
     """A frame's sharpened gradients inside its contact.
 
-    gradient: (h, w). mask: (h, w) uint8, 1 in the contact. box: where the gradient is not 0, all of it by
-    default; it has room for the sharpening's reach around the contact. planes: (h, w, 3) float32, the
-    gradients' x and y, and the mask.
+    gradient: (h, w). mask: (h, w) uint8, 1 in the contact. box: the part in which the gradient is not 0, by
+    default all; it includes the reach of the sharpening around the contact. planes: (h, w, 3) float32, x and
+    y of the gradients, and the mask.
     """
 
     def __init__(self, gradient: Gradient, mask: Image, box: Box | None = None) -> None:

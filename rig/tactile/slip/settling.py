@@ -1,15 +1,15 @@
-"""Whether a contact still grows, and whether a frame is torn, by the contact's region."""
+"""Decide whether a contact still grows, and whether a frame is torn, from the region of the contact."""
 
 from drivers.clock import to_ns
 from rig.tactile.contact.gate import Region, Steadiness
 
-# Number of frames and time without growth after which a contact has settled: fingers that close step by
-# step rest for a tenth of a second between two steps, and a keyframe of a light touch fits no firm grip.
+# Number of frames and time without growth after which a contact has settled. Fingers that close step by step
+# are at rest for a tenth of a second between two steps, and a keyframe of a light touch does not fit a firm
+# grip.
 SETTLED_FRAMES, SETTLED_S = 5, 0.15
-# Until then its keyframe is out of date when the contact has changed by this share.
+# Until then its keyframe is replaced when the contact has changed by this fraction.
 RENEWED_SHARE = 0.3
-# An area that jumps by half, up or down, from one frame to the next is no growth: a frame is torn, or a
-# video's codec has restarted.
+# Ratio of the areas in two consecutive frames from which on a frame is torn, or a video codec has restarted.
 TORN_RATIO = 1.5
 
 
@@ -24,7 +24,7 @@ class Settling:
         self._renewed: Region | None = None
 
     def update(self, region: Region, time_ns: int) -> bool:
-        """Take the next frame's contact; whether it has settled with this very frame."""
+        """Update with the contact of the next frame; return whether it has settled in this frame."""
         if self.settled:
             return False
         if self._steadiness.update(region.levels):
@@ -34,11 +34,11 @@ class Settling:
         return self.settled
 
     def outgrown(self, region: Region) -> bool:
-        """Whether an unsettled contact is another than when its keyframe was taken."""
+        """Whether an unsettled contact has changed by `RENEWED_SHARE` since its keyframe."""
         return not self.settled and region.changed(self._renewed, RENEWED_SHARE)
 
     def renewed(self, region: Region) -> None:
-        """Note that a keyframe was taken of this contact."""
+        """Store the region of the contact at a new keyframe."""
         self._renewed = region
 
 
@@ -49,7 +49,7 @@ class Tearing:
         self._area_px: int | None = None
 
     def update(self, region: Region | None) -> bool:
-        """Take the next frame's contact; whether its area is another than a frame before."""
+        """Update with the contact of the next frame; return whether its area has jumped."""
         before, self._area_px = self._area_px, None if region is None else region.area_px
         if before is None or region is None:
             return False

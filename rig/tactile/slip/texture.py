@@ -1,11 +1,11 @@
-"""A contact's fine texture: where the picture has lines, edges and marks, and which way they run.
+"""The fine texture of a contact: strength and direction of its lines, edges and marks.
 
-The gel's bulge under an object is broad, stays in place and takes its colours from the LEDs. The
-object's lines and marks are fine and turn with it. The fine structure of a frame is its relative difference
-less its surroundings. Its structure tensor, summed over the colours, gives strength and direction of the
-change, whatever the LEDs' colours and the line's side (Bigun and Granlund, ICCV 1987). It has two parts:
-strength (it stays when the object turns) and direction, as a complex number of twice the angle, which a
-turn by d multiplies by exp(-2 i d).
+The bulge of the gel under an object is broad, does not rotate, and gets its colours from the LEDs. The lines
+and marks of the object are fine and rotate with it. The fine structure of a frame is its relative difference
+minus the local mean. The structure tensor, summed over the colours, gives strength and direction of the
+change, independent of the colours of the LEDs and of the sign of the change (Bigun and Granlund, ICCV 1987).
+The strength is invariant under rotation. The direction is a complex number with twice the angle; a rotation
+by d multiplies it by exp(-2 i d).
 """
 
 import math
@@ -22,24 +22,24 @@ from rig.tactile.slip.height import Field
 
 # Pixels per work pixel, if the resolution of the sensor allows it.
 FINENESS = 2
-# At that fineness: fine is what a blur by the first takes away; noise is blurred away by the second, and
-# neighbours agree on a direction over the third (standard deviations in pixels).
+# Standard deviations in pixels of that resolution: the fine structure is the difference to a blur by FINE_PX;
+# noise is reduced by NOISE_PX; the structure tensor is averaged over NEIGHBOURS_PX.
 FINE_PX, NOISE_PX, NEIGHBOURS_PX = 4.0, 1.0, 0.8
-# Changes below this multiple of the picture's median are noise; stronger ones count by their root,
-# so that one edge does not outweigh all lines.
+# Changes below this multiple of the image's median are noise. The strength of larger ones is their root, so
+# that one edge does not outweigh all lines.
 NOISE_MEDIANS = 1.8
-# Blurs reach in from the border so far; structure there rests with the image.
+# Width of the border that blurs affect; the structure there does not rotate.
 MARGIN_PX = 10
 # Number of the strongest points that describe a texture, and their reach around the contact, work pixels.
 MOST_POINTS, FEWEST_POINTS, REACH_PX = 600, 30, 6
 
 
 class TextureField:
-    """The texture of a frame, read between pixels.
+    """The texture of a frame.
 
-    difference: (h, w, 3), relative, with `scale` pixels per work pixel. counts: (h, w), how much each pixel's
-    texture does (`rig.tactile.slip.turning`), all alike where None. planes: (h, w, 3) float32, direction's
-    real and imaginary part and strength.
+    difference: (h, w, 3), relative, with `scale` pixels per work pixel. counts: (h, w), weight of the texture
+    of each pixel (`rig.tactile.slip.turning`), None for equal weights. planes: (h, w, 3) float32, real and
+    imaginary part of the direction, and strength.
     """
 
     def __init__(self, difference: Field, scale: int, counts: Field | None = None) -> None:
@@ -50,7 +50,7 @@ class TextureField:
 
     @property
     def middle_px(self) -> complex:
-        """Where in this field's pixels the middle of the first work pixel is."""
+        """Position of the middle of the first work pixel in the pixels of this field."""
         return (self.scale - 1) / 2.0 * (1 + 1j)
 
 
@@ -64,8 +64,8 @@ class TextureKey:
     """The texture of a contact to which later frames are aligned.
 
     points_px: (N,) complex64, work pixels from the keyframe's center. template: (3, N), see `TextureField`,
-    times `unit`, which makes its energy 1. squares: (N,) of its lengths. jacobian: (3, 3, N) for rotation
-    (rad), x and y (work pixels).
+    times `unit`, which makes its energy 1. squares: (N,), its squared lengths. jacobian: (3, 3, N) for
+    rotation (rad), x and y (work pixels).
     """
 
     points_px: NDArray[np.complex64]
@@ -77,13 +77,13 @@ class TextureKey:
     def counted_from(self, moved_px: complex) -> "TextureKey":
         """Return this texture with its points relative to a center moved by some work pixels."""
         jacobian = self.jacobian.copy()
-        # Turning about another point is turning about this one and a shift.
+        # A rotation about another point equals a rotation about this point and a shift.
         jacobian[0] += moved_px.real * jacobian[2] - moved_px.imag * jacobian[1]
         points = self.points_px - np.complex64(moved_px)
         return replace(self, points_px=points, jacobian=jacobian)
 
     def within(self, field: TextureField, center_px: complex) -> Channel:
-        """Return this texture with a frame to find it in."""
+        """Return this texture together with a frame to align."""
         return Channel(
             field.planes,
             self.points_px,
@@ -99,7 +99,7 @@ class TextureKey:
 
 
 def make_texture_key(field: TextureField, mask: Image, center_px: complex) -> TextureKey | None:
-    """Take the strongest points in and around a contact, mask (h, w); None where there are too few."""
+    """Select the strongest points in and around a contact, mask (h, w); return None if there are too few."""
     chosen = _strongest(field.planes, mask)
     if len(chosen) < FEWEST_POINTS:
         return None
@@ -115,7 +115,7 @@ def make_texture_key(field: TextureField, mask: Image, center_px: complex) -> Te
         ].T
         for axis in ((1, 0), (0, 1))
     )
-    # Turning by d takes a place z to z - i d z, and twice an angle by exp(-2 i d).
+    # A small rotation by d moves a point z to z - i d z, and multiplies a direction by exp(-2 i d).
     turned = along_y * points.real - along_x * points.imag
     turned[0] += 2.0 * template[1]
     turned[1] -= 2.0 * template[0]
@@ -132,7 +132,7 @@ def richness(field: TextureField, mask: Image) -> float:
 def structure(difference: Field, scale: float) -> Field:
     """Return direction and strength (h, w, 3) of the fine structure of a relative difference (h, w, 3).
 
-    scale: of the widths above.
+    scale: factor for the widths above.
     """
     fine = cv2.subtract(difference, _broad(difference, FINE_PX * scale))
     fine = cv2.GaussianBlur(fine, (0, 0), NOISE_PX * scale)
@@ -163,7 +163,7 @@ def summed_tensor(along_x: Field, along_y: Field) -> Field:
 
 @compiled
 def beyond_noise(tensor: Field, changes: Field, least: float, margin: int) -> Field:
-    """Return direction and strength (h, w, 3) where changes (h, w) are larger than the least; else 0."""
+    """Return direction and strength (h, w, 3); 0 where changes (h, w) are not larger than the smallest."""
     planes = np.zeros_like(tensor)
     for row in range(margin, planes.shape[0] - margin):
         for column in range(margin, planes.shape[1] - margin):
@@ -176,19 +176,19 @@ def beyond_noise(tensor: Field, changes: Field, least: float, margin: int) -> Fi
 
 
 def _strongest(planes: Field, mask: Image) -> NDArray[np.intp]:
-    """Return which pixels are the strongest in and around a contact, counted row by row."""
+    """Return the indices of the strongest pixels in and around a contact, row by row."""
     reach = cv2.dilate(mask, np.ones((2 * REACH_PX + 1, 2 * REACH_PX + 1), np.uint8))
     height, width = planes.shape[:2]
     strength = planes[..., 2] * cv2.resize(reach, (width, height), interpolation=cv2.INTER_NEAREST)
     strength = strength.reshape(-1)
     present = np.flatnonzero(strength)
     least = max(0, len(present) - MOST_POINTS)
-    # Among those present only: a partition of many equal numbers costs twenty times as much.
+    # Only of non-zero pixels, because a partition of many equal numbers takes twenty times as long.
     return present[np.argpartition(strength[present], least)[least:]] if least else present
 
 
 def _broad(difference: Field, sigma_px: float) -> Field:
-    """Return a picture blurred widely: on a quarter of its size it costs a sixth."""
+    """Return a strongly blurred image. At a quarter of the size the blur takes a sixth of the time."""
     height, width = difference.shape[:2]
     small = cv2.resize(difference, (-(-width // 4), -(-height // 4)), interpolation=cv2.INTER_AREA)
     small = cv2.GaussianBlur(small, (0, 0), sigma_px / 4.0)

@@ -1,4 +1,4 @@
-"""One grasp: how the contact has turned and moved, through as few keyframes as will do."""
+"""Track rotation and translation of the contact in one grasp, with as few keyframes as possible."""
 
 import math
 from dataclasses import dataclass, replace
@@ -17,28 +17,28 @@ from rig.tactile.slip.uncertainty import angle_variance
 
 # An alignment is good below this misfit and above this overlap; else a further keyframe is taken.
 GOOD_MISFIT, GOOD_OVERLAP = 0.45, 0.7
-# One whose steps were still large may be on its way to anywhere: it has to fit better.
+# An alignment that has not converged must have a smaller misfit.
 UNSETTLED_MISFIT = 0.27
-# Beyond these it is no alignment at all.
+# An alignment with a larger misfit or a smaller overlap is rejected.
 WORST_MISFIT, WORST_OVERLAP = 0.9, 0.4
 MAX_KEYFRAMES = 6
-# Slopes that leave at most this unexplained are those of the object: simulated lifts leave 0.02 to 0.25, real
-# contacts in which a bulge of gel turns against a line 0.2 to 0.7.
+# Slopes with at most this misfit are those of the object: simulated lifts have 0.02 to 0.25, real contacts in
+# which a line rotates on a bulge of gel 0.2 to 0.7.
 PLAIN_MISFIT = 0.25
 # Below this score the contact is lost.
 LOST_SCORE = 0.2
-# Where the texture leads: noise of the angle from frame to frame.
+# Noise of the angle from frame to frame while the texture leads.
 TEXTURE_NOISE_RAD = math.radians(0.3)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tracked:
-    """The pose of a frame, the key that it was aligned to, and how well it fits.
+    """The pose of a frame, the key that it was aligned to, and the quality of the fit.
 
-    variance: of the angle, rad^2. base: the key whose variance is part of it. alignment: of the slopes.
-    fit: if the texture leads, how well the key fits, else None. shape_doubt: what an arc or a round contact
-    adds to the variance. pivot_rad: see `Key`. corrected_rad: by how much the contact's long axis has changed
-    the angle in this frame.
+    variance: of the angle, rad^2. base: the key whose variance is part of it. alignment: of the slopes. fit:
+    fit of the key if the texture leads, else None. shape_doubt: additional variance of an arc or a round
+    contact. pivot_rad: see `Key`. corrected_rad: change of the angle in this frame by the long axis of the
+    contact.
     """
 
     pose: ContactPose
@@ -53,12 +53,12 @@ class Tracked:
 
     @property
     def inherited(self) -> float:
-        """The part of the variance that was there when the key was taken."""
+        """The part of the variance that was present when the key was taken."""
         return min(self.base.variance, self.variance)
 
     @property
     def misfit(self) -> float:
-        """What the slopes leave unexplained, see `Alignment`."""
+        """The misfit of the slopes, see `Alignment`."""
         return math.inf if self.alignment is None else self.alignment.misfit
 
     @property
@@ -148,7 +148,7 @@ class KeyframeTracker:
         return found if anchored is None else _fused(found, anchored)
 
     def add_key(self, key: Key) -> None:
-        """Take a further keyframe; the oldest but the first goes when there are many."""
+        """Add a keyframe; beyond `MAX_KEYFRAMES` remove the oldest one except the first."""
         self._key = key
         self._keys.append(key)
         self._weights = None
@@ -156,13 +156,13 @@ class KeyframeTracker:
             del self._keys[1]
 
     def _surest(self, angle_rad: float) -> Key | None:
-        """Return the near key of least variance, if that is less than the variance of the key in use."""
+        """Return the near key with the smallest variance, if it is smaller than that of the present key."""
         near = [k for k in self._keys if k.near(angle_rad)]
         surest = min(near, key=lambda k: k.variance, default=self._key)
         return surest if surest.variance < self._key.variance else None
 
     def _by_others(self, field: GradientField, expected: ContactPose) -> Tracked | None:
-        """Take up another key that is near and fits well."""
+        """Align with another key that is near and fits well."""
         for key in self._keys:
             if key is not self._key and key.near(expected.angle_rad):
                 found = self._near(key, field, expected)
@@ -171,7 +171,7 @@ class KeyframeTracker:
         return None
 
     def _near(self, key: Key, field: GradientField, expected: ContactPose) -> Tracked | None:
-        """Align with a key; None if it does not fit or turns further than an object does."""
+        """Align with a key; return None if it does not fit or the rotation is larger than `MAX_JUMP_RAD`."""
         found = self._aligned(key, field, expected)
         if found is None or abs(found.pose.angle_rad - expected.angle_rad) > MAX_JUMP_RAD:
             return None
@@ -191,16 +191,16 @@ class KeyframeTracker:
         self._motion.update(found.pose.point_px - self._pose.point_px)
         self._key, self._pose = found.key, found.pose
         self._weights = None if found.alignment is None else found.alignment.weights
-        key = found.key  # whichever it is, what fits it is the arc that the newest one shows
+        key = found.key  # for any key, the arc is that of the newest one
         by_pivot = max(key.frame.pivot, self._keys[-1].frame.pivot)
         turned = found.pose.angle_rad - key.pose.angle_rad
         return replace(found, pivot_rad=key.pivot_rad + by_pivot * turned)
 
 
 def _fused(newer: Tracked, older: Tracked) -> Tracked:
-    """Return the fused pose of two keys, by their variances; the newer's alone if they contradict.
+    """Return the fused pose of two keys, weighted by their variances; if they contradict, that of the newer.
 
-    What both inherit from the older key is the same error in both.
+    The variance that both inherit from the older key is a common error.
     """
     common = older.key.variance
     one, two = max(newer.variance - common, 1e-12), max(older.variance - common, 1e-12)

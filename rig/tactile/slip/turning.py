@@ -1,8 +1,8 @@
-"""Which texture of a contact turns with the object, predicted by a network from one picture.
+"""Predict which texture of a contact rotates with the object, with a network, from one image.
 
-Lines, edges and marks of the object turn; the rim of a gel's bulge, its specks and a codec's blocks rest. A
-small network that has seen many simulated contacts turn (`rig train-turning`) separates them by their
-appearance, before anything has moved.
+Lines, edges and marks of the object rotate; the rim of a bulge, specks of the gel and blocks of a codec do
+not. A small network, trained on simulated contacts (`rig train-turning`), separates them by their appearance,
+before any motion.
 """
 
 from functools import cache
@@ -21,15 +21,16 @@ from rig.tactile.slip.texture import FINENESS
 
 # Side of the squares that the network predicts, px, and the multiple of px that its input has as sides.
 SHARE_PX, MULTIPLE_PX = 2, 16
-# The weight of texture grows between the first two shares that turn, from the third value to 1: texture that
-# the network does not know still shows a turn. Set on the development half of the labelled real clips.
+# The weight of texture grows from LEAST_COUNT to 1 between the predicted fractions RESTING and TURNING. It is
+# never 0, because texture that is unknown to the network can rotate, too. Set on the development half of the
+# labelled real clips.
 RESTING, TURNING, LEAST_COUNT = 0.1, 0.7, 0.35
 SHIPPED = "turning.onnx"
 _HOW = "rig train-turning"
 
 
 class TurningNetwork:
-    """Predicts the share of the texture of a picture that turns."""
+    """Predicts the fraction of the texture of an image that rotates."""
 
     def __init__(self, session: onnxruntime.InferenceSession, name: str) -> None:
         entries, answers = session.get_inputs(), session.get_outputs()
@@ -42,7 +43,7 @@ class TurningNetwork:
         self._session, self._name, self._key = session, name, entries[0].name
 
     def share(self, difference: Field) -> NDArray[np.float32]:
-        """Return the share that turns, 0 to 1, of a relative difference (h, w, 3), for `SHARE_PX` squares."""
+        """Return the rotating fraction, 0 to 1, of a relative difference (h, w, 3), per `SHARE_PX` square."""
         height, width = difference.shape[:2]
         fed = np.zeros((1, 3, height + -height % MULTIPLE_PX, width + -width % MULTIPLE_PX), np.float32)
         fed[0, :, :height, :width] = difference.transpose(2, 0, 1)
@@ -51,12 +52,12 @@ class TurningNetwork:
         return np.asarray(1.0 / (1.0 + np.exp(-logits)), np.float32)
 
     def counts(self, difference: Field, scale: int) -> Field:
-        """Return how much each pixel's texture counts, (h, w), `LEAST_COUNT` to 1.
+        """Return the weight of the texture of each pixel, (h, w), `LEAST_COUNT` to 1.
 
         difference: (h, w, 3), with `scale` pixels per work pixel.
         """
         height, width = difference.shape[:2]
-        if scale != FINENESS:  # the network knows lines as wide as they are at that fineness
+        if scale != FINENESS:  # the network was trained on this resolution
             size = (FINENESS * width // scale, FINENESS * height // scale)
             difference = np.asarray(cv2.resize(difference, size), np.float32)
         turning = np.clip((self.share(difference) - RESTING) / (TURNING - RESTING), 0.0, 1.0)
@@ -65,7 +66,7 @@ class TurningNetwork:
 
 
 def load_turning(path: Path) -> TurningNetwork:
-    """Load a network. Raises `InputError` for a file that is missing, damaged or none of its kind."""
+    """Load a network. Raises `InputError` if the file is missing, damaged or another kind of network."""
     return TurningNetwork(open_model(path, 1, _HOW), path.name)
 
 

@@ -1,13 +1,13 @@
 """Standard deviation of an angle: noise and model errors.
 
-Noise is the smaller part: thousands of pixels average it away. What remains is the gel giving way
-at the contact's edge, colours that saturate, a map learnt on one picture. Such errors grow with
-what the alignment leaves unexplained and shrink with what a turn changes, so their sigma is taken
-proportional to misfit over the root of contrast. The factor was fitted on objects outside all
-benchmarks: the simulated ones that no trial uses (seed 1000, 42 lifts). With 5, 6.5 and 8 degrees 87,
-90 and 91 % of their answers are within two sigma; the least that keeps nine in ten was taken. What
-remains is not of this kind: seven tenths of it are three bent contacts, off by 5 to 15 % of the turn;
-elsewhere an object jerks between two frames of the markers.
+Noise is the smaller part, because thousands of pixels are averaged. Model errors remain: the gel yields at
+the edge of the contact, colours saturate, and the map was learnt from one image. Such errors grow with the
+misfit of the alignment and decrease with the contrast. Their sigma is therefore proportional to the misfit
+over the root of the contrast. The factor was fitted on objects outside all benchmarks: the simulated ones
+that no trial uses (seed 1000, 42 lifts). With 5, 6.5 and 8 degrees 87, 90 and 91 % of the errors are within
+two sigma; the smallest factor with at least 90 % was selected. The other errors are of another kind: 70 % of
+them are in three bent contacts, with errors of 5 to 15 % of the rotation; in the rest an object jerks between
+two frames of the markers.
 """
 
 import math
@@ -16,8 +16,8 @@ from rig.tactile.slip.registration import Alignment
 
 SYSTEMATIC_RAD = math.radians(6.5)
 FLOOR_RAD = math.radians(0.03)
-# Width over height of a pixel on the gel, one sigma: unknown, and from a calibration. Turned by d, a
-# long contact whose pixels are wider by the share a is seen up to a sin(d) off.
+# Relative standard deviation of the pixel aspect (width over height on the gel), unknown and calibrated.
+# After a rotation by d, the angle of a long contact has an error of up to a sin(d) for an aspect error of a.
 ASPECT_UNKNOWN, ASPECT_KNOWN = 0.02, 0.003
 
 

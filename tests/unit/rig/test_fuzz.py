@@ -36,11 +36,11 @@ JSON = (b"null", b"[]", b"{}", b"-1", b"1e999", b"9" * 25, b'"x"', b"true", b"..
         b"\xff", b"\\ud800", b"[" * 300, b"$\\frac", b"0", b"1e300")  # fmt: skip
 
 
-class Nobody(LiftEvents):
+class IgnoresEvents(LiftEvents):
     """Ignores all events."""
 
 
-NOBODY = Nobody()
+NO_OBSERVER = IgnoresEvents()
 
 
 @pytest.fixture(scope="module")
@@ -75,7 +75,7 @@ def test_recordings(place: Path, data: bytes) -> None:
     path = place / "001.mcap"
     path.write_bytes(data)
     answered(lambda: check_recording(path))
-    answered(lambda: show_again(path, NOBODY))
+    answered(lambda: show_again(path, NO_OBSERVER))
 
 
 @fuzzed()
@@ -94,7 +94,7 @@ def test_messages_in_recordings(place: Path, topic: str, data: bytes, time_ns: i
     writer.add_message(channel, time_ns, data, time_ns)
     writer.finish()
     path.write_bytes(stream.getvalue())
-    answered(lambda: show_again(path, NOBODY))
+    answered(lambda: show_again(path, NO_OBSERVER))
     answered(lambda: list(recorded_frames(path, "D1")))
 
 

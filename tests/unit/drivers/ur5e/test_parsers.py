@@ -94,7 +94,7 @@ class Interface:
 
     def _drawn(self, value: object) -> Any:
         if error := self._rng.choice((None, None, RuntimeError, ValueError, TypeError, IndexError)):
-            raise error("as the library says it")
+            raise error("the text of the library")
         return value
 
     def setTcp(self, pose: list[float]) -> bool:  # noqa: N802
@@ -136,7 +136,7 @@ def test_every_call_gets_its_own_answer_or_an_error(cases: Cases) -> None:
             there.sendall(part)
         if "error" in answered:
             failed += 1
-            with pytest.raises(DeviceError, match="as the library says it"):
+            with pytest.raises(DeviceError, match="the text of the library"):
                 channel.call(method, 1.0, no_check, *arguments)
         else:
             assert channel.call(method, 1.0, no_check, *arguments) == expected

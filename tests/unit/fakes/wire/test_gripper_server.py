@@ -115,7 +115,7 @@ def test_another_master_over_tcp(server: GripperServer) -> None:
 
 
 def _becomes(ask: Callable[[], list[int] | None], wanted: list[int], limit_s: float = 10.0) -> bool:
-    """Whether registers come to hold what is wanted."""
+    """Wait until registers have given values; return whether they have."""
     give_up = time.monotonic() + limit_s
     while ask() != wanted:
         if time.monotonic() > give_up:

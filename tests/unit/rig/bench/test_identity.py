@@ -66,7 +66,7 @@ def test_bench_is_simulated_if_fakes_confirm_every_device(control: ControlServer
 def test_one_unconfirmed_device_makes_the_bench_real_and_its_fakes_an_error(
     control: ControlServer, changed: dict[str, Any], named: str
 ) -> None:
-    person = ConsoleOperator(lambda _: pytest.fail("nobody is to be asked"), agreed=True)
+    person = ConsoleOperator(lambda _: pytest.fail("no question may be asked"), agreed=True)
     config = bench(control.address, **changed)
     with pytest.raises(InputError, match=named), session_bench(config, person, "Begin?"):
         pass

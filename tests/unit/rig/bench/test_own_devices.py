@@ -259,7 +259,7 @@ def test_failed_arm_stop_is_reported_and_fingers_are_still_held(
     [
         ("crash", DeviceError, "next_frame raised ZeroDivisionError"),
         ("late", DeviceTimeoutError, "no frame came"),
-        ("another", DeviceError, "a frame of 'of somebody else'"),
+        ("another", DeviceError, "a frame of 'of another sensor'"),
         ("small", DamagedFrameError, "size_px requires"),
         ("float", DamagedFrameError, "float64"),
         ("text", DeviceError, "time_ns is 'now', expected an int"),

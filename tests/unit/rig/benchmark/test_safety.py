@@ -66,7 +66,7 @@ OPENED = [*way((0.0, 0.0), (0.5, 0.0), counts=9.0), *way((0.6, 0.0), (1.0, 0.0),
     ("event", "track", "unasked"),
     [
         ("Ctrl-C", STANDS_HIGH, ""),
-        ("Ctrl-C", GOES_DOWN, "the arm moved by 80.0 mm"),  # a free hand stays where it is
+        ("Ctrl-C", GOES_DOWN, "the arm moved by 80.0 mm"),  # a free hand does not move
         ("Ctrl-C", SET_DOWN, ""),
         ("kill -9", SET_DOWN, "the arm moved by 40.0 mm"),
         ("Ctrl-C twice", SET_DOWN, "the arm moved by 40.0 mm"),

@@ -96,7 +96,7 @@ def test_rotation_is_followed_and_a_ball_is_refused() -> None:
     assert set(ours) == {c.name for c in CONDITIONS if c.group == "size"}
     for score in ours.values():
         assert score.mare is not None
-        assert score.mare.mean_deg < 3.0  # it follows 30 degrees; how well is for the benchmark to say
+        assert score.mare.mean_deg < 3.0  # it follows 30 degrees; the benchmark measures the error
     balls = stress_rows(run_stress(StressTask("round", "3:0", 0)))
     assert {row.estimator for row in balls} == set(NAMES)
     assert all(row.refused for row in balls)

@@ -61,7 +61,7 @@ def _array(shape: int, dtype: bytes) -> bytes:
 
 
 def _structured(subarray: bytes, names: bytes, fields: bytes) -> bytes:
-    """An 8-byte data type whose state says that its bytes are objects."""
+    """An 8-byte data type whose state declares its bytes as objects."""
     state = _tuple(
         _whole(3), _text("|"), subarray, names, fields, _whole(8), _whole(1), _whole(0)
     )  # fmt: skip

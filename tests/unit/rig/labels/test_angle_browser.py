@@ -120,4 +120,4 @@ def test_ended_command_is_reported_on_the_page(browser: Browser, server: AngleSe
     opened(browser, server)
     browser.value("window.fetch = () => Promise.reject(new TypeError('gone'))")
     assert "the command has ended" in click_at(browser, *true_ends(2)[0])
-    assert browser.value("ends().length") == 0, "what is not kept is not shown"
+    assert browser.value("ends().length") == 0, "discarded ends are not shown"

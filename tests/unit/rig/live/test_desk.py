@@ -17,7 +17,7 @@ from support.desk_frames import GivenFrames, desk_digit, desk_frames
 
 CLOCK = SystemClock()
 SLIP = choose_estimator("slip")
-NOBODY = LiveFeed()
+NO_VIEWER = LiveFeed()
 
 
 def readings(sensor: DeskSensor, until_s: float, side: int = 1) -> list[Reading]:
@@ -50,7 +50,7 @@ def test_angle_follows_the_object_from_the_moment_the_contact_has_settled(side: 
 def test_recorded_clip_is_read_with_its_background_and_times(tmp_path: Path) -> None:
     frames = list(desk_frames(7.0))
     settings = DeskSettings(choose_estimator("ellipse"), clips=tmp_path)
-    with Desk([GivenFrames(frames)], settings, Sender(NOBODY)) as desk:
+    with Desk([GivenFrames(frames)], settings, Sender(NO_VIEWER)) as desk:
         desk.act("record")
         assert desk.notice == "record: wait until the background is taken"
         taken = 0
@@ -82,7 +82,7 @@ def test_two_sensors_give_one_angle() -> None:
     pairs = {f"D{side}": list(desk_frames(7.5, side)) for side in (1, -1)}
     sources = [GivenFrames(frames, name) for name, frames in pairs.items()]
     found: list[Reading] = []
-    with Desk(sources, DeskSettings(SLIP), Sender(NOBODY)) as desk:
+    with Desk(sources, DeskSettings(SLIP), Sender(NO_VIEWER)) as desk:
         while not desk.ended:
             found += [reading for reading in desk.step() if reading.name == OBJECT]
     last = found[-1].sample
@@ -95,7 +95,7 @@ def test_two_sensors_give_one_angle() -> None:
 
 def test_user_can_set_reference_background_and_estimator() -> None:
     frames = list(desk_frames(5.5))
-    with Desk([GivenFrames(frames)], DeskSettings(SLIP), Sender(NOBODY)) as desk:
+    with Desk([GivenFrames(frames)], DeskSettings(SLIP), Sender(NO_VIEWER)) as desk:
 
         def until(state: str) -> Reading:
             while True:
@@ -145,7 +145,7 @@ def test_source_that_cannot_be_opened_leaves_none_open() -> None:
     good = GivenFrames([])
     with (
         pytest.raises(DeviceError, match="connection was refused"),
-        Desk([good, Broken([], "BROKEN")], DeskSettings(SLIP), Sender(NOBODY)),
+        Desk([good, Broken([], "BROKEN")], DeskSettings(SLIP), Sender(NO_VIEWER)),
     ):
         pass
     assert not good.connected

@@ -85,7 +85,7 @@ def calibration(folder: Path) -> Path:
     pictures = [Picture(f"Chart {i}", "What it shows.", chart) for i, chart in enumerate(charts)]
     numbers = {
         "to add to the stream": "1.2 ms",
-        "a long name of a number of which there is much to say": "2 " * 30,
+        "a long name of a number with a long value": "2 " * 30,
     }
     checked = limit(0.4, 1.0, 5.0, "the offset is known to {value:.2f} ms only: wiggle faster") + floor(
         8, 10, 5, "{value} samples used; 15 are good"

@@ -1,4 +1,4 @@
-"""Reports: what stands on the pages, and what they say of sessions that are damaged."""
+"""Reports: content of the pages, and their messages about damaged sessions."""
 
 import hashlib
 import json

@@ -60,18 +60,18 @@ def test_estimator_named_only_by_a_session_is_not_imported(imported: Path) -> No
 
 
 @pytest.mark.parametrize(
-    ("name", "says"),
+    ("name", "message"),
     [
         ("nothing", "unknown estimator 'nothing': choose one of slip"),
         ("a b:c", "unknown estimator"),
         ("no_such_package.x:Y", "importing no_such_package.x failed .ModuleNotFoundError"),
-        (f"{MODULE}:Nobody", "has no such name"),
+        (f"{MODULE}:Missing", "has no such name"),
         (f"{MODULE}:function", "give the name of a class"),
         (f"{MODULE}:No_update", r"has no method update\(image, time_ns\)"),
     ],
 )
-def test_invalid_estimator_name_is_rejected(imported: Path, name: str, says: str) -> None:
-    with pytest.raises(InputError, match=says):
+def test_invalid_estimator_name_is_rejected(imported: Path, name: str, message: str) -> None:
+    with pytest.raises(InputError, match=message):
         choose_estimator(name)
 
 
@@ -93,7 +93,7 @@ def test_constructor_error_is_raised_before_a_lift(imported: Path) -> None:
 
 
 def test_constructor_gets_aspect_and_sign_and_answers_become_floats(imported: Path) -> None:
-    estimator = choose_estimator(f"{MODULE}:Told").make(GEL, aspect=1.25, sign=-1)
+    estimator = choose_estimator(f"{MODULE}:Arguments").make(GEL, aspect=1.25, sign=-1)
     sample = estimator.update(GEL, 0)
     assert (sample.angle_deg, sample.sigma_deg) == (1.25, 1.0)
     assert {type(sample.angle_deg), type(sample.sigma_deg)} == {float}
@@ -107,24 +107,24 @@ def test_estimator_cannot_change_the_frame(imported: Path) -> None:
 
 
 def test_frame_with_an_exception_is_lost_and_the_others_are_answered(imported: Path) -> None:
-    told = answers("Now_and_then", 30)
-    assert [sample.state for sample in told].count(State.LOST) == 3
-    faults = faults_of(told)
+    samples = answers("Now_and_then", 30)
+    assert [sample.state for sample in samples].count(State.LOST) == 3
+    faults = faults_of(samples)
     assert faults == EstimatorFaults(
         3, f"{MODULE}:Now_and_then: update() raised ValueError: no gradient today"
     )
 
 
 def test_invalid_samples_are_lost_with_a_reason(imported: Path) -> None:
-    told = answers("Rubbish", 16)
-    assert all(sample.state is State.LOST and sample.angle_deg is None for sample in told)
-    said = [str(sample.fault) for sample in told]
+    samples = answers("Rubbish", 16)
+    assert all(sample.state is State.LOST and sample.angle_deg is None for sample in samples)
+    messages = [str(sample.fault) for sample in samples]
     words = (
         "NoneType", "float", "time_ns", "dict", "angle_deg is nan", "'12'", "True",
         "not a rig.tactile.sample.State", "below 0", "not a pair", "contact_area_px is None",
         "inf", "pixels", "no_contact", "stage_s", "skipped",
     )  # fmt: skip
-    assert all(word in text for word, text in zip(words, said, strict=True)), said
+    assert all(word in text for word, text in zip(words, messages, strict=True)), messages
 
 
 def test_estimator_gets_each_frame_once_and_of_one_size(imported: Path) -> None:

@@ -1,4 +1,4 @@
-"""Learning angles from lifts: how objects are held back, what is learnt, and what is exported."""
+"""Training of angle networks on lifts: held-back objects, training, export."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""The peers' networks: the wrist's wrench in even steps, angles from files, and what is no such file."""
+"""Networks of the compared methods: resampling of the wrench, angles from files, and rejected files."""
 
 import json
 from collections.abc import Callable
@@ -34,10 +34,10 @@ def test_steps_have_30_hz_at_any_rate_of_states(rate_hz: float) -> None:
     steps = WrenchSteps()
     made = [steps.add(state(i / rate_hz, 0.0, 0.0, -1.0 if i / rate_hz > 1.0 else 0.0, 0.0, 0.0, 0.0))
             for i in range(round(2.0 * rate_hz))]  # fmt: skip
-    told = [step for step in made if step is not None]
-    assert len(told) == pytest.approx((2.0 - REST_S) / PERIOD_S, abs=2)
-    assert told[0] == pytest.approx(np.zeros(6), abs=1e-6), "the rest is taken away"
-    assert told[-1] == pytest.approx([0.0, 0.0, -1.0, 0.0, 0.0, 0.0], abs=1e-5)
+    complete = [step for step in made if step is not None]
+    assert len(complete) == pytest.approx((2.0 - REST_S) / PERIOD_S, abs=2)
+    assert complete[0] == pytest.approx(np.zeros(6), abs=1e-6), "the wrench at rest is subtracted"
+    assert complete[-1] == pytest.approx([0.0, 0.0, -1.0, 0.0, 0.0, 0.0], abs=1e-5)
 
 
 def test_state_that_is_not_newer_is_ignored() -> None:

@@ -104,7 +104,7 @@ def test_sigma_is_that_of_the_first_tracker_while_the_slopes_lead() -> None:
     assert turning(30.0, 5.0, texture_leads=False).variance == pytest.approx(FIRST.sigma_rad**2)
 
 
-def test_doubt_of_the_shape_counts_for_both_trackers() -> None:
+def test_shape_uncertainty_counts_for_both_trackers() -> None:
     hidden = replace(FIRST, shape_doubt=math.radians(10.0) ** 2, texture_leads=True)
     answers = fused([(hidden, JOINT)] * 60)
     assert answers[-1] is not None

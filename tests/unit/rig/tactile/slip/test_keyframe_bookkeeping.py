@@ -46,9 +46,7 @@ def turned(samples: list[SlipSample]) -> float:
 
 
 @pytest.mark.parametrize("rate_hz", [10.0, 25.0])
-def test_a_contact_that_grows_while_it_turns_loses_nothing_of_the_turn(
-    press: Draw, blank: Image, rate_hz: float
-) -> None:
+def test_rotation_of_a_growing_contact_is_complete(press: Draw, blank: Image, rate_hz: float) -> None:
     """Renewed keyframes stand where their own frame is, not where the one before was."""
     shares, turns = np.linspace(0.45, 1.0, 14), np.linspace(0.0, 65.0, 14)
     images = [grown(press, s, 10.0 + t, i) for i, (s, t) in enumerate(zip(shares, turns, strict=True))]
@@ -57,7 +55,7 @@ def test_a_contact_that_grows_while_it_turns_loses_nothing_of_the_turn(
     assert turned(samples) == pytest.approx(65.0, abs=2.0)
 
 
-def test_a_contact_that_grows_tenfold_stays_and_gets_no_surer(press: Draw, blank: Image) -> None:
+def test_contact_growing_tenfold_keeps_angle_and_sigma(press: Draw, blank: Image) -> None:
     images = [grown(press, math.sqrt(s), 25.0, i) for i, s in enumerate(np.geomspace(0.1, 1.0, 40))]
     images += [grown(press, 1.0, 25.0, 100 + i) for i in range(REST)]
     samples = run(SlipEstimator(blank), images, 25.0)
@@ -94,7 +92,7 @@ def dent(
     return gradient.astype(np.complex64), (reach > 0.02).astype(np.uint8)
 
 
-def test_a_chain_of_keyframes_is_held_by_its_surest(press: Draw) -> None:
+def test_chain_of_keyframes_follows_its_most_certain_one(press: Draw) -> None:
     """An older key that fits badly still tells something: both count by their variances."""
     first = make_keyframe(*dent(0.0, (18.0, 7.0)))
     newer = make_keyframe(*dent(10.0, (22.0, 12.0)))
@@ -137,7 +135,7 @@ def test_pivot_uncertainty_grows_over_keyframes_and_shrinks_on_the_way_back() ->
     assert math.degrees(turned_to(1.0).pivot_rad) == pytest.approx(0.5, abs=0.3)
 
 
-def test_a_jump_beyond_what_the_rate_allows_is_not_found_again(press: Draw, blank: Image) -> None:
+def test_jump_beyond_the_rate_limit_is_not_recovered(press: Draw, blank: Image) -> None:
     """An edge looks the same elsewhere: 60 degrees within a frame are not told as certain."""
     rest = [press(10.0, seed=i, half_axes=EDGE) for i in range(30)]
     jumped = [press(70.0, seed=100 + i, half_axes=EDGE) for i in range(3)]
@@ -160,7 +158,7 @@ def test_no_keyframe_is_taken_of_a_torn_frame(press: Draw, blank: Image) -> None
 
 
 @pytest.mark.parametrize(("areas", "torn"), [((100, 100), False), ((100, 160), True), ((160, 100), True)])
-def test_an_area_that_jumps_by_half_is_a_tear(areas: tuple[int, int], torn: bool) -> None:
+def test_area_change_by_half_counts_as_a_torn_frame(areas: tuple[int, int], torn: bool) -> None:
     tearing = Tearing()
     mask = np.ones((4, 4), np.uint8)
     assert not tearing.update(Region(mask, areas[0], 0.1))
@@ -168,7 +166,7 @@ def test_an_area_that_jumps_by_half_is_a_tear(areas: tuple[int, int], torn: bool
     assert not tearing.update(Region(mask, areas[1], 0.1))
 
 
-def test_the_axis_of_a_contact_that_changed_shape_does_not_pull(drawn_mask: Draw) -> None:
+def test_axis_of_a_changed_contact_is_ignored(drawn_mask: Draw) -> None:
     mask = drawn_mask(30.0, (60.0, 24.0)) // 255
     noted = anchor(mask, 0.0)
     assert noted is not None
@@ -193,7 +191,7 @@ def refreshed(
     return np.clip(np.rint(image * (1.0 + wide)), 0, 255).astype(np.uint8)
 
 
-def test_a_codecs_refresh_is_no_contact_of_the_whole_frame(press: Draw, blank: Image) -> None:
+def test_codec_refresh_is_not_a_contact(press: Draw, blank: Image) -> None:
     tracker = SlipEstimator(blank)
     images = [refreshed(press, 7) for _ in range(12)]
     rest = [press(20.0, seed=i, half_axes=EDGE) for i in range(REST)]
@@ -203,7 +201,7 @@ def test_a_codecs_refresh_is_no_contact_of_the_whole_frame(press: Draw, blank: I
     assert samples[-1].sigma_deg < 1.0
 
 
-def test_a_short_gap_leaves_open_what_the_rate_does(press: Draw, blank: Image) -> None:
+def test_short_gap_increases_sigma_by_the_unknown_rate(press: Draw, blank: Image) -> None:
     """Nothing fits for 0.35 s at rest: by then it may have turned by some degrees, not by thirty."""
     rest = [press(20.0, seed=i, half_axes=EDGE) for i in range(30)]
     other = [press(80.0, seed=i, half_axes=(40.0, 38.0), center=(150.0, 200.0)) for i in range(12)]

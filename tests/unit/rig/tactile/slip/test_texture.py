@@ -47,7 +47,7 @@ def test_direction_of_a_line_is_measured(angle_deg: float) -> None:
     assert (gap + 90.0) % 180.0 - 90.0 == pytest.approx(0.0, abs=1.0)
 
 
-def test_a_key_takes_the_strongest_points_and_needs_some() -> None:
+def test_texture_key_takes_the_strongest_points() -> None:
     field, mask = TextureField(line(30.0), 2), np.ones((80, 60), np.uint8)
     key = make_texture_key(field, mask, 30 + 40j)
     assert key is not None
@@ -58,7 +58,7 @@ def test_a_key_takes_the_strongest_points_and_needs_some() -> None:
     assert FEWEST_POINTS > 1
 
 
-def test_a_key_is_found_where_it_was_taken_and_where_it_has_turned_to() -> None:
+def test_texture_key_matches_before_and_after_rotation() -> None:
     before, mask = TextureField(line(20.0), 2), np.ones((80, 60), np.uint8)
     middle = 29.75 + 39.75j
     key = make_texture_key(before, mask, middle)
@@ -74,7 +74,7 @@ def test_a_key_is_found_where_it_was_taken_and_where_it_has_turned_to() -> None:
 
 
 @pytest.mark.parametrize(("shape", "scale"), [((320, 240), 2), ((80, 60), 1), ((100, 70), 1)])
-def test_no_more_pixels_are_looked_at_than_there_are(shape: tuple[int, int], scale: int) -> None:
+def test_sampling_uses_existing_pixels_only(shape: tuple[int, int], scale: int) -> None:
     assert fine_scale((*shape, 3), (60, 80) if shape[0] >= 80 else (shape[1], shape[0])) == scale
 
 
@@ -89,7 +89,7 @@ def picture(line_deg: float | None, seed: int) -> Image:
 
 
 @pytest.mark.parametrize("way", [1.0, -1.0])
-def test_a_line_that_turns_on_a_bulge_that_rests_is_followed(way: float) -> None:
+def test_line_turning_on_a_resting_bulge_is_followed(way: float) -> None:
     tracker = SlipEstimator(picture(None, 0))
     turns = [0.0] * 10 + [way * 1.5 * i for i in range(28)]
     samples = [tracker.update(picture(20.0 + t, i + 1), round(i * 4e7)) for i, t in enumerate(turns)]
@@ -100,7 +100,7 @@ def test_a_line_that_turns_on_a_bulge_that_rests_is_followed(way: float) -> None
     assert samples[-1].angle_deg - samples[9].angle_deg == pytest.approx(turns[-1], abs=1.0)
 
 
-def test_specks_of_the_gel_that_darken_under_a_contact_do_not_hold_it() -> None:
+def test_darkening_specks_do_not_stop_tracking() -> None:
     tracker = SlipEstimator(specked(picture(None, 0), 0.25))
     turns = [0.0] * 10 + [1.5 * i for i in range(28)]
     images = (specked(picture(20.0 + turn, i + 1), 0.5) for i, turn in enumerate(turns))

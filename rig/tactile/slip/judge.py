@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 
 from rig.tactile.slip.evidence import Fit, aligned, fit_at
 from rig.tactile.slip.keys import SAME_SIGMAS, ContactPose, Key
+from rig.tactile.slip.loops import LEAST_MISFIT
 from rig.tactile.slip.sampling import GradientField
 from rig.tactile.slip.texture import TextureField
 
@@ -23,9 +24,11 @@ FIRM_TEXTURE = 0.95
 # An older keyframe with a lower score is ignored. It shows the same rotation within this angle or within
 # `SAME_SIGMAS`.
 LEAST_SCORE, SAME_RAD = 0.15, math.radians(4.0)
-# One standard deviation of the rotation between a keyframe and a frame. One that depends on contrast and
-# correlations is no better.
-KEY_SIGMA_RAD = math.radians(1.5)
+# One standard deviation of the angle that a channel shows alone, times the root of its unexplained share (of
+# the slopes: for a contact of contrast 1, see `Keyframe`); its lowest correlation there; the lowest sigma.
+# Set on the development clips. One constant sigma increases the error of smooth ovals.
+SLOPES_SIGMA_RAD, TEXTURE_SIGMA_RAD = math.radians(12.0), math.radians(3.0)
+LEAST_CORRELATION, LEAST_SIGMA_RAD = 0.05, math.radians(0.3)
 # A keyframe is kept within the first turn if the score is so high, beyond it if both channels
 # correlate so well, and never beyond the last turn.
 NEXT_KEY_RAD, KEPT_SCORE = math.radians(3.0), 0.7
@@ -79,9 +82,23 @@ def still_fits(fit: Fit, turned_rad: float) -> bool:
     return fit.score >= KEPT_SCORE
 
 
+def sigma_alone(contrast: float, fit: Fit) -> float:
+    """Return one standard deviation of the angle that one keyframe and one frame show, rad.
+
+    A turn that changes the slopes little is poorly constrained by them, however well they fit.
+    """
+    channels = ((SLOPES_SIGMA_RAD / math.sqrt(contrast), fit.slopes), (TEXTURE_SIGMA_RAD, fit.texture))
+    information = 0.0
+    for sigma, correlation in channels:
+        explained = min(max(correlation, LEAST_CORRELATION) ** 2, 1.0 - LEAST_MISFIT)
+        information += explained / ((1.0 - explained) * sigma**2)
+    return 1.0 / math.sqrt(information)
+
+
 def _belief(key: Key, fit: Fit) -> Belief:
-    # What rests pulls every key of a chain the same way: errors add up, not only the squares of them.
-    return Belief(fit.pose, (math.sqrt(key.variance) + KEY_SIGMA_RAD) ** 2, fit)
+    # Resting texture pulls every key of a chain the same way: errors add up, not only their squares.
+    own = sigma_alone(key.frame.contrast, fit)
+    return Belief(fit.pose, (math.sqrt(key.variance) + own) ** 2 + LEAST_SIGMA_RAD**2, fit)
 
 
 def _older(keys: Sequence[Key], angle_rad: float) -> list[Key]:

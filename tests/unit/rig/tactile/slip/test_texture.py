@@ -9,7 +9,10 @@ import pytest
 from drivers.types import Image
 from rig.tactile.sample import State
 from rig.tactile.slip.estimator import SlipEstimator
+from rig.tactile.slip.evidence import Fit
 from rig.tactile.slip.height import Field
+from rig.tactile.slip.judge import sigma_alone
+from rig.tactile.slip.keys import ContactPose
 from rig.tactile.slip.loops import values_at
 from rig.tactile.slip.texture import FEWEST_POINTS, TextureField, fine_scale, make_texture_key, structure
 from support.drawn_sensor import specked
@@ -109,3 +112,15 @@ def test_darkening_specks_do_not_stop_tracking() -> None:
     off = np.abs(answered - answered[0] - turns[9:])
     assert off.mean() < 1.0
     assert off.max() < 5.0, "held for three frames of 1.5 degrees at most: at the start, after a keyframe"
+
+
+def test_sigma_grows_with_low_contrast_and_poor_texture_fit() -> None:
+    def sigma(contrast: float, slopes: float, texture: float) -> float:
+        return sigma_alone(contrast, Fit(ContactPose(0.0, 0j), slopes, texture, 1.0))
+
+    edge, egg = sigma(20.0, 0.93, 0.9), sigma(0.5, 0.93, 0.5)
+    assert edge < math.radians(1.0) < math.radians(3.0) < egg
+    assert sigma(20.0, 0.93, 0.5) > edge
+    assert sigma(20.0, 0.5, 0.9) > edge
+    assert math.isfinite(sigma(0.2, -1.0, 0.0))
+    assert sigma(20.0, 1.0, 1.0) > 0.0

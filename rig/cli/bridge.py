@@ -57,17 +57,16 @@ def ros2(source: LiveSourceOptions, how: LiveAngleOptions, to: BridgeOptions) ->
       rig bridge ros2 http://127.0.0.1:8080/stream.mjpg --background empty.png
 
     """
-    from drivers.clock import SystemClock
-    from drivers.realtime import compute_in_one_thread
     from rig.config.extras import require_extra
 
     for package in ("cyclonedds", "rosbags"):
         require_extra(package, "ros2", "the bridge needs")
-    from rig.bench.live_source import FAKE
-    from rig.live.ros2_bridge import Ros2Bridge
+    with stopped_by_person() as stopped, ExitStack() as stack:
+        from drivers.clock import SystemClock
+        from drivers.realtime import compute_in_one_thread
+        from rig.bench.live_source import FAKE
+        from rig.live.ros2_bridge import Ros2Bridge
 
-    with ExitStack() as stack:
-        stopped = stack.enter_context(stopped_by_person())
         compute_in_one_thread()
         desk = stack.enter_context(desk_of(sources_of(source), settings_of(source, how), stack))
         publisher = Ros2Bridge(to.domain, SystemClock())

@@ -7,6 +7,7 @@ import sys
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from enum import IntEnum
+from types import FrameType
 
 from drivers.errors import InputError, OperatorStopError, RigError, SessionError
 from rig.live.output import discard
@@ -86,19 +87,28 @@ STOPS = (signal.SIGINT, signal.SIGTERM, signal.SIGQUIT)
 """Signals that always end a command. SIGHUP ends it too, unless it was ignored at the start (nohup)."""
 
 
+IMPORTED_S = 0.005
+"""Time after which a signal that came during an import takes effect, s."""
+
+
 def stop_on_signals() -> None:
     """Handle SIGINT (Ctrl-C), SIGQUIT, SIGTERM and SIGHUP by the same safe teardown as an error.
 
     The first signal raises `OperatorStopError` in the running code. The second one raises it again, in the
     teardown, which then stops all motion and leaves everything where it is. Further signals are ignored,
     so that they cannot interrupt the stop commands to the hardware. SIGHUP stays ignored if it was ignored
-    at the start (nohup).
+    at the start (nohup). A signal during Python's own import code takes effect a moment later: Python
+    discards an exception raised there while the lock of a module is removed.
     """
     received = 0
     terminals = [descriptor for descriptor in (0, 1, 2) if os.isatty(descriptor)]
 
-    def stop(number: int, _: object) -> None:
+    def stop(number: int, frame: FrameType | None) -> None:
         nonlocal received
+        if frame is not None and frame.f_code.co_filename.startswith("<frozen importlib"):
+            signal.signal(signal.SIGALRM, lambda _, then: stop(number, then))
+            signal.setitimer(signal.ITIMER_REAL, IMPORTED_S)
+            return
         received += 1
         if number == signal.SIGHUP:
             discard(terminals)

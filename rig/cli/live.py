@@ -117,18 +117,21 @@ def live(source: LiveSourceOptions, how: LiveAngleOptions, view: LiveViewOptions
       rig live D20641 --no-browser --foxglove
 
     """
-    with ExitStack() as stack:
-        _show_live(source, how, view, stack)
+    with stopped_by_person() as stopped, ExitStack() as stack:
+        _show_live(source, how, view, stack, stopped)
     say("ended")
 
 
 def _show_live(
-    source: LiveSourceOptions, how: LiveAngleOptions, view: LiveViewOptions, stack: ExitStack
+    source: LiveSourceOptions,
+    how: LiveAngleOptions,
+    view: LiveViewOptions,
+    stack: ExitStack,
+    stopped: threading.Event,
 ) -> None:
-    """Run the desk, with its page if there is one, until it is stopped."""
+    """Run the desk, with its page if there is one, until `stopped` is set."""
     from drivers.realtime import compute_in_one_thread
 
-    stopped = stack.enter_context(stopped_by_person())
     page = None if view.terminal or view.json else _page(source, how.estimator, view, stack)
     sources, settings = sources_of(source), settings_of(source, how, view.clips)
     say(

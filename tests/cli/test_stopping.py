@@ -143,3 +143,27 @@ def test_ctrl_c_at_the_end_changes_neither_message_nor_exit_code() -> None:
         [sys.executable, "-c", STRUCK_AT_THE_END], capture_output=True, text=True, timeout=60, check=False
     )
     assert (done.returncode, done.stderr) == (3, "rig: stopped by the operator\n")
+
+
+def test_signal_during_the_clean_up_of_an_import_still_stops() -> None:
+    """Python discards exceptions of such a callback, as of the one that removes a module's lock."""
+    code = """if True:
+        import os, signal, time, weakref
+        from drivers.errors import OperatorStopError
+        from rig.cli.common import stop_on_signals
+        class Lock: pass
+        names = {"os": os, "signal": signal}
+        text = "def cb(_): os.kill(os.getpid(), signal.SIGINT)"
+        exec(compile(text, "<frozen importlib._bootstrap>", "exec"), names)
+        stop_on_signals()
+        lock = Lock()
+        watched = weakref.ref(lock, names["cb"])
+        try:
+            del lock
+            time.sleep(20)
+        except OperatorStopError:
+            print("stopped")
+    """
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.stdout == "stopped\n", done.stderr
+    assert "ignored" not in done.stderr

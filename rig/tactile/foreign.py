@@ -19,7 +19,7 @@ from drivers.types import ArmState, Image
 from rig.tactile.sample import FreshFrameEstimator, SlipSample, State, check_frame
 
 GROUP = "slip_rig.estimators"
-"""Group of the entry points by which installed packages offer estimators."""
+"""Group of the entry points in which installed packages offer estimators."""
 STAGE = "update"
 """Name of the stage for the run time of an estimator that reports no stages."""
 LONGEST_FAULT = 300

@@ -167,8 +167,8 @@ def test_refused_calibration_is_left_out(tmp_path: Path) -> None:
         ("hand-eye", CAMERA_SERIAL, {**PLACE, "translation_m": [400.0, 0.0, 0.0]}, "are these mm?"),
         ("hand-eye", CAMERA_SERIAL, {**PLACE, "translation_m": [[1.0], {}, None]}, "damaged"),
         ("gripper", GRIPPER, {"closing": {"counts": [6, 255], "opening_m": [12.0, 0.0]}}, "equal to 0.2"),
-        ("gripper", GRIPPER, {"closing": {"counts": [6, 50, 255], "opening_m": [0.1, 0.12, 0]}}, "close "),
-        ("gripper", GRIPPER, {"closing": {"counts": [50, 6], "opening_m": [0.1, 0.0]}}, "not close from 50"),
+        ("gripper", GRIPPER, {"closing": {"counts": [6, 50, 255], "opening_m": [0.1, 0.12, 0]}}, "decrease"),
+        ("gripper", GRIPPER, {"closing": {"counts": [50, 6], "opening_m": [0.1, 0.0]}}, "decrease from 50"),
         ("gripper", GRIPPER, {"closing": {"counts": [6], "opening_m": [0.1, 0.0]}}, "damaged"),
     ],
 )  # fmt: skip

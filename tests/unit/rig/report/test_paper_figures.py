@@ -72,6 +72,6 @@ def test_special_characters_are_escaped_in_latex() -> None:
 
 def test_sources_without_figures_for_a_paper_are_rejected(drawn_recording: Any, tmp_path: Path) -> None:
     session = drawn_recording(tmp_path / "session")
-    with pytest.raises(InputError, match="only trials that can be read, and CSV files"):
+    with pytest.raises(InputError, match="only readable trials and CSV files"):
         write_report([session], figures=tmp_path / "figures")
     assert not (tmp_path / "figures").exists()

@@ -1,4 +1,4 @@
-"""Two fingertips, one object: their answers in one angle (contract, angles and frames)."""
+"""Fuse the angles of two fingertips on one object (contract, angles and frames)."""
 
 import math
 from dataclasses import dataclass
@@ -9,26 +9,26 @@ from drivers.clock import NS_PER_S
 from rig.tactile.sample import SlipSample, State
 
 MAX_SKEW_NS = 40_000_000
-"""How old the other fingertip's answer may be: two frames at 60 Hz and some jitter."""
+"""Largest age of the other fingertip's angle: two frames at 60 Hz and some jitter."""
 MAX_GAP_NS = 200_000_000
-"""How old it may be where the newest fingertip has looked before it: a camera's period, 5 frames a second."""
+"""Largest age if the newest fingertip has an earlier frame than it: one period at 5 frames per second."""
 SURER = 4.0
-"""So many times as unsure as another, a fingertip's own turns are noise beside the other's rate."""
+"""If sigma of a fingertip exceeds that of another by this factor, the other's rate is used between frames."""
 STICKS = 0.02
-"""How often an estimator sticks to what rests on the gel: a few fingertips in a hundred on hard lifts."""
+"""Prior probability that an estimator follows the resting gel: a few per cent on hard lifts."""
 ANYTHING = 0.1
-"""Share of those that answer anything, not something between rest and the turn."""
+"""Fraction of such angles that are arbitrary; the others are between rest and the rotation of the object."""
 CORRELATION = 0.7
-"""Of the two fingertips' errors: they touch the same object under the same load, so what the gel
-hides from one it mostly hides from the other (0.6 to 0.9 on simulated lifts)."""
+"""Correlation of the errors of two fingertips, 0.6 to 0.9 on simulated lifts: they touch the same object
+under the same load."""
 LEAST_GAP_DEG, GAP_SIGMAS = 1.0, 3.0
-"""Fingertips disagree when they are so far apart, in degrees and in multiples of the gap's sigma."""
+"""Fingertips disagree if their difference exceeds both limits, in degrees and in sigmas of the difference."""
 STUCK_SHARE = 0.35
-"""A pad that shows less than this share of the other's turn sticks while the other slips."""
+"""If one fingertip shows less than this fraction of the other's rotation, only the other one slips."""
 
 
 class Disagreement(StrEnum):
-    """Why two fingertips see different turns."""
+    """Reason for different rotations of two fingertips."""
 
     TILT = "tilt"
     ONE_PAD_SLIPS = "one pad slips"
@@ -36,9 +36,10 @@ class Disagreement(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class FusedSample:
-    """The object's angle at a tactile frame's time, deg, None where no fingertip answers.
+    """The object's angle at the time of a tactile frame, deg; None if no fingertip has an angle.
 
-    rate_deg_s: mean of the answering fingertips. disagreement: why the two do not agree, if so.
+    rate_deg_s: mean of the fingertips that contribute. disagreement: its reason; None if the fingertips
+    agree.
     """
 
     time_ns: int
@@ -51,9 +52,9 @@ class FusedSample:
 
 @dataclass(frozen=True, slots=True)
 class TipAnswer:
-    """One fingertip's sample, its angle and rate signed and relative to its zero.
+    """A sample of a fingertip, with its signed angle relative to the zero, and its signed rate.
 
-    before: time in ns and angle of the answer before, None where there was none.
+    before: time in ns and angle of the previous answer; None if there is none.
     """
 
     sample: SlipSample
@@ -63,7 +64,7 @@ class TipAnswer:
     before: tuple[int, float] | None = None
 
     def turned_since(self, time_ns: int) -> float | None:
-        """Return how far it has turned since a time between its last two frames, None if unknown."""
+        """Return the rotation since a time between its last two frames, deg; None if unknown."""
         if self.angle_deg is None or self.before is None or not self.before[0] <= time_ns:
             return None
         before_ns, before_deg = self.before
@@ -71,20 +72,20 @@ class TipAnswer:
         return share * (self.angle_deg - before_deg)
 
     def at(self, time_ns: int, turned_deg: float | None = None) -> float:
-        """Return the angle at a later time: by what the object turned, else by its own rate."""
+        """Return the angle at a later time. turned_deg: rotation until then; None to extrapolate the rate."""
         if turned_deg is None:
             turned_deg = (self.rate_deg_s or 0.0) * (time_ns - self.sample.time_ns) / NS_PER_S
         return (self.angle_deg or 0.0) + turned_deg
 
 
 def fuse(now: TipAnswer, others: list[TipAnswer]) -> FusedSample:
-    """Combine a fingertip's newest answer with the others' recent ones, brought to its time.
+    """Fuse a fingertip's newest answer with recent answers of the others, extrapolated to its time.
 
-    The newest fingertip itself has seen how far the object turned since the others' frames, which
-    is surer than their rates unless it is far less sure than they are. Where every answer has a sigma
-    the likeliest of `_hypotheses` is told; otherwise the mean (the paper's methods have no sigma). An
-    answer older than `MAX_SKEW_NS` counts only where the newest fingertip has looked before it, as
-    cameras of a few frames a second do.
+    They are extrapolated by the rotation that the newest fingertip has measured since their frames, or by
+    their own rates if its sigma is much larger than theirs. If every answer has a sigma, the result is the
+    likeliest of `_hypotheses`, else the mean (the paper's methods have no sigma). An answer older than
+    `MAX_SKEW_NS` counts only if the newest fingertip has an earlier frame than it, as with cameras of a few
+    frames per second.
     """
     time_ns = now.sample.time_ns
     answers = [a for a in (now, *others) if a.angle_deg is not None and _counts(a, now)]
@@ -93,19 +94,19 @@ def fuse(now: TipAnswer, others: list[TipAnswer]) -> FusedSample:
     angles = [a.at(time_ns, _turned_since(a, now)) for a in answers]
     known = [a.sigma_deg for a in answers if a.sigma_deg]
     if len(known) < len(answers):
-        told = _Hypothesis(1.0, sum(angles) / len(angles), 0.0, tuple(range(len(angles))))
+        best = _Hypothesis(1.0, sum(angles) / len(angles), 0.0, tuple(range(len(angles))))
         sigma, gap = None, None
     else:
-        told, sigma = _believed(_hypotheses(angles, known))
+        best, sigma = _likeliest(_hypotheses(angles, known))
         gap = _disagreement(angles, known) if len(answers) == 2 else None
-    rates = [rate for i in told.turned if (rate := answers[i].rate_deg_s) is not None]
+    rates = [rate for i in best.turned if (rate := answers[i].rate_deg_s) is not None]
     rate = sum(rates) / len(rates) if rates else None
-    return FusedSample(time_ns, told.angle_deg, sigma, answers[0].sample.state, rate, gap)
+    return FusedSample(time_ns, best.angle_deg, sigma, answers[0].sample.state, rate, gap)
 
 
 @dataclass(frozen=True, slots=True)
 class _Hypothesis:
-    """That some fingertips (by index) have turned with the object, and the others stick to what rests."""
+    """Some fingertips (by index) have measured the rotation, and the others follow the resting gel."""
 
     weight: float
     angle_deg: float
@@ -114,34 +115,34 @@ class _Hypothesis:
 
 
 def _turned_since(answer: TipAnswer, now: TipAnswer) -> float | None:
-    """Return by what the newest fingertip saw the object turn since an answer; None where that is no help."""
+    """Return the rotation measured by the newest fingertip since an answer; None if unknown or too noisy."""
     noisy = answer.sigma_deg and now.sigma_deg and now.sigma_deg > SURER * answer.sigma_deg
     return None if noisy else now.turned_since(answer.sample.time_ns)
 
 
 def _counts(answer: TipAnswer, now: TipAnswer) -> bool:
-    """Whether an answer is recent enough to be brought to the newest one's time.
+    """Whether an answer is recent enough to be extrapolated to the time of the newest one.
 
-    Without a sigma nothing weighs it against the newest one: then it has to be as new.
+    An answer without sigma cannot be weighted, so its age is limited to `MAX_SKEW_NS`.
     """
     age_ns = now.sample.time_ns - answer.sample.time_ns
     seen_since = answer.sigma_deg and now.turned_since(answer.sample.time_ns) is not None
     return age_ns <= (MAX_GAP_NS if seen_since else MAX_SKEW_NS)
 
 
-def _believed(hypotheses: list[_Hypothesis]) -> tuple[_Hypothesis, float]:
-    """Return the likeliest hypothesis, and a sigma around it to which all the others add."""
+def _likeliest(hypotheses: list[_Hypothesis]) -> tuple[_Hypothesis, float]:
+    """Return the likeliest hypothesis, and a sigma that includes the other hypotheses."""
     best = max(hypotheses, key=lambda h: h.weight)
     squares = sum(h.weight * (h.sigma_deg**2 + (h.angle_deg - best.angle_deg) ** 2) for h in hypotheses)
     return best, math.sqrt(squares / sum(h.weight for h in hypotheses))
 
 
 def _hypotheses(angles: list[float], sigmas: list[float]) -> list[_Hypothesis]:
-    """Return what fingertips may have seen, each with its likelihood.
+    """Return all hypotheses with their likelihoods.
 
-    An answer is normal around the object's turn by its sigma; but now and then an estimator sticks to what
-    rests on the gel, and answers anything between rest and that turn. The mean of one that turned and one
-    that stuck would be right for neither.
+    An angle is normally distributed around the rotation of the object. But sometimes an estimator follows the
+    resting gel; its angle is then between rest and that rotation. The mean of a correct and such an angle
+    would be wrong.
     """
     all_of = range(len(angles))
     chosen = (turned for count in range(len(angles), 0, -1) for turned in combinations(all_of, count))
@@ -151,7 +152,8 @@ def _hypotheses(angles: list[float], sigmas: list[float]) -> list[_Hypothesis]:
 def _hypothesis(turned: tuple[int, ...], angles: list[float], sigmas: list[float]) -> _Hypothesis:
     weights = [1.0 / sigmas[i] ** 2 for i in turned]
     angle = sum(w * angles[i] for w, i in zip(weights, turned, strict=True)) / sum(weights)
-    # of the answers, whatever the turn is: the normal densities' product over that of their mean
+    # likelihood of the angles for an unknown rotation: product of the normal densities over that of their
+    # mean
     agree = math.prod(_normal(angles[i] - angle, sigmas[i]) for i in turned)
     agree /= _normal(0.0, sum(weights) ** -0.5)
     stuck = [i for i in range(len(angles)) if i not in turned]
@@ -162,9 +164,9 @@ def _hypothesis(turned: tuple[int, ...], angles: list[float], sigmas: list[float
 
 
 def _stuck(angle_deg: float, sigma_deg: float, turn_deg: float) -> float:
-    """Return the likelihood of an answer that stuck while the object turned: between rest and the turn.
+    """Return the likelihood of an angle that follows the resting gel: between rest and the rotation.
 
-    sigma_deg: of the answer and the turn together. A few of them are anything.
+    sigma_deg: of the angle and the rotation together. The fraction `ANYTHING` is uniformly distributed.
     """
     if abs(turn_deg) < sigma_deg / 100.0:
         between = _normal(angle_deg, sigma_deg)

@@ -89,11 +89,11 @@ def _chart(lift: Lift) -> Chart | None:
     if not row.reactions:
         return lift_chart(lift.curves, f"without a reaction: turned {_turn(row)}°, {row.outcome.value}")
     first = row.reactions[0].command_s
-    told = (
+    reactions = (
         f"{counted(len(row.reactions), 'reaction')}, the first {first:.2f} s into the lift, "
         f"{counted(_added(row), 'grip step')} added"
     )
-    return lift_chart(lift.curves, f"with '{row.react.value}': turned {_turn(row)}°; {told}")
+    return lift_chart(lift.curves, f"with '{row.react.value}': turned {_turn(row)}°; {reactions}")
 
 
 def _turn(row: FinishedLift) -> str:

@@ -81,8 +81,8 @@ def _taken(row: PoseRow, about: PoseImage, image: Image, reference: Image) -> Ta
     # one finder per image, because a finder has hysteresis between frames, and these images are not a series
     contact = ContactFinder(reference).find(image)
     axis = ellipse_axis(contact.contour) if contact.mask is not None else None
-    told = axis is not None and axis.elongation >= ROUND
-    return Taken(row, about, image, contact, axis.angle_deg if axis is not None and told else None)
+    elongated = axis is not None and axis.elongation >= ROUND
+    return Taken(row, about, image, contact, axis.angle_deg if axis is not None and elongated else None)
 
 
 def _serials(rows: list[PoseRow]) -> list[str]:

@@ -54,7 +54,7 @@ def relief(gradient: Gradient, mask: Image) -> Field:
 
 @lru_cache(maxsize=8)
 def _integrals(height: int, width: int) -> tuple[Gradient, Gradient]:
-    """Return the factors of the slopes' real transforms along x and y; their sum is that of the height."""
+    """Return the factors of the slopes' transforms, along x and y, that give that of the height."""
     ky = 2.0 * np.pi * np.fft.fftfreq(height)[:, None]
     kx = 2.0 * np.pi * np.fft.rfftfreq(width)[None]
     squares = kx * kx + ky * ky

@@ -1,6 +1,6 @@
-"""Whether the slopes of a contact show its rotation, or its texture: by the newest keyframe.
+"""Decide whether the slopes or the texture of a contact show its rotation, with the newest keyframe.
 
-Both channels are aligned together. The pose of the slopes alone stands unless the other pose has a clearly
+Both channels are aligned together. The pose of the slopes alone is kept unless the joint pose has a clearly
 higher score. Older keyframes of the contact drift less, so they correct the newest one.
 """
 
@@ -15,11 +15,11 @@ from rig.tactile.slip.sampling import GradientField
 from rig.tactile.slip.texture import TextureField
 
 ITERATIONS = 8
-# Slopes of the object itself leave little unexplained. Their pose stands until another has so much more
-# score; more by the second where theirs is ample.
+# If the slopes leave little unexplained, their pose is kept unless the joint pose has a score that is higher
+# by MORE_SCORE, or by MORE_THAN_AMPLE if that of the slopes is at least AMPLE_SCORE.
 MORE_SCORE, AMPLE_SCORE, MORE_THAN_AMPLE = 0.1, 1.2, 0.5
-# If the texture leads already and correlates so well, an equal score suffices: just after a keyframe a
-# resting bulge fits perfectly, and the degrees that it hides would be lost with the next keyframe.
+# If the texture leads already with at least this correlation, an equal score suffices: just after a keyframe
+# a resting bulge fits perfectly, and the rotation that it hides would be lost with the next keyframe.
 FIRM_TEXTURE = 0.95
 # An older keyframe with a lower score is ignored. It shows the same rotation within this angle or within
 # `SAME_SIGMAS`.
@@ -29,8 +29,8 @@ LEAST_SCORE, SAME_RAD = 0.15, math.radians(4.0)
 # Set on the development clips. One constant sigma increases the error of smooth ovals.
 SLOPES_SIGMA_RAD, TEXTURE_SIGMA_RAD = math.radians(12.0), math.radians(3.0)
 LEAST_CORRELATION, LEAST_SIGMA_RAD = 0.05, math.radians(0.3)
-# A keyframe is kept within the first turn if the score is so high, beyond it if both channels
-# correlate so well, and never beyond the last turn.
+# A keyframe is kept up to a rotation of NEXT_KEY_RAD if its score is at least KEPT_SCORE, and up to
+# FURTHEST_KEY_RAD if both channels have at least the correlation KEPT.
 NEXT_KEY_RAD, KEPT_SCORE = math.radians(3.0), 0.7
 KEPT, FURTHEST_KEY_RAD = 0.75, math.radians(12.0)
 
@@ -52,7 +52,7 @@ def by_texture(
     by_slopes: ContactPose | None,
     leads: bool,
 ) -> Belief | None:
-    """Return the pose by slopes and texture together; None if the pose of the slopes alone stands.
+    """Return the pose by slopes and texture together; None if the pose of the slopes alone is kept.
 
     keys: the first one of the contact first, its newest last. expected: the initial pose. by_slopes: the pose
     of the slopes alone if they leave little unexplained, else None. leads: whether the texture led in the
@@ -76,7 +76,7 @@ def by_texture(
 
 
 def still_fits(fit: Fit, turned_rad: float) -> bool:
-    """Return whether a keyframe still shows a turn since it was taken."""
+    """Return whether a keyframe is still used after a rotation since it was taken."""
     if abs(turned_rad) > NEXT_KEY_RAD:
         return abs(turned_rad) <= FURTHEST_KEY_RAD and min(fit.slopes, fit.texture) >= KEPT
     return fit.score >= KEPT_SCORE
@@ -102,13 +102,13 @@ def _belief(key: Key, fit: Fit) -> Belief:
 
 
 def _older(keys: Sequence[Key], angle_rad: float) -> list[Key]:
-    """Return the first key and the oldest other one that is near, but not the newest."""
+    """Return the first key, and the oldest near one of the others except the newest."""
     near = [k for k in keys[1:-1] if k.near(angle_rad)]
     return [*keys[:1], *near[:1]] if len(keys) > 1 else []
 
 
 def _together(belief: Belief, found: Belief) -> Belief:
-    """Fuse the pose that an older key shows of the same motion, by its variance."""
+    """Fuse the pose with that of an older key, weighted by variance, if they agree."""
     gap = found.pose.angle_rad - belief.pose.angle_rad
     total = belief.variance + found.variance
     if found.fit.score < LEAST_SCORE or abs(gap) > max(SAME_RAD, SAME_SIGMAS * math.sqrt(total)):

@@ -26,8 +26,10 @@ from support.benches import lighter
 from support.fuzz import PROFILE
 from support.shared import made_once
 
-# A suite under nohup ignores hangups, and so would all that it starts.
+# A suite under nohup or in the background ignores signals, and so would all programs that it starts.
 signal.signal(signal.SIGHUP, signal.SIG_DFL)
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 pytest_plugins = (
     "rig.contract_checks.options",

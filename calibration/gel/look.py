@@ -16,14 +16,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.gel.noise import CameraNoise
 from drivers.errors import CalibrationError
 from drivers.formats import reason
 
 Plane = NDArray[np.float32]
 Weights = NDArray[np.float64]
 
-SCHEMA = 1
-_NOISE_UNITS = 4.0
+SCHEMA = 2
 HALF = 2
 """Image pixels per pixel of the geometry."""
 _KNEE = 0.3
@@ -47,8 +47,8 @@ class GelLook:
 
     background: (H, W, 3) float32 grey levels, RGB, untouched. weights: (F, 3), columns R, G, B.
     place_degree: of the place terms; by_background: whether the local background scales the slope terms;
-    shadows: whether light lost beside a dent is modelled. mm_per_px: along x and y. noise: (N, H, W, 3)
-    float32 grey levels, noise as frames of the untouched gel had it. jpeg_quality: None if the frames
+    shadows: whether light lost beside a dent is modelled. mm_per_px: along x and y. noise: of single
+    frames, as the untouched gel showed it. jpeg_quality: None if the frames
     show no JPEG compression. about: serial, ball, presses and held-out errors, as in the file.
     turn_rad: how far the LEDs are turned (only in varied looks).
     """
@@ -59,7 +59,7 @@ class GelLook:
     by_background: bool
     shadows: bool
     mm_per_px: tuple[float, float]
-    noise: Plane
+    noise: CameraNoise
     jpeg_quality: int | None
     about: Mapping[str, Any] = field(default_factory=dict)
     turn_rad: float = 0.0
@@ -69,10 +69,9 @@ class GelLook:
         """Rows and columns of its images."""
         return self.background.shape[0], self.background.shape[1]
 
-    @property
-    def noise_grey(self) -> Plane:
-        """(3,) one sigma of the noise per channel."""
-        return self.noise.std(axis=(0, 1, 2))
+    def draw_noise(self, shape: tuple[int, int], count: int, rng: np.random.Generator) -> Plane:
+        """Draw fields of its noise, (count, H, W, 3) grey levels."""
+        return self.noise.draw(shape, count, rng)
 
     @property
     def dome_mm(self) -> float:
@@ -131,7 +130,7 @@ class GelLook:
             facts=np.array(json.dumps(facts)),
             background=self.background.astype(np.float16),
             weights=self.weights,
-            noise=np.clip(np.rint(self.noise * _NOISE_UNITS), -127, 127).astype(np.int8),
+            noise=self.noise.covariance.astype(np.float32),
         )
         return file.getvalue()
 
@@ -150,7 +149,7 @@ class GelLook:
             self,
             background=np.clip(cv2.resize(other, self.shape[::-1]), 0, 255).astype(np.float32),
             weights=self.weights * gains,
-            noise=self.noise * np.float32(rng.uniform(0.7, 1.3)),
+            noise=self.noise.scaled(rng.uniform(0.7, 1.3)),
             about={**self.about, "varied": seed},
             turn_rad=turn,
         )
@@ -201,6 +200,8 @@ def load_look(path: Path) -> GelLook:
     try:
         with np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as stored:
             facts = json.loads(str(stored["facts"]))
+            if facts["schema"] != SCHEMA:
+                raise ValueError(f"format {facts['schema']}, this version reads {SCHEMA}")
             across, along = facts["mm_per_px"]
             look = GelLook(
                 stored["background"].astype(np.float32),
@@ -209,7 +210,7 @@ def load_look(path: Path) -> GelLook:
                 bool(facts["by_background"]),
                 bool(facts["shadows"]),
                 (float(across), float(along)),
-                stored["noise"].astype(np.float32) / np.float32(_NOISE_UNITS),
+                CameraNoise(stored["noise"].astype(np.float64)),
                 facts["jpeg_quality"],
                 facts["about"],
                 float(facts["turn_rad"]),
@@ -219,7 +220,7 @@ def load_look(path: Path) -> GelLook:
         raise CalibrationError(f"{path}: no such look; rig calibrate tactile makes it") from error
     except Exception as error:
         raise CalibrationError(f"{path}: is not a gel's look ({reason(error)}); make it again") from error
-    if not all(np.isfinite(array).all() for array in (look.background, look.weights)):
+    if not all(np.isfinite(array).all() for array in (look.background, look.weights, look.noise.covariance)):
         raise CalibrationError(f"{path}: holds numbers that are not finite; make it again")
     return look
 

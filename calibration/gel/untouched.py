@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.gel.noise import CameraNoise, measure_noise
 from drivers.types import Image
 
 Array = NDArray[np.floating]
@@ -17,8 +18,12 @@ ENOUGH_FRAMES = 8
 """Number of untouched frames from which the presses are not needed for the background."""
 _UNTOUCHED = 2.2
 """Beyond this, in radii of the circle of its contact, a press leaves the gel as it is."""
-_NOISE_FRAMES, _NOISE_SMOOTH_PX = 12, 8.0
-"""Number of stored noise frames; broader structure than the second value is light, not noise."""
+_LIGHT_PX = 8.0
+"""Standard deviation of a blur; broader structure is light, not noise."""
+_NOISE_PX = 2.0
+"""Standard deviation of a blur that removes most of a camera's noise."""
+_MEDIAN_VARIANCE = np.pi / 2.0
+"""Variance of the median of N normal values, times N, over their variance."""
 _JPEG_QUALITIES = range(50, 97)
 _JPEG_DIP = 0.8
 """Compressing a picture again with its own quality changes it by less than this share of the next quality."""
@@ -53,8 +58,8 @@ def _recompression_error(image: Image, quality: int) -> float:
 
 def background_and_noise(
     presses: Sequence[Pressed], background: Image, untouched: Sequence[Image]
-) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Median background (H, W, 3), and the noise (N, H, W, 3) of some frames, from pixels without contact."""
+) -> tuple[NDArray[np.float32], CameraNoise]:
+    """Median background (H, W, 3), and the noise of single frames, from pixels without contact."""
     frames = [np.asarray(frame, np.float32) for frame in (background, *untouched)]
     free = [np.ones(background.shape[:2], bool) for _ in frames]
     rows, columns = np.indices(background.shape[:2])
@@ -66,17 +71,28 @@ def background_and_noise(
     still = np.stack(frames) - level[:, None, None].astype(np.float32)
     still[~np.stack(free)] = np.nan
     # the median, because light that a contact takes away far from it counts as untouched in some presses
-    mean = np.nanmedian(still, axis=0).astype(np.float32)
-    noise = [np.where(np.isnan(f), 0.0, f - mean).astype(np.float32) for f in still]
-    fine = [f - cv2.GaussianBlur(f, (0, 0), _NOISE_SMOOTH_PX) for f in noise]
-    return mean, np.stack([_filled(i, fine, free) for i in range(min(_NOISE_FRAMES, len(fine)))])
+    mean = _without_noise(np.nanmedian(still, axis=0).astype(np.float32), still, np.stack(free).sum(axis=0))
+    noise = [_fine(np.where(np.isnan(f), 0.0, f - mean), m) for f, m in zip(still, free, strict=True)]
+    return mean, measure_noise(noise, free)
 
 
-def _filled(number: int, noise: Sequence[Array], free: Sequence[NDArray[np.bool_]]) -> NDArray[np.float32]:
-    """Noise of a frame; where that has its contact, the noise of the next frames that have none there."""
-    whole, missing = noise[number].copy(), ~free[number]
-    for step in range(1, len(noise)):
-        other = (number + step) % len(noise)
-        now = missing & free[other]
-        whole[now], missing = noise[other][now], missing & ~now
-    return np.asarray(whole, np.float32)
+def _without_noise(
+    median: NDArray[np.float32], still: Array, count: NDArray[np.integer]
+) -> NDArray[np.float32]:
+    """Remove from a median of few frames the noise that is left in it (Wiener filter); dust remains.
+
+    still: (N, H, W, 3), NaN where a frame is not free. count: (H, W), frames that are free.
+    """
+    smooth = cv2.GaussianBlur(median, (0, 0), _NOISE_PX)
+    scatter = np.nanmean((still[:, ::4, ::4] - median[::4, ::4]) ** 2, axis=(0, 1, 2))
+    left = scatter * _MEDIAN_VARIANCE / np.maximum(count, 1)[..., None]
+    local = cv2.GaussianBlur((median - smooth) ** 2, (0, 0), 2.0 * _NOISE_PX)
+    kept = np.maximum(1.0 - left / np.maximum(local, 1e-6), 0.0)
+    return np.asarray(smooth + kept * (median - smooth), np.float32)
+
+
+def _fine(noise: Array, free: NDArray[np.bool_]) -> Array:
+    """Noise of a frame (H, W, 3) without broad structure, which is light; 0 in contacts."""
+    share = cv2.GaussianBlur(free.astype(np.float32), (0, 0), _LIGHT_PX)[..., None]
+    broad = cv2.GaussianBlur(noise.astype(np.float32), (0, 0), _LIGHT_PX) / np.maximum(share, 0.05)
+    return np.asarray(np.where(free[..., None], noise - broad, 0.0), np.float32)

@@ -35,13 +35,12 @@ class Look(Protocol):
         ...
 
     @property
-    def noise(self) -> Plane:
-        """(N, H, W, 3) grey levels of the noise of some frames."""
-        ...
-
-    @property
     def jpeg_quality(self) -> int | None:
         """JPEG quality of its frames; None if they are not compressed."""
+        ...
+
+    def draw_noise(self, shape: tuple[int, int], count: int, rng: np.random.Generator) -> Plane:
+        """Draw fields of noise, (count, H, W, 3) grey levels."""
         ...
 
     def varied(self, seed: int) -> "Look":

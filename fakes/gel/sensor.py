@@ -28,8 +28,6 @@ _DRIFT_STEP_S = 0.1
 _MOST_LOST = 0.85
 _NOISE_FIELDS = 6
 _NOISE_MARGIN_PX = 48
-_LOOK_SHARES = np.array([0.8, 0.6], np.float32)[:, None, None, None]
-"""Weights of the noise of two frames; their squares add up to 1."""
 
 
 class GelSensor:
@@ -61,7 +59,8 @@ class GelSensor:
         self._noise = _noise_fields(shape, variation.noise * float(rng.uniform(1.3, 1.9)), rng)
         if look is not None:
             self._light = replace(self._light, background=look.background)
-            self._noise = np.rint(look.noise[:, None] * (_LOOK_SHARES * _UNITS)).astype(np.int16)
+            large = shape[0] + _NOISE_MARGIN_PX, shape[1] + _NOISE_MARGIN_PX
+            self._noise = np.rint(look.draw_noise(large, _NOISE_FIELDS, rng) * _UNITS).astype(np.int16)
         self._markers = MarkerPrint(shape, mm_per_px, unit_seed) if markers else None
         self._glow = _planes_at_half(self._light.background)
         self._drifted: tuple[float, NDArray[np.int16]] | None = None
@@ -147,25 +146,14 @@ class GelSensor:
 
     def _add_noise(self, frame: NDArray[np.int16], rng: np.random.Generator) -> None:
         rows, columns = self._pad.shape
-        if self._look is not None:
-            self._add_look_noise(frame, rng)
-            return
         which, down, across, sign = rng.integers(0, (_NOISE_FIELDS, _NOISE_MARGIN_PX, _NOISE_MARGIN_PX, 2))
+        if self._look is not None:  # a camera's noise differs between odd and even pixels
+            down, across = down - down % 2, across - across % 2
         field = self._noise[which][down : down + rows, across : across + columns]
         if sign:
             cv2.add(frame, field, dst=frame)
         else:
             cv2.subtract(frame, field, dst=frame)
-
-    def _add_look_noise(self, frame: NDArray[np.int16], rng: np.random.Generator) -> None:
-        """Add the noise of two real frames, mixed so that it hardly repeats and is as strong as in one frame.
-
-        It is not shifted, because a camera's noise is stronger in bright regions and has a fixed pattern.
-        """
-        count = len(self._noise)
-        first, further = int(rng.integers(count)), int(rng.integers(1, max(count, 2)))
-        cv2.add(frame, self._noise[first, 0], dst=frame)
-        cv2.add(frame, self._noise[(first + further) % count, 1], dst=frame)
 
 
 def _planes_at_half(image: NDArray[np.float32]) -> NDArray[np.float32]:

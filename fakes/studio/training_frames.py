@@ -67,12 +67,16 @@ def training_frames(
     rng = np.random.default_rng((seed, 41))
     while True:
         number, variation = int(rng.integers(1 << 31)), FAMILY if family else draw_variation(rng)
-        varied = None
-        if look is not None and rng.random() < _LOOK_SHARE:
-            varied = look.varied(LOOK_SEEDS_FROM + int(rng.integers(1 << 20)))
-        unit = GelSensor(number, variation=variation, look=varied)
+        unit = GelSensor(number, variation=variation, look=varied_look(look, rng))
         background = mean_at_rest(unit, rng)
         yield [_frame(unit, background, objects, random_share, rng) for _ in range(FRAMES_PER_UNIT)]
+
+
+def varied_look(look: Look | None, rng: np.random.Generator) -> Look | None:
+    """Return a variation of a look for every second unit, by seeds that no bench uses; else None."""
+    if look is None or rng.random() >= _LOOK_SHARE:
+        return None
+    return look.varied(LOOK_SEEDS_FROM + int(rng.integers(1 << 20)))
 
 
 def mean_at_rest(unit: GelSensor, rng: np.random.Generator) -> Image:

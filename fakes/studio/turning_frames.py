@@ -12,12 +12,13 @@ from numpy.typing import NDArray
 
 from drivers.clock import to_ns
 from drivers.types import Image
+from fakes.gel.look import Look
 from fakes.gel.sensor import GelSensor, Imprint
 from fakes.gel.variation import Variation, coded, draw_codec, draw_variation
 from fakes.objects.relief import Bulge, draw_bulge
 from fakes.objects.surfaces import Surface, build_surface, depth_for_force, soft_surface
 from fakes.studio.conditions import draw_kind, draw_unit
-from fakes.studio.training_frames import mean_at_rest, random_contact
+from fakes.studio.training_frames import mean_at_rest, random_contact, varied_look
 
 FRAMES_PER_FACE = 6
 TURN_DEG = 8.0
@@ -46,11 +47,15 @@ class TurningFrame:
     aspect: float
 
 
-def turning_frames(seed: int) -> Iterator[list[TurningFrame]]:
-    """Yield groups of images without end, each of one face on one unit; equal seeds give equal images."""
+def turning_frames(seed: int, look: Look | None = None) -> Iterator[list[TurningFrame]]:
+    """Yield groups of images without end, each of one face on one unit; equal seeds give equal images.
+
+    look: of a real unit; every second unit is drawn in a variation of it.
+    """
     rng = np.random.default_rng((seed, 47))
     while True:
-        unit = GelSensor(int(rng.integers(1 << 31)), variation=_draw_variation(rng))
+        number, variation = int(rng.integers(1 << 31)), _draw_variation(rng)
+        unit = GelSensor(number, variation=variation, look=varied_look(look, rng))
         background = mean_at_rest(unit, rng)
         surface, bulge = _draw_face(rng)
         imprints = [_draw_imprint(surface, bulge, rng) for _ in range(FRAMES_PER_FACE)]

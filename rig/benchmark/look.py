@@ -22,8 +22,10 @@ MOST_RATIO, MOST_CLASSIFIED = 0.5, 0.75
 GENERIC_UNITS = 4
 _AROUND = 1.7
 """A press is compared in a square of this multiple of its circle's radius to each side."""
-_COLOURS, _NOISE = slice(0, 15), slice(15, None)
-"""Slices of the statistics: of colours, and of fine noise."""
+_COLOURS, _CONTACT_NOISE, _NOISE = slice(0, 15), slice(15, 21), slice(21, None)
+"""Slices of the statistics: of colours, of fine noise around the contact, and of fine noise beside it."""
+_BESIDE = 2.2
+"""Farther from the contact than this multiple of its circle's radius, the gel is untouched."""
 _RIDGE = 1.0
 """Ridge parameter of the linear classifier, on standardised statistics."""
 
@@ -96,7 +98,12 @@ def judge(rows: Sequence[PressRow], real: Array, drawn: Array, made_up: Array) -
     return (
         at_most("colour error over that of a generic look", ratio, MOST_RATIO),
         at_most("share classified correctly by colours", classified(real, drawn, _COLOURS), MOST_CLASSIFIED),
-        informative("share classified correctly by fine noise", classified(real, drawn, _NOISE)),
+        informative(
+            "share classified correctly by noise beside the contact", classified(real, drawn, _NOISE)
+        ),
+        informative(
+            "share classified correctly by noise in the contact", classified(real, drawn, _CONTACT_NOISE)
+        ),
         informative(
             "a generic look: share classified correctly by colours", classified(real, made_up, _COLOURS)
         ),
@@ -104,25 +111,34 @@ def judge(rows: Sequence[PressRow], real: Array, drawn: Array, made_up: Array) -
 
 
 def statistics(image: Image, circle: Circle) -> Array:
-    """Return statistics of an image (H, W, 3) around a press.
+    """Return statistics of an image (H, W, 3) of a press.
 
-    They are level, standard deviation, range, gradient and fine noise of each channel.
+    They are level, standard deviation, range and gradient of each channel around the contact; and fine
+    noise around the contact, and beside it.
     """
     x, y, radius = (round(value) for value in circle)
     reach = round(_AROUND * radius)
-    part = image[max(y - reach, 0) : y + reach, max(x - reach, 0) : x + reach].astype(np.float32)
-    fine = part - cv2.GaussianBlur(part, (0, 0), 2.0)
-    smooth = cv2.GaussianBlur(part, (0, 0), 2.0)
-    steps = np.hypot(*np.gradient(smooth, axis=(0, 1)))
+    around = slice(max(y - reach, 0), y + reach), slice(max(x - reach, 0), x + reach)
+    smooth = cv2.GaussianBlur(image.astype(np.float32), (0, 0), 2.0)
+    fine, part = image - smooth, smooth[around]
+    rows, columns = np.indices(image.shape[:2])
+    beside = np.hypot(columns - circle[0], rows - circle[1]) > _BESIDE * circle[2]
     per_channel = [
-        smooth.mean((0, 1)),
-        smooth.std((0, 1)),
-        *np.percentile(smooth, (5, 95), axis=(0, 1)),
-        steps.mean((0, 1)),
-        fine.std((0, 1)),
-        (fine[:, 1:] * fine[:, :-1]).mean((0, 1)) / (fine**2).mean((0, 1)),
+        part.mean((0, 1)),
+        part.std((0, 1)),
+        *np.percentile(part, (5, 95), axis=(0, 1)),
+        np.hypot(*np.gradient(part, axis=(0, 1))).mean((0, 1)),
+        *_noise(fine[around], np.ones(part.shape[:2], bool)),
+        *_noise(fine, beside),
     ]
     return np.concatenate(per_channel)
+
+
+def _noise(fine: Array, where: NDArray[np.bool_]) -> tuple[Array, Array]:
+    """Standard deviation per channel, and correlation with the right neighbour."""
+    variance = (fine[where] ** 2).mean(0)
+    together = (fine[:, 1:] * fine[:, :-1])[where[:, 1:] & where[:, :-1]].mean(0)
+    return np.sqrt(variance), together / variance
 
 
 def classified(real: Array, drawn: Array, by: slice) -> float:

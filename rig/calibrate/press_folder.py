@@ -23,13 +23,14 @@ Row = tuple[str, float, Path | None, tuple[float, float] | None]
 class PressFolder:
     """The presses of a folder.
 
-    folder: of the pictures. found: presses in which a contact was detected. pressed: photographs with the
-    circle of their contact, drawn by hand if there is such a circle, else detected. moves_mm: position of the
-    ball by id, x right and y down.
+    folder: of the pictures. untouched: further frames without contact. found: presses in which a contact was
+    detected. pressed: photographs with the circle of their contact, drawn by hand if there is such a circle,
+    else detected. moves_mm: position of the ball by id, x right and y down.
     """
 
     folder: Path
     background: Image
+    untouched: list[Image] = field(default_factory=list)
     found: list[BallPress] = field(default_factory=list)
     pressed: list[Pressed] = field(default_factory=list)
     rejected: list[Rejected] = field(default_factory=list)
@@ -38,18 +39,25 @@ class PressFolder:
 
 
 def read_press_folder(
-    folder: Path, ball_mm: float | None = None, background: Path | None = None, circles: Path | None = None
+    folder: Path,
+    ball_mm: float | None = None,
+    background: Path | None = None,
+    circles: Path | None = None,
+    untouched: Path | None = None,
 ) -> PressFolder:
     """Read the presses of a folder, or of its folder `frames`, and find the contact in each.
 
     catalog.csv names pictures and ball diameters; with ball_mm every picture shows a press of that ball.
     background: by default background.png of the folder. circles: by default circles.csv of the folder, if
-    there is one: frame (or image), center_x, center_y, radius in px. Raises `InputError`.
+    there is one: frame (or image), center_x, center_y, radius in px. untouched: folder of frames without
+    contact. Raises `InputError`.
     """
-    untouched = background or folder / "background.png"
+    still = background or folder / "background.png"
     drawn = circles or folder / "circles.csv"
     pictures = folder / "frames" if (folder / "frames").is_dir() else folder
-    presses = PressFolder(pictures, read_image(untouched), files=[untouched])
+    presses = PressFolder(pictures, read_image(still), files=[still])
+    if untouched is not None:
+        presses.untouched = [read_image(path) for path in picture_files(untouched)]
     if ball_mm is None and not (folder / "catalog.csv").exists():
         raise InputError(f"{folder}: has no catalog.csv; give the diameter of the ball with --ball-mm")
     if ball_mm is None:

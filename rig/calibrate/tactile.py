@@ -13,6 +13,7 @@ from calibration.gel.look_fit import LookFit, fit_look
 from calibration.gel.presses import rim_centre
 from calibration.gel.reference import Reference, assess_reference, drift_since
 from calibration.gel.scale import GelScale, fit_scale
+from calibration.gel.visibility import visibility
 from calibration.verdict import Assessment, limit
 from drivers.errors import CalibrationError
 from drivers.types import Image
@@ -36,6 +37,7 @@ def tactile_from_folder(
     ball_mm: float | None = None,
     background: Path | None = None,
     circles: Path | None = None,
+    untouched: Path | None = None,
 ) -> CalibrationResult:
     """The gel's scale, colour map and look from a folder of presses, as `read_press_folder` reads it.
 
@@ -43,7 +45,7 @@ def tactile_from_folder(
     (columns x_mm, y_mm), or taken as a DIGIT's, with a doubt. A map that fails its own test is left
     out where there is a fitted scale to keep.
     """
-    presses = read_press_folder(folder, ball_mm, background, circles)
+    presses = read_press_folder(folder, ball_mm, background, circles, untouched)
     result = CalibrationResult(
         "tactile",
         {"tactile": serial},
@@ -58,7 +60,7 @@ def tactile_from_folder(
         used = mm_per_px or (scale.mm_per_px if scale else NOMINAL_MM_PER_PX)
         across, along = (float(v) for v in used)
         fit = calibrate_gel(presses.found, (across, along))
-        look = fit_look(presses.pressed, presses.background, (across, along))
+        look = fit_look(presses.pressed, presses.background, (across, along), presses.untouched)
     except CalibrationError as error:
         return replace(result, assessment=Assessment((str(error),)))
     mapped = not (fit.assessment.refusals and scale)
@@ -134,7 +136,11 @@ def _why_refused(fit: BallFit, background: Image) -> Assessment:
 def _assess_background(background: Image, look: GelLook) -> Assessment:
     """The background against the untouched parts of all presses: a contact in it would show."""
     still = Reference(background.astype(np.float32), 0.0, float((background >= 250).mean()), 0)
-    return assess_reference(still, drift_since(still, look.background))
+    assessment = assess_reference(still, drift_since(still, look.background))
+    if assessment.reasons:
+        cure = "background: take it again if anything touched the gel; give 30 frames without contact"
+        assessment += Assessment(doubts=(f"{cure} with --untouched",))
+    return assessment
 
 
 def _look_quality(fit: LookFit) -> dict[str, object]:
@@ -143,7 +149,7 @@ def _look_quality(fit: LookFit) -> dict[str, object]:
         "look_held_out_grey": {p.id: p.rms_grey for p in fit.held_out},
         "look_held_out_adjusted_grey": {p.id: p.adjusted_grey for p in fit.held_out},
         "colour_change_grey": {p.id: p.change_grey for p in fit.held_out},
-        "noise_grey": fit.look.noise_grey,
+        "noise_grey": fit.look.noise.sigma_grey,
     }
 
 
@@ -155,7 +161,8 @@ def _look_numbers(fit: LookFit) -> dict[str, str]:
     terms = [f"place to degree {look.place_degree}"]
     terms += ["local background"] if look.by_background else []
     terms += ["light lost beside a dent"] if look.shadows else []
-    noise = ", ".join(f"{sigma:.1f}" for sigma in look.noise_grey)
+    seen = visibility(look)
+    noise = ", ".join(f"{sigma:.1f}" for sigma in look.noise.sigma_grey)
     return {
         "look, colour error of presses left out": (
             f"{rms(p.rms_grey for p in fit.held_out):.1f} grey from their circles, "
@@ -164,6 +171,10 @@ def _look_numbers(fit: LookFit) -> dict[str, str]:
         ),
         "look, terms that presses left out support": ", ".join(terms),
         "noise (R, G, B)": f"{noise} grey",
+        "colour change by a slope of 0.1 in the direction that shows least": (
+            f"{seen.median:.1f} sigma of the noise (median over the gel), {seen.worst:.1f} at worst, at "
+            f"x, y = ({seen.worst_px[0]:.0f}, {seen.worst_px[1]:.0f}) px"
+        ),
         "JPEG quality": "no compression found" if look.jpeg_quality is None else str(look.jpeg_quality),
     }
 

@@ -89,6 +89,10 @@ class TurningOptions:
 
     faces: int = option(2600, "Number of SIMULATED object faces to train on, with six images each.", min=2)
     epochs: int = option(8, "Training epochs.", min=1)
+    look: Path | None = option(
+        None,
+        "Look of a real sensor (.npz of rig calibrate tactile): every second sensor is a variation of it.",
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -212,7 +216,9 @@ def train_turning(options: TurningOptions, run: RunOptions) -> None:
 
     say(f"turning from {options.faces} SIMULATED faces, seed {run.seed}, into {run.out}")
     with TrainingView() as view:
-        card = train_turning(run.out, options.faces, options.epochs, run.seed, run.threads, view)
+        card = train_turning(
+            run.out, options.faces, options.epochs, run.seed, run.threads, view, options.look
+        )
     error = min(card["validation_error"])
     run.finish(card, f"SIMULATED: mean error of the turning share {error:.3f} on validation faces")
 

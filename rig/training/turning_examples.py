@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.gel.look import GelLook
 from fakes.studio.turning_frames import FRAMES_PER_FACE, TURN_DEG, TurningFrame, turning_frames
 from rig.tactile.contact.relative import DARK_OFFSET, RelativeDifference, work_size
 from rig.tactile.slip.gel_marks import GelMarks, found_marks
@@ -44,13 +45,18 @@ class TurningExamples:
         return len(self.differences)
 
 
-def turning_examples(faces: int, seed: int, progress: Callable[[int], None]) -> TurningExamples:
-    """Render `faces` faces, `FRAMES_PER_FACE` images each. progress: takes the number of finished faces."""
+def turning_examples(
+    faces: int, seed: int, progress: Callable[[int], None], look: GelLook | None = None
+) -> TurningExamples:
+    """Render `faces` faces, `FRAMES_PER_FACE` images each.
+
+    progress: takes the number of finished faces. look: of a real unit; see `turning_frames`.
+    """
     width, height = SIZE
     count = faces * FRAMES_PER_FACE
     differences = np.empty((count, 3, height, width), np.float16)
     shares, weights = (np.empty((count, height // SHARE_PX, width // SHARE_PX), np.float32) for _ in range(2))
-    drawn = turning_frames(seed)
+    drawn = turning_frames(seed, look)
     for face in range(faces):
         for number, shown in enumerate(next(drawn), face * FRAMES_PER_FACE):
             difference, share, weight = example_of(shown)

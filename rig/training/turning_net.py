@@ -11,6 +11,7 @@ import torch
 from torch import nn
 from torch.nn import functional
 
+from calibration.gel.look import load_look
 from fakes.studio.turning_frames import FRAMES_PER_FACE
 from rig.sessions.files import write_json
 from rig.tactile.slip.turning import MULTIPLE_PX, SHARE_PX, load_turning
@@ -56,16 +57,24 @@ class TurningNet(nn.Module):
 
 
 def train_turning(
-    out: Path, faces: int, epochs: int, seed: int, threads: int | None, report: Report
+    out: Path,
+    faces: int,
+    epochs: int,
+    seed: int,
+    threads: int | None,
+    report: Report,
+    look: Path | None = None,
 ) -> dict[str, Any]:
     """Train the network; write model and card into an empty folder, and return the card.
 
     faces: number of rendered faces, at least 2; every twentieth validates. threads: of torch, None for its
-    default. Raises `InputError` if the folder is not empty or cannot be made.
+    default. look: of a real unit, whose variations are every second sensor. Raises `InputError` if the folder
+    is not empty or cannot be made.
     """
+    unit = None if look is None else load_look(look)
     claim(out, threads)
     torch.manual_seed(seed)
-    examples = turning_examples(faces, seed, lambda done: report("SIMULATED contacts", done / faces))
+    examples = turning_examples(faces, seed, lambda done: report("SIMULATED contacts", done / faces), unit)
     kept = FRAMES_PER_FACE * (faces - max(1, round(faces * _VALIDATED)))
     network = TurningNet().to(memory_format=torch.channels_last)
     generator = torch.Generator().manual_seed(seed)
@@ -86,7 +95,9 @@ def train_turning(
     card: dict[str, Any] = {
         "name": "turning",
         "title": "what of a contact's texture turns with the object",
-        "data": "simulated contacts",
+        "data": "simulated contacts"
+        if look is None
+        else f"simulated contacts, in varied forms of {look.name}",
         "simulated": True,
         "faces": faces,
         "images": {"train": kept, "validation": len(examples) - kept},

@@ -31,6 +31,9 @@ class TactileOptions:
         None,
         "CSV of hand-drawn circles: frame, center_x, center_y, radius (px). Default: circles.csv, if any.",
     )
+    untouched: Path | None = option(
+        None, "Folder of at least 8 frames without contact, for noise and background. Default: the presses'."
+    )
 
 
 def tactile(context: typer.Context, common: StationOptions, options: TactileOptions) -> None:
@@ -78,6 +81,7 @@ def tactile(context: typer.Context, common: StationOptions, options: TactileOpti
             balls_mm[0] if balls_mm else None,
             options.background,
             options.circles,
+            options.untouched,
         ),
         needs="rig calibrate tactile --ball-mm" if balls_mm else "",
         agreed=not balls_mm,  # without balls nothing moves, so no consent is needed

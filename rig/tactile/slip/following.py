@@ -19,7 +19,7 @@ from rig.tactile.slip.height import Field, Gradient, only_within
 from rig.tactile.slip.kalman import RateFilter, unseen_variance
 from rig.tactile.slip.keyframe import Keyframe, make_keyframe
 from rig.tactile.slip.keys import Key
-from rig.tactile.slip.roundness import LEAST_TRACE, missed_rad
+from rig.tactile.slip.roundness import LEAST_TRACE, like_a_ball, missed_rad
 from rig.tactile.slip.sampling import BROAD_REACH_PX, GradientField
 from rig.tactile.slip.settling import Settling
 from rig.tactile.slip.texture import TextureField, make_texture_key
@@ -216,8 +216,11 @@ class ContactFollower:
         self._patience = PATIENCE_FRAMES
         mask = seen.region.mask
         learnt = learn_map(seen.difference, mask)
-        frame = None if learnt is None else make_keyframe(learnt.apply(seen.difference), mask)
-        if frame is None or not (_observable(frame) or (known and frame.contrast >= LEAST_CONTRAST)):
+        gradient = None if learnt is None else learnt.apply(seen.difference)
+        frame = None if gradient is None else make_keyframe(gradient, mask)
+        if frame is None or gradient is None or (self._grasp is None and _like_a_ball(frame, gradient, mask)):
+            return False
+        if not (_observable(frame) or (known and frame.contrast >= LEAST_CONTRAST)):
             return False
         moved = self.point_px - self.origin_px if self._grasp is not None else 0j
         self._key_ns = seen.time_ns
@@ -249,6 +252,10 @@ def contact_box(mask: Image) -> Box:
     right, bottom = left + width + BOX_MARGIN_PX, top + height + BOX_MARGIN_PX
     left, top = max(left - BOX_MARGIN_PX, 0), max(top - BOX_MARGIN_PX, 0)
     return left, top, min(right, mask.shape[1]) - left, min(bottom, mask.shape[0]) - top
+
+
+def _like_a_ball(frame: Keyframe, gradient: Gradient, mask: Image) -> bool:
+    return like_a_ball(frame.points_px, frame.template, gradient, mask, frame.contrast)
 
 
 def _observable(frame: Keyframe) -> bool:

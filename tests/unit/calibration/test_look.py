@@ -12,6 +12,7 @@ import pytest
 from calibration.gel.look import load_look
 from calibration.gel.look_fit import LookFit, fit_look
 from calibration.gel.untouched import Pressed, jpeg_quality
+from calibration.gel.visibility import visibility
 from drivers.errors import CalibrationError
 from fakes.gel.sensor import GelSensor
 from fakes.studio.calibration_scenes import draw_press
@@ -51,6 +52,17 @@ def test_look_is_read_back_unchanged(fit: LookFit, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+def test_look_of_another_format_is_refused(
+    fit: LookFit, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "tactile-D1.npz"
+    path.write_bytes(fit.look.packed())
+    monkeypatch.setattr("calibration.gel.look.SCHEMA", 1)
+    with pytest.raises(CalibrationError, match=r"format 2, this version reads 1.*make it again"):
+        load_look(path)
+
+
+@pytest.mark.slow
 def test_simulated_gel_takes_background_and_noise_of_its_look(fit: LookFit) -> None:
     unit, rng = GelSensor(5, look=fit.look), np.random.default_rng(0)
     still = np.mean([unit.render(None, 0.0, rng) for _ in range(12)], axis=0)
@@ -70,6 +82,14 @@ def test_varied_look_depends_on_its_seed_only(fit: LookFit) -> None:
     assert np.abs(one - other).max() > 5.0
 
 
+@pytest.mark.slow
+def test_visibility_falls_where_two_colours_oppose_each_other(fit: LookFit) -> None:
+    seen = visibility(fit.look)
+    assert 0.0 < seen.worst < seen.median
+    only_red = replace(fit.look, weights=fit.look.weights * (1.0, 1e-3, 1e-3))
+    assert visibility(only_red).median < 0.1 * seen.median
+
+
 def test_too_few_presses_are_refused() -> None:
     with pytest.raises(CalibrationError, match="3 usable pictures, 8 are needed"):
         fit_look(_pressed(3), BACKGROUND, MM_PER_PX)
@@ -83,6 +103,17 @@ def test_damaged_look_names_the_file(content: bytes, tmp_path: Path) -> None:
         load_look(path)
     with pytest.raises(CalibrationError, match="no such look"):
         load_look(tmp_path / "absent.npz")
+
+
+@pytest.mark.slow
+def test_noise_is_measured_in_untouched_frames_if_there_are_enough() -> None:
+    rng = np.random.default_rng(8)
+    noisy = [
+        np.clip(np.rint(GEL.reference + rng.normal(0.0, 6.0, GEL.reference.shape)), 0, 255) for _ in range(9)
+    ]
+    untouched = [frame.astype(np.uint8) for frame in noisy]
+    fitted = fit_look(_pressed(8), BACKGROUND, MM_PER_PX, untouched)
+    assert fitted.look.noise.sigma_grey == pytest.approx([6.0, 6.0, 6.0], rel=0.15)
 
 
 def test_jpeg_quality_is_found_if_a_picture_was_compressed() -> None:

@@ -42,6 +42,15 @@ def test_circle_drawn_by_hand_replaces_the_one_that_was_found(folder: Path) -> N
         read_press_folder(folder, ball_mm=8.8)
 
 
+def test_untouched_frames_are_read_from_their_folder(folder: Path, tmp_path: Path) -> None:
+    untouched = tmp_path / "still"
+    untouched.mkdir()
+    for number in range(3):
+        (untouched / f"{number}.png").write_bytes(encode_png(GEL.frame(np.random.default_rng(number))))
+    assert len(read_press_folder(folder, 8.8, untouched=untouched).untouched) == 3
+    assert read_press_folder(folder, 8.8).untouched == []
+
+
 def test_cells_without_a_press_are_named() -> None:
     everywhere = [(x, y, 45.0) for x in (40, 120, 200) for y in (40, 120, 200, 280)]
     assert unpressed_fields(everywhere, (320, 240)) == []

@@ -1,10 +1,14 @@
 """Training examples of turning contacts agree with the drawn contacts."""
 
+from itertools import islice
+
 import numpy as np
 import pytest
 
+from calibration.gel.look import SLOPE_TERMS, GelLook
+from calibration.gel.noise import CameraNoise
 from drivers.types import Image
-from fakes.studio.turning_frames import TURN_DEG, TurningFrame
+from fakes.studio.turning_frames import TURN_DEG, TurningFrame, turning_frames
 from rig.training.turning_examples import SIZE, example_of, turning_examples
 
 HEIGHT, WIDTH = 320, 240
@@ -51,3 +55,14 @@ def test_examples_have_the_network_input_and_output_sizes() -> None:
     assert examples.shares.shape == examples.weights.shape == (12, SIZE[1] // 2, SIZE[0] // 2)
     assert 0.0 <= examples.shares.min() < examples.shares.max() <= 1.0 + 1e-5
     assert examples.weights.min() > 0.0
+
+
+def test_every_second_sensor_is_a_variation_of_the_look() -> None:
+    reach = np.zeros((13, 13, 12, 12))
+    flat = np.full((320, 240, 3), 100.0, np.float32)
+    look = GelLook(
+        flat, np.full((SLOPE_TERMS, 3), 20.0), 0, False, False, (0.05, 0.05), CameraNoise(reach), None
+    )
+    units = [frames[0].background for frames in islice(turning_frames(11, look), 12)]
+    in_the_look = sum(bool(background.std((0, 1)).max() < 2.0) for background in units)
+    assert 2 <= in_the_look <= 10

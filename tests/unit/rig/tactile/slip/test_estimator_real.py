@@ -1,5 +1,6 @@
 """The estimator slip on real pictures of other sensors."""
 
+import os
 from pathlib import Path
 
 import numpy as np
@@ -28,6 +29,19 @@ def test_balls_on_a_real_gel_are_refused(real_data: Path) -> None:
     balls = sorted(folder.glob("*mm_*.png"))
     assert len(balls) > 60
     for ball in balls[::3]:
+        states = {sample.state for sample in held(background, read_image(ball))}
+        assert states == {State.UNOBSERVABLE}, ball.name
+
+
+@pytest.mark.slow
+def test_every_ball_pressed_into_a_real_digit_is_refused() -> None:
+    folder = Path(os.environ.get("RIG_DIGIT_BALLS", ""))
+    if not (folder / "circles.csv").is_file():
+        pytest.skip("RIG_DIGIT_BALLS does not name the folder that digit_balls/rebuild.py makes")
+    background = read_image(folder / "background.png")
+    balls = sorted((folder / "frames").glob("*.png"))
+    assert len(balls) == 31
+    for ball in balls:
         states = {sample.state for sample in held(background, read_image(ball))}
         assert states == {State.UNOBSERVABLE}, ball.name
 

@@ -132,8 +132,11 @@ def _show_live(
     """Run the desk, with its page if there is one, until `stopped` is set."""
     from drivers.realtime import compute_in_one_thread
 
+    if view.watch_at is not None and (view.terminal or view.json):
+        raise InputError("--watch-at is the address of the page: leave it out, or --terminal and --json")
     page = None if view.terminal or view.json else _page(source, how.estimator, view, stack)
     sources, settings = sources_of(source), settings_of(source, how, view.clips)
+    listeners = [*([] if page is None else [page.listener]), *_foxglove(view, sources, stack)]
     say(
         f"{_name(source)}; press Ctrl-C to end"
         if page is None
@@ -142,7 +145,6 @@ def _show_live(
     if page is not None and view.browser:
         _open(page.address)
     compute_in_one_thread()
-    listeners = [*([] if page is None else [page.listener]), *_foxglove(view, sources, stack)]
     desk = stack.enter_context(desk_of(sources, settings, stack, listeners))
     run_desk(desk, _shown(view, stack, stopped), view.seconds, stopped, page)
 

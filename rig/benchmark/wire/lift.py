@@ -207,7 +207,8 @@ def _streams(
     folder: Path, row: FinishedLift, config: BenchConfig, devices: Mapping[str, Any]
 ) -> tuple[StreamRow, ...]:
     """Compare the recorded frames of each source with the ranges of frame numbers that its device served."""
-    timing = next(of for of in read_rows(folder / TIMING, LIFT_TIMINGS) if of.number == row.number)
+    timings = read_rows(folder / TIMING, LIFT_TIMINGS)
+    timing = next(of for of in timings if (of.number, of.attempt) == (row.number, row.attempt))
     rows = []
     for serial in (*(tactile.serial for tactile in config.tactile), config.camera.serial):
         recorded = [frame.sequence for frame in recorded_frames(folder / row.recording, serial)]

@@ -113,7 +113,10 @@ def test_without_an_angle_at_the_reference_time_the_first_answer_is_zero(lift: P
     assert done.error is None
     assert [row["state"] for row in done.rows[:2]] == ["no_contact", "no_contact"]
     assert done.rows[2]["angle_deg"] == "0.0"
-    assert float(done.rows[-1]["angle_deg"]) == pytest.approx(20.0, abs=1.5)
+    last, full = done.rows[-1], done.rows[9]
+    assert float(last["angle_deg"]) - float(full["angle_deg"]) == pytest.approx(20.0, abs=0.5)
+    beyond = abs(float(last["angle_deg"]) - 20.0)
+    assert beyond < 2 * float(last["sigma_deg"]), "the contact doubled after the zero"
     assert "first later frame with an angle; no_contact at --reference-time 0.0" in done.said
 
 

@@ -12,7 +12,6 @@ from drivers.types import Image
 from protocols.grasps import find_grasp_file, grasp_poses
 from rig.pages.page import render
 from rig.report.calibrations import calibration_notices, calibration_table
-from rig.report.header import header
 from rig.report.parts import Notice, Table, joined
 from rig.report.recording import Recording, Taken
 from rig.report.recording_charts import (
@@ -23,7 +22,7 @@ from rig.report.recording_charts import (
     untouched_cells,
 )
 from rig.report.strips import JPEG_QUALITY
-from rig.report.text import made_text
+from rig.report.text import header, made_text
 from rig.sessions.manifest import RecordManifest
 
 THUMB_PX = (72, 96)

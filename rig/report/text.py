@@ -1,9 +1,10 @@
-"""Formatting of numbers, the same on every page."""
+"""Texts that are the same on every page: the head of a session's report, and formatted numbers."""
 
 import math
 from datetime import datetime
 
 from rig.results.metrics import Mare
+from rig.sessions.manifest import BenchManifest, TrialManifest
 
 
 def mare_tile(value: Mare | None, what: str) -> tuple[str, str]:
@@ -26,3 +27,21 @@ def angle_text(angle_deg: float | None) -> str:
     if angle_deg is None or not math.isfinite(angle_deg):
         return "refused"
     return f"{round(angle_deg, 1) + 0.0:+.1f}°"
+
+
+def header(manifest: BenchManifest, what: str) -> dict[str, str]:
+    """Return the texts of the head: SIMULATED or not, bench, date, settings, and the session's metadata."""
+    trial = manifest if isinstance(manifest, TrialManifest) else None
+    parts = [
+        manifest.started.replace("T", " ")[:16],
+        f"estimator {trial.estimator}, window {trial.window}" if trial else "",
+        f"seed {manifest.seed}" if manifest.simulated else "",
+        f"rig {manifest.tool_version}",
+    ]
+    return {
+        "mark": "SIMULATED" if manifest.simulated else "",
+        "bench": f"bench '{manifest.bench}'",
+        "what": f"{manifest.remarks.name}: {what}" if manifest.remarks.name else what,
+        "remarks": " · ".join(manifest.remarks.lines()),
+        "details": ", ".join(part for part in parts if part),
+    }

@@ -15,7 +15,6 @@ from rig.report.curves import LiftCurves, signed_errors
 from rig.report.distributions import boxes, error_against_angle, error_against_rate, error_over_time
 from rig.report.explored import angle_panels, explored, recorded_lift
 from rig.report.groups import object_chart, surface_chart
-from rig.report.header import header
 from rig.report.lift_chart import key, lift_chart
 from rig.report.lift_films import film_mark, with_films
 from rig.report.lift_rows import anchor, lift_caption, lift_table
@@ -23,7 +22,7 @@ from rig.report.parts import Chart, Notice, ReportPage, Table, linked
 from rig.report.reacted import beside
 from rig.report.session import UNREADABLE, Lift, Trial, curves_of
 from rig.report.strips import Still, strip
-from rig.report.text import made_text, mare_tile
+from rig.report.text import header, made_text, mare_tile
 from rig.report.trial_charts import Final, coverage_chart, finals_chart, grip_chart, sigma_ratios
 from rig.results.metrics import INTERVAL, mare_of, mare_text, summarize
 from rig.results.summary import ObjectSummary, TrialSummary, summarize_trial

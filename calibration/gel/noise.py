@@ -44,11 +44,11 @@ class CameraNoise:
         return np.sqrt(np.diagonal(self.colours))
 
     def scaled(self, factor: float) -> "CameraNoise":
-        """The same noise, its standard deviation multiplied by a factor."""
+        """Return this noise with its standard deviation multiplied by a factor."""
         return replace(self, covariance=self.covariance * factor**2)
 
     def draw(self, shape: tuple[int, int], count: int, rng: np.random.Generator) -> Fields:
-        """Draw fields of noise, (count, H, W, 3) grey levels. They repeat where they are continued."""
+        """Draw fields of noise, (count, H, W, 3) grey levels, that are periodic apart from cut-off edges."""
         rows, columns = (-(-size // CELL_PX) for size in shape)
         factor = self._factor(rows, columns)
         fields = np.empty((count, CELL_PX * rows, CELL_PX * columns, 3), np.float32)
@@ -59,7 +59,7 @@ class CameraNoise:
         return fields[:, : shape[0], : shape[1]]
 
     def _factor(self, rows: int, columns: int) -> NDArray[np.complexfloating]:
-        """Square root of the spectrum, (rows, columns / 2 + 1, 12, 12)."""
+        """Return the square root of the spectrum, (rows, columns / 2 + 1, 12, 12)."""
         lags, periodic = np.arange(-_REACH, _REACH + 1), np.zeros((rows, columns, _VALUES, _VALUES))
         # tapered over the farther half, so that cutting the covariance off leaves no ripples in the spectrum
         taper = np.cos(np.pi * np.maximum(np.abs(lags) / (_REACH + 1) - 0.5, 0.0)) ** 2
@@ -73,7 +73,7 @@ class CameraNoise:
 def measure_noise(frames: Sequence[Array], free: Sequence[NDArray[np.bool_]]) -> CameraNoise:
     """Measure the noise of frames of whole grey levels, without their rounding.
 
-    frames: (H, W, 3), less their mean. free: (H, W), where they contain nothing else.
+    frames: (H, W, 3), minus their mean. free: (H, W), true at pixels without contact.
     """
     span = range(-_REACH, _REACH + 1)
     pairs = [(down, across) for down in range(_REACH + 1) for across in span if (down, across) >= (0, 0)]
@@ -95,14 +95,14 @@ def measure_noise(frames: Sequence[Array], free: Sequence[NDArray[np.bool_]]) ->
 
 
 def _shifted(shape: tuple[int, ...], down: int, across: int) -> tuple[tuple[slice, slice], ...]:
-    """The cells that have a neighbour `down` and `across` further, and these neighbours."""
+    """Return slices of the cells that have a neighbour at the offset, and of these neighbours."""
     rows, columns = shape
     first = slice(0, rows - down), slice(max(0, -across), columns - max(0, across))
     return first, (slice(down, rows), slice(max(0, across), columns + min(0, across)))
 
 
 def _cells(image: Fields) -> Fields:
-    """(h, w, 12) of an image (H, W, 3); an odd last row or column is left out."""
+    """Return the cells (h, w, 12) of an image (H, W, 3), without an odd last row or column."""
     rows, columns = image.shape[0] // CELL_PX, image.shape[1] // CELL_PX
     whole = image[: CELL_PX * rows, : CELL_PX * columns]
     split = whole.reshape(rows, CELL_PX, columns, CELL_PX, 3).transpose(0, 2, 1, 3, 4)
@@ -110,7 +110,7 @@ def _cells(image: Fields) -> Fields:
 
 
 def _pixels(cells: Array) -> Array:
-    """(H, W, 3) of cells (h, w, 12)."""
+    """Return the image (H, W, 3) of cells (h, w, 12)."""
     rows, columns = cells.shape[:2]
     split = cells.reshape(rows, columns, CELL_PX, CELL_PX, 3).transpose(0, 2, 1, 3, 4)
     return split.reshape(CELL_PX * rows, CELL_PX * columns, 3)

@@ -1,4 +1,4 @@
-"""What a simulated bench shows: objects (twins from the catalogue, plain shapes), and looks of real gels."""
+"""Appearance of a simulated bench: objects (twins from the catalogue, plain shapes), looks of real gels."""
 
 import json
 from collections.abc import Sequence

@@ -24,7 +24,7 @@ LAST = (ReactionStep.REST, ReactionStep.ENDS)
 REST_NS = 100_000_000
 """Length of the interval before a reaction over which the true angle at rest is averaged."""
 FRAME_NS = 50_000_000
-"""Time within which a camera frame shows what has happened (contract: longer gaps have no truth)."""
+"""Longest time between an event and the camera frame that shows it (contract: longer gaps have no truth)."""
 
 
 def reaction_records(watch: SlipWatch, truth: TruthSeries, lift_ns: int) -> tuple[ReactionRecord, ...]:

@@ -24,7 +24,7 @@ from matplotlib.patches import Patch
 from matplotlib.text import Text
 from numpy.typing import NDArray
 
-from rig.pages.palette import INK, LINE, MUTED, PAPER, by_light_hex
+from rig.pages.palette import INK, LINE, MUTED, NAME_BY_LIGHT_HEX, PAPER
 
 Floats = NDArray[np.float64]
 PX_PER_INCH = 72
@@ -195,7 +195,6 @@ def legend_above(axes: Axes, columns: int = 3) -> None:
     )  # fmt: skip
 
 
-_NAMES = by_light_hex()
 _SUPERFLUOUS = (
     (re.compile(r"<metadata>.*?</metadata>|<style.*?</style>", re.DOTALL), ""),
     (re.compile(r'\bid="(?:figure|axes|patch|line2d|text|matplotlib\.axis|xtick|ytick|legend)_\d+"'), ""),
@@ -209,7 +208,7 @@ _TAG, _DIGITS = re.compile(r"<[^>]+>"), re.compile(r"\.(\d\d)\d+")
 
 def _in_css(colour: re.Match[str]) -> str:
     """Return a hex colour of the palette as a CSS variable; other colours unchanged."""
-    name = _NAMES.get(colour.group())
+    name = NAME_BY_LIGHT_HEX.get(colour.group())
     return f"var(--{name})" if name else colour.group()
 
 

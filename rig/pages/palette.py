@@ -65,6 +65,5 @@ def variables() -> str:
     )
 
 
-def by_light_hex() -> dict[str, str]:
-    """Return the name of each colour, by its hex value in light mode."""
-    return {c.light: c.name for c in _ALL}
+NAME_BY_LIGHT_HEX = {c.light: c.name for c in _ALL}
+"""Name of each colour, by its hex value in light mode."""

@@ -22,14 +22,13 @@ from matplotlib.text import Text
 from matplotlib.ticker import FixedLocator
 from numpy.typing import NDArray
 
-from rig.pages.palette import by_light_hex
+from rig.pages.palette import NAME_BY_LIGHT_HEX
 
 SECONDS_PER_DAY = 86_400
 """Matplotlib has dates in days since 1970, JavaScript in seconds."""
 _DIGITS = 10
 """Significant digits of a coordinate: enough for a Unix time in s."""
 _NO_LINE = ("None", " ", "")
-_NAMES = by_light_hex()
 
 Shape = dict[str, Any]
 
@@ -133,4 +132,4 @@ def _line(line: Line2D) -> Shape:
 def _name(colour: Any) -> str:
     """Return a colour's name in the palette, or its hex value if it has none."""
     value = to_hex(colour)
-    return _NAMES.get(value, value)
+    return NAME_BY_LIGHT_HEX.get(value, value)

@@ -145,7 +145,7 @@ def test_torn_frame_does_not_end_tracking(press: Draw, blank: Image) -> None:
 
 def test_contact_that_left_and_returned_is_rekeyed_with_large_sigma(press: Draw, blank: Image) -> None:
     gone = [press(None, seed=i) for i in range(60)]
-    # Held for long enough to turn by what the axis tells, at 200 degrees per second.
+    # The angle changes by 200 degrees per second at most, so the contact is held until it has arrived.
     held = [press(80.0, seed=100 + i, half_axes=EDGE) for i in range(90)]
     again = [*lift(press, 10.0, start_deg=70.0), *held]
     samples = run(SlipEstimator(blank), [*lift(press, 10.0), *gone, *again])

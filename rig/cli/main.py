@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from drivers.errors import RigError
+from drivers.errors import OperatorStopError, RigError
 from rig.cli.benchmark.commands import benchmark
 from rig.cli.bridge import bridge
 from rig.cli.calibrate.commands import calibrate
@@ -83,15 +83,24 @@ app.add_typer(bridge, name="bridge")
 
 
 def main() -> None:
-    """Run the command line."""
+    """Run the command line. A signal that comes while the first one is answered ends the program here."""
     # The matrices are small: BLAS threads gain nothing, and a loaded host becomes ten times slower with them.
     # numpy reads this variable when it is imported, and commands import numpy only when they run.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     # Errors of images are printed by the rig; OpenCV must not print its own as well.
     os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
-    stop_on_signals()
-    begin_answer()
     try:
+        _run_and_report()
+    except OperatorStopError:
+        _ignore_stops()
+        sys.exit(Exit.STOPPED)
+
+
+def _run_and_report() -> None:
+    """Run the command; end with one line and an exit code if it fails. Signals raise errors from here on."""
+    try:
+        stop_on_signals()
+        begin_answer()
         with guarded_output() as printed:
             if "_RIG_COMPLETE" not in os.environ:  # the shell's completion, which shows stderr
                 begin_phase("loading")
@@ -135,5 +144,5 @@ def _end(message: str, kind: str, code: Exit) -> None:
 
 def _ignore_stops() -> None:
     """Ignore any further Ctrl-C when the work is done, so that it cannot change the exit code."""
-    for number in STOPS:
+    for number in (*STOPS, signal.SIGHUP, signal.SIGALRM):
         signal.signal(number, signal.SIG_IGN)

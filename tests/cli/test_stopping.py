@@ -167,3 +167,45 @@ def test_signal_during_the_clean_up_of_an_import_still_stops() -> None:
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.stdout == "stopped\n", done.stderr
     assert "ignored" not in done.stderr
+
+
+AT_EVERY_LINE = """if True:
+    import signal, sys
+    from rig.cli import common, main as program
+
+    def exit_code(first: int, gap: int) -> int | None:
+        \"\"\"Run `rig --version` with a Ctrl-C at this line and another one `gap` lines later; None: it ended before.\"\"\"
+        lines = sent = 0
+        def trace(frame, event, argument):
+            nonlocal lines, sent
+            if frame.f_code.co_filename not in (program.__file__, common.__file__):
+                return None
+            lines += event == "line"
+            handled = signal.getsignal(signal.SIGINT) is not signal.default_int_handler
+            if event == "line" and handled and sent < 2 and lines >= first + sent * gap:
+                sent += 1
+                signal.raise_signal(signal.SIGINT)
+            return trace
+        for number in (*common.STOPS, signal.SIGHUP):
+            signal.signal(number, signal.default_int_handler if number == signal.SIGINT else signal.SIG_DFL)
+        sys.settrace(trace)
+        try:
+            program.main()
+        except SystemExit as end:
+            return end.code if sent else None
+        finally:
+            sys.settrace(None)
+
+    sys.argv = ["rig", "--version"]
+    for gap in (1, 7):
+        first = 1
+        while (code := exit_code(first, gap)) is not None:
+            assert code in (0, 3), (first, gap, code)
+            first += 1
+        assert first > 30, "the command has fewer lines than expected"
+"""
+
+
+def test_ctrl_c_at_any_line_of_the_command_line_ends_it_with_its_exit_code() -> None:
+    done = subprocess.run([sys.executable, "-c", AT_EVERY_LINE], capture_output=True, text=True, timeout=60)
+    assert done.returncode == 0, done.stderr

@@ -174,7 +174,7 @@ AT_EVERY_LINE = """if True:
     from rig.cli import common, main as program
 
     def exit_code(first: int, gap: int) -> int | None:
-        \"\"\"Run `rig --version`, Ctrl-C at line `first` and once more `gap` lines on; None: it ended before.\"\"\"
+        \"\"\"Run `rig --version`, Ctrl-C at line `first` and `gap` lines later; None: it ended before.\"\"\"
         lines = sent = 0
         def trace(frame, event, argument):
             nonlocal lines, sent

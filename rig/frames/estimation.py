@@ -15,7 +15,7 @@ from rig.frames.times import FrameTime, parse_time
 from rig.tactile.contact.background import auto_background, structure
 from rig.tactile.contact.untouched import Comparison
 from rig.tactile.estimators import ESTIMATORS, PUBLISHED, TOSKOV, EstimatorChoice
-from rig.tactile.sample import faults_of
+from rig.tactile.sample import NO_COLOUR, faults_of, has_colour
 
 # The first frame is compared with this many later ones. It counts as dark if its mean brightness is below
 # this share of theirs.
@@ -29,8 +29,10 @@ PLAINER = 0.95
 
 
 def frame_doubts(series: FrameSeries) -> list[str]:
-    """Return warnings if the first frame is stale or too dark, as some cameras deliver it."""
+    """Return warnings about frames without colour, and about a first frame that is stale or too dark."""
     images = list(islice(series.images(), 1 + AFTER_FIRST))
+    if images and not any(has_colour(image) for image in images):
+        return [NO_COLOUR]
     if len(images) <= AFTER_FIRST:
         return []
     first, *after = images

@@ -25,7 +25,7 @@ from rig.live.desk_sensor import DeskSensor, Reading
 from rig.live.feed import OBJECT, Sender
 from rig.live.observer import PICTURE_LONG_SIDE_PX, small_jpeg
 from rig.tactile.estimators import EstimatorChoice, choose_estimator
-from rig.tactile.sample import State
+from rig.tactile.sample import NO_COLOUR, State, has_colour
 
 LATEST_S = 0.3
 """Frames that wait longer are skipped and counted as dropped, so that the angle is never late."""
@@ -135,7 +135,8 @@ class Desk:
         sensor, known = self.sensors[name], self._backgrounds()
         reading = sensor.take(frame, self._clock)
         if self._backgrounds() > known:
-            self._say(f"{name}: background taken; press an object on the gel")
+            coloured = has_colour(frame.image)
+            self._say(f"{name}: background taken; {'press an object on the gel' if coloured else NO_COLOUR}")
         self._show(reading)
         fused = self._fused(reading)
         if fused is None:

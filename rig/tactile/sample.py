@@ -105,6 +105,19 @@ def check_frame(image: Image, shape: tuple[int, ...] | None = None) -> None:
         raise InputError(f"tactile frame has shape {image.shape}, its background {shape}: use one size")
 
 
+ROUNDING = 3
+"""Largest difference of the colours of a grey pixel after JPEG or video compression, grey levels."""
+NO_COLOUR = (
+    "the images have no colour, but slip and the networks see slopes by the coloured light of the gel: "
+    "angles may be wrong; set the camera to colour"
+)
+
+
+def has_colour(image: Image) -> bool:
+    """Whether the colours of an image (H, W, 3) differ, by more than the rounding of an encoder."""
+    return bool((image.max(axis=2) - image.min(axis=2)).max() > ROUNDING)
+
+
 SET_BACK_STEP_NS = NS_PER_S // 30
 """Assumed time since the last frame when a stream's clock was set back: two frames at 60 Hz."""
 

@@ -68,6 +68,12 @@ def test_a_dark_first_frame_is_named(lift: list[Image]) -> None:
     assert frame_doubts(series([(lift[0] * 0.85).astype(np.uint8), *lift])) == []
 
 
+def test_frames_without_colour_are_named(lift: list[Image]) -> None:
+    grey = [np.repeat(image.mean(axis=2, keepdims=True).astype(np.uint8), 3, axis=2) for image in lift]
+    (doubt,) = frame_doubts(series(grey))
+    assert "no colour" in doubt
+
+
 def test_a_first_frame_from_before_is_named(lift: list[Image]) -> None:
     (doubt,) = frame_doubts(series([lift[12], *lift]))
     assert "the first frame differs from all frames after it" in doubt

@@ -31,7 +31,7 @@ MOST_LARGER = 4.0
 """Largest factor by which sigma is enlarged."""
 FIRST_LIFT = 900
 """First lift used for the fit; `rig benchmark renderer` uses lifts with lower numbers."""
-EXPECTED, INDEPENDENT_CLIPS = (0.8, 0.6, 0.2, 0.3), 12.0
+EXPECTED, INDEPENDENT_CLIPS = (0.8, 0.6, 0.2, 0.3, 1.0), 12.0
 """Centres of the coefficients' log-normal prior, whose width is a factor e; the first three are those of a
 prototype. Number of independent errors: the errors in a clip and its versions are correlated."""
 Values = NDArray[np.float64]

@@ -35,9 +35,12 @@ MOST_RATE_RAD_S = math.radians(200.0)
 UNKNOWN_GAP_RAD, UNKNOWN_SIGMA_RAD = math.radians(10.0), math.radians(30.0)
 # The joint tracker's own sigma is limited, and divided by its score, which is at least this.
 MOST_OWN_RAD, LEAST_OWN_SCORE = math.radians(20.0), 0.2
-TERMS = ("constant_deg", "gap", "sigma", "own_sigma")
+# Lowest richness in the variance: that of a keyframe without contact, from noise alone.
+LEAST_RICHNESS = 0.1
+TERMS = ("constant_deg", "gap", "sigma", "own_sigma", "faint_deg")
 """Names of the fitted coefficients of sigma where the texture leads: of a constant (degrees), of the gap
-between the trackers, of the first tracker's sigma, and of the joint tracker's own sigma."""
+between the trackers, of the first tracker's sigma, of the joint tracker's own sigma, and of the inverse
+richness of the texture (degrees)."""
 
 Terms = NDArray[np.float64]
 
@@ -61,12 +64,16 @@ class FirstAnswer:
 
 @dataclass(frozen=True, slots=True)
 class JointAngle:
-    """The joint tracker's filtered angle (rad) and rate (rad/s); score and own_rad as in `JointAnswer`."""
+    """The joint tracker's filtered angle (rad) and rate (rad/s).
+
+    score, own_rad: see `Fit`. richness: root energy of the texture of the richest keyframe.
+    """
 
     angle_rad: float
     rate_rad_s: float
     score: float
     own_rad: float
+    richness: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -199,7 +206,8 @@ class FusedAngle:
     def _terms(self, gap_rad: float, first: FirstAnswer | None) -> Terms:
         """Return the terms of the variance while the texture leads, rad^2, in the order of `TERMS`."""
         sigma = UNKNOWN_SIGMA_RAD if first is None else first.sigma_rad
-        own = 0.0
+        own, faint = 0.0, 1.0
         if self._joint is not None:
+            faint = 1.0 / max(self._joint.richness, LEAST_RICHNESS)
             own = min(self._joint.own_rad, MOST_OWN_RAD) / max(self._joint.score, LEAST_OWN_SCORE)
-        return np.square([math.radians(1.0), gap_rad, sigma, own])
+        return np.square([math.radians(1.0), gap_rad, sigma, own, math.radians(faint)])

@@ -95,7 +95,7 @@ class JointTracker:
 
     def _filtered(self, score: float, own_rad: float, time_ns: int) -> JointAngle:
         angle = self._filter.update(time_ns / NS_PER_S, self._pose.angle_rad, TEXTURE_NOISE_RAD)
-        return JointAngle(angle, self._filter.rate_rad_s, score, own_rad)
+        return JointAngle(angle, self._filter.rate_rad_s, score, own_rad, self._keys.richest)
 
     def _found(self, keys: list[JointKey], time_s: float) -> Fit:
         """Return the best alignment over one or several initial poses."""

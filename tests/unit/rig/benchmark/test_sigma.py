@@ -20,7 +20,7 @@ def drawn(roots: tuple[float, ...], count: int, seed: int = 0) -> list[KnownErro
 
 
 def test_fit_finds_the_coefficients_of_drawn_errors() -> None:
-    roots = (0.5, 1.2, 0.4, 0.2)
+    roots = (0.5, 1.2, 0.4, 0.2, 0.3)
     errors = drawn(roots, 4000)
     fitted = fit(errors, [])
     found, true = variances(fitted, errors), variances(np.array(roots), errors)

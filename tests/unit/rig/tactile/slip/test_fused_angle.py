@@ -19,7 +19,7 @@ from rig.tactile.slip.fused_angle import (
 
 PERIOD_S = 0.02
 FIRST = FirstAnswer(0.0, 0.0, math.radians(1.0), 0.0, 0.0, texture_leads=False)
-JOINT = JointAngle(0.0, 0.0, score=1.5, own_rad=math.radians(2.0))
+JOINT = JointAngle(0.0, 0.0, score=1.5, own_rad=math.radians(2.0), richness=1.0)
 
 
 def fused(frames: list[tuple[FirstAnswer | None, JointAngle | None]]) -> list[Fused | None]:

@@ -53,7 +53,8 @@ class Imprint:
 class GelPad:
     """One unit's pad: image size in pixels, scale along x and y, convexity of its face, and its gel.
 
-    look: of a real unit; its membrane then replaces that of the variation. None for a simulated unit.
+    look: of a real unit; its membrane then replaces that of the variation. A film of the variation that is
+    wider than the family's then smooths the dent further. None for a simulated unit.
     """
 
     shape: tuple[int, int]
@@ -87,7 +88,9 @@ class GelPad:
         if abs(imprint.lag_deg) > _MIN_LAG_DEG:
             dragged = self._pressed(imprint, imprint.angle_deg - imprint.lag_deg)
         if self.look is not None:
-            return self.look.dent(pressed, dragged)
+            dent = self.look.dent(pressed, dragged)
+            smoother = gel.film_px > FAMILY.film_px
+            return np.asarray(cv2.blur(dent, (gel.film_px - 2,) * 2), np.float32) if smoother else dent
         near = cv2.blur(cv2.blur(dragged, (gel.near_skirt_px,) * 2), (gel.near_skirt_px,) * 2)
         far = cv2.blur(cv2.blur(dragged, (gel.far_skirt_px,) * 2), (gel.far_skirt_px,) * 2)
         membrane = cv2.max(near * np.float32(gel.near_share), far * np.float32(gel.far_share))

@@ -7,7 +7,7 @@ them. Everything here is SIMULATED, so figures measured on it do not apply to re
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from drivers.clock import to_ns
 from drivers.types import Image
 from fakes.gel.look import Look
 from fakes.gel.sensor import GelSensor, Imprint
-from fakes.gel.variation import FAMILY, coded, draw_variation
+from fakes.gel.variation import FAMILY, Variation, coded, draw_variation
 from fakes.objects.catalogue import GraspSite, load_catalogue
 from fakes.objects.relief import TEXTURES
 from fakes.objects.shapes import Ball, ContactShape, Cylinder, Edge, Pad, Rim, Shape
@@ -30,6 +30,14 @@ LOOK_SEEDS_FROM = 1_000_000
 _LOOK_SHARE = 0.5
 _NO_CONTACT_SHARE = 0.04
 _DRIFT_SPAN_S = 300.0
+_FILMS_PX = (5, 7, 9, 11)
+"""Widths over which the film smooths a dent in trainings with a look, in pixels of the geometry.
+
+5 to 11 px are 0.6 to 1.3 mm. On three real units the colour change at 1.2 radii of a ball's circle is 0.3 to
+0.5 of its maximum; the narrowest film has 0.25 there."""
+_HARDER, _DEEPEST_MM = (1.0, 1.0, 2.0, 4.0), 1.6
+"""Factors on the force in trainings with a look, and the greatest depth. By its circles, the 8.8 mm ball was
+pressed 0.8 to 1.8 mm deep into unit D20641."""
 FRAMES_PER_LIFT = 4
 _LIFT_S, _LIFT_TURN_DEG = 30.0, 40.0
 _KINDS = ("ball", "cylinder", "cylinder", "pad", "edge", "rim")
@@ -67,9 +75,18 @@ def training_frames(
     rng = np.random.default_rng((seed, 41))
     while True:
         number, variation = int(rng.integers(1 << 31)), FAMILY if family else draw_variation(rng)
+        if look is not None:
+            variation = _with_drawn_film(variation)
         unit = GelSensor(number, variation=variation, look=varied_look(look, rng))
         background = mean_at_rest(unit, rng)
-        yield [_frame(unit, background, objects, random_share, rng) for _ in range(FRAMES_PER_UNIT)]
+        hard = look is not None
+        yield [_frame(unit, background, objects, random_share, rng, hard) for _ in range(FRAMES_PER_UNIT)]
+
+
+def _with_drawn_film(unit: Variation) -> Variation:
+    """Return a unit whose gel leaves an object at a sharp or at a smooth rim."""
+    drawn = np.random.default_rng((unit.light_seed or 0, 61))
+    return replace(unit, film_px=int(drawn.choice(_FILMS_PX)))
 
 
 def varied_look(look: Look | None, rng: np.random.Generator) -> Look | None:
@@ -86,13 +103,18 @@ def mean_at_rest(unit: GelSensor, rng: np.random.Generator) -> Image:
 
 
 def _frame(
-    unit: GelSensor, background: Image, objects: Sequence[str], random_share: float, rng: np.random.Generator
+    unit: GelSensor,
+    background: Image,
+    objects: Sequence[str],
+    random_share: float,
+    rng: np.random.Generator,
+    hard: bool,
 ) -> TrainingFrame:
     name, contact = _drawn_object(objects, random_share, rng)
     time_s = float(rng.uniform(0.0, _DRIFT_SPAN_S))
     if rng.random() < _NO_CONTACT_SHARE:
         return TrainingFrame(unit.render(None, time_s, rng), background, None, name)
-    imprint = _imprint(contact, name == RANDOM_SHAPE, rng)
+    imprint = _imprint(contact, name == RANDOM_SHAPE, rng, hard)
     image = unit.render(imprint, time_s, rng)
     return TrainingFrame(image, background, unit.touching(imprint)[::2, ::2], name)
 
@@ -107,8 +129,11 @@ def _drawn_object(
     return name, sites[int(rng.integers(len(sites)))].contact
 
 
-def _imprint(contact: ContactShape, any_angle: bool, rng: np.random.Generator) -> Imprint:
-    """Return an imprint with random position, angle, tilt and force (0.2 to 2.5 N)."""
+def _imprint(contact: ContactShape, any_angle: bool, rng: np.random.Generator, hard: bool) -> Imprint:
+    """Return an imprint with random position, angle, tilt and force (0.2 to 2.5 N).
+
+    hard: whether half of the imprints have two or four times that force, as if pressed by hand.
+    """
     surface = build_surface(contact, int(rng.choice([-1, 1])), int(rng.integers(1 << 31)))
     tilt = (float(rng.normal(0.0, 0.02)), float(rng.normal(0.0, 0.02)))
     # objects are grasped near the middle; a random shape may extend beyond the gel
@@ -121,7 +146,10 @@ def _imprint(contact: ContactShape, any_angle: bool, rng: np.random.Generator) -
         centre_mm = (float(rng.normal(0.0, 2.0)), float(rng.normal(0.0, 2.2)))
     angle_deg = float(rng.uniform(-180.0, 180.0) if any_angle else rng.uniform(-60.0, 60.0))
     force_n = float(np.exp(rng.uniform(np.log(0.2), np.log(2.5))))
+    if hard:  # drawn apart, so that the other values stay those of a training without a look
+        force_n *= float(np.random.default_rng(int(force_n * 1e9) % (1 << 31)).choice(_HARDER))
     depth_mm = depth_for_force(surface, force_n, tilt, angle_deg, centre_mm)
+    depth_mm = min(_DEEPEST_MM, depth_mm) if hard else depth_mm
     return Imprint(surface, angle_deg, centre_mm, depth_mm, tilt, float(rng.normal(0.0, 0.6)))
 
 

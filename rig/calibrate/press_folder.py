@@ -84,6 +84,20 @@ def read_press_folder(
     return presses
 
 
+def read_circled(folder: Path) -> tuple[Image, list[tuple[Image, Circle]]]:
+    """Return background.png of a folder of presses, and each picture with its circle of circles.csv.
+
+    The pictures are those of the folder, or of its folder `frames`; pictures without a circle are left out.
+    Raises `InputError`.
+    """
+    circles = _circles(folder / "circles.csv")
+    pictures = picture_files(folder / "frames" if (folder / "frames").is_dir() else folder)
+    found = [(read_image(path), circles[_key(path.stem)]) for path in pictures if _key(path.stem) in circles]
+    if not found:
+        raise InputError(f"{folder / 'circles.csv'}: names no picture of {folder}")
+    return read_image(folder / "background.png"), found
+
+
 def _catalogued(folder: Path, path: Path) -> list[Row]:
     rows: list[Row] = []
     for line, row in read_csv_rows(path, ("image", "diameter(mm)")):

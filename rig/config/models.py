@@ -106,8 +106,9 @@ class TactileConfig(BenchSection):
     """Whether dots are printed on the gel (for the estimator `kolamuri`)."""
     look: str | None = None
     """Look of a simulated gel: the .npz of `rig calibrate tactile`, relative to the bench file."""
-    look_seed: int | None = Field(default=None, ge=0)
-    """Seed of a plausible other sensor, drawn from that look: LEDs turned, gains and noise changed."""
+    look_seed: int | None = Field(default=None, ge=0, lt=1_000_000)
+    """Seed of a plausible other sensor, drawn from that look: LEDs turned, gains and noise changed. Networks
+    are trained with larger seeds."""
 
 
 class CameraConfig(BenchSection):

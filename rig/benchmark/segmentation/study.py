@@ -16,6 +16,7 @@ from fakes.studio.training_frames import hard_frames
 from rig.benchmark.harness import Report, Run, Study, column, option, table_of
 from rig.benchmark.measured import Measured, at_least, at_most, data_folder, not_there
 from rig.benchmark.segmentation.paper_table import NETWORKS, OURS, MeanStd, table_two
+from rig.calibrate.press_folder import read_circled
 from rig.frames.masks import CLASSICAL, FrameSegmenter, SegmentChoice, make_segmenter, segmenter_maker
 from rig.labels.polygons import agreement
 from rig.tactile.contact.background import auto_background
@@ -29,10 +30,12 @@ FRAME_SIZE = (240, 320)
 LEAST_DICE, LEAST_IOU = 0.97, 0.94
 LEAST_UNLIKE_DICE = 0.90
 """Limit for frames that differ from the training data: real frames and hard lifts."""
+LEAST_PRESS_IOU = 0.70
+"""Limit for presses of a ball on a real sensor that no network was trained on."""
 MOST_MS, MOST_SHARE, MOST_LOSS = 3.0, 0.1, 0.005
 TIMED_FRAMES, WARM_UP_FRAMES, TURN_FRAMES = 200, 20, 10
 RANDOMISED, FAMILY = "SIMULATED, units unlike one another", "SIMULATED, units of the bench"
-HARD, REAL = "SIMULATED, hard lifts", "nine real frames"
+HARD, REAL, PRESSES = "SIMULATED, hard lifts", "nine real frames", "real presses"
 PANELS, PANEL_COUNT = Path("aurova_figures") / "panels", 9
 """Real DIGIT frames of one sensor with human labels, for scoring only."""
 
@@ -47,11 +50,16 @@ class SegmentationOptions:
         "deeplabv3plus, unetplusplus or ours); repeat for more.",
     )
     frames: int = option(360, "Number of simulated test frames.", min=24)
+    presses: list[Path] | None = option(
+        None,
+        "Folder with photographs of balls pressed into a real gel, background.png and circles.csv (frame, "
+        "center_x, center_y, radius in px, drawn by hand); repeat for more sensors.",
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Panels:
-    """Real frames (H, W, 3) uint8 RGB, labels (H, W) uint8, 0 or 255, and a background from the frames."""
+    """Real frames (H, W, 3) uint8 RGB, labels (H, W) uint8, 0 or 255, and the frame without contact."""
 
     frames: list[Image]
     labels: list[Image]
@@ -60,13 +68,14 @@ class Panels:
 
 @dataclass(frozen=True, slots=True)
 class MethodScore:
-    """Dice and IoU of a method on a set of frames."""
+    """Dice and IoU of a method on a set of frames, and the size of its masks relative to the labels."""
 
     method: str = column("method")
     data: str = column("data")
     frames: int = column("frames")
     dice: MeanStd = column("Dice")
     iou: MeanStd = column("IoU")
+    size_ratio: float | None = column("size ratio", ".3f", "median root of mask area over label area")
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,11 +90,12 @@ class MethodTime:
 
 
 def measure(options: SegmentationOptions, run: Run) -> Report:
-    """Score the segmentation networks on SIMULATED objects and on nine real frames.
+    """Score the segmentation networks on SIMULATED objects and on real frames.
 
-    The networks were not trained on these objects. The real frames are used if they are available. The
-    command prints the paper's Table II with the stored results of rig train --all, the new measurements, and
-    the limits. Simulated figures are marked SIMULATED. The exit code is 4 if a limit is missed.
+    The networks were not trained on these objects. Nine real frames with labels are used if they are
+    available; photographs of pressed balls are given with --presses. The command prints the paper's Table II
+    with the stored results of rig train --all, the new measurements, and the limits. Simulated figures are
+    marked SIMULATED. The exit code is 4 if a limit is missed.
 
     Examples:
       rig benchmark segmentation
@@ -94,12 +104,16 @@ def measure(options: SegmentationOptions, run: Run) -> Report:
 
       rig benchmark segmentation --model unetplusplus=runs/unetplusplus_D_s3/model.onnx
 
+      rig benchmark segmentation --presses D20641 --presses D20654
+
     """
     given = parse_models(options.model or [], (*NETWORKS, OURS))
     shipped = {name: name for name in SHIPPED}
     models = {**shipped, **{name: str(file) for name, file in given.items()}, CLASSICAL: CLASSICAL}
     data = data_folder()
     panels = None if data is None else read_panels(data)
+    real = {} if panels is None else {REAL: panels}
+    real |= {f"{PRESSES}, {folder.name}": read_presses(folder) for folder in options.presses or ()}
     cv2.setNumThreads(1)
     run.say(f"rendering {options.frames} SIMULATED frames of objects that are not in the training data")
     half = options.frames // 2
@@ -111,10 +125,10 @@ def measure(options: SegmentationOptions, run: Run) -> Report:
 
     def score(method: str) -> list[MethodScore]:
         scores = [score_examples(method, models[method], title, of) for title, of in sets.items()]
-        if panels is not None:
-            segmenter = make_segmenter(SegmentChoice(models[method]), panels.background)
-            masks = [_mask(segmenter, frame) for frame in panels.frames]
-            scores.append(_scored(method, REAL, masks, panels.labels))
+        for title, of in real.items():
+            segmenter = make_segmenter(SegmentChoice(models[method]), of.background)
+            masks = [_mask(segmenter, frame) for frame in of.frames]
+            scores.append(_scored(method, title, masks, of.labels))
         return scores
 
     # one worker, in this process, because the simulated frames are in its memory
@@ -147,6 +161,16 @@ def read_panels(data: Path) -> Panels | None:
     if any(frame.shape[:2] != label.shape for frame, label in zip(frames, labels, strict=True)):
         raise InputError(f"{folder}: a label and its frame differ in size: copy the folder again")
     return Panels(frames, labels, auto_background(frames))
+
+
+def read_presses(folder: Path) -> Panels:
+    """Read photographs of pressed balls with the circles of their contacts. Raises `InputError`."""
+    background, pressed = read_circled(folder)
+    labels = []
+    for image, (x, y, radius) in pressed:
+        rows, columns = np.indices(image.shape[:2])
+        labels.append(np.where(np.hypot(columns - x, rows - y) <= radius, 255, 0).astype(np.uint8))
+    return Panels([image for image, _ in pressed], labels, background)
 
 
 def parse_models(texts: Sequence[str], known: Sequence[str]) -> dict[str, Path]:
@@ -225,7 +249,12 @@ def _scored(method: str, data: str, masks: Sequence[Image], labels: Sequence[Ima
     found = [agreement(mask, label) for mask, label in zip(masks, labels, strict=True)]
     values = np.array([(one.dice, one.iou) for one in found]).T
     dice, iou = (MeanStd(float(of.mean()), float(of.std())) for of in values)
-    return MethodScore(method, data, len(found), dice, iou)
+    sizes = [
+        np.sqrt(np.count_nonzero(mask) / np.count_nonzero(label))
+        for mask, label in zip(masks, labels, strict=True)
+        if label.any()
+    ]
+    return MethodScore(method, data, len(found), dice, iou, float(np.median(sizes)) if sizes else None)
 
 
 def _limits(scores: Sequence[MethodScore], times: Sequence[MethodTime]) -> list[Measured]:
@@ -235,6 +264,11 @@ def _limits(scores: Sequence[MethodScore], times: Sequence[MethodTime]) -> list[
     share = (time[OURS].network_ms or 0.0) / (time["pspnet"].network_ms or np.inf)
     loss = abs(ours.dice.mean - full.dice.mean)
     name = "ours, nine real frames: Dice"
+    presses = [
+        at_least(f"{score.method}, {score.data}: IoU", score.iou.mean, LEAST_PRESS_IOU)
+        for score in scores
+        if score.method in (OURS, "pspnet") and score.data.startswith(PRESSES)
+    ]
     return [
         at_least("ours, SIMULATED objects never trained on: Dice", ours.dice.mean, LEAST_DICE),
         at_least("ours, SIMULATED objects never trained on: IoU", ours.iou.mean, LEAST_IOU),
@@ -243,6 +277,7 @@ def _limits(scores: Sequence[MethodScore], times: Sequence[MethodTime]) -> list[
         at_most("ours, the network's run time as a share of PSPNet's", share, MOST_SHARE),
         at_most("eight-bit against full, difference of Dice", loss, MOST_LOSS),
         not_there(name) if real is None else at_least(name, real.dice.mean, LEAST_UNLIKE_DICE),
+        *presses,
     ]
 
 

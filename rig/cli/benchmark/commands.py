@@ -19,7 +19,7 @@ STUDIES = {
     "renderer": "Score estimators on SIMULATED lifts of a second renderer, independent of the bench's.",
     "seeds": "Carry out SIMULATED trials of several seeds; print errors and confidently wrong angles.",
     "sigma": "Fit the standard deviation that slip reports to known errors, by maximum likelihood.",
-    "segmentation": "Score the segmentation networks on SIMULATED objects and on nine real frames.",
+    "segmentation": "Score the segmentation networks on SIMULATED objects and on real frames.",
     "wire": "Do one lift over the wire protocols in real time; measure lost frames, rates and agreement.",
     "faults": "Let each device fail during a lift over the wire protocols; print how the rig recovers.",
     "safety": "Stop, kill or break a lift at random moments; print how the arm comes to rest.",

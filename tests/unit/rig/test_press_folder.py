@@ -7,6 +7,7 @@ import pytest
 
 from drivers.errors import InputError
 from drivers.images import encode_png
+from rig.benchmark.segmentation.study import read_presses
 from rig.calibrate.press_folder import read_press_folder
 from rig.calibrate.tactile import unpressed_fields
 from rig.config.load import load_bench, parse_bench
@@ -40,6 +41,18 @@ def test_circle_drawn_by_hand_replaces_the_one_that_was_found(folder: Path) -> N
     (folder / "circles.csv").write_text("frame,center_x,center_y,radius\n1,100,120,-4\n")
     with pytest.raises(InputError, match="line 2: a circle's radius is -4 px"):
         read_press_folder(folder, ball_mm=8.8)
+
+
+def test_labels_of_presses_are_their_hand_drawn_circles(folder: Path) -> None:
+    (folder / "circles.csv").write_text("frame,center_x,center_y,radius\n1,100,120,40\n")
+    presses = read_presses(folder)
+    assert len(presses.frames) == 1
+    rows, columns = np.nonzero(presses.labels[0])
+    assert (columns.mean(), rows.mean()) == pytest.approx((100.0, 120.0))
+    assert len(rows) == pytest.approx(np.pi * 40.0**2, rel=0.01)
+    (folder / "circles.csv").write_text("frame,center_x,center_y,radius\n7,100,120,40\n")
+    with pytest.raises(InputError, match=r"circles\.csv: names no picture"):
+        read_presses(folder)
 
 
 def test_untouched_frames_are_read_from_their_folder(folder: Path, tmp_path: Path) -> None:

@@ -1,14 +1,18 @@
 """Training examples of turning contacts agree with the drawn contacts."""
 
 from itertools import islice
+from typing import Any
 
 import numpy as np
 import pytest
+from pydantic import ValidationError
 
 from calibration.gel.look import SLOPE_TERMS, GelLook
 from calibration.gel.noise import CameraNoise
 from drivers.types import Image
+from fakes.studio.training_frames import LOOK_SEEDS_FROM, training_frames
 from fakes.studio.turning_frames import TURN_DEG, TurningFrame, turning_frames
+from rig.config.models import TactileConfig
 from rig.training.turning_examples import SIZE, example_of, turning_examples
 
 HEIGHT, WIDTH = 320, 240
@@ -66,3 +70,27 @@ def test_every_second_sensor_is_a_variation_of_the_look() -> None:
     units = [frames[0].background for frames in islice(turning_frames(11, look), 12)]
     in_the_look = sum(bool(background.std((0, 1)).max() < 2.0) for background in units)
     assert 2 <= in_the_look <= 10
+
+
+class SeedRecorder:
+    """Stands for a look; records the seeds of the variations that are asked for."""
+
+    def __init__(self) -> None:
+        self.seeds: list[int] = []
+
+    def varied(self, seed: int) -> None:
+        self.seeds.append(seed)
+
+
+@pytest.mark.parametrize("kind", ["train", "train-turning"])
+def test_training_varies_looks_by_seeds_that_no_bench_accepts(kind: str) -> None:
+    look: Any = SeedRecorder()
+    units = training_frames(["1"], 3, look=look) if kind == "train" else turning_frames(3, look)
+    for _ in islice(units, 6):
+        pass
+    assert len(look.seeds) >= 2
+    assert min(look.seeds) >= LOOK_SEEDS_FROM
+    sensor = {"driver": "fake", "serial": "S1", "look": "tactile-S1.npz"}
+    TactileConfig.model_validate({**sensor, "look_seed": LOOK_SEEDS_FROM - 1})
+    with pytest.raises(ValidationError, match="look_seed"):
+        TactileConfig.model_validate({**sensor, "look_seed": LOOK_SEEDS_FROM})

@@ -1,12 +1,13 @@
 """Fuse the angles of two fingertips on one object (contract, angles and frames)."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from itertools import combinations
 
 from drivers.clock import NS_PER_S
 from rig.tactile.sample import SlipSample, State
+from rig.tactile.slip.fused_angle import MOST_RATE_RAD_S
 
 MAX_SKEW_NS = 40_000_000
 """Largest age of the other fingertip's angle: two frames at 60 Hz and some jitter."""
@@ -102,6 +103,19 @@ def fuse(now: TipAnswer, others: list[TipAnswer]) -> FusedSample:
     rates = [rate for i in best.turned if (rate := answers[i].rate_deg_s) is not None]
     rate = sum(rates) / len(rates) if rates else None
     return FusedSample(time_ns, best.angle_deg, sigma, answers[0].sample.state, rate, gap)
+
+
+def continued(fused: FusedSample, before: FusedSample | None) -> FusedSample:
+    """Limit the change of a fused angle since the last answer to the fastest rotation in a gripper.
+
+    Another hypothesis may become the likeliest one from one frame to the next, but an object does not jump.
+    Sigma includes the difference. Answers without sigma are not changed.
+    """
+    if before is None or before.angle_deg is None or fused.angle_deg is None or fused.sigma_deg is None:
+        return fused
+    most = math.degrees(MOST_RATE_RAD_S) * abs(fused.time_ns - before.time_ns) / NS_PER_S
+    angle = min(max(fused.angle_deg, before.angle_deg - most), before.angle_deg + most)
+    return replace(fused, angle_deg=angle, sigma_deg=math.hypot(fused.sigma_deg, fused.angle_deg - angle))
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,7 +19,7 @@ from drivers.interfaces import FrameSource
 from drivers.types import Frame, Image
 from rig.frames.estimation import require_frames_suffice
 from rig.frames.streaming import AngleSample
-from rig.lift.fusion import FusedSample, fuse
+from rig.lift.fusion import FusedSample, continued, fuse
 from rig.live.clip_writer import ClipWriter, clip_folder
 from rig.live.desk_sensor import DeskSensor, Reading
 from rig.live.feed import OBJECT, Sender
@@ -78,6 +78,7 @@ class Desk:
         self._stopping = threading.Event()
         self._threads = [threading.Thread(target=self._wait, args=(s,), daemon=True) for s in sources]
         self._open = len(sources)
+        self._answered: FusedSample | None = None
 
     def __enter__(self) -> "Desk":
         self._settings.choice.try_making()  # takes seconds the first time, so do it before the first frame
@@ -158,6 +159,7 @@ class Desk:
 
     def _done(self, what: str, name: str) -> str:
         sensors = self.sensors.values()
+        self._answered = None  # the angle may jump to another reference
         if what == REFERENCE:
             for sensor in sensors:
                 sensor.set_reference()
@@ -200,7 +202,9 @@ class Desk:
         tracks = {n: stream.track for n, stream in streams.items() if stream.track.samples}
         slip = any(sensor.slip for sensor in self.sensors.values())
         others = [track.newest() for n, track in tracks.items() if n != now.name]
-        fused = fuse(tracks[now.name].newest(), others)
+        fused = continued(fuse(tracks[now.name].newest(), others), self._answered)
+        if fused.angle_deg is not None:
+            self._answered = fused
         waits = fused.angle_deg is None and fused.state is State.TRACKING
         return Reading(
             OBJECT,

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rig.lift.fusion import MAX_SKEW_NS, Disagreement, TipAnswer, fuse
+from rig.lift.fusion import MAX_SKEW_NS, Disagreement, TipAnswer, continued, fuse
 from rig.tactile.sample import SlipSample, State
 
 angles = st.floats(-180.0, 180.0)
@@ -106,3 +106,18 @@ def test_noise_of_an_uncertain_fingertip_does_not_change_the_fused_angle() -> No
     unsure = replace(answer(12.0, 20.0, time_ns=16_000_000), before=(0, 2.0))
     fused = fuse(unsure, [replace(answer(15.0, 1.0, time_ns=8_000_000), rate_deg_s=0.0)])
     assert fused.angle_deg == pytest.approx(15.0, abs=0.1)
+
+
+@given(angles, angles, st.integers(0, 200_000_000))
+def test_fused_angle_turns_no_faster_than_an_object_in_a_gripper(a: float, b: float, later_ns: int) -> None:
+    before = fuse(answer(a, 1.0), [])
+    wanted = fuse(answer(b, 1.0, later_ns), [])
+    fused = continued(wanted, before)
+    assert fused.angle_deg is not None
+    assert fused.sigma_deg is not None
+    assert abs(fused.angle_deg - a) <= 200.0 * later_ns / 1e9 + 1e-9
+    assert fused.sigma_deg == pytest.approx(math.hypot(1.0, b - fused.angle_deg))
+
+
+def test_answers_without_sigma_may_jump() -> None:
+    assert continued(fuse(answer(20.0), []), fuse(answer(0.0), [])).angle_deg == 20.0

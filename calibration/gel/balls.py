@@ -24,6 +24,8 @@ _CORE = 0.7
 """Share of the rim's radius that is surely in contact; beyond, the gel leaves the ball."""
 _LEAST_PIXELS = 30
 _ROUNDS = 5
+_ACROSS, _DOWN = (0.3, 0.7), (0.2, 0.4, 0.6, 0.8)
+"""Places of the presses of a second ball, as shares of the image's width and height."""
 _THIN = 5
 """Every fifth pixel is used: after smoothing, neighbours carry the same information."""
 
@@ -82,10 +84,13 @@ class BallFit:
         )  # fmt: skip
         if len(errors) < 2:
             pressed_mm = 2.0 * next(iter(errors))
+            rows, columns = self.map.shape
+            places = ", ".join(f"({x * columns:.0f}, {y * rows:.0f})" for y in _DOWN for x in _ACROSS)
             assessment += Assessment(
                 doubts=(
                     f"one ball diameter, {pressed_mm:g} mm: a wrong scale or diameter would go unseen; press "
-                    f"another ball, of {0.7 * pressed_mm:.0f} mm or less, at 8 places all over the gel",
+                    f"another ball, of {0.7 * pressed_mm:.0f} mm or less, at x, y = {places} px, and name "
+                    "each picture's ball in catalog.csv",
                 )
             )
         return assessment

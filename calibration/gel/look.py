@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.gel.noise import CameraNoise
+from calibration.store import load
 from drivers.errors import CalibrationError
 from drivers.formats import reason
 
@@ -117,6 +118,14 @@ class GelLook:
         by_slope = self.weights[: SLOPE_TERMS * len(places)].reshape(SLOPE_TERMS, len(places), 3)
         return np.einsum("spc,phw->schw", by_slope, places).astype(np.float32)
 
+    def with_background(self, background: Plane) -> "GelLook":
+        """The look of images of another size, whose background (H, W, 3) is given."""
+        scale = [
+            mm * old / new
+            for mm, old, new in zip(self.mm_per_px, self.shape[::-1], background.shape[1::-1], strict=True)
+        ]
+        return replace(self, background=background, mm_per_px=(scale[0], scale[1]))
+
     def packed(self) -> bytes:
         """The look as the content of an .npz file."""
         facts = {
@@ -196,7 +205,9 @@ def shadow_terms(dent: Plane, px_mm: float) -> Plane:
 
 
 def load_look(path: Path) -> GelLook:
-    """Read a look. Raises `CalibrationError` with the file and its fault."""
+    """Read a look: the .npz file, or the YAML file beside it. Raises `CalibrationError`."""
+    if path.suffix in (".yaml", ".yml"):
+        path = path.parent / str(load(path, "tactile").value.get("look", f"{path.stem}.npz"))
     try:
         with np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as stored:
             facts = json.loads(str(stored["facts"]))

@@ -43,6 +43,13 @@ class CameraNoise:
         """(3,) standard deviation per channel."""
         return np.sqrt(np.diagonal(self.colours))
 
+    @classmethod
+    def uncorrelated(cls, colours: Array) -> "CameraNoise":
+        """Return noise that is independent between pixels. colours: (3, 3), see `colours`."""
+        covariance = np.zeros((2 * _REACH + 1, 2 * _REACH + 1, _VALUES, _VALUES))
+        covariance[_REACH, _REACH] = np.kron(np.eye(_VALUES // 3), colours)
+        return cls(covariance)
+
     def scaled(self, factor: float) -> "CameraNoise":
         """Return this noise with its standard deviation multiplied by a factor."""
         return replace(self, covariance=self.covariance * factor**2)

@@ -7,6 +7,7 @@ of two LEDs comes from opposite sides and the third is weak, slopes in one direc
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calibration.gel.look import HALF, SLOPE_TERMS, GelLook
 
@@ -29,17 +30,22 @@ class Visibility:
 
 def visibility(look: GelLook) -> Visibility:
     """Measure how well a unit shows slopes, on a grid of places."""
-    slopes = replace(look, shadows=False, weights=look.weights[: SLOPE_TERMS * len(look.places)])
-    rows, columns = (size // HALF for size in look.shape)
-    across, along = (HALF * _SLOPE * mm for mm in look.mm_per_px)
-    ramps = (
-        np.arange(columns) * np.full((rows, 1), across),
-        np.arange(rows)[:, None] * np.full(columns, along),
-    )
     grid = slice(_STEP_PX // 2, None, _STEP_PX)
-    response = np.stack([slopes.change(ramp.astype(np.float32))[grid, grid] for ramp in ramps], axis=-1)
+    response = change_by_slope(look, _SLOPE)[grid, grid]
     whitened = np.linalg.solve(np.linalg.cholesky(look.noise.colours), response)
     least = np.linalg.svd(whitened, compute_uv=False)[..., 1]
     row, column = np.unravel_index(int(least.argmin()), least.shape)
     at = ((int(column) + 0.5) * _STEP_PX * HALF, (int(row) + 0.5) * _STEP_PX * HALF)
     return Visibility(float(np.median(least)), float(least.min()), at)
+
+
+def change_by_slope(look: GelLook, slope: float) -> NDArray[np.float32]:
+    """Colour change (h, w, 3, 2), grey levels, by a slope (mm/mm) along x and along y, without shadows."""
+    slopes = replace(look, shadows=False, weights=look.weights[: SLOPE_TERMS * len(look.places)])
+    rows, columns = (size // HALF for size in look.shape)
+    across, along = (HALF * slope * mm for mm in look.mm_per_px)
+    ramps = (
+        np.arange(columns) * np.full((rows, 1), across),
+        np.arange(rows)[:, None] * np.full(columns, along),
+    )
+    return np.stack([slopes.change(ramp.astype(np.float32)) for ramp in ramps], axis=-1)

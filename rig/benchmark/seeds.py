@@ -40,6 +40,7 @@ class SeedsOptions:
     """Options of `rig benchmark seeds`."""
 
     full: bool = option(False, f"{MANY} seeds instead of {FEW}.")
+    seeds: int | None = option(None, "Number of seeds.", min=1, max=1000)
     bench: str = option("fake", "fake, hard, or the path of a bench file simulated in process.")
     objects: list[str] | None = option(
         None, "Id or name; repeat for more. Default: the trial's nine.", "--object"
@@ -97,12 +98,15 @@ def measure(options: SeedsOptions, run: Run) -> Report:
 
       rig benchmark seeds --bench hard --readme docs/measurements.md
 
+      rig benchmark seeds --bench my_twin.toml --seeds 1
+
     """
     bench = load_calibrated_bench(options.bench, run.say)
     if not bench.in_process:
         raise InputError(f"bench '{bench.name}': give a bench that is simulated in this process")
     objects = resolve_objects(options.objects or [], bench.objects)
-    seeds = range(run.seed, run.seed + (MANY if options.full else FEW))
+    count = options.seeds or (MANY if options.full else FEW)
+    seeds = range(run.seed, run.seed + count)
     cases = [
         LiftCase(bench.name, seed, object_id, lift)
         for seed in seeds

@@ -26,6 +26,10 @@ NOMINAL_MM_PER_PX = (0.060, 0.060)
 
 
 _DARK_GREY = 16.0
+_LOST_SHARE = 0.05
+"""Share of the picture with a dark or saturated colour from which the calibration is doubtful."""
+_NULL_REFUSED = 0.2
+"""Slope of the map where nothing touches, from which it is refused (`BallFit.assessment`)."""
 _GRID = (3, 4)
 """Columns and rows of the fields of a gel, each of which should have been pressed."""
 
@@ -65,7 +69,9 @@ def tactile_from_folder(
         return replace(result, assessment=Assessment((str(error),)))
     mapped = not (fit.assessment.refusals and scale)
     assessment = (fit.assessment if mapped else _without_map(fit.assessment)) + _assess_look(look)
-    assessment += _why_refused(fit, presses.background) + _assess_background(presses.background, look.look)
+    assessment += _dark_or_saturated(fit, presses.background) + _assess_background(
+        presses.background, look.look
+    )
     if scale is not None:
         assessment += scale.assessment
     elif mm_per_px is None:
@@ -118,19 +124,19 @@ def unpressed_fields(
     ]
 
 
-def _why_refused(fit: BallFit, background: Image) -> Assessment:
-    """The physical reason if the map's slope is not zero where nothing touches."""
-    if not fit.assessment.refusals or fit.null_rms < 0.2:
-        return Assessment()
+def _dark_or_saturated(fit: BallFit, background: Image) -> Assessment:
+    """The physical reason if the map fails or is doubtful: colours that are dark or saturated in places."""
     dark = float((background.min(axis=2) < _DARK_GREY).mean())
     bright = float((background.max(axis=2) >= 250).mean())
-    return Assessment(
-        (
-            f"in {dark:.0%} of the picture a colour has less than {_DARK_GREY:.0f} grey levels, and in "
-            f"{bright:.0%} one is saturated: there slopes hardly change it; change the exposure or the LEDs' "
-            "intensity, or press this unit more often",
-        )
+    text = (
+        f"in {dark:.0%} of the picture a colour has less than {_DARK_GREY:.0f} grey levels, and in "
+        f"{bright:.0%} one is saturated: there slopes hardly change it; change the exposure or the LEDs' "
+        "intensity, or press this unit more often"
     )
+    lost = dark + bright > _LOST_SHARE
+    if fit.assessment.refusals and (lost or fit.null_rms >= _NULL_REFUSED):
+        return Assessment((text,))
+    return Assessment(doubts=(text,) if lost else ())
 
 
 def _assess_background(background: Image, look: GelLook) -> Assessment:

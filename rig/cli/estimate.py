@@ -73,7 +73,9 @@ class EstimationOptions:
         max=2.0,
     )
     gel: Path | None = option(
-        None, "File of rig calibrate tactile: the shift also in mm, for frames of one sensor."
+        None,
+        "YAML file of rig calibrate tactile, for frames of one sensor: slip computes slopes from its look, "
+        "not from a map learnt from the contact; and the shift is also in mm.",
     )
 
 
@@ -151,7 +153,7 @@ def _run(source: SourceOptions, how: EstimationOptions, of_rig: bool) -> "Estima
     from rig.frames.estimation import Estimation
     from rig.tactile.estimators import choose_estimator
 
-    choice = choose_estimator(how.estimator, how.window)
+    choice = choose_estimator(how.estimator, how.window, gel=how.gel)
     run = Estimation(choice, how.background, how.reference_time, how.lift_from, how.pixel_aspect)
     if of_rig and (source.timestamps is not None or source.fps is not None or run.lift is not None):
         raise InputError(f"{source.frames} contains its times: leave --timestamps, --fps and --lift-from out")

@@ -69,6 +69,9 @@ class LiveAngleOptions:
         min=0.5,
         max=2.0,
     )
+    gel: Path | None = option(
+        None, "YAML file of rig calibrate tactile: slip computes slopes from its look. For one sensor."
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -208,7 +211,7 @@ def settings_of(source: LiveSourceOptions, how: LiveAngleOptions, clips: Path = 
     from rig.live.desk import DeskSettings
     from rig.tactile.estimators import choose_estimator
 
-    choice = choose_estimator(how.estimator)
+    choice = choose_estimator(how.estimator, gel=how.gel)
     require_frames_suffice(choice)
     background = None if how.background is None else read_image(how.background)
     signs = (1, 1) if source.same_side else (1, -1)

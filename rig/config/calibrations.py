@@ -11,12 +11,13 @@ import numpy as np
 from pydantic import ValidationError
 
 from calibration.camera.files import calibrated
+from calibration.gel.look import load_look
 from calibration.store import CalibrationFile, age_days, age_text, check_serials, load
 from calibration.verdict import Verdict
 from drivers.errors import CalibrationError
 from drivers.formats import reason
-from rig.config import BenchConfig, load_bench, validation_text
-from rig.config.in_use import CalibrationsInUse, CameraInUse, FileInUse, PlaceInUse
+from rig.config import BenchConfig, TactileConfig, load_bench, validation_text
+from rig.config.in_use import CalibrationsInUse, CameraInUse, FileInUse, GelInUse, PlaceInUse
 
 FOLDER = "calibrations"
 LARGEST_TIP_M = 0.05
@@ -78,7 +79,29 @@ def find_calibrations(
     found = CalibrationsInUse()
     for kind, serials, take in wanted:
         found = found.joined(_used(config, folder, kind, serials, take))
+    for tactile in config.tactile:
+        found = found.joined(_gel(config, tactile))
     return found
+
+
+def _gel(config: BenchConfig, tactile: TactileConfig) -> CalibrationsInUse:
+    """Return the calibrated colours that the bench file names for a fingertip.
+
+    A simulated gel may use the calibration of any unit, a real one only its own, made on itself.
+    """
+    if tactile.gel is None:
+        return CalibrationsInUse()
+    real, path = tactile.serial in config.real_devices, Path(tactile.gel)
+    file = load(path, "tactile", {"tactile": tactile.serial} if real else None)
+    _refuse_simulated(config, file, path, real)
+    look = load_look(path)
+    if look.shape[::-1] != tactile.size_px:
+        raise CalibrationError(
+            f"{path}: was made of pictures of {look.shape[::-1]} px, and {tactile.serial} has size_px = "
+            f"{list(tactile.size_px)}; calibrate it at that size"
+        )
+    facts = _facts(path, file)
+    return CalibrationsInUse(gel={tactile.serial: GelInUse.of(look)}, files={f"gel-{tactile.serial}": facts})
 
 
 def _used(
@@ -92,11 +115,7 @@ def _used(
     if file.assessment.verdict is Verdict.REFUSED:
         return CalibrationsInUse()
     devices = {*serials.values(), {"gripper": "gripper", "tcp": "arm"}.get(kind, "")}
-    if file.inputs.get("simulated") and not devices.isdisjoint(config.real_devices):
-        raise CalibrationError(
-            f"{path}: was made on simulated devices, but bench '{config.name}' is real; calibrate it, "
-            "or move the file away"
-        )
+    _refuse_simulated(config, file, path, not devices.isdisjoint(config.real_devices))
     try:
         taken = take(file, str(path))
     except ValidationError as error:
@@ -108,13 +127,26 @@ def _used(
         raise CalibrationError(f"{path}: damaged ({why}); make it again with rig calibrate") from error
     if taken is None:
         return CalibrationsInUse()
-    facts = FileInUse(
+    facts = _facts(path, file)
+    return taken.joined(CalibrationsInUse(files={"-".join([kind, *serials.values()]): facts}))
+
+
+def _refuse_simulated(config: BenchConfig, file: CalibrationFile, path: Path, real: bool) -> None:
+    """Raise `CalibrationError` if a calibration of simulated devices would be used on a real one."""
+    if real and file.inputs.get("simulated"):
+        raise CalibrationError(
+            f"{path}: was made on simulated devices, but bench '{config.name}' is real; calibrate it, "
+            "or move the file away"
+        )
+
+
+def _facts(path: Path, file: CalibrationFile) -> FileInUse:
+    return FileInUse(
         file=str(path),
         sha256=sha256(path.read_bytes()).hexdigest(),
         created=file.created,
         verdict=str(file.assessment.verdict),
     )
-    return taken.joined(CalibrationsInUse(files={"-".join([kind, *serials.values()]): facts}))
 
 
 def _find(folder: Path, kind: str, serials: Mapping[str, str]) -> Path | None:

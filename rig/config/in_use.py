@@ -7,6 +7,8 @@ import numpy as np
 from pydantic import AfterValidator, Field, model_validator
 
 from calibration.camera.model import CameraModel, CameraUncertainty
+from calibration.gel.look import GelLook
+from calibration.gel.noise import CameraNoise
 from drivers.types import Pose
 from rig.config.fields import Strict
 
@@ -101,11 +103,54 @@ class PlaceInUse(Strict):
         return Pose(self.position_m, self.quaternion_xyzw)
 
 
+class GelInUse(Strict):
+    """The calibrated colours of a fingertip's gel, with which `slip` computes slopes: see `GelLook`.
+
+    shape: rows and columns of its images. weights: (F, 3), row by row. noise: covariance of the channels,
+    (3, 3), row by row, grey levels squared. The background is not stored: each lift has its own.
+    """
+
+    shape: tuple[Annotated[int, Field(ge=8, le=8192)], Annotated[int, Field(ge=8, le=8192)]]
+    mm_per_px: tuple[Annotated[float, Field(gt=0.0, le=1.0)], Annotated[float, Field(gt=0.0, le=1.0)]]
+    place_degree: Annotated[int, Field(ge=0, le=2)]
+    by_background: bool
+    shadows: bool
+    weights: Annotated[tuple[float, ...], Field(max_length=600)]
+    noise: Annotated[tuple[float, ...], Field(min_length=9, max_length=9)]
+
+    @classmethod
+    def of(cls, look: GelLook) -> Self:
+        """Create from a calibrated look."""
+        return cls(
+            shape=look.shape,
+            mm_per_px=look.mm_per_px,
+            place_degree=look.place_degree,
+            by_background=look.by_background,
+            shadows=look.shadows,
+            weights=tuple(look.weights.ravel().tolist()),
+            noise=tuple(look.noise.colours.ravel().tolist()),
+        )
+
+    def look(self) -> GelLook:
+        """Return the look, with a black background."""
+        return GelLook(
+            np.zeros((*self.shape, 3), np.float32),
+            np.reshape(self.weights, (-1, 3)),
+            self.place_degree,
+            self.by_background,
+            self.shadows,
+            self.mm_per_px,
+            CameraNoise.uncorrelated(np.reshape(self.noise, (3, 3))),
+            None,
+        )
+
+
 class CalibrationsInUse(Strict):
     """Calibrated values that replace the nominal ones of the bench file.
 
     files: by kind and serial. pixel_aspect, time_shift_s (added to a sensor's times): by serial.
-    opening: pairs of counts and m while the fingers close, counts rising.
+    opening: pairs of counts and m while the fingers close, counts rising. gel: by serial, if the bench file
+    names a calibration.
     """
 
     files: dict[str, FileInUse] = Field(default_factory=dict)
@@ -114,6 +159,7 @@ class CalibrationsInUse(Strict):
     pixel_aspect: dict[str, Aspect] = Field(default_factory=dict)
     time_shift_s: dict[str, TimeShift] = Field(default_factory=dict)
     opening: Annotated[tuple[tuple[Counts, Opening], ...], AfterValidator(_closing)] = ()
+    gel: dict[str, GelInUse] = Field(default_factory=dict)
 
     def joined(self, other: "CalibrationsInUse") -> "CalibrationsInUse":
         """Return the union; values of `other` take precedence."""
@@ -124,4 +170,5 @@ class CalibrationsInUse(Strict):
             pixel_aspect=self.pixel_aspect | other.pixel_aspect,
             time_shift_s=self.time_shift_s | other.time_shift_s,
             opening=other.opening or self.opening,
+            gel=self.gel | other.gel,
         )

@@ -32,8 +32,12 @@ def load_bench(name_or_path: str) -> BenchConfig:
         also = ", or give the path of a bench file (rig bench new FILE writes one)"
         raise unknown_name("bench", name_or_path, known, also)
     config = parse_bench(read_text(path, MOST_TOML_BYTES), str(path))
-    looks = [t.model_copy(update={"look": t.look and str(path.parent / t.look)}) for t in config.tactile]
-    return config.model_copy(update={"tactile": tuple(looks)})
+
+    def placed(name: str | None) -> str | None:
+        return name and str(path.parent / name)
+
+    found = [t.model_copy(update={"look": placed(t.look), "gel": placed(t.gel)}) for t in config.tactile]
+    return config.model_copy(update={"tactile": tuple(found)})
 
 
 def parse_bench(text: str, name: str) -> BenchConfig:

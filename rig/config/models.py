@@ -8,6 +8,7 @@ import numpy as np
 from pydantic import Field
 
 from calibration.camera.model import CameraModel
+from calibration.gel.look import GelLook
 from drivers.formats import without_passwords
 from drivers.named_classes import is_class_name
 from drivers.types import ArmLimits, Box, GripperSpec, Pose
@@ -91,7 +92,7 @@ class TactileConfig(BenchSection):
     finger, sign: the finger that it is mounted on, and its sign; needed if the bench has a gripper.
     """
 
-    later = frozenset({"look", "look_seed", "options"})
+    later = frozenset({"gel", "look", "look_seed", "options"})
     driver: Annotated[str, driver_names("fake", "digit")]
     options: Options = Field(default={})
     serial: FileName
@@ -104,6 +105,8 @@ class TactileConfig(BenchSection):
     """Width over height of a pixel on the gel; None if not measured."""
     markers: bool = False
     """Whether dots are printed on the gel (for the estimator `kolamuri`)."""
+    gel: str | None = None
+    """Calibration of the gel for the estimator `slip`: the YAML of `rig calibrate tactile`, relative path."""
     look: str | None = None
     """Look of a simulated gel: the .npz of `rig calibrate tactile`, relative to the bench file."""
     look_seed: int | None = Field(default=None, ge=0, lt=1_000_000)
@@ -245,6 +248,7 @@ class BenchConfig(BenchParts):
         own = CalibrationsInUse(
             files={key: file for key, file in found.files.items() if key.startswith("tactile-")},
             pixel_aspect=found.pixel_aspect,
+            gel=found.gel,
         )
         gone = dict.fromkeys(SECTIONS, MISSING)
         return self.model_copy(update={**gone, "keep_out": (), "calibrations": own})
@@ -253,6 +257,10 @@ class BenchConfig(BenchParts):
         """Return width over height of each fingertip's pixels by serial, calibrated or from the file."""
         measured = self.calibrations.pixel_aspect
         return {t.serial: measured.get(t.serial, t.pixel_aspect) for t in self.tactile}
+
+    def gel_looks(self) -> dict[str, GelLook]:
+        """Return the calibrated looks of the fingertips that the bench file names, by serial."""
+        return {serial: gel.look() for serial, gel in self.calibrations.gel.items()}
 
     def arm_limits(self) -> ArmLimits:
         """Return the arm's limits with the keep-out boxes of the hand: the table and the boxes in the file.

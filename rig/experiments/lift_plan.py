@@ -129,7 +129,8 @@ def new_measurement(settings: TrialSettings) -> LiftMeasurement:
     distance = ExpectedDistance(camera.marker_side_m, settings.bench.object_distance_m())
     aspects = settings.bench.pixel_aspects()
     watch = None if settings.react is ReactionKind.NONE else SlipWatch(settings.slip)
-    return LiftMeasurement(signs, settings.estimator, truth, aspects, shifts, distance, watch)
+    gels = settings.bench.gel_looks()
+    return LiftMeasurement(signs, settings.estimator, truth, aspects, shifts, distance, watch, gels)
 
 
 def require_reaction(settings: TrialSettings, objects: Iterable[str]) -> None:

@@ -1,7 +1,7 @@
 """Estimation of any number of series with one estimator; warnings about doubtful input."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import islice
 
 import numpy as np
@@ -15,7 +15,7 @@ from rig.frames.times import FrameTime, parse_time
 from rig.tactile.contact.background import auto_background, structure
 from rig.tactile.contact.untouched import Comparison
 from rig.tactile.estimators import ESTIMATORS, PUBLISHED, TOSKOV, EstimatorChoice
-from rig.tactile.sample import NO_COLOUR, faults_of, has_colour
+from rig.tactile.sample import NO_COLOUR, TactileEstimator, faults_of, has_colour
 
 # The first frame is compared with this many later ones. It counts as dark if its mean brightness is below
 # this share of theirs.
@@ -180,7 +180,7 @@ class Estimation:
         """Estimate the frames of any source. Raises `InputError`."""
         background, note = make_background(self._background, series)
         doubts = [*background_doubts(self._background, background, series), *frame_doubts(series)]
-        estimate = self._estimate(series, background, self._aspect, 1, None)
+        estimate = self._estimate(series, self.choice.make(background, self._aspect), 1, None)
         return SeriesEstimate(estimate, background, note, tuple(doubts), self.choice.sees(background))
 
     def of_sensor(self, tip: SessionSeries) -> SeriesEstimate:
@@ -190,14 +190,15 @@ class Estimation:
         else:
             background, note = make_background(self._background, tip.frames)
             doubts = background_doubts(self._background, background, tip.frames)
-        estimate = self._estimate(tip.frames, background, self._aspect or tip.aspect, tip.sign, tip.lift_ns)
+        estimator = replace(self.choice, gel=tip.gel).make(background, self._aspect or tip.aspect)
+        estimate = self._estimate(tip.frames, estimator, tip.sign, tip.lift_ns)
         doubts += frame_doubts(tip.frames)
         return SeriesEstimate(estimate, background, note, tuple(doubts), self.choice.sees(background))
 
     def _estimate(
-        self, series: FrameSeries, background: Image, aspect: float | None, sign: int, lift_ns: int | None
+        self, series: FrameSeries, estimator: TactileEstimator, sign: int, lift_ns: int | None
     ) -> Estimate:
-        answers = estimate_series(series, self.choice.make(background, aspect))
+        answers = estimate_series(series, estimator)
         if not answers:
             raise InputError(f"{series.name}: holds no frames to estimate: give another clip or recording")
         lift_ns = lift_time(answers, self.lift) if lift_ns is None else lift_ns

@@ -5,6 +5,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from calibration.gel.look import GelLook
 from drivers.errors import InputError, unknown_name
 from drivers.types import Image
 from protocols.observer import Phase
@@ -22,7 +23,8 @@ from rig.tactile.contact.background import mean_background
 class SessionSeries:
     """One fingertip in one lift: its sign, its frame without contact, and its frames from phase A on.
 
-    aspect: width over height of a pixel on the gel, None if unknown. lift_ns: start of the lift.
+    aspect: width over height of a pixel on the gel, None if unknown. lift_ns: start of the lift. gel: look
+    with which the session computed slopes.
     """
 
     lift: str
@@ -32,6 +34,7 @@ class SessionSeries:
     background: Image
     frames: FrameSeries
     lift_ns: int | None = None
+    gel: GelLook | None = None
 
 
 def session_frames(folder: Path) -> tuple[list[SessionSeries], tuple[str, ...]]:
@@ -44,9 +47,10 @@ def session_frames(folder: Path) -> tuple[list[SessionSeries], tuple[str, ...]]:
         TrialManifest,
         "it has no lifts, and its images are not a clip: they show different sensors or poses",
     )
-    usable, aspects = read_usable_lifts(folder, checked=True), manifest.config.pixel_aspects()
+    usable = read_usable_lifts(folder, checked=True)
+    aspects, gels = manifest.config.pixel_aspects(), manifest.config.gel_looks()
     series = [
-        _series(folder / row.recording, serial, sign, aspects.get(serial))
+        _series(folder / row.recording, serial, sign, aspects.get(serial), gels.get(serial))
         for row in usable.lifts
         for serial, sign in manifest.signs.items()
     ]
@@ -63,12 +67,16 @@ def recording_frames(recording: Path) -> list[SessionSeries]:
     if is_session(session):
         manifest = read_manifest_of(session, TrialManifest, "it has no lifts")
         signs, aspects = dict(manifest.signs), manifest.config.pixel_aspects()
+        gels = manifest.config.gel_looks()
     else:
         text = recording_values(recording).get("signs", "")
-        signs, aspects = {name: int(sign) for name, sign in _SIGNS.findall(text)}, {}
+        signs, aspects, gels = {name: int(sign) for name, sign in _SIGNS.findall(text)}, {}, {}
     if not signs:
         raise InputError(f"{recording}: does not name its fingertips: give a recording of rig trial")
-    return [_series(recording, serial, sign, aspects.get(serial)) for serial, sign in signs.items()]
+    return [
+        _series(recording, serial, sign, aspects.get(serial), gels.get(serial))
+        for serial, sign in signs.items()
+    ]
 
 
 _SIGNS = re.compile(r"(?:^|, )(.+?) on finger \w+ ([+-]1)(?=, |$)")
@@ -83,7 +91,9 @@ def of_sensor(tips: Sequence[SessionSeries], serial: str | None) -> Sequence[Ses
     return found
 
 
-def _series(recording: Path, serial: str, sign: int, aspect: float | None) -> SessionSeries:
+def _series(
+    recording: Path, serial: str, sign: int, aspect: float | None, gel: GelLook | None
+) -> SessionSeries:
     phases = phase_times(recording)
     grasp_ns = phases.get(Phase.GRASP, 0)
     reference = [f.image for f in recorded_frames(recording, serial) if f.time_ns < grasp_ns]
@@ -98,4 +108,5 @@ def _series(recording: Path, serial: str, sign: int, aspect: float | None) -> Se
 
     frames = FrameSeries(str(recording), read)
     background = mean_background(reference)
-    return SessionSeries(recording.stem, serial, sign, aspect, background, frames, phases.get(Phase.LIFT))
+    lift_ns = phases.get(Phase.LIFT)
+    return SessionSeries(recording.stem, serial, sign, aspect, background, frames, lift_ns, gel)

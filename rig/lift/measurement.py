@@ -7,6 +7,7 @@ import logging
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
+from calibration.gel.look import GelLook
 from drivers.clock import to_ns
 from drivers.errors import StaleFrameError
 from drivers.tally import FrameTally
@@ -65,8 +66,8 @@ class LiftMeasurement(LiftObserver):
     signs: of the fingertips by serial. aspects: width over height of their pixels, if known. time_shift_s:
     added to the times of a sensor, by serial, if its clock was calibrated. distance: expected distance of the
     markers from the camera, for comparison. watch: detects slips that need a reaction, if reactions are
-    enabled. `tallies` counts the frames of each source, by serial and `CAMERA`. `backgrounds` has the
-    no-contact frame of each fingertip from phase A on.
+    enabled. gels: calibrated looks by serial, for `slip`. `tallies` counts the frames of each source, by
+    serial and `CAMERA`. `backgrounds` has the no-contact frame of each fingertip from phase A on.
     """
 
     def __init__(
@@ -78,6 +79,7 @@ class LiftMeasurement(LiftObserver):
         time_shift_s: Mapping[str, float] | None = None,
         distance: ExpectedDistance | None = None,
         watch: SlipWatch | None = None,
+        gels: Mapping[str, GelLook] | None = None,
     ) -> None:
         self.angle = ObjectAngle(signs)
         self.tallies = {source: FrameTally() for source in (*signs, CAMERA)}
@@ -90,7 +92,7 @@ class LiftMeasurement(LiftObserver):
         self._tips = {serial: _Tip() for serial in signs}
         self._distance = distance
         self._estimator = estimator
-        self._aspects = aspects or {}
+        self._aspects, self._gels = aspects or {}, gels or {}
         self._shift_ns = {serial: to_ns(shift) for serial, shift in (time_shift_s or {}).items()}
         self._tcp: Pose | None = None
 
@@ -188,7 +190,8 @@ class LiftMeasurement(LiftObserver):
                 raise StaleFrameError(f"{serial}: no frame arrived before the grasp; check that it streams")
             background = mean_background(tip.reference)
             sign = self.angle.tips[serial].sign
-            tip.estimator = self._estimator.make(background, self._aspects.get(serial), sign)
+            choice = replace(self._estimator, gel=self._gels.get(serial))
+            tip.estimator = choice.make(background, self._aspects.get(serial), sign)
             self.backgrounds[serial] = background
             tip.reference = []
 

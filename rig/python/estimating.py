@@ -57,6 +57,7 @@ def estimate(
     estimator: str | type[TactileEstimator] = "slip",
     window: int | None = None,
     pixel_aspect: float | None = None,
+    gel: str | Path | None = None,
 ) -> Angles:
     """Estimate the rotation of the contact in tactile frames.
 
@@ -64,7 +65,8 @@ def estimate(
     first frames if they are alike and later ones differ, otherwise of the most frequent image. times_s: (N,)
     capture times; by default frames are `fps` per second. estimator: a name (`rig estimators` lists them),
     "package.module:Class", or a class of your own. window: mean of the last n angles; the default depends on
-    the estimator. pixel_aspect: width of a pixel on the gel divided by its height, if known.
+    the estimator. pixel_aspect: width of a pixel on the gel divided by its height, if known. gel: YAML file
+    of `rig calibrate tactile`, from whose look `slip` computes slopes.
 
     Returns image angles as `rig estimate` does: counter-clockwise positive, relative to the first frame of
     stable full contact. Raises `InputError` for invalid frames or times, or if no background is given and no
@@ -82,7 +84,7 @@ def estimate(
             check_frame(image, getattr(frames[0], "shape", None))
         background, _ = find_background("estimate", frames, evenly_spread(frames))
     series = FrameSeries("frames", lambda: _timed(frames, times_s, fps))
-    answers = estimate_series(series, _made(estimator, background, window, pixel_aspect))
+    answers = estimate_series(series, _made(estimator, background, window, pixel_aspect, gel=gel))
     if not answers:
         raise InputError("estimate: there are no frames")
     found = zeroed(answers, None)
@@ -98,11 +100,13 @@ def estimator(
     window: int | None = None,
     pixel_aspect: float | None = None,
     sign: int = 1,
+    gel: str | Path | None = None,
 ) -> StreamingEstimator:
     """Make an estimator for the live frames of one sensor, the same that the rig runs during a lift.
 
-    name, window, pixel_aspect: as for `estimate`. background: a frame without contact, (H, W, 3) uint8 RGB,
-    preferably the mean of several. sign: -1 for a fingertip on the side of the object away from the camera.
+    name, window, pixel_aspect, gel: as for `estimate`. background: a frame without contact, (H, W, 3) uint8
+    RGB, preferably the mean of several. sign: -1 for a fingertip on the side of the object away from the
+    camera.
     Raises `InputError`, and `EstimatorError` if it cannot be made.
 
     From then on OpenCV and BLAS compute in one thread in this program, as on the command line. Otherwise the
@@ -111,7 +115,8 @@ def estimator(
     check_frame(background)
     compute_in_one_thread()
     background = background.copy()
-    return StreamingEstimator(_made(name, background, window, pixel_aspect, sign), background.shape, sign)
+    made = _made(name, background, window, pixel_aspect, sign, gel)
+    return StreamingEstimator(made, background.shape, sign)
 
 
 def score(estimate: Angles, truth: Angles) -> Score:
@@ -136,9 +141,10 @@ def _made(
     window: int | None,
     aspect: float | None,
     sign: int = 1,
+    gel: str | Path | None = None,
 ) -> TactileEstimator:
     if isinstance(estimator, str):
-        choice = choose_estimator(estimator, window)
+        choice = choose_estimator(estimator, window, gel=None if gel is None else Path(gel))
         require_frames_suffice(choice)
         return choice.make(background, aspect, sign)
     if not isinstance(estimator, type):

@@ -2,9 +2,11 @@
 
 import shlex
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 
+from calibration.gel.look import GelLook, load_look
 from drivers.errors import EstimatorError, InputError, unknown_name
 from drivers.named_classes import installed_classes, is_class_name
 from drivers.types import Image
@@ -40,13 +42,14 @@ class EstimatorChoice:
     name: one of `ESTIMATORS`, an entry point of the group `slip_rig.estimators`, or
     `package.module:Class`. window: number of angles in the mean, 1 to 100. skip: skip stages that a
     frame does not need (`slip` only). named: whether the operator named it for this run. A foreign estimator
-    that only a stored session names is not imported.
+    that only a stored session names is not imported. gel: calibrated look of the sensor (`slip` only).
     """
 
     name: str
     window: int
     skip: bool = True
     named: bool = field(default=True, compare=False)
+    gel: GelLook | None = field(default=None, compare=False)
 
     def make(self, background: Image, aspect: float | None = None, sign: int = 1) -> TactileEstimator:
         """Make the estimator for one sensor.
@@ -113,7 +116,7 @@ class EstimatorChoice:
         if self.name == DEFAULT_ESTIMATOR:
             from rig.tactile.slip.estimator import SlipEstimator  # here, because importing numba is slow
 
-            return SlipEstimator(background, aspect, self.skip)
+            return SlipEstimator(background, aspect, self.skip, self.gel)
         if self.name in MATCHERS:
             return ReferenceEstimator(background, MATCHERS[self.name])
         if self.name == KOLAMURI:
@@ -126,19 +129,20 @@ class EstimatorChoice:
 
 
 def choose_estimator(
-    name: str | None = None, window: int | None = None, skip: bool = True
+    name: str | None = None, window: int | None = None, skip: bool = True, gel: Path | None = None
 ) -> EstimatorChoice:
     """Return the estimator that the user chose, after checks.
 
     name: `slip` by default. window: by default 2 for the paper's methods, else 1. skip: as in
-    `EstimatorChoice`. A foreign class is imported here. Raises `InputError` for an unknown name, a class that
-    cannot be imported or is not an estimator, or a window out of range.
+    `EstimatorChoice`. gel: YAML file of `rig calibrate tactile` with the look of the sensor. A foreign class
+    is imported here. Raises `InputError` for an unknown name, a class that cannot be imported or is not an
+    estimator, or a window out of range, and `CalibrationError` for the file.
     """
     name = name or DEFAULT_ESTIMATOR
     if is_foreign(name):
         _require_known(name)
         require_estimator(name)
-    return EstimatorChoice(name, _window(name, window), skip)
+    return EstimatorChoice(name, _window(name, window), skip, gel=None if gel is None else load_look(gel))
 
 
 def stored_choice(name: str, window: int | None, skip: bool = True) -> EstimatorChoice:

@@ -13,6 +13,7 @@ from functools import partial
 import cv2
 import numpy as np
 
+from calibration.gel.look import GelLook
 from drivers.clock import NS_PER_S
 from drivers.types import Image
 from rig.tactile.blas_threads import one_blas_thread
@@ -23,6 +24,7 @@ from rig.tactile.slip.compiling import compile_all
 from rig.tactile.slip.following import TEXTURE, ContactFollower, SeenContact, TextureOnDemand
 from rig.tactile.slip.fused_angle import FirstAnswer, Fused, FusedAngle, JointAngle
 from rig.tactile.slip.gel_marks import GelMarks, found_marks
+from rig.tactile.slip.gradient import CalibratedSlopes, learn_map
 from rig.tactile.slip.joint_tracker import JointTracker
 from rig.tactile.slip.kalman import HORIZON_S, RateFilter
 from rig.tactile.slip.registration import MAX_ITERATIONS
@@ -48,6 +50,7 @@ class SlipEstimator(FreshFrameEstimator):
     background: (H, W, 3) uint8 RGB, a frame without contact. aspect: width over height of a pixel
     on the gel, from `rig calibrate tactile`; None if unknown (1 is assumed, with a larger sigma).
     skip: skip stages that a frame does not need; the samples are the same without it, but take longer.
+    look: of this sensor, from presses of a ball; None to learn the map from each contact.
 
     sigma_deg is of the turn since the contact settled, when its keyframe was taken. shift_px counts
     from there too.
@@ -55,7 +58,13 @@ class SlipEstimator(FreshFrameEstimator):
 
     stages = ("contact", "gradient", TEXTURE, "alignment", JOINT, "filter")
 
-    def __init__(self, background: Image, aspect: float | None = None, skip: bool = True) -> None:
+    def __init__(
+        self,
+        background: Image,
+        aspect: float | None = None,
+        skip: bool = True,
+        look: GelLook | None = None,
+    ) -> None:
         super().__init__(background.shape)
         compile_all()
         self._skip = skip
@@ -76,11 +85,13 @@ class SlipEstimator(FreshFrameEstimator):
         self._seen_ns: int | None = None
         self._first_variance: float | None = None
         self._variance: float | None = None
-        self._joint, self._fusion = JointTracker(), FusedAngle()
+        self._slopes = None if look is None else CalibratedSlopes(look, background, size)
+        learn = learn_map if self._slopes is None else self._slopes.map
+        self._joint, self._fusion = JointTracker(learn), FusedAngle()
         self._waiting: tuple[SeenContact, float] | None = None
         self.fused: Fused | None = None
         """The fused angle of the newest frame, for `rig benchmark sigma`."""
-        self._follower = ContactFollower(self._filter, aspect is not None, skip)
+        self._follower = ContactFollower(self._filter, aspect is not None, skip, learn)
 
     def gripped_further(self) -> None:
         """Take a keyframe of the present contact at its angle, because older keyframes fit it less well."""
@@ -112,7 +123,8 @@ class SlipEstimator(FreshFrameEstimator):
             self._release(time_ns)
         self._seen_ns = time_ns
         texture = TextureOnDemand(partial(self._texture, image, light))
-        seen = SeenContact(difference, texture, region, torn, time_ns)
+        pattern = difference if self._slopes is None else self._slopes.of(difference, region.mask)
+        seen = SeenContact(pattern, texture, region, torn, time_ns)
         state, tracked = self._follower.follow(seen, watch)
         sample = SlipSample(
             time_ns,

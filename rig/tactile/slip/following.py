@@ -14,7 +14,7 @@ from drivers.types import Image
 from rig.tactile.contact.gate import Region
 from rig.tactile.sample import State, Stopwatch
 from rig.tactile.slip.axis_check import AxisAnchor, anchor
-from rig.tactile.slip.gradient import Box, LearntGradientMap, learn_map
+from rig.tactile.slip.gradient import Box, Learn, LearntGradientMap, learn_map
 from rig.tactile.slip.height import Field, Gradient, only_within
 from rig.tactile.slip.kalman import RateFilter, unseen_variance
 from rig.tactile.slip.keyframe import Keyframe, make_keyframe
@@ -58,7 +58,7 @@ class TextureOnDemand:
 class SeenContact:
     """A frame with a contact.
 
-    difference: (h, w, 3), relative. torn: no keyframe should be taken of it.
+    difference: (h, w, 3), relative, or slopes of `CalibratedSlopes`. torn: no keyframe should be taken of it.
     """
 
     difference: Field
@@ -72,12 +72,12 @@ class ContactFollower:
     """Follows the contacts of one sensor.
 
     motion: the filter that predicts the angle; it is restarted with a keyframe that was not tracked.
-    aspect_known: see `angle_variance`. skip: see `SlipEstimator`. point_px, origin_px: present and first
-    position of the grasp's first keyframe, work pixels.
+    aspect_known: see `angle_variance`. skip: see `SlipEstimator`. learn: returns the map of a new contact.
+    point_px, origin_px: present and first position of the grasp's first keyframe, work pixels.
     """
 
-    def __init__(self, motion: RateFilter, aspect_known: bool, skip: bool) -> None:
-        self._motion, self._aspect_known, self._skip = motion, aspect_known, skip
+    def __init__(self, motion: RateFilter, aspect_known: bool, skip: bool, learn: Learn = learn_map) -> None:
+        self._motion, self._aspect_known, self._skip, self._learn = motion, aspect_known, skip, learn
         self._angle_rad, self._variance, self._unseen = 0.0, 0.0, 0.0
         self._fitted_ns, self._texture_ns, self._key_ns = 0, 0, 0
         self._answered = self._firmer = False
@@ -215,7 +215,7 @@ class ContactFollower:
         """
         self._patience = PATIENCE_FRAMES
         mask = seen.region.mask
-        learnt = learn_map(seen.difference, mask)
+        learnt = self._learn(seen.difference, mask)
         gradient = None if learnt is None else learnt.apply(seen.difference)
         frame = None if gradient is None else make_keyframe(gradient, mask)
         if frame is None or gradient is None or (self._grasp is None and _like_a_ball(frame, gradient, mask)):

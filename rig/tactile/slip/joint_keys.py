@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 from drivers.types import Image
 from rig.tactile.slip.channel import MOST_KEYS, JointKey
-from rig.tactile.slip.gradient import LearntGradientMap, learn_map
+from rig.tactile.slip.gradient import Learn, LearntGradientMap, learn_map
 from rig.tactile.slip.height import Field
 from rig.tactile.slip.keyframe import make_keyframe
 from rig.tactile.slip.keys import ContactPose, Key
@@ -43,10 +43,11 @@ class RichKeyframe(Key):
 
 
 class RichKeyframes:
-    """The keyframes of one contact; empty before the first."""
+    """The keyframes of one contact; empty before the first. learn: returns the map of a keyframe."""
 
-    def __init__(self) -> None:
+    def __init__(self, learn: Learn = learn_map) -> None:
         self._keys: list[RichKeyframe] = []
+        self._learn = learn
         self.map: LearntGradientMap | None = None
         """The map learnt from the richest keyframe."""
 
@@ -83,7 +84,7 @@ class RichKeyframes:
         angle_rad, point_px: pose of the contact in it; the point of the first keyframe is its center.
         """
         rich = richness(texture, mask)
-        learnt = learn_map(difference, mask) if rich > self.richest else None
+        learnt = self._learn(difference, mask) if rich > self.richest else None
         used = learnt or self.map
         frame = None if used is None else make_keyframe(used.apply(difference), mask)
         fine = None if frame is None else make_texture_key(texture, mask, frame.center_px)

@@ -16,6 +16,7 @@ from rig.tactile.slip.channel import JointKey
 from rig.tactile.slip.evidence import LEAST_UNEXPLAINED, Fit, aligned
 from rig.tactile.slip.following import SeenContact, contact_box
 from rig.tactile.slip.fused_angle import JointAngle
+from rig.tactile.slip.gradient import Learn, learn_map
 from rig.tactile.slip.joint_keys import RichKeyframes
 from rig.tactile.slip.kalman import HORIZON_S, RateFilter
 from rig.tactile.slip.keys import ContactPose, PointMotion
@@ -37,16 +38,20 @@ RATE_S = 0.06
 
 
 class JointTracker:
-    """Follows one contact after the other; each continues at the angle of the previous one."""
+    """Follows one contact after the other; each continues at the angle of the previous one.
 
-    def __init__(self) -> None:
+    learn: returns the map of a keyframe.
+    """
+
+    def __init__(self, learn: Learn = learn_map) -> None:
+        self._learn = learn
         self._pose = ContactPose(0.0, 0j)
         self._filter = RateFilter()
         self.release()
 
     def release(self) -> None:
         """Forget the keyframes, because the contact has ended."""
-        self._keys = RichKeyframes()
+        self._keys = RichKeyframes(self._learn)
         self._wanted: tuple[SeenContact, ContactPose] | None = None
         self._motion, self._rate_rad_s = PointMotion(), 0.0
         self._filter.restart()

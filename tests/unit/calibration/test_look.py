@@ -10,12 +10,15 @@ import numpy as np
 import pytest
 
 from calibration.gel.look import load_look
-from calibration.gel.look_fit import LookFit, fit_look
+from calibration.gel.look_fit import LookFit, ball_dent, fit_look
 from calibration.gel.untouched import Pressed, jpeg_quality
 from calibration.gel.visibility import visibility
 from drivers.errors import CalibrationError
 from fakes.gel.sensor import GelSensor
 from fakes.studio.calibration_scenes import draw_press
+from rig.tactile.contact.relative import RelativeDifference
+from rig.tactile.slip import gradient
+from rig.tactile.slip.estimator import SlipEstimator
 from support.simulated_gel import MM_PER_PX, SimulatedGel
 
 GEL = SimulatedGel(seed=3)
@@ -135,3 +138,38 @@ def test_real_presses_left_out_keep_less_than_half_of_their_colour_error() -> No
             presses.append(Pressed(row["frame"], image, circle, 4.4))
     background = cv2.imread(str(folder / "background.png"), cv2.IMREAD_COLOR_RGB)
     assert fit_look(presses, background, (0.05353, 0.05353)).error_share < 0.5
+
+
+def _unexplained(fit: LookFit, corrections: int, monkeypatch: pytest.MonkeyPatch) -> float:
+    """Share of the slopes of a rendered dent that the calibrated look does not give back, after a gain."""
+    monkeypatch.setattr(gradient, "CORRECTIONS", corrections)
+    look, size = fit.look, (60, 80)
+    dent = ball_dent((120.0, 160.0, 60.0), 15.0, look.shape, look.mm_per_px)
+    background = np.rint(look.background).astype(np.uint8)
+    change = cv2.resize(look.change(dent.astype(np.float32)), look.shape[::-1])
+    frame = np.clip(background + change, 0, 255).astype(np.uint8)
+    light = RelativeDifference(background, size)
+    depth = cv2.resize(dent, size, interpolation=cv2.INTER_AREA)
+    mask = (depth > 0.05).astype(np.uint8)
+    slopes = gradient.CalibratedSlopes(look, background, size).of(light.of(light.reduced(frame)), mask)
+    true = np.dstack(np.gradient(depth, *(4.0 * mm for mm in look.mm_per_px))[::-1])
+    inside = mask > 0
+    found, known = slopes[inside][:, :2].ravel(), true[inside].ravel()
+    return float(1.0 - (found @ known) ** 2 / ((found @ found) * (known @ known)))
+
+
+@pytest.mark.slow
+def test_corrections_recover_the_slopes_of_a_rendered_dent(
+    fit: LookFit, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    linear, corrected = (_unexplained(fit, count, monkeypatch) for count in (0, 3))
+    assert corrected < 0.02
+    assert corrected < 0.5 * linear
+
+
+@pytest.mark.slow
+def test_look_of_another_image_size_is_refused(fit: LookFit) -> None:
+    with pytest.raises(
+        CalibrationError, match=r"for images of \(240, 320\) px.*calibrate the sensor at this"
+    ):
+        SlipEstimator(np.full((240, 320, 3), 90, np.uint8), look=fit.look)

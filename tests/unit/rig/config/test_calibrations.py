@@ -10,6 +10,8 @@ import pytest
 
 from calibration.camera.files import camera_info
 from calibration.camera.model import CameraModel
+from calibration.gel.look import GelLook
+from calibration.gel.noise import CameraNoise
 from calibration.store import CalibrationFile, save
 from calibration.verdict import Assessment
 from drivers.errors import CalibrationError, SessionError
@@ -17,6 +19,7 @@ from rig.config import BenchConfig, load_bench
 from rig.config.calibrations import find_calibrations, load_calibrated_bench
 from rig.config.fields import GripperLimitsConfig
 from rig.config.in_use import CalibrationsInUse, CameraInUse, FileInUse
+from rig.config.load import BENCHES
 from rig.experiments.lift_plan import TrialSettings, stored_trial
 from rig.experiments.replay import run_replay
 from rig.experiments.trial import run_trial
@@ -248,3 +251,43 @@ def test_lift_with_calibrations_replays_identically(
     kept = read_manifest_of(tmp_path / "calibrated", TrialManifest, "no trial")
     assert kept.calibration["camera-SIM-C0001"].sha256 == "ab" * 32
     assert run_replay(stored_trial(tmp_path / "calibrated"), jobs=1).identical == 1
+
+
+def with_gel(folder: Path, name: str, simulated: bool = True) -> BenchConfig:
+    """Return the bench `fake` whose first fingertip names a calibration with a look of two terms."""
+    path = keep(folder, "tactile", {"tactile": "D20641"}, {"look": "own.npz"}, simulated=simulated)
+    weights, noise = np.arange(27.0).reshape(9, 3), CameraNoise.uncorrelated(np.diag([4.0, 1.0, 9.0]))
+    background = np.full((320, 240, 3), 90.0, np.float32)
+    look = GelLook(background, weights, 0, False, False, (0.05, 0.06), noise, None)
+    (folder / "own.npz").write_bytes(look.packed())
+    text = (BENCHES / "fake.toml").read_text().replace('finger = "B"', f'finger = "B"\ngel = "{path.name}"')
+    (folder / name).write_text(text)
+    return load_bench(str(folder / name))
+
+
+def test_gel_named_in_the_bench_file_is_stored_for_a_replay(tmp_path: Path) -> None:
+    with_gel(tmp_path, "bench.toml")
+    bench = load_calibrated_bench(str(tmp_path / "bench.toml"), lambda _: None)
+    stored = BenchConfig.model_validate(bench.model_dump(mode="json"))
+    look = stored.gel_looks()["SIM-D0001"]
+    assert np.array_equal(look.weights, np.arange(27.0).reshape(9, 3))
+    assert np.allclose(look.noise.colours, np.diag([4.0, 1.0, 9.0]), atol=1e-6)
+    assert (look.shape, look.mm_per_px) == ((320, 240), (0.05, 0.06))
+    assert [file.verdict for file in bench.calibrations.files.values()] == ["good"]
+    assert not load_bench("fake").gel_looks()
+
+
+def test_gel_of_a_simulated_sensor_is_refused_for_a_real_one(tmp_path: Path) -> None:
+    bench = with_gel(tmp_path, "bench.toml")
+    real = bench.tactile[0].model_copy(update={"driver": "digit", "serial": "D20641"})
+    mixed = bench.model_copy(update={"tactile": (real, bench.tactile[1])})
+    with pytest.raises(CalibrationError, match="was made on simulated devices"):
+        find_calibrations(mixed, tmp_path / "nothing")
+
+
+def test_gel_of_another_real_sensor_is_refused(tmp_path: Path) -> None:
+    bench = with_gel(tmp_path, "bench.toml", simulated=False)
+    real = bench.tactile[0].model_copy(update={"driver": "digit", "serial": "D20642"})
+    mixed = bench.model_copy(update={"tactile": (real, bench.tactile[1])})
+    with pytest.raises(CalibrationError, match="belongs to tactile D20641, the bench has D20642"):
+        find_calibrations(mixed, tmp_path / "nothing")

@@ -12,8 +12,8 @@ SIGNATURES = {
     "Angles": "(time_s, angle_deg, sigma_deg=<factory>, states=())",
     "open_session": "(folder)",
     "estimate": "(frames, background=None, *, times_s=None, fps=60.0, estimator='slip', window=None, "
-    "pixel_aspect=None)",
-    "estimator": "(name='slip', *, background, window=None, pixel_aspect=None, sign=1)",
+    "pixel_aspect=None, gel=None)",
+    "estimator": "(name='slip', *, background, window=None, pixel_aspect=None, sign=1, gel=None)",
     "score": "(estimate, truth)",
     "solve_camera": "(board_m, image_px, size_px)",
     "solve_hand_eye": "(base_T_tcp, camera_T_target, setup='eye-to-hand')",

@@ -56,7 +56,7 @@ class Found(NamedTuple):
     """Result of `align_alone`.
 
     inverse: element of the inverse normal matrix for the angle. used: (N,), weights of the points inside the
-    contact. squares: (N,), squared residuals. further_rad: see `Alignment`.
+    contact. squares: (N,), squared residuals. bent_rad, further_rad: see `Alignment`.
     """
 
     angle_rad: float
@@ -67,6 +67,7 @@ class Found(NamedTuple):
     done: bool
     used: Values
     squares: Values
+    bent_rad: float
     further_rad: float
 
 

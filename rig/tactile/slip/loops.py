@@ -125,30 +125,49 @@ def normal_matrix(jacobian: Values, points: Values) -> Sums:
 
 @compiled
 def with_priors(matrix: Sums, energy: float) -> Sums:
-    """Return the normal matrix (6, 6) of slopes alone with the priors of its parameters."""
+    """Return the normal matrix of slopes alone with the priors of its parameters."""
     total, regular = np.trace(matrix), matrix.copy()
-    for a in range(PARAMETERS):
+    for a in range(len(matrix)):
         # A direction without information must not make the matrix exactly singular.
         regular[a, a] += 1e-9 * matrix[a, a] + 1e-12 * total + 1e-30
     regular[3, 3] += GAIN_PRIOR * energy
-    regular[4, 4] += SLOPE_PRIOR
-    regular[5, 5] += SLOPE_PRIOR
+    for a in range(4, len(matrix)):
+        regular[a, a] += SLOPE_PRIOR
     return regular
 
 
 @compiled
-def _pulls(key: Channel, points: Values, residuals: Values) -> Sums:
+def _pulls(jacobian: Values, points: Values, residuals: Values) -> Sums:
     """Return what residuals (3, N) pull each parameter by, (P,). They are weighted by points (N,) here."""
-    pulls = np.zeros(len(key.jacobian))
-    for k in range(len(key.template)):
+    pulls = np.zeros(len(jacobian))
+    for k in range(jacobian.shape[1]):
         for i in range(len(points)):
             residuals[k, i] *= points[i]
         for a in range(len(pulls)):
             total = 0.0
             for i in range(len(points)):
-                total += key.jacobian[a, k, i] * residuals[k, i]
+                total += jacobian[a, k, i] * residuals[k, i]
             pulls[a] += total
     return pulls
+
+
+@compiled
+def _bent(key: Channel, points: Values, energy: float, residuals: Values, turned: float) -> float:
+    """Return the change of the last turn if the curvature of the dent may change, too.
+
+    The axes of a dent turn without the object if it rolls or its load shifts. The further parameters are the
+    slopes of a saddle and of the saddle turned by 45 degrees. residuals: (3, N). points: weights, (N,).
+    """
+    radius = math.sqrt(np.mean(np.abs(key.points) ** 2)) + 1e-9
+    jacobian = np.empty((PARAMETERS + 2, 2, len(points)), key.jacobian.dtype)
+    jacobian[:PARAMETERS] = key.jacobian
+    jacobian[PARAMETERS, 0], jacobian[PARAMETERS, 1] = key.points.real / radius, -key.points.imag / radius
+    jacobian[PARAMETERS + 1, 0], jacobian[PARAMETERS + 1, 1] = (
+        -jacobian[PARAMETERS, 1],
+        jacobian[PARAMETERS, 0],
+    )
+    inverse = np.linalg.inv(with_priors(normal_matrix(jacobian, points), energy))
+    return (inverse @ _pulls(jacobian, points, residuals.copy()))[0] - turned
 
 
 @compiled
@@ -168,7 +187,7 @@ def align_alone(
             normal = with_priors(normal_matrix(key.jacobian, used), energy)
             inverse = np.ascontiguousarray(np.linalg.inv(normal))
         values[:2] -= key.template
-        step = inverse @ _pulls(key, used, values.copy())
+        step = inverse @ _pulls(key.jacobian, used, values.copy())
         shift_px += turning(angle_rad) * complex(step[1], step[2])
         angle_rad += step[0]
         iteration += 1
@@ -177,6 +196,7 @@ def align_alone(
         if not (math.isfinite(angle_rad) and abs(shift_px) <= 2 * max(key.planes.shape[:2])):
             break
         done = done or (abs(step[0]) < DONE_RAD and max(abs(step[1]), abs(step[2])) < DONE_PX)
+    bent_rad = _bent(key, used, energy, residuals, last_step[0])
     squares = np.zeros_like(points)
     for k in range(2):
         for a in range(PARAMETERS):
@@ -185,7 +205,8 @@ def align_alone(
         for i in range(len(points)):
             squares[i] += residuals[k, i] ** 2
     further = angle_rad - answer_rad
-    return Found(answer_rad, answer_px, last_step[3], inverse[0, 0], iteration, done, used, squares, further)
+    gain, noise = last_step[3], inverse[0, 0]
+    return Found(answer_rad, answer_px, gain, noise, iteration, done, used, squares, bent_rad, further)
 
 
 @compiled
@@ -224,7 +245,7 @@ def _equations(
                 robust[i] *= values[2, i]
         matrix[:] = normal_matrix(key.jacobian, robust)
     share = gain / max(misfit, LEAST_MISFIT * weights.energy)
-    return share * gain, share, _pulls(key, robust, values)
+    return share * gain, share, _pulls(key.jacobian, robust, values)
 
 
 @compiled

@@ -32,8 +32,9 @@ class Alignment:
     angle_rad; shift_px: motion of the keyframe's center. misfit: ratio of residual to template, rms; inf if
     nothing fits. overlap: fraction of the keyframe's points inside the contact. gain: of the gradients.
     noise_rad: one standard deviation of the angle if residuals were independent. settled: whether the
-    alignment has converged. weights: (N,) for the next frame. further_rad: change of the angle by iterations
-    after convergence, if they were requested.
+    alignment has converged. weights: (N,) for the next frame. bent_rad: change of the angle if the curvature
+    of the dent may change, too. further_rad: change of the angle by iterations after convergence, if they
+    were requested.
     """
 
     angle_rad: float
@@ -45,6 +46,7 @@ class Alignment:
     iterations: int
     settled: bool
     weights: NDArray[np.float32]
+    bent_rad: float = 0.0
     further_rad: float = 0.0
 
 
@@ -78,6 +80,7 @@ def align(
         iterations=found.iterations,
         settled=found.done,
         weights=_robust(found.squares, found.used > 0.0),
+        bent_rad=found.bent_rad,
         further_rad=found.further_rad,
     )
 

@@ -111,6 +111,31 @@ def test_alignment_finds_rotation_and_shift(
     assert not found.settled or abs(math.degrees(further.further_rad)) < 0.02, "nothing worth the time"
 
 
+def ribbed(outline_deg: float, ribs_deg: float) -> Field:
+    """A dent with ribs; its outline and its ribs have directions of their own."""
+    body, turn = dent(outline_deg, (19.0, 9.0)), math.radians(ribs_deg)
+    x, y = np.meshgrid(np.arange(COLUMNS) - 29.5, 39.5 - np.arange(ROWS))
+    ribs = 0.5 * np.cos(2.0 * math.pi / 7.0 * (y * math.cos(turn) - x * math.sin(turn)))
+    return (body + ribs * np.minimum(body, 1.0)).astype(np.float32)
+
+
+@pytest.mark.parametrize("turn_deg", [-12.0, 12.0])
+def test_curvature_shows_that_an_outline_leans_but_its_ribs_do_not_turn(turn_deg: float) -> None:
+    before = ribbed(10.0, 10.0)
+    key = make_keyframe(slopes(before), (before > 0.2).astype(np.uint8))
+    assert key is not None
+    found = {}
+    for name, ribs_deg in (("turned", 10.0 + turn_deg), ("leaning", 10.0)):
+        after = ribbed(10.0 + turn_deg, ribs_deg)
+        found[name] = align(key, GradientField(slopes(after), (after > 0.2).astype(np.uint8)), 0.0, 0j)
+    assert math.degrees(found["turned"].angle_rad) == pytest.approx(turn_deg, abs=0.3)
+    assert abs(math.degrees(found["turned"].bent_rad)) < 0.3
+    leaning, bent = (math.degrees(v) for v in (found["leaning"].angle_rad, found["leaning"].bent_rad))
+    assert abs(leaning) > 1.0, "the outline turns the angle"
+    assert abs(leaning) < 2.0 * abs(bent), "which is within two sigma"
+    assert abs(leaning + bent) < abs(leaning)
+
+
 def test_smooth_ball_has_less_contrast_than_an_edge() -> None:
     contrast = {}
     for name, half_axes in (("ball", (12.0, 12.0)), ("oval", (15.0, 11.0)), ("edge", (22.0, 4.0))):

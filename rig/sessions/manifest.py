@@ -186,7 +186,9 @@ def read_manifest(folder: Path) -> AnyManifest:
     try:
         return _MANIFESTS.parsed(text)
     except ValueError as error:
-        raise SessionError(f"{path}: {error}; the session is damaged") from error
+        raise SessionError(
+            f"{path}: {error}; the session is damaged, or a newer version of the rig wrote it"
+        ) from error
 
 
 def read_manifest_of(folder: Path, kind: type[Wanted] | tuple[type[Wanted], ...], why: str) -> Wanted:

@@ -10,7 +10,7 @@ from calibration.camera.model import CameraModel, CameraUncertainty
 from calibration.gel.look import GelLook
 from calibration.gel.noise import CameraNoise
 from drivers.types import Pose
-from rig.config.fields import Strict
+from rig.config.fields import BenchSection, Strict
 
 Aspect = Annotated[float, Field(ge=0.5, le=2.0)]
 TimeShift = Annotated[float, Field(ge=-1.0, le=1.0)]
@@ -145,7 +145,7 @@ class GelInUse(Strict):
         )
 
 
-class CalibrationsInUse(Strict):
+class CalibrationsInUse(BenchSection):
     """Calibrated values that replace the nominal ones of the bench file.
 
     files: by kind and serial. pixel_aspect, time_shift_s (added to a sensor's times): by serial.
@@ -153,13 +153,14 @@ class CalibrationsInUse(Strict):
     names a calibration.
     """
 
+    later = frozenset({"gel"})
     files: dict[str, FileInUse] = Field(default_factory=dict)
     camera: CameraInUse | None = None
     base_T_camera: PlaceInUse | None = None  # noqa: N815 - frame names keep their case
     pixel_aspect: dict[str, Aspect] = Field(default_factory=dict)
     time_shift_s: dict[str, TimeShift] = Field(default_factory=dict)
     opening: Annotated[tuple[tuple[Counts, Opening], ...], AfterValidator(_closing)] = ()
-    gel: dict[str, GelInUse] = Field(default_factory=dict)
+    gel: dict[str, GelInUse] = Field(default={})
 
     def joined(self, other: "CalibrationsInUse") -> "CalibrationsInUse":
         """Return the union; values of `other` take precedence."""

@@ -49,7 +49,9 @@ angles = st.floats(-3.0, 3.0)
 firsts = st.none() | st.builds(
     FirstAnswer, angles, st.just(0.0), st.floats(0.001, 1.0), st.just(0.0), st.just(0.0), st.booleans()
 )
-joints = st.none() | st.builds(JointAngle, angles, st.just(0.0), st.floats(0.0, 2.3), st.floats(0.0, 0.5))
+joints = st.none() | st.builds(
+    JointAngle, angles, st.just(0.0), st.floats(0.0, 2.3), st.floats(0.0, 0.5), st.floats(0.0, 20.0)
+)
 
 
 def test_answer_of_the_joint_tracker_may_come_one_frame_late_while_the_slopes_lead() -> None:

@@ -74,17 +74,19 @@ def test_program_that_moves_the_arm_is_not_disturbed(controller: URController) -
     assert controller.snapshot()["program_running"]
 
 
-def test_two_arms_in_one_program_are_independent(controller: URController, arm: UR5e) -> None:
+def test_two_arms_in_one_program_are_independent(controller: URController) -> None:
     other = make_controller()
-    other.start()
-    second = make_arm(other.host)
+    other.start()  # before either arm connects: starting it keeps this process busy
+    arm, second = make_arm(controller.host), make_arm(other.host)
     try:
+        arm.connect()
         second.connect()
         arm.move_linear(HOME.translated(z_m=-0.05), 0.25, 1.0).wait(5.0)
         second.move_linear(HOME.translated(z_m=0.05), 0.25, 1.0).wait(5.0)
         assert arm.state().base_T_tcp.position_m[2] == pytest.approx(0.25, abs=1e-4)
         assert second.state().base_T_tcp.position_m[2] == pytest.approx(0.35, abs=1e-4)
     finally:
+        arm.disconnect()
         second.disconnect()
         other.stop()
 

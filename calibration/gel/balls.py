@@ -26,6 +26,8 @@ _LEAST_PIXELS = 30
 _ROUNDS = 5
 _ACROSS, _DOWN = (0.3, 0.7), (0.2, 0.4, 0.6, 0.8)
 """Places of the presses of a second ball, as shares of the image's width and height."""
+NULL_REFUSED = 0.2
+"""Slope of the map where nothing touches from which it is refused, mm/mm."""
 _THIN = 5
 """Every fifth pixel is used: after smoothing, neighbours carry the same information."""
 
@@ -75,7 +77,7 @@ class BallFit:
             100 * float(np.percentile(spread, 90)), 15.0, 60.0, "one press in ten is off by {value:.0f} %"
         )
         assessment += limit(
-            self.null_rms, 0.03, 0.2, "where nothing touches, the slope is {value:.3f} and not zero",
+            self.null_rms, 0.03, NULL_REFUSED, "where nothing touches, the slope is {value:.3f} and not zero",
             "slope where nothing touches: {value:.3f}",
         )  # fmt: skip
         assessment += floor(

@@ -7,7 +7,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from calibration.gel.balls import BallFit, BallPress, calibrate_gel
+from calibration.gel.balls import NULL_REFUSED, BallFit, BallPress, calibrate_gel
 from calibration.gel.look import GelLook
 from calibration.gel.look_fit import LookFit, fit_look
 from calibration.gel.presses import rim_centre
@@ -28,8 +28,6 @@ NOMINAL_MM_PER_PX = (0.060, 0.060)
 _DARK_GREY = 16.0
 _LOST_SHARE = 0.05
 """Share of the picture with a dark or saturated colour from which the calibration is doubtful."""
-_NULL_REFUSED = 0.2
-"""Slope of the map where nothing touches, from which it is refused (`BallFit.assessment`)."""
 _GRID = (3, 4)
 """Columns and rows of the fields of a gel, each of which should have been pressed."""
 
@@ -134,7 +132,7 @@ def _dark_or_saturated(fit: BallFit, background: Image) -> Assessment:
         "intensity, or press this unit more often"
     )
     lost = dark + bright > _LOST_SHARE
-    if fit.assessment.refusals and (lost or fit.null_rms >= _NULL_REFUSED):
+    if fit.assessment.refusals and (lost or fit.null_rms >= NULL_REFUSED):
         return Assessment((text,))
     return Assessment(doubts=(text,) if lost else ())
 

@@ -211,6 +211,8 @@ def settings_of(source: LiveSourceOptions, how: LiveAngleOptions, clips: Path = 
     from rig.live.desk import DeskSettings
     from rig.tactile.estimators import choose_estimator
 
+    if how.gel is not None and len(source.sources) > 1:
+        raise InputError("--gel is for one sensor: leave it out, or give one source")
     choice = choose_estimator(how.estimator, gel=how.gel)
     require_frames_suffice(choice)
     background = None if how.background is None else read_image(how.background)

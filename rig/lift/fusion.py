@@ -105,17 +105,34 @@ def fuse(now: TipAnswer, others: list[TipAnswer]) -> FusedSample:
     return FusedSample(time_ns, best.angle_deg, sigma, answers[0].sample.state, rate, gap)
 
 
-def continued(fused: FusedSample, before: FusedSample | None) -> FusedSample:
-    """Limit the change of a fused angle since the last answer to the fastest rotation in a gripper.
+class FusedAngles:
+    """Fuses answers one after the other; the angle turns no faster than an object in a gripper can.
 
     Another hypothesis may become the likeliest one from one frame to the next, but an object does not jump.
-    Sigma includes the difference. Answers without sigma are not changed.
+    Sigma includes the difference. Answers without sigma are not limited.
     """
-    if before is None or before.angle_deg is None or fused.angle_deg is None or fused.sigma_deg is None:
+
+    def __init__(self) -> None:
+        self._last: tuple[int, float] | None = None
+
+    def restart(self) -> None:
+        """Forget the last angle, because the next one counts from another zero."""
+        self._last = None
+
+    def update(self, now: TipAnswer, others: list[TipAnswer]) -> FusedSample:
+        """Return the fused answer of a frame, see `fuse`."""
+        fused = self._limited(fuse(now, others))
+        if fused.angle_deg is not None:
+            self._last = fused.time_ns, fused.angle_deg
         return fused
-    most = math.degrees(MOST_RATE_RAD_S) * abs(fused.time_ns - before.time_ns) / NS_PER_S
-    angle = min(max(fused.angle_deg, before.angle_deg - most), before.angle_deg + most)
-    return replace(fused, angle_deg=angle, sigma_deg=math.hypot(fused.sigma_deg, fused.angle_deg - angle))
+
+    def _limited(self, fused: FusedSample) -> FusedSample:
+        if self._last is None or fused.angle_deg is None or fused.sigma_deg is None:
+            return fused
+        time_ns, last_deg = self._last
+        most = math.degrees(MOST_RATE_RAD_S) * abs(fused.time_ns - time_ns) / NS_PER_S
+        angle = min(max(fused.angle_deg, last_deg - most), last_deg + most)
+        return replace(fused, angle_deg=angle, sigma_deg=math.hypot(fused.sigma_deg, fused.angle_deg - angle))
 
 
 @dataclass(frozen=True, slots=True)

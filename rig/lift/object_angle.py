@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from drivers.clock import to_ns
-from rig.lift.fusion import FusedSample, TipAnswer, continued, fuse
+from rig.lift.fusion import FusedAngles, FusedSample, TipAnswer
 from rig.lift.onset import OnsetAlarm
 from rig.tactile.sample import SlipSample
 
@@ -68,7 +68,7 @@ class ObjectAngle:
         self.fused: list[FusedSample] = []
         self.alarm = OnsetAlarm()
         self._begun = False
-        self._answered: FusedSample | None = None
+        self._fusion = FusedAngles()
 
     @property
     def samples(self) -> list[SlipSample]:
@@ -88,9 +88,7 @@ class ObjectAngle:
         if not self._begun:
             return
         others = [other.newest() for other in self.tips.values() if other is not tip and other.samples]
-        fused = continued(fuse(tip.newest(), others), self._answered)
-        if fused.angle_deg is not None:
-            self._answered = fused
+        fused = self._fusion.update(tip.newest(), others)
         self.fused.append(fused)
         self.alarm.update(fused.time_ns, fused.angle_deg, fused.rate_deg_s)
 

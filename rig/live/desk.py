@@ -9,7 +9,7 @@ import queue
 import threading
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from drivers.clock import NS_PER_S, Clock, SystemClock, to_ns
@@ -19,7 +19,7 @@ from drivers.interfaces import FrameSource
 from drivers.types import Frame, Image
 from rig.frames.estimation import require_frames_suffice
 from rig.frames.streaming import AngleSample
-from rig.lift.fusion import FusedSample, continued, fuse
+from rig.lift.fusion import FusedAngles, FusedSample
 from rig.live.clip_writer import ClipWriter, clip_folder
 from rig.live.desk_sensor import DeskSensor, Reading
 from rig.live.feed import OBJECT, Sender
@@ -78,7 +78,7 @@ class Desk:
         self._stopping = threading.Event()
         self._threads = [threading.Thread(target=self._wait, args=(s,), daemon=True) for s in sources]
         self._open = len(sources)
-        self._answered: FusedSample | None = None
+        self._fusion = FusedAngles()
 
     def __enter__(self) -> "Desk":
         self._settings.choice.try_making()  # takes seconds the first time, so do it before the first frame
@@ -159,7 +159,7 @@ class Desk:
 
     def _done(self, what: str, name: str) -> str:
         sensors = self.sensors.values()
-        self._answered = None  # the angle may jump to another reference
+        self._fusion.restart()
         if what == REFERENCE:
             for sensor in sensors:
                 sensor.set_reference()
@@ -169,7 +169,7 @@ class Desk:
                 sensor.take_background()
             return "taking the background: nothing may touch the gel"
         if what == ESTIMATOR:
-            choice = choose_estimator(name)
+            choice = replace(choose_estimator(name), gel=self._settings.choice.gel)
             require_frames_suffice(choice)
             for sensor in sensors:
                 sensor.choose(choice)
@@ -202,9 +202,7 @@ class Desk:
         tracks = {n: stream.track for n, stream in streams.items() if stream.track.samples}
         slip = any(sensor.slip for sensor in self.sensors.values())
         others = [track.newest() for n, track in tracks.items() if n != now.name]
-        fused = continued(fuse(tracks[now.name].newest(), others), self._answered)
-        if fused.angle_deg is not None:
-            self._answered = fused
+        fused = self._fusion.update(tracks[now.name].newest(), others)
         waits = fused.angle_deg is None and fused.state is State.TRACKING
         return Reading(
             OBJECT,

@@ -115,6 +115,7 @@ def test_ctrl_c_while_it_starts_ends_it_without_a_traceback(moment: str, times: 
         (["/dev/video77"], 1, "there is no such device"),
         (["http://127.0.0.1:9/x"], 1, "the connection was refused"),
         (["fake", "fake", "fake"], 2, "3 sources: give one, or two"),
+        (["fake", "fake", "--gel", "gel.yaml"], 2, "--gel is for one sensor"),
         (["fake", "--sensor", "eye"], 2, "--sensor eye: choose one of digit, gelsight-mini, plain"),
         (["fake", "--watch-at", "127.0.0.1:0"], 2, "--watch-at is the address of the page"),
         (["fake", "--estimator", "toskov"], 2, "needs the wrench at the arm's wrist"),

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rig.lift.fusion import MAX_SKEW_NS, Disagreement, TipAnswer, continued, fuse
+from rig.lift.fusion import MAX_SKEW_NS, Disagreement, FusedAngles, TipAnswer, fuse
 from rig.tactile.sample import SlipSample, State
 
 angles = st.floats(-180.0, 180.0)
@@ -110,9 +110,9 @@ def test_noise_of_an_uncertain_fingertip_does_not_change_the_fused_angle() -> No
 
 @given(angles, angles, st.integers(0, 200_000_000))
 def test_fused_angle_turns_no_faster_than_an_object_in_a_gripper(a: float, b: float, later_ns: int) -> None:
-    before = fuse(answer(a, 1.0), [])
-    wanted = fuse(answer(b, 1.0, later_ns), [])
-    fused = continued(wanted, before)
+    fusion = FusedAngles()
+    fusion.update(answer(a, 1.0), [])
+    fused = fusion.update(answer(b, 1.0, later_ns), [])
     assert fused.angle_deg is not None
     assert fused.sigma_deg is not None
     assert abs(fused.angle_deg - a) <= 200.0 * later_ns / 1e9 + 1e-9
@@ -120,4 +120,13 @@ def test_fused_angle_turns_no_faster_than_an_object_in_a_gripper(a: float, b: fl
 
 
 def test_answers_without_sigma_may_jump() -> None:
-    assert continued(fuse(answer(20.0), []), fuse(answer(0.0), [])).angle_deg == 20.0
+    fusion = FusedAngles()
+    fusion.update(answer(0.0), [])
+    assert fusion.update(answer(20.0), []).angle_deg == 20.0
+
+
+def test_angle_may_jump_to_another_zero() -> None:
+    fusion = FusedAngles()
+    fusion.update(answer(0.0, 1.0), [])
+    fusion.restart()
+    assert fusion.update(answer(20.0, 1.0), []).angle_deg == 20.0

@@ -1,7 +1,8 @@
 """`rig benchmark seeds`: the trial's lifts for many seeds, scored with the angles reported during them."""
 
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -125,6 +126,16 @@ def measure(options: SeedsOptions, run: Run) -> Report:
 
 def carry_out(bench: BenchConfig, case: LiftCase) -> SeedLift:
     """Carry out one lift and score its online angles. Runs in a worker process."""
+    with recorded_lift(bench, case) as (recording, row):
+        return _scored(recording, case.seed, row)
+
+
+@contextmanager
+def recorded_lift(bench: BenchConfig, case: LiftCase) -> Iterator[tuple[Path, FinishedLift]]:
+    """Carry out one lift and yield its recording, which is deleted afterwards, and its row.
+
+    Raises `RigError` if every attempt ends with a fault.
+    """
     settings, fault = TrialSettings(bench, case.seed, choose_estimator()), None
     for attempt in range(MAX_FAULTS_IN_A_ROW):
         with tempfile.TemporaryDirectory(prefix="rig_seeds_") as folder:
@@ -132,7 +143,8 @@ def carry_out(bench: BenchConfig, case: LiftCase) -> SeedLift:
             done = attempt_lift(settings, task, folder=Path(folder))
             recording, fault = done.files.get(task.recording), done.fault
             if isinstance(done.row, FinishedLift) and isinstance(recording, Path):
-                return _scored(recording, case.seed, done.row)
+                yield recording, done.row
+                return
     raise RigError(
         f"{case}: each of {MAX_FAULTS_IN_A_ROW} attempts ended with a fault; the last one: {fault}"
     )

@@ -27,7 +27,16 @@ COMMAND_GROUPS = {
     "Own images": ("live", "bridge", "estimate", "explain", "segment", "label", "label-angle"),
     "Bench": ("doctor", "bench", "objects", "fakes"),
     "Calibrate": ("calibrate",),
-    "Advanced": ("benchmark", "estimators", "new", "model", "train", "train-angle", "train-turning"),
+    "Advanced": (
+        "benchmark",
+        "estimators",
+        "new",
+        "model",
+        "train",
+        "train-angle",
+        "train-turning",
+        "fit-slip",
+    ),
 }
 """Titles of the groups in `rig --help` and their commands, in the order shown."""
 OPTION_GROUPS = {

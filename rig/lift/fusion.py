@@ -8,6 +8,7 @@ from itertools import combinations
 from drivers.clock import NS_PER_S
 from rig.tactile.sample import SlipSample, State
 from rig.tactile.slip.fused_angle import MOST_RATE_RAD_S
+from rig.tactile.slip.parameters import FUSION
 
 MAX_SKEW_NS = 40_000_000
 """Largest age of the other fingertip's angle: two frames at 60 Hz and some jitter."""
@@ -15,13 +16,6 @@ MAX_GAP_NS = 200_000_000
 """Largest age if the newest fingertip has an earlier frame than it: one period at 5 frames per second."""
 SURER = 4.0
 """If sigma of a fingertip exceeds that of another by this factor, the other's rate is used between frames."""
-STICKS = 0.02
-"""Prior probability that an estimator follows the resting gel: a few per cent on hard lifts."""
-ANYTHING = 0.1
-"""Fraction of such angles that are arbitrary; the others are between rest and the rotation of the object."""
-CORRELATION = 0.7
-"""Correlation of the errors of two fingertips, 0.6 to 0.9 on simulated lifts: they touch the same object
-under the same load."""
 LEAST_GAP_DEG, GAP_SIGMAS = 1.0, 3.0
 """Fingertips disagree if their difference exceeds both limits, in degrees and in sigmas of the difference."""
 STUCK_SHARE = 0.35
@@ -190,21 +184,23 @@ def _hypothesis(turned: tuple[int, ...], angles: list[float], sigmas: list[float
     stuck = [i for i in range(len(angles)) if i not in turned]
     sigma = _sigma(weights, [sigmas[i] for i in turned])
     likelihood = agree * math.prod(_stuck(angles[i], math.hypot(sigmas[i], sigma), angle) for i in stuck)
-    prior = (1.0 - STICKS) ** len(turned) * STICKS ** len(stuck)
+    sticks = FUSION.sticks
+    prior = (1.0 - sticks) ** len(turned) * sticks ** len(stuck)
     return _Hypothesis(prior * likelihood, angle, sigma, turned)
 
 
 def _stuck(angle_deg: float, sigma_deg: float, turn_deg: float) -> float:
     """Return the likelihood of an angle that follows the resting gel: between rest and the rotation.
 
-    sigma_deg: of the angle and the rotation together. The fraction `ANYTHING` is uniformly distributed.
+    sigma_deg: of the angle and the rotation together. The fraction `anything` is uniformly distributed.
     """
     if abs(turn_deg) < sigma_deg / 100.0:
         between = _normal(angle_deg, sigma_deg)
     else:
         low, high = (math.erf((x - angle_deg) / (sigma_deg * math.sqrt(2.0))) for x in (0.0, turn_deg))
         between = (high - low) / (2.0 * turn_deg)
-    return (1.0 - ANYTHING) * between + ANYTHING / 360.0
+    anything = FUSION.anything
+    return (1.0 - anything) * between + anything / 360.0
 
 
 def _normal(gap_deg: float, sigma_deg: float) -> float:
@@ -215,7 +211,8 @@ def _sigma(weights: list[float], sigmas: list[float]) -> float:
     """Return the sigma of the weighted mean of answers whose errors are correlated."""
     shares = [w / sum(weights) * s for w, s in zip(weights, sigmas, strict=True)]
     apart = sum(share**2 for share in shares)
-    return math.sqrt((1.0 - CORRELATION) * apart + CORRELATION * sum(shares) ** 2)
+    common = FUSION.correlation  # they touch the same object under the same load
+    return math.sqrt((1.0 - common) * apart + common * sum(shares) ** 2)
 
 
 def _disagreement(angles: list[float], sigmas: list[float]) -> Disagreement | None:

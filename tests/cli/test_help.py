@@ -76,7 +76,7 @@ def test_main_help_lists_every_command_in_its_group() -> None:
     titles = [line.split("─ ")[1].split(" ─")[0] for line in shown.splitlines() if line.startswith("╭")]
     assert titles == ["Options", "Run", "Results", "Own images", "Bench", "Calibrate", "Advanced"]
     for title, group in COMMAND_GROUPS.items():
-        panel = shown.split(f"╭─ {title} ─")[1].split("╰")[0].splitlines()[1:-1]
+        panel = shown.split(f"╭─ {title} ─")[1].split("╰")[0].splitlines()[1:]
         assert [line.split()[1] for line in panel if line[2] != " "] == list(group)
     assert {name for group in COMMAND_GROUPS.values() for name in group} == set(EVERY[""].commands)
 

@@ -18,7 +18,6 @@ STUDIES = {
     "reaction": "Lift the same SIMULATED objects without and with a reaction to slip, and compare.",
     "renderer": "Score estimators on SIMULATED lifts of a second renderer, independent of the bench's.",
     "seeds": "Carry out SIMULATED trials of several seeds; print errors and confidently wrong angles.",
-    "sigma": "Fit the standard deviation that slip reports to known errors, by maximum likelihood.",
     "segmentation": "Score the segmentation networks on SIMULATED objects and on real frames.",
     "wire": "Do one lift over the wire protocols in real time; measure lost frames, rates and agreement.",
     "faults": "Let each device fail during a lift over the wire protocols; print how the rig recovers.",
@@ -40,6 +39,32 @@ MODULES = {
 """Modules of the studies that are not in `rig.benchmark.NAME.study`; imported on use, because it is slow."""
 
 
+FIT_SLIP = "fit-slip"
+
+
+def study_command(name: str, module: str) -> Any:
+    """Return the command of a study. module: in which it is."""
+    alone = Commands(add_completion=False)
+    alone.command(name)(command_of(import_module(module).STUDY))
+    return get_command(alone)
+
+
+class Program(Group):
+    """The commands of `rig`; `fit-slip` is a study, which is imported on use."""
+
+    def __init__(self, **settings: Any) -> None:
+        super().__init__(**settings)
+        self.commands[FIT_SLIP] = TyperCommand(
+            FIT_SLIP, help="Fit the parameters of slip by maximum likelihood."
+        )
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        """Return a command; import the study of `fit-slip`."""
+        if cmd_name != FIT_SLIP:
+            return super().get_command(ctx, cmd_name)
+        return study_command(FIT_SLIP, "rig.benchmark.slip_fit.study")
+
+
 class Benchmarks(Group):
     """The group of benchmarks; `rig benchmark` alone runs `rig benchmark estimators`."""
 
@@ -52,10 +77,7 @@ class Benchmarks(Group):
         """Return a command; import the study that it belongs to."""
         if cmd_name not in STUDIES:
             return super().get_command(ctx, cmd_name)
-        alone = Commands(add_completion=False)
-        module = import_module(MODULES.get(cmd_name, f"rig.benchmark.{cmd_name}.study"))
-        alone.command(cmd_name)(command_of(module.STUDY))
-        return get_command(alone)
+        return study_command(cmd_name, MODULES.get(cmd_name, f"rig.benchmark.{cmd_name}.study"))
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Insert the default subcommand if none is given."""

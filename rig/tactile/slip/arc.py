@@ -14,10 +14,8 @@ from numpy.typing import NDArray
 
 from drivers.types import Image
 from rig.tactile.slip.height import Gradient
+from rig.tactile.slip.parameters import SHAPE
 
-# Assumed distance of the pivot from the middle of the contact, one sigma, as a fraction of the radius of a
-# circle of equal area. In simulated lifts it is 1.2 mm for contacts of 5 mm.
-PIVOT_SHARE = 0.25
 # A pixel belongs to an edge if its squared slope exceeds EDGE_SHARE times the quantile STEEPEST.
 EDGE_SHARE, STEEPEST = 0.5, 0.99
 LEAST_POINTS = 12
@@ -54,7 +52,7 @@ def pivot_doubt(gradient: Gradient, mask: Image) -> float:
     thickness = math.sqrt((squares * (distance - radius) ** 2).sum() / energy)
     if radial < ONE_ARC or thickness > THIN_PX:
         return 0.0
-    return min(1.0, PIVOT_SHARE * math.sqrt(area / math.pi) / max(abs(center), 1e-9))
+    return min(1.0, SHAPE.pivot_share * math.sqrt(area / math.pi) / max(abs(center), 1e-9))
 
 
 def _center(places: NDArray[np.complex128], weights: NDArray[np.float32]) -> complex:

@@ -11,16 +11,7 @@ from dataclasses import dataclass
 import cv2
 
 from drivers.types import Image
-
-# Smallest ratio of long to short axis (of the ellipse with the contact's second moments) for which the axis
-# is used. In simulated lifts the rms error of the axis is then 0.65 degrees; for ratios below 1.3 up to 2
-# degrees.
-LEAST_RATIO = 1.5
-# One standard deviation: a shifting load also changes the outline of the contact.
-SIGMA_RAD = math.radians(1.5)
-# The contact is assumed to have another shape if its axis differs by more standard deviations than
-# GATE_SIGMAS, or if its area or ratio of axes has changed by more than the factor SAME_SHAPE.
-GATE_SIGMAS, SAME_SHAPE = 4.0, 1.25
+from rig.tactile.slip.parameters import SHAPE
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,18 +40,19 @@ class AxisAnchor:
         mask: (h, w) uint8, 1 in the contact. variance: rad^2. It never becomes smaller than that of the axis,
         because the errors of the axis are correlated over the frames.
         """
-        shape = contact_shape(mask) if variance > SIGMA_RAD**2 else None
+        of_axis = SHAPE.axis_sigma_rad**2
+        shape = contact_shape(mask) if variance > of_axis else None
         if shape is None or not self._like(shape):
             return angle_rad, variance
         gap = math.remainder(shape.axis_rad + self.zero_rad - angle_rad, math.pi)
-        if abs(gap) > GATE_SIGMAS * math.sqrt(variance + SIGMA_RAD**2):
+        if abs(gap) > SHAPE.axis_gate_sigmas * math.sqrt(variance + of_axis):
             return angle_rad, variance
-        return angle_rad + gap * variance / (variance + SIGMA_RAD**2), SIGMA_RAD**2
+        return angle_rad + gap * variance / (variance + of_axis), of_axis
 
     def _like(self, shape: ContactShape) -> bool:
         """Whether a contact still has the shape for which the axis was stored."""
         pairs = ((shape.area_px, self.area_px), (shape.ratio, self.ratio))
-        return all(max(pair) <= SAME_SHAPE * min(pair) for pair in pairs)
+        return all(max(pair) <= SHAPE.axis_same_shape * min(pair) for pair in pairs)
 
 
 def anchor(mask: Image, angle_rad: float) -> AxisAnchor | None:
@@ -77,7 +69,7 @@ def contact_shape(mask: Image) -> ContactShape | None:
     moments = cv2.moments(mask, True)
     difference, mixed = moments["mu20"] - moments["mu02"], 2.0 * moments["mu11"]
     total, spread = moments["mu20"] + moments["mu02"], math.hypot(difference, mixed)
-    if total + spread < LEAST_RATIO**2 * (total - spread) or spread <= 0.0:
+    if total + spread < SHAPE.axis_ratio**2 * (total - spread) or spread <= 0.0:
         return None
     ratio = math.sqrt((total + spread) / max(total - spread, 1e-9))
     return ContactShape(-0.5 * math.atan2(mixed, difference), moments["m00"], ratio)

@@ -26,7 +26,7 @@ def compile_all() -> None:
         planes, point, 3.5 + 3.5j, none[0, :2], ones, np.ascontiguousarray(none[:, :2]), turns=1.0
     )
     texture = Channel(planes, point, 3.5 + 3.5j, none[0], ones, none[:3], turns=2.0)
-    both = slopes, weights_of(slopes), texture, weights_of(texture)
+    both = slopes, weights_of(slopes, 1.0, 1.0), texture, weights_of(texture, 1.0, 1.0)
     align_alone(slopes, ones, 1.0, (0.0, 0j), 1, False)
     correlation_at(*both[:2], 0.0, 0j)
     correlation_at(*both[2:], 0.0, 0j)

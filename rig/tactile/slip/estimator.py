@@ -21,12 +21,13 @@ from rig.tactile.contact.gate import ContactGate
 from rig.tactile.contact.relative import Light, RelativeDifference, full_area, work_size
 from rig.tactile.sample import FreshFrameEstimator, SlipSample, State, Stopwatch
 from rig.tactile.slip.compiling import compile_all
-from rig.tactile.slip.following import TEXTURE, ContactFollower, SeenContact, TextureOnDemand
+from rig.tactile.slip.following import TEXTURE_STAGE, ContactFollower, SeenContact, TextureOnDemand
 from rig.tactile.slip.fused_angle import FirstAnswer, Fused, FusedAngle, JointAngle
 from rig.tactile.slip.gel_marks import GelMarks, found_marks
 from rig.tactile.slip.gradient import CalibratedSlopes, learn_map
 from rig.tactile.slip.joint_tracker import JointTracker
-from rig.tactile.slip.kalman import HORIZON_S, RateFilter
+from rig.tactile.slip.kalman import RateFilter
+from rig.tactile.slip.parameters import FUSION, MOTION
 from rig.tactile.slip.registration import MAX_ITERATIONS
 from rig.tactile.slip.settling import Tearing
 from rig.tactile.slip.texture import TextureField, fine_scale
@@ -36,10 +37,7 @@ from rig.tactile.slip.turning import shipped_turning
 NOISE_BLUR_PX = 0.7
 # A contact gone for longer is a new grasp.
 FORGET_S = 0.5
-# Time constant of the reported sigma: two fingertips are weighted by it, and a weight that jumps makes the
-# fused angle jump.
-SIGMA_PACE_S = 0.15
-JOINT = "joint alignment"
+JOINT_STAGE = "joint alignment"
 OUTSIDE, ITERATIONS = "gradient outside the contact", "iterations after the last change"
 """Stages that can be skipped for a frame with contact."""
 
@@ -56,7 +54,7 @@ class SlipEstimator(FreshFrameEstimator):
     from there too.
     """
 
-    stages = ("contact", "gradient", TEXTURE, "alignment", JOINT, "filter")
+    stages = ("contact", "gradient", TEXTURE_STAGE, "alignment", JOINT_STAGE, "filter")
 
     def __init__(
         self,
@@ -89,8 +87,6 @@ class SlipEstimator(FreshFrameEstimator):
         learn = learn_map if self._slopes is None else self._slopes.map
         self._joint, self._fusion = JointTracker(learn), FusedAngle()
         self._waiting: tuple[SeenContact, float] | None = None
-        self.fused: Fused | None = None
-        """The fused angle of the newest frame, for `rig benchmark sigma`."""
         self._follower = ContactFollower(self._filter, aspect is not None, skip, learn)
 
     def gripped_further(self) -> None:
@@ -136,8 +132,8 @@ class SlipEstimator(FreshFrameEstimator):
             return sample
         first = None if tracked is None else self._first_answer(sample, tracked)
         joint = self._joint_angle(seen, state, first)
-        watch.lap(JOINT)
-        self.fused = fused = self._fusion.update(time_ns / NS_PER_S, first, joint)
+        watch.lap(JOINT_STAGE)
+        fused = self._fusion.update(time_ns / NS_PER_S, first, joint)
         if fused is None:
             return sample
         if tracked is None:
@@ -219,7 +215,7 @@ class SlipEstimator(FreshFrameEstimator):
         if before is None or self._last is None or sample.state is State.REKEYED:
             return variance
         elapsed_s = max(sample.time_ns - self._last.time_ns, 0) / NS_PER_S
-        return variance + math.exp(-elapsed_s / SIGMA_PACE_S) * (before - variance)
+        return variance + math.exp(-elapsed_s / FUSION.sigma_pace_s) * (before - variance)
 
     def _left_out(self, tracked: Tracked) -> tuple[str, ...]:
         """Return the names of the stages that this frame did not need."""
@@ -232,7 +228,7 @@ class SlipEstimator(FreshFrameEstimator):
         """Return the sample of a frame that repeats the previous one, without computing it again."""
         if last.angle_deg is None:
             return replace(last, time_ns=time_ns, stage_s={}, skipped=self.stages)
-        ahead_s = min((time_ns - last.time_ns) / NS_PER_S, HORIZON_S)
+        ahead_s = min((time_ns - last.time_ns) / NS_PER_S, MOTION.horizon_s)
         angle_deg = last.angle_deg + (last.rate_deg_s or 0.0) * ahead_s
         sigma_deg = math.hypot(last.sigma_deg or 0.0, angle_deg - last.angle_deg)
         return replace(

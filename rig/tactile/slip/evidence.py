@@ -18,11 +18,7 @@ from numpy.typing import NDArray
 from rig.tactile.slip.channel import MOST_KEYS, JointKey
 from rig.tactile.slip.keys import ContactPose
 from rig.tactile.slip.loops import align_jointly, correlation_at, turning
-
-# Smallest fraction of residual energy in the score; below it the residual is not noise.
-LEAST_UNEXPLAINED = 0.1
-# Weights of slopes and texture. Set on the augmented development clips: 1 and 0.25 lose 13 % of the labels.
-SHARES = 0.25, 1.0
+from rig.tactile.slip.parameters import JOINT
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +51,8 @@ def aligned(
     # The compiled loop takes a fixed number of keyframes; those of weight 0 do not count.
     filled = (*keys, *(MOST_KEYS - len(keys)) * (keys[0]._replace(weight=0.0),))
     at = start.angle_rad, complex(start.point_px)
-    angle, point, normal, fits = align_jointly(filled, at, expected_rad, prior, SHARES, iterations)
+    shares = JOINT.slopes_share, 1.0
+    angle, point, normal, fits = align_jointly(filled, at, expected_rad, prior, shares, iterations)
     own_rad = math.sqrt(max(float(np.linalg.inv(normal)[0, 0]), 0.0))
     return _fit(keys, ContactPose(angle, point), fits[: len(keys)], own_rad)
 
@@ -72,7 +69,7 @@ def fit_at(key: JointKey, pose: ContactPose) -> Fit:
 def _fit(
     keys: Sequence[JointKey], pose: ContactPose, fits: NDArray[np.float64], own_rad: float = math.inf
 ) -> Fit:
-    unexplained = np.maximum(1.0 - np.square(np.maximum(fits, 0.0)), LEAST_UNEXPLAINED)
+    unexplained = np.maximum(1.0 - np.square(np.maximum(fits, 0.0)), JOINT.least_unexplained)
     scores = -0.5 * np.log(unexplained).sum(axis=1)
     weights = [key.weight for key in keys]
     slopes, texture = np.average(fits, axis=0, weights=weights)

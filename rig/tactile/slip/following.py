@@ -19,6 +19,7 @@ from rig.tactile.slip.height import Field, Gradient, only_within
 from rig.tactile.slip.kalman import RateFilter, unseen_variance
 from rig.tactile.slip.keyframe import Keyframe, make_keyframe
 from rig.tactile.slip.keys import Key
+from rig.tactile.slip.parameters import KEYFRAMES
 from rig.tactile.slip.roundness import LEAST_TRACE, like_a_ball, missed_rad
 from rig.tactile.slip.sampling import BROAD_REACH_PX, GradientField
 from rig.tactile.slip.settling import Settling
@@ -32,12 +33,11 @@ BOX_MARGIN_PX = BROAD_REACH_PX + 3
 LEAST_CONTRAST, LEAST_CONTRAST_CLIPPED = 0.18, 0.7
 # Frames until a refused contact is examined again.
 PATIENCE_FRAMES = 12
-# Time without a fitting keyframe after which a settled contact gets a new one, and number of frames for a
-# growing contact.
-GIVE_UP_S, DEFERRED_FRAMES = 0.25, 2
+# Number of frames without a fitting keyframe after which a growing contact gets a new one.
+DEFERRED_FRAMES = 2
 # Period of the texture while the slopes lead.
 TEXTURE_PERIOD_S = 0.035
-TEXTURE = "texture"
+TEXTURE_STAGE = "texture"
 
 
 class TextureOnDemand:
@@ -104,7 +104,7 @@ class ContactFollower:
             gradient = only_within(gradient, box)
         watch.lap("gradient")
         texture = self._texture(seen, self._grasp)
-        watch.lap(TEXTURE)
+        watch.lap(TEXTURE_STAGE)
         field = GradientField(gradient, seen.region.mask, box)
         tracked = self._aligned(self._grasp, field, texture, seen.time_ns)
         watch.lap("alignment")
@@ -169,10 +169,11 @@ class ContactFollower:
         return placed
 
     def _missed(self, seen: SeenContact, watch: Stopwatch) -> tuple[State, Tracked | None]:
-        """Wait if no keyframe fits; restart after `GIVE_UP_S`."""
+        """Wait if no keyframe fits; restart after `give_up_s`."""
         self._misses += 1
         elapsed_s = (seen.time_ns - self._fitted_ns) / NS_PER_S
-        patient = elapsed_s <= GIVE_UP_S if self._settling.settled else self._misses <= DEFERRED_FRAMES
+        waits, deferred = elapsed_s <= KEYFRAMES.give_up_s, self._misses <= DEFERRED_FRAMES
+        patient = waits if self._settling.settled else deferred
         if patient or seen.torn:
             return State.LOST, None
         angle = self._motion.predicted(seen.time_ns / NS_PER_S)

@@ -10,39 +10,16 @@ whose weight w follows the leading channel with a time constant. While the slope
 to the difference of both, so that an error of the joint tracker during growth does not persist. The prior of
 the motion is uniform within `MOST_RATE_RAD_S`, so the angle does not jump. While the slopes lead, the
 variance is that of the first tracker. Otherwise it is a linear combination of known terms, one of which is
-the squared gap between the trackers; the coefficients are fitted (`fusion.json`).
+the squared gap between the trackers.
 """
 
-import json
 import math
 from dataclasses import dataclass
-from functools import cache
 
-import numpy as np
-from numpy.typing import NDArray
+from rig.tactile.slip.parameters import FUSION
 
-from rig.tactile.contact.model_files import MODELS
-
-# Time constants of the weight and of the offset. Set on the augmented development clips and the simulated
-# lifts: 0.1 to 0.3 s and 0.5 to 1 s change the share of labels within the limit by less than 1 %.
-WEIGHT_S, OFFSET_S = 0.15, 0.5
-# Lowest score at which the joint tracker is used. Between 0.35 and 0.6 the share within the limit changes by
-# 2 % (augmented development clips).
-LEAST_SCORE = 0.45
 # Highest rotation rate of an object in a gripper.
 MOST_RATE_RAD_S = math.radians(200.0)
-# The gap to a tracker and the first tracker's sigma, if that tracker has no answer.
-UNKNOWN_GAP_RAD, UNKNOWN_SIGMA_RAD = math.radians(10.0), math.radians(30.0)
-# The joint tracker's own sigma is limited, and divided by its score, which is at least this.
-MOST_OWN_RAD, LEAST_OWN_SCORE = math.radians(20.0), 0.2
-# Lowest richness in the variance: that of a keyframe without contact, from noise alone.
-LEAST_RICHNESS = 0.1
-TERMS = ("constant_deg", "gap", "sigma", "own_sigma", "faint_deg")
-"""Names of the fitted coefficients of sigma where the texture leads: of a constant (degrees), of the gap
-between the trackers, of the first tracker's sigma, of the joint tracker's own sigma, and of the inverse
-richness of the texture (degrees)."""
-
-Terms = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,22 +58,12 @@ class Fused:
     """The fused angle (rad) and rate (rad/s), and its variance, rad^2.
 
     inherited: the part of the variance from before the keyframes, such as that of rotations without contact.
-    weight: of the joint tracker. terms: of the variance while the texture leads, rad^2, see `TERMS`.
     """
 
     angle_rad: float
     rate_rad_s: float
     variance: float
     inherited: float
-    weight: float
-    terms: Terms
-
-
-@cache
-def coefficients() -> Terms:
-    """Return the fitted coefficients of the variance's terms."""
-    fitted = json.loads((MODELS / "fusion.json").read_text())["coefficients"]
-    return np.square([float(fitted[name]) for name in TERMS])
 
 
 class FusedAngle:
@@ -123,13 +90,13 @@ class FusedAngle:
 
         joint: None also if it was not run. It is then assumed to rotate as the first tracker does.
         """
-        if first is None and (joint is None or joint.score < LEAST_SCORE):
+        if first is None and (joint is None or joint.score < FUSION.least_score):
             return None
         elapsed_s = 0.0 if self._angle_rad is None else time_s - self._time_s
         self._time_s = time_s
         at_first, at_joint = self._angles(first, joint)
         if first is None or at_first is None:
-            weight, gap = 1.0, UNKNOWN_GAP_RAD
+            weight, gap = 1.0, FUSION.unknown_gap_rad
         elif at_joint is None:
             weight, gap = 0.0, 0.0
         else:
@@ -142,15 +109,14 @@ class FusedAngle:
         angle = self._bound(wanted, elapsed_s)
         if first is not None:
             self._unseen = min(self._unseen, first.inherited)
-        terms = self._terms(gap, first)
-        variance = weight * float(coefficients() @ terms) + (wanted - angle) ** 2
+        variance = weight * self._texture_variance(gap, first) + (wanted - angle) ** 2
         unseen = weight * self._unseen if math.isfinite(self._unseen) else 0.0
         if first is not None:
             variance += (1.0 - weight) * first.sigma_rad**2 + weight * first.shape_doubt
             inherited = unseen + (1.0 - weight) * first.inherited
         else:
             inherited = unseen
-        return Fused(angle, self._rate(weight, first), variance + unseen, inherited, weight, terms)
+        return Fused(angle, self._rate(weight, first), variance + unseen, inherited)
 
     def take_late(self, joint: JointAngle, first_rad: float) -> None:
         """Use the joint tracker's angle in an earlier frame. first_rad: that of the first tracker there."""
@@ -182,13 +148,13 @@ class FusedAngle:
 
     def _weigh(self, texture_leads: bool, elapsed_s: float) -> float:
         """Update the weight of the joint tracker and return it."""
-        believed = texture_leads and self._joint is not None and self._joint.score > LEAST_SCORE
-        self._weight += (1.0 - math.exp(-elapsed_s / WEIGHT_S)) * (float(believed) - self._weight)
+        believed = texture_leads and self._joint is not None and self._joint.score > FUSION.least_score
+        self._weight += (1.0 - math.exp(-elapsed_s / FUSION.weight_s)) * (float(believed) - self._weight)
         return self._weight
 
     def _drawn(self, at_joint: float, at_first: float, elapsed_s: float) -> float:
         """Update the offset of the joint tracker from the first one; return its angle with the new offset."""
-        drawn = (1.0 - math.exp(-elapsed_s / OFFSET_S)) * (at_first - at_joint)
+        drawn = (1.0 - math.exp(-elapsed_s / FUSION.offset_s)) * (at_first - at_joint)
         self._joint_zero += drawn
         return at_joint + drawn
 
@@ -203,11 +169,14 @@ class FusedAngle:
         joint_rate = 0.0 if self._joint is None else self._joint.rate_rad_s
         return (1.0 - weight) * first_rate + weight * joint_rate
 
-    def _terms(self, gap_rad: float, first: FirstAnswer | None) -> Terms:
-        """Return the terms of the variance while the texture leads, rad^2, in the order of `TERMS`."""
-        sigma = UNKNOWN_SIGMA_RAD if first is None else first.sigma_rad
-        own, faint = 0.0, 1.0
+    def _texture_variance(self, gap_rad: float, first: FirstAnswer | None) -> float:
+        """Return the variance while the texture leads, rad^2."""
+        sigma, own, faint = FUSION.unknown_sigma_rad, 0.0, 1.0
+        if first is not None:
+            sigma = first.sigma_rad
         if self._joint is not None:
-            faint = 1.0 / max(self._joint.richness, LEAST_RICHNESS)
-            own = min(self._joint.own_rad, MOST_OWN_RAD) / max(self._joint.score, LEAST_OWN_SCORE)
-        return np.square([math.radians(1.0), gap_rad, sigma, own, math.radians(faint)])
+            faint = 1.0 / max(self._joint.richness, FUSION.least_richness)
+            own = min(self._joint.own_rad, FUSION.most_own_rad)
+            own /= max(self._joint.score, FUSION.least_own_score)
+        parts = FUSION.gap * gap_rad, FUSION.sigma * sigma, FUSION.own_sigma * own
+        return sum(part**2 for part in (FUSION.constant_rad, *parts, FUSION.faint_rad * faint))

@@ -4,7 +4,6 @@ A keyframe is rich if its texture has much energy; a keyframe of a small contact
 keyframes are kept as long as the contact lasts, so that errors do not add up from one to the next.
 """
 
-import math
 from dataclasses import dataclass, replace
 
 from drivers.types import Image
@@ -13,13 +12,9 @@ from rig.tactile.slip.gradient import Learn, LearntGradientMap, learn_map
 from rig.tactile.slip.height import Field
 from rig.tactile.slip.keyframe import make_keyframe
 from rig.tactile.slip.keys import ContactPose, Key
+from rig.tactile.slip.parameters import JOINT
 from rig.tactile.slip.sampling import GradientField
 from rig.tactile.slip.texture import TextureField, make_texture_key, richness
-
-# A keyframe is added if its texture is richer than that of all others by the factor RICHER, or if the contact
-# has rotated by FURTHER_RAD from all others. Keyframes below the fraction LEAST_RICHNESS of the richest are
-# not used. Set on the augmented development clips; 1.15 instead of 1.3 changes little.
-RICHER, FURTHER_RAD, LEAST_RICHNESS = 1.3, math.radians(14.0), 0.5
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -62,14 +57,14 @@ class RichKeyframes:
     def facing(self, field: GradientField, texture: TextureField) -> list[JointKey]:
         """Return the keyframes that are rich enough, with a frame to align to them, weighted by richness."""
         best = self.richest
-        rich = (key for key in self._keys if key.richness >= LEAST_RICHNESS * best)
+        rich = (key for key in self._keys if key.richness >= JOINT.least_richness * best)
         facing = (key.facing(field, texture, key.richness / best) for key in rich)
         return [key for key in facing if key is not None]
 
     def wants(self, texture: TextureField, mask: Image, angle_rad: float) -> bool:
         """Whether a frame at an angle should become a keyframe."""
         nearest = min(abs(key.pose.angle_rad - angle_rad) for key in self._keys)
-        return nearest > FURTHER_RAD or richness(texture, mask) > RICHER * self.richest
+        return nearest > JOINT.further_rad or richness(texture, mask) > JOINT.richer * self.richest
 
     def add(
         self,

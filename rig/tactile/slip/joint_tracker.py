@@ -13,28 +13,20 @@ from functools import partial
 
 from drivers.clock import NS_PER_S
 from rig.tactile.slip.channel import JointKey
-from rig.tactile.slip.evidence import LEAST_UNEXPLAINED, Fit, aligned
+from rig.tactile.slip.evidence import Fit, aligned
 from rig.tactile.slip.following import SeenContact, contact_box
 from rig.tactile.slip.fused_angle import JointAngle
 from rig.tactile.slip.gradient import Learn, learn_map
 from rig.tactile.slip.joint_keys import RichKeyframes
-from rig.tactile.slip.kalman import HORIZON_S, RateFilter
+from rig.tactile.slip.kalman import RateFilter
 from rig.tactile.slip.keys import ContactPose, PointMotion
+from rig.tactile.slip.parameters import JOINT, MOTION, TEXTURE
 from rig.tactile.slip.sampling import GradientField
-from rig.tactile.slip.tracker import TEXTURE_NOISE_RAD
 
-# Weight of the squared distance from the predicted angle, 1/rad^2: one standard deviation is 4 degrees, and a
-# contact has 40 independent points. Set on the augmented development clips: 12 points lose 4 % of the labels.
-PRIOR = 1.0 / (40.0 * math.radians(4.0) ** 2)
 ITERATIONS = 16
-# Further initial angles are tried if the score is lower, or the result is further from the prediction.
-GOOD_SCORE, SURPRISE_RAD = 0.7, math.radians(2.0)
-ASIDE_RAD = tuple(math.radians(turn) for turn in (-11.4, -5.7, 5.7, 11.4))
+ASIDE = -2.0, -1.0, 1.0, 2.0
 # Largest rotation of an object between two frames (200 degrees per second at 10 Hz, with a margin).
 MOST_TURN_RAD = math.radians(25.0)
-# The predicted rate follows the turn of a frame with this time constant. With the rate of the answer's filter
-# instead, 1 % fewer labels of the augmented development clips are within the limit.
-RATE_S = 0.06
 
 
 class JointTracker:
@@ -88,28 +80,30 @@ class JointTracker:
             return None
         self._pose = ContactPose(angle_rad, point)
         # The fit of a keyframe with itself has the highest possible score.
-        return self._filtered(-math.log(LEAST_UNEXPLAINED), 0.0, seen.time_ns)
+        return self._filtered(-math.log(JOINT.least_unexplained), 0.0, seen.time_ns)
 
     def _accept(self, pose: ContactPose, time_s: float) -> None:
         self._motion.update(pose.point_px - self._pose.point_px)
         elapsed_s = time_s - (self._filter.time_s or time_s)
         if elapsed_s > 0.0:
             rate = (pose.angle_rad - self._pose.angle_rad) / elapsed_s
-            self._rate_rad_s += min(1.0, elapsed_s / RATE_S) * (rate - self._rate_rad_s)
+            self._rate_rad_s += min(1.0, elapsed_s / MOTION.joint_rate_s) * (rate - self._rate_rad_s)
         self._pose = pose
 
     def _filtered(self, score: float, own_rad: float, time_ns: int) -> JointAngle:
-        angle = self._filter.update(time_ns / NS_PER_S, self._pose.angle_rad, TEXTURE_NOISE_RAD)
+        angle = self._filter.update(time_ns / NS_PER_S, self._pose.angle_rad, TEXTURE.noise_rad)
         return JointAngle(angle, self._filter.rate_rad_s, score, own_rad, self._keys.richest)
 
     def _found(self, keys: list[JointKey], time_s: float) -> Fit:
         """Return the best alignment over one or several initial poses."""
         angle, point = self._pose.angle_rad, self._pose.point_px
-        expected = angle + self._rate_rad_s * min(time_s - (self._filter.time_s or time_s), HORIZON_S)
-        align = partial(aligned, keys, iterations=ITERATIONS, expected_rad=expected, prior=PRIOR)
+        ahead_s = min(time_s - (self._filter.time_s or time_s), MOTION.horizon_s)
+        expected = angle + self._rate_rad_s * ahead_s
+        align = partial(aligned, keys, iterations=ITERATIONS, expected_rad=expected, prior=JOINT.prior_weight)
         found = align(start=ContactPose(expected, point + self._motion.per_frame_px))
-        if found.score >= GOOD_SCORE and abs(found.pose.angle_rad - expected) <= SURPRISE_RAD:
+        surprise = abs(found.pose.angle_rad - expected)
+        if found.score >= JOINT.good_score and surprise <= JOINT.surprise_rad:
             return found
-        starts = (angle, *(expected + aside for aside in ASIDE_RAD))
+        starts = (angle, *(expected + aside * JOINT.aside_rad for aside in ASIDE))
         others = (align(start=ContactPose(start, point)) for start in starts)
         return max(found, *others, key=lambda one: one.score)

@@ -6,28 +6,16 @@ and Navigation, 2001, chapter 11).
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import accumulate
+
+from rig.tactile.slip.parameters import MOTION
 
 Covariance = tuple[float, float, float]
 """Of angle and angle, angle and rate, rate and rate."""
 
-# Spectral density of the angular acceleration, rad^2/s^3. Moving: stick and slip changes the rate by
-# some 30 degrees/s within a frame or two, and the filter must not hold the angle back. At rest: creep.
-MOVING_DENSITY, REST_DENSITY = 4.0, 0.04
-# Time constant of the transition from moving to rest.
-CALMING_S = 0.025
-# A manoeuvre is detected if the sum of at most MOST_SURPRISES normalised innovations exceeds MOVES_SIGMAS of
-# its standard deviations: by chance less than once per hour at 60 Hz.
-MOVES_SIGMAS, MOST_SURPRISES = 5.3, 4
-# The noise of an alignment assumes independent pixels; neighbouring pixels are slightly correlated.
-NOISE_RATIO, LEAST_NOISE_RAD = 1.2, math.radians(0.01)
-FIRST_RATE_RAD_S = 0.5
-# Longest time over which a rate is extrapolated.
-HORIZON_S = 0.1
-
-# Angular acceleration of an object that begins to slip or is turned by hand, one sigma.
-ACCELERATION_RAD_S2 = math.radians(300.0)
+# A manoeuvre is detected by the sum of at most this number of normalised innovations.
+MOST_SURPRISES = 4
 # Largest standard deviation: all angles within a half turn to either side are equally likely.
 ANY_TURN_RAD = math.pi / math.sqrt(12.0)
 
@@ -40,31 +28,32 @@ class RateFilter:
     angle_rad: float = 0.0
     rate_rad_s: float = 0.0
     _covariance: Covariance = (0.0, 0.0, 0.0)
-    _density: float = MOVING_DENSITY
+    _density: float = field(default_factory=lambda: MOTION.moving_density)
     _surprises: tuple[float, ...] = ()
 
     def restart(self) -> None:
         """Forget everything."""
-        self.time_s, self._density, self._surprises = None, MOVING_DENSITY, ()
+        self.time_s, self._density, self._surprises = None, MOTION.moving_density, ()
 
     def predicted(self, time_s: float) -> float:
         """Return the angle expected at a time, rad."""
         if self.time_s is None:
             return 0.0
-        return self.angle_rad + self.rate_rad_s * min(max(time_s - self.time_s, 0.0), HORIZON_S)
+        return self.angle_rad + self.rate_rad_s * min(max(time_s - self.time_s, 0.0), MOTION.horizon_s)
 
     def update(self, time_s: float, angle_rad: float, sigma_rad: float) -> float:
         """Update with a measured angle and the noise of its alignment; return the filtered angle, rad."""
-        noise = (NOISE_RATIO * sigma_rad) ** 2 + LEAST_NOISE_RAD**2
+        noise = (MOTION.noise_ratio * sigma_rad) ** 2 + MOTION.least_noise_rad**2
         if self.time_s is None:
             self.angle_rad, self.rate_rad_s = angle_rad, 0.0
-            self._covariance = (noise, 0.0, FIRST_RATE_RAD_S**2)
+            self._covariance = (noise, 0.0, MOTION.first_rate_rad_s**2)
         else:
             elapsed_s = max(time_s - self.time_s, 0.0)  # below zero if a stream was restarted
-            self._density = max(REST_DENSITY, self._density * math.exp(-elapsed_s / CALMING_S))
+            calmed = self._density * math.exp(-elapsed_s / MOTION.calming_s)
+            self._density = max(MOTION.rest_density, calmed)
             predicted, covariance = self._ahead(elapsed_s)
             if self._moves((angle_rad - predicted) / math.sqrt(covariance[0] + noise)):
-                self._density, self._surprises = MOVING_DENSITY, ()
+                self._density, self._surprises = MOTION.moving_density, ()
                 predicted, covariance = self._ahead(elapsed_s)
             self._correct(predicted, covariance, angle_rad, noise)
         self.time_s = time_s
@@ -74,7 +63,7 @@ class RateFilter:
         """Add a normalised innovation; return whether the newest ones show a manoeuvre."""
         self._surprises = (*self._surprises, surprise)[-MOST_SURPRISES:]
         newest_first = accumulate(reversed(self._surprises))
-        return any(abs(s) > MOVES_SIGMAS * math.sqrt(n) for n, s in enumerate(newest_first, 1))
+        return any(abs(s) > MOTION.moves_sigmas * math.sqrt(n) for n, s in enumerate(newest_first, 1))
 
     def _ahead(self, dt: float) -> tuple[float, Covariance]:
         """Return the predicted angle and covariance after a time."""
@@ -100,5 +89,5 @@ def unseen_variance(rate_rad_s: float, elapsed_s: float) -> float:
 
     rate_rad_s: last observed rate; the object may have stopped or continued. elapsed_s: time since then.
     """
-    speed = abs(rate_rad_s) + 0.5 * ACCELERATION_RAD_S2 * elapsed_s
+    speed = abs(rate_rad_s) + 0.5 * MOTION.acceleration_rad_s2 * elapsed_s
     return min(speed * elapsed_s, ANY_TURN_RAD) ** 2

@@ -12,16 +12,15 @@ from rig.tactile.slip.arc import pivot_doubt
 from rig.tactile.slip.channel import Channel, some_of
 from rig.tactile.slip.height import Gradient, relief
 from rig.tactile.slip.loops import PARAMETERS, normal_matrix, with_priors
+from rig.tactile.slip.parameters import SLOPES
 from rig.tactile.slip.roundness import trace_of_a_turn
 from rig.tactile.slip.sampling import GradientField, sharpened
 
-# Keyframes use the part of the dent that is deeper than DEPTH_SHARE times the quantile SHALLOWER_SHARE of the
-# depth, because the gel around it does not depend on the object alone.
-DEPTH_SHARE, SHALLOWER_SHARE = 0.25, 0.95
+# Keyframes use the part of the dent that is deeper than a fraction of this quantile of the depth, because the
+# gel around it does not depend on the object alone.
+SHALLOWER_SHARE = 0.95
 BORDER_PX = 2
 MIN_POINTS, MAX_POINTS = 24, 600
-# A gradient of this multiple of the template's rms length has half of the weight.
-STEEP_SHARE = 0.6
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,7 +142,7 @@ def _slopes(gradient: Gradient) -> tuple[Gradient, Gradient]:
 
 def _plainness(squares: NDArray[np.float32], energy: float) -> NDArray[np.float32]:
     """Return lower weights for steep points, where colours saturate and the gel yields."""
-    weights = 1.0 / (1.0 + squares / (2.0 * energy * STEEP_SHARE**2))
+    weights = 1.0 / (1.0 + squares / (2.0 * energy * SLOPES.steep_share**2))
     return (weights / weights.mean()).astype(np.float32)
 
 
@@ -158,7 +157,7 @@ def _contact_proper(gradient: Gradient, mask: Image) -> Image:
     """Reduce a contact region to its deep part."""
     height = relief(gradient, mask)
     inside = mask > 0
-    deep = ((height > DEPTH_SHARE * _depth(height[inside])) & inside).astype(np.uint8)
+    deep = ((height > SLOPES.depth_share * _depth(height[inside])) & inside).astype(np.uint8)
     deep[:BORDER_PX], deep[-BORDER_PX:], deep[:, :BORDER_PX], deep[:, -BORDER_PX:] = 0, 0, 0, 0
     return deep
 

@@ -6,17 +6,12 @@ from dataclasses import dataclass
 from rig.tactile.slip.channel import JointKey, some_of
 from rig.tactile.slip.keyframe import Keyframe
 from rig.tactile.slip.loops import turning, weights_of
+from rig.tactile.slip.parameters import KEYFRAMES, MOTION, TEXTURE
 from rig.tactile.slip.sampling import GradientField
 from rig.tactile.slip.texture import TextureField, TextureKey
 
 # Largest turn of an object from its prediction between two frames.
 MAX_JUMP_RAD = math.radians(20.0)
-# Keyframes are used up to this rotation of the contact.
-NEAR_RAD = math.radians(25.0)
-# Two keyframes whose angles differ by more standard deviations contradict each other.
-SAME_SIGMAS = 3.0
-# Largest speed of a contact that is predicted, work pixels per frame.
-MOST_MOVING_PX = 3.0
 # Number of points of a keyframe's slopes if its texture is used, too.
 SLOPE_POINTS = 300
 
@@ -29,7 +24,7 @@ class PointMotion:
 
     def update(self, moved_px: complex) -> None:
         """Update with the motion of the point in one frame."""
-        bounded = moved_px * min(1.0, MOST_MOVING_PX / max(abs(moved_px), 1e-9))
+        bounded = moved_px * min(1.0, MOTION.most_shift_px / max(abs(moved_px), 1e-9))
         self.per_frame_px = 0.5 * (self.per_frame_px + bounded)
 
 
@@ -65,12 +60,13 @@ class Key:
             return None
         slopes = some_of(self.frame.within(field), -(-len(self.frame.points_px) // SLOPE_POINTS))
         fine = self.texture.within(texture, self.frame.center_px)
-        both = slopes, weights_of(slopes), fine, weights_of(fine)
+        shares = TEXTURE.rest_share, TEXTURE.noise_share
+        both = slopes, weights_of(slopes, *shares), fine, weights_of(fine, *shares)
         return JointKey(*both, weight, self.pose.angle_rad, complex(self._lever_px))
 
     def near(self, angle_rad: float) -> bool:
         """Whether a contact at this angle is near enough to be aligned with this key."""
-        return abs(angle_rad - self.pose.angle_rad) < NEAR_RAD
+        return abs(angle_rad - self.pose.angle_rad) < KEYFRAMES.near_rad
 
     def motion_to(self, pose: ContactPose) -> tuple[float, complex]:
         """Return the rotation and the shift of this key's center that bring it to a pose."""

@@ -30,9 +30,6 @@ RENEWED_AFTER = 2
 DONE_RAD, DONE_PX = 5e-5, 1.5e-3
 DONE_TOGETHER_RAD, DONE_TOGETHER_PX = 5e-4, 1.5e-2
 DAMPING, MOST_TURN_STEP_RAD, MOST_STEP_PX = 1e-3, 0.1, 1.5
-# A point whose change since the keyframe, had nothing moved, is this share of its energy counts half;
-# noise, as a share of the mean energy, keeps points alike where nothing has moved.
-REST_SHARE, NOISE_SHARE = 0.09, 0.01
 # A channel is never weighted as if it fitted better than this share of its energy. Texture's gain is kept
 # within the others.
 LEAST_MISFIT, LEAST_GAIN, MOST_GAIN = 0.02, 0.3, 2.0
@@ -75,16 +72,19 @@ def values_at(key: Channel, angle_rad: float, shift_px: complex) -> Values:
 
 
 @compiled
-def weights_of(key: Channel) -> Weights:
-    """Return weights by how ill points would fit had nothing moved: what rests counts little."""
-    values, noise = values_at(key, 0.0, 0j), NOISE_SHARE * key.squares.mean()
+def weights_of(key: Channel, rest_share: float, noise_share: float) -> Weights:
+    """Return weights by how ill points would fit had nothing moved: what rests counts little.
+
+    rest_share, noise_share: see `rig.tactile.slip.parameters.Texture`.
+    """
+    values, noise = values_at(key, 0.0, 0j), noise_share * key.squares.mean()
     points = np.full(len(key.points), noise, np.float32)
     for k in range(len(key.template)):
         for i in range(len(points)):
             points[i] += (values[k, i] - key.template[k, i]) ** 2
     total, energy = 1e-20, 1e-20
     for i in range(len(points)):
-        points[i] /= points[i] + REST_SHARE * key.squares[i] + 1e-20
+        points[i] /= points[i] + rest_share * key.squares[i] + 1e-20
         total += points[i]
         energy += points[i] * key.squares[i]
     return Weights(points, total, energy)

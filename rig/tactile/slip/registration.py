@@ -18,11 +18,13 @@ from numpy.typing import NDArray
 from rig.tactile.contact.relative import upper_median
 from rig.tactile.slip.keyframe import Keyframe
 from rig.tactile.slip.loops import align_alone
+from rig.tactile.slip.parameters import SLOPES
 from rig.tactile.slip.sampling import GradientField
 
-# Residuals above this multiple of their median get decreasing weights (squared Cauchy weights).
-ROBUST_WIDTH = 2.5
 MAX_ITERATIONS = 12
+# Relative standard deviation of the pixel aspect (width over height on the gel), unknown and calibrated.
+# After a rotation by d, the angle of a long contact has an error of up to a sin(d) for an aspect error of a.
+ASPECT_UNKNOWN, ASPECT_KNOWN = 0.02, 0.003
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -89,5 +91,19 @@ def _robust(squares: NDArray[np.float32], seen: NDArray[np.bool_]) -> NDArray[np
     """Return the weights of points by their squared residuals; 1 for points outside the contact."""
     # 1.39 is the median of the squared length of a pair of unit normal errors.
     middle = float(upper_median(squares[seen])) / 1.39 if seen.any() else 1.0
-    width = ROBUST_WIDTH**2 * middle + 1e-20
+    width = SLOPES.robust_width**2 * middle + 1e-20
     return np.where(seen, 1.0 / (1.0 + squares / width), 1.0).astype(np.float32)
+
+
+def angle_variance(alignment: Alignment, contrast: float, aspect_known: bool) -> float:
+    """Return the variance of an alignment's angle, rad^2, without that of its keyframe.
+
+    Noise is the smaller part, because thousands of pixels are averaged. Model errors remain: the gel yields
+    at the edge of the contact, colours saturate, and the map was learnt from one image. Such errors grow with
+    the misfit and decrease with the contrast. A dent whose outline leans while its object does not turn, as
+    of a roller, also looks like a rotation: see `bent_rad`.
+    """
+    systematic = SLOPES.systematic_rad * alignment.misfit / math.sqrt(contrast)
+    aspect = (ASPECT_KNOWN if aspect_known else ASPECT_UNKNOWN) * math.sin(alignment.angle_rad)
+    errors = SLOPES.floor_rad, alignment.noise_rad, systematic, aspect, alignment.bent_rad
+    return sum(error**2 for error in errors)

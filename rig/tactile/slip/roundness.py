@@ -15,6 +15,7 @@ from scipy import fft
 from drivers.types import Image
 from rig.tactile.slip.gradient import HIGHEST_FREQUENCY
 from rig.tactile.slip.height import Field, Gradient, padded, window
+from rig.tactile.slip.parameters import SHAPE
 
 RINGS = 12
 # A contact is round if a smaller fraction of its energy is not rotationally symmetric: an oval with an axis
@@ -28,9 +29,6 @@ LEAST_TRACE = 8.0
 # clips have contrasts above 6. Wider contacts are less steep. Simulated contacts that still grow have 150 to
 # 430 px, and get another keyframe when they have settled.
 LEAST_SURE_CONTRAST, STEEP_PX = 3.0, range(500, 1500)
-# If grain competes with the resting artefact, a rotation of up to 20 degrees may be missed at this trace; for
-# larger traces the missed rotation decreases with this power.
-MISSED_RAD, ALL_MISSED_TRACE, MISSED_POWER = math.radians(20.0), 6.5, 3
 
 
 def trace_of_a_turn(
@@ -63,7 +61,7 @@ def like_a_ball(
 
 def missed_rad(trace: float) -> float:
     """Return the standard deviation of a rotation that is missed completely or in part."""
-    return MISSED_RAD * (ALL_MISSED_TRACE / trace) ** MISSED_POWER
+    return SHAPE.missed_rad * (SHAPE.missed_trace / trace) ** SHAPE.missed_power
 
 
 def unround_share(points: NDArray[np.complex64], template: NDArray[np.float32]) -> float:

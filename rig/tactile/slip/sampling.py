@@ -5,11 +5,12 @@ import numpy as np
 
 from drivers.types import Image
 from rig.tactile.slip.height import Box, Gradient, within
+from rig.tactile.slip.parameters import SLOPES
 
 # Broad slopes of a contact are less reliable than fine ones: the gel yields around the contact, the map has
-# errors, and an arc that slides along itself keeps its outline. Therefore BROAD_SHARE of the local mean is
+# errors, and an arc that slides along itself keeps its outline. Therefore a part of the local mean is
 # subtracted, with a window of this standard deviation and reach in pixels.
-BROAD_PX, BROAD_REACH_PX, BROAD_SHARE = 2.0, 4, 0.6
+BROAD_PX, BROAD_REACH_PX = 2.0, 4
 
 
 def sharpened(gradient: Gradient) -> Gradient:
@@ -17,7 +18,7 @@ def sharpened(gradient: Gradient) -> Gradient:
     pairs = np.ascontiguousarray(gradient).view(np.float32).reshape(*gradient.shape, 2)
     side = 2 * BROAD_REACH_PX + 1
     broad = cv2.GaussianBlur(pairs, (side, side), BROAD_PX)
-    return cv2.scaleAdd(broad, -BROAD_SHARE, pairs).view(np.complex64)[..., 0]
+    return cv2.scaleAdd(broad, -SLOPES.broad_share, pairs).view(np.complex64)[..., 0]
 
 
 class GradientField:

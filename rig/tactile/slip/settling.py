@@ -2,15 +2,10 @@
 
 from drivers.clock import to_ns
 from rig.tactile.contact.gate import Region, Steadiness
+from rig.tactile.slip.parameters import KEYFRAMES
 
-# Number of frames and time without growth after which a contact has settled. Fingers that close step by step
-# are at rest for a tenth of a second between two steps, and a keyframe of a light touch does not fit a firm
-# grip.
-SETTLED_FRAMES, SETTLED_S = 5, 0.15
-# Until then its keyframe is replaced when the contact has changed by this fraction.
-RENEWED_SHARE = 0.3
-# Ratio of the areas in two consecutive frames from which on a frame is torn, or a video codec has restarted.
-TORN_RATIO = 1.5
+# Number of frames without growth after which a contact may have settled.
+SETTLED_FRAMES = 5
 
 
 class Settling:
@@ -29,13 +24,13 @@ class Settling:
             return False
         if self._steadiness.update(region.levels):
             self._steady_ns = time_ns
-        long_enough = time_ns - self._steady_ns >= to_ns(SETTLED_S)
+        long_enough = time_ns - self._steady_ns >= to_ns(KEYFRAMES.settled_s)
         self.settled = self._steadiness.settled and long_enough
         return self.settled
 
     def outgrown(self, region: Region) -> bool:
-        """Whether an unsettled contact has changed by `RENEWED_SHARE` since its keyframe."""
-        return not self.settled and region.changed(self._renewed, RENEWED_SHARE)
+        """Whether an unsettled contact has changed by the fraction `renewed_share` since its keyframe."""
+        return not self.settled and region.changed(self._renewed, KEYFRAMES.renewed_share)
 
     def renewed(self, region: Region) -> None:
         """Store the region of the contact at a new keyframe."""
@@ -53,4 +48,4 @@ class Tearing:
         before, self._area_px = self._area_px, None if region is None else region.area_px
         if before is None or region is None:
             return False
-        return max(before, region.area_px) > TORN_RATIO * min(before, region.area_px)
+        return max(before, region.area_px) > KEYFRAMES.torn_ratio * min(before, region.area_px)

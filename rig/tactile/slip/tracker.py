@@ -9,26 +9,13 @@ from numpy.typing import NDArray
 from rig.tactile.slip.evidence import Fit
 from rig.tactile.slip.judge import Belief, by_texture, still_fits
 from rig.tactile.slip.keyframe import Keyframe
-from rig.tactile.slip.keys import MAX_JUMP_RAD, SAME_SIGMAS, ContactPose, Key, PointMotion
-from rig.tactile.slip.registration import Alignment, align
+from rig.tactile.slip.keys import MAX_JUMP_RAD, ContactPose, Key, PointMotion
+from rig.tactile.slip.parameters import KEYFRAMES, SLOPES, TEXTURE
+from rig.tactile.slip.registration import Alignment, align, angle_variance
 from rig.tactile.slip.sampling import GradientField
 from rig.tactile.slip.texture import TextureField, TextureKey
-from rig.tactile.slip.uncertainty import angle_variance
 
-# An alignment is good below this misfit and above this overlap; else a further keyframe is taken.
-GOOD_MISFIT, GOOD_OVERLAP = 0.45, 0.7
-# An alignment that has not converged must have a smaller misfit.
-UNSETTLED_MISFIT = 0.27
-# An alignment with a larger misfit or a smaller overlap is rejected.
-WORST_MISFIT, WORST_OVERLAP = 0.9, 0.4
 MAX_KEYFRAMES = 6
-# Slopes with at most this misfit are those of the object: simulated lifts have 0.02 to 0.25, real contacts in
-# which a line rotates on a bulge of gel 0.2 to 0.7.
-PLAIN_MISFIT = 0.25
-# Below this score the contact is lost.
-LOST_SCORE = 0.2
-# Noise of the angle from frame to frame while the texture leads.
-TEXTURE_NOISE_RAD = math.radians(0.3)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -64,15 +51,15 @@ class Tracked:
     @property
     def noise_rad(self) -> float:
         """One standard deviation of the angle from frame to frame."""
-        return TEXTURE_NOISE_RAD if self.alignment is None else self.alignment.noise_rad
+        return TEXTURE.noise_rad if self.alignment is None else self.alignment.noise_rad
 
     @property
     def good(self) -> bool:
         """Whether the keyframe still fits well."""
         found = self.alignment
         if found is not None:
-            worst = GOOD_MISFIT if found.settled else UNSETTLED_MISFIT
-            return found.misfit <= worst and found.overlap >= GOOD_OVERLAP
+            worst = SLOPES.good_misfit if found.settled else SLOPES.unsettled_misfit
+            return found.misfit <= worst and found.overlap >= SLOPES.good_overlap
         turned_rad = self.pose.angle_rad - self.key.pose.angle_rad
         return self.fit is not None and still_fits(self.fit, turned_rad)
 
@@ -115,7 +102,7 @@ class KeyframeTracker:
             self.texture_leads = belief is not None
         if belief is not None:
             far = abs(belief.fit.pose.angle_rad - self._pose.angle_rad) > MAX_JUMP_RAD
-            if belief.fit.score < LOST_SCORE or far:
+            if belief.fit.score < TEXTURE.lost_score or far:
                 return None
             key = self._keys[-1]
             found = Tracked(
@@ -134,7 +121,7 @@ class KeyframeTracker:
         start = replace(expected, point_px=expected.point_px + self._motion.per_frame_px)
         if found is not None and not self.texture_leads:
             start = found.pose
-        by_slopes = found.pose if found is not None and found.misfit <= PLAIN_MISFIT else None
+        by_slopes = found.pose if found is not None and found.misfit <= SLOPES.plain_misfit else None
         return by_texture(self._keys, field, texture, start, by_slopes, self.texture_leads)
 
     def _by_slopes(self, field: GradientField, expected: ContactPose) -> Tracked | None:
@@ -181,7 +168,8 @@ class KeyframeTracker:
         weights = self._weights if key is self._key else None
         angle, shift = key.motion_to(expected)
         alignment = align(key.frame, field, angle, shift, weights, self._to_the_end)
-        if not (alignment.misfit <= WORST_MISFIT and alignment.overlap >= WORST_OVERLAP):
+        fits = alignment.misfit <= SLOPES.worst_misfit and alignment.overlap >= SLOPES.worst_overlap
+        if not fits:
             return None
         pose = key.pose_after(alignment.angle_rad, alignment.shift_px)
         own = angle_variance(alignment, key.frame.contrast, self._aspect_known)
@@ -205,7 +193,7 @@ def _fused(newer: Tracked, older: Tracked) -> Tracked:
     common = older.key.variance
     one, two = max(newer.variance - common, 1e-12), max(older.variance - common, 1e-12)
     gap = older.pose.angle_rad - newer.pose.angle_rad
-    if abs(gap) > SAME_SIGMAS * math.sqrt(one + two):
+    if abs(gap) > KEYFRAMES.same_sigmas * math.sqrt(one + two):
         return newer
     share = one / (one + two)
     pose = replace(newer.pose, angle_rad=newer.pose.angle_rad + share * gap)

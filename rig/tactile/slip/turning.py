@@ -17,14 +17,11 @@ from numpy.typing import NDArray
 from drivers.errors import InputError
 from rig.tactile.contact.model_files import MODELS, open_model, run_model
 from rig.tactile.slip.height import Field
+from rig.tactile.slip.parameters import TEXTURE
 from rig.tactile.slip.texture import FINENESS
 
 # Side of the squares that the network predicts, px, and the multiple of px that its input has as sides.
 SHARE_PX, MULTIPLE_PX = 2, 16
-# The weight of texture grows from LEAST_COUNT to 1 between the predicted fractions RESTING and TURNING. It is
-# never 0, because texture that is unknown to the network can rotate, too. Set on the development half of the
-# labelled real clips.
-RESTING, TURNING, LEAST_COUNT = 0.1, 0.7, 0.35
 SHIPPED = "turning.onnx"
 _HOW = "rig train-turning"
 
@@ -52,7 +49,7 @@ class TurningNetwork:
         return np.asarray(1.0 / (1.0 + np.exp(-logits)), np.float32)
 
     def counts(self, difference: Field, scale: int) -> Field:
-        """Return the weight of the texture of each pixel, (h, w), `LEAST_COUNT` to 1.
+        """Return the weight of the texture of each pixel, (h, w), `least_count` to 1.
 
         difference: (h, w, 3), with `scale` pixels per work pixel.
         """
@@ -60,8 +57,8 @@ class TurningNetwork:
         if scale != FINENESS:  # the network was trained on this resolution
             size = (FINENESS * width // scale, FINENESS * height // scale)
             difference = np.asarray(cv2.resize(difference, size), np.float32)
-        turning = np.clip((self.share(difference) - RESTING) / (TURNING - RESTING), 0.0, 1.0)
-        counts = LEAST_COUNT + (1.0 - LEAST_COUNT) * turning
+        turning = (self.share(difference) - TEXTURE.resting) / (TEXTURE.turning - TEXTURE.resting)
+        counts = TEXTURE.least_count + (1.0 - TEXTURE.least_count) * np.clip(turning, 0.0, 1.0)
         return np.asarray(cv2.resize(counts, (width, height)), np.float32)
 
 

@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rig.tactile.slip.arc import PIVOT_SHARE, pivot_doubt
+from rig.tactile.slip.arc import pivot_doubt
+from rig.tactile.slip.parameters import SHAPE
 
 SIZE = 64
 MIDDLE = complex(31.5, 31.5)
@@ -50,7 +51,7 @@ def test_pivot_uncertainty_of_an_arc_grows_towards_its_center(
     gradient, mask = lens(center, radius)
     rows, columns = np.nonzero(mask)
     lever = abs(center - (columns.mean() + 1j * rows.mean() - MIDDLE))
-    wanted = PIVOT_SHARE * math.sqrt(len(rows) / math.pi) / lever
+    wanted = SHAPE.pivot_share * math.sqrt(len(rows) / math.pi) / lever
     assert pivot_doubt(gradient, mask) == pytest.approx(min(1.0, wanted), rel=0.25)
 
 

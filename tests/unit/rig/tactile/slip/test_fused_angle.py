@@ -9,13 +9,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rig.tactile.slip.fused_angle import (
-    LEAST_SCORE,
     MOST_RATE_RAD_S,
     FirstAnswer,
     Fused,
     FusedAngle,
     JointAngle,
 )
+from rig.tactile.slip.parameters import FUSION
 
 PERIOD_S = 0.02
 FIRST = FirstAnswer(0.0, 0.0, math.radians(1.0), 0.0, 0.0, texture_leads=False)
@@ -92,7 +92,7 @@ def test_joint_tracker_decides_while_the_texture_leads() -> None:
 
 
 def test_joint_tracker_with_a_low_score_is_ignored() -> None:
-    ignored = turning(5.0, 30.0, texture_leads=True, score=0.5 * LEAST_SCORE)
+    ignored = turning(5.0, 30.0, texture_leads=True, score=0.5 * FUSION.least_score)
     assert math.degrees(ignored.angle_rad) == pytest.approx(5.0)
 
 
@@ -138,5 +138,5 @@ def test_joint_tracker_bridges_a_lost_first_tracker() -> None:
 
 
 def test_joint_tracker_alone_needs_a_score() -> None:
-    assert fused([(None, replace(JOINT, score=0.5 * LEAST_SCORE))]) == [None]
+    assert fused([(None, replace(JOINT, score=0.5 * FUSION.least_score))]) == [None]
     assert fused([(None, None)]) == [None]

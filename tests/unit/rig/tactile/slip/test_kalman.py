@@ -5,14 +5,17 @@ import math
 import numpy as np
 import pytest
 
-from rig.tactile.slip.kalman import NOISE_RATIO, RateFilter
+from rig.tactile.slip.kalman import RateFilter
+from rig.tactile.slip.parameters import MOTION
 
 TOLD_DEG = 0.02
-"""Reported noise of an alignment; the true noise of a frame is `NOISE_RATIO` times as large."""
+"""Reported noise of an alignment; the true noise of a frame is `MOTION.noise_ratio` times as large."""
 
 
 def filtered(angles_deg: np.ndarray, rate_hz: float = 60.0, noisy: bool = True) -> np.ndarray:
-    noise = np.random.default_rng(3).normal(0.0, NOISE_RATIO * TOLD_DEG, len(angles_deg)) if noisy else 0.0
+    noise = (
+        np.random.default_rng(3).normal(0.0, MOTION.noise_ratio * TOLD_DEG, len(angles_deg)) if noisy else 0.0
+    )
     motion = RateFilter()
     return np.degrees(
         [
@@ -24,8 +27,8 @@ def filtered(angles_deg: np.ndarray, rate_hz: float = 60.0, noisy: bool = True) 
 
 def test_noise_is_averaged_at_rest() -> None:
     result = filtered(np.zeros(20_000))[60:]
-    assert result.std() < 0.85 * NOISE_RATIO * TOLD_DEG
-    assert np.abs(result).max() < 3.8 * NOISE_RATIO * TOLD_DEG
+    assert result.std() < 0.85 * MOTION.noise_ratio * TOLD_DEG
+    assert np.abs(result).max() < 3.8 * MOTION.noise_ratio * TOLD_DEG
 
 
 @pytest.mark.parametrize("rate_hz", [30.0, 60.0])
@@ -33,13 +36,13 @@ def test_noise_is_averaged_at_rest() -> None:
 def test_slip_is_followed_from_its_first_frames(turn_deg_s: float, rate_hz: float) -> None:
     true = np.concatenate([np.zeros(120), turn_deg_s * np.arange(1, 31) / rate_hz])
     late = np.abs(filtered(true, rate_hz) - true)
-    assert late[120:].max() < 8.0 * NOISE_RATIO * TOLD_DEG
-    assert late[125:].mean() < 1.5 * NOISE_RATIO * TOLD_DEG
+    assert late[120:].max() < 8.0 * MOTION.noise_ratio * TOLD_DEG
+    assert late[125:].mean() < 1.5 * MOTION.noise_ratio * TOLD_DEG
 
 
 def test_creep_below_the_noise_is_followed() -> None:
     true = 1.0 * np.arange(300) / 60.0
-    assert abs((filtered(true) - true)[60:].mean()) < 0.2 * NOISE_RATIO * TOLD_DEG
+    assert abs((filtered(true) - true)[60:].mean()) < 0.2 * MOTION.noise_ratio * TOLD_DEG
 
 
 def test_without_noise_a_constant_rate_is_followed_exactly() -> None:

@@ -16,8 +16,9 @@ from rig.tactile.slip.gradient import learn_map
 from rig.tactile.slip.height import Gradient, relief
 from rig.tactile.slip.keyframe import make_keyframe
 from rig.tactile.slip.loops import values_at
+from rig.tactile.slip.parameters import SLOPES
 from rig.tactile.slip.registration import align
-from rig.tactile.slip.sampling import BROAD_SHARE, GradientField, sharpened
+from rig.tactile.slip.sampling import GradientField, sharpened
 
 Field = NDArray[np.float32]
 ROWS, COLUMNS = 80, 60
@@ -179,7 +180,7 @@ def test_interpolation_of_a_linear_field_is_exact(x: float, y: float) -> None:
     field = GradientField(gradient.astype(np.complex64), np.ones((80, 60), np.uint8))
     values, inside = read(field, x + 1j * y)
     assert inside == pytest.approx(1.0)
-    fine = 1.0 - BROAD_SHARE
+    fine = 1.0 - SLOPES.broad_share
     assert values == pytest.approx([fine * (x + 2 * y), fine * x * y], rel=1e-4)
 
 

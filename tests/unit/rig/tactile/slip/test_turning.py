@@ -11,7 +11,8 @@ import pytest
 from drivers.errors import InputError
 from fakes.studio.turning_frames import turning_frames
 from rig.tactile.contact.model_files import MODELS
-from rig.tactile.slip.turning import LEAST_COUNT, SHARE_PX, load_turning, shipped_turning
+from rig.tactile.slip.parameters import TEXTURE
+from rig.tactile.slip.turning import SHARE_PX, load_turning, shipped_turning
 from rig.training.turning_examples import example_of
 
 UNSEEN = 90_001
@@ -51,7 +52,7 @@ def test_any_image_size_is_processed(height: int, width: int, scale: int) -> Non
     counts = shipped_turning().counts(difference, scale)
     assert counts.shape == (height, width)
     assert counts.dtype == np.float32
-    assert LEAST_COUNT - 1e-6 <= counts.min() <= counts.max() <= 1.0 + 1e-6
+    assert TEXTURE.least_count - 1e-6 <= counts.min() <= counts.max() <= 1.0 + 1e-6
 
 
 def test_files_of_other_networks_are_refused(tmp_path: Path) -> None:

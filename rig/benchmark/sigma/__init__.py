@@ -1,1 +1,0 @@
-"""`rig benchmark sigma`: the standard deviation that the estimator slip reports, fitted to known errors."""

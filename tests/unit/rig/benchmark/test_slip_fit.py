@@ -1,0 +1,150 @@
+"""The fit of slip's parameters: the likelihood, its gain, the steps, and the search on small cases."""
+
+import json
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from drivers.errors import InputError
+from rig.benchmark.clips.labelled import ClipLabel, LabelledClip
+from rig.benchmark.harness import Run
+from rig.benchmark.renderer.lifts import BACKGROUND_FRAMES, LIFT_NS, draw_course, frames
+from rig.benchmark.slip_fit import study
+from rig.benchmark.slip_fit.cases import Case, Kind, penalty, store_clip, store_rendered, surprise
+from rig.benchmark.slip_fit.study import FitOptions, gain_of, measure, stepped
+from rig.frames.series import FrameSeries, TimedFrame
+from rig.frames.times import FrameTime
+from rig.tactile.contact.background import mean_background
+from rig.tactile.slip.parameters import GROUPS, shipped, use
+
+LIFT = 900
+FIRST_FRAMES = 100
+
+
+def clip(name: str) -> LabelledClip:
+    """Frames of a rendered lift as a labelled clip."""
+    drawn = list(frames(LIFT, 0))[: BACKGROUND_FRAMES + FIRST_FRAMES]
+    background = mean_background([frame.image for frame in drawn[:BACKGROUND_FRAMES]])
+    shown = drawn[BACKGROUND_FRAMES:]
+
+    def read() -> Iterator[TimedFrame]:
+        for frame in shown:
+            yield TimedFrame(name, FrameTime(str(frame.time_ns), frame.time_ns), frame.image)
+
+    turn = draw_course(LIFT).turn_deg
+    last = len(shown) - 1
+    return LabelledClip(
+        name=name,
+        group="all",
+        series=FrameSeries(name, read, ()),
+        background=background,
+        reference_frame=59,
+        labels=(ClipLabel(last, float(turn[last] - turn[59]), 1.0),),
+    )
+
+
+@given(st.floats(-60.0, 60.0), st.floats(0.01, 40.0), st.floats(-60.0, 60.0), st.floats(0.0, 5.0))
+def test_likelihood_is_best_for_a_correct_angle_and_bounded_for_a_wrong_one(
+    angle: float, sigma: float, true: float, true_sigma: float
+) -> None:
+    found = surprise(angle, sigma, true, true_sigma)
+    assert found >= surprise(true, sigma, true, true_sigma)
+    assert found <= math.log(120.0 / 0.01) + 1e-9
+
+
+def test_small_sigma_is_likelier_than_a_large_one_only_if_the_angle_is_correct() -> None:
+    assert surprise(10.0, 1.0, 10.0, 0.0) < surprise(10.0, 5.0, 10.0, 0.0)
+    assert surprise(20.0, 1.0, 10.0, 0.0) > surprise(20.0, 5.0, 10.0, 0.0)
+    assert surprise(None, None, 10.0, 0.0) < surprise(30.0, 1.0, 10.0, 0.0)
+
+
+def test_gain_counts_versions_of_a_clip_once_and_clips_as_much_as_all_lifts() -> None:
+    cases = [Case(Kind.CLIP, "a", Path("a")), Case(Kind.CLIP, "a", Path("a mirrored"))]
+    cases += [Case(Kind.CLIP, "b", Path("b")), Case(Kind.CLIP, "b", Path("b mirrored"))]
+    cases += [Case(kind, f"{kind} {n}", Path(f"{kind} {n}")) for kind in [*Kind][1:] for n in (1, 2)]
+    before = {case.folder: 2.0 for case in cases}
+    gain, error = gain_of(cases, before, {case.folder: 1.0 for case in cases})
+    assert gain == pytest.approx(1.0)
+    assert error == pytest.approx(0.0)
+    clips_only = {case.folder: 1.0 if case.kind is Kind.CLIP else 2.0 for case in cases}
+    assert gain_of(cases, before, clips_only)[0] == pytest.approx(0.5)
+    one_clip = {case.folder: 0.0 if case.unit == "a" else 2.0 for case in cases}
+    gain, error = gain_of(cases, before, one_clip)
+    assert gain == pytest.approx(0.5)
+    assert error == pytest.approx(0.5)
+
+
+@given(st.floats(0.001, 0.999))
+def test_fraction_stays_between_zero_and_one_and_can_be_stepped_back(value: float) -> None:
+    larger = stepped(value, "texture.rest_share", 1.25)
+    assert value < larger < 1.0
+    assert stepped(larger, "texture.rest_share", 0.8) == pytest.approx(value)
+    assert stepped(2.0, "joint.richer", 1.25) == 2.5
+
+
+def test_every_shipped_parameter_is_a_positive_number_that_the_estimator_uses() -> None:
+    values = shipped()
+    assert set(values) == set(GROUPS)
+    for name, group in GROUPS.items():
+        assert values[name] == {each: getattr(group, each) for each in group.__slots__}
+        assert all(value > 0.0 for value in values[name].values())
+
+
+@pytest.fixture
+def parameters_restored() -> Iterator[None]:
+    yield
+    use(shipped())
+
+
+@pytest.mark.usefixtures("parameters_restored")
+def test_penalty_of_stored_cases_depends_on_the_parameters(tmp_path: Path) -> None:
+    case = store_clip(tmp_path / "clip", clip("clip"))
+    assert case.stored
+    values = shipped()
+    usual = penalty(values, case)
+    assert usual < 4.0
+    vague = values | {"slopes": values["slopes"] | {"systematic_rad": 20.0}}
+    assert penalty(vague, case) > usual
+
+
+@pytest.mark.usefixtures("parameters_restored")
+def test_rendered_lift_is_scored_at_both_fingertips_and_fused(tmp_path: Path) -> None:
+    case = store_rendered(tmp_path / "lift", LIFT)
+    truth = np.load(case.folder / "truth.npz")
+    assert int(truth["zero_ns"]) == LIFT_NS
+    assert penalty(shipped(), case) < 4.0
+
+
+@pytest.mark.usefixtures("parameters_restored")
+def test_fit_keeps_what_it_has_tried_and_goes_on_with_resume(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    clips = [clip("one"), clip("two")]
+    monkeypatch.setattr(study, "read_clips", lambda *_: clips)
+    monkeypatch.setattr(study, "augmented", lambda of, _: list(of))
+    monkeypatch.setattr(study, "LIFTS_OF_RENDERER", 0)
+    monkeypatch.setattr(study, "resolve_objects", lambda *_: [])
+    options = FitOptions(tmp_path, only=["joint.richer"], lifts=1, save=tmp_path / "slip.json")
+    run = Run(jobs=1, folder=tmp_path / "fit")
+    measure(options, run)
+    card = json.loads((tmp_path / "slip.json").read_text())
+    assert card["mean_negative_log_likelihood"][0]["cases"] == 2
+    assert set(card["parameters"]) == set(GROUPS)
+    tried = (tmp_path / "fit" / study.TRIED).read_text().splitlines()
+    assert len(tried) >= 2
+    with pytest.raises(InputError, match="--resume"):
+        measure(options, run)
+    report = measure(replace(options, only=["joint.richer", "joint.further_rad"]), replace(run, resume=True))
+    assert len((tmp_path / "fit" / study.TRIED).read_text().splitlines()) > len(tried)
+    assert {row.parameter for row in report.tables[1].records} == {"joint.richer", "joint.further_rad"}
+
+
+def test_unknown_parameter_is_named_with_the_nearest(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"joint\.richer"):
+        measure(FitOptions(tmp_path, only=["joint.richr"]), Run())

@@ -84,14 +84,13 @@ class Truth:
     sigmas_deg: NDArray[np.float64]
 
 
-def store_clip(folder: Path, clip: LabelledClip) -> Case:
-    """Store a clip with its labels, unless it is stored."""
-    case = Case(Kind.CLIP, clip.name.split(" (")[0], folder)
+def store_clip(folder: Path, clip: LabelledClip, unit: str) -> Case:
+    """Store a clip with its labels, unless it is stored. unit: name of the clip that this is a version of."""
+    case = Case(Kind.CLIP, unit, folder)
     if case.stored:
         return case
-    read = [frame for frame in clip.series.read() if frame.image is not None]
-    images = np.stack([frame.image for frame in read if frame.image is not None])
-    times = np.array([frame.time.time_ns for frame in clip.series.read()], np.int64)
+    read = list(clip.series.read())
+    times = np.array([frame.time.time_ns for frame in read], np.int64)
     labels = clip.labels
     truth = Truth(
         int(times[clip.reference_frame]),
@@ -100,8 +99,8 @@ def store_clip(folder: Path, clip: LabelledClip) -> Case:
         np.array([label.angle_deg for label in labels]),
         np.array([label.sigma_deg for label in labels]),
     )
-    shown = np.array([frame.time.time_ns for frame in read], np.int64)
-    _store(folder, [Tip(1, None, clip.background, shown, images)], truth)
+    shown = _arrays((frame.time.time_ns, frame.image) for frame in read)
+    _store(folder, [Tip(1, None, clip.background, *shown)], truth)
     return case
 
 

@@ -72,7 +72,6 @@ class FusedAngle:
     def __init__(self) -> None:
         self._angle_rad: float | None = None
         self._time_s = self._weight = self._first_zero = self._joint_zero = 0.0
-        self._texture_leads = False
         self.released()
 
     def released(self) -> None:
@@ -171,9 +170,8 @@ class FusedAngle:
 
     def _texture_variance(self, gap_rad: float, first: FirstAnswer | None) -> float:
         """Return the variance while the texture leads, rad^2."""
-        sigma, own, faint = FUSION.unknown_sigma_rad, 0.0, 1.0
-        if first is not None:
-            sigma = first.sigma_rad
+        sigma = FUSION.unknown_sigma_rad if first is None else first.sigma_rad
+        own, faint = 0.0, 1.0
         if self._joint is not None:
             faint = 1.0 / max(self._joint.richness, FUSION.least_richness)
             own = min(self._joint.own_rad, FUSION.most_own_rad)

@@ -24,6 +24,7 @@ from rig.tactile.slip.parameters import JOINT, MOTION, TEXTURE
 from rig.tactile.slip.sampling import GradientField
 
 ITERATIONS = 16
+# Further initial angles, in multiples of `aside_rad`.
 ASIDE = -2.0, -1.0, 1.0, 2.0
 # Largest rotation of an object between two frames (200 degrees per second at 10 Hz, with a margin).
 MOST_TURN_RAD = math.radians(25.0)

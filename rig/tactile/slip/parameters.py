@@ -1,7 +1,7 @@
-"""The parameters of the estimator's likelihoods and of its motion model, as `rig fit-slip` has fitted them.
+"""The parameters of the estimator's likelihoods and of its motion model, which `rig fit-slip` fits.
 
-They are in `models/slip.json`, with the data that they were fitted to and the change of the likelihood if one
-of them is 20 % smaller or larger. Angles are in rad, times in s, lengths in work pixels. "Score" and
+They are in `models/slip.json`, with the data of the last fit and the names of the parameters that it tried.
+Angles are in rad, times in s, lengths in work pixels. "Score" and
 "correlation" are those of `rig.tactile.slip.evidence.Fit`, "misfit" and "overlap" those of
 `rig.tactile.slip.registration.Alignment`.
 """

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.errors import InputError
-from rig.benchmark.clips.labelled import ClipLabel, LabelledClip
+from rig.benchmark.clips.labelled import ClipLabel, ClipVersion, LabelledClip
 from rig.benchmark.harness import Run
 from rig.benchmark.renderer.lifts import BACKGROUND_FRAMES, LIFT_NS, draw_course, frames
 from rig.benchmark.slip_fit import study
@@ -104,7 +104,7 @@ def parameters_restored() -> Iterator[None]:
 
 @pytest.mark.usefixtures("parameters_restored")
 def test_penalty_of_stored_cases_depends_on_the_parameters(tmp_path: Path) -> None:
-    case = store_clip(tmp_path / "clip", clip("clip"))
+    case = store_clip(tmp_path / "clip", clip("clip"), "clip")
     assert case.stored
     values = shipped()
     usual = penalty(values, case)
@@ -127,7 +127,7 @@ def test_fit_keeps_what_it_has_tried_and_goes_on_with_resume(
 ) -> None:
     clips = [clip("one"), clip("two")]
     monkeypatch.setattr(study, "read_clips", lambda *_: clips)
-    monkeypatch.setattr(study, "augmented", lambda of, _: list(of))
+    monkeypatch.setattr(study, "ClipVersion", [ClipVersion.PLAIN])
     monkeypatch.setattr(study, "LIFTS_OF_RENDERER", 0)
     monkeypatch.setattr(study, "resolve_objects", lambda *_: [])
     options = FitOptions(tmp_path, only=["joint.richer"], lifts=1, save=tmp_path / "slip.json")

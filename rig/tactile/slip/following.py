@@ -18,7 +18,7 @@ from rig.tactile.slip.gradient import Box, Learn, LearntGradientMap, learn_map
 from rig.tactile.slip.height import Field, Gradient, only_within
 from rig.tactile.slip.kalman import RateFilter, unseen_variance
 from rig.tactile.slip.keyframe import Keyframe, make_keyframe
-from rig.tactile.slip.keys import Key
+from rig.tactile.slip.keys import Key, weighted
 from rig.tactile.slip.parameters import KEYFRAMES
 from rig.tactile.slip.roundness import LEAST_TRACE, like_a_ball, missed_rad
 from rig.tactile.slip.sampling import BROAD_REACH_PX, GradientField
@@ -165,7 +165,9 @@ class ContactFollower:
             return None
         self._key_ns = seen.time_ns
         texture = make_texture_key(seen.texture(), seen.region.mask, frame.center_px)
-        self._grasp.add_key(Key(frame, texture, placed.pose, placed.variance, placed.pivot_rad))
+        self._grasp.add_key(
+            Key(weighted(frame, texture), texture, placed.pose, placed.variance, placed.pivot_rad)
+        )
         return placed
 
     def _missed(self, seen: SeenContact, watch: Stopwatch) -> tuple[State, Tracked | None]:
@@ -230,6 +232,7 @@ class ContactFollower:
             self._anchor = anchor(mask, angle_rad)
         self._map = learnt
         texture = make_texture_key(seen.texture(), mask, frame.center_px)
+        frame = weighted(frame, texture)
         self._grasp = KeyframeTracker(frame, texture, angle_rad, variance, self._aspect_known, not self._skip)
         self.point_px, self.origin_px = frame.center_px, frame.center_px - moved
         return True

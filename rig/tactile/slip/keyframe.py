@@ -1,6 +1,6 @@
 """The slopes of a contact to which later frames are aligned (see `rig.tactile.slip.registration`)."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import cv2
@@ -12,7 +12,7 @@ from rig.tactile.slip.arc import pivot_doubt
 from rig.tactile.slip.channel import Channel, some_of
 from rig.tactile.slip.height import Gradient, relief
 from rig.tactile.slip.loops import PARAMETERS, normal_matrix, with_priors
-from rig.tactile.slip.parameters import SLOPES
+from rig.tactile.slip.parameters import JOINT, SLOPES
 from rig.tactile.slip.roundness import trace_of_a_turn
 from rig.tactile.slip.sampling import GradientField, sharpened
 
@@ -70,18 +70,32 @@ class Keyframe:
         inner = self.mask[BORDER_PX:-BORDER_PX, BORDER_PX:-BORDER_PX]
         return cv2.countNonZero(inner) < cv2.countNonZero(self.mask)
 
-    def within(self, field: GradientField, step: int = 1) -> Channel:
-        """Return every step-th point of this keyframe together with a frame to align."""
-        key = Channel(
-            field.planes,
-            self.points_px,
-            self.center_px,
-            self.template,
-            self.squares,
-            self.jacobian,
-            turns=1.0,
-        )
-        return some_of(key, step)
+    def within(self, field: GradientField) -> Channel:
+        """Return this keyframe together with a frame to align."""
+        return self._channel(field.planes, self.template, self.squares, self.jacobian)
+
+    def weighted(self, turning: NDArray[np.float32]) -> "Keyframe":
+        """Return this keyframe with its weights multiplied by others, (N,)."""
+        weights = self.weights * turning
+        return replace(self, weights=weights / weights.mean())
+
+    def fine_within(self, field: GradientField, step: int) -> Channel:
+        """Return every step-th point with a frame to align together with its texture: see `fine_planes`."""
+        return some_of(self._channel(field.fine_planes, *self._fine), step)
+
+    @cached_property
+    def _fine(self) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
+        """Template, squares and jacobian for `fine_within`."""
+        return _linearised(sharpened(self.gradient, JOINT.broad_share), self.points_px, *self.pixels)
+
+    def _channel(
+        self,
+        planes: NDArray[np.float32],
+        template: NDArray[np.float32],
+        squares: NDArray[np.float32],
+        jacobian: NDArray[np.float32],
+    ) -> Channel:
+        return Channel(planes, self.points_px, self.center_px, template, squares, jacobian, turns=1.0)
 
 
 def make_keyframe(gradient: Gradient, mask: Image) -> Keyframe | None:
@@ -94,7 +108,7 @@ def make_keyframe(gradient: Gradient, mask: Image) -> Keyframe | None:
         rows, columns = rows[chosen], columns[chosen]
     center = complex(columns.mean(), rows.mean())
     points = (columns + 1j * rows - center).astype(np.complex64)
-    template, squares, jacobian = _linearised(sharpened(gradient), points, rows, columns)
+    template, squares, jacobian = _linearised(sharpened(gradient, SLOPES.broad_share), points, rows, columns)
     energy = _energy(squares)
     if not energy > 0.0:
         return None

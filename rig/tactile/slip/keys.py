@@ -3,9 +3,9 @@
 import math
 from dataclasses import dataclass
 
-from rig.tactile.slip.channel import JointKey, some_of
+from rig.tactile.slip.channel import JointKey
 from rig.tactile.slip.keyframe import Keyframe
-from rig.tactile.slip.loops import turning, weights_of
+from rig.tactile.slip.loops import turned_only, turning, weights_of
 from rig.tactile.slip.parameters import KEYFRAMES, MOTION, TEXTURE
 from rig.tactile.slip.sampling import GradientField
 from rig.tactile.slip.texture import TextureField, TextureKey
@@ -58,10 +58,11 @@ class Key:
         """Return this key with a frame to align; None without texture. weight: relative to other keys."""
         if self.texture is None:
             return None
-        slopes = some_of(self.frame.within(field), -(-len(self.frame.points_px) // SLOPE_POINTS))
+        slopes = self.frame.fine_within(field, -(-len(self.frame.points_px) // SLOPE_POINTS))
         fine = self.texture.within(texture, self.frame.center_px)
         shares = TEXTURE.rest_share, TEXTURE.noise_share
-        both = slopes, weights_of(slopes, *shares), fine, weights_of(fine, *shares)
+        turning = self.texture.turning_at(slopes.points + slopes.center)
+        both = slopes, turned_only(slopes, turning, *shares), fine, weights_of(fine, *shares)
         return JointKey(*both, weight, self.pose.angle_rad, complex(self._lever_px))
 
     def near(self, angle_rad: float) -> bool:
@@ -81,3 +82,8 @@ class Key:
     @property
     def _lever_px(self) -> complex:
         return self.pose.point_px - self.frame.center_px
+
+
+def weighted(frame: Keyframe, texture: TextureKey | None) -> Keyframe:
+    """Return a keyframe whose points have little weight where the texture rests with the gel."""
+    return frame if texture is None else frame.weighted(texture.turning_at(frame.points_px + frame.center_px))

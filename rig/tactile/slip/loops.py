@@ -90,6 +90,13 @@ def weights_of(key: Channel, rest_share: float, noise_share: float) -> Weights:
     return Weights(points, total, energy)
 
 
+def turned_only(key: Channel, turning: Values, rest_share: float, noise_share: float) -> Weights:
+    """Return the weights of `weights_of`, multiplied by others, (N,)."""
+    points = weights_of(key, rest_share, noise_share).points * turning
+    # As in `weights_of`, no divisor is 0.
+    return Weights(points, float(points.sum()) + 1e-20, float((points * key.squares).sum()) + 1e-20)
+
+
 @compiled
 def correlation_at(key: Channel, weights: Weights, angle_rad: float, shift_px: complex) -> float:
     """Return the correlation of the frame with the template at a motion."""

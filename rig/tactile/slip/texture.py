@@ -43,7 +43,7 @@ class TextureField:
     """
 
     def __init__(self, difference: Field, scale: int, counts: Field | None = None) -> None:
-        self.scale = scale
+        self.scale, self.counts = scale, counts
         self.planes = structure(difference, scale / FINENESS)
         if counts is not None:
             self.planes *= counts[..., None]
@@ -65,7 +65,7 @@ class TextureKey:
 
     points_px: (N,) complex64, work pixels from the keyframe's center. template: (3, N), see `TextureField`,
     times `unit`, which makes its energy 1. squares: (N,), its squared lengths. jacobian: (3, 3, N) for
-    rotation (rad), x and y (work pixels).
+    rotation (rad), x and y (work pixels). counts, scale: those of its `TextureField`.
     """
 
     points_px: NDArray[np.complex64]
@@ -73,6 +73,19 @@ class TextureKey:
     unit: float
     squares: NDArray[np.float32]
     jacobian: NDArray[np.float32]
+    counts: Field | None = None
+    scale: int = 1
+
+    def turning_at(self, places_px: NDArray[np.complex64]) -> NDArray[np.float32]:
+        """Return the weight of the slopes at places (N,) of the keyframe's image, in work pixels.
+
+        It is the square of the weight of the texture there, so it is low where the texture rests.
+        """
+        if self.counts is None:
+            return np.ones(len(places_px), np.float32)
+        rows = (places_px.imag * self.scale).astype(np.intp)
+        columns = (places_px.real * self.scale).astype(np.intp)
+        return np.square(self.counts[rows, columns])
 
     def counted_from(self, moved_px: complex) -> "TextureKey":
         """Return this texture with its points relative to a center moved by some work pixels."""
@@ -120,7 +133,8 @@ def make_texture_key(field: TextureField, mask: Image, center_px: complex) -> Te
     turned[0] += 2.0 * template[1]
     turned[1] -= 2.0 * template[0]
     jacobian = np.ascontiguousarray(np.stack([turned, -along_x, -along_y]), np.float32)
-    return TextureKey(points, template, unit, (template * template).sum(0), jacobian)
+    squares = (template * template).sum(0)
+    return TextureKey(points, template, unit, squares, jacobian, field.counts, field.scale)
 
 
 def richness(field: TextureField, mask: Image) -> float:

@@ -15,7 +15,8 @@ from drivers.types import Image
 from fakes.gel.look import Look
 from fakes.gel.sensor import GelSensor, Imprint
 from fakes.gel.variation import Variation, coded, draw_codec, draw_variation
-from fakes.objects.relief import Bulge, draw_bulge
+from fakes.objects.relief import TEXTURES, Bulge, draw_bulge
+from fakes.objects.shapes import ContactShape, Pad
 from fakes.objects.surfaces import Surface, build_surface, depth_for_force, soft_surface
 from fakes.studio.conditions import draw_kind, draw_unit
 from fakes.studio.training_frames import mean_at_rest, random_contact, varied_look
@@ -25,6 +26,16 @@ TURN_DEG = 8.0
 """Rotation between the two noise-free images of a contact."""
 _FACE_SHARES = {"lines": 0.23, "edge": 0.16, "corner": 0.10, "skin": 0.10, "creases": 0.06}
 """Fractions of soft faces, by kind; the others are random hard shapes."""
+_WIDER = 0.44
+"""Fraction of faces that vary more than those of a bench, as follows."""
+_TEXTURED = 0.12
+"""Fraction of flat faces with a regular texture, such as ribs, letters or leather."""
+_NARROW, _NARROW_MM, _LONGEST = 0.35, (7.0, 25.0), 6.0
+"""Fraction of narrow bulges (handles, rods, edges), their radius across, and largest ratio of the radii."""
+_FAINT, _FAINTEST = 0.4, 0.3
+"""Fraction of reliefs that are made fainter, and the smallest factor."""
+_FILMS_PX, _NOISIEST = (3, 3, 5, 7), 1.8
+"""Smoothing by the gel's film, and largest factor on the noise of a unit."""
 _SOFT_UNITS, _OTHER_MAKE, _MARKED, _CODED = 0.6, 0.7, 0.7, 0.5
 _FIRST_FACE = 1 << 32
 _LASTS_S = 30.0
@@ -47,33 +58,73 @@ class TurningFrame:
     aspect: float
 
 
-def turning_frames(seed: int, look: Look | None = None) -> Iterator[list[TurningFrame]]:
+def turning_frames(seed: int, look: Look | None = None, part: int = 0) -> Iterator[list[TurningFrame]]:
     """Yield groups of images without end, each of one face on one unit; equal seeds give equal images.
 
-    look: of a real unit; every second unit is drawn in a variation of it.
+    look: of a real unit; every second unit is drawn in a variation of it. part: number of a part of the
+    images; other parts of a seed have other images.
     """
-    rng = np.random.default_rng((seed, 47))
+    rng = np.random.default_rng((seed, part, 47))
     while True:
-        number, variation = int(rng.integers(1 << 31)), _draw_variation(rng)
+        wider = bool(rng.random() < _WIDER)
+        number, variation = int(rng.integers(1 << 31)), _draw_variation(wider, rng)
         unit = GelSensor(number, variation=variation, look=varied_look(look, rng))
         background = mean_at_rest(unit, rng)
-        surface, bulge = _draw_face(rng)
+        surface, bulge = _draw_wider_face(rng) if wider else _draw_face(rng)
         imprints = [_draw_imprint(surface, bulge, rng) for _ in range(FRAMES_PER_FACE)]
         yield [_frame(unit, background, imprint, rng) for imprint in imprints]
 
 
-def _draw_variation(rng: np.random.Generator) -> Variation:
+def _draw_variation(wider: bool, rng: np.random.Generator) -> Variation:
+    film_px = int(rng.choice(_FILMS_PX)) if wider else None
     if rng.random() >= _SOFT_UNITS:
-        return replace(draw_variation(rng), film_px=int(rng.choice([3, 5])))
+        return replace(draw_variation(rng), film_px=film_px or int(rng.choice([3, 5])))
     make, marks = (int(rng.integers(1 << 31)) if rng.random() < p else None for p in (_OTHER_MAKE, _MARKED))
-    return draw_unit(make, marks, rng)
+    unit = draw_unit(make, marks, rng)
+    if film_px is None:
+        return unit
+    return replace(unit, film_px=film_px, noise=unit.noise * float(rng.uniform(1.0, _NOISIEST)))
 
 
 def _draw_face(rng: np.random.Generator) -> tuple[Surface, Bulge | None]:
-    kind, seed = draw_kind(_FACE_SHARES, rng), _FIRST_FACE + int(rng.integers(1 << 31))
+    kind, seed = draw_kind(_FACE_SHARES, rng), _draw_seed(rng)
     if kind is None:
         return build_surface(random_contact(rng), 1, seed), None
     return soft_surface(kind, 1, seed), draw_bulge(kind, rng)
+
+
+def _draw_wider_face(rng: np.random.Generator) -> tuple[Surface, Bulge | None]:
+    if rng.random() < _TEXTURED:
+        surface, kind = build_surface(_draw_textured(rng), 1, _draw_seed(rng)), "skin"
+    else:
+        kind = draw_kind(_FACE_SHARES, rng)
+        if kind is None:
+            return build_surface(random_contact(rng), 1, _draw_seed(rng)), None
+        surface = soft_surface(kind, 1, _draw_seed(rng))
+    factor = float(rng.uniform(_FAINTEST, 1.0)) if rng.random() < _FAINT else 1.0
+    surface = replace(surface, height_mm=surface.height_mm * np.float32(factor))
+    if rng.random() >= _NARROW:
+        return surface, draw_bulge(kind, rng)
+    across = float(np.exp(rng.uniform(*np.log(_NARROW_MM))))
+    return surface, Bulge(
+        (across * float(rng.uniform(1.2, _LONGEST)), across), float(rng.uniform(0.0, 180.0))
+    )
+
+
+def _draw_textured(rng: np.random.Generator) -> ContactShape:
+    """Return a flat face with a regular texture, larger than the gel."""
+    return ContactShape(
+        (Pad(length_mm=60.0, width_mm=60.0),),
+        texture=str(rng.choice(list(TEXTURES))),
+        texture_mm=float(rng.uniform(0.02, 0.12)),
+        pitch_mm=float(rng.uniform(0.8, 3.0)),
+        texture_deg=float(rng.uniform(0.0, 180.0)),
+        exact=True,
+    )
+
+
+def _draw_seed(rng: np.random.Generator) -> int:
+    return _FIRST_FACE + int(rng.integers(1 << 31))
 
 
 def _draw_imprint(surface: Surface, bulge: Bulge | None, rng: np.random.Generator) -> Imprint:

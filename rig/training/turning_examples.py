@@ -7,6 +7,7 @@ counts as turning if it resembles the earlier texture more after it was rotated 
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import chain, islice
 
 import cv2
 import numpy as np
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 
 from calibration.gel.look import GelLook
 from fakes.studio.turning_frames import FRAMES_PER_FACE, TURN_DEG, TurningFrame, turning_frames
+from rig.experiments.process_pool import run_tasks
 from rig.tactile.contact.relative import DARK_OFFSET, RelativeDifference, work_size
 from rig.tactile.slip.gel_marks import GelMarks, found_marks
 from rig.tactile.slip.height import Field
@@ -27,6 +29,7 @@ _NEIGHBOURS_PX = 1.5
 _FAINTEST = 0.05
 """Texture weaker than this share of an image's strong texture does not count as turning."""
 _LEAST_WEIGHT = 0.03
+_FACES_PER_TASK = 40
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,23 +49,39 @@ class TurningExamples:
 
 
 def turning_examples(
-    faces: int, seed: int, progress: Callable[[int], None], look: GelLook | None = None
+    faces: int, seed: int, progress: Callable[[int], None], look: GelLook | None = None, jobs: int = 1
 ) -> TurningExamples:
-    """Render `faces` faces, `FRAMES_PER_FACE` images each.
+    """Render `faces` faces, `FRAMES_PER_FACE` images each. Equal arguments give equal images.
 
-    progress: takes the number of finished faces. look: of a real unit; see `turning_frames`.
+    progress: takes the number of finished faces. look: of a real unit; see `turning_frames`. jobs: number of
+    processes.
     """
+    starts = range(0, faces, _FACES_PER_TASK)
+    tasks = [(min(_FACES_PER_TASK, faces - start), seed, start, look) for start in starts]
+    parts: dict[int, TurningExamples] = {}
+    done = 0
+    for (count, _, start, _), part in run_tasks(_rendered, tasks, jobs):
+        parts[start] = part
+        done += count
+        progress(done)
+    arrays = (
+        [getattr(parts[start], name) for start in starts] for name in ("differences", "shares", "weights")
+    )
+    return TurningExamples(*map(np.concatenate, arrays))
+
+
+def _rendered(task: tuple[int, int, int, GelLook | None]) -> TurningExamples:
+    """Render some faces, of which the first has a given number."""
+    faces, seed, first, look = task
     width, height = SIZE
     count = faces * FRAMES_PER_FACE
     differences = np.empty((count, 3, height, width), np.float16)
     shares, weights = (np.empty((count, height // SHARE_PX, width // SHARE_PX), np.float32) for _ in range(2))
-    drawn = turning_frames(seed, look)
-    for face in range(faces):
-        for number, shown in enumerate(next(drawn), face * FRAMES_PER_FACE):
-            difference, share, weight = example_of(shown)
-            differences[number] = cv2.resize(difference, SIZE).transpose(2, 0, 1)
-            shares[number], weights[number] = _halved(share, weight)
-        progress(face + 1)
+    shown = chain.from_iterable(islice(turning_frames(seed, look, first), faces))
+    for number, frame in enumerate(shown):
+        difference, share, weight = example_of(frame)
+        differences[number] = cv2.resize(difference, SIZE).transpose(2, 0, 1)
+        shares[number], weights[number] = _halved(share, weight)
     return TurningExamples(differences, shares, weights)
 
 

@@ -1,6 +1,7 @@
 """The network that estimates which texture of a contact turns with the object, and its training."""
 
 import math
+import os
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -19,14 +20,16 @@ from rig.training.export import CARD, MODEL, Report, check_agreement, claim, fil
 from rig.training.regression import fit
 from rig.training.turning_examples import TurningExamples, turning_examples
 
-BATCH, RATE = 32, 3e-3
+BATCH, RATE = 128, 3e-3
 _VALIDATED = 0.05
 """Share of the faces on which the best epoch is chosen."""
 _CLIPPED, _UNIT = 6.0, 0.125
 """Relative differences are divided by `_UNIT` and clipped."""
-_PLANES = (8, 16, 32, 48)
+_PLANES = (12, 24, 48, 96)
 _TURNED, _SCALED, _MIXED, _NEGATIVE = 0.6, 0.25, 0.25, 0.2
 _FAINTEST, _STRONGEST, _NOISE = math.log(0.2), math.log(1.6), 0.006
+_UNEVEN, _SOFTENED = 0.2, 0.25
+"""Standard deviation of the log of the light over the gel, and fraction of the images that are softened."""
 _MOST_DIFFERENCE = 1e-3
 
 
@@ -41,9 +44,9 @@ class TurningNet(nn.Module):
         super().__init__()
         first, second, third, fourth = _PLANES
         self.halved = _layer(3, first, 2)
-        self.quarter = nn.Sequential(_layer(first, second, 2), _layer(second, second))
-        self.eighth = nn.Sequential(_layer(second, third, 2), _layer(third, third))
-        self.sixteenth = nn.Sequential(_layer(third, fourth, 2), _layer(fourth, fourth))
+        self.quarter = nn.Sequential(_layer(first, second, 2), _Residual(second))
+        self.eighth = nn.Sequential(_layer(second, third, 2), _Residual(third))
+        self.sixteenth = nn.Sequential(_layer(third, fourth, 2), _Residual(fourth))
         self.to_third, self.to_second = nn.Conv2d(fourth, third, 1), nn.Conv2d(third, second, 1)
         self.at_eighth, self.at_quarter = _layer(third, third), _layer(second, second)
         self.upscaled = nn.Sequential(nn.Conv2d(second, 4, 1), nn.PixelShuffle(2))
@@ -54,6 +57,18 @@ class TurningNet(nn.Module):
         eighth = self.eighth(quarter)
         eighth = self.at_eighth(_doubled(self.to_third(self.sixteenth(eighth))) + eighth)
         return self.upscaled(self.at_quarter(_doubled(self.to_second(eighth)) + quarter))
+
+
+class _Residual(nn.Module):
+    """Adds two convolutions to their input."""
+
+    def __init__(self, planes: int) -> None:
+        super().__init__()
+        second = nn.Conv2d(planes, planes, 3, padding=1, bias=False), nn.BatchNorm2d(planes)
+        self.added = nn.Sequential(_layer(planes, planes), *second)
+
+    def forward(self, planes: torch.Tensor) -> torch.Tensor:
+        return functional.relu(planes + self.added(planes))
 
 
 def train_turning(
@@ -74,13 +89,15 @@ def train_turning(
     unit = None if look is None else load_look(look)
     claim(out, threads)
     torch.manual_seed(seed)
-    examples = turning_examples(faces, seed, lambda done: report("SIMULATED contacts", done / faces), unit)
+    jobs = threads or os.cpu_count() or 1
+    examples = turning_examples(faces, seed, lambda n: report("SIMULATED contacts", n / faces), unit, jobs)
     kept = FRAMES_PER_FACE * (faces - max(1, round(faces * _VALIDATED)))
-    network = TurningNet().to(memory_format=torch.channels_last)
-    generator = torch.Generator().manual_seed(seed)
+    device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
+    network = TurningNet().to(device, memory_format=torch.channels_last)
+    generator = torch.Generator(device).manual_seed(seed)
 
     def loss(at: torch.Tensor) -> torch.Tensor:
-        planes, shares, weights = _augmented(*_batch(examples, at.numpy()), generator)
+        planes, shares, weights = _augmented(*_batch(examples, at.numpy(), device), generator)
         losses = functional.binary_cross_entropy_with_logits(network(planes), shares, reduction="none")
         return (losses * weights).sum() / weights.sum()
 
@@ -91,7 +108,7 @@ def train_turning(
     held_back = np.arange(kept, len(examples))
     validate = partial(error_of, network, examples, held_back)
     errors = fit(network, epochs, BATCH, RATE, kept, loss, validate, show)
-    export_turning(network, out / MODEL)
+    export_turning(network.cpu(), out / MODEL)
     card: dict[str, Any] = {
         "name": "turning",
         "title": "what of a contact's texture turns with the object",
@@ -115,9 +132,10 @@ def train_turning(
 def error_of(network: nn.Module, examples: TurningExamples, at: np.ndarray) -> float:
     """Return the mean absolute error of a network's share, weighted by the strength of the texture."""
     error, total = 0.0, 0.0
+    device = next(network.parameters()).device
     with torch.inference_mode():
         for start in range(0, len(at), BATCH):
-            planes, shares, weights = _batch(examples, at[start : start + BATCH])
+            planes, shares, weights = _batch(examples, at[start : start + BATCH], device)
             found = torch.sigmoid(network(_padded(planes))[..., : shares.shape[2], : shares.shape[3]])
             error += float((weights * (found - shares).abs()).sum())
             total += float(weights.sum())
@@ -149,44 +167,59 @@ def _doubled(planes: torch.Tensor) -> torch.Tensor:
     return functional.interpolate(planes, scale_factor=2.0, mode="nearest")
 
 
-def _batch(examples: TurningExamples, at: np.ndarray) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-    planes = torch.from_numpy(examples.differences[at].astype(np.float32))
-    shares, weights = (torch.from_numpy(a[at])[:, None] for a in (examples.shares, examples.weights))
+def _batch(
+    examples: TurningExamples, at: np.ndarray, device: torch.device
+) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+    planes = torch.from_numpy(examples.differences[at]).to(device).float()
+    shares, weights = (
+        torch.from_numpy(a[at])[:, None].to(device) for a in (examples.shares, examples.weights)
+    )
     return planes, shares, weights
 
 
 def _augmented(
     planes: torch.Tensor, shares: torch.Tensor, weights: torch.Tensor, generator: torch.Generator
 ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-    """Rotate, mirror and scale a batch; mix, invert and fade the colours of each image, and add noise."""
-
-    def drawn(*shape: int) -> torch.Tensor:
-        return torch.rand(*shape, generator=generator)
-
-    if drawn(1) < 0.5:
-        planes, shares, weights = (a.flip(3) for a in (planes, shares, weights))
+    """Change pose, colours, light and sharpness of images at random, and add noise."""
+    drawn = partial(torch.rand, generator=generator, device=planes.device)
+    normal = partial(torch.randn, generator=generator, device=planes.device)
+    count = len(planes)
     if drawn(1) < 0.5:
         planes, shares, weights = (a.transpose(2, 3) for a in (planes, shares, weights))
-    turn = float(drawn(1) * 2.0 * math.pi) if drawn(1) < _TURNED else 0.0
-    scale = math.exp(float(drawn(1) * 2.0 - 1.0) * _SCALED)
-    planes, shares, weights = (_moved(a, turn, scale) for a in (planes, shares, weights))
-    count = len(planes)
-    mixed = torch.eye(3) + _MIXED * torch.randn(count, 3, 3, generator=generator)
-    mixed = mixed[:, torch.randperm(3, generator=generator)] * torch.sign(drawn(count, 3, 1) - _NEGATIVE)
+    turns = drawn(count) * 2.0 * math.pi * (drawn(count) < _TURNED)
+    scales = torch.exp((drawn(count) * 2.0 - 1.0) * _SCALED)
+    mirrored = torch.sign(drawn(count) - 0.5)
+    planes, shares, weights = (_moved(a, turns, scales, mirrored) for a in (planes, shares, weights))
+    mixed = torch.eye(3, device=planes.device) + _MIXED * normal(count, 3, 3)
+    order = torch.randperm(3, generator=generator, device=planes.device)
+    mixed = mixed[:, order] * torch.sign(drawn(count, 3, 1) - _NEGATIVE)
     strength = torch.exp(_FAINTEST + (_STRONGEST - _FAINTEST) * drawn(count, 1, 1))
     planes = torch.einsum("bij,bjhw->bihw", mixed * strength, planes)
-    noise = torch.randn(planes.shape, generator=generator) * _NOISE * drawn(count, 1, 1, 1)
+    light = functional.interpolate(
+        _UNEVEN * normal(count, 3, 3, 4), size=planes.shape[2:], mode="bilinear", align_corners=True
+    )
+    planes = planes * torch.exp(light)
+    softened = drawn(count, 1, 1, 1) < _SOFTENED
+    planes = torch.where(softened, functional.avg_pool2d(planes, 3, 1, 1), planes)
+    noise = normal(*planes.shape) * _NOISE * drawn(count, 1, 1, 1)
     planes = _padded(planes + noise).contiguous(memory_format=torch.channels_last)
     below, beside = (f // SHARE_PX - s for f, s in zip(planes.shape[2:], shares.shape[2:], strict=True))
     shares, weights = (functional.pad(a, (0, beside, 0, below)) for a in (shares, weights))
     return planes, shares, weights
 
 
-def _moved(planes: torch.Tensor, turn_rad: float, scale: float) -> torch.Tensor:
+def _moved(
+    planes: torch.Tensor, turns_rad: torch.Tensor, scales: torch.Tensor, mirrored: torch.Tensor
+) -> torch.Tensor:
+    """Rotate, scale and mirror each image. mirrored: 1 or -1 for each."""
     height, width = planes.shape[2:]
-    cos, sin = scale * math.cos(turn_rad), scale * math.sin(turn_rad)
-    places = torch.tensor([[cos, -sin * height / width, 0.0], [sin * width / height, cos, 0.0]])
-    grid = functional.affine_grid(places.expand(len(planes), 2, 3), list(planes.shape), align_corners=False)
+    cos, sin, zero = scales * torch.cos(turns_rad), scales * torch.sin(turns_rad), torch.zeros_like(scales)
+    rows = (
+        (mirrored * cos, -sin * height / width, zero),
+        (mirrored * sin * width / height, cos, zero),
+    )
+    places = torch.stack([torch.stack(row, 1) for row in rows], 1)
+    grid = functional.affine_grid(places, list(planes.shape), align_corners=False)
     return functional.grid_sample(planes, grid, padding_mode="border", align_corners=False)
 
 

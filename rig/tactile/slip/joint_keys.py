@@ -58,7 +58,7 @@ class RichKeyframes:
         """Return the keyframes that are rich enough, with a frame to align to them, weighted by richness."""
         best = self.richest
         rich = (key for key in self._keys if key.richness >= JOINT.least_richness * best)
-        facing = (key.facing(field, texture, key.richness / best) for key in rich)
+        facing = (key.facing(field, texture, key.richness / best, fine=True) for key in rich)
         return [key for key in facing if key is not None]
 
     def wants(self, texture: TextureField, mask: Image, angle_rad: float) -> bool:

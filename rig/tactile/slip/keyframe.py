@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from drivers.types import Image
 from rig.tactile.slip.arc import pivot_doubt
-from rig.tactile.slip.channel import Channel, some_of
+from rig.tactile.slip.channel import Channel
 from rig.tactile.slip.height import Gradient, relief
 from rig.tactile.slip.loops import PARAMETERS, normal_matrix, with_priors
 from rig.tactile.slip.parameters import JOINT, SLOPES
@@ -79,9 +79,9 @@ class Keyframe:
         weights = self.weights * turning
         return replace(self, weights=weights / weights.mean())
 
-    def fine_within(self, field: GradientField, step: int) -> Channel:
-        """Return every step-th point with a frame to align together with its texture: see `fine_planes`."""
-        return some_of(self._channel(field.fine_planes, *self._fine), step)
+    def fine_within(self, field: GradientField) -> Channel:
+        """Return this keyframe and a frame to align with less of their broad slopes: see `fine_planes`."""
+        return self._channel(field.fine_planes, *self._fine)
 
     @cached_property
     def _fine(self) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:

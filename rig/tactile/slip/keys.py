@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass
 
-from rig.tactile.slip.channel import JointKey
+from rig.tactile.slip.channel import JointKey, some_of
 from rig.tactile.slip.keyframe import Keyframe
 from rig.tactile.slip.loops import turned_only, turning, weights_of
 from rig.tactile.slip.parameters import KEYFRAMES, MOTION, TEXTURE
@@ -54,15 +54,21 @@ class Key:
     variance: float
     pivot_rad: float = 0.0
 
-    def facing(self, field: GradientField, texture: TextureField, weight: float = 1.0) -> JointKey | None:
-        """Return this key with a frame to align; None without texture. weight: relative to other keys."""
+    def facing(
+        self, field: GradientField, texture: TextureField, weight: float = 1.0, fine: bool = False
+    ) -> JointKey | None:
+        """Return this key with a frame to align; None without texture.
+
+        weight: relative to other keys. fine: reduce the broad part of the slopes further.
+        """
         if self.texture is None:
             return None
-        slopes = self.frame.fine_within(field, -(-len(self.frame.points_px) // SLOPE_POINTS))
-        fine = self.texture.within(texture, self.frame.center_px)
+        step = -(-len(self.frame.points_px) // SLOPE_POINTS)
+        slopes = some_of(self.frame.fine_within(field) if fine else self.frame.within(field), step)
+        other = self.texture.within(texture, self.frame.center_px)
         shares = TEXTURE.rest_share, TEXTURE.noise_share
         turning = self.texture.turning_at(slopes.points + slopes.center)
-        both = slopes, turned_only(slopes, turning, *shares), fine, weights_of(fine, *shares)
+        both = slopes, turned_only(slopes, turning, *shares), other, weights_of(other, *shares)
         return JointKey(*both, weight, self.pose.angle_rad, complex(self._lever_px))
 
     def near(self, angle_rad: float) -> bool:

@@ -137,8 +137,8 @@ class Keyframes:
 class Joint:
     """The joint tracker.
 
-    slopes_share: weight of the slopes; that of the texture is 1. broad_share: as in `Slopes`, for slopes that
-    are aligned together with texture. prior_weight: of the squared distance from the predicted angle,
+    slopes_share: weight of the slopes; that of the texture is 1. broad_share: as in `Slopes`, for the slopes
+    of this tracker. prior_weight: of the squared distance from the predicted angle,
     1/rad^2. least_unexplained: smallest residual share in a score. Below good_score, or further than
     surprise_rad from the prediction, four further initial angles are tried, aside_rad apart. A keyframe is
     added if it is richer than all others by the factor richer, or further than further_rad from all others.

@@ -38,7 +38,7 @@ class GradientField:
 
     @cached_property
     def fine_planes(self) -> Field:
-        """The same as `planes` with less of the broad part, to be aligned together with the texture."""
+        """The same as `planes` with less of the broad part, for the joint tracker."""
         return self._planes(JOINT.broad_share)
 
     def _planes(self, broad_share: float) -> Field:

@@ -187,11 +187,11 @@ def test_interpolation_of_a_linear_field_is_exact(x: float, y: float) -> None:
 def test_sharpening_keeps_fine_structure_and_turns_with_the_field() -> None:
     line = np.zeros((80, 60), np.complex64)
     line[40] = 1.0 + 2.0j
-    found = sharpened(line)
+    found = sharpened(line, SLOPES.broad_share)
     assert abs(found[40, 30]) > 0.8 * abs(line[40, 30])
     assert abs(found[43, 30]) < 0.2 * abs(line[40, 30])
     turned = (line * np.complex64(1j)).astype(np.complex64)
-    np.testing.assert_allclose(sharpened(turned), 1j * found, atol=1e-6)
+    np.testing.assert_allclose(sharpened(turned, SLOPES.broad_share), 1j * found, atol=1e-6)
 
 
 @pytest.mark.parametrize("place", [(-1.0, 5.0), (5.0, -0.5), (59.5, 5.0), (5.0, 80.0), (math.nan, 1.0)])

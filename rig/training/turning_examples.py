@@ -36,13 +36,13 @@ _FACES_PER_TASK = 40
 class TurningExamples:
     """N images, the share of their texture that turns, and weights.
 
-    differences: (N, 3, h, w) float16, relative. shares, weights: (N, h / 2, w / 2) float32, the share of the
+    differences: (N, 3, h, w) float16, relative. shares, weights: (N, h / 2, w / 2) float16, the share of the
     texture that turns with the object, and how strong the texture is, 0 to 1.
     """
 
     differences: NDArray[np.float16]
-    shares: NDArray[np.float32]
-    weights: NDArray[np.float32]
+    shares: NDArray[np.float16]
+    weights: NDArray[np.float16]
 
     def __len__(self) -> int:
         return len(self.differences)
@@ -58,31 +58,33 @@ def turning_examples(
     """
     starts = range(0, faces, _FACES_PER_TASK)
     tasks = [(min(_FACES_PER_TASK, faces - start), seed, start, look) for start in starts]
-    parts: dict[int, TurningExamples] = {}
-    done = 0
+    examples, done = _empty(faces), 0
     for (count, _, start, _), part in run_tasks(_rendered, tasks, jobs):
-        parts[start] = part
+        at = slice(FRAMES_PER_FACE * start, FRAMES_PER_FACE * (start + count))
+        examples.differences[at], examples.shares[at] = part.differences, part.shares
+        examples.weights[at] = part.weights
         done += count
         progress(done)
-    arrays = (
-        [getattr(parts[start], name) for start in starts] for name in ("differences", "shares", "weights")
-    )
-    return TurningExamples(*map(np.concatenate, arrays))
+    return examples
+
+
+def _empty(faces: int) -> TurningExamples:
+    width, height = SIZE
+    count = faces * FRAMES_PER_FACE
+    shares, weights = (np.empty((count, height // SHARE_PX, width // SHARE_PX), np.float16) for _ in range(2))
+    return TurningExamples(np.empty((count, 3, height, width), np.float16), shares, weights)
 
 
 def _rendered(task: tuple[int, int, int, GelLook | None]) -> TurningExamples:
     """Render some faces, of which the first has a given number."""
     faces, seed, first, look = task
-    width, height = SIZE
-    count = faces * FRAMES_PER_FACE
-    differences = np.empty((count, 3, height, width), np.float16)
-    shares, weights = (np.empty((count, height // SHARE_PX, width // SHARE_PX), np.float32) for _ in range(2))
+    examples = _empty(faces)
     shown = chain.from_iterable(islice(turning_frames(seed, look, first), faces))
     for number, frame in enumerate(shown):
         difference, share, weight = example_of(frame)
-        differences[number] = cv2.resize(difference, SIZE).transpose(2, 0, 1)
-        shares[number], weights[number] = _halved(share, weight)
-    return TurningExamples(differences, shares, weights)
+        examples.differences[number] = cv2.resize(difference, SIZE).transpose(2, 0, 1)
+        examples.shares[number], examples.weights[number] = _halved(share, weight)
+    return examples
 
 
 def example_of(shown: TurningFrame) -> tuple[Field, Field, Field]:

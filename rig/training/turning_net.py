@@ -172,7 +172,7 @@ def _batch(
 ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
     planes = torch.from_numpy(examples.differences[at]).to(device).float()
     shares, weights = (
-        torch.from_numpy(a[at])[:, None].to(device) for a in (examples.shares, examples.weights)
+        torch.from_numpy(a[at])[:, None].to(device).float() for a in (examples.shares, examples.weights)
     )
     return planes, shares, weights
 

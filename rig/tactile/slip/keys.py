@@ -67,8 +67,8 @@ class Key:
         slopes = some_of(self.frame.fine_within(field) if fine else self.frame.within(field), step)
         other = self.texture.within(texture, self.frame.center_px)
         shares = TEXTURE.rest_share, TEXTURE.noise_share
-        turning = self.texture.turning_at(slopes.points + slopes.center)
-        both = slopes, turned_only(slopes, turning, *shares), other, weights_of(other, *shares)
+        moving = self.texture.turning_at(slopes.points + slopes.center)
+        both = slopes, turned_only(slopes, moving, *shares), other, weights_of(other, *shares)
         return JointKey(*both, weight, self.pose.angle_rad, complex(self._lever_px))
 
     def near(self, angle_rad: float) -> bool:

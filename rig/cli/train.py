@@ -201,8 +201,9 @@ def train_turning(options: TurningOptions, run: RunOptions) -> None:
     """Train the network of slip that marks the parts of a contact that turn with the object, and export it.
 
     The folder OUT then holds model.onnx and card.json. The estimator slip uses the network of the rig,
-    rig/models/turning.onnx, trained on 16600 faces. Training takes 15 minutes on two cores and 3 GB of
-    memory; with 16600 faces 3 hours and 16 GB. A GPU is used if there is one. Needs the extra `train`.
+    rig/models/turning.onnx, made from 16658 faces. Training takes about 15 minutes on two cores and 3 GB of
+    memory; with 16600 faces and 22 epochs, 3 hours and 16 GB. A GPU is used if there is one. Needs the extra
+    `train`.
 
     Examples:
       rig train-turning --out runs/turning

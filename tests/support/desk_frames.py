@@ -29,11 +29,12 @@ def desk_frames(until_s: float, side: int = 1, from_s: float = 2.0) -> Iterator[
 
 
 class GivenFrames(FrameSource):
-    """Hands out frames at once, each as if captured just now, and then ends as a file does."""
+    """Hands out frames at once, with their own intervals from now on, and then ends as a file does."""
 
     def __init__(self, frames: Sequence[Frame], serial: str = "GIVEN", rate_hz: float = RATE_HZ) -> None:
         self._frames, self._serial, self._rate_hz = list(frames), serial, rate_hz
         self.connected = False
+        self._later_ns: int | None = None
 
     @property
     def serial(self) -> str:
@@ -53,7 +54,9 @@ class GivenFrames(FrameSource):
         if not self._frames:
             raise DeviceError(f"{self.serial}: all images have been played; start again")
         frame = self._frames.pop(0)
-        return Frame(frame.image, SystemClock().now_ns(), frame.sequence, self.serial, frame.jpeg)
+        if self._later_ns is None:
+            self._later_ns = SystemClock().now_ns() - frame.time_ns
+        return Frame(frame.image, frame.time_ns + self._later_ns, frame.sequence, self.serial, frame.jpeg)
 
     def newest_frame(self, max_age_s: float) -> Frame:
         return self.next_frame(max_age_s)

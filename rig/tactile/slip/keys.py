@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from rig.tactile.slip.channel import JointKey, some_of
 from rig.tactile.slip.keyframe import Keyframe
-from rig.tactile.slip.loops import turned_only, turning, weights_of
+from rig.tactile.slip.loops import turning, turning_weights_of, weights_of
 from rig.tactile.slip.parameters import KEYFRAMES, MOTION, TEXTURE
 from rig.tactile.slip.sampling import GradientField
 from rig.tactile.slip.texture import TextureField, TextureKey
@@ -59,16 +59,17 @@ class Key:
     ) -> JointKey | None:
         """Return this key with a frame to align; None without texture.
 
-        weight: relative to other keys. fine: reduce the broad part of the slopes further.
+        weight: relative to other keys. fine: see `Keyframe.fine_within`.
         """
         if self.texture is None:
             return None
         step = -(-len(self.frame.points_px) // SLOPE_POINTS)
         slopes = some_of(self.frame.fine_within(field) if fine else self.frame.within(field), step)
-        other = self.texture.within(texture, self.frame.center_px)
+        lines = self.texture.within(texture, self.frame.center_px)
         shares = TEXTURE.rest_share, TEXTURE.noise_share
-        moving = self.texture.turning_at(slopes.points + slopes.center)
-        both = slopes, turned_only(slopes, moving, *shares), other, weights_of(other, *shares)
+        rotating = self.texture.turning_at(slopes.points + slopes.center)
+        slope_weights = turning_weights_of(slopes, rotating, *shares)
+        both = slopes, slope_weights, lines, weights_of(lines, *shares)
         return JointKey(*both, weight, self.pose.angle_rad, complex(self._lever_px))
 
     def near(self, angle_rad: float) -> bool:

@@ -90,8 +90,8 @@ def weights_of(key: Channel, rest_share: float, noise_share: float) -> Weights:
     return Weights(points, total, energy)
 
 
-def turned_only(key: Channel, turning: Values, rest_share: float, noise_share: float) -> Weights:
-    """Return the weights of `weights_of`, multiplied by others, (N,)."""
+def turning_weights_of(key: Channel, turning: Values, rest_share: float, noise_share: float) -> Weights:
+    """Return the weights of `weights_of`, multiplied by those of `TextureKey.turning_at`, (N,)."""
     points = weights_of(key, rest_share, noise_share).points * turning
     # As in `weights_of`, no divisor is 0.
     return Weights(points, float(points.sum()) + 1e-20, float((points * key.squares).sum()) + 1e-20)

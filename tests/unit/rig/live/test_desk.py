@@ -78,9 +78,7 @@ def test_recorded_clip_is_read_with_its_background_and_times(tmp_path: Path) -> 
 
 
 @pytest.mark.slow
-@pytest.mark.real_time
 def test_two_sensors_give_one_angle() -> None:
-    """The frames get the times at which they are handed out, so a busy computer distorts the motion."""
     pairs = {f"D{side}": list(desk_frames(7.5, side)) for side in (1, -1)}
     sources = [GivenFrames(frames, name) for name, frames in pairs.items()]
     found: list[Reading] = []

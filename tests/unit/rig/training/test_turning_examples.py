@@ -51,10 +51,11 @@ def test_bar_turns_and_ring_does_not() -> None:
     assert share[weight < 0.04].max() == pytest.approx(0.0)
 
 
-def test_examples_have_the_network_input_and_output_sizes() -> None:
+def test_examples_have_the_network_input_and_output_sizes(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("rig.training.turning_examples._FACES_PER_TASK", 1)
     result: list[int] = []
     examples = turning_examples(2, 7, result.append)
-    assert result == [2]
+    assert result == [1, 2]
     assert examples.differences.shape == (12, 3, SIZE[1], SIZE[0])
     assert examples.shares.shape == examples.weights.shape == (12, SIZE[1] // 2, SIZE[0] // 2)
     assert 0.0 <= examples.shares.min() < examples.shares.max() <= 1.0 + 1e-5

@@ -24,22 +24,16 @@ def ask_for_realtime() -> None:
 
 @contextmanager
 def realtime() -> Iterator[None]:
-    """Run the block at real-time priority, with existing objects excluded from garbage collection."""
-    with before_others():
-        _keep_from_collection()
-        try:
-            yield
-        finally:
-            gc.unfreeze()
+    """Run the block at real-time priority, with existing objects excluded from garbage collection.
 
-
-@contextmanager
-def before_others() -> Iterator[None]:
-    """Run the block at real-time priority, if that is granted. Threads started in it keep their priority."""
+    Threads that are started in the block keep their priority.
+    """
     before = _come_first()
+    _keep_from_collection()
     try:
         yield
     finally:
+        gc.unfreeze()
         for thread, policy in before.items():
             _schedule(thread, policy, 0)
 

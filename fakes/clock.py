@@ -2,7 +2,7 @@
 
 import time
 
-from drivers.clock import NS_PER_S
+from drivers.clock import NS_PER_S, SystemClock
 
 
 class SimulatedClock:
@@ -33,18 +33,18 @@ class SimulatedClock:
         self._now_ns = max(self._now_ns, time_ns)
 
 
-class SharedClock:
-    """Time since `start_ns` on the computer's monotonic clock, equal in all processes with this start."""
+class SharedClock(SystemClock):
+    """Time since `start_ns` on a system clock of a slowness, equal in all processes with the same two."""
 
-    def __init__(self, start_ns: int) -> None:
+    def __init__(self, start_ns: int, slowness: int = 1) -> None:
+        super().__init__(slowness)
         self.start_ns = start_ns
+
+    @classmethod
+    def started(cls, slowness: int = 1) -> "SharedClock":
+        """Return a clock that starts now."""
+        return cls(SystemClock(slowness).now_ns(), slowness)
 
     def now_ns(self) -> int:
         """Return the time since the start, ns."""
-        return time.monotonic_ns() - self.start_ns
-
-    def sleep_until(self, time_ns: int) -> None:
-        """Sleep until the given time."""
-        remaining_ns = time_ns - self.now_ns()
-        if remaining_ns > 0:
-            time.sleep(remaining_ns / NS_PER_S)
+        return super().now_ns() - self.start_ns

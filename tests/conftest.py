@@ -34,7 +34,6 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 pytest_plugins = (
     "rig.contract_checks.options",
     "support.side_by_side",
-    "support.in_real_time",
     "support.drawn_sensor",
 )
 

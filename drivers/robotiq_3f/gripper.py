@@ -16,7 +16,7 @@ import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 
-from drivers.clock import Clock, SystemClock
+from drivers.clock import Clock, SystemClock, require_full_speed
 from drivers.errors import DeviceError, NotConnectedError
 from drivers.interfaces import Gripper
 from drivers.motion import PolledMotion
@@ -85,6 +85,7 @@ class Robotiq3F(Gripper):
         self._link = link
         self._commands = GripperCommands.of(fingers, spec, open_counts, speed_m_s, force_n)
         self._clock = clock or SystemClock()
+        require_full_speed(self._clock, link.name, link.host)
         self._line: GripperLine | None = None
         self._lock = threading.Lock()
         self._sequence = ""

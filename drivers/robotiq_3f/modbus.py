@@ -11,7 +11,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from drivers.clock import NS_PER_S, Clock, to_ns
+from drivers.clock import NS_PER_S, Clock, host_s, to_ns
 from drivers.errors import DeviceError, DeviceTimeoutError, InputError
 from drivers.robotiq_3f.registers import REGISTERS
 
@@ -55,14 +55,17 @@ PRESETS = {
 class Link:
     """How to reach a gripper; `name` is for messages.
 
-    `settle_s`: pause after a failure. RTU replies do not state which request they answer, so a late reply
-    must have passed before the next request.
+    make_client: creates a client with a time limit of one reply, s, which is `timeout_s` on the gripper's
+    clock. settle_s: pause after a failure. RTU replies do not state which request they answer, so a late
+    reply must have passed before the next request. host: network address; None for a serial line.
     """
 
     name: str
     preset: Preset
-    make_client: Callable[[], "ModbusClient"]
+    make_client: Callable[[float], "ModbusClient"]
+    timeout_s: float
     settle_s: float = 0.0
+    host: str | None = None
 
 
 def tcp_link(host: str, port: int = 502, preset: str = "tcp") -> Link:
@@ -72,23 +75,23 @@ def tcp_link(host: str, port: int = 502, preset: str = "tcp") -> Link:
     other. Raises `InputError` for an unknown preset.
     """
 
-    def make_client() -> "ModbusClient":
+    def make_client(timeout_s: float) -> "ModbusClient":
         from pymodbus.client import ModbusTcpClient
 
-        return ModbusTcpClient(host, port=port, timeout=TCP_TIMEOUT_S, retries=0)
+        return ModbusTcpClient(host, port=port, timeout=timeout_s, retries=0)
 
-    return Link(f"gripper at {host}:{port}", _preset(preset), make_client)
+    return Link(f"gripper at {host}:{port}", _preset(preset), make_client, TCP_TIMEOUT_S, host=host)
 
 
 def rtu_link(device: str, preset: str = "rtu", baudrate: int = 115200) -> Link:
     """Reach a gripper over Modbus RTU, 8N1, on a serial device. Raises `InputError`."""
 
-    def make_client() -> "ModbusClient":
+    def make_client(timeout_s: float) -> "ModbusClient":
         from pymodbus.client import ModbusSerialClient
 
-        return ModbusSerialClient(device, baudrate=baudrate, timeout=RTU_TIMEOUT_S, retries=0)
+        return ModbusSerialClient(device, baudrate=baudrate, timeout=timeout_s, retries=0)
 
-    return Link(f"gripper on {device}", _preset(preset), make_client, settle_s=RTU_TIMEOUT_S)
+    return Link(f"gripper on {device}", _preset(preset), make_client, RTU_TIMEOUT_S, RTU_TIMEOUT_S)
 
 
 class StatusClient:
@@ -158,7 +161,7 @@ class StatusClient:
 
         name = self._link.name
         try:
-            self._client = self._client or self._link.make_client()
+            self._client = self._client or self._new_client()
             if not self._client.connect():
                 raise DeviceError(f"{name}: cannot be opened; check power, cable and address")
             started = self._clock.now_ns()
@@ -173,6 +176,9 @@ class StatusClient:
         except Exception as error:  # invalid data make pymodbus's decoders raise almost anything
             raise DeviceError(f"{name}: the line failed ({error}); check power and cable") from error
         return reply
+
+    def _new_client(self) -> "ModbusClient":
+        return self._link.make_client(host_s(self._clock, self._link.timeout_s))
 
     def _check(self, reply: "ModbusPDU", function: int) -> None:
         if reply.isError():

@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import CancelledError, Future
 from dataclasses import dataclass
 
-from drivers.clock import Clock, to_ns, wait_until
+from drivers.clock import Clock, host_s, to_ns, wait_until
 from drivers.errors import DeviceError, DeviceTimeoutError, NotConnectedError
 from drivers.robotiq_3f.modbus import Link, StatusClient
 from drivers.robotiq_3f.registers import REFRESH_S, Status, unpack_status
@@ -59,7 +59,7 @@ class GripperLine:
     def close(self) -> None:
         """Close the connection, within `ANSWER_S` even if it is dead."""
         self._closing.set()
-        self._thread.join(ANSWER_S)
+        self._thread.join(host_s(self._clock, ANSWER_S))
 
     def send(self, registers: Registers) -> None:
         """Write a command image. Raises `DeviceError`; a command not sent in time is never sent later."""
@@ -67,7 +67,7 @@ class GripperLine:
         done: Future[None] = Future()
         self._jobs.put((registers, done))
         try:
-            done.result(ANSWER_S)
+            done.result(host_s(self._clock, ANSWER_S))
         except (TimeoutError, CancelledError):
             done.cancel()
             raise DeviceTimeoutError(
@@ -78,7 +78,8 @@ class GripperLine:
         """Return the newest status; wait for the first one. Raises `DeviceError`, also if it is too old."""
         self._require_open()
         with self._news:
-            self._news.wait_for(lambda: self._error is not None or self._newest is not None, ANSWER_S)
+            answer_s = host_s(self._clock, ANSWER_S)
+            self._news.wait_for(lambda: self._error is not None or self._newest is not None, answer_s)
             if self._error is not None:
                 raise type(self._error)(*self._error.args) from self._error
             if self._newest is None or self._clock.now_ns() > self._newest.time_ns + to_ns(ANSWER_S):
@@ -122,7 +123,8 @@ class GripperLine:
 
     def _carry_out_next(self) -> None:
         try:
-            registers, done = self._jobs.get(timeout=RETRY_S if self._error else POLL_S)
+            pause_s = host_s(self._clock, RETRY_S if self._error else POLL_S)
+            registers, done = self._jobs.get(timeout=pause_s)
         except queue.Empty:
             return
         if self._closing.is_set() or not done.set_running_or_notify_cancel():

@@ -10,7 +10,7 @@ import contextlib
 import math
 from collections.abc import Callable
 
-from drivers.clock import NS_PER_S, Clock, SystemClock
+from drivers.clock import NS_PER_S, Clock, SystemClock, require_full_speed, slowness_of
 from drivers.errors import DeviceError, InputError, NotConnectedError
 from drivers.interfaces import Arm
 from drivers.motion import check_motion, check_way
@@ -55,11 +55,13 @@ class UR5e(Arm):
         clock: Clock | None = None,
         frequency_hz: float = 500.0,
     ) -> None:
-        """Raises `InputError` for a payload beyond the limit, or for NaN or infinite values."""
+        """Raises `InputError` for a payload beyond the limit, NaN, and a slowed clock for a real arm."""
         self._host, self._limits = host, limits
         tool = Tool(to_ur(flange_T_tcp), payload_kg, payload_cog_m)
         self._joint_limits = joint_limits_rad or JOINT_RANGE_RAD
         self._clock: Clock = clock or SystemClock()
+        require_full_speed(self._clock, "arm", host)
+        self._host_clock = SystemClock(slowness_of(self._clock))
         self._tool = ToolSetting(tool, self._clock)
         self._rate_hz = frequency_hz
         self._link: ArmLink | None = None
@@ -88,12 +90,12 @@ class UR5e(Arm):
         control is off, the arm is not powered, or another program is moving it.
         """
         self.disconnect()
-        self._clock_ahead_ns = self._clock.now_ns() - SystemClock().now_ns()
-        version = probe_controller(self._host, PROBE_S)
+        self._clock_ahead_ns = self._clock.now_ns() - self._host_clock.now_ns()
+        version = probe_controller(self._host, PROBE_S, self._clock)
         try:
-            self._dashboard = Dashboard(self._host)
+            self._dashboard = Dashboard(self._host, clock=self._clock)
             self._identify(self._dashboard, version)
-            self._link = ArmLink(self._host, self._rate_hz, version)
+            self._link = ArmLink(self._host, self._rate_hz, version, self._host_clock)
             self._connections += 1
             self._take_over(self._link)
         except DeviceError:
@@ -204,7 +206,7 @@ class UR5e(Arm):
 
     def speed_fraction(self) -> float:
         """Return the position of the speed slider on the pendant, 0 to 1; also before `connect`."""
-        return read_speed_fraction(self._host, PROBE_S)
+        return read_speed_fraction(self._host, PROBE_S, self._clock)
 
     def zero_force_sensor(self) -> None:
         """Set the present force as zero. Call it only without contact, and only while the arm stands still.

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, Concatenate, ParamSpec, TypeVar
 
 from drivers.children import python_command
-from drivers.clock import NS_PER_S, Clock, to_ns
+from drivers.clock import NS_PER_S, Clock, host_s, to_ns
 from drivers.errors import DeviceError, DeviceTimeoutError
 
 _ROOT = Path(__file__).resolve().parents[2]
@@ -129,7 +129,7 @@ class Channel:
         that it cannot execute the call later.
         """
         name = method.__name__
-        if not self._lock.acquire(timeout=timeout_s):
+        if not self._lock.acquire(timeout=host_s(self._clock, timeout_s)):
             raise DeviceTimeoutError(f"arm: {self._process.name} is busy; '{name}' was not sent")
         try:
             check()
@@ -145,7 +145,7 @@ class Channel:
 
     def _send(self, request: dict[str, Any]) -> None:
         try:
-            self._connection.settimeout(_SEND_S)
+            self._connection.settimeout(host_s(self._clock, _SEND_S))
             self._connection.sendall(json.dumps(request).encode() + b"\n")
         except OSError as error:
             raise self._lost(request["call"]) from error
@@ -185,7 +185,7 @@ class Channel:
         self._rest += data
 
     def _lost(self, name: str) -> DeviceError:
-        self._process.wait(_CHECK_S)
+        self._process.wait(host_s(self._clock, _CHECK_S))
         return DeviceError(
             f"arm: connection lost at '{name}': {self._process.death()}; the arm's state is unknown. "
             "Inspect it, then connect again"

@@ -7,7 +7,7 @@ are numbers, lists of numbers, and tuples, which arrive as lists.
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-from drivers.clock import SystemClock, to_ns
+from drivers.clock import Clock, to_ns
 from drivers.ur5e.heartbeat import Heartbeat
 
 KICK_S = 0.02
@@ -30,9 +30,8 @@ class Operation(NamedTuple):
 class Watchdog:
     """Kicks the controller's watchdog after it was started."""
 
-    def __init__(self, control: Any) -> None:
-        self._control = control
-        self._clock = SystemClock()
+    def __init__(self, control: Any, clock: Clock) -> None:
+        self._control, self._clock = control, clock
         self._next_ns: int | None = None
 
     def start(self) -> bool:

@@ -4,7 +4,7 @@ When the interface loses its connection it reconnects, and crashes with a segmen
 It therefore runs in a separate process, which exits as soon as the arm's state is too old, before the
 interface notices the loss.
 
-    python -m drivers.ur5e.control_process HOST SOCKET_FD STATE_FD PARENT_PID
+    python -m drivers.ur5e.control_process HOST SOCKET_FD STATE_FD PARENT_PID SLOWNESS
 
 Each line on the socket is {"number": n, "call": name, "arguments": [...], "named": {...}}; each answer is
 {"number": n, "value": ...} or {"number": n, "error": text}. Answer 0 reports that the process is ready.
@@ -23,7 +23,7 @@ import threading
 from contextlib import nullcontext
 from typing import Any
 
-from drivers.clock import SystemClock, to_ns
+from drivers.clock import Clock, SystemClock, host_s, require_full_speed, to_ns
 from drivers.realtime import ask_for_realtime, ordinary
 from drivers.ur5e.control_commands import ControlCommands, Watchdog
 from drivers.ur5e.heartbeat import Heartbeat, Program
@@ -49,14 +49,18 @@ COMMANDS = {name: method for name, method in vars(ControlCommands).items() if no
 
 
 def serve(
-    connection: socket.socket, commands: ControlCommands, watchdog: Watchdog, heartbeat: Heartbeat
+    connection: socket.socket,
+    commands: ControlCommands,
+    watchdog: Watchdog,
+    heartbeat: Heartbeat,
+    clock: Clock,
 ) -> None:
     """Answer calls until the client closes the connection; then nobody supervises the arm, so stop it."""
-    lines, clock = connection.makefile("rb"), SystemClock()
+    lines, tick_s = connection.makefile("rb"), host_s(clock, TICK_S)
     while True:
         watchdog.kick()
         heartbeat.check()
-        if not select.select([connection], [], [], TICK_S)[0]:
+        if not select.select([connection], [], [], tick_s)[0]:
             continue
         line = lines.readline()
         if not line:
@@ -82,9 +86,8 @@ def answer(commands: ControlCommands, request: dict[str, Any]) -> dict[str, Any]
         return {"number": number, "error": str(error)}
 
 
-def watch(state: SharedState, parent_pid: int) -> None:
+def watch(state: SharedState, parent_pid: int, clock: Clock) -> None:
     """End this process if the arm's state is too old, or the parent has ended and the arm was stopped."""
-    clock = SystemClock()
     while True:
         clock.sleep_until(clock.now_ns() + to_ns(WATCH_S))
         sample = state.read()
@@ -95,11 +98,13 @@ def watch(state: SharedState, parent_pid: int) -> None:
             os._exit(PARENT_LOST)
 
 
-def main(host: str, socket_fd: int, state_fd: int, parent_pid: int) -> None:
-    """Connect, report that the process is ready, and serve calls."""
-    faulthandler.dump_traceback_later(START_LIMIT_S, exit=True)  # works while the constructor holds the GIL
+def main(host: str, socket_fd: int, state_fd: int, parent_pid: int, slowness: int) -> None:
+    """Connect, report that the process is ready, and serve calls. slowness: of the clock of all limits."""
+    clock = SystemClock(slowness)
+    require_full_speed(clock, "arm", host)
+    faulthandler.dump_traceback_later(host_s(clock, START_LIMIT_S), exit=True)  # works while the GIL is held
     state = SharedState(state_fd)
-    threading.Thread(target=watch, args=(state, parent_pid), daemon=True).start()
+    threading.Thread(target=watch, args=(state, parent_pid, clock), daemon=True).start()
     connection = socket.socket(fileno=socket_fd)
     try:
         from rtde_control import RTDEControlInterface
@@ -111,12 +116,12 @@ def main(host: str, socket_fd: int, state_fd: int, parent_pid: int) -> None:
         return
     faulthandler.cancel_dump_traceback_later()
     connection.sendall(json.dumps({"number": 0, "value": "ready"}).encode() + b"\n")
-    watchdog, heartbeat = Watchdog(control), Heartbeat(control, state, Program(parent_pid))
-    serve(connection, ControlCommands(control, watchdog, heartbeat), watchdog, heartbeat)
+    watchdog = Watchdog(control, clock)
+    heartbeat = Heartbeat(control, state, Program(parent_pid, slowness), clock)
+    serve(connection, ControlCommands(control, watchdog, heartbeat), watchdog, heartbeat, clock)
     sys.stdout.flush()
     os._exit(0)  # the interface's destructor takes half a second and has nothing left to do
 
 
 if __name__ == "__main__":
-    _, _host, _socket, _state, _parent = sys.argv
-    main(_host, int(_socket), int(_state), int(_parent))
+    main(sys.argv[1], *map(int, sys.argv[2:]))

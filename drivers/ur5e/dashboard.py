@@ -8,6 +8,7 @@ import re
 import threading
 from types import TracebackType
 
+from drivers.clock import Clock, SystemClock, host_s
 from drivers.errors import DeviceError, DeviceTimeoutError
 from drivers.ur5e.probe import Deadline, connect, receive
 
@@ -23,9 +24,10 @@ RELEASED = "Protective stop releasing"
 class Dashboard:
     """A connection to the dashboard. Any thread may use it."""
 
-    def __init__(self, host: str, timeout_s: float = TIMEOUT_S) -> None:
+    def __init__(self, host: str, timeout_s: float = TIMEOUT_S, clock: Clock | None = None) -> None:
         """Connect and read the greeting. Raises `DeviceError` or `DeviceTimeoutError`."""
         self._host, self._timeout_s = host, timeout_s
+        self._clock: Clock = clock or SystemClock()
         self._lock = threading.Lock()
         self._closed = False
         self._connect()
@@ -63,7 +65,7 @@ class Dashboard:
                 return self._ask(request)
 
     def _connect(self) -> None:
-        deadline = Deadline.after(self._timeout_s)
+        deadline = Deadline.after(self._timeout_s, self._clock)
         self._rest = b""
         self._connection = connect(self._host, PORT, deadline)
         try:
@@ -74,13 +76,13 @@ class Dashboard:
 
     def _ask(self, request: str) -> str:
         try:
-            self._connection.settimeout(self._timeout_s)
+            self._connection.settimeout(host_s(self._clock, self._timeout_s))
             self._connection.sendall(request.encode() + b"\n")
         except OSError as error:
             raise DeviceError(
                 f"arm: the dashboard connection broke at '{request}' ({error}); check the network"
             ) from error
-        return self._line(Deadline.after(self._timeout_s), f"'{request}'")
+        return self._line(Deadline.after(self._timeout_s, self._clock), f"'{request}'")
 
     def _line(self, deadline: Deadline, what: str) -> str:
         while b"\n" not in self._rest:

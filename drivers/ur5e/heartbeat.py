@@ -17,7 +17,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from drivers.clock import NS_PER_S, Clock, SystemClock, to_ns
+from drivers.clock import NS_PER_S, Clock, to_ns
 from drivers.ur5e.shared_state import SharedState
 
 CPUCLOCK_SCHED = 2
@@ -37,9 +37,13 @@ LATE_NS = to_ns(0.015)
 
 
 class Program:
-    """A process with all its threads. Without /proc it is assumed to be running."""
+    """A process with all its threads. Without /proc it is assumed to be running.
 
-    def __init__(self, pid: int) -> None:
+    slowness: seconds of CPU time that count as one second, as on a slowed clock.
+    """
+
+    def __init__(self, pid: int, slowness: int = 1) -> None:
+        self._slowness = slowness
         self._stat, self._threads = Path(f"/proc/{pid}/stat"), Path(f"/proc/{pid}/task")
         self._clock = (~pid << 3) | CPUCLOCK_SCHED
         self._ran_ns: int | None = None
@@ -70,7 +74,7 @@ class Program:
 
     def _has_run_ns(self) -> int | None:
         with suppress(OSError):
-            return time.clock_gettime_ns(self._clock)
+            return time.clock_gettime_ns(self._clock) // self._slowness
         return None
 
 
@@ -90,11 +94,8 @@ def silence_limit_s(speed_m_s: float) -> float:
 class Heartbeat:
     """Stops a motion through ur-rtde's `control` if the program no longer polls the arm."""
 
-    def __init__(
-        self, control: Any, state: SharedState, program: Program, clock: Clock | None = None
-    ) -> None:
-        self._control, self._state, self._program = control, state, program
-        self._clock: Clock = clock or SystemClock()
+    def __init__(self, control: Any, state: SharedState, program: Program, clock: Clock) -> None:
+        self._control, self._state, self._program, self._clock = control, state, program, clock
         self._limit_ns: int | None = None
         self._guided, self._longest_ns = False, to_ns(LONGEST_S)
         self._began_ns = self._checked_ns = self._waited_ns = 0

@@ -6,7 +6,7 @@ import socket
 from collections.abc import Callable
 from typing import Concatenate
 
-from drivers.clock import NS_PER_S, Clock, SystemClock, wait_until
+from drivers.clock import NS_PER_S, SystemClock, host_s, wait_until
 from drivers.errors import DeviceError, DeviceTimeoutError, NotConnectedError
 from drivers.types import Vector6
 from drivers.ur5e.channel import Answer, Arguments, Channel, Check, ChildProcess, no_check
@@ -43,14 +43,14 @@ class ControlClient:
     answer, the call raises `DeviceTimeoutError` and the process is ended.
     """
 
-    def __init__(self, host: str, state_fd: int, clock: Clock) -> None:
+    def __init__(self, host: str, state_fd: int, clock: SystemClock) -> None:
         """Start the process. state_fd: file descriptor of the `SharedState` that it reads."""
         here, there = socket.socketpair()
         with there:
             self._process = ChildProcess(
                 "the command process",
                 "drivers.ur5e.control_process",
-                (host, there.fileno(), state_fd, os.getpid()),
+                (host, there.fileno(), state_fd, os.getpid(), clock.slowness),
                 (state_fd, there.fileno()),
             )
         self._channel = Channel(here, self._process, clock)
@@ -98,13 +98,14 @@ class ControlClient:
 class ArmLink:
     """State and commands of one arm, through ur-rtde in separate processes."""
 
-    def __init__(self, host: str, rate_hz: float, version: Version) -> None:
+    def __init__(self, host: str, rate_hz: float, version: Version, clock: SystemClock) -> None:
         """Start to receive states. Raises `DeviceError` if no state arrives."""
         require_ur_rtde()
-        self._host, self._clock = host, SystemClock()
+        self._host, self._clock = host, clock
         self._state = SharedState()
         self._control: ControlClient | None = None
-        arguments = (host, rate_hz, self._state.fd, os.getpid(), int(version >= WITH_PAYLOAD))
+        with_payload = int(version >= WITH_PAYLOAD)
+        arguments = (host, rate_hz, self._state.fd, os.getpid(), with_payload, clock.slowness)
         self._listener = ChildProcess(
             "the state process", "drivers.ur5e.state_process", arguments, (self._state.fd,)
         )
@@ -126,14 +127,15 @@ class ArmLink:
         Raises `DeviceTimeoutError` if the sample is stale, `DeviceError` if the state process has ended,
         `InvalidStateError` if the controller sent NaN or infinity.
         """
-        self._state.note_poll(self._clock.now_ns())
+        now_ns = self._clock.now_ns()  # before the sample is read: the host may suspend this program between
+        self._state.note_poll(now_ns)
         sample = self._state.read()
-        age_s = self.age_s(sample) if sample else float("inf")
+        age_s = (now_ns - sample.received_ns) / NS_PER_S if sample else float("inf")
         if sample is not None and age_s < STALE_S:
             _require_finite(sample)
             return sample
         if sample is not None and not sample.received_ns:
-            self._listener.wait(END_S)
+            self._listener.wait(host_s(self._clock, END_S))
         if not self._listener.alive:
             raise DeviceError(
                 f"arm: connection lost: {self._listener.death()}; its state is unknown. "
@@ -148,10 +150,6 @@ class ArmLink:
     def guiding_lost(self) -> bool:
         """Whether guiding by hand was ended because this program did not poll the arm."""
         return self._state.guiding_lost()
-
-    def age_s(self, sample: StateSample) -> float:
-        """Time since the controller's time stamp last changed, s."""
-        return (self._clock.now_ns() - sample.received_ns) / NS_PER_S
 
     def start_control(self) -> None:
         """Start the command process, which uploads the control program. Nothing moves."""

@@ -9,7 +9,7 @@ import struct
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from drivers.clock import NS_PER_S, Clock, SystemClock, to_ns
+from drivers.clock import NS_PER_S, Clock, SystemClock, host_s, to_ns
 from drivers.errors import DeviceError, DeviceTimeoutError
 from drivers.values import require_fraction
 
@@ -37,23 +37,22 @@ class Deadline:
     time_ns: int
 
     @classmethod
-    def after(cls, timeout_s: float, clock: Clock | None = None) -> "Deadline":
+    def after(cls, timeout_s: float, clock: Clock) -> "Deadline":
         """Return the deadline `timeout_s` from now."""
-        clock = clock or SystemClock()
         return cls(clock, clock.now_ns() + to_ns(timeout_s))
 
     def left_s(self) -> float:
-        """Return the time left, s; zero when the deadline has passed."""
-        return max(0.0, (self.time_ns - self.clock.now_ns()) / NS_PER_S)
+        """Return the time left on this computer's clock, s; zero when the deadline has passed."""
+        return max(0.0, host_s(self.clock, (self.time_ns - self.clock.now_ns()) / NS_PER_S))
 
 
-def probe_controller(host: str, timeout_s: float) -> Version:
+def probe_controller(host: str, timeout_s: float, clock: Clock | None = None) -> Version:
     """Read the controller's version, and check that its time advances and that it accepts scripts.
 
     Returns major, minor, bugfix and build. Raises `DeviceTimeoutError` if the controller sends nothing within
     `timeout_s`, `DeviceError` if it cannot be reached, is not an e-Series controller, or sends invalid data.
     """
-    deadline = Deadline.after(timeout_s)
+    deadline = Deadline.after(timeout_s, clock or SystemClock())
     with connect(host, RTDE_PORT, deadline) as connection:
         _agree_on_protocol(connection, deadline)
         version = parse_version(_ask(connection, _CONTROLLER, b"", deadline))
@@ -66,12 +65,12 @@ def probe_controller(host: str, timeout_s: float) -> Version:
     return version
 
 
-def read_speed_fraction(host: str, timeout_s: float) -> float:
+def read_speed_fraction(host: str, timeout_s: float, clock: Clock | None = None) -> float:
     """Return the position of the pendant's speed slider, 0 to 1. Only reads.
 
     Raises the same errors as `probe_controller`.
     """
-    deadline = Deadline.after(timeout_s)
+    deadline = Deadline.after(timeout_s, clock or SystemClock())
     with connect(host, RTDE_PORT, deadline) as connection:
         _agree_on_protocol(connection, deadline)
         _stream(connection, "target_speed_fraction", deadline)

@@ -8,7 +8,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from drivers.clock import Clock, SystemClock, wait_until
+from drivers.clock import Clock, SystemClock, slowness_of, wait_until
 from drivers.errors import DeviceError, DeviceTimeoutError
 from drivers.types import Vector3, Vector6
 from drivers.ur5e.control_commands import ControlCommands
@@ -81,7 +81,7 @@ def zero_force_sensor(link: ArmLink, clock: Clock) -> None:
     if not link.control.ask(ControlCommands.zero_force_sensor):
         raise refusal(link, "zeroFtSensor", clock)
 
-    answered_ns = SystemClock().now_ns()
+    answered_ns = SystemClock(slowness_of(clock)).now_ns()
 
     def zeroed() -> bool:
         sample = link.sample()  # a sample from before the answer still shows the old force

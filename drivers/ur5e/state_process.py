@@ -3,7 +3,7 @@
 If the controller sends nothing, the constructor of ur-rtde's receive interface holds the interpreter lock
 and waits forever; after the connection is lost, its getters keep returning the last values. Both are harmless
 in a separate process: it can be ended, and the controller's time in the state shows how old a sample is.
-    python -m drivers.ur5e.state_process HOST RATE_HZ STATE_FD PARENT_PID WITH_PAYLOAD
+    python -m drivers.ur5e.state_process HOST RATE_HZ STATE_FD PARENT_PID WITH_PAYLOAD SLOWNESS
 """
 
 import faulthandler
@@ -13,7 +13,7 @@ import sys
 from dataclasses import replace
 from typing import Any, NoReturn
 
-from drivers.clock import NS_PER_S, SystemClock, to_ns
+from drivers.clock import NS_PER_S, Clock, SystemClock, host_s, require_full_speed, to_ns
 from drivers.realtime import ask_for_realtime
 from drivers.ur5e.shared_state import SharedState, StateSample
 from drivers.values import Vector3
@@ -61,9 +61,11 @@ class ClockMap:
         return controller_ns + min(self._before, self._current)
 
 
-def listen(receive: Any, state: SharedState, parent_pid: int, rate_hz: float, with_payload: bool) -> None:
+def listen(
+    receive: Any, state: SharedState, parent_pid: int, rate_hz: float, with_payload: bool, clock: Clock
+) -> None:
     """Publish each new sample until the connection is lost or the parent process has ended."""
-    clock, times = SystemClock(), ClockMap()
+    times = ClockMap()
     last_s = -math.inf
     samples = gaps = 0
     while receive.isConnected() and os.getppid() == parent_pid:
@@ -108,9 +110,13 @@ def _vectors(receive: Any) -> tuple[list[float], ...]:
     )
 
 
-def main(host: str, rate_hz: float, state_fd: int, parent_pid: int, with_payload: bool) -> NoReturn:
-    """Connect, receive states, and exit with a code that states the reason."""
-    faulthandler.dump_traceback_later(START_LIMIT_S, exit=True)  # works while the constructor holds the GIL
+def main(
+    host: str, rate_hz: float, state_fd: int, parent_pid: int, with_payload: bool, slowness: int
+) -> NoReturn:
+    """Connect, receive states, and exit with a code that states the reason. slowness: of the clock."""
+    clock = SystemClock(slowness)
+    require_full_speed(clock, "arm", host)
+    faulthandler.dump_traceback_later(host_s(clock, START_LIMIT_S), exit=True)  # works while the GIL is held
     variables = [*VARIABLES, "payload", "payload_cog"] if with_payload else list(VARIABLES)
     try:
         from rtde_receive import RTDEReceiveInterface
@@ -121,7 +127,7 @@ def main(host: str, rate_hz: float, state_fd: int, parent_pid: int, with_payload
         sys.exit(" ".join(str(error).split()))
     faulthandler.cancel_dump_traceback_later()
     state = SharedState(state_fd)
-    listen(receive, state, parent_pid, rate_hz, with_payload)
+    listen(receive, state, parent_pid, rate_hz, with_payload, clock)
     if last := state.read():
         state.write(replace(last, received_ns=0))  # older than any limit: the state is unknown from now on
     sys.stdout.flush()
@@ -129,5 +135,5 @@ def main(host: str, rate_hz: float, state_fd: int, parent_pid: int, with_payload
 
 
 if __name__ == "__main__":
-    _, _host, _rate, _fd, _parent, _payload = sys.argv
-    main(_host, float(_rate), int(_fd), int(_parent), _payload == "1")
+    _, _host, _rate, _fd, _parent, _payload, _slowness = sys.argv
+    main(_host, float(_rate), int(_fd), int(_parent), _payload == "1", int(_slowness))

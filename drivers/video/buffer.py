@@ -3,7 +3,7 @@
 import threading
 from collections import deque
 
-from drivers.clock import NS_PER_S, Clock, to_ns
+from drivers.clock import NS_PER_S, Clock, host_s, to_ns
 from drivers.errors import DeviceError, DeviceTimeoutError, NotConnectedError, StaleFrameError
 from drivers.types import Frame
 
@@ -93,7 +93,7 @@ class FrameBuffer:
         remaining_ns = deadline_ns - self._clock.now_ns()
         if remaining_ns <= 0:
             raise DeviceTimeoutError(f"{self._serial}: {missed}; {self._why()}")
-        self._changed.wait(remaining_ns / NS_PER_S)
+        self._changed.wait(host_s(self._clock, remaining_ns / NS_PER_S))
 
     def _named(self, trouble: str) -> str:
         return trouble if trouble.startswith(f"{self._serial}:") else f"{self._serial}: {trouble}"

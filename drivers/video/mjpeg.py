@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from typing import Any
 from urllib.parse import SplitResult, unquote, urljoin, urlsplit
 
-from drivers.clock import NS_PER_S, Clock, to_ns
+from drivers.clock import NS_PER_S, Clock, host_s, to_ns
 from drivers.errors import DeviceError, FormatError, InputError
 from drivers.formats import parse_json, without_passwords
 from drivers.video.multipart import MultipartParser, Part, boundary_of
@@ -44,7 +44,7 @@ class MjpegStream(FrameStream):
         self._timeout_s = max(READ_TIMEOUT_S, 3.0 / rate_hz)
         self._ready: deque[tuple[Part, int]] = deque()
         parts = split_url(url)
-        self._connection = _connection(parts, self._timeout_s)
+        self._connection = _connection(parts, host_s(clock, self._timeout_s))
         self._response: http.client.HTTPResponse | None = None
         self._socket: socket.socket | None = None
         try:
@@ -77,7 +77,7 @@ class MjpegStream(FrameStream):
         """Send settings one after the other, if the server accepts settings. Raises `DeviceError`."""
         if self.control_url is not None:
             for setting in settings:
-                send_settings(self.control_url, setting)
+                send_settings(self.control_url, setting, host_s(self._clock, READ_TIMEOUT_S))
 
     def interrupt(self) -> None:
         """Shut down the connection, which ends a read in progress."""
@@ -120,10 +120,12 @@ def split_url(url: str) -> SplitResult:
     return parts
 
 
-def send_settings(control_url: str, settings: dict[str, Any]) -> dict[str, Any]:
+def send_settings(
+    control_url: str, settings: dict[str, Any], timeout_s: float = READ_TIMEOUT_S
+) -> dict[str, Any]:
     """Send settings to a control address; return its answer. Raises `DeviceError` if rejected."""
     parts = split_url(control_url)
-    connection = _connection(parts)
+    connection = _connection(parts, timeout_s)
     try:
         body = json.dumps(settings)
         answer = parse_json(_request(connection, parts, "POST", body).read(_PORTION), "its answer")
@@ -136,7 +138,7 @@ def send_settings(control_url: str, settings: dict[str, Any]) -> dict[str, Any]:
     return answer if isinstance(answer, dict) else {}
 
 
-def _connection(parts: SplitResult, timeout_s: float = READ_TIMEOUT_S) -> http.client.HTTPConnection:
+def _connection(parts: SplitResult, timeout_s: float) -> http.client.HTTPConnection:
     kind = http.client.HTTPSConnection if parts.scheme == "https" else http.client.HTTPConnection
     return kind(parts.hostname or "", parts.port, timeout=timeout_s)
 

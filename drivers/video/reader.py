@@ -10,7 +10,7 @@ from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from drivers.clock import Clock
+from drivers.clock import Clock, host_s
 from drivers.errors import DamagedFrameError, DeviceError, NotConnectedError, RigError
 from drivers.interfaces import FrameSource
 from drivers.tally import FrameTally
@@ -107,7 +107,7 @@ class FrameReader(FrameSource):
             run.stream.interrupt()
         # A device driver stuck in the kernel cannot be woken; its thread ends when the kernel returns.
         if run.thread is not None:
-            run.thread.join(STOP_TIMEOUT_S)
+            run.thread.join(host_s(self._clock, STOP_TIMEOUT_S))
 
     def next_frame(self, timeout_s: float) -> Frame:
         """Return the oldest frame not read yet, see `drivers.interfaces.FrameSource`."""
@@ -160,7 +160,7 @@ class FrameReader(FrameSource):
                 run.buffer.fail(f"its reader failed ({type(error).__name__}: {error}); report this", True)
                 raise
             pause_s = FIRST_PAUSE_S if self._counts["frames"] > frames else min(2 * pause_s, LONGEST_PAUSE_S)
-            run.stopping.wait(pause_s)
+            run.stopping.wait(host_s(self._clock, pause_s))
 
     def _read_one_stream(self, run: _Run) -> None:
         """Read until the stream fails or the run is stopped."""

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from drivers.clock import Clock
+from drivers.clock import Clock, require_full_speed
 from drivers.errors import DeviceError, InputError
 from drivers.formats import without_passwords
 from drivers.video.decode import DecodedFrame
@@ -46,6 +46,11 @@ class SourceSpec:
     def is_device(self) -> bool:
         """Whether it is a video device of this computer."""
         return self.address is None or self.address.startswith("/dev/")
+
+    @property
+    def host(self) -> str | None:
+        """Network host of a stream; None for any other source."""
+        return split_url(self.address).hostname if self.address and "://" in self.address else None
 
     def _check(self, address: str) -> None:
         if "://" in address:
@@ -116,6 +121,7 @@ class AddressedSource(FrameReader):
 
     def __init__(self, spec: SourceSpec, clock: Clock, discover: Discover, open_device: OpenCapture) -> None:
         super().__init__(spec.serial, spec.rate_hz, self._open, self._decode, clock)
+        require_full_speed(clock, spec.serial, spec.host)
         self._spec = spec
         self._clock = clock
         self._discover = discover

@@ -53,10 +53,13 @@ def snapshot_of(world: World, time_ns: int) -> Snapshot:
 
 
 class MirroredWorld:
-    """Implements the part of `World` that `FakeDigit` and `FakeCamera` use, from snapshots of a world."""
+    """Implements the part of `World` that `FakeDigit` and `FakeCamera` use, from snapshots of a world.
 
-    def __init__(self, layout: BenchLayout, first: Snapshot) -> None:
-        self.layout = layout
+    patience_s: longest wait for a snapshot, on the computer's clock.
+    """
+
+    def __init__(self, layout: BenchLayout, first: Snapshot, patience_s: float = PATIENCE_S) -> None:
+        self.layout, self._patience_s = layout, patience_s
         self._arrived = threading.Condition()
         self._snapshots: deque[Snapshot] = deque(maxlen=KEPT)
         self._set_seed(first.seed)
@@ -101,7 +104,7 @@ class MirroredWorld:
     def _around(self, time_ns: int) -> tuple[Snapshot, Snapshot]:
         """Return the snapshots before and after a time; the same one twice at either end."""
         with self._arrived:
-            self._arrived.wait_for(lambda: self._snapshots[-1].state.time_ns >= time_ns, PATIENCE_S)
+            self._arrived.wait_for(lambda: self._snapshots[-1].state.time_ns >= time_ns, self._patience_s)
             after = self._snapshots[-1]
             for before in reversed(self._snapshots):
                 if before.state.time_ns <= time_ns:

@@ -95,14 +95,15 @@ def true_masks(bench: Bench) -> dict[str, Callable[[int], Image]]:
     return {sensor.serial: sensor.true_mask for sensor in sensors if isinstance(sensor, FakeDigit)}
 
 
-def build_real_bench(config: BenchConfig, hand: Hand | None = None) -> Bench:
+def build_real_bench(config: BenchConfig, hand: Hand | None = None, clock: Clock | None = None) -> Bench:
     """Create the drivers of a bench file that are not all simulated in this process; none is connected yet.
 
-    hand: known state of the hand, unknown by default. Each driver imports its manufacturer's library, or the
-    user-defined class, only here. Simulated devices beside real ones share a separate simulated world. Raises
-    `InputError` if a user-defined driver cannot be created.
+    hand: known state of the hand, unknown by default. clock: the computer's by default; tests give a slowed
+    one, which the drivers accept for simulated devices only. Each driver imports its manufacturer's library,
+    or the user-defined class, only here. Simulated devices beside real ones share a separate simulated world.
+    Raises `InputError` if a user-defined driver cannot be created.
     """
-    clock = SystemClock()
+    clock = clock or SystemClock()
     world = None
     if "fake" in config.drivers:
         world = World(simulated_layout(config), seed=0, start_ns=clock.now_ns())

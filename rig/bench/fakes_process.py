@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from drivers.children import leave_signals_to_parent, spawn_context
-from drivers.clock import SystemClock, to_ns
+from drivers.clock import Clock, to_ns
 from drivers.errors import DeviceError, InputError, RigError
 from drivers.realtime import realtime
 from drivers.types import Pose
@@ -40,14 +40,14 @@ _SHOWN = (
 
 @contextmanager
 def hosted_fakes(
-    config: BenchConfig, host: str | None, seed: int = 0, polyscope: str = POLYSCOPE
+    config: BenchConfig, host: str | None, seed: int = 0, polyscope: str = POLYSCOPE, slowness: int = 1
 ) -> Iterator[tuple[BenchConfig, FakesHost]]:
     """Run the fakes of a bench file in this process; yield the file's bench with their addresses.
 
     They run at real-time priority if permitted, because they replace hardware, which a loaded host does not
     delay. host: a loopback address; None selects a free one. polyscope: the version that the simulated
-    controller reports. Raises `InputError` for a bench file without [fakes], an address in use, and an
-    invalid version.
+    controller reports. slowness: of the devices' clock (`drivers.clock.SystemClock`). Raises `InputError` for
+    a bench file without [fakes], an address in use, and an invalid version.
     """
     if config.fakes is None:
         raise InputError(f"bench '{config.name}' has no [fakes]: its devices are not simulated over the wire")
@@ -57,7 +57,7 @@ def hosted_fakes(
         gripper = config.gripper
         rtu = str(Path(folder) / "gripper") if gripper.transport == "rtu" else None
         wire = WirePlan(polyscope, gripper.fingers, gripper.preset or "tcp", rtu)
-        fakes = FakesHost(simulated_bench_plan(config), wire, host, seed)
+        fakes = FakesHost(simulated_bench_plan(config), wire, host, seed, slowness)
         try:
             yield addressed(config, fakes.start()), fakes
         finally:
@@ -65,14 +65,15 @@ def hosted_fakes(
 
 
 @contextmanager
-def started_fakes(config: BenchConfig) -> Iterator[BenchConfig]:
+def started_fakes(config: BenchConfig, slowness: int = 1) -> Iterator[BenchConfig]:
     """Run the fakes of a bench file in a child process; yield the bench with their addresses.
 
-    The child process ends with this one, however this one ends. Raises `DeviceError` if it does not start.
+    slowness: as in `hosted_fakes`. The child process ends with this one, however this one ends. Raises
+    `DeviceError` if it does not start.
     """
     context = spawn_context()
     ours, theirs = context.Pipe()
-    process = context.Process(target=_serve, args=(config, theirs), name="fakes")
+    process = context.Process(target=_serve, args=(config, theirs, slowness), name="fakes")
     process.start()
     theirs.close()
     try:
@@ -109,14 +110,12 @@ def fakes_control(config: BenchConfig) -> Control:
     return Control(config.fakes.control)
 
 
-def simulated_operator(config: BenchConfig, seed: int) -> SimulatedOperator:
-    """Return the simulated operator of a bench of running fakes; seed: of the placed objects."""
+def simulated_operator(config: BenchConfig, clock: Clock, seed: int) -> SimulatedOperator:
+    """Return the simulated operator of a bench of running fakes. clock: the bench's. seed: of the objects."""
     control = fakes_control(config)
 
     def place(object_id: str) -> None:
         control.call("place", object=laid_as(config.objects, object_id), seed=seed)
-
-    clock = SystemClock()
 
     def lead(to: Pose) -> Callable[[], bool]:
         turn = [float(v) for v in to.rotation.as_rotvec()]
@@ -162,11 +161,12 @@ def _ready(pipe: Connection) -> BenchConfig:
     return answer
 
 
-def _serve(config: BenchConfig, pipe: Connection) -> None:
+def _serve(config: BenchConfig, pipe: Connection, slowness: int) -> None:
     """Run in the fakes' process until the parent closes the pipe or has ended."""
     leave_signals_to_parent()
     try:
-        with hosted_fakes(config, host=None) as (served, fakes), suppress(EOFError, OSError):
+        hosted = hosted_fakes(config, host=None, slowness=slowness)
+        with hosted as (served, fakes), suppress(EOFError, OSError):
             pipe.send(served)
             while not pipe.poll(CHECK_S):
                 fakes.check()

@@ -5,11 +5,11 @@ So the fakes' side channel must answer, on this computer's loopback, with the ad
 about to be driven.
 """
 
-import ipaddress
 from collections.abc import Iterator
 from typing import Any
 from urllib.parse import urlsplit
 
+from drivers.clock import is_loopback
 from drivers.errors import DeviceError, InputError
 from fakes.wire.net import Control
 from rig.config import BenchConfig
@@ -35,7 +35,7 @@ def _doubts(config: BenchConfig) -> Iterator[str]:
     if control is None:
         yield "it has no side channel of running fakes"
         return
-    if not _on_loopback(control.rpartition(":")[0]):
+    if not is_loopback(control.rpartition(":")[0]):
         yield f"their side channel, {control}, is not on this computer"
         return
     try:
@@ -44,7 +44,7 @@ def _doubts(config: BenchConfig) -> Iterator[str]:
         yield str(error)
         return
     for device, address, host in _driven(config):
-        if not _on_loopback(host):
+        if host is not None and not is_loopback(host):
             yield f"{device} at {address} is not on this computer"
         elif address != served.get(device):
             yield f"{device} at {address} is not one of the fakes (they serve {served.get(device)})"
@@ -60,11 +60,3 @@ def _driven(config: BenchConfig) -> Iterator[tuple[str, Any, str | None]]:
         yield "gripper", [gripper.host, gripper.port], gripper.host or ""
     for sensor in (*config.tactile, config.camera):
         yield sensor.serial, sensor.address, urlsplit(sensor.address or "").hostname or ""
-
-
-def _on_loopback(host: str | None) -> bool:
-    """Whether an IP address is a loopback address of this computer; a host name is not accepted."""
-    try:
-        return host is None or ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return False

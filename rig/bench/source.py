@@ -154,7 +154,7 @@ class StandingBench(BenchSource):
         else:
             from rig.bench.fakes_process import simulated_operator
 
-            self._simulated = partial(simulated_operator, config)
+            self._simulated = partial(simulated_operator, config, bench.clock)
         self._bench = bench
         return bench
 

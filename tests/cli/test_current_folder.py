@@ -70,7 +70,6 @@ def test_trial_in_several_processes_with_page_and_viewer(folder: Path, light_ben
     )  # fmt: skip
 
 
-@pytest.mark.real_time(beside=True)
 @pytest.mark.parametrize(
     "program", [RIG, pytest.param(MODULE, marks=pytest.mark.long)], ids=["script", "module"]
 )

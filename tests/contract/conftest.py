@@ -8,6 +8,7 @@ clear.
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -20,8 +21,9 @@ from rig.config import BenchConfig, load_bench
 from rig.contract_checks.devices import EVERY, reconnect
 from rig.contract_checks.options import make_ready_to_move
 from support.benches import lighter
+from support.slow_motion import CLOCK, SLOWNESS
 
-KINDS = ("fake", pytest.param("wire", marks=pytest.mark.real_time), "hardware")
+KINDS = ("fake", "wire", "hardware")
 RUNNING = pytest.StashKey[ExitStack]()
 
 
@@ -36,13 +38,24 @@ class Station:
 
 @pytest.fixture(scope="session")
 def wire_station(request: pytest.FixtureRequest) -> Iterator[Station]:
-    """Return real drivers on fakes over the wire protocols; `pytest_runtest_teardown` ends them."""
+    """Return real drivers on fakes over the wire protocols, in slow motion.
+
+    `pytest_runtest_teardown` ends them.
+    """
     with ExitStack() as running:
         request.config.stash[RUNNING] = running
-        config = running.enter_context(started_fakes(lighter("wire")))
-        station = Station(build_real_bench(config), config, fakes_control(config).call)
+        config = running.enter_context(started_fakes(lighter("wire"), SLOWNESS))
+        station = Station(build_real_bench(config, clock=CLOCK), config, fakes_control(config).call)
         running.callback(disconnect, station.bench)
         yield station
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Run the tests of this folder in one worker: they share the station."""
+    for item in items:
+        if item.path.parent == Path(__file__).parent:
+            item.add_marker(pytest.mark.xdist_group("contract"))
 
 
 @pytest.hookimpl(trylast=True)

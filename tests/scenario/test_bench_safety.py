@@ -21,8 +21,9 @@ from rig.benchmark.wire.safety_events import as_real
 from rig.config import BenchConfig
 from rig.config.write import write_bench
 from support.command_line import SHORT_PHASES
+from support.slow_motion import SLOWNESS, pause
+from support.waiting import LIMIT_S
 
-pytestmark = pytest.mark.real_time
 GRASP_M, ABOVE_M = 0.06, 0.16
 """Heights of the tool at the grasp and at the start of the descent."""
 
@@ -44,7 +45,7 @@ class Served:
 
 @pytest.fixture
 def served(tmp_path: Path, unhurried_bench: BenchConfig) -> Iterator[Served]:
-    with hosted_fakes(unhurried_bench, None) as (config, _):
+    with hosted_fakes(unhurried_bench, None, slowness=SLOWNESS) as (config, _):
         assert config.fakes is not None
         assert config.fakes.control is not None
         simulated, real = tmp_path / "simulated.toml", tmp_path / "real.toml"
@@ -64,7 +65,7 @@ def trial(bench: Path, out: Path) -> subprocess.Popen[str]:
 
 
 def wait_until(so: Callable[[], bool], process: subprocess.Popen[str]) -> None:
-    deadline = time.monotonic() + 60.0
+    deadline = time.monotonic() + LIMIT_S
     while not so():
         assert process.poll() is None, process.communicate()[1]
         assert time.monotonic() < deadline
@@ -80,7 +81,7 @@ def test_trial_stopped_on_its_way_down_stays_there(
     wait_until(lambda: GRASP_M + 0.075 < served.height_m() < ABOVE_M - 0.010, process)
     process.send_signal(number)
     there = served.height_m()
-    _, error = process.communicate(timeout=60)
+    _, error = process.communicate(timeout=LIMIT_S)
     assert process.returncode == 3, error
     assert "nothing held" in error
     assert there - 0.025 < served.height_m() <= there + 0.001
@@ -95,12 +96,12 @@ def test_object_held_after_a_kill_is_neither_dropped_nor_moved_unasked(
     wait_until(lambda: served.world()["held"] and served.height_m() > GRASP_M + 0.02, process)
     process.kill()
     process.communicate()
-    time.sleep(1.0)
+    pause(1.0)
     left = served.world()
     assert left["held"]
 
     again = trial(served.real, tmp_path / "s2")
-    _, error = again.communicate(timeout=90)
+    _, error = again.communicate(timeout=LIMIT_S)
     assert again.returncode == 3, error
     assert "The hand holds wrench" in error
     now = served.world()
@@ -113,5 +114,5 @@ def test_object_held_after_a_kill_is_neither_dropped_nor_moved_unasked(
     wait_until(lambda: heights.append(served.height_m()) or not served.world()["held"], last)
     assert heights[-1] == pytest.approx(GRASP_M, abs=0.002)
     last.send_signal(signal.SIGINT)
-    _, error = last.communicate(timeout=60)
+    _, error = last.communicate(timeout=LIMIT_S)
     assert last.returncode == 3, error

@@ -20,9 +20,9 @@ from rig.config.write import write_bench
 from support.command_line import rig
 from support.notebook import run_notebook
 from support.own_estimators import forget
+from support.slow_motion import SLOWNESS, slow_down
 
 pytest.importorskip("rtde_control", reason="ur-rtde is not installed here")
-pytestmark = pytest.mark.real_time
 
 OBJECT = """id = "{id}"
 name = "my {id}"
@@ -51,7 +51,8 @@ def lab(tmp_path: Path, unhurried_bench: BenchConfig, monkeypatch: pytest.Monkey
     for phase in ("protocols.slip_trial.GRASP_S", "protocols.slip_trial.HOLD_S"):
         monkeypatch.setattr(phase, 0.5)
     monkeypatch.setattr("rig.bench.fakes_process.LED_S", 1.5)
-    with started_fakes(unhurried_bench) as served:
+    slow_down(monkeypatch)
+    with started_fakes(unhurried_bench, SLOWNESS) as served:
         write_bench(tmp_path / "bench.toml", served)
         yield tmp_path
 

@@ -56,7 +56,7 @@ def cpu_s(pid: int) -> float:
 
 
 @NEEDS_CHROMIUM
-@pytest.mark.real_time
+@pytest.mark.long
 def test_two_streams_are_shown_within_100_ms_without_dropped_frames(tmp_path: Path) -> None:
     browser = Browser(tmp_path / "profile")
     try:
@@ -92,7 +92,6 @@ STATE = (
 
 
 @NEEDS_CHROMIUM
-@pytest.mark.real_time
 def test_page_shows_the_angle_and_its_buttons_act(tmp_path: Path) -> None:
     browser = Browser(tmp_path / "profile")
     try:

@@ -17,8 +17,7 @@ from rig.sessions.rows import read_finished_lifts
 from support.command_line import SHORT_PHASES
 from support.own_devices import MODULE, SOURCE
 from support.recordings import require_identical_replay
-
-pytestmark = pytest.mark.real_time
+from support.slow_motion import SLOWNESS
 
 
 def with_own_drivers(bench: BenchConfig) -> BenchConfig:
@@ -39,7 +38,7 @@ def rig(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
     """Run the program in a lab's folder as in a script, without a terminal."""
     return subprocess.run(
         [sys.executable, "-c", SHORT_PHASES, *words], cwd=folder, stdin=subprocess.DEVNULL,
-        capture_output=True, text=True, timeout=120, check=False, env={**os.environ, "PYTHONUNBUFFERED": "1"},
+        capture_output=True, text=True, timeout=240, check=False, env={**os.environ, "PYTHONUNBUFFERED": "1"},
     )  # fmt: skip
 
 
@@ -49,7 +48,7 @@ def test_lift_with_own_drivers_needs_agreement_and_replays_identically(
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))  # others leave an object in the hand
     (tmp_path / f"{MODULE}.py").write_text(SOURCE)
     command = ["trial", "--lifts", "1", "--object", "wrench", "--bench", "lab.toml", "--no-report"]
-    with hosted_fakes(unhurried_bench, None) as (config, _):
+    with hosted_fakes(unhurried_bench, None, slowness=SLOWNESS) as (config, _):
         assert config.fakes is not None
         Control(config.fakes.control or "").call("place", object="wrench", seed=3)
         write_bench(tmp_path / "lab.toml", with_own_drivers(config))

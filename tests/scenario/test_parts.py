@@ -153,7 +153,6 @@ def by_hand(file: Path, folder: Path, answers: list[str]) -> list[str]:
     return asked
 
 
-@pytest.mark.real_time
 def test_person_is_asked_for_each_pose_of_a_real_sensor_even_with_yes(real_gel: Path, tmp_path: Path) -> None:
     asked = by_hand(real_gel, tmp_path / "s", [])
     assert asked == [
@@ -172,7 +171,6 @@ def test_person_is_asked_for_each_pose_of_a_real_sensor_even_with_yes(real_gel: 
     assert not manifest.simulated
 
 
-@pytest.mark.real_time
 def test_recording_by_hand_stops_if_the_person_does_not_press(real_gel: Path, tmp_path: Path) -> None:
     with pytest.raises(OperatorStopError):
         by_hand(real_gel, tmp_path / "s", ["yes", "yes", "no"])
@@ -201,7 +199,6 @@ def test_simulated_calibration_is_refused_for_a_real_sensor_of_that_serial(
         assert "tactile-SIM-D0001.yaml: was made on simulated devices" in shown.stderr
 
 
-@pytest.mark.real_time
 def test_doctor_and_calibration_work_with_one_sensor(desk: Path, tmp_path: Path) -> None:
     common = ["--bench", desk, "--json"]
     shown = rig("doctor", *common, "--seconds", 0.5, "--disk", tmp_path)
@@ -283,7 +280,6 @@ def test_command_without_its_devices_names_them_and_the_possible_commands(
     )
 
 
-@pytest.mark.real_time
 def test_real_sensor_beside_a_simulated_bench_is_not_marked_and_the_trial_is_refused(
     real_gel: Path, tmp_path: Path
 ) -> None:

@@ -1,4 +1,4 @@
-"""Lifts with the real drivers on fakes over the wire protocols, in real time."""
+"""Lifts with the real drivers on fakes over the wire protocols, in slow motion."""
 
 import json
 import signal
@@ -17,15 +17,17 @@ from rig.sessions.rows import read_finished_lifts
 from support.benches import lighter
 from support.command_line import rig
 from support.recordings import require_identical_replay
+from support.slow_motion import IN_SLOW_MOTION, slow_down
+from support.waiting import LIMIT_S
 
 SOME = ("gripper: power lost", "fingertip: unplugged")
 """`rig benchmark faults` runs all of them."""
-pytestmark = pytest.mark.real_time
 
 
 def test_wire_lift_agrees_with_the_in_process_bench_and_loses_no_frame(
     tmp_path: Path, unhurried_bench: BenchConfig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    slow_down(monkeypatch, "rig.benchmark.wire.lift")
     monkeypatch.setattr("rig.benchmark.wire.lift.load_bench", lighter)  # of the seeds' lifts
     report = measure_wire(tmp_path / "s", "t1", seeds=2, bench=unhurried_bench)
     assert judge_wire(report)[0].met, report.streams
@@ -46,6 +48,7 @@ def test_wire_lift_agrees_with_the_in_process_bench_and_loses_no_frame(
 def test_faults_during_a_lift_are_detected_and_recovered_from(
     tmp_path: Path, unhurried_bench: BenchConfig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    slow_down(monkeypatch, "rig.benchmark.wire.fault_lifts")
     for phase in ("GRASP_S", "HOLD_S"):  # before a fault and after it: nothing happens there
         monkeypatch.setattr(f"protocols.slip_trial.{phase}", 0.5)
     cases = [case for case in CASES if case.name in SOME]
@@ -57,15 +60,15 @@ def test_faults_during_a_lift_are_detected_and_recovered_from(
 
 
 def test_doctor_reads_everything_but_the_arm_without_ur_rtde() -> None:
-    code = """if True:
+    code = f"""{IN_SLOW_MOTION}if True:
         import sys
-        sys.modules.update({"rtde_control": None, "rtde_receive": None})
+        sys.modules.update(rtde_control=None, rtde_receive=None)
         from rig.bench.source import unconnected_bench
         from rig.config import load_bench
         from rig.doctor.actuators import look_at_arm, look_at_gripper
         from rig.doctor.streams import look_at_streams
         config = load_bench("wire")
-        sizes = {s.serial: s.size_px for s in (*config.tactile, config.camera)}
+        sizes = dict((s.serial, s.size_px) for s in (*config.tactile, config.camera))
         with unconnected_bench(config) as bench:
             findings = look_at_arm(bench, config.arm, 0.5) + look_at_gripper(bench, 0.5)
             findings += look_at_streams(bench.frame_sources, bench.clock, sizes, 0.5, None)
@@ -75,7 +78,7 @@ def test_doctor_reads_everything_but_the_arm_without_ur_rtde() -> None:
             print(f.device, f.check, f.verdict, f.seen)
     """
     done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, timeout=100, check=False
+        [sys.executable, "-c", code], capture_output=True, text=True, timeout=LIMIT_S, check=False
     )
     lines = done.stdout.splitlines()
     assert any(line.startswith("arm reached failure") and "ur-rtde" in line for line in lines), done.stderr
@@ -107,6 +110,6 @@ def test_served_fakes_print_a_bench_file_execute_commands_and_end_cleanly(tmp_pa
         assert "protective_stop" in wrong.stderr
     finally:
         process.send_signal(signal.SIGINT)
-        out, _ = process.communicate(timeout=30)
+        out, _ = process.communicate(timeout=LIMIT_S)
     assert process.returncode == 0
     assert out == file.read_text() + "\n"

@@ -1,25 +1,42 @@
-"""Parts of the benchmarks behind wires, in real time: `rig benchmark` `safety`, `endurance`.
+"""Parts of the benchmarks behind wires, in slow motion: `rig benchmark` `safety`, `endurance`.
 
 Programs stopped on their way down: `test_bench_safety.py`.
 """
 
+import subprocess
 from pathlib import Path
 
 import pytest
 
+from drivers.children import python_command
 from rig.benchmark.harness import Run
 from rig.benchmark.wire.endurance import WANDER_DEG, Minute, measure_endurance
 from rig.benchmark.wire.safety import judge_runs, run_safety
-from rig.benchmark.wire.safety_events import BY_NAME, PlannedRun
+from rig.benchmark.wire.safety_events import BY_NAME, PlannedRun, start_trial
 from rig.benchmark.wire.world import Moment, Stage
 from rig.config import BenchConfig
+from support.slow_motion import IN_SLOW_MOTION, slow_down
 
-pytestmark = [pytest.mark.real_time, pytest.mark.long]
+pytestmark = pytest.mark.long
+
+
+def start_slow_trial(bench: Path, session: Path, object_id: str) -> "subprocess.Popen[str]":
+    """Start a trial as the benchmark does, in slow motion."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("rig.benchmark.wire.safety_events.python_command", slow_command)
+        return start_trial(bench, session, object_id)
+
+
+def slow_command(flag: str, module: str, *arguments: object) -> list[str]:
+    assert (flag, module) == ("-m", "rig")
+    return python_command("-c", f"{IN_SLOW_MOTION}from rig.cli.main import main; main()", *arguments)
 
 
 def test_killed_lift_and_blocked_fingers_keep_every_limit(
-    tmp_path: Path, unhurried_bench: BenchConfig
+    tmp_path: Path, unhurried_bench: BenchConfig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    slow_down(monkeypatch, "rig.benchmark.wire.safety")
+    monkeypatch.setattr("rig.benchmark.wire.safety.start_trial", start_slow_trial)
     plan = [
         PlannedRun(1, BY_NAME["kill -9"], Moment(Stage.LIFT, 0.5)),
         PlannedRun(2, BY_NAME["fingers blocked"], Moment(Stage.HOLD, 0.2)),
@@ -31,7 +48,10 @@ def test_killed_lift_and_blocked_fingers_keep_every_limit(
     assert "the person at the bench did not agree" in runs[1].said
 
 
-def test_a_still_contact_keeps_its_angle_and_loses_no_frame(unhurried_bench: BenchConfig) -> None:
+def test_a_still_contact_keeps_its_angle_and_loses_no_frame(
+    unhurried_bench: BenchConfig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    slow_down(monkeypatch, "rig.benchmark.wire.endurance")
     seen: list[tuple[int, Minute]] = []
     minutes = measure_endurance(2, lambda *minute: seen.append(minute), unhurried_bench, minute_s=3.0)
     assert seen == list(enumerate(minutes, start=1))

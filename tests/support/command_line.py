@@ -12,12 +12,15 @@ import pytest
 
 from rig.cli.common import STOPS
 from rig.cli.main import main
+from support.slow_motion import IN_SLOW_MOTION
 
-SHORT_PHASES = (
-    "import protocols.slip_trial as trial; trial.GRASP_S, trial.HOLD_S = 1.5, 0.5; "
-    "from rig.cli.main import main; main()"
-)
-"""`python -c` runs the program with less time before and after a lift, in which nothing happens."""
+SHORT_PHASES = f"""{IN_SLOW_MOTION}
+import protocols.slip_trial as trial
+trial.GRASP_S, trial.HOLD_S = 1.5, 0.5
+from rig.cli.main import main
+main()
+"""
+"""For `python -c`: `rig` in slow motion, with less time before and after a lift, in which nothing happens."""
 
 
 def rig(*arguments: object) -> "subprocess.CompletedProcess[str]":

@@ -1,24 +1,23 @@
-"""The UR5e's driver and a simulated controller, each at a separate address."""
+"""The UR5e's driver and simulated controllers, each at a separate address, all in slow motion."""
 
 import itertools
 import os
-import time
 from collections.abc import Callable
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from drivers.errors import (
-    DeviceError,
-)
+from drivers.clock import to_ns
+from drivers.errors import DeviceError
 from drivers.types import Pose, Vector6
 from drivers.ur5e.arm import UR5e
-from fakes.clock import SimulatedClock
+from fakes.clock import SharedClock
 from fakes.devices.arm import LIMITS, TOOL_LENGTH_M
 from fakes.wire.ur.controller import URController
 from fakes.wire.ur.robot import INSTALLED_COG_M, INSTALLED_KG
 from fakes.world.world import BenchLayout, World
+from support.slow_motion import CLOCK, SLOWNESS, pause
 
 DOWN = Rotation.from_euler("x", 180, degrees=True)
 
@@ -33,7 +32,7 @@ def make_controller(version: str = "5.11.0") -> URController:
     pid = os.getpid()
     host = f"127.{200 + pid % 50}.{pid // 50 % 250}.{next(_addresses)}"
     world = World(BenchLayout(Pose((0.45, 0.0, 0.06)), HOME), seed=1)
-    return URController(world, SimulatedClock(realtime=True), host, version, release_after_s=0.5)
+    return URController(world, SharedClock.started(SLOWNESS), host, version, release_after_s=0.5)
 
 
 _made: list[UR5e] = []
@@ -45,7 +44,7 @@ def make_arm(
     joint_limits_rad: tuple[Vector6, Vector6] | None = None,
 ) -> UR5e:
     tool = Pose((0.0, 0.0, TOOL_LENGTH_M))
-    _made.append(UR5e(host, LIMITS, tool, payload_kg, INSTALLED_COG_M, joint_limits_rad))
+    _made.append(UR5e(host, LIMITS, tool, payload_kg, INSTALLED_COG_M, joint_limits_rad, CLOCK))
     return _made[-1]
 
 
@@ -59,21 +58,21 @@ def agree(question: str) -> None:
     """A person who has inspected the arm."""
 
 
-def first_error(call: Callable[[], object], limit_s: float = 3.0) -> tuple[DeviceError, float]:
-    """Ask until it raises; return the error and how long that took."""
-    began = time.monotonic()
-    while time.monotonic() - began < limit_s:
+def first_error(call: Callable[[], object], limit_s: float = 3.0) -> DeviceError:
+    """Call until it raises `DeviceError`, and return that; fail after `limit_s` of the slow clock."""
+    end_ns = CLOCK.now_ns() + to_ns(limit_s)
+    while CLOCK.now_ns() < end_ns:
         try:
             call()
         except DeviceError as error:
-            return error, time.monotonic() - began
-        time.sleep(0.005)
+            return error
+        pause(0.002)
     pytest.fail("no error")
 
 
 def stands(controller: URController) -> bool:
     """Whether the arm stands, having had the time to brake."""
-    time.sleep(0.1)
+    pause(0.1)
     before = controller.snapshot()["tcp_m"]
-    time.sleep(0.1)
+    pause(0.05)
     return np.allclose(controller.snapshot()["tcp_m"], before, atol=1e-6)

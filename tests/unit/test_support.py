@@ -1,4 +1,4 @@
-"""How the suite runs: one process with hardware, and failures that host load excuses."""
+"""How the suite runs: one process with hardware, several workers without."""
 
 import os
 import subprocess
@@ -9,8 +9,6 @@ from typing import Any
 
 import pytest
 
-from drivers.errors import CalibrationError, DeviceError
-from support.in_real_time import REASON, excuse_for
 from support.side_by_side import pytest_xdist_auto_num_workers
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -40,7 +38,7 @@ def test_hardware_tests_run_without_workers() -> None:
 
 @pytest.mark.parametrize(
     ("arguments", "bench", "workers"),
-    [(["tests"], None, 3), (["tests"], "my_bench.toml", 0), (["tests/unit/test_support.py"], None, 0)],
+    [(["tests"], None, 4), (["tests"], "my_bench.toml", 0), (["tests/unit/test_support.py"], None, 0)],
 )
 def test_workers_are_used_for_simulated_devices_only(
     arguments: list[str], bench: str | None, workers: int, monkeypatch: pytest.MonkeyPatch
@@ -48,17 +46,3 @@ def test_workers_are_used_for_simulated_devices_only(
     monkeypatch.setattr(os, "sched_getaffinity", lambda process: {0, 1}, raising=False)
     config: Any = SimpleNamespace(args=arguments, getoption={"--bench": bench}.get)
     assert pytest_xdist_auto_num_workers(config) == workers
-
-
-@pytest.mark.parametrize(("late_s", "others_cores"), [(0.2, 0.0), (0.0, 0.8)])
-def test_loaded_host_excuses_late_tests_only(late_s: float, others_cores: float) -> None:
-    excuse = excuse_for(DeviceError("arm: not heard\nfor a while"), late_s, others_cores)
-    assert excuse is not None
-    assert excuse.startswith(REASON)
-    assert excuse.endswith("(arm: not heard)")
-    refused = AssertionError(f"the lift ended with {CalibrationError.__name__}")
-    assert excuse_for(refused, late_s, others_cores) is None
-
-
-def test_idle_host_excuses_nothing() -> None:
-    assert excuse_for(DeviceError("arm: not heard"), late_s=0.01, others_cores=0.1) is None

@@ -122,7 +122,6 @@ def test_sensors_and_angles_reach_lerobot(installed: Path, tmp_path: Path) -> No
     assert done.stdout == "done\n", done.stderr
 
 
-@pytest.mark.real_time
 @pytest.mark.long
 def test_new_packages_pass_the_contract_checks(installed: Path, tmp_path: Path) -> None:
     bench = load_bench(str(ROOT / "rig" / "config" / "new_bench.toml"))

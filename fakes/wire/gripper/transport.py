@@ -19,7 +19,7 @@ from pymodbus.constants import ExcCodes
 from pymodbus.pdu import ExceptionResponse, ModbusPDU
 from pymodbus.simulator import DataType, SimData, SimDevice
 
-from drivers.clock import NS_PER_S, Clock, to_ns
+from drivers.clock import NS_PER_S, Clock, host_s, to_ns
 from drivers.errors import InputError
 from fakes.faults import Faults
 from fakes.wire.gripper.model import IMAGE_BYTES, REFRESH_NS, GripperModel
@@ -162,7 +162,7 @@ class WireGripper(ABC):
                     await self._open()
                     is_open = True
             due_ns = now_ns // REFRESH_NS * REFRESH_NS + REFRESH_NS
-            await asyncio.sleep(max(due_ns - self._clock.now_ns(), 0) / NS_PER_S)
+            await asyncio.sleep(host_s(self._clock, max(due_ns - self._clock.now_ns(), 0) / NS_PER_S))
         self._close()
         await asyncio.sleep(0)  # closed connections end in the next round of the loop
 

@@ -3,12 +3,12 @@
 import math
 import sys
 import threading
-import time
 from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from typing import Any
 
+from drivers.clock import host_s
 from drivers.errors import DeviceError, InputError, unknown_name
 from fakes.clock import SharedClock
 from fakes.devices.plan import BenchPlan
@@ -60,12 +60,14 @@ class FakesHost:
     """Starts and stops the fakes of a bench.
 
     host: the loopback address of all of them; the ports of a controller are fixed, so a second bench needs
-    another address (127.0.0.2).
+    another address (127.0.0.2). slowness: of the devices' clock (`drivers.clock.SystemClock`).
     """
 
-    def __init__(self, plan: BenchPlan, wire: WirePlan, host: str = "127.0.0.1", seed: int = 0) -> None:
+    def __init__(
+        self, plan: BenchPlan, wire: WirePlan, host: str = "127.0.0.1", seed: int = 0, slowness: int = 1
+    ) -> None:
         self._plan, self._wire, self._host = plan, wire, host
-        self._clock = SharedClock(time.monotonic_ns())
+        self._clock = SharedClock.started(slowness)
         self._world = World(plan.layout, seed)
         self._track = Track()
         self._devices: dict[str, URController | WireGripper | _Stream] = {}
@@ -130,9 +132,10 @@ class FakesHost:
 
     def _ticker(self, renderer: Renderer) -> VitalThread:
         """Advance the world and send it to the cameras, whether or not a device asks."""
+        tick_s = host_s(self._clock, TICK_S)
 
         def run() -> None:
-            while not self._stopping.wait(TICK_S):
+            while not self._stopping.wait(tick_s):
                 snapshot = snapshot_of(self._world, self._clock.now_ns())
                 state, counts = snapshot.state, self._world.fingers.position_at(snapshot.state.time_ns)
                 self._track.see(state.time_ns, snapshot.tool.position_m, counts, state.held)
@@ -195,7 +198,7 @@ class FakesHost:
         return names
 
     def _since(self, since_ns: int) -> dict[str, Any]:
-        """Return the true motion of tool and fingers since a time of this computer's monotonic clock."""
+        """Return the true motion of tool and fingers since a time of the bench's system clock."""
         start_ns = self._clock.start_ns
         samples = self._track.since(since_ns - start_ns)
         return {"samples": [(time_ns + start_ns, *rest) for time_ns, *rest in samples]}

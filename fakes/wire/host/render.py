@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 
 from drivers.children import leave_signals_to_parent, spawn_context
+from drivers.clock import host_s
 from drivers.errors import DeviceError, InputError, RigError
 from drivers.realtime import ask_for_realtime
 from drivers.types import Image
@@ -21,7 +22,7 @@ from fakes.devices.plan import BenchPlan, unit_seed
 from fakes.faults import FaultScript
 from fakes.wire.mjpeg.server import MjpegServer
 from fakes.wire.net import VitalThread
-from fakes.world.mirror import MirroredWorld, Snapshot
+from fakes.world.mirror import PATIENCE_S, MirroredWorld, Snapshot
 
 START_S = 30.0
 STOP_S = 5.0
@@ -42,7 +43,7 @@ class Renderer:
         self._calls, calls = context.Pipe()
         self._lock = threading.Lock()
         self._process = context.Process(
-            target=_render, args=(plan, clock.start_ns, first, host, feed, calls), name="fake cameras"
+            target=_render, args=(plan, clock, first, host, feed, calls), name="fake cameras"
         )
         self._process.start()
         feed.close()
@@ -96,15 +97,14 @@ class Renderer:
 
 
 def _render(
-    plan: BenchPlan, start_ns: int, first: Snapshot, host: str, feed: Connection, calls: Connection
+    plan: BenchPlan, clock: SharedClock, first: Snapshot, host: str, feed: Connection, calls: Connection
 ) -> None:
     """Run the process until the parent closes the pipes or ends."""
     leave_signals_to_parent()
     ask_for_realtime()
     sys.setswitchinterval(SWITCH_S)
     cv2.setNumThreads(1)
-    clock = SharedClock(start_ns)
-    world = MirroredWorld(plan.layout, first)
+    world = MirroredWorld(plan.layout, first, host_s(clock, PATIENCE_S))
     feeder = VitalThread(lambda: _keep_fed(world, feed), "updates of the mirrored world")
     feeder.start()
     servers: dict[str, MjpegServer] = {}

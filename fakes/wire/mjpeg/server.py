@@ -16,7 +16,7 @@ from http.server import BaseHTTPRequestHandler, HTTPServer
 from typing import Any
 from zlib import crc32
 
-from drivers.clock import NS_PER_S, Clock, SystemClock, to_ns
+from drivers.clock import NS_PER_S, Clock, SystemClock, slowness_of, to_ns
 from drivers.errors import InputError
 from fakes.wire.mjpeg.sensor import Capture, Kind, MjpegSensor, OnLight, Render
 from fakes.wire.net import BackgroundServer, QuietServer, VitalThread
@@ -57,7 +57,7 @@ class MjpegServer:
         phase = crc32(serial.encode()) % 1000 / 1000.0 if phase is None else phase
         self.sensor = MjpegSensor(render, rate_hz, clock, kind, on_light, phase)
         self._clock = clock
-        self._to_monotonic_ns = SystemClock().now_ns() - clock.now_ns()
+        self._to_monotonic_ns = SystemClock(slowness_of(clock)).now_ns() - clock.now_ns()
         handler = type("Handler", (_Handler,), {"served": self})
         self._http = BackgroundServer(_Server((host, 0), handler), poll_s=0.05)
         self._changed = threading.Condition()

@@ -17,7 +17,7 @@ import time
 from functools import partial
 from typing import Any
 
-from drivers.clock import NS_PER_S, Clock
+from drivers.clock import NS_PER_S, Clock, host_s
 from drivers.errors import InputError
 from drivers.types import Vector6
 from fakes.faults import Faults
@@ -185,7 +185,7 @@ class URController:
     def _serve(self) -> None:
         while not self._stopping.is_set():
             wait_ns = (self._cycle + 1) * CYCLE_NS - self._clock.now_ns()
-            ready = self._selector.select(max(wait_ns, 0) / NS_PER_S)
+            ready = self._selector.select(host_s(self._clock, max(wait_ns, 0) / NS_PER_S))
             with self._lock:
                 self.robot.heard_ns = self._clock.now_ns()
                 for key, _ in ready:

@@ -6,7 +6,6 @@ tool in the simulated world.
 """
 
 import threading
-import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, field, replace
@@ -24,7 +23,7 @@ from rig.bench.operators import ConsoleOperator
 from rig.bench.source import StandingBench
 from rig.benchmark.harness import column
 from rig.benchmark.wire.fault_cases import FaultCase
-from rig.benchmark.wire.world import Moment, Stage, dropped, read_track, standstill, wait_for
+from rig.benchmark.wire.world import Moment, Stage, bench_ns, dropped, read_track, standstill, wait_for
 from rig.config import BenchConfig, load_bench
 from rig.experiments.lift_plan import TrialSettings
 from rig.experiments.trial import run_trial
@@ -44,8 +43,9 @@ LATE = (Stage.HOLD, Stage.LOWER, Stage.RELEASE)
 class FaultyLift:
     """A lift with a fault.
 
-    The times are monotonic, in ns: of the fault, of the rig's first stop command to the arm after it, and of
-    the simulated tool's standstill after that; 0 if it has not happened. stage: of the lift at the fault.
+    The times are of the bench's clock, in ns: of the fault, of the rig's first stop command to the arm after
+    it, and of the simulated tool's standstill after that; 0 if it has not happened. stage: of the lift at the
+    fault.
     dropped: whether the object fell. faults: outcomes of failed attempts. given_up: whether the next lift did
     not run although the fault had been repaired. recovered: whether it ran.
     """
@@ -203,7 +203,7 @@ class _FaultyBench(StandingBench):
                 yield bench, operator
                 return
             over = threading.Event()
-            timed = _TimedArm(bench.arm, lambda now_ns: _note_stop(faulty, over, now_ns))
+            timed = _TimedArm(bench.arm, lambda: _note_stop(faulty, over, bench.clock.now_ns()))
             injector = threading.Thread(target=self._inject, args=(faulty, over), daemon=True)
             injector.start()
             try:
@@ -217,7 +217,7 @@ class _FaultyBench(StandingBench):
         """Wait for the moment, then inject the fault."""
         stage = wait_for(MID_LIFT, self._grasp_m, lambda: self._control.call("world"), over.is_set)
         if stage is not None:
-            lift.stage, lift.injected_ns = stage, time.monotonic_ns()
+            lift.stage, lift.injected_ns = stage, bench_ns(self._control.call)
             for device, kind, arguments in lift.case.injected:
                 self._control.call("fault", device=device, kind=kind, **arguments)
 
@@ -230,16 +230,16 @@ class _FaultyBench(StandingBench):
 
 
 class _TimedArm:
-    """An arm that records the times of its stop commands."""
+    """An arm that reports its stop commands."""
 
-    def __init__(self, arm: Arm, stopped: Callable[[int], None]) -> None:
+    def __init__(self, arm: Arm, stopped: Callable[[], None]) -> None:
         self._arm, self._stopped = arm, stopped
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._arm, name)
 
     def stop(self) -> None:
-        self._stopped(time.monotonic_ns())
+        self._stopped()
         self._arm.stop()
 
 

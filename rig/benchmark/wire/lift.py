@@ -197,10 +197,10 @@ class _CountedBench(StandingBench):
     @contextmanager
     def for_lift(self, seed: int, lift: str, attempt: int = 0) -> Iterator[tuple[Bench, Operator]]:
         with super().for_lift(seed, lift, attempt) as (bench, operator):
-            before, began = bench.arm.counters().get("samples", 0), time.monotonic()
+            before, began_ns = bench.arm.counters().get("samples", 0), bench.clock.now_ns()
             yield bench, operator
             after = bench.arm.counters().get("samples", 0)
-            self.state_hz = (after - before) / (time.monotonic() - began)
+            self.state_hz = (after - before) / ((bench.clock.now_ns() - began_ns) / NS_PER_S)
 
 
 def _streams(

@@ -35,7 +35,7 @@ from rig.benchmark.wire.safety_events import (
     switch_on,
     wait_for_end,
 )
-from rig.benchmark.wire.world import Stage, read_track, tried, wait_for
+from rig.benchmark.wire.world import Stage, let_pass, read_track, tried, wait_for
 from rig.config import BenchConfig, load_bench
 from rig.config.write import write_bench
 from rig.sessions.records import finished
@@ -166,13 +166,13 @@ class _Place:
                 raise DeviceError(f"safety: {planned} ended too early: {wait_for_end(program, END_S)}")
             event_ns = strike(event, program, call)
             if signal.SIGSTOP in event.signals:
-                time.sleep(STOPPED_S)
+                let_pass(call, STOPPED_S)
                 track = read_track(call, event_ns)
                 program.send_signal(signal.SIGCONT)
                 said = wait_for_end(program, END_S)
             else:
                 said = wait_for_end(program, END_S)
-                time.sleep(SETTLE_S)
+                let_pass(call, SETTLE_S)
                 track = read_track(call, event_ns)
         judged = judge(event, stage, track, event_ns, self._grasp_m)
         return SafetyRun(

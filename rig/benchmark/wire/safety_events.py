@@ -25,8 +25,10 @@ from rig.benchmark.wire.world import (
     Standstill,
     TrueState,
     at,
+    bench_ns,
     carried,
     dropped,
+    let_pass,
     random_moment,
     standstill,
 )
@@ -250,14 +252,14 @@ def _reset_signals() -> None:
 
 
 def strike(event: Event, program: subprocess.Popen[str], call: Callable[..., Mapping[str, Any]]) -> int:
-    """Let an event happen to a program; return the time of its last part, monotonic ns.
+    """Let an event happen to a program; return the time of its last part, ns, see `bench_ns`.
 
     call: the fakes' side channel's. On a full disk the process cannot write another byte to any file.
     """
     for number in event.signals[:-1]:
         program.send_signal(number)
-        time.sleep(TWICE_S)
-    event_ns = time.monotonic_ns()
+        let_pass(call, TWICE_S)
+    event_ns = bench_ns(call)
     for number in event.signals[-1:]:
         program.send_signal(number)
     if event.fault is not None:

@@ -92,15 +92,29 @@ def wait_for(
 
     world: returns the state of the simulated world. over: whether the lift has ended.
     """
-    watch, began = StageWatch(grasp_m), 0.0
+    watch, began_ns = StageWatch(grasp_m), 0
     while not over():
-        stage = watch.see(world())
-        if stage is moment.stage and not began:
-            began = time.monotonic()
-        if began and time.monotonic() - began >= moment.after_s:
+        now = world()
+        stage = watch.see(now)
+        if stage is moment.stage and not began_ns:
+            began_ns = now["now_ns"]
+        if began_ns and now["now_ns"] - began_ns >= to_ns(moment.after_s):
             return stage
         time.sleep(POLL_S)
     return None
+
+
+def bench_ns(call: Callable[..., Mapping[str, Any]]) -> int:
+    """Return the time of the system clock of running fakes and their bench, ns. call: as in `read_track`."""
+    now = call("world")
+    return now["start_ns"] + now["now_ns"]
+
+
+def let_pass(call: Callable[..., Mapping[str, Any]], duration_s: float) -> None:
+    """Wait for a time of the clock of running fakes. call: as in `read_track`."""
+    end_ns = bench_ns(call) + to_ns(duration_s)
+    while bench_ns(call) < end_ns:
+        time.sleep(POLL_S)
 
 
 def tried(do: Callable[[], Result], before_again: Callable[[], str] = lambda: "") -> Result:

@@ -19,13 +19,12 @@ from support.ur5e import HOME, agree, first_error, make_arm, stands
 from support.waiting import until
 
 pytest.importorskip("rtde_control", reason="ur-rtde is not installed here")
-pytestmark = pytest.mark.real_time(beside=True)
 
 
 def test_protective_stop_is_released_on_request_only(controller: URController, arm: UR5e) -> None:
     motion = arm.move_linear(HOME.translated(z_m=-0.2), 0.1, 1.0)
     controller.inject("protective_stop")
-    error, _ = first_error(motion.done)
+    error = first_error(motion.done)
     assert isinstance(error, ProtectiveStopError)
     assert arm.state().mode is ArmMode.PROTECTIVE_STOP
 
@@ -88,7 +87,7 @@ def test_fault_in_mid_motion_is_named_and_stops_the_arm(
     motion = arm.move_linear(HOME.translated(z_m=-0.25), 0.1, 1.0)
     until(lambda: motion.progress() > 0.05)
     controller.inject(kind, **arguments)
-    error, _ = first_error(motion.done)
+    error = first_error(motion.done)
     assert said in str(error)
     arm.stop()
     assert stands(controller)

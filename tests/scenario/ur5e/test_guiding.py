@@ -3,24 +3,24 @@
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 
 import numpy as np
 import pytest
 
+from drivers.clock import to_ns
 from drivers.errors import DeviceError
 from drivers.types import Vector6
 from drivers.ur5e.arm import UR5e
 from drivers.ur5e.motion import from_ur, to_ur
 from fakes.wire.ur.controller import URController
 from support.marks import long
+from support.slow_motion import CLOCK, SLOWNESS, pause
 from support.ur5e import HOME, make_arm, stands
-from support.waiting import until
+from support.waiting import LIMIT_S, until
 
 pytest.importorskip("rtde_control", reason="ur-rtde is not installed here")
-pytestmark = pytest.mark.real_time
 ASIDE: Vector6 = to_ur(HOME.translated(x_m=0.1, z_m=-0.15))
 
 GUIDED = """
@@ -34,16 +34,17 @@ from rig.cli.common import stop_on_signals
 from contextlib import nullcontext
 from types import SimpleNamespace
 stop_on_signals()
-arm = UR5e(sys.argv[1], LIMITS, Pose((0, 0, 0.28)), 2.5, (0, 0, 0.08))
+clock = SystemClock(int(sys.argv[4]))
+arm = UR5e(sys.argv[1], LIMITS, Pose((0, 0, 0.28)), 2.5, (0, 0, 0.08), clock=clock)
 arm.connect()
 def there():
     if sys.argv[2] == "hangs":
-        time.sleep(30)
+        time.sleep(300)
     return False
 operator = SimpleNamespace(guide=lambda question, where: nullcontext(there))
 print("begins", flush=True)
 try:
-    lead_by_hand(SimpleNamespace(arm=arm, clock=SystemClock()), operator, "", None, float(sys.argv[3]))
+    lead_by_hand(SimpleNamespace(arm=arm, clock=clock), operator, "", None, float(sys.argv[3]))
 except Exception as error:
     print(error, flush=True)
     print(arm.state().mode, flush=True)
@@ -56,11 +57,11 @@ def guided(
     controller: URController, how: str = "looks", limit_s: float = 30.0
 ) -> Iterator["subprocess.Popen[str]"]:
     """A program that lets the arm be led, and a hand that pushes for a long time."""
-    command = [sys.executable, "-c", GUIDED, controller.host, how, str(limit_s)]
+    command = [sys.executable, "-c", GUIDED, controller.host, how, str(limit_s), str(SLOWNESS)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as rig:
         try:
-            until(lambda: controller.snapshot()["freedrive"], 30.0)
-            controller.guide(ASIDE, 20.0)
+            until(lambda: controller.snapshot()["freedrive"])
+            controller.guide(ASIDE, 6.0)
             yield rig
         finally:
             rig.kill()
@@ -72,18 +73,18 @@ def place(controller: URController) -> np.ndarray:
 
 def test_guided_arm_stays_where_it_was_led(controller: URController, arm: UR5e) -> None:
     controller.guide(ASIDE, 0.5)
-    time.sleep(0.7)
+    pause(0.7)
     assert np.allclose(place(controller), HOME.position_m, atol=1e-6), "in position control it gives no way"
     arm.begin_guiding()
     controller.guide(ASIDE, 1.0)
-    end = time.monotonic() + 1.2
-    while time.monotonic() < end:
+    end_ns = CLOCK.now_ns() + to_ns(1.2)
+    while CLOCK.now_ns() < end_ns:
         arm.state()
-        time.sleep(0.008)
+        pause(0.008)
     arm.end_guiding()
     assert np.allclose(arm.state().base_T_tcp.position_m, from_ur(ASIDE).position_m, atol=1e-4)
     controller.guide(to_ur(HOME), 0.3)
-    time.sleep(0.4)
+    pause(0.4)
     assert np.allclose(place(controller), from_ur(ASIDE).position_m, atol=1e-4), "held"
     motion = arm.move_linear(HOME, 0.2, 1.0)
     motion.wait(5.0)
@@ -102,7 +103,7 @@ def test_signal_ends_guiding_with_the_arm_held_at_rest(
     controller: URController, number: signal.Signals
 ) -> None:
     with guided(controller) as rig:
-        until(lambda: place(controller)[0] > HOME.position_m[0] + 0.005, 30.0)
+        until(lambda: place(controller)[0] > HOME.position_m[0] + 0.005)
         rig.send_signal(number)
         until(lambda: not controller.snapshot()["freedrive"])
         assert stands(controller), "the hand still pushes"
@@ -114,11 +115,11 @@ def test_signal_ends_guiding_with_the_arm_held_at_rest(
 
 def test_guiding_ends_with_an_error_after_its_program_was_suspended(controller: URController) -> None:
     with guided(controller, limit_s=60.0) as rig:
-        until(lambda: place(controller)[0] > HOME.position_m[0] + 0.005, 30.0)
+        until(lambda: place(controller)[0] > HOME.position_m[0] + 0.005)
         rig.send_signal(signal.SIGSTOP)
         until(lambda: not controller.snapshot()["freedrive"])
         rig.send_signal(signal.SIGCONT)
-        said, _ = rig.communicate(timeout=20.0)
+        said, _ = rig.communicate(timeout=LIMIT_S)
         assert "guiding by hand had ended: its program was stopped by a signal" in said
         assert "ArmMode.RUNNING" in said
         assert stands(controller)
@@ -136,14 +137,14 @@ def test_guiding_ends_at_its_time_limit(controller: URController) -> None:
 
 def test_guiding_ends_if_its_program_hangs(controller: URController) -> None:
     with guided(controller, "hangs"):
-        until(lambda: not controller.snapshot()["freedrive"], 3.0)
+        until(lambda: not controller.snapshot()["freedrive"], 3.0 * SLOWNESS)
         assert stands(controller)
 
 
 def test_guiding_ends_if_its_program_is_killed(controller: URController) -> None:
     with guided(controller) as rig:
         rig.kill()
-        until(lambda: not controller.snapshot()["freedrive"], 3.0)
+        until(lambda: not controller.snapshot()["freedrive"], 3.0 * SLOWNESS)
         assert stands(controller)
 
 

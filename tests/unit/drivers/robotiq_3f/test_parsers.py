@@ -84,7 +84,7 @@ class BabblingSerial(ModbusSerialClient):
 @pytest.mark.parametrize("preset", ["tcp", "rtu"])
 def test_any_bytes_from_the_gripper_are_parsed_or_rejected(preset: str, cases: Callable[[int], int]) -> None:
     client = BabblingTcp("nowhere") if preset == "tcp" else BabblingSerial("nowhere")
-    requests = StatusClient(Link("gripper", PRESETS[preset], lambda: client), SystemClock())
+    requests = StatusClient(Link("gripper", PRESETS[preset], lambda timeout_s: client, 0.3), SystemClock())
     read, refused, count = 0, 0, cases(12_000)
     for number in range(count):
         try:

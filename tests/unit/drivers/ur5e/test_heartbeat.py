@@ -72,6 +72,7 @@ class SteppedClock(SystemClock):
     """A clock that the test sets."""
 
     def __init__(self) -> None:
+        super().__init__()
         self.time_ns = to_ns(100.0)
 
     def now_ns(self) -> int:

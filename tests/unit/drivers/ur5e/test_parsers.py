@@ -122,7 +122,9 @@ def test_every_call_gets_its_own_answer_or_an_error(cases: Cases) -> None:
     """For any exception of the library and any split of the line, a call gets its own answer or an error."""
     rng = random.Random(6)
     interface, state = Interface(rng), SharedState()
-    commands = ControlCommands(interface, Watchdog(None), Heartbeat(interface, state, Program(os.getppid())))
+    clock = SystemClock()
+    heartbeat = Heartbeat(interface, state, Program(os.getppid()), clock)
+    commands = ControlCommands(interface, Watchdog(None, clock), heartbeat)
     here, there = socket.socketpair()
     channel = Channel(here, SimpleNamespace(name="it"), SystemClock())  # type: ignore[arg-type]
     asked = there.makefile("rb")
@@ -150,6 +152,7 @@ class Interrupted(SystemClock):
     """A clock that raises Ctrl-C while an answer is awaited."""
 
     def __init__(self) -> None:
+        super().__init__()
         self.looks = 0
 
     def now_ns(self) -> int:

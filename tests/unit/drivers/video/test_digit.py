@@ -14,6 +14,8 @@ from drivers.video.digit import Digit
 from fakes.gel.sensor import GelSensor
 from fakes.wire.mjpeg.server import MjpegServer
 from support.frame_files import write_folder
+from support.slow_motion import CLOCK
+from support.waiting import LIMIT_S
 
 GEL = GelSensor(5)
 
@@ -30,7 +32,7 @@ def light() -> list[tuple[float, float, float]]:
 
 @pytest.fixture
 def server(light: list[tuple[float, float, float]]) -> Iterator[MjpegServer]:
-    server = MjpegServer("D1", drawn, 60.0, SystemClock(), on_light=lambda *rgb: light.append(rgb))
+    server = MjpegServer("D1", drawn, 60.0, CLOCK, on_light=lambda *rgb: light.append(rgb))
     server.start()
     yield server
     server.stop()
@@ -38,7 +40,7 @@ def server(light: list[tuple[float, float, float]]) -> Iterator[MjpegServer]:
 
 @pytest.fixture
 def digit(server: MjpegServer) -> Iterator[Digit]:
-    digit = Digit("D1", 60.0, address=server.url)
+    digit = Digit("D1", 60.0, address=server.url, clock=CLOCK)
     digit.connect()
     yield digit
     digit.disconnect()
@@ -47,7 +49,7 @@ def digit(server: MjpegServer) -> Iterator[Digit]:
 def until(digit: Digit, kind: str, count: int = 1) -> None:
     """Read until a counter has grown by a number."""
     target = digit.counters()[kind] + count
-    ends = time.monotonic() + 5.0
+    ends = time.monotonic() + LIMIT_S
     while digit.counters()[kind] < target:
         assert time.monotonic() < ends, digit.counters()
         try:
@@ -58,7 +60,7 @@ def until(digit: Digit, kind: str, count: int = 1) -> None:
 
 def said_in_the_end(digit: Digit, words: str) -> str:
     """Request frames until the error contains these words. The benchmark measures the delay."""
-    ends, said = time.monotonic() + 10.0, ""
+    ends, said = time.monotonic() + LIMIT_S, ""
     while words not in said and time.monotonic() < ends:
         try:
             digit.next_frame(0.2)
@@ -83,7 +85,6 @@ def test_the_first_green_images_are_discarded(server: MjpegServer, digit: Digit)
     assert digit.counters()["green"] == 0
 
 
-@pytest.mark.real_time(beside=True)
 def test_every_served_frame_arrives_once_at_the_rate(server: MjpegServer, digit: Digit) -> None:
     frames = [digit.next_frame(1.0) for _ in range(60)]
     numbers = [frame.sequence for frame in frames]
@@ -176,7 +177,6 @@ def test_frozen_sensor_is_counted_per_frame(server: MjpegServer, digit: Digit) -
     assert digit.counters()["frozen"] == 6
 
 
-@pytest.mark.real_time(beside=True)
 def test_lost_sensor_is_reopened_and_its_sequence_continues(server: MjpegServer, digit: Digit) -> None:
     before = digit.next_frame(1.0)
     server.inject("disconnect")

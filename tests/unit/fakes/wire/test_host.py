@@ -183,7 +183,6 @@ def test_printed_bench_file_is_read_back_with_its_addresses(transport: str, tmp_
     assert again.simulated
 
 
-@pytest.mark.real_time
 @pytest.mark.parametrize(
     "gripper",
     [

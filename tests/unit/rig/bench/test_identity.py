@@ -5,6 +5,7 @@ from typing import Any
 
 import pytest
 
+from drivers.clock import SystemClock
 from drivers.errors import InputError
 from fakes.wire.net import ControlServer
 from rig.bench.fakes_process import simulated_operator
@@ -44,7 +45,7 @@ def bench(control: str | None, **changed: Any) -> BenchConfig:
 
 def test_bench_is_simulated_if_fakes_confirm_every_device(control: ControlServer) -> None:
     prove_simulated(bench(control.address))
-    operator = simulated_operator(bench(control.address), seed=0)
+    operator = simulated_operator(bench(control.address), SystemClock(), seed=0)
     operator.confirm("Anything?")
     operator.look("Anything?")
     operator.place("t1", "wrench")
@@ -83,7 +84,7 @@ def test_unconfirmed_serial_line_is_named(control: ControlServer) -> None:
 
 def test_bench_is_not_simulated_if_its_fakes_do_not_answer(control: ControlServer) -> None:
     config = bench(control.address)
-    operator = simulated_operator(config, seed=0)
+    operator = simulated_operator(config, SystemClock(), seed=0)
     operator.confirm("Activate it now?")
     control.stop()
     for ask in (operator.confirm, operator.look, operator.nudge):

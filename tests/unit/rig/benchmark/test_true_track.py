@@ -79,7 +79,7 @@ LIFT = [
 
 
 def world(seen: tuple[float, bool, bool]) -> dict[str, object]:
-    return {"tool_m": (0.0, 0.0, seen[0]), "tool_moving": seen[1], "held": seen[2]}
+    return {"tool_m": (0.0, 0.0, seen[0]), "tool_moving": seen[1], "held": seen[2], "now_ns": 1}
 
 
 def test_stages_follow_one_another() -> None:

@@ -239,7 +239,6 @@ def test_names_in_a_table_of_lifts_stay_text(browser: Browser, tmp_path: Path) -
     assert browser.said() == []
 
 
-@pytest.mark.real_time(beside=True)
 def test_a_page_of_a_thousand_sessions_opens_within_five_seconds(browser: Browser, tmp_path: Path) -> None:
     cells = [["t1 wrench", "0.50 ± 0.20", "12.0", "complete"] for _ in range(1000)]
     links = [[f"session_{i:04d}", *row] for i, row in enumerate(cells)]

@@ -1,0 +1,121 @@
+"""A slowed clock lengthens every time limit of a bench. It is for tests: no real device accepts it."""
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from drivers.clock import NS_PER_S, SystemClock, host_s
+from drivers.errors import InputError
+from drivers.robotiq_3f.gripper import Robotiq3F, rtu_link, tcp_link
+from drivers.types import Pose
+from drivers.ur5e.arm import UR5e
+from drivers.video.digit import Digit
+from drivers.video.external_camera import ExternalCamera
+from fakes.clock import SharedClock, SimulatedClock
+from fakes.devices.arm import LIMITS
+from rig.bench.assembly import build_real_bench
+from rig.config import load_bench
+from rig.config.load import parse_bench
+
+ROOT = Path(__file__).resolve().parents[3]
+NEW_BENCH = ROOT / "rig" / "config" / "new_bench.toml"
+SLOW = SystemClock(4)
+REFUSED = "a slowed clock lengthens all safety time limits"
+
+
+def arm(host: str) -> UR5e:
+    return UR5e(host, LIMITS, Pose((0.0, 0.0, 0.28)), 2.5, (0.0, 0.0, 0.08), clock=SLOW)
+
+
+def test_slowed_clock_advances_and_waits_by_its_slowness() -> None:
+    host, slow = SystemClock(), SystemClock(20)
+    began_ns, began_host_ns = slow.now_ns(), host.now_ns()
+    slow.sleep_until(began_ns + NS_PER_S // 200)
+    assert slow.now_ns() >= began_ns + NS_PER_S // 200
+    assert host.now_ns() - began_host_ns >= 19 * NS_PER_S // 200
+    assert host_s(slow, 0.5) == 10.0
+    assert host_s(SharedClock.started(20), 0.5) == 10.0
+    assert host_s(host, 0.5) == host_s(SimulatedClock(realtime=True), 0.5) == 0.5
+
+
+@pytest.mark.parametrize("host", ["192.168.0.2", "10.0.0.5", "ur5e.lab", "localhost", "0.0.0.0", "::2", ""])
+def test_slowed_clock_is_rejected_by_every_driver_of_a_device_elsewhere(host: str) -> None:
+    with pytest.raises(InputError, match=REFUSED):
+        arm(host)
+    with pytest.raises(InputError, match=REFUSED):
+        Robotiq3F(tcp_link(host), clock=SLOW)
+    if host:
+        address = f"http://[{host}]/s" if ":" in host else f"http://{host}/s"
+        with pytest.raises(InputError, match=REFUSED):
+            Digit("D1", 60.0, address=address, clock=SLOW)
+
+
+def test_slowed_clock_is_rejected_by_the_drivers_of_local_devices() -> None:
+    with pytest.raises(InputError, match=REFUSED):
+        Robotiq3F(rtu_link("/dev/ttyUSB0"), clock=SLOW)
+    with pytest.raises(InputError, match=REFUSED):
+        Digit("D1", 60.0, clock=SLOW)
+    with pytest.raises(InputError, match=REFUSED):
+        ExternalCamera("C1", "/dev/video0", 30.0, (640, 480), clock=SLOW)
+    arm("127.0.0.7")
+    Robotiq3F(tcp_link("127.0.0.7"), clock=SLOW)
+    Digit("D1", 60.0, address="http://127.0.0.7/s", clock=SLOW)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "process", ["control_process 192.168.0.2 3 4 5 4", "state_process 192.168.0.2 500.0 3 4 1 4"]
+)
+def test_slowed_clock_is_rejected_by_the_processes_of_a_real_arm(process: str) -> None:
+    name, *arguments = process.split()
+    command = [sys.executable, "-m", f"drivers.ur5e.{name}", *arguments]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 1
+    assert REFUSED in done.stderr
+
+
+def test_real_bench_has_the_full_speed_whatever_its_file_and_the_environment_contain(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    for name in ("SLOWNESS", "RIG_SLOWNESS", "RIG_CLOCK_SLOWNESS"):
+        monkeypatch.setenv(name, "4")
+    clock = build_real_bench(load_bench(str(NEW_BENCH))).clock
+    assert isinstance(clock, SystemClock)
+    assert clock.slowness == 1
+    text = NEW_BENCH.read_text()
+    for section in ("", "[arm]", "[gripper]", "[camera]"):
+        slowed = text.replace(section, f"{section}\nslowness = 4\n", 1)
+        with pytest.raises(InputError, match="slowness"):
+            parse_bench(slowed, "bench.toml")
+    with pytest.raises(InputError, match=REFUSED):
+        build_real_bench(load_bench(str(NEW_BENCH)), clock=SLOW)
+
+
+PASSING_ON = {
+    "drivers/ur5e/arm.py", "drivers/ur5e/setup.py", "drivers/ur5e/control_process.py",
+    "drivers/ur5e/state_process.py", "fakes/clock.py", "fakes/wire/mjpeg/server.py",
+}  # fmt: skip
+"""Files that pass on the slowness of a given clock."""
+
+
+def test_no_part_of_the_product_asks_for_a_slowed_clock() -> None:
+    passing, asking = set(), set()
+    for package in ("rig", "drivers", "fakes", "protocols", "calibration"):
+        for path in (ROOT / package).rglob("*.py"):
+            file = str(path.relative_to(ROOT))
+            for call in (
+                node for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.Call)
+            ):
+                name = getattr(call.func, "id", getattr(call.func, "attr", ""))
+                if name == "SystemClock" and (call.args or call.keywords):
+                    passing.add(file)
+                given = {word.arg: word.value for word in call.keywords}
+                if isinstance(given.get("slowness"), ast.Constant):
+                    asking.add(file)
+                if name == "build_real_bench" and "clock" in given:
+                    asking.add(file)
+    assert passing <= PASSING_ON
+    assert asking == set()

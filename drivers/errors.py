@@ -5,8 +5,12 @@ line maps the branches to exit codes (0 done, 1 rig fault, 2 usage or input, 3 s
 operator), so an error raised anywhere reaches the user as one line.
 """
 
+import re
 from collections.abc import Iterable
 from difflib import get_close_matches
+
+_MEASURED = re.compile(r"\d+(?:\.\d+)? (?=(?:s|ms|m|mm|deg|N|kg)\b)")
+"""A measured value in a message, before its unit."""
 
 
 class RigError(Exception):
@@ -99,6 +103,11 @@ class OperatorStopError(RigError):
 def counted(number: int, noun: str) -> str:
     """Return a number with its noun, in the plural unless the number is 1: "1 lift", "3 lifts"."""
     return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
+
+
+def without_values(text: str) -> str:
+    """Return an error message without its measured values ("0.41 s", "3 mm"): equal for the same cause."""
+    return _MEASURED.sub("", text)
 
 
 def nearest(name: str, known: Iterable[str]) -> str:

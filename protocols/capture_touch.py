@@ -188,7 +188,7 @@ def capture_wiggle(
         for stroke in strokes:
             goal = touch.base_T_grasp.translated(z_m=stroke.height_m)
             motion = bench.arm.move_linear(goal, stroke.speed_m_s, ACCELERATION_M_S2)
-            pump.run_until(motion.done, MOTION_TIMEOUT_S)
+            pump.run_until(motion.done, MOTION_TIMEOUT_S, "the arm did not end a stroke")
         observer.phase(Phase.LOWER, pump.seen_ns)
         lower_and_release(bench, touch.base_T_grasp, touch.width_m, pump)
 

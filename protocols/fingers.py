@@ -5,7 +5,6 @@ object in the fingers. So every finger motion ends with a comparison of the reac
 requested one, and every release with a check of the tactile images.
 """
 
-from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
 
@@ -28,11 +27,15 @@ RELEASE_S = 1.0
 """Longest time from an opening until the imprint of the contact must be gone: a gel recovers slowly."""
 
 
-def wait_with(pump: Pump | None) -> Callable[[Motion], None]:
-    """Return a function that waits for the end of a motion, while frames are delivered if there is a pump."""
+def wait_with(pump: Pump | None, motion: Motion, mover: str) -> None:
+    """Wait for the end of a motion, while frames are delivered if there is a pump.
+
+    mover: "the arm" or "the fingers". Raises `DeviceTimeoutError` after `MOTION_TIMEOUT_S`.
+    """
     if pump is None:
-        return lambda motion: motion.wait(MOTION_TIMEOUT_S)
-    return lambda motion: pump.run_until(motion.done, MOTION_TIMEOUT_S)
+        motion.wait(MOTION_TIMEOUT_S)
+    else:
+        pump.run_until(motion.done, MOTION_TIMEOUT_S, f"{mover} did not end the motion")
 
 
 def move_fingers(bench: Bench, opening_m: float, pump: Pump | None = None) -> GripperState:
@@ -46,7 +49,7 @@ def move_fingers(bench: Bench, opening_m: float, pump: Pump | None = None) -> Gr
     holding it. After any other failed opening its state becomes unknown.
     """
     opens = opening_m > bench.gripper.state().opening_m
-    wait_with(pump)(bench.gripper.move_to(opening_m))
+    wait_with(pump, bench.gripper.move_to(opening_m), "the fingers")
     reached = bench.gripper.state()
     problem = _problem(reached, opening_m, opens, bench.gripper.spec)
     if problem is None:
@@ -72,7 +75,11 @@ def release(bench: Bench, opening_m: float, pump: Pump) -> GripperState:
     contacts = pump.contacts()
     reached = move_fingers(bench, opening_m, pump)
     end_ns = bench.clock.now_ns() + to_ns(RELEASE_S)
-    pump.run_until(lambda: not pump.still_shown(contacts) or bench.clock.now_ns() >= end_ns, MOTION_TIMEOUT_S)
+    pump.run_until(
+        lambda: not pump.still_shown(contacts) or bench.clock.now_ns() >= end_ns,
+        MOTION_TIMEOUT_S,
+        "the frames after the release were not processed",
+    )
     if touched := pump.still_shown(contacts):
         where = f"{' and '.join(touched)} still in contact after the fingers opened"
         doubt_hand(bench, where)

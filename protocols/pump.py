@@ -86,16 +86,30 @@ class Pump:
         def over() -> bool:
             return min(s.next_ns for s in self._streams) >= end
 
-        self.run_until(lambda: unless() or over(), duration_s + CATCH_UP_S)
+        what = f"the frames of {duration_s:.3g} s were not processed"
+        self.run_until(lambda: unless() or over(), duration_s + CATCH_UP_S, what)
         return not unless()
 
-    def run_until(self, done: Callable[[], bool], timeout_s: float) -> None:
-        """Deliver frames until `done`. Raises `DeviceTimeoutError`, or the error of a source."""
+    def run_until(self, done: Callable[[], bool], timeout_s: float, missed: str) -> None:
+        """Deliver frames until `done`. Raises `DeviceTimeoutError`, or the error of a source.
+
+        missed: what has not happened if the time limit passes, such as "the arm did not stop".
+        """
         deadline = self._bench.clock.now_ns() + to_ns(timeout_s)
         while not done():
             if self._bench.clock.now_ns() > deadline:
-                raise DeviceTimeoutError(f"bench: still not done after {timeout_s:.1f} s; stopped waiting")
+                raise DeviceTimeoutError(self._late(missed, timeout_s))
             self._deliver(*self._next())
+
+    def _late(self, missed: str, timeout_s: float) -> str:
+        """Return the message about a missed time limit. Late frames show that the computer is overloaded."""
+        late_s = (self._bench.clock.now_ns() - self.seen_ns) / NS_PER_S
+        cure = "end other programs on it, or set a lower rate_hz of the sensors in the bench file"
+        if late_s > FRAME_TIMEOUT_S:
+            why = f"the fingertips' frames are {late_s:.2f} s late: the computer is overloaded; {cure}"
+        else:
+            why = f"check the devices; if the computer may be overloaded, {cure}"
+        return f"bench: {missed} within {timeout_s:.3g} s; {why}, then start again"
 
     def _next(self) -> tuple[FrameSource, Frame]:
         """Return the fingertips' earliest frame, or a camera frame if that one has not arrived yet."""

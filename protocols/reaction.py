@@ -112,7 +112,7 @@ class Reflex:
         self._report(ReactionStep.STOP)
         self._bench.arm.stop()
         if rising is not None:
-            self._pump.run_until(rising.done, MOTION_TIMEOUT_S)
+            self._pump.run_until(rising.done, MOTION_TIMEOUT_S, "the arm did not stop after a slip")
         self._report(ReactionStep.STANDS)
 
     def _tighten(self) -> bool:
@@ -142,7 +142,11 @@ class Reflex:
 
     def _comes_to_rest(self, at_rest: Callable[[], bool]) -> bool:
         end_ns = self._bench.clock.now_ns() + to_ns(REST_TIMEOUT_S)
-        self._pump.run_until(lambda: at_rest() or self._bench.clock.now_ns() >= end_ns, MOTION_TIMEOUT_S)
+        self._pump.run_until(
+            lambda: at_rest() or self._bench.clock.now_ns() >= end_ns,
+            MOTION_TIMEOUT_S,
+            "the frames after a firmer grip were not processed",
+        )
         return at_rest()
 
     def _report(self, step: ReactionStep) -> None:

@@ -67,7 +67,8 @@ def record_pose(bench: Bench, plan: PosePlan, observer: CaptureObserver) -> None
         for grip_steps, images in plan.grips:
             step_fingers(bench, pump, observer, bench.gripper.spec.closer(contact_m, grip_steps))
             observer.want(images, grip_steps)
-            pump.run_until(observer.satisfied, CAPTURE_TIMEOUT_S)
+            missed = f"{images} images with contact were not captured"
+            pump.run_until(observer.satisfied, CAPTURE_TIMEOUT_S, missed)
         lower_and_release(bench, plan.base_T_grasp, plan.width_m, pump)
 
 
@@ -130,4 +131,5 @@ def record_pose_by_hand(bench: Bench, operator: Operator, pose: HandPose, observ
         pump = Pump(bench, observer)
         pump.start()
         observer.want_of(tip.sensor.serial, share + (number < rest))
-        pump.run_until(observer.satisfied, HAND_TIMEOUT_S)
+        missed = f"the images of {tip.sensor.serial} with contact were not captured"
+        pump.run_until(observer.satisfied, HAND_TIMEOUT_S, missed)

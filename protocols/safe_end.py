@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 
 from drivers.bench import Bench
-from drivers.errors import DeviceError, OperatorStopError, ProtectiveStopError
+from drivers.errors import DeviceError, OperatorStopError, ProtectiveStopError, without_values
 from drivers.types import HandState, Holding, Pose
 from protocols.steps import lower_and_release, open_and_rise
 
@@ -30,14 +30,15 @@ def safe_end(bench: Bench) -> Iterator[None]:
     try:
         yield
     except BaseException as error:
-        error.add_note(make_safe(bench))
+        error.add_note(make_safe(bench, str(error)))
         raise
 
 
-def make_safe(bench: Bench) -> str:
+def make_safe(bench: Bench, cause: str = "") -> str:
     """Stop, and end as the known state of the hand requires. Return a description of the result.
 
-    If the arm or the gripper fails, the grip stays closed: holding is safer than dropping.
+    If the arm or the gripper fails, the grip stays closed: holding is safer than dropping. cause: the message
+    of the error before, which is not repeated in the description.
     """
     try:
         bench.arm.stop()
@@ -47,7 +48,9 @@ def make_safe(bench: Bench) -> str:
     except DeviceError as error:
         with suppress(DeviceError):  # the fingers may be moving, and their position is unknown
             bench.gripper.stop()
-        return f"stopped, fingers left as they are, {_in_hand(bench)} ({error})"
+        same = without_values(str(error)) == without_values(cause)
+        why = "" if same else f" ({error})"
+        return f"stopped, fingers left as they are, {_in_hand(bench)}{why}"
     except OperatorStopError:
         return halt(bench)
     except BaseException:

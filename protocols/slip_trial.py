@@ -89,7 +89,11 @@ def _rise(bench: Bench, pump: Pump, plan: LiftPlan, reflex: Reflex) -> bool:
     """Lift, with reactions if the object slips; return whether the full height was reached."""
     while True:
         rising = lift(bench, plan.base_T_grasp, plan.lift_height_m, LIFT_S)
-        pump.run_until(lambda motion=rising: reflex.called() or motion.done(), LIFT_TIMEOUT_S)
+        pump.run_until(
+            lambda motion=rising: reflex.called() or motion.done(),
+            LIFT_TIMEOUT_S,
+            "the arm did not reach the lift height",
+        )
         if not reflex.called():
             return True
         if not reflex.react(rising):

@@ -197,7 +197,7 @@ def lower_and_release(
     pump: Pump | None = None,
 ) -> None:
     """Set the object down, open the fingers, and retreat upwards, as `open_and_rise` does."""
-    wait_with(pump)(move(bench, base_T_grasp, LOWER_SPEED_M_S))
+    wait_with(pump, move(bench, base_T_grasp, LOWER_SPEED_M_S), "the arm")
     open_and_rise(bench, base_T_grasp, width_m, pump)
 
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar, Generic, Protocol, TypeVar
 
-from drivers.errors import DeviceError, counted
+from drivers.errors import DeviceError, counted, without_values
 from rig.experiments.process_pool import run_tasks
 from rig.sessions.session import Session
 from rig.sessions.timing import TimingLine
@@ -113,7 +113,7 @@ def repeat_until_accepted(
             done, faults, kinds = done + 1, 0, set()
         else:
             faults += 1
-            kinds.add(attempt.fault)
+            kinds.add(without_values(attempt.fault))
             tasks.insert(0, replace(task, attempt=task.attempt + 1))
         progress(done, total, attempt.row)
         if faults >= MAX_FAULTS_IN_A_ROW:

@@ -23,6 +23,7 @@ from rich.progress import (
 )
 from rich.text import Text
 
+from drivers.errors import without_values
 from rig.live.console import PlainConsole
 from rig.live.feed import Inbox
 from rig.live.lift_in_view import LiftInView
@@ -93,21 +94,24 @@ class _TimeLeftColumn(ProgressColumn):
 
 
 class OneMessage(Generic[Row]):
-    """Returns the result of each attempt as a line; a repeated fault is abbreviated.
+    """Returns the result of each attempt as a line; a fault with a cause that was printed is abbreviated.
 
     note: returns the result, including the fault. fault: returns the fault that ended an attempt, else None.
     """
 
     def __init__(self, note: Callable[[Row], str], fault: Callable[[Row], str | None]) -> None:
         self._note, self._fault = note, fault
-        self._last: str | None = None
+        self._printed: set[str] = set()
 
     def __call__(self, row: Row) -> str:
         """Return the line."""
-        fault, last = self._fault(row), self._last
-        self._last = fault
-        text = self._note(row)
-        return text if fault is None or fault != last else text.replace(fault, "the same fault again")
+        fault, text = self._fault(row), self._note(row)
+        if fault is None:
+            return text
+        if (cause := without_values(fault)) in self._printed:
+            return text.replace(fault, "the same fault again")
+        self._printed.add(cause)
+        return text
 
 
 class TrainingView:

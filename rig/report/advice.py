@@ -6,7 +6,7 @@ from datetime import UTC, datetime
 
 import numpy as np
 
-from drivers.errors import counted
+from drivers.errors import counted, without_values
 from protocols.reaction import ReactionKind
 from rig.report.calibrations import calibration_notices
 from rig.report.coverage import sigma_notices
@@ -48,9 +48,12 @@ def _faults(trial: Trial) -> list[Notice]:
     failed = [row for row in trial.rows if isinstance(row, FailedLift)]
     if not failed:
         return []
-    often, times = Counter(row.fault for row in failed).most_common(1)[0]
-    names = joined([lift_name(row) for row in failed])
-    advice = f"They were repeated and are not in any figure. The most frequent ({times}): {often}"
+    causes = Counter(without_values(row.fault) for row in failed)
+    (often, times), *others = causes.most_common()
+    fault = next(row.fault for row in failed if without_values(row.fault) == often)
+    names = joined(list(dict.fromkeys(lift_name(row) for row in failed)))
+    which = f"The most frequent of {len(causes)} causes ({times} times)" if others else "The cause of all"
+    advice = f"They were repeated and are not in any figure. {which}: {fault}"
     return [Notice("warn", f"{counted(len(failed), 'attempt')} ended in a rig fault: {names}.", advice)]
 
 

@@ -128,15 +128,15 @@ def test_ctrl_c_in_the_first_lift_keeps_the_session_for_resume(
     assert (manifest.status, manifest.estimator) == ("complete", "pca")
 
 
-def test_repeated_fault_is_abbreviated(one_lift: Path) -> None:
+def test_cause_of_a_fault_is_printed_once(one_lift: Path) -> None:
     (row,) = read_lifts(one_lift)
     head = {field.name: getattr(row, field.name) for field in fields(LiftHead)}
     failed = [
         FailedLift(**head, accepted=False, outcome=LiftOutcome.FAULT, fault=fault, bench_s=1.0)
-        for fault in ("camera lost", "camera lost", "arm lost")
+        for fault in ("camera silent for 0.41 s", "camera silent for 0.52 s", "arm lost")
     ]
     note = OneMessage(lift_note, lift_fault)
     said = [note(row) for row in (failed[0], failed[1], row, failed[1], failed[2])]
     assert [text.split("fault: ")[-1] for text in said if "fault" in text] == [
-        "camera lost", "the same fault again", "camera lost", "arm lost",
+        "camera silent for 0.41 s", "the same fault again", "the same fault again", "arm lost",
     ]  # fmt: skip

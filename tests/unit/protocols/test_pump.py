@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.clock import to_ns
-from drivers.errors import StaleFrameError
+from drivers.errors import DeviceTimeoutError, StaleFrameError
 from drivers.types import ArmState, Frame, GripperState
 from fakes.clock import SimulatedClock
 from fakes.devices.camera import FakeSource, Shutter
@@ -136,3 +136,37 @@ def test_source_with_repeated_frames_counts_as_frozen() -> None:
         pump.start()
         with pytest.raises(StaleFrameError, match="SIM-C0001: 20 identical"):
             pump.run_for(2.0)
+
+
+def test_time_limit_names_what_was_missed_and_the_devices_if_frames_are_in_time() -> None:
+    bench, _ = build_bench(BENCH)
+    with bench.connected():
+        bench.clock.sleep_until(to_ns(0.2))
+        pump = Pump(bench, Seen())
+        pump.start()
+        with pytest.raises(DeviceTimeoutError) as raised:
+            pump.run_until(lambda: False, 1.5, "the arm did not stop")
+    assert str(raised.value).startswith("bench: the arm did not stop within 1.5 s; check the devices")
+    assert "if the computer may be overloaded, end other programs on it" in str(raised.value)
+
+
+def test_time_limit_names_the_overloaded_computer_if_frames_are_late() -> None:
+    bench, _ = build_bench(BENCH)
+
+    class Slow(Seen):
+        """An observer that takes longer for a frame than the time between two."""
+
+        def frame(self, frame: Frame) -> None:
+            bench.clock.sleep_until(bench.clock.now_ns() + to_ns(0.05))
+
+    with bench.connected():
+        bench.clock.sleep_until(to_ns(0.2))
+        pump = Pump(bench, Slow())
+        pump.start()
+        with pytest.raises(DeviceTimeoutError) as raised:
+            pump.run_for(2.0)
+    said = str(raised.value)
+    assert said.startswith(
+        "bench: the frames of 2 s were not processed within 5 s; the fingertips' frames are"
+    )
+    assert "s late: the computer is overloaded; end other programs on it, or set a lower rate_hz" in said

@@ -111,6 +111,20 @@ def test_lost_gripper_keeps_its_grip_and_the_arm_stays(lift_of: LiftOf) -> None:
     assert lift.height_m == pytest.approx(lift.height_at_loss, abs=STOPPING_M)
 
 
+@pytest.mark.parametrize(("late", "named"), [("0.41 s", False), ("0.41 s, limit", True)])
+def test_cause_that_also_prevents_the_safe_end_is_named_once(
+    lift_of: LiftOf, monkeypatch: pytest.MonkeyPatch, late: str, named: bool
+) -> None:
+    lift = lift_of()
+    lift.interrupt(lambda: lift.observer.phase_now is Phase.HOLD, DeviceError(f"arm: no state for {late}"))
+
+    def stop(_: FakeArm) -> None:
+        raise DeviceError("arm: no state for 0.52 s")
+
+    monkeypatch.setattr(FakeArm, "stop", stop)
+    assert ("still holding wrench (arm: no state" in lift.run()) == named
+
+
 def test_protective_stop_is_detected_during_any_wait_of_the_lift(
     lift_of: LiftOf, monkeypatch: pytest.MonkeyPatch
 ) -> None:

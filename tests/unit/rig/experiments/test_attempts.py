@@ -88,6 +88,19 @@ def test_three_faults_in_a_row_end_the_trial_which_can_be_resumed(tmp_path: Path
         assert left_to_do(pieces, again.rows, lambda row: row.number) == []
 
 
+def test_faults_that_differ_in_a_measured_value_are_the_same(tmp_path: Path, lift_row: MakeRow) -> None:
+    bench, late_s = Bench(lift_row, {(1, 0), (1, 1), (1, 2)}), iter((0.41, 0.52, 0.63))
+
+    def attempt(piece: Piece) -> Attempt[LiftRow]:
+        return replace(bench.attempt(piece), fault=f"camera: silent for {next(late_s)} s")
+
+    with (
+        session(tmp_path / "s") as kept,
+        pytest.raises(DeviceError, match="all the same: camera: silent for 0"),
+    ):
+        repeat_until_accepted(kept, [Piece(1)], attempt, WORDING, lambda *_: None)
+
+
 def test_faults_with_successes_between_do_not_end_the_trial(tmp_path: Path, lift_row: MakeRow) -> None:
     bench = Bench(lift_row, {(1, 0), (1, 1), (2, 0), (2, 1), (3, 0)})
     with session(tmp_path / "s") as kept:

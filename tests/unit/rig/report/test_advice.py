@@ -82,6 +82,18 @@ def with_a_fault(trial: Trial) -> Trial:
     return replace(trial, rows=[*trial.rows, failed])
 
 
+def test_cause_of_repeated_faults_is_reported_once(sound: Trial) -> None:
+    once = with_a_fault(sound)
+    failed = once.rows[-1]
+    assert isinstance(failed, FailedLift)
+    silent = [replace(failed, fault=f"arm: no state for {late} s, again") for late in (0.41, 0.52)]
+    said = texts(replace(once, rows=[*once.rows, *silent]))
+    assert "3 attempts ended in a rig fault: wrench, lift 1." in said
+    assert "The most frequent of 2 causes (2 times): arm: no state for 0.41 s, again" in said
+    assert said.count("arm: no state") == 1
+    assert "The cause of all: DeviceTimeoutError: gripper: no answer" in texts(once)
+
+
 def test_sound_trial_has_no_warning(sound: Trial) -> None:
     assert texts(sound) == "[good] Nothing stands out. All checks of this page passed."
 

@@ -57,10 +57,10 @@ class Browser:
     def _look(self, address: str) -> None:
         try:
             while True:
-                with urlopen(address + "state.json", timeout=20) as answer:
+                with urlopen(address + "state.json", timeout=120) as answer:
                     self.states.append(json.load(answer))
                 for serial in self.states[-1]["pictures"]:
-                    with urlopen(f"{address}picture/{serial}.jpg", timeout=20) as answer:
+                    with urlopen(f"{address}picture/{serial}.jpg", timeout=120) as answer:
                         assert answer.read(2) == b"\xff\xd8"
                         self.pictures.add(serial)
                 time.sleep(0.05)  # as a page does, so that the command gets the computer
@@ -187,7 +187,7 @@ def test_waiting_question_is_reported_to_observers(at_terminal: AtTerminal) -> N
 def test_page_modules_are_not_imported_without_watch() -> None:
     code = "import sys, rig.cli.main, rig.experiments.trial, rig.live.session; print(*sys.modules)"
     done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True
+        [sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=True
     )
     loaded = set(done.stdout.split())
     assert "rig.live.observer" in loaded

@@ -23,7 +23,7 @@ from rig.contract_checks.options import make_ready_to_move
 from support.benches import lighter
 from support.slow_motion import CLOCK, SLOWNESS
 
-KINDS = ("fake", "wire", "hardware")
+KINDS = ("fake", pytest.param("wire", marks=pytest.mark.slow), "hardware")
 RUNNING = pytest.StashKey[ExitStack]()
 
 

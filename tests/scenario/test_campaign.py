@@ -82,7 +82,7 @@ def test_killed_replay_resumes_after_its_last_lift(sessions: Path, tmp_path: Pat
     while not kept_rows(out) and time.monotonic() < deadline:
         time.sleep(0.02)
     process.send_signal(signal.SIGKILL)
-    process.wait(timeout=30)
+    process.wait(timeout=120)
     kept = kept_rows(out)
     assert len(kept) == 1
     done = rig(*command, "--json")

@@ -98,7 +98,7 @@ def _started(command: list[str], jobs: str) -> "subprocess.Popen[str]":
 
 def _end(process: "subprocess.Popen[str]", how: signal.Signals) -> None:
     process.send_signal(how)
-    process.communicate(timeout=60)
+    process.communicate(timeout=120)
 
 
 @pytest.mark.long

@@ -43,7 +43,7 @@ def ask(address: str, path: str = "", data: Any = None, **headers: str) -> tuple
     body = None if data is None else data if isinstance(data, bytes) else json.dumps(data).encode()
     asked = urllib.request.Request(page + path, body, {"X-Rig-Token": token, **headers})
     try:
-        with urllib.request.urlopen(asked, timeout=10) as answer:
+        with urllib.request.urlopen(asked, timeout=120) as answer:
             status, kind, text = answer.status, answer.headers["Content-Type"], answer.read()
     except urllib.error.HTTPError as error:
         status, kind, text = error.code, error.headers["Content-Type"], error.read()

@@ -12,7 +12,6 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from functools import partial
 from http.client import HTTPConnection
 from multiprocessing.process import BaseProcess
 from pathlib import Path
@@ -64,7 +63,7 @@ def get(
     page: WatchPage, path: str, method: str = "GET", host: str | None = None, origin: str | None = None
 ) -> tuple[int, bytes]:
     at = urlsplit(page.address)
-    connection = HTTPConnection(str(at.hostname), at.port, timeout=20)
+    connection = HTTPConnection(str(at.hostname), at.port, timeout=waiting.LIMIT_S)
     headers = {name: value for name, value in (("Host", host), ("Origin", origin)) if value is not None}
     connection.request(method, path, headers=headers)
     answer = connection.getresponse()
@@ -77,7 +76,7 @@ def values(page: WatchPage) -> dict[str, object]:
     return json.loads(get(page, "/state.json")[1])
 
 
-until = partial(waiting.until, limit_s=20.0)
+until = waiting.until
 
 
 def test_page_shows_the_newest_values(page: WatchPage) -> None:
@@ -185,7 +184,7 @@ def pressed(
     headers = {"Host": host, "Origin": origin, "x-rig-token": token}
     sent = {name: value for name, value in headers.items() if value is not None}
     port = page.process.port
-    connection = HTTPConnection("127.0.0.1", port, timeout=20)
+    connection = HTTPConnection("127.0.0.1", port, timeout=waiting.LIMIT_S)
     connection.request("POST", "/do", body, sent)
     status = connection.getresponse().status
     connection.close()
@@ -196,7 +195,7 @@ def test_button_needs_the_token_of_the_page_and_its_own_name(
     acting_page: WatchPage, still_page: WatchPage
 ) -> None:
     at = f"127.0.0.1:{acting_page.process.port}"
-    connection = HTTPConnection(at, timeout=20)
+    connection = HTTPConnection(at, timeout=waiting.LIMIT_S)
     connection.request("GET", "/")
     answer = connection.getresponse()
     assert answer.getheader("X-Frame-Options") == "DENY"
@@ -270,7 +269,7 @@ def test_report_is_served_and_browsers_get_it_before_the_page_ends(tmp_path: Pat
     made.show_report(report)
     until(lambda: values(made)["report"] == str(report))
     at = urlsplit(made.address)
-    with socket.create_connection((str(at.hostname), at.port or 0), timeout=20) as client:
+    with socket.create_connection((str(at.hostname), at.port or 0), timeout=waiting.LIMIT_S) as client:
         client.sendall(b"GET /stream HTTP/1.0\r\nHost: localhost\r\n\r\n")
         assert client.recv(15) == b"HTTP/1.1 200 OK"
         received = b""
@@ -293,7 +292,7 @@ def test_finished_pieces_are_listed(page: WatchPage) -> None:
 def test_stream_ends_when_the_page_is_closed() -> None:
     made = WatchPage(watch_address(None), "a")
     at = urlsplit(made.address)
-    with socket.create_connection((str(at.hostname), at.port or 0), timeout=20) as client:
+    with socket.create_connection((str(at.hostname), at.port or 0), timeout=waiting.LIMIT_S) as client:
         client.sendall(b"GET /stream HTTP/1.0\r\nHost: localhost\r\n\r\n")
         received = client.recv(65_536)
         while b"\r\n\r\n" not in received or not received.endswith(b"}"):
@@ -347,7 +346,7 @@ def test_suspended_page_delays_nothing_and_catches_up_later(page: WatchPage) -> 
     for number in range(2000):
         page.tell(Event("fault", "it fell"))
         sender.send("frame", {**LIFT, "serial": "D1", "time_ns": number}, JPEG * 1000)
-    assert time.monotonic() - began < 5.0
+    assert time.monotonic() - began < waiting.LIMIT_S
     until(lambda: bool(other.take()))
     assert sender.lost > 0
     os.kill(process.pid, signal.SIGCONT)

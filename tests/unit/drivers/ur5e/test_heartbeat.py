@@ -6,6 +6,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -17,13 +18,15 @@ from support.waiting import until
 
 SPEED_M_S = 0.25
 LIMIT_S = silence_limit_s(SPEED_M_S)
-SPINS, SLEEPS = "while True: pass", "import time; time.sleep(60)"
+READY = "import threading, time; print(flush=True)\n"
+SPINS, SLEEPS = f"{READY}while True: pass", f"{READY}time.sleep(60)"
 WAITS_FOR_A_THREAD = """
 import threading
 def spin():
     while True: pass
 thread = threading.Thread(target=spin, daemon=True)
 thread.start()
+print(flush=True)
 thread.join()
 """
 
@@ -184,7 +187,9 @@ def test_suspended_program_stops_the_arm_at_once(state: SharedState) -> None:
 
 @pytest.fixture
 def started(request: pytest.FixtureRequest) -> Iterator["subprocess.Popen[bytes]"]:
-    with subprocess.Popen([sys.executable, "-I", "-c", request.param]) as process:
+    with subprocess.Popen([sys.executable, "-I", "-c", request.param], stdout=subprocess.PIPE) as process:
+        assert process.stdout is not None
+        process.stdout.readline()  # it has started
         yield process
         process.kill()
 
@@ -215,7 +220,7 @@ def waited_share(program: Program, duration_s: float) -> float:
 
 @pytest.mark.parametrize("started", [SLEEPS], indirect=True)
 def test_sleeping_program_does_not_count_as_waiting(started: "subprocess.Popen[bytes]") -> None:
-    time.sleep(0.3)
+    until(lambda: Path(f"/proc/{started.pid}/stat").read_text().split()[2] == "S")
     assert waited_share(Program(started.pid), 0.2) < 0.1
 
 
@@ -223,9 +228,10 @@ def test_sleeping_program_does_not_count_as_waiting(started: "subprocess.Popen[b
 @pytest.mark.parametrize("started", [SPINS, WAITS_FOR_A_THREAD], indirect=True)
 def test_idle_priority_program_counts_as_waiting_for_a_core(started: "subprocess.Popen[bytes]") -> None:
     core = {min(os.sched_getaffinity(0))}
-    with subprocess.Popen([sys.executable, "-I", "-c", SPINS]) as other:
+    with subprocess.Popen([sys.executable, "-I", "-c", SPINS], stdout=subprocess.PIPE) as other:
         try:
-            time.sleep(0.2)
+            assert other.stdout is not None
+            other.stdout.readline()
             os.sched_setaffinity(other.pid, core)
             os.sched_setscheduler(other.pid, os.SCHED_OTHER, os.sched_param(0))
             for thread in os.listdir(f"/proc/{started.pid}/task"):

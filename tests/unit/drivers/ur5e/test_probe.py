@@ -10,9 +10,11 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
+from drivers.clock import to_ns
 from drivers.errors import DeviceError, DeviceTimeoutError
 from drivers.ur5e.dashboard import Dashboard, refuse_local_control, serial_number
 from drivers.ur5e.probe import parse_version, probe_controller
+from support.slow_motion import CLOCK
 
 RTDE, SCRIPT, DASHBOARD = 30004, 30003, 29999
 LIMIT_S = 0.4
@@ -113,18 +115,18 @@ def peer() -> Iterator[Peer]:
 def test_probe_of_a_controller_returns_its_version(peer: Peer, cut: int) -> None:
     peer.listen(RTDE, controller(cut=cut))
     peer.listen(SCRIPT, silent)
-    assert probe_controller(peer.host, 2.0) == (5, 11, 0, 1)
+    assert probe_controller(peer.host, 2.0, CLOCK) == (5, 11, 0, 1)
 
 
 def test_unreachable_controller_is_reported(peer: Peer) -> None:
     with pytest.raises(DeviceError, match=r"cannot reach.*cable"):
-        probe_controller(peer.host, LIMIT_S)
+        probe_controller(peer.host, LIMIT_S, CLOCK)
 
 
 def test_closed_script_port_is_reported(peer: Peer) -> None:
     peer.listen(RTDE, controller())
     with pytest.raises(DeviceError, match="30003"):
-        probe_controller(peer.host, LIMIT_S)
+        probe_controller(peer.host, LIMIT_S, CLOCK)
 
 
 @pytest.mark.parametrize(
@@ -138,7 +140,7 @@ def test_closed_script_port_is_reported(peer: Peer) -> None:
         (talks(b"\x00\x04V\x00"), DeviceError, "refuses version 2"),
         (talks(b"\x00\x04V\x01\x00\x05v\x01\x02"), DeviceError, "2 bytes instead of 16"),
         (talks(b"\x00\x04v\x01"), DeviceError, "answered with b'v'"),
-        (talks(b"\x00\x04V\x01" * 3, pause_s=0.15), DeviceTimeoutError, "does not answer"),
+        (talks(b"\x00\x04V\x01" * 3, pause_s=0.3), DeviceTimeoutError, "does not answer"),
         (controller(version=(3, 15, 0, 0)), DeviceError, "software 3.15"),
         (controller(version=(10, 10, 0, 0)), DeviceError, "software 10.10"),
         (controller(stamps=itertools.repeat(4.0)), DeviceTimeoutError, "time stands still|does not answer"),
@@ -149,15 +151,17 @@ def test_faulty_peer_is_named_within_the_deadline(
 ) -> None:
     peer.listen(RTDE, serve)
     peer.listen(SCRIPT, silent)
-    began = time.monotonic()
+    began_ns = CLOCK.now_ns()
     with pytest.raises(error, match=said):
-        probe_controller(peer.host, LIMIT_S)
-    assert time.monotonic() - began < 10 * LIMIT_S, "the deadline is for the whole greeting, not for a byte"
+        probe_controller(peer.host, LIMIT_S, CLOCK)
+    assert CLOCK.now_ns() - began_ns < to_ns(10 * LIMIT_S), (
+        "the deadline is for the whole greeting, not for a byte"
+    )
 
 
 def test_dashboard_replies_line_by_line(peer: Peer) -> None:
     peer.listen(DASHBOARD, talks(b"Connected\ntrue\r\n20265500001\nnever asked"))
-    with Dashboard(peer.host) as dashboard:
+    with Dashboard(peer.host, clock=CLOCK) as dashboard:
         assert dashboard.ask("is in remote control") == "true"
         assert dashboard.ask("get serial number") == "20265500001"
     dashboard.close()
@@ -171,18 +175,18 @@ def test_dashboard_replies_line_by_line(peer: Peer) -> None:
 def test_peer_other_than_a_dashboard_is_rejected(peer: Peer, serve: Serve, said: str) -> None:
     peer.listen(DASHBOARD, serve)
     with pytest.raises(DeviceError, match=said):
-        Dashboard(peer.host, LIMIT_S)
+        Dashboard(peer.host, LIMIT_S, CLOCK)
 
 
 def test_broken_dashboard_connection_is_reopened_once(peer: Peer) -> None:
     peer.listen(DASHBOARD, talks(b"Connected\nStopped\n"))
-    with Dashboard(peer.host) as dashboard:
+    with Dashboard(peer.host, clock=CLOCK) as dashboard:
         assert [dashboard.ask("stop") for _ in range(3)] == ["Stopped"] * 3
 
 
 def test_late_answer_is_not_returned_for_the_next_request(peer: Peer) -> None:
     peer.listen(DASHBOARD, talks(b"Connected\n"))
-    with Dashboard(peer.host, LIMIT_S) as dashboard:
+    with Dashboard(peer.host, LIMIT_S, CLOCK) as dashboard:
         with pytest.raises(DeviceError):
             dashboard.ask("stop")
         with pytest.raises(DeviceError):

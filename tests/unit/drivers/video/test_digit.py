@@ -85,6 +85,7 @@ def test_the_first_green_images_are_discarded(server: MjpegServer, digit: Digit)
     assert digit.counters()["green"] == 0
 
 
+@pytest.mark.slow
 def test_every_served_frame_arrives_once_at_the_rate(server: MjpegServer, digit: Digit) -> None:
     frames = [digit.next_frame(1.0) for _ in range(60)]
     numbers = [frame.sequence for frame in frames]
@@ -177,6 +178,7 @@ def test_frozen_sensor_is_counted_per_frame(server: MjpegServer, digit: Digit) -
     assert digit.counters()["frozen"] == 6
 
 
+@pytest.mark.slow
 def test_lost_sensor_is_reopened_and_its_sequence_continues(server: MjpegServer, digit: Digit) -> None:
     before = digit.next_frame(1.0)
     server.inject("disconnect")

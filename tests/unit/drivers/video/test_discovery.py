@@ -78,7 +78,7 @@ def test_only_capture_nodes_of_udev_are_used(tmp_path: Path) -> None:
         "    print(n.device, n.serial, n.model, n.revision, n.usb_bus, n.usb_port)"
     )
     command = ["umockdev-run", "-d", str(machine), "--", sys.executable, "-c", code]
-    seen = subprocess.run(command, capture_output=True, text=True, timeout=30, check=False)
+    seen = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
     assert seen.stdout.splitlines() == [
         "/dev/video0 D20001 DIGIT 0200 usb1 1-2",
         "/dev/video2 D20002 DIGIT 0101 usb1 1-3",

@@ -20,6 +20,7 @@ from rig.sessions.recorder import LiftRecorder
 from rig.sessions.records import LIFTS, FinishedLift
 from rig.sessions.session import open_session
 from rig.sessions.unfinished import BackgroundFile, completed, new_recording, unfinished_recordings
+from support.waiting import LIMIT_S
 
 RECORDING = "lifts/007.mcap"
 MB = 1_000_000
@@ -77,18 +78,17 @@ def test_lift_without_messages_leaves_no_file(tmp_path: Path) -> None:
 
 
 def test_slow_disk_does_not_delay_the_caller(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    write = os.write
+    write, disk = os.write, threading.Event()
 
     def slow(handle: int, data: bytes) -> int:
-        time.sleep(0.2)
+        assert disk.wait(LIMIT_S), "the caller waits for the disk"
         return write(handle, data)
 
     monkeypatch.setattr(unfinished.os, "write", slow)
     file = BackgroundFile(iter([tmp_path / "a"]))
-    began = time.perf_counter()
     for _ in range(5):
         file.write(bytes(1000))
-    assert time.perf_counter() - began < 0.2
+    disk.set()
     file.close()
     assert (tmp_path / "a").stat().st_size == file.tell() == 5000
     assert writers() == []

@@ -42,8 +42,8 @@ def _require_commit(clone: Path, repository: str, commit: str) -> None:
         _git(clone, "cat-file", "-e", f"{commit}^{{commit}}")
     except InputError as error:
         raise InputError(
-            f"{clone}: has no commit {commit[:8]} of {repository}: if it is a shallow clone of it, run git -C "
-            f"{clone} fetch --unshallow, if an older one, git -C {clone} fetch; otherwise {wanted}"
+            f"{clone}: has no commit {commit[:8]} of {repository}: if it is a shallow clone of it, run git "
+            f"-C {clone} fetch --unshallow, if an older one, git -C {clone} fetch; otherwise {wanted}"
         ) from error
 
 

@@ -197,7 +197,7 @@ def notes(result: EstimatorsResult) -> list[str]:
 
 def readme_section(result: EstimatorsResult, limits: Sequence[Measured]) -> str:
     """Return the section for a document in Markdown, without the comments that mark it."""
-    table, missed = estimator_table(result), [limit.name for limit in limits if not limit.met]
+    table, missed = estimator_table(result), [limit.name for limit in limits if limit.met is False]
     rows = [row[:README_COLUMNS] for row in table.rows if row[0] != NO_SKIP]
     of = machine()
     return "\n".join(

@@ -13,6 +13,7 @@ from rig.benchmark.estimators.timing import Spread, TimingReport
 from rig.benchmark.harness import NONE, Table, column, columns_of, machine, table_of
 from rig.benchmark.measured import Measured, at_least, at_most, between, informative
 from rig.results.metrics import HEADING, Mare, mare_text
+from rig.results.shares import Share
 from rig.tactile.estimators import DEFAULT_ESTIMATOR, PAPER_WINDOW
 
 README_COLUMNS = 10
@@ -94,7 +95,7 @@ class EstimatorRow:
     answered: float = column("answered", ".1%", "share of the frames")
     within_two_sigma: float | None = column("within 2 sigma", ".1%", "share of the answers")
     onset_ms: float | None = column("onset error, ms", ".0f", "median")
-    event_within: float | None = column("event within 50 ms", ".1%", "share of the true onsets")
+    event_within: Share | None = column("event within 50 ms", doc="share of the true onsets")
     false_events: int | None = column("false events")
 
 
@@ -180,7 +181,7 @@ def notes(result: EstimatorsResult) -> list[str]:
     shares = ", ".join(f"{stage} {share:.0%}" for stage, share in result.skipped.items())
     scores = [(name, result.scores[name, window]) for name, window in _usual(result)]
     onsets = (
-        f"{name} {_share(of.onset.within)} of {of.onset.true} within 50 ms, {of.onset.missed} missed"
+        f"{name} {of.onset.within or NONE} within 50 ms, {of.onset.missed} of {of.onset.true} missed"
         for name, of in scores
     )
     unsigned = (f"{name} {_mean(of.mare_unsigned)}" for name, of in scores if "published" in name)

@@ -155,7 +155,7 @@ def verdict(limits: Sequence[Measured]) -> str:
 
 
 def overall_table(estimators: Sequence[EstimatorRuns]) -> Table:
-    """Return a row per estimator and group, all clips first; a single group has no row of its own."""
+    """Return a row per estimator and group, all clips first; a single group has no separate row."""
     rows = [
         GroupRow(of.name if group == ALL else "", group, found)
         for of in estimators

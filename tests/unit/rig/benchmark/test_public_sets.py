@@ -80,7 +80,7 @@ def tiny(clone: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Public
     (tmp_path / "tiny.csv").write_text(LABELS)
     (tmp_path / "tiny_sources.csv").write_text("\n".join(["clip,use,path,frame,t_s,sha256", *sources]) + "\n")
     commit = git(clone, "rev-list", "--max-parents=0", "HEAD")
-    return PublicSet("tiny", "a drawn sensor", "nobody/tiny", commit, "MIT", tmp_path)
+    return PublicSet("tiny", "a drawn sensor", "example/tiny", commit, "MIT", tmp_path)
 
 
 def test_clips_are_made_in_the_cache_with_the_pixels_of_the_commit(
@@ -126,17 +126,17 @@ def test_other_labels_make_another_folder(tiny: PublicSet, clone: Path) -> None:
 def test_wrong_folders_and_commits_are_rejected_with_the_command_that_helps(
     tiny: PublicSet, clone: Path, tmp_path: Path
 ) -> None:
-    with pytest.raises(InputError, match=r"no such folder: .*git clone https://github.com/nobody/tiny"):
+    with pytest.raises(InputError, match=r"no such folder: .*git clone https://github.com/example/tiny"):
         make_clips(tiny, tmp_path / "nowhere")
     (tmp_path / "plain").mkdir()
-    with pytest.raises(InputError, match=r"not a git repository.*git clone https://github.com/nobody/tiny"):
+    with pytest.raises(InputError, match=r"not a git repository.*git clone https://github.com/example/tiny"):
         make_clips(tiny, tmp_path / "plain")
     later, shallow = tmp_path / "later", tmp_path / "shallow"
     git(tmp_path, "clone", "-q", str(clone), str(later))
     git(later, "commit", "-q", "--allow-empty", "-m", "later")
     git(tmp_path, "clone", "-q", "--depth", "1", later.as_uri(), str(shallow))
     with pytest.raises(
-        InputError, match=f"has no commit {tiny.commit[:8]} of nobody/tiny.*fetch --unshallow"
+        InputError, match=f"has no commit {tiny.commit[:8]} of example/tiny.*fetch --unshallow"
     ):
         make_clips(tiny, shallow)
     git(shallow, "fetch", "-q", "--unshallow")

@@ -29,7 +29,7 @@ RESULTS = "results.jsonl"
 """File of a study's folder: a line per finished case."""
 NONE = "-"
 """A cell without a value."""
-SCHEMA = 3
+SCHEMA = 4
 """Version of a study's JSON."""
 
 Options = TypeVar("Options")

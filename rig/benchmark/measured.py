@@ -30,7 +30,8 @@ class Measured:
     @property
     def line(self) -> str:
         """A line of Markdown."""
-        return f"- {self.name}: {'-' if self.value is None else f'{self.value:.3g}'} ({self.asked})"
+        value = "-" if self.value is None else f"{self.value:.3g}"
+        return f"- {self.name}: {value}{f' ({self.asked})' if self.asked else ''}"
 
 
 def at_most(name: str, value: SupportsFloat | None, limit: float) -> Measured:

@@ -21,6 +21,9 @@ from rig.tactile.sample import SlipSample, State, TactileEstimator
 # The zero is the first frame of stable full contact: the contact's area is constant over the next frames, at
 # the tolerance of an estimator that waits for settling, and has reached this share of its later median.
 FULL_AREA = 0.8
+TIME_PERCENTILES = (50, 90, 99)
+FRAME_MS = "ms per frame with contact: median, 90 %, 99 %"
+"""Heading of a column with the values of `frame_ms`."""
 
 
 class TimedImage(Protocol):
@@ -75,9 +78,10 @@ class Estimate:
 
 @dataclass(frozen=True, slots=True)
 class EstimateFigures:
-    """Summary of an estimate. refused: number of frames by state. median_ms, p99_ms: wall time per frame.
+    """Summary of an estimate. refused: number of frames by state.
 
-    slip_s: time of the first slip alarm, None without one.
+    slip_s: time of the first slip alarm, None without one. median_ms, p90_ms, p99_ms: wall time per frame
+    with contact, None without such a frame.
     """
 
     frames: int
@@ -89,6 +93,7 @@ class EstimateFigures:
     reference: str
     slip_s: float | None
     median_ms: float | None
+    p90_ms: float | None
     p99_ms: float | None
 
 
@@ -132,6 +137,37 @@ def estimate_series(series: FrameSeries, estimator: TactileEstimator) -> tuple[A
     frames, shown = tee(series)
     pairs = zip(frames, estimate_frames(estimator, shown), strict=True)
     return tuple(Answer(frame.time, timed.sample, timed.cost_s) for frame, timed in pairs)
+
+
+class Timed(Protocol):
+    """A sample with the wall time in s of its computation, None for a frame that could not be read."""
+
+    @property
+    def sample(self) -> SlipSample:
+        """The sample."""
+        ...
+
+    @property
+    def cost_s(self) -> float | None:
+        """The time."""
+        ...
+
+
+def contact_ms(timed: Iterable[Timed]) -> list[float]:
+    """Return the run times of the frames with contact, ms; a frame without contact needs nearly no time."""
+    return [
+        1e3 * of.cost_s
+        for of in timed
+        if of.cost_s is not None and of.sample.state is not State.NO_CONTACT and not of.sample.jumped
+    ]
+
+
+def frame_ms(times_ms: Sequence[float]) -> tuple[float, float, float] | None:
+    """Return the percentiles `TIME_PERCENTILES` of run times; None without times."""
+    if not times_ms:
+        return None
+    median_ms, p90_ms, p99_ms = np.percentile(times_ms, TIME_PERCENTILES).tolist()
+    return median_ms, p90_ms, p99_ms
 
 
 def lift_time(answers: Sequence[Answer], lift: FrameTime | None) -> int | None:
@@ -213,7 +249,7 @@ def figures(estimate: Estimate) -> EstimateFigures:
         if angle is None
     )
     slip = next((a.time.text for a, s in zip(estimate.answers, estimate.slips, strict=True) if s), None)
-    cost_ms = [1e3 * sum(a.sample.stage_s.values()) for a in estimate.answers if a.sample.stage_s]
+    median_ms, p90_ms, p99_ms = frame_ms(contact_ms(estimate.answers)) or (None, None, None)
     return EstimateFigures(
         frames=len(estimate.answers),
         answered=len(estimate.answers) - sum(refused.values()),
@@ -223,8 +259,9 @@ def figures(estimate: Estimate) -> EstimateFigures:
         reference_time_s=None if estimate.zero is None else float(estimate.zero.text),
         reference=estimate.zero_note,
         slip_s=None if slip is None else float(slip),
-        median_ms=round(float(np.median(cost_ms)), 3) if cost_ms else None,
-        p99_ms=round(float(np.percentile(cost_ms, 99)), 3) if cost_ms else None,
+        median_ms=_milliseconds(median_ms),
+        p90_ms=_milliseconds(p90_ms),
+        p99_ms=_milliseconds(p99_ms),
     )
 
 
@@ -249,6 +286,10 @@ def _shifted(sample: SlipSample, zero: SlipSample | None) -> tuple[float, float]
         return None
     x, y = (zero and zero.shift_px) or (0.0, 0.0)
     return sample.shift_px[0] - x, sample.shift_px[1] - y
+
+
+def _milliseconds(value: float | None) -> float | None:
+    return None if value is None else round(value, 3)
 
 
 def _rounded(value: float | None) -> float | None:

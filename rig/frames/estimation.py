@@ -111,8 +111,7 @@ class SeriesEstimate:
         )
         return (
             f"{counted(found.frames, 'frame')}, {found.answered} answered, refused: {refused}; "
-            f"angles from {self.angles_from}; zero: {found.reference}{zero}{slip}; "
-            f"{found.median_ms} ms per frame (p99 {found.p99_ms})"
+            f"angles from {self.angles_from}; zero: {found.reference}{zero}{slip}; {_time_text(found)}"
         )
 
     @property
@@ -203,6 +202,14 @@ class Estimation:
             raise InputError(f"{series.name}: holds no frames to estimate: give another clip or recording")
         lift_ns = lift_time(answers, self.lift) if lift_ns is None else lift_ns
         return zeroed(answers, self._reference, self._published, 1 if self._published else sign, lift_ns)
+
+
+def _time_text(found: EstimateFigures) -> str:
+    """Return the time per frame; frames without contact, which need nearly no time, do not count."""
+    if found.median_ms is None:
+        return "no frame with contact was timed"
+    times = f"90 % {found.p90_ms:.1f}, 99 % {found.p99_ms:.1f}"
+    return f"{found.median_ms:.1f} ms per frame with contact (median; {times})"
 
 
 def _time(option: str, text: str | None) -> FrameTime | None:

@@ -44,25 +44,26 @@ class ClipToLabel:
 def choose_frames(
     series: FrameSeries, background: Image, count: int, reference: int | None = None
 ) -> tuple[FrameChoice, str]:
-    """Choose evenly spread frames from the reference to the last contact; return them and an explanation.
+    """Choose frames with contact, evenly spread from the reference on; return them and an explanation.
 
-    The default reference is the zero of `rig estimate`: the first frame of stable full contact. Frames in
-    between can be chosen even if no contact is detected in them, because labels also test the detection.
-    Raises `InputError` if the reference is not a readable frame.
+    The default reference is the zero of `rig estimate`: the first frame of stable full contact. Raises
+    `InputError` if no frame shows a contact, or if the reference is not a frame with contact before another.
     """
-    readable, touching, zero, why = _scanned(series, background)
-    if reference is not None and reference not in readable:
-        raise InputError(f"{series.name}: --reference {reference} is not a readable frame: choose another")
+    touching, zero, why = _scanned(series, background)
+    if not touching:
+        raise InputError(
+            f"{series.name}: no frame shows a contact: compare the background with the frames, it may show "
+            "the same contact"
+        )
+    seen = f"a contact is seen in frames {touching[0]} to {touching[-1]}"
     first = zero if reference is None else reference
-    last = touching[-1] if touching and touching[-1] > first else readable[-1]
-    between = [number for number in readable if first <= number <= last]
+    if first not in touching:
+        raise InputError(f"{series.name}: --reference {first} shows no contact or cannot be read; {seen}")
+    between = [number for number in touching if number >= first]
     if len(between) < 2:
-        raise InputError(f"{series.name}: no frame follows frame {first}: choose an earlier --reference")
+        raise InputError(f"{series.name}: no contact follows frame {first}: choose an earlier --reference")
     places = np.unique(np.linspace(0, len(between) - 1, min(count, len(between))).round().astype(int))
     frames = tuple(between[place] for place in places)
-    seen = (
-        f"a contact is seen in frames {touching[0]} to {touching[-1]}" if touching else "no contact is seen"
-    )
     asked = why if reference is None else "as asked"
     note = (
         f"{seen}; reference: frame {frames[0]} ({asked}); {counted(len(frames), 'frame')} to label, "
@@ -95,12 +96,11 @@ def difference(image: Image, background: Image) -> Image:
     return np.clip(127.5 * (1.0 + np.asarray(change) / DIFFERENCE_RANGE), 0, 255).astype(np.uint8)
 
 
-def _scanned(series: FrameSeries, background: Image) -> tuple[list[int], list[int], int, str]:
-    """Return the readable frames, the frames with contact, the frame of the zero, and a note on the zero."""
-    readable = [number for number, frame in enumerate(series) if frame.image is not None]
+def _scanned(series: FrameSeries, background: Image) -> tuple[list[int], int, str]:
+    """Return the frames with contact, the frame of the zero, and a note on the zero."""
     answers = estimate_series(series, choose_estimator(None, None).make(background, None))
     touching = [number for number, answer in enumerate(answers) if answer.sample.contact_area_px > 0]
     found = zeroed(answers, None)
     if found.zero is None:
-        return readable, touching, (touching or readable)[0], "no frame has an angle"
-    return readable, touching, [answer.time for answer in answers].index(found.zero), found.zero_note
+        return touching, touching[0] if touching else 0, "no frame has an angle"
+    return touching, [answer.time for answer in answers].index(found.zero), found.zero_note

@@ -152,9 +152,11 @@ def lift_result(measurement: LiftMeasurement) -> tuple[LiftFigures, TruthSeries]
 
 
 def stage_times(measurement: LiftMeasurement) -> dict[str, StageTimes]:
-    """Return the computing time per stage and tactile frame, ms: median, 95th and 99th percentile."""
+    """Return the computing time per stage and frame with contact, ms: median, 95th and 99th percentile."""
     stages: dict[str, list[float]] = {}
     for sample in measurement.angle.samples:
+        if sample.state is State.NO_CONTACT or sample.jumped:
+            continue
         for stage, spent_s in sample.stage_s.items():
             stages.setdefault(stage, []).append(spent_s * 1e3)
         stages.setdefault("total", []).append(sum(sample.stage_s.values()) * 1e3)

@@ -16,8 +16,8 @@ from rig.sessions.records import ErrorSummary, FinishedLift
 class ComparedLift:
     """A lift on one side.
 
-    frame_ms: median wall time per tactile frame, None if it was not timed. curves: None if its recording
-    cannot be read.
+    frame_ms: median wall time per tactile frame with contact, None if it was not timed. curves: None if its
+    recording cannot be read.
     """
 
     row: FinishedLift
@@ -123,7 +123,7 @@ def _onset_delay_s(row: FinishedLift) -> float | None:
 
 
 ERROR = Figure("mean error in B and C", "°", lambda lift: _mean(lift.row.re))
-TIME = Figure("time per tactile frame, median", "ms", lambda lift: lift.frame_ms)
+TIME = Figure("time per tactile frame with contact, median", "ms", lambda lift: lift.frame_ms)
 FIGURES = (
     ERROR,
     Figure("mean error in B", "°", lambda lift: _mean(lift.row.re_b)),

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from rig.report.parts import Table
-from rig.results.metrics import Floats
+from rig.results.metrics import FEWEST_LIFTS, Floats
 from rig.sessions.records import FinishedLift
 from rig.sessions.timing import LiftTiming, StageTimes
 
@@ -61,7 +61,10 @@ def onset_delays_ms(rows: Sequence[FinishedLift]) -> dict[str, Floats]:
 
 
 def onset_table(rows: Sequence[FinishedLift]) -> Table | None:
-    """Return a table of medians and 90 % ranges of `onset_delays_ms`; None if no lift has a true slip."""
+    """Return a table of medians and 90 % ranges of `onset_delays_ms`; None if no lift has a true slip.
+
+    Below `FEWEST_LIFTS` delays there is no range.
+    """
     slips = sum(row.onset_truth_s is not None for row in rows)
     if not slips:
         return None
@@ -72,8 +75,13 @@ def onset_table(rows: Sequence[FinishedLift]) -> Table | None:
     )
     cells = []
     for (name, late_ms), false in zip(onset_delays_ms(rows).items(), unasked, strict=True):
-        spread = [f"{v:+.0f}" for v in np.percentile(late_ms, [50, 5, 95])] if late_ms.size else ["-"] * 3
-        cells.append([name, f"{late_ms.size} of {slips}", *spread, str(false)])
+        middle = f"{np.median(late_ms):+.0f}" if late_ms.size else "-"
+        ends = (
+            [f"{v:+.0f}" for v in np.percentile(late_ms, [5, 95])]
+            if late_ms.size >= FEWEST_LIFTS
+            else ["-"] * 2
+        )
+        cells.append([name, f"{late_ms.size} of {slips}", middle, *ends, str(false)])
     columns = ("onset by", "slips seen", "median, ms", "5 %, ms", "95 %, ms", "in lifts without a slip")
     return Table(columns, cells)
 

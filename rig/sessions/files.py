@@ -130,6 +130,11 @@ def state_folder() -> Path:
     return Path(os.environ.get("XDG_STATE_HOME") or Path.home() / ".local/state") / "visuotactile-slip-rig"
 
 
+def cache_folder() -> Path:
+    """Return the folder for data that can be made again (XDG base directory specification)."""
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "visuotactile-slip-rig"
+
+
 def drop_torn_line(path: Path) -> None:
     """Remove an incomplete last line, left by a crash, before more lines are appended."""
     if path.exists():

@@ -105,8 +105,8 @@ def train_turning(
         done = f"turning: epoch {epoch} of {epochs}, loss {mean:.3f}, validation {error:.3f}"
         report(done, epoch / epochs)
 
-    held_back = np.arange(kept, len(examples))
-    validate = partial(error_of, network, examples, held_back)
+    validation = np.arange(kept, len(examples))
+    validate = partial(error_of, network, examples, validation)
     errors = fit(network, epochs, BATCH, RATE, kept, loss, validate, show)
     export_turning(network.cpu(), out / MODEL)
     card: dict[str, Any] = {

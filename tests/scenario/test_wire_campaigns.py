@@ -43,7 +43,7 @@ def test_killed_lift_and_blocked_fingers_keep_every_limit(
     ]
     runs = run_safety(Run(folder=tmp_path / "s"), plan, unhurried_bench)
     assert [(run.event, run.stage) for run in runs] == [("kill -9", "lift"), ("fingers blocked", "hold")]
-    missed = [limit for limit in judge_runs(runs) if not limit.met]
+    missed = [limit for limit in judge_runs(runs) if limit.met is False]
     assert not missed, (missed, runs)
     assert "the person at the bench did not agree" in runs[1].said
 

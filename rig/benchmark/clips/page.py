@@ -47,7 +47,7 @@ def _clip(names: Sequence[str], runs: Sequence[ClipRun]) -> dict[str, object]:
         "group": first.clip.group,
         "figure": chart(names, runs),
         "stills": stills(first),
-        "caption": f"{names[0]}: mean error {found.mean_deg:.1f} degrees, {found.within:.0%} within limits, "
+        "caption": f"{names[0]}: mean error {found.mean_deg:.1f} degrees, {found.within} within limits, "
         f"zero: {first.estimate.zero_note}",
     }
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from rig.benchmark.clips.labelled import ClipVersion, LabelledClip
 from rig.benchmark.clips.scores import ClipScore, JudgedLabel, score
-from rig.frames.estimates import Answer, Estimate, estimate_series, zeroed
+from rig.frames.estimates import Answer, Estimate, contact_ms, estimate_series, zeroed
 from rig.tactile.estimators import EstimatorChoice
 from rig.tactile.sample import EstimatorFaults, State, faults_of
 
@@ -18,21 +18,21 @@ class ClipRun:
     """One estimator on one clip.
 
     estimate: angles relative to the clip's reference. labels: labels with the angles at their frames.
-    frame_ms: (N,) run time of each frame. contacts: for each frame of a contact span, whether it is in
-    contact and whether it was reported as contact.
+    contact_ms: run time of each frame with contact. contacts: for each frame of a contact span, whether it is
+    in contact and whether it was reported as contact.
     """
 
     clip: LabelledClip
     estimate: Estimate
     labels: tuple[JudgedLabel, ...]
-    frame_ms: tuple[float, ...]
+    contact_ms: tuple[float, ...]
     has_sigma: bool
     contacts: tuple[tuple[bool, bool], ...] = ()
 
     @property
     def score(self) -> ClipScore:
         """Figures of this clip."""
-        return score(self.labels, self.frame_ms, self.has_sigma, self.contacts)
+        return score(self.labels, self.contact_ms, self.has_sigma, self.contacts)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,7 +62,7 @@ def run_clip(clip: LabelledClip, choice: EstimatorChoice) -> ClipRun:
         clip,
         estimate,
         tuple(_judged(clip, estimate)),
-        tuple(1e3 * answer.cost_s for answer in answers if answer.cost_s is not None),
+        tuple(contact_ms(answers)),
         has_sigma,
         tuple(_reported(clip, answers)),
     )
@@ -77,9 +77,9 @@ def summed(name: str, runs: Sequence[ClipRun]) -> EstimatorRuns:
 
 def _together(runs: Sequence[ClipRun]) -> ClipScore:
     labels = [label for run in runs for label in run.labels]
-    frame_ms = [ms for run in runs for ms in run.frame_ms]
+    times_ms = [ms for run in runs for ms in run.contact_ms]
     contacts = [contact for run in runs for contact in run.contacts]
-    return score(labels, frame_ms, any(run.has_sigma for run in runs), contacts)
+    return score(labels, times_ms, any(run.has_sigma for run in runs), contacts)
 
 
 def _judged(clip: LabelledClip, estimate: Estimate) -> Iterator[JudgedLabel]:

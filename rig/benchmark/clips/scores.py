@@ -7,7 +7,9 @@ import numpy as np
 
 from rig.benchmark.clips.labelled import ClipLabel
 from rig.benchmark.harness import column
+from rig.frames.estimates import FRAME_MS, frame_ms
 from rig.results.scores import is_confidently_wrong
+from rig.results.shares import Share, share_of
 
 CLOSE_DEG, LABEL_SIGMAS = 3.0, 2.0
 """An error counts as small up to 3 degrees, or up to 2 label sigmas, which the label's error may explain."""
@@ -86,44 +88,45 @@ class JudgedLabel:
 
 @dataclass(frozen=True, slots=True)
 class ClipScore:
-    """Figures over labels; None if there is no value. Times are per frame, ms.
+    """Figures over labels; None if there is no value.
 
-    within_3, within, useful, confidently_wrong: fractions of all labels; see the properties close,
-    close_enough, useful and confidently_wrong of `JudgedLabel`. two_sigma: fraction of the angles with a
-    sigma. false_rest: fraction of the labels of at least 10 degrees. empty_as_contact, held_as_contact:
-    fractions reported as contact of the frames labelled as without and with contact.
+    answered, within_3, within, useful, confidently_wrong: shares of all labels; see the properties close,
+    close_enough, useful and confidently_wrong of `JudgedLabel`. two_sigma: share of the angles with a sigma.
+    false_rest: share of the labels of at least 10 degrees. frame_ms: run time of the frames with contact.
+    empty_as_contact, held_as_contact: fractions reported as contact of the frames labelled as without and
+    with contact.
     """
 
-    answered: float
+    answered: Share
     median_sigma_deg: float | None
     labels: int = column("labels")
-    within_3: float = column("within 3 deg", ".0%")
-    within: float = column("within 3 deg or 2 label sigmas", ".0%")
+    within_3: Share = column("within 3 deg")
+    within: Share = column("within 3 deg or 2 label sigmas")
     mean_small_deg: float | None = column("mean, up to 30 deg", ".2f")
     mean_deg: float = column("mean, all", ".2f")
     median_small_deg: float | None = column("median, up to 30 deg", ".2f")
     median_deg: float = column("median, all", ".2f")
-    useful: float | None = column("useful", ".0%")
-    two_sigma: float | None = column("within 2 sigma", ".0%")
-    confidently_wrong: float | None = column("confidently wrong", ".0%")
-    false_rest: float | None = column("false rest", ".0%")
-    frame_ms: tuple[float, float] = column("ms per frame: median, 99 %", ".2f")
+    useful: Share | None = column("useful")
+    two_sigma: Share | None = column("within 2 sigma")
+    confidently_wrong: Share | None = column("confidently wrong")
+    false_rest: Share | None = column("false rest")
+    frame_ms: tuple[float, float, float] | None = column(FRAME_MS, ".1f")
     empty_as_contact: float | None = column("empty reported as contact", ".1%", optional=True)
     held_as_contact: float | None = column("held reported as contact", ".1%", optional=True)
 
     @property
-    def p99_ms(self) -> float:
-        """Time per frame, 99th percentile, ms."""
-        return self.frame_ms[1]
+    def p99_ms(self) -> float | None:
+        """Time per frame with contact, 99th percentile, ms; None without such a frame."""
+        return None if self.frame_ms is None else self.frame_ms[-1]
 
 
 def score(
     labels: Sequence[JudgedLabel],
-    frame_ms: Sequence[float],
+    contact_ms: Sequence[float],
     has_sigma: bool,
     contacts: Sequence[tuple[bool, bool]] = (),
 ) -> ClipScore:
-    """Summarize labels and run times of frames; there must be at least one of each.
+    """Summarize labels, at least one, and the run times of the frames with contact, ms.
 
     has_sigma: whether the estimator reports a sigma; without it, figures that need one are None. contacts:
     for each frame of a contact span, whether it is in contact and whether it was reported as contact.
@@ -143,19 +146,22 @@ def score(
         mean_deg=float(errors.mean()),
         median_deg=float(np.median(errors)),
         useful=_share([label.useful for label in labels]) if has_sigma else None,
-        two_sigma=_share([value <= 2.0 for value in off]) if off else None,
+        two_sigma=share_of(value <= 2.0 for value in off),
         confidently_wrong=_share([label.confidently_wrong for label in labels]) if has_sigma else None,
-        false_rest=_share([label.false_rest for label in turned]) if has_sigma and turned else None,
+        false_rest=share_of(label.false_rest for label in turned) if has_sigma else None,
         median_sigma_deg=float(np.median(sigmas)) if sigmas else None,
-        frame_ms=(float(np.median(frame_ms)), float(np.percentile(frame_ms, 99))),
-        empty_as_contact=_share_or_none([reported for held, reported in contacts if not held]),
-        held_as_contact=_share_or_none([reported for held, reported in contacts if held]),
+        frame_ms=frame_ms(contact_ms),
+        empty_as_contact=_fraction([reported for held, reported in contacts if not held]),
+        held_as_contact=_fraction([reported for held, reported in contacts if held]),
     )
 
 
-def _share(values: Sequence[bool]) -> float:
-    return sum(values) / len(values)
+def _share(values: Sequence[bool]) -> Share:
+    share = share_of(values)
+    if share is None:
+        raise ValueError("a score needs at least one label")
+    return share
 
 
-def _share_or_none(values: Sequence[bool]) -> float | None:
-    return _share(values) if values else None
+def _fraction(values: Sequence[bool]) -> float | None:
+    return sum(values) / len(values) if values else None

@@ -1,22 +1,23 @@
 """`rig benchmark clips`: compare estimators on labelled clips.
 
-`rotation_clip_halves.csv` divides 24 real clips of a GelSight Mini by object into two halves that were about
-equally difficult for an earlier estimator. Constants are fitted on the half `development` only.
+The set `octopi` (24 real clips of a GelSight Mini) is divided by object into two halves that were about
+equally difficult for an earlier estimator. Constants are fitted on the group `development`; designs of the
+estimator were also chosen by their figures on the group `validation`.
 """
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from operator import attrgetter
-from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import cv2
-import typer
 
 from drivers.errors import InputError, counted, unknown_name
 from rig.benchmark.clips.augmented import augmented, chosen_versions
 from rig.benchmark.clips.labelled import ClipVersion, read_clips
+from rig.benchmark.clips.options import ESTIMATORS, PROJECT, ClipsOptions
 from rig.benchmark.clips.page import page
+from rig.benchmark.clips.public import PublicSet, find_set, make_clips
 from rig.benchmark.clips.runs import ALL, ClipRun, EstimatorRuns, run_clip, summed
 from rig.benchmark.clips.scores import ClipScore
 from rig.benchmark.harness import (
@@ -28,72 +29,10 @@ from rig.benchmark.harness import (
     columns_of,
     limit_table,
     machine,
-    option,
     table_of,
 )
 from rig.benchmark.measured import Measured, at_least, at_most
 from rig.tactile.estimators import choose_estimator
-
-ESTIMATORS = ("slip", "ecc", "polar", "ellipse", "pca", "anglenet")
-"""Estimators that are compared by default."""
-PROJECT = {"within": 0.5, "confidently_wrong": 0.04, "two_sigma": 0.88, "p99_ms": 8.0}
-"""Limits of this project for its own clips, by option."""
-
-
-@dataclass(frozen=True, slots=True)
-class ClipsOptions:
-    """Options of `rig benchmark clips`. A limit of None is not checked."""
-
-    folder: Annotated[
-        Path,
-        typer.Argument(
-            help="Folder with a folder per clip: frames/, a video or a ROS bag, background.png, labels.csv, "
-            "timestamps.csv, contacts.csv. Or trials of TactileTracking, or sequences of "
-            "digit-pose-estimation."
-        ),
-    ]
-    estimator: list[str] | None = option(
-        None,
-        "Estimator, also your own as package.module:Class; repeat for more. Limits apply to the "
-        "first. Default: slip, ecc, polar, ellipse, pca, anglenet.",
-    )
-    groups: Path | None = option(
-        None,
-        "CSV file with columns clip,group. Default: groups.csv in the folder, else the column group "
-        "of labels.csv.",
-    )
-    topic: str | None = option(None, "Image topic of ROS bags. Default: the only image topic of each bag.")
-    group: str | None = option(None, "Group that limits apply to. Default: all clips.")
-    limits: bool = option(
-        False,
-        "Apply this project's limits for its own clips: --within 0.5, --confidently-wrong 0.04, "
-        "--two-sigma 0.88, --p99-ms 8.",
-        "--limits",
-    )
-    within: float | None = option(
-        None, "Limit: lowest fraction of labels within 3 degrees or 2 label sigmas."
-    )
-    confidently_wrong: float | None = option(
-        None, "Limit: highest fraction of labels with an error of more than 10 degrees and 3 sigma."
-    )
-    two_sigma: float | None = option(None, "Limit: lowest fraction of angles within two sigma.")
-    false_rest: float | None = option(None, "Limit: highest fraction of turned labels reported as at rest.")
-    mean_deg: float | None = option(None, "Limit: largest mean error for angles up to 30 degrees, degrees.")
-    p99_ms: float | None = option(None, "Limit: longest time per frame (99th percentile), ms.")
-    empty: float | None = option(
-        None, "Limit: highest fraction of frames without contact reported as contact."
-    )
-    held: float | None = option(None, "Limit: lowest fraction of frames in contact reported as contact.")
-    augment: str | None = option(
-        None,
-        "Also score these versions of each clip, separated by commas: mirror (left-right), flip "
-        "(top-bottom), reverse (in time, from the last labelled frame). Limits apply to all versions.",
-    )
-    reversed_turns: bool = option(
-        False,
-        "Negate the known angles of public sets (digit-pose-estimation does not document the sign).",
-        "--reversed-turns",
-    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,12 +79,23 @@ def measure(options: ClipsOptions, run: Run) -> Report:
     are all with or all without contact. It adds two columns with the fractions of these frames that were
     reported as contact.
 
+    A share of labels has its 95 % interval in brackets (Wilson, as if the labels were independent; those of
+    one clip are not). Below five labels the numbers are printed instead. Times are over frames with contact.
+
+    With --set, the argument is a clone of a public repository: octopi (github.com/clear-nus/octopi),
+    digit-edges (github.com/pyonkti/digit) or gripper-slips
+    (github.com/amitparag/Incipient-Slip-Detection). The labelled files are compared with stored hashes. The
+    frames are made in ~/.cache/visuotactile-slip-rig/clips, or below XDG_CACHE_HOME. The last line is the
+    set's row in the README.
+
     Examples:
       rig benchmark clips clips/ --out clips_page
 
+      rig benchmark clips octopi/ --set octopi --estimator slip
+
       rig benchmark clips TactileTracking/ --estimator slip --out tracking_page
 
-      rig benchmark clips clips/ --estimator slip --groups halves.csv --group "held back" --json
+      rig benchmark clips clips/ --estimator slip --groups groups.csv --group indoors --json
 
       rig benchmark clips clips/ --estimator slip --augment mirror,flip,reverse
 
@@ -154,7 +104,14 @@ def measure(options: ClipsOptions, run: Run) -> Report:
     choices = [choose_estimator(name) for name in options.estimator or ESTIMATORS]
     versions = chosen_versions(options.augment)
     sign = -1 if options.reversed_turns else 1
-    clips = augmented(read_clips(options.folder, options.groups, sign, options.topic), versions)
+    folder = options.folder
+    if options.public_set is not None:
+        known = find_set(options.public_set)
+        folder = make_clips(known, options.folder)
+        run.say(
+            f"clips of {known.name} at {known.commit[:8]}: {folder}; licence of the frames: {known.licence}"
+        )
+    clips = augmented(read_clips(folder, options.groups, sign, options.topic), versions)
     names = sorted({clip.group for clip in clips})
     if options.group is not None and options.group not in names:
         raise InputError(unknown_name("group", options.group, names))
@@ -177,7 +134,7 @@ def judge(of: ClipScore, options: ClipsOptions) -> tuple[Measured, ...]:
         ("two_sigma", at_least, "share of answers within two sigma", of.two_sigma),
         ("false_rest", at_most, "share of turned labels reported as at rest", of.false_rest),
         ("mean_deg", at_most, "mean error up to 30 degrees", of.mean_small_deg),
-        ("p99_ms", at_most, "time per frame, 99 %, ms", of.p99_ms),
+        ("p99_ms", at_most, "time per frame with contact, 99 %, ms", of.p99_ms),
         ("empty", at_most, "share of empty frames reported as contact", of.empty_as_contact),
         ("held", at_least, "share of held frames reported as contact", of.held_as_contact),
     )
@@ -198,7 +155,7 @@ def verdict(limits: Sequence[Measured]) -> str:
 
 
 def overall_table(estimators: Sequence[EstimatorRuns]) -> Table:
-    """Return a row per estimator and group, all clips first; a single group has no row of its own."""
+    """Return a row per estimator and group, all clips first; a single group has no separate row."""
     rows = [
         GroupRow(of.name if group == ALL else "", group, found)
         for of in estimators
@@ -255,11 +212,29 @@ def _report(
         section=section,
         figures={"estimators": {of.name: _estimator_json(of) for of in estimators}},
         files={
-            "index.html": page(options.folder.name, by_name, verdict(limits), [*shown, overall, by_clip]),
+            "index.html": page(
+                options.public_set or options.folder.name,
+                by_name,
+                verdict(limits),
+                [*shown, overall, by_clip],
+            ),
             "table.md": section + "\n",
         },
+        notes=[readme_row(find_set(options.public_set), first)] if options.public_set else (),
         faults={of.name: faults for of in estimators if (faults := of.faults)},
     )
+
+
+def readme_row(of: PublicSet, runs: EstimatorRuns) -> str:
+    """Return a set's row of the README in Markdown: labels within 3 degrees, over all clips and by group."""
+    groups = [
+        f"{name} clips ({found.labels} labels): {found.within_3}"
+        for name, found in runs.groups.items()
+        if name != ALL and len(runs.groups) > 2
+    ]
+    whole = f"within 3 degrees: {runs.groups[ALL].within_3} of {runs.groups[ALL].labels} labels"
+    clips = counted(len({run.clip.name for run in runs.runs}), "clip")
+    return f"| {of.data} | {'; '.join([f'{whole} on {clips}', *groups])} |"
 
 
 def _section(first: EstimatorRuns, table: Table, limits: Sequence[Measured]) -> str:
@@ -307,5 +282,6 @@ STUDY = Study(
     measure=measure,
     cases="clips",
     shared=("out", "readme"),
+    section=lambda options: f"clips {options.public_set}" if options.public_set else "clips",
     simulated=False,
 )

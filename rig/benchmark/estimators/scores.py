@@ -7,6 +7,7 @@ import numpy as np
 
 from rig.results.metrics import Mare, mare_of
 from rig.results.scores import SeriesScore
+from rig.results.shares import Share, share_of
 
 ELONGATED = ("t1", "t2", "t3", "t4", "t6", "t7")
 """Objects with elongated contacts."""
@@ -20,7 +21,7 @@ EARLY_S = 0.1
 class OnsetScore:
     """Slip onsets over many lifts.
 
-    true: number of lifts with an onset. error_s: median of |estimated - true|. within: fraction of the true
+    true: number of lifts with an onset. error_s: median of |estimated - true|. within: share of the true
     onsets that were reported with an error of at most 50 ms. missed: number of lifts whose onset was not
     reported. false_alarms: number of lifts with a report but without an onset, or with a report over 100 ms
     too early.
@@ -28,7 +29,7 @@ class OnsetScore:
 
     true: int
     error_s: float | None
-    within: float | None
+    within: Share | None
     missed: int
     false_alarms: int
 
@@ -96,7 +97,7 @@ def _onsets(onsets_s: Sequence[tuple[float | None, float | None]]) -> OnsetScore
     return OnsetScore(
         true=true,
         error_s=float(np.median(np.abs(errors))) if errors else None,
-        within=sum(abs(e) <= ONSET_WITHIN_S for e in errors) / true if true else None,
+        within=share_of([*(abs(e) <= ONSET_WITHIN_S for e in errors), *[False] * (true - len(errors))]),
         missed=true - len(errors),
         false_alarms=unfounded + sum(e < -EARLY_S for e in errors),
     )

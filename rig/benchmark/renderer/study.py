@@ -22,7 +22,7 @@ from rig.benchmark.renderer.lifts import (
     kind_of,
 )
 from rig.benchmark.renderer.shapes import KIND_NAMES
-from rig.frames.estimates import estimate_together
+from rig.frames.estimates import FRAME_MS, contact_ms, estimate_together, frame_ms
 from rig.lift.object_angle import object_angle
 from rig.results.scores import SeriesScore, score_angles
 from rig.tactile.contact.background import mean_background
@@ -71,7 +71,7 @@ class FaceRow:
     answered: float = column("answered", ".0%", "share of the frames with an angle")
     within_two_sigma: float | None = column("within 2 sigma", ".0%", "share of the answers")
     confidently_wrong: int | None = column("confidently wrong", doc="lifts with such an answer")
-    ms: tuple[float, float] = column("ms per frame: median, 99 %", ".1f")
+    ms: tuple[float, float, float] | None = column(FRAME_MS, ".1f")
 
 
 def measure(options: RendererOptions, run: Run) -> Report:
@@ -114,7 +114,7 @@ def answer_lift(choices: Sequence[EstimatorChoice], lift: int) -> dict[str, Draw
         estimators = {choice.name: choice.make(background, 1.0, sign) for choice in choices}
         for name, timed in estimate_together(estimators, drawn).items():
             samples[name][tip] = [of.sample for of in timed]
-            spent_ms[name] += [1e3 * (of.cost_s or 0.0) for of in timed]
+            spent_ms[name] += contact_ms(timed)
     return {name: _scored(lift, of, spent_ms[name]) for name, of in samples.items()}
 
 
@@ -151,7 +151,6 @@ def _scored(lift: int, samples: Mapping[str, list[SlipSample]], ms: list[float])
 
 def _row(name: str, face: str, lifts: Sequence[DrawnLift]) -> FaceRow:
     score = score_all([lift.score for lift in lifts])
-    median_ms, p99_ms = np.percentile([value for lift in lifts for value in lift.ms], [50, 99])
     return FaceRow(
         estimator=name,
         face=face,
@@ -161,7 +160,7 @@ def _row(name: str, face: str, lifts: Sequence[DrawnLift]) -> FaceRow:
         answered=score.answered,
         within_two_sigma=score.within_two_sigma,
         confidently_wrong=_wrong_lifts(score),
-        ms=(float(median_ms), float(p99_ms)),
+        ms=frame_ms([value for lift in lifts for value in lift.ms]),
     )
 
 

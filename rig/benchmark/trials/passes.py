@@ -14,7 +14,7 @@ from drivers.types import Image
 from protocols.observer import Phase
 from rig.benchmark.estimators.contenders import SharedContact, filtered
 from rig.benchmark.estimators.lifts import RecordedLift, open_lift, truth_at
-from rig.frames.estimates import TimedSample, estimate_frames, estimate_together
+from rig.frames.estimates import TimedSample, contact_ms, estimate_frames, estimate_together
 from rig.frames.of_session import SessionSeries
 from rig.frames.series import TimedFrame
 from rig.lift.object_angle import ZERO_S, object_angle
@@ -63,10 +63,13 @@ Passes = dict[str, list[TimedSample]]
 
 @dataclass(frozen=True, slots=True)
 class TrialPass:
-    """One lift. scores: by method and window, over phase B; frame_s: wall time per frame by method."""
+    """One lift. scores: by method and window, over phase B.
+
+    contact_ms: wall time of each frame with contact, by method. frames: of phase B.
+    """
 
     scores: dict[tuple[str, int], SeriesScore]
-    frame_s: dict[str, list[float]]
+    contact_ms: dict[str, list[float]]
     frames: int
 
 
@@ -127,7 +130,7 @@ def pass_lift(
         for window in WINDOWS
     }
     in_b = sum(f.time_ns >= lift.phases[Phase.LIFT] for f in frames)
-    return TrialPass(scores, {n: [of.cost_s or 0.0 for of in timed] for n, timed in passes.items()}, in_b)
+    return TrialPass(scores, {n: contact_ms(timed) for n, timed in passes.items()}, in_b)
 
 
 def thinned(frames: Iterable[TimedFrame]) -> Iterator[TimedFrame]:

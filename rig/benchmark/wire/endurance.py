@@ -27,7 +27,7 @@ from rig.bench.fakes_process import started_fakes
 from rig.bench.operators import ConsoleOperator
 from rig.bench.source import StandingBench
 from rig.benchmark.harness import Report, Run, Study, option
-from rig.benchmark.measured import Measured, at_least, at_most
+from rig.benchmark.measured import Measured, at_least, at_most, informative
 from rig.config import BenchConfig, load_bench
 from rig.experiments.lift_plan import LiftTask, TrialSettings, new_measurement, plan_lift
 from rig.lift.measurement import LiftMeasurement
@@ -226,9 +226,9 @@ def measure(options: EnduranceOptions, run: Run) -> Report:
     """Hold an object still over the wire protocols, in real time, and print the measurements per minute.
 
     All frames are recorded as in a lift, into a file per minute of about 0.3 GB in the folder for temporary
-    files (TMPDIR), which is then deleted. Exit code 4 if a frame was dropped or its time jumped, if in any
-    minute the 99th percentile of the time from capture to angle exceeded one frame period, if the angle
-    changed by more than 0.3 degrees, or if memory, threads or open files grew.
+    files (TMPDIR), which is then deleted. Exit code 4 if a frame was dropped or its time jumped, if the angle
+    changed by more than 0.3 degrees, or if memory, threads or open files grew. Times are printed and not
+    judged, because they depend on the load of the computer.
 
     Examples:
       rig benchmark endurance
@@ -238,18 +238,18 @@ def measure(options: EnduranceOptions, run: Run) -> Report:
     """
     bench, count = load_bench("wire"), max(1, round(60.0 * options.hours))
     minutes = measure_endurance(count, lambda number, of: run.progress(number, count, str(of)), bench)
-    limits = judge_endurance(minutes, 1e3 / max(tactile.rate_hz for tactile in bench.tactile))
+    limits = judge_endurance(minutes)
     return Report((), limits, "the contact at rest", figures={"minutes": [asdict(of) for of in minutes]})
 
 
-def judge_endurance(minutes: Sequence[Minute], period_ms: float) -> tuple[Measured, ...]:
-    """Compare with the limits. period_ms: time between two frames of a fingertip, the largest latency."""
+def judge_endurance(minutes: Sequence[Minute]) -> tuple[Measured, ...]:
+    """Compare with the limits."""
     first, last = minutes[0], minutes[-1]
     wander_deg = [minute.wander_deg for minute in minutes]
     return (
         at_most("frames dropped", sum(minute.dropped for minute in minutes), 0),
         at_most("frames whose time jumped", sum(minute.jumped for minute in minutes), 0),
-        at_most("capture to angle, 99th percentile, ms", max(of.p99_ms for of in minutes), period_ms),
+        informative("capture to angle, 99th percentile, ms", max(of.p99_ms for of in minutes)),
         at_most(
             "farthest angle from the first minute, deg",
             max(wander_deg) if np.isfinite(wander_deg).all() else None,

@@ -66,7 +66,7 @@ class WireLift:
     """A lift over the wire protocols.
 
     state_hz: rate at which the arm's driver received states. controller_core: share of a core that the
-    simulated controller used. period_ms: between two frames of a fingertip. row: the lift's. seeds: rows of
+    simulated controller used. row: the lift's. seeds: rows of
     the same lift in this process.
     """
 
@@ -74,7 +74,6 @@ class WireLift:
     state_hz: float
     controller_core: float
     wall_s: float
-    period_ms: float
     row: FinishedLift
     seeds: tuple[FinishedLift, ...]
 
@@ -94,9 +93,9 @@ def measure(options: WireOptions, run: Run) -> Report:
 
     The lift is stored as a session in the folder of the results. The exit code is 4 in these cases: a frame
     that was sent is not in the recording; the arm's driver received fewer than 490 of 500 states per second;
-    the simulated controller used more than a quarter of a core; the time from capture to angle of a fingertip
-    exceeded one frame period (99th percentile); or the result differs from that of the same lift in this
-    process by more than the spread over seeds.
+    the simulated controller used more than a quarter of a core; or the result differs from that of the same
+    lift in this process by more than the spread over seeds. Times are printed and not judged, because they
+    depend on the load of the computer.
 
     Examples:
       rig benchmark wire
@@ -127,14 +126,12 @@ def judge_wire(lift: WireLift) -> tuple[Measured, ...]:
     turns = row.final_truth_deg, same.final_truth_deg
     turn_deg = None if turns[0] is None or turns[1] is None else abs(turns[0] - turns[1])
     error_deg = None if row.re_b is None else abs(row.re_b.mean_deg - mean_deg)
-    late_ms = max((each.p99_ms for each in lift.streams if each.serial in row.contact_area_px), default=None)
     return (
         at_most("frames served that are not in the recording", sum(of.missing for of in lift.streams), 0),
         at_least("states a second that the arm's driver received", lift.state_hz, LEAST_STATE_HZ),
         at_most(
             "share of a core used by the simulated controller", lift.controller_core, MOST_CONTROLLER_CORE
         ),
-        at_most("capture to angle, 99th percentile, ms", late_ms, lift.period_ms),
         at_most("outcomes other than that in this process", row.outcome is not same.outcome, 0),
         at_most("difference of the true turn from that in this process, deg", turn_deg, TRUTHS_APART_DEG),
         at_most("difference of the error from its mean over seeds, deg", error_deg, SPREADS * spread_deg),
@@ -179,7 +176,6 @@ def measure_wire(
         state_hz=benches.state_hz,
         controller_core=status["devices"]["arm"]["cpu_s"] / (status["now_ns"] / NS_PER_S),
         wall_s=wall_s,
-        period_ms=1e3 / max(tactile.rate_hz for tactile in config.tactile),
         row=row,
         seeds=tuple(
             finished(attempt_lift(TrialSettings(fake, seed, choice), task).row for seed in range(seeds))

@@ -21,7 +21,7 @@ from rig.bench.fakes_process import fakes_control, started_fakes
 from rig.bench.operators import ConsoleOperator
 from rig.bench.source import StandingBench
 from rig.benchmark.harness import Report, Run, Study, Table, option
-from rig.benchmark.measured import Measured, at_most
+from rig.benchmark.measured import Measured, at_most, informative
 from rig.benchmark.wire.safety_events import (
     BY_NAME,
     EVENTS,
@@ -219,10 +219,8 @@ class _Place:
         return ""
 
 
-STILL_S = 0.5
 APPROACH_MM = 20.0
-NOTICED_S = 1.0
-"""Longest time from the loss of a device that the lift needs to standstill."""
+"""Longest way from an event in the approach to standstill."""
 COLUMNS = ("event", "runs", *(f"{stage}: s, mm" for stage in Stage), "dropped", "unasked", "lift lost")
 
 
@@ -240,7 +238,8 @@ def measure(options: SafetyOptions, run: Run) -> Report:
     twice, SIGTERM, SIGHUP, SIGQUIT, kill -9, SIGSTOP, protective and emergency stop, gripper, fingertip and
     camera lost, fingers that fail, disk full: each once in the plain run, about 25 s each. Exit code 4 if an
     object was dropped, if anything moved unasked, if a finished lift was lost, or if the arm did not stand
-    within 0.5 s, and within 20 mm in the approach.
+    within 20 mm in the approach. Times are printed and not judged, because they depend on the load of the
+    computer.
 
     Examples:
       rig benchmark safety
@@ -264,14 +263,14 @@ def judge_runs(runs: Sequence[SafetyRun]) -> tuple[Measured, ...]:
     lost = [run for run in runs if BY_NAME[run.event].after is After.NOTICED and BY_NAME[run.event].fault]
     way_mm = [run.way_mm for run in stopped if run.stage is Stage.APPROACH]
     lost_s = [run.still_s for run in lost if run.stage is Stage.LIFT]
-    still_s = max((run.still_s for run in stopped), default=None)
+    still_s = [run.still_s for run in stopped]
     return (
         at_most("objects dropped", sum(run.dropped for run in runs), 0),
         at_most("runs in which something moved unasked", sum(bool(run.unasked) for run in runs), 0),
         at_most("finished lifts lost", sum(not run.kept for run in runs), 0),
-        at_most("from the event to standstill, s", still_s, STILL_S),
+        *(informative("from the event to standstill, s", max(still_s)) for _ in still_s[:1]),
         *(at_most("way to standstill in the approach, mm", max(way_mm), APPROACH_MM) for _ in way_mm[:1]),
-        *(at_most("from a lost device to standstill, s", max(lost_s), NOTICED_S) for _ in lost_s[:1]),
+        *(informative("from a lost device to standstill, s", max(lost_s)) for _ in lost_s[:1]),
         at_most("programs that ended without a reason", sum(not run.ended_well for run in runs), 0),
         at_most("benches that could not be put in order", sum(bool(run.ready) for run in runs), 0),
     )

@@ -4,6 +4,8 @@ import re
 
 import yaml
 
+from rig.benchmark.clips.public import SETS
+from rig.benchmark.measured import markers
 from support.documentation import ROOT
 
 
@@ -12,11 +14,16 @@ def test_figures_in_readme_match_the_tables() -> None:
     page = (ROOT / "docs" / "measurements.md").read_text(encoding="utf-8")
     rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in page.splitlines()]
     lifts = next(row for row in rows if row[0] == "slip" and row[1] == "-")
-    at = next(i for i, row in enumerate(rows) if row[:2] == ["slip", "all"])
-    everything, developed, held_back = (rows[at + i][3] for i in range(3))
     assert f"MARE {lifts[3].split()[0]} degrees" in readme
-    shares = f"{everything} ({developed} on clips it was developed on, {held_back} on the others)"
-    assert re.sub("(?<=[0-9])%", " %", shares) in readme
+    for of in SETS.values():
+        begin, end = markers(f"clips {of.name}")
+        section = page.partition(begin)[2].partition(end)[0]
+        cells = [[cell.strip() for cell in line.strip("|").split("|")] for line in section.splitlines()]
+        whole, *groups = [row for row in cells if len(row) > 3 and row[0] in ("slip", "")][:3]
+        clips = section.split(",")[0].strip()
+        shares = [f"within 3 degrees: {whole[3]} of {whole[2]} labels on {clips}"]
+        shares += [f"{row[1]} clips ({row[2]} labels): {row[3]}" for row in groups if row[0] == ""]
+        assert f"| {of.data} | {'; '.join(shares)} |" in readme
 
 
 def test_container_files_exist_and_services_match_the_page() -> None:

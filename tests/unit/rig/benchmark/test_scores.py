@@ -73,7 +73,7 @@ def test_missed_late_and_false_onsets_are_counted() -> None:
     score = score_all(lifts)
     assert score.event == score.onset
     assert (score.onset.true, score.onset.missed, score.onset.false_alarms) == (4, 1, 2)
-    assert score.onset.within == 0.25
+    assert str(score.onset.within) == "1 of 4"
     assert score.onset.error_s == pytest.approx(0.2)
 
 

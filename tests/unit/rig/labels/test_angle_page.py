@@ -95,21 +95,26 @@ def test_proposes_first_stable_contact_as_reference_like_rig_estimate(
     assert estimated.reference_time_s == pytest.approx(choice.reference / 60, abs=1e-6)
 
 
-def test_without_a_contact_all_frames_are_offered(clip: Path) -> None:
-    series = read_frames(clip / "frames")
-    choice, note = choose_frames(series, read_image(clip / "frames" / "005.png"), 3)
-    assert "no contact is seen" not in note
+def test_only_frames_with_contact_are_offered(clip: Path, blank: Image) -> None:
+    for number in (6, 7, 8, 9):
+        cv2.imwrite(str(clip / "frames" / f"{number:03d}.png"), blank[..., ::-1])
+    assert opened(clip, 100).choice == FrameChoice(2, (2, 3, 4, 5, 10, 11, 12, 13))
+    assert opened(clip, 4).choice == FrameChoice(2, (2, 4, 11, 13))
+
+
+def test_clip_without_a_contact_is_rejected(clip: Path) -> None:
+    grey = np.full((320, 240, 3), 90, np.uint8)
     for file in (clip / "frames").iterdir():
-        cv2.imwrite(str(file), np.full((320, 240, 3), 90, np.uint8))
-    choice, note = choose_frames(series, np.full((320, 240, 3), 90, np.uint8), 3)
-    assert choice == FrameChoice(0, (0, 6, 13))
-    assert "no contact is seen" in note
+        cv2.imwrite(str(file), grey)
+    with pytest.raises(InputError, match="no frame shows a contact: compare the background"):
+        choose_frames(read_frames(clip / "frames"), grey, 3)
 
 
-def test_unknown_reference_frame_is_rejected(clip: Path) -> None:
-    with pytest.raises(InputError, match="--reference 99 is not a readable frame"):
-        opened(clip, reference=99)
-    with pytest.raises(InputError, match="no frame follows frame 13"):
+def test_reference_without_contact_is_rejected(clip: Path) -> None:
+    for number in (0, 99):
+        with pytest.raises(InputError, match=f"--reference {number} shows no contact .* in frames 2 to 13"):
+            opened(clip, reference=number)
+    with pytest.raises(InputError, match="no contact follows frame 13"):
         opened(clip, reference=13)
 
 

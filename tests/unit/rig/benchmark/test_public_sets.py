@@ -1,0 +1,284 @@
+"""Public data sets with packaged labels: clips made from a clone, its checks, and the README's row."""
+
+import csv
+import hashlib
+import json
+import os
+import re
+import subprocess
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from typer.testing import CliRunner
+
+from drivers.errors import InputError
+from drivers.images import encode_png, read_image
+from rig.benchmark.clips import public
+from rig.benchmark.clips.labelled import read_clips
+from rig.benchmark.clips.public import SETS, PublicSet, make_clips
+from rig.cli.main import app
+from rig.frames.series import read_frames
+
+Image = NDArray[np.uint8]
+Draw = Callable[..., Image]
+LABELS = "clip,reference_frame,keyframe,angle_deg,sigma_deg\n" + "".join(
+    f"{clip},3,{frame},{angle},1\n"
+    for clip in ("pictures", "movie")
+    for frame, angle in ((3, 0), (5, 4), (7, 8), (9, 12))
+)
+TURN_DEG = (*[0.0] * 4, *np.arange(2.0, 14.0, 2.0))
+
+
+def git(folder: Path, *arguments: str) -> str:
+    author = ["-c", "user.name=A", "-c", "user.email=a@example.org", "-c", "commit.gpgsign=false"]
+    done = subprocess.run(["git", "-C", str(folder), *author, *arguments], capture_output=True, check=True)
+    return done.stdout.decode().strip()
+
+
+@pytest.fixture(scope="module")
+def frames(press: Draw) -> list[Image]:
+    return [press(15 + turn, (85, 25), seed=i) for i, turn in enumerate(TURN_DEG)]
+
+
+@pytest.fixture(scope="module")
+def clone(frames: list[Image], blank: Image, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A repository with pictures (one with an alpha channel) and a video; its first commit has the files."""
+    folder = tmp_path_factory.mktemp("clone")
+    git(folder, "init", "-q")
+    for number in range(3):
+        noisy = np.clip(blank.astype(int) + number - 1, 0, 255).astype(np.uint8)
+        (folder / f"empty {number}.png").write_bytes(encode_png(noisy))
+    for number, image in enumerate(frames[1:], 1):
+        (folder / f"{number}.png").write_bytes(encode_png(image))
+    cv2.imwrite(str(folder / "1.png"), cv2.cvtColor(frames[1], cv2.COLOR_RGB2BGRA))
+    writer = cv2.VideoWriter(str(folder / "movie.avi"), cv2.VideoWriter.fourcc(*"MJPG"), 25.0, (240, 320))
+    for image in (blank, *frames):
+        writer.write(np.ascontiguousarray(image[..., ::-1]))
+    writer.release()
+    git(folder, "add", "-A")
+    git(folder, "commit", "-qm", "files")
+    return folder
+
+
+@pytest.fixture
+def tiny(clone: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> PublicSet:
+    """The labels and sources of the clone, and an empty cache."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    rows = [("pictures", "background", f"empty {number}.png", "", "") for number in range(3)]
+    rows += [("pictures", "frame", "", "", "0")]
+    rows += [("pictures", "frame", f"{n}.png", "", f"{n / 25}") for n in range(1, len(TURN_DEG))]
+    rows += [("movie", "background", "movie.avi", "0", ""), ("movie", "video", "movie.avi", "", "")]
+    hashes = {
+        path: hashlib.sha256((clone / path).read_bytes()).hexdigest() for _, _, path, *_ in rows if path
+    }
+    sources = [",".join((*row, hashes.get(row[2], ""))) for row in rows]
+    (tmp_path / "tiny.csv").write_text(LABELS)
+    (tmp_path / "tiny_sources.csv").write_text("\n".join(["clip,use,path,frame,t_s,sha256", *sources]) + "\n")
+    commit = git(clone, "rev-list", "--max-parents=0", "HEAD")
+    return PublicSet("tiny", "a drawn sensor", "example/tiny", commit, "MIT", tmp_path)
+
+
+def test_clips_are_made_in_the_cache_with_the_pixels_of_the_commit(
+    tiny: PublicSet, clone: Path, frames: list[Image], blank: Image, tmp_path: Path
+) -> None:
+    folder = make_clips(tiny, clone)
+    assert folder.parent == tmp_path / "cache" / "visuotactile-slip-rig" / "clips"
+    movie, pictures = read_clips(folder)
+    assert (movie.name, pictures.name) == ("movie", "pictures")
+    assert [label.angle_deg for label in pictures.labels] == [4.0, 8.0, 12.0]
+    made = list(pictures.series.images())
+    assert np.array_equal(pictures.background, blank)  # the median of three
+    assert np.array_equal(made[0], blank)
+    assert all(np.array_equal(a, b) for a, b in zip(made[1:], frames[1:], strict=True))
+    assert [frame.time.text for frame in pictures.series][:3] == ["0", "0.04", "0.08"]
+    source = list(read_frames(clone / "movie.avi").images())
+    assert all(np.array_equal(a, b) for a, b in zip(movie.series.images(), source, strict=True))
+    assert np.array_equal(movie.background, source[0])
+
+
+def test_work_tree_bare_clone_and_later_commit_give_the_same_clips(
+    tiny: PublicSet, clone: Path, tmp_path: Path
+) -> None:
+    folder = make_clips(tiny, clone)
+    later = tmp_path / "later"
+    git(tmp_path, "clone", "-q", str(clone), str(later))
+    (later / "1.png").write_bytes(b"changed")
+    git(later, "commit", "-qam", "changes a file")
+    git(tmp_path, "clone", "-q", "--bare", str(later), str(tmp_path / "bare.git"))
+    for other in (later, tmp_path / "bare.git", later / ".git"):
+        made = make_clips(tiny, other)
+        assert made == folder
+
+
+def test_other_labels_make_another_folder(tiny: PublicSet, clone: Path) -> None:
+    before = make_clips(tiny, clone)
+    tiny.labels.write_text(LABELS.replace(",12,1", ",13,1"))
+    after = make_clips(tiny, clone)
+    assert after != before
+    assert read_clips(after)[0].labels[-1].angle_deg == 13.0
+
+
+def test_wrong_folders_and_commits_are_rejected_with_the_command_that_helps(
+    tiny: PublicSet, clone: Path, tmp_path: Path
+) -> None:
+    with pytest.raises(InputError, match=r"no such folder: .*git clone https://github.com/example/tiny"):
+        make_clips(tiny, tmp_path / "nowhere")
+    (tmp_path / "plain").mkdir()
+    with pytest.raises(InputError, match=r"not a git repository.*git clone https://github.com/example/tiny"):
+        make_clips(tiny, tmp_path / "plain")
+    later, shallow = tmp_path / "later", tmp_path / "shallow"
+    git(tmp_path, "clone", "-q", str(clone), str(later))
+    git(later, "commit", "-q", "--allow-empty", "-m", "later")
+    git(tmp_path, "clone", "-q", "--depth", "1", later.as_uri(), str(shallow))
+    with pytest.raises(
+        InputError, match=f"has no commit {tiny.commit[:8]} of example/tiny.*fetch --unshallow"
+    ):
+        make_clips(tiny, shallow)
+    git(shallow, "fetch", "-q", "--unshallow")
+    assert make_clips(tiny, shallow).is_dir()
+
+
+def test_changed_file_is_rejected_even_if_clips_are_in_the_cache(
+    tiny: PublicSet, clone: Path, tmp_path: Path
+) -> None:
+    make_clips(tiny, clone)
+    other = tmp_path / "other"
+    git(tmp_path, "clone", "-q", str(clone), str(other))
+    (other / "3.png").write_bytes((other / "4.png").read_bytes())
+    git(other, "commit", "-qam", "changes a labelled file")
+    with pytest.raises(InputError, match=r"3\.png at .* has the SHA-256 .*, the labelled file had"):
+        make_clips(replace(tiny, commit=git(other, "rev-parse", "HEAD")), other)
+
+
+def test_missing_git_is_named(tiny: PublicSet, clone: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PATH", "")
+    with pytest.raises(InputError, match="git was not found"):
+        make_clips(tiny, clone)
+
+
+def test_repository_of_the_environment_is_not_used(
+    tiny: PublicSet, clone: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "plain").mkdir()
+    monkeypatch.setenv("GIT_DIR", str(clone / ".git"))
+    with pytest.raises(InputError, match="not a git repository"):
+        make_clips(tiny, tmp_path / "plain")
+
+
+def test_unwritable_cache_is_named(
+    tiny: PublicSet, clone: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "file").touch()
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
+    with pytest.raises(InputError, match="set XDG_CACHE_HOME to a writable folder"):
+        make_clips(tiny, clone)
+
+
+def test_command_scores_the_set_and_prints_its_row_of_the_readme(
+    tiny: PublicSet, clone: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(SETS, "tiny", tiny)
+    command = ["benchmark", "clips", str(clone), "--set", "tiny", "--estimator", "pca"]
+    done = CliRunner().invoke(app, command, env={"COLUMNS": "300"})
+    assert done.exit_code == 0, done.output
+    assert re.search(r"clips of tiny at \w{8}: .*/clips/tiny-\w{8}; licence of the frames: MIT", done.output)
+    row = r"\| a drawn sensor \| within 3 degrees: (\d+)% \[\d+, \d+\] of 6 labels on 2 clips \|"
+    assert re.search(row, done.output)
+    wrong = CliRunner().invoke(app, ["benchmark", "clips", str(clone), "--set", "octopy"])
+    assert "unknown set 'octopy' (did you mean 'octopi'?)" in str(wrong.exception)
+
+
+@pytest.mark.parametrize(
+    ("name", "clips", "labels"), [("octopi", 24, 120), ("digit-edges", 5, 38), ("gripper-slips", 2, 17)]
+)
+def test_packaged_labels_have_sources_with_hashes(name: str, clips: int, labels: int) -> None:
+    of = SETS[name]
+    rows = list(csv.DictReader(of.labels.read_text().splitlines()))
+    assert len({row["clip"] for row in rows}) == clips
+    assert sum(row["keyframe"] != row["reference_frame"] for row in rows) == labels
+    sources = list(csv.DictReader(of.sources.read_text().splitlines()))
+    assert {row["clip"] for row in sources} == {row["clip"] for row in rows}
+    assert all(bool(row["path"]) == bool(re.fullmatch("[0-9a-f]{64}", row["sha256"])) for row in sources)
+    assert re.fullmatch("[0-9a-f]{40}", of.commit)
+    for clip in {row["clip"] for row in rows}:
+        uses = [row["use"] for row in sources if row["clip"] == clip]
+        assert "background" in uses
+        assert ("video" in uses) != ("frame" in uses)
+
+
+def test_packaged_labels_are_the_measured_ones(real_data: Path) -> None:
+    for name, folder in (
+        ("octopi", "rotation_clips"),
+        ("digit-edges", "real_turns"),
+        ("gripper-slips", "real_turns"),
+    ):
+        measured = list(csv.DictReader((real_data / folder / "labels.csv").read_text().splitlines()))
+        packaged = list(csv.DictReader(SETS[name].labels.read_text().splitlines()))
+        by_frame = {(row["clip"], row["keyframe"]): row for row in measured}
+        for row in packaged:
+            same = set(row) - {"group"}
+            assert {key: row[key] for key in same} == {
+                key: by_frame[row["clip"], row["keyframe"]][key] for key in same
+            }
+
+
+@pytest.fixture
+def real_clones() -> Path:
+    """The folder with clones of the public repositories, each in OWNER+NAME/repo: RIG_CLONES."""
+    folder = Path(os.environ.get("RIG_CLONES", "no clones are given"))
+    if not folder.is_dir():
+        pytest.skip("no clones of the public sets: put them into a folder, and set RIG_CLONES to it")
+    return folder
+
+
+def cloned(folder: Path, of: PublicSet) -> Path:
+    return folder / of.repository.replace("/", "+") / "repo"
+
+
+@pytest.mark.parametrize("name", ["digit-edges", "gripper-slips"])
+def test_real_clones_give_the_labelled_frames(
+    name: str, real_clones: Path, real_data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    folder = make_clips(SETS[name], cloned(real_clones, SETS[name]))
+    clips = sorted(folder.iterdir())
+    assert clips
+    for clip in clips:
+        labelled = real_data / "real_turns" / clip.name
+        for file in [*labelled.glob("clip.*"), *labelled.glob("frames/*"), labelled / "background.png"]:
+            assert (clip / file.relative_to(labelled)).read_bytes() == file.read_bytes(), file
+
+
+def test_real_clone_of_octopi_gives_the_labelled_frames(
+    real_clones: Path, real_clips: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    folder = make_clips(SETS["octopi"], cloned(real_clones, SETS["octopi"]))
+    for clip in sorted(folder.iterdir()):
+        made = list(read_frames(clip / "clip.mov"))
+        rebuilt = list(
+            read_frames(real_clips / clip.name / "frames", real_clips / clip.name / "timestamps.csv")
+        )
+        assert [frame.time_ns for frame in made] == [frame.time_ns for frame in rebuilt]
+        assert all(np.array_equal(a.image, b.image) for a, b in zip(made, rebuilt, strict=True))
+        background = read_image(real_clips / clip.name / "background.png")
+        assert np.array_equal(read_image(clip / "background.png"), background)
+
+
+@pytest.mark.long
+@pytest.mark.timeout(600)
+@pytest.mark.parametrize("name", SETS)
+def test_rows_of_the_readme_are_what_the_command_prints(
+    name: str, real_clones: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    command = ["benchmark", "clips", str(cloned(real_clones, SETS[name])), "--set", name]
+    done = CliRunner().invoke(app, [*command, "--estimator", "slip", "--json"], env={"COLUMNS": "1000"})
+    assert json.loads(done.stdout)["limits"] == []
+    (row,) = [line for line in done.output.splitlines() if line.startswith("| a real")]
+    assert row in (Path(public.__file__).parents[3] / "README.md").read_text(encoding="utf-8")

@@ -60,6 +60,12 @@ def parse_bench(text: str, name: str) -> BenchConfig:
     return config
 
 
+def require_consistent(config: BenchConfig, name: str) -> None:
+    """Raise `InputError` if keys of a bench contradict each other. name: of its file in the message."""
+    if wrong := list(inconsistencies(config)):
+        raise InputError(f"{name}: {_text(wrong, None)}")
+
+
 def _refuse_placeholders(values: dict[str, Any], text: str, name: str) -> None:
     """Raise `InputError` for the values that are still to be entered: all of them, each with its line."""
     if found := list(_placeholders(values, ())):

@@ -102,7 +102,10 @@ def _print(found: "Comparison") -> None:
     console = table_console()
     title = f"{found.names[1]} minus {found.names[0]}; {INTERVAL} if there are at least {FEWEST_LIFTS} lifts"
     for table in (figure_table(found), object_table(found)):
-        console.print(console_table(table.columns, table.rows, title=title))
+        if table.rows:
+            console.print(console_table(table.columns, table.rows, title=title))
+    for own in found.apart:
+        console.print(own.text, highlight=False)
     console.print(verdict(found))
     for name, alone in zip(found.names, found.alone, strict=True):
         if alone:

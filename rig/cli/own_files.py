@@ -37,7 +37,7 @@ def new_bench(file: Annotated[Path, typer.Argument(help="File to write, as my_be
     from rig.config.load import new_bench_file
 
     new_bench_file(file)
-    say(f"fill in your addresses, serials and positions, then run: rig doctor --bench {file}")
+    say(f"replace each value that begins with ENTER, then run: rig doctor --bench {file}")
     print(file)
 
 

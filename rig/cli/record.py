@@ -12,7 +12,7 @@ from rig.cli.common import mark, print_result, say
 from rig.cli.declared import option, resumed
 from rig.cli.options import BenchOptions, SessionOptions, WatchOptions
 from rig.cli.report import report_after
-from rig.cli.resuming import continued, may_be_continued
+from rig.cli.resuming import agreed, bench_of, continued, may_be_continued
 from rig.cli.watching import Work, dry_run, watched
 from rig.live.onlookers import telling
 from rig.live.questions import ask
@@ -87,7 +87,8 @@ def record(
     if bench.dry:
         dry_run(settings.bench, recording_plan(settings), session.json)
     began = time.perf_counter()
-    rows = _record_all(context, folder, settings, remarks, session, watch, agreed=bench.yes)
+    consent = agreed(context, bench, settings.bench)
+    rows = _record_all(context, folder, settings, remarks, session, watch, consent)
     wall_s = round(time.perf_counter() - began, 2)
     say(f"{mark(settings.bench.simulated)}{_images_text(rows)}, {wall_s:.1f} s")
     figures = {**_figures(rows), "wall_s": wall_s, "report": report_after(folder, session.no_report)}
@@ -101,11 +102,13 @@ def _prepare(
     from protocols.grasps import find_grasp_file, grasp_poses
     from rig.config.objects import with_more
     from rig.experiments.pose_attempt import RecordSettings
+    from rig.experiments.record import record_manifest
     from rig.sessions.manifest import RecordManifest
+    from rig.sessions.session import require_same
 
     # With --resume the manifest, which is read below, states whether the arm or a hand holds the object.
     by_hand = what.by == "hand" or session.resume
-    config = bench.config("rig record --by hand" if by_hand else "rig record")
+    config = bench_of(context, bench, session, "rig record --by hand" if by_hand else "rig record")
     named = None if what.object_name is None else find_grasp_file(what.object_name, config.objects).id
     folder, stored = continued(RecordManifest, "record", config.name, session, named)
     if stored is not None:
@@ -120,7 +123,10 @@ def _prepare(
         f"{mark(config.simulated)}bench '{config.name}', seed {bench.seed}, "
         f"object {grasps.id} {grasps.name}, session {folder}"
     )
-    return folder, RecordSettings(config, bench.seed, grasps, poses, what.images, what.randomise, what.by)
+    settings = RecordSettings(config, bench.seed, grasps, poses, what.images, what.randomise, what.by)
+    if stored is not None:
+        require_same(folder, stored, record_manifest(settings))
+    return folder, settings
 
 
 def _held_by(by: Literal["arm", "hand"], config: "BenchConfig") -> "BenchConfig":
@@ -149,7 +155,7 @@ def _record_all(
     remarks: "Remarks",
     session: SessionOptions,
     watch: WatchOptions,
-    agreed: bool,
+    consent: bool,
 ) -> "list[PoseRow]":
     """Record the poses that are missing; return the rows of all attempts."""
     from rig.bench.operators import ConsoleOperator
@@ -161,7 +167,7 @@ def _record_all(
 
     simulated, config = mark(settings.bench.simulated), settings.bench
     question = f"{recording_plan(settings).text()}\nBegin?"
-    person, message = ConsoleOperator(ask, agreed=agreed), OneMessage(_note, _fault)
+    person, message = ConsoleOperator(ask, agreed=consent), OneMessage(_note, _fault)
     work = Work(f"{simulated}recording on bench '{config.name}', {folder}", "poses", settings.poses)
     with (
         may_be_continued(folder, session, lambda: say(simulated + _images_text(read_poses(folder)))),

@@ -52,7 +52,7 @@ def replay(options: ReplayOptions) -> None:
 
       rig replay --resume
 
-      rig replay /data/sessions --engine dask://10.0.0.5:8786 --out /data/again
+      rig replay /data/sessions --engine dask://HOST:PORT --out /data/again
 
     """
     from rig.results.listing import holds_sessions

@@ -7,15 +7,71 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
-from drivers.errors import DeviceError, OperatorStopError, RecordingError, counted
+import typer
+
+from drivers.errors import DeviceError, InputError, OperatorStopError, RecordingError, counted
 from rig.cli.common import say
-from rig.cli.options import SessionOptions
+from rig.cli.declared import is_given
+from rig.cli.options import BenchOptions, SessionOptions
 from rig.cli.report import report_after
 
 if TYPE_CHECKING:
+    from rig.config import BenchConfig
     from rig.sessions.manifest import Manifest
 
 Wanted = TypeVar("Wanted", bound="Manifest")
+
+
+def bench_of(
+    context: typer.Context, bench: BenchOptions, session: SessionOptions, command: str
+) -> "BenchConfig":
+    """Return the bench on the command line; for --resume with --out but without --bench the stored one.
+
+    command: key of `rig.config.parts.NEEDS`. Raises `InputError` if a device that it needs is missing, or if
+    the stored copy cannot be used.
+    """
+    from rig.config.objects import with_objects
+    from rig.config.parts import require_parts
+    from rig.sessions.manifest import BenchManifest, is_session, read_manifest
+
+    folder = session.out if session.resume else None
+    if folder is None or is_given(context, "bench") or not is_session(folder):
+        return bench.config(command)
+    manifest = read_manifest(folder)
+    if not isinstance(manifest, BenchManifest):
+        return bench.config(command)
+    config = _stored_bench(folder, manifest.config)
+    require_parts(config, command)
+    if bench.own_objects is None:
+        return config
+    return with_objects(config, bench.bench, bench.own_objects)
+
+
+def _stored_bench(folder: Path, config: "BenchConfig") -> "BenchConfig":
+    """Return the bench stored in a session.
+
+    Raises `InputError` if it is contradictory, lacks a password, or has a class of the user's own: such a
+    class runs code, so the operator must name the bench file on the command line.
+    """
+    from rig.config.load import require_consistent
+
+    require_consistent(config, str(folder / "session.json"))
+    why = ""
+    if config.own_drivers:
+        why = f"it names {', '.join(sorted(config.own_drivers))}, which runs only if you name the bench file"
+    elif "***" in config.model_dump_json(include={"arm", "gripper", "tactile", "camera"}):
+        why = "an address in it has a password, which is not stored"
+    if why:
+        raise InputError(
+            f"{folder}: the stored bench '{config.name}' cannot be used: {why}: add --bench FILE"
+        )
+    say(f"bench '{config.name}' as stored in {folder}")
+    return config
+
+
+def agreed(context: typer.Context, bench: BenchOptions, config: "BenchConfig") -> bool:
+    """Return whether --yes answers the questions: on a real bench only if --bench names it."""
+    return bench.yes and (config.simulated or is_given(context, "bench"))
 
 
 def continued(

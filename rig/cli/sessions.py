@@ -175,8 +175,12 @@ def _write_pages(options: ListOptions, entries: "list[SessionEntry]") -> None:
         say(f"page: {options.page}")
 
 
+_IF_ANY = ("name", "tags", "operator", "reaction")
+"""Columns that are left out if no session has a value."""
+
+
 def _columns(entries: "list[SessionEntry]") -> dict[str, list[str]]:
-    """Return the texts of the listing by heading; without name, tags or operator if no session has one."""
+    """Return the texts of the listing by heading; without those of `_IF_ANY` that are empty."""
     from rig.results.metrics import mare_text
 
     columns: dict[str, Callable[[SessionEntry], str]] = {
@@ -188,13 +192,14 @@ def _columns(entries: "list[SessionEntry]") -> dict[str, list[str]]:
         "kind": lambda entry: entry.manifest.kind if entry.manifest else "",
         "bench": lambda entry: entry.bench_text,
         "objects": lambda entry: entry.objects_text,
+        "reaction": lambda entry: entry.react,
         "done": lambda entry: f"{entry.done}/{entry.wanted}" if entry.wanted else str(entry.done),
         "MARE": lambda entry: mare_text(entry.mare) if entry.mare else "",
         "MB": lambda entry: f"{entry.size_bytes / MB:.1f}",
         "state": lambda entry: entry.state.value,
     }
     found = {name: [text(entry) for entry in entries] for name, text in columns.items()}
-    return {n: texts for n, texts in found.items() if any(texts) or n not in ("name", "tags", "operator")}
+    return {name: texts for name, texts in found.items() if any(texts) or name not in _IF_ANY}
 
 
 def _table(folder: Path, entries: "list[SessionEntry]") -> "Table":

@@ -13,7 +13,15 @@ from rig.cli.declared import file_place, option, resumed
 from rig.cli.options import BenchOptions, SessionOptions, WatchOptions
 from rig.cli.report import report_after
 from rig.cli.results import trial_table
-from rig.cli.resuming import continued, may_be_continued, named_again, say_done, usual_lift_s
+from rig.cli.resuming import (
+    agreed,
+    bench_of,
+    continued,
+    may_be_continued,
+    named_again,
+    say_done,
+    usual_lift_s,
+)
 from rig.cli.watching import Work, dry_run, foxglove_server, watched
 from rig.live.onlookers import telling
 from rig.live.questions import ask
@@ -158,7 +166,8 @@ def trial(
     lifting = _prepare(context, what, estimator, reaction, bench, session)
     if bench.dry:
         dry_run(lifting.settings.bench, lifting.plan(), session.json)
-    summary = _lift_all(context, lifting, session, viewers, watch, agreed=bench.yes)
+    consent = agreed(context, bench, lifting.settings.bench)
+    summary = _lift_all(context, lifting, session, viewers, watch, consent)
     _finish(lifting, summary, session)
     _check_limit(summary, what.max_mare)
 
@@ -209,10 +218,12 @@ def _prepare(
     """Read the bench and the session to resume; return the trial with its settings. Raises `InputError`."""
     from rig.config.objects import with_more
     from rig.experiments.lift_plan import require_reaction
-    from rig.experiments.trial import resolve_objects
+    from rig.experiments.trial import resolve_objects, trial_manifest
     from rig.sessions.manifest import TrialManifest
+    from rig.sessions.session import require_same
 
-    began, remarks, config = time.perf_counter(), session.remarks(), bench.config("rig trial")
+    began, remarks = time.perf_counter(), session.remarks()
+    config = bench_of(context, bench, session, "rig trial")
     folder, stored = continued(TrialManifest, "trial", config.name, session)
     if stored is not None:
         config = with_more(config, stored.config.objects)
@@ -223,6 +234,8 @@ def _prepare(
     objects = resolve_objects(what.objects, config.objects)
     require_reaction(settings, objects)
     jobs = trial_jobs(what.jobs, config.in_process, what.realtime)
+    if stored is not None:
+        require_same(folder, stored, trial_manifest(settings, objects, what.lifts))
     trial = _Trial(settings, folder, objects, what.lifts, jobs, remarks, began)
     reacting = "" if reaction.react == "none" else f", reaction to slip '{reaction.react}'"
     say(
@@ -260,7 +273,7 @@ def _lift_all(
     session: SessionOptions,
     viewers: ViewerOptions,
     watch: WatchOptions,
-    agreed: bool,
+    consent: bool,
 ) -> "TrialSummary":
     """Carry out the missing lifts; return the summary of all lifts."""
     from rig.bench.operators import ConsoleOperator
@@ -275,7 +288,7 @@ def _lift_all(
     title = f"{trial.simulated}trial on bench '{settings.bench.name}', {folder}"
     work = Work(title, "lifts", trial.wanted, trial.done)
     question = f"{trial.plan().text()}\nBegin?"
-    person, message = ConsoleOperator(ask, agreed=agreed), OneMessage(lift_note, lift_fault)
+    person, message = ConsoleOperator(ask, agreed=consent), OneMessage(lift_note, lift_fault)
     with (
         may_be_continued(folder, session, lambda: _show_partial(trial, session.json)),
         watched(context, work, watch) as others,

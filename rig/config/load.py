@@ -1,13 +1,13 @@
 """Read a bench file; report errors with their lines."""
 
 import json
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 from pydantic import ValidationError
 
-from drivers.errors import InputError, nearest, unknown_name
+from drivers.errors import InputError, counted, nearest, unknown_name
 from drivers.formats import parse_toml, read_text, shown
 from drivers.formats.structured import MOST_TOML_BYTES
 from rig.config.checks import inconsistencies, missing_keys, unused_keys
@@ -15,6 +15,8 @@ from rig.config.lines import KeyFault, line_of
 from rig.config.models import BenchConfig, known_keys
 
 BENCHES = Path(__file__).parent.parent / "benches"
+PLACEHOLDER = "ENTER "
+"""Beginning of each value that the template of a bench file leaves to the user."""
 MOST_FAULTS = 4
 """Most faults listed in one message."""
 
@@ -28,6 +30,8 @@ def load_bench(name_or_path: str) -> BenchConfig:
     if not path.exists():
         path = Path(name_or_path)
     if not path.is_file():
+        if path.suffix or path.name != name_or_path:
+            raise InputError(f"{path}: file not found (rig bench new FILE writes a bench file)")
         known = sorted(file.stem for file in BENCHES.glob("*.toml"))
         also = ", or give the path of a bench file (rig bench new FILE writes one)"
         raise unknown_name("bench", name_or_path, known, also)
@@ -43,8 +47,10 @@ def load_bench(name_or_path: str) -> BenchConfig:
 def parse_bench(text: str, name: str) -> BenchConfig:
     """Read the text of a bench file; `name` is its name in messages. Raises `InputError`."""
     try:
+        values = parse_toml(text, name)
+        _refuse_placeholders(values, text, name)
         # through JSON: lists become tuples, but types are otherwise strict (no true for 1, no "5" for 5)
-        document = json.dumps(parse_toml(text, name), default=str)
+        document = json.dumps(values, default=str)
         config = BenchConfig.model_validate_json(document, strict=True)
     except ValidationError as error:
         raise InputError(f"{name}: {validation_text(error, text)}") from error
@@ -52,6 +58,28 @@ def parse_bench(text: str, name: str) -> BenchConfig:
     if wrong:
         raise InputError(f"{name}: {_text(wrong, text)}")
     return config
+
+
+def require_consistent(config: BenchConfig, name: str) -> None:
+    """Raise `InputError` if keys of a bench contradict each other. name: of its file in the message."""
+    if wrong := list(inconsistencies(config)):
+        raise InputError(f"{name}: {_text(wrong, None)}")
+
+
+def _refuse_placeholders(values: dict[str, Any], text: str, name: str) -> None:
+    """Raise `InputError` for the values that are still to be entered: all of them, each with its line."""
+    if found := list(_placeholders(values, ())):
+        left = counted(len(found), "value")
+        raise InputError(f"{name}: {left} to enter; nothing was connected: {_text(found, text, most=None)}")
+
+
+def _placeholders(value: Any, where: tuple[str | int, ...]) -> Iterator[KeyFault]:
+    """Yield the keys with placeholders in a TOML value, and what to enter."""
+    if isinstance(value, str) and value.startswith(PLACEHOLDER):
+        yield where, value.replace(PLACEHOLDER, "enter ", 1)
+    elif isinstance(value, dict | list):
+        for key, inner in value.items() if isinstance(value, dict) else enumerate(value):
+            yield from _placeholders(inner, (*where, key))
 
 
 def validation_text(
@@ -67,13 +95,18 @@ def validation_text(
     return _text(named, source, len(every))
 
 
-def _text(faults: Sequence[KeyFault], source: str | None, count: int | None = None) -> str:
-    """Return the first faults with their lines. count: number of all faults, by default of `faults`."""
+def _text(
+    faults: Sequence[KeyFault], source: str | None, count: int | None = None, most: int | None = MOST_FAULTS
+) -> str:
+    """Return the first faults with their lines.
+
+    count: number of all faults, by default of `faults`. most: number of faults to list; None for all.
+    """
     parts = []
-    for loc, why in faults[:MOST_FAULTS]:
+    for loc, why in faults[:most]:
         line = f"line {line_of(source, loc)}: " if source is not None else ""
         parts.append(f"{line}{'.'.join(map(str, loc)) or 'file'}: {why}")
-    more = (count or len(faults)) - MOST_FAULTS
+    more = (count or len(faults)) - len(parts)
     return "; ".join(parts) + (f"; and {more} more" if more > 0 else "")
 
 

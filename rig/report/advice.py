@@ -39,7 +39,7 @@ def trial_notices(trial: Trial, now: datetime | None = None) -> list[Notice]:
 def _unfinished(trial: Trial) -> list[Notice]:
     if trial.manifest.status == "complete":
         return []
-    advice = f"Continue with the same command and --resume --out {trial.folder}; only these lifts are shown."
+    advice = f"Continue with: rig trial --resume --out {trial.folder}. Only these lifts are shown."
     what = f"Unfinished: {len(trial.lifts)} of {counted(trial.manifest.wanted, 'lift')} accepted."
     return [Notice("bad", what, advice)]
 
@@ -212,10 +212,11 @@ def _one_sided(trial: Trial) -> list[Notice]:
 
 
 def _false_alarms(trial: Trial) -> list[Notice]:
+    """Return a notice about slip events without a slip. After a reaction it is unknown whether one began."""
     early = [
         lift.name
         for lift in trial.lifts
-        if lift.row.onset_alarm_s is not None and lift.row.onset_truth_s is None
+        if lift.row.onset_alarm_s is not None and lift.row.slip_start_s is None and not lift.row.reactions
     ]
     if not early:
         return []

@@ -5,10 +5,11 @@ from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
-from drivers.errors import InputError
+from drivers.errors import InputError, counted
+from protocols.reaction import ReactionKind
 from rig.report.curves import LiftCurves
 from rig.report.session import lift_name, object_label
-from rig.results.metrics import FEWEST_LIFTS, Floats, mean_interval, over_lifts
+from rig.results.metrics import FEWEST_LIFTS, Floats, Mare, mare_of, mare_text, mean_interval, over_lifts
 from rig.sessions.records import ErrorSummary, FinishedLift
 
 
@@ -31,12 +32,17 @@ Key = tuple[str, int]
 
 @dataclass(frozen=True, slots=True)
 class Figure:
-    """A figure of a lift that is compared. smaller: whether smaller is better; None for no preference."""
+    """A figure of a lift that is compared. smaller: whether smaller is better; None for no preference.
+
+    of_turn: whether it depends on how the object turns. Lifts with different reactions to slip are not
+    compared by such figures.
+    """
 
     name: str
     unit: str
     value: Callable[[ComparedLift], float | None]
     smaller: bool | None = True
+    of_turn: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,10 +82,36 @@ class Paired:
 
 
 @dataclass(frozen=True, slots=True)
+class OwnError:
+    """The mean error in B and C over the lifts of one side. mare: None without an answer."""
+
+    name: str
+    react: ReactionKind
+    mare: Mare | None
+
+    @property
+    def reaction(self) -> str:
+        """The reaction to slip as text."""
+        return "without a reaction" if self.react is ReactionKind.NONE else f"reaction '{self.react.value}'"
+
+    @property
+    def text(self) -> str:
+        """The side, its reaction and its error."""
+        lifts = f" over {counted(self.mare.lifts, 'lift')}" if self.mare and not self.mare.refused else ""
+        return f"{self.name}, {self.reaction}: mean error in B and C {mare_text(self.mare)}{lifts}"
+
+    def as_json(self) -> dict[str, object]:
+        """Return the side's values for JSON output."""
+        mare = self.mare
+        return {"name": self.name, "react": self.react.value, "mare_deg": mare and mare.mean_deg}
+
+
+@dataclass(frozen=True, slots=True)
 class Comparison:
     """All figures over all pairs, the mean error per object, and the pairs themselves.
 
-    alone: names of the lifts that exist only on the first side, and only on the second.
+    alone: names of the lifts that exist only on the first side, and only on the second. apart: if the sides
+    react to slip differently, the mean error of each over its own lifts, which is not compared; else empty.
     """
 
     names: tuple[str, str]
@@ -87,6 +119,7 @@ class Comparison:
     objects: dict[str, Paired]
     pairs: tuple[Pair, ...]
     alone: tuple[tuple[str, ...], tuple[str, ...]]
+    apart: tuple["OwnError", ...] = ()
 
     @property
     def judged(self) -> bool:
@@ -106,6 +139,7 @@ class Comparison:
             "left_out": dict(zip(self.names, self.alone, strict=True)),
             "figures": [each.as_json() for each in self.overall],
             "objects": {name: each.as_json() for name, each in self.objects.items()},
+            **({"separately": [each.as_json() for each in self.apart]} if self.apart else {}),
         }
 
 
@@ -122,15 +156,20 @@ def _onset_delay_s(row: FinishedLift) -> float | None:
     return None if seen is None or true is None else abs(seen - true)
 
 
-ERROR = Figure("mean error in B and C", "°", lambda lift: _mean(lift.row.re))
+ERROR = Figure("mean error in B and C", "°", lambda lift: _mean(lift.row.re), of_turn=True)
 TIME = Figure("time per tactile frame with contact, median", "ms", lambda lift: lift.frame_ms)
 FIGURES = (
     ERROR,
-    Figure("mean error in B", "°", lambda lift: _mean(lift.row.re_b)),
-    Figure("mean error, refused frames held", "°", lambda lift: _mean(lift.row.re_held)),
-    Figure("largest error in B and C", "°", lambda lift: _most(lift.row.re)),
-    Figure("share answered", "", lambda lift: lift.row.answered, smaller=False),
-    Figure("onset, off by", "s", lambda lift: _onset_delay_s(lift.row)),
+    Figure("mean error in B", "°", lambda lift: _mean(lift.row.re_b), of_turn=True),
+    Figure(
+        "mean error if refused frames keep the last angle",
+        "°",
+        lambda lift: _mean(lift.row.re_held),
+        of_turn=True,
+    ),
+    Figure("largest error in B and C", "°", lambda lift: _most(lift.row.re), of_turn=True),
+    Figure("frames with an angle", "%", lambda lift: 100.0 * lift.row.answered, smaller=False),
+    Figure("error of the slip's start", "s", lambda lift: _onset_delay_s(lift.row), of_turn=True),
     TIME,
     Figure("true turn", "°", lambda lift: lift.row.final_truth_deg, smaller=None),
 )
@@ -152,10 +191,11 @@ def compare_lifts(
     if not keys:
         raise InputError(f"{names[0]} and {names[1]} have no lift in common (same object, same number)")
     pairs = tuple((left[key], right[key]) for key in keys)
+    alike = tuple(pair for pair in pairs if pair[0].row.react is pair[1].row.react)
     figures = [replace(f, smaller=None) if same_estimator and f is TIME else f for f in FIGURES]
-    overall = (paired(figure, pairs) for figure in figures)
+    overall = (paired(figure, alike if figure.of_turn else pairs) for figure in figures)
     objects: dict[str, list[Pair]] = {}
-    for pair in pairs:
+    for pair in alike:
         objects.setdefault(object_label(pair[0].row), []).append(pair)
     found = {name: paired(ERROR, own) for name, own in objects.items()}
     return Comparison(
@@ -164,7 +204,17 @@ def compare_lifts(
         {name: p for name, p in found.items() if p is not None},
         pairs,
         (_alone(left, right), _alone(right, left)),
+        _apart(names, [pair for pair in pairs if pair[0].row.react is not pair[1].row.react]),
     )
+
+
+def _apart(names: tuple[str, str], pairs: Sequence[Pair]) -> tuple[OwnError, ...]:
+    """Return the error of each side and reaction over pairs whose sides react to slip differently."""
+    found: dict[tuple[str, ReactionKind], list[ErrorSummary | None]] = {}
+    for pair in pairs:
+        for name, lift in zip(names, pair, strict=True):
+            found.setdefault((name, lift.row.react), []).append(lift.row.re)
+    return tuple(OwnError(*key, mare_of(errors)) for key, errors in found.items())
 
 
 def _alone(mine: Mapping[Key, ComparedLift], others: Mapping[Key, ComparedLift]) -> tuple[str, ...]:
@@ -205,6 +255,11 @@ def paired(figure: Figure, pairs: Sequence[Pair]) -> Paired | None:
 def verdict(comparison: Comparison) -> str:
     """Return a sentence: which side has the lower mean error over B and C, or why none."""
     found = comparison.error
+    if found is None and comparison.apart:
+        return (
+            "No verdict: the sides react to slip differently. A lift with a reaction turns less, so the "
+            "errors are not comparable. rig report SESSION --beside OTHER compares the rotations."
+        )
     if found is None:
         return "No verdict: no lift has an error on both sides."
     first, second = comparison.names

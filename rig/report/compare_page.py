@@ -41,7 +41,8 @@ def compare_page(comparison: Comparison, simulated: bool, about: str, notes: Seq
         won=comparison.error is not None and comparison.error.winner is not None,
         interval=INTERVAL,
         fewest=FEWEST_LIFTS,
-        chart=difference_chart(comparison),
+        chart=difference_chart(comparison) if comparison.error else None,
+        apart=[each.text for each in comparison.apart],
         figures=figure_table(comparison),
         objects=object_table(comparison),
         lifts=lift_charts(comparison),
@@ -138,8 +139,8 @@ def _columns(comparison: Comparison, head: str) -> tuple[str, ...]:
 
 
 def _cells(name: str, p: Paired, comparison: Comparison) -> list[str]:
-    digits = 3 if p.figure.unit in ("s", "") else 2
-    unit = f" {p.figure.unit}" if p.figure.unit not in ("", "°") else p.figure.unit
+    digits = {"s": 3, "%": 1}.get(p.figure.unit, 2)
+    unit = f" {p.figure.unit}" if p.figure.unit != "°" else p.figure.unit
     interval = "" if p.low is None else f" [{p.low:+z.{digits}f}, {p.high:+z.{digits}f}]"
     lifts = f"{p.lifts} of {p.lifts + p.missing}" if p.missing else str(p.lifts)
     winner = "-" if p.winner is None else comparison.names[p.winner]

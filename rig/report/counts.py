@@ -49,10 +49,13 @@ def counts_table(rows: Sequence[FinishedLift]) -> Table | None:
 
 
 def onset_delays_ms(rows: Sequence[FinishedLift]) -> dict[str, Floats]:
-    """Return the delays of the estimated onset and of the slip event after the true onset, (N,) ms."""
+    """Return the delays of the estimated onset and of the slip event after the true onset, (N,) ms.
+
+    The slip event is compared with `slip_start_s`, which also exists if a reaction stops the rotation early.
+    """
     seen = {
         "estimated curve": [(row.onset_estimate_s, row.onset_truth_s) for row in rows],
-        "slip event": [(row.onset_alarm_s, row.onset_truth_s) for row in rows],
+        "slip event": [(row.onset_alarm_s, row.slip_start_s) for row in rows],
     }
     return {
         name: np.array([(s - t) * 1e3 for s, t in onsets if s is not None and t is not None], float)
@@ -65,23 +68,26 @@ def onset_table(rows: Sequence[FinishedLift]) -> Table | None:
 
     Below `FEWEST_LIFTS` delays there is no range.
     """
-    slips = sum(row.onset_truth_s is not None for row in rows)
-    if not slips:
+    slips = [
+        sum(row.onset_truth_s is not None for row in rows),
+        sum(row.slip_start_s is not None for row in rows),
+    ]
+    if not any(slips):
         return None
-    still = [row for row in rows if row.onset_truth_s is None]
+    still = [row for row in rows if row.slip_start_s is None and not row.reactions]
     unasked = (
         sum(row.onset_estimate_s is not None for row in still),
         sum(row.onset_alarm_s is not None for row in still),
     )
     cells = []
-    for (name, late_ms), false in zip(onset_delays_ms(rows).items(), unasked, strict=True):
+    for (name, late_ms), true, false in zip(onset_delays_ms(rows).items(), slips, unasked, strict=True):
         middle = f"{np.median(late_ms):+.0f}" if late_ms.size else "-"
         ends = (
             [f"{v:+.0f}" for v in np.percentile(late_ms, [5, 95])]
             if late_ms.size >= FEWEST_LIFTS
             else ["-"] * 2
         )
-        cells.append([name, f"{late_ms.size} of {slips}", middle, *ends, str(false)])
+        cells.append([name, f"{late_ms.size} of {true}", middle, *ends, str(false)])
     columns = ("onset by", "slips seen", "median, ms", "5 %, ms", "95 %, ms", "in lifts without a slip")
     return Table(columns, cells)
 

@@ -38,7 +38,8 @@ class LiftCurves:
 
     estimate: the fused angle. truth: the marker angle. tips: the angle of each fingertip, by serial.
     phases_s: start times of phases, "A", "B", "C" and "lower" among them; empty if unknown. onset_truth_s,
-    onset_estimate_s: None without a slip.
+    onset_estimate_s: None without a slip. axes: ranges of the chart's axes, s and deg; None: those of its own
+    curves (`on_one_scale`).
     """
 
     name: str
@@ -49,6 +50,7 @@ class LiftCurves:
     onset_estimate_s: float | None = None
     tips: dict[str, Curve] = field(default_factory=dict)
     time_label: str = "time from the start of the lift, s"
+    axes: tuple[tuple[float, float], tuple[float, float]] | None = None
 
     @property
     def paper_phases_s(self) -> dict[str, float]:

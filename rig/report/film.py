@@ -1,7 +1,7 @@
 """A film of a lift or a clip: fingertips and camera, and below them the growing angle curve."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, lru_cache
 from pathlib import Path
 
@@ -17,7 +17,7 @@ from rig.pages.palette import ESTIMATE, INK, MUTED, PAPER, PHASE, TRUTH
 from rig.report.curve_panel import CurvePanel, draw_panel
 from rig.report.curves import LiftCurves
 from rig.report.film_file import Film, film_place, save_film
-from rig.report.lift_chart import shown_range
+from rig.report.lift_chart import on_one_scale, shown_range
 from rig.report.own_frames import estimate_curves, tip_of
 from rig.report.session import Lift
 from rig.report.strips import TipFrames, angles_at, caption, drawn, read_tip, rgb
@@ -72,6 +72,8 @@ def write_film(
     """
     out = film_place(out)
     scenes = [_read(each) if isinstance(each, FilmedLift) else _own_frames(each) for each in filmed]
+    shared = on_one_scale([scene.curves for scene in scenes])
+    scenes = [replace(scene, curves=curves) for scene, curves in zip(scenes, shared, strict=True)]
     pictures = _pictures(scenes, speed / fps)
     return save_film(out, (_of_width(picture, width_px) for picture in pictures), fps)
 

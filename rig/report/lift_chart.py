@@ -1,5 +1,6 @@
 """The chart of one lift: both angles over time, phases, onsets and states."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -39,11 +40,10 @@ def lift_chart(
 
 def pair_chart(first: LiftCurves, second: LiftCurves, caption: str) -> Chart:
     """Draw one lift with the estimates of both sides of a comparison, and the marker angle of each."""
-    low, high = np.transpose([angle_range(replace(lift, tips={})) for lift in (first, second)])
-    starts, ends = np.transpose([shown_range(lift) for lift in (first, second)])
     with drawing(HEIGHT_PX, arranged=False) as figure:
         axes = placed(figure, _LEFT_PX, _TOP_PX, _RIGHT_PX, _BOTTOM_PX)
-        axes.set(xlim=(starts.min(), ends.max()), ylim=(low.min(), high.max()))
+        time_s, angle_deg = _common_axes([replace(lift, tips={}) for lift in (first, second)])
+        axes.set(xlim=time_s, ylim=angle_deg)
         _phases(axes, first)
         same = np.array_equal(first.truth.angle_deg, second.truth.angle_deg, equal_nan=True)
         drawn = [(first, first.truth, TRUTH, (4.0, 1.2)), (first, first.estimate, FIRST, (1.0, 0.0))]
@@ -57,6 +57,22 @@ def pair_chart(first: LiftCurves, second: LiftCurves, caption: str) -> Chart:
         axes.yaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]))
         axes.set_xlabel(first.time_label, labelpad=1.0)
         return Chart(first.name, figure, caption, f"{first.name}: both estimates and the marker angle")
+
+
+def on_one_scale(lifts: Sequence[LiftCurves]) -> list[LiftCurves]:
+    """Return the lifts with common axes, for charts that are compared with each other."""
+    axes = _common_axes(lifts)
+    return [replace(lift, axes=axes) for lift in lifts]
+
+
+def _common_axes(lifts: Sequence[LiftCurves]) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Return the smallest ranges that include all charts, s and deg."""
+    times = [shown_range(lift) for lift in lifts]
+    angles = [angle_range(lift) for lift in lifts]
+    return (
+        (min(start for start, _ in times), max(end for _, end in times)),
+        (min(low for low, _ in angles), max(high for _, high in angles)),
+    )
 
 
 def draw_lift(figure: Figure, lift: LiftCurves, until_s: float = np.inf) -> Axes:
@@ -111,6 +127,8 @@ def runs(curve: Curve) -> list[tuple[float, float, str]]:
 
 def shown_range(lift: LiftCurves) -> tuple[float, float]:
     """Return the time range of a lift's chart, s: from the start of A to the end of C."""
+    if lift.axes is not None:
+        return lift.axes[0]
     if not lift.phases_s:
         times = np.concatenate([lift.estimate.time_s, lift.truth.time_s])
         start = float(times.min()) if times.size else 0.0
@@ -123,6 +141,8 @@ def shown_range(lift: LiftCurves) -> tuple[float, float]:
 
 def angle_range(lift: LiftCurves) -> tuple[float, float]:
     """Return the range of the angle axis of a lift's chart, deg."""
+    if lift.axes is not None:
+        return lift.axes[1]
     start, end = shown_range(lift)
     values = []
     for curve in (lift.estimate, lift.truth):

@@ -6,7 +6,8 @@ from pathlib import Path
 
 from drivers.errors import InputError, counted
 from protocols.reaction import ReactionKind
-from rig.report.lift_chart import lift_chart
+from rig.report.curves import LiftCurves
+from rig.report.lift_chart import lift_chart, on_one_scale
 from rig.report.parts import Chart, Table
 from rig.report.session import Lift, Trial
 from rig.sessions.records import FinishedLift, LiftOutcome
@@ -78,22 +79,20 @@ def _pairs(both: Sequence[tuple[Lift, Lift]]) -> list[list[Chart]]:
     caught.sort(
         key=lambda pair: abs(pair[1].row.final_truth_deg or 0.0) - abs(pair[0].row.final_truth_deg or 0.0)
     )
-    shown = [[chart for lift in pair if (chart := _chart(lift))] for pair in caught]
-    return [charts for charts in shown if len(charts) == len(("without", "with"))][:MOST_SHOWN]
+    curves = [(pair, [lift.curves for lift in pair if lift.curves is not None]) for pair in caught]
+    drawn = [(pair, on_one_scale(both)) for pair, both in curves if len(both) == len(pair)]
+    return [[_chart(lift.row, own) for lift, own in zip(*each, strict=True)] for each in drawn[:MOST_SHOWN]]
 
 
-def _chart(lift: Lift) -> Chart | None:
-    if lift.curves is None:
-        return None
-    row = lift.row
+def _chart(row: FinishedLift, curves: LiftCurves) -> Chart:
     if not row.reactions:
-        return lift_chart(lift.curves, f"without a reaction: turned {_turn(row)}°, {row.outcome.value}")
+        return lift_chart(curves, f"without a reaction: turned {_turn(row)}°, {row.outcome.value}")
     first = row.reactions[0].command_s
     reactions = (
         f"{counted(len(row.reactions), 'reaction')}, the first {first:.2f} s into the lift, "
         f"{counted(_added(row), 'grip step')} added"
     )
-    return lift_chart(lift.curves, f"with '{row.react.value}': turned {_turn(row)}°; {reactions}")
+    return lift_chart(curves, f"with '{row.react.value}': turned {_turn(row)}°; {reactions}")
 
 
 def _turn(row: FinishedLift) -> str:

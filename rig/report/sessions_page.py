@@ -16,7 +16,7 @@ from rig.report.wear_page import error_chart, wear_charts
 from rig.report.write import REPORT, write_page
 from rig.results.listing import SessionEntry
 
-CHOSEN = ("kind", "bench", "objects", "tags", "operator", "state")
+CHOSEN = ("kind", "bench", "objects", "tags", "operator", "reaction", "state")
 """Columns in which the reader can choose a value."""
 
 
@@ -39,14 +39,17 @@ def write_sessions(
     chosen = {number: "choose" for number, name in enumerate(columns) if name in CHOSEN}
     charts = []
     for simulated, what in ((False, "real benches"), (True, "SIMULATED benches")):
-        known = [
-            (began, entry.folder.name, entry.mare)
-            for entry in entries
-            if entry.mare and entry.bench_manifest and entry.bench_manifest.simulated == simulated
-            if (began := _began(entry)) is not None
-        ]
-        if chart := error_chart(sorted(known, key=lambda point: point[0]), f"Error on {what}"):
-            charts.append(chart)
+        for react in sorted({entry.react for entry in entries}):
+            known = [
+                (began, entry.folder.name, entry.mare)
+                for entry in entries
+                if entry.mare and entry.bench_manifest and entry.bench_manifest.simulated == simulated
+                if entry.react == react and (began := _began(entry)) is not None
+            ]
+            reacting = f", reaction to slip '{react}'" if react else ""
+            title = f"Error on {what}{reacting}"
+            if chart := error_chart(sorted(known, key=lambda point: point[0]), title):
+                charts.append(chart)
         charts += wear_charts([own for own in wear if own.manifest.simulated == simulated], f", {what}")
     write_page(page, sessions_page(str(folder), Table(list(columns), rows, text, filters=chosen), charts))
 

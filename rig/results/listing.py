@@ -10,6 +10,7 @@ from pathlib import Path
 from drivers.errors import InputError, SessionError
 from drivers.images import image_flaw
 from protocols.grasps import find_grasp_file
+from protocols.reaction import ReactionKind
 from rig.results.metrics import Mare, mare_of
 from rig.sessions.about import NO_REMARKS, Remarks
 from rig.sessions.files import MANIFEST, RECORDINGS, RESULTS
@@ -94,6 +95,12 @@ class SessionEntry:
         return "" if on is None else "SIMULATED" if on.simulated else on.bench
 
     @property
+    def react(self) -> str:
+        """The reaction to slip of a trial, as "tighten"; empty without one."""
+        kind = self.manifest.react if isinstance(self.manifest, TrialManifest) else ReactionKind.NONE
+        return "" if kind is ReactionKind.NONE else kind.value
+
+    @property
     def objects_text(self) -> str:
         """The objects for a table; of more than three objects only the first two."""
         few, more = self.objects[:2], len(self.objects) - 2
@@ -109,6 +116,7 @@ class SessionEntry:
             "bench": on.bench if on else None,
             "simulated": on.simulated if on else None,
             "estimator": getattr(manifest, "estimator", None),
+            "react": self.react or None,
             "objects": self.objects,
             **asdict(self.remarks),
             "done": self.done,

@@ -174,6 +174,16 @@ class LiftFigures:
     slip_thresholds: dict[str, SlipThreshold] | None = None
     estimator_faults: EstimatorFaults | None = None
 
+    @property
+    def slip_start_s(self) -> float | None:
+        """The true start of the slip since the start of phase B, s; None without one.
+
+        After a reaction the rotation may not grow for as long as `onset_truth_s` requires. Then the slip
+        starts at the first reaction's `onset_s`.
+        """
+        starts = [self.onset_truth_s, *(reaction.onset_s for reaction in self.reactions or ())]
+        return min((start for start in starts if start is not None), default=None)
+
 
 @dataclass(frozen=True, kw_only=True)
 class FinishedLift(LiftHead, LiftFigures):

@@ -155,7 +155,7 @@ def open_session(folder: Path, wanted: Manifest, codec: Codec[Row], resume: bool
                 f"{folder} already contains a session: add --resume to continue it, or give another --out"
             )
         manifest = read_manifest(folder)
-        _require_same(folder, manifest, wanted)
+        require_same(folder, manifest, wanted)
         return _continued(folder, manifest, wanted, codec)
     if folder.exists() and not folder.is_dir():
         raise InputError(f"{folder} is a file: give another --out")
@@ -183,15 +183,21 @@ def newest_unfinished(kind: str, bench: str | None, folder: Path | None = None) 
     """
     folder = folder or SESSIONS
     found: list[tuple[str, Path]] = []
+    elsewhere: list[tuple[str, Path, str]] = []
     for path in sorted(folder.iterdir()) if folder.is_dir() else []:
         with suppress(InputError):  # a broken session cannot be continued
             manifest = read_manifest(path)
-            of_bench = bench is None or getattr(manifest, "bench", None) == bench
-            if manifest.kind == kind and manifest.status == "running" and of_bench and not in_use(path):
+            if manifest.kind != kind or manifest.status != "running" or in_use(path):
+                continue
+            its = getattr(manifest, "bench", None)
+            if bench is None or its == bench:
                 found.append((manifest.started, path))
+            else:
+                elsewhere.append((manifest.started, path, f"on bench '{its}'"))
     if not found:
         on = "" if bench is None else f" on bench '{bench}'"
-        raise InputError(f"--resume: no unfinished {kind}{on} in {folder}/; give its folder with --out")
+        also = f" ({max(elsewhere)[1]} is one {max(elsewhere)[2]})" if elsewhere else ""
+        raise InputError(f"--resume: no unfinished {kind}{on} in {folder}/; give its folder with --out{also}")
     return max(found)[1]
 
 
@@ -219,7 +225,8 @@ def _remove_if_empty(folder: Path) -> None:
             folder.rmdir()
 
 
-def _require_same(folder: Path, manifest: Manifest, wanted: Manifest) -> None:
+def require_same(folder: Path, manifest: Manifest, wanted: Manifest) -> None:
+    """Raise `InputError` naming the first value in which a session and a request differ."""
     difference = first_difference(manifest, wanted)
     if difference is not None:
         raise InputError(

@@ -2,6 +2,7 @@
 
 import json
 import shutil
+import tomllib
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -9,11 +10,14 @@ from typing import Any
 import pytest
 
 from drivers.errors import OperatorStopError
+from rig.config import BenchConfig, load_bench
 from rig.live.terminal import OneMessage
 from rig.results.notes import lift_fault, lift_note
-from rig.sessions.manifest import read_manifest
+from rig.sessions.codec import json_value
+from rig.sessions.manifest import begun_on, read_manifest
 from rig.sessions.records import FailedLift, LiftHead, LiftOutcome
 from rig.sessions.rows import read_lifts
+from support.benches import real_bench, real_bench_file
 from support.command_line import rig
 
 
@@ -70,6 +74,101 @@ def test_resume_with_other_options_names_the_difference(
         done = rig(*common, *options)
         assert done.returncode == 2
         assert said in done.stderr.splitlines()[-1]
+
+
+@pytest.mark.parametrize("extra", [(), ("--dry-run",)])
+def test_resume_with_another_bench_file_names_the_difference(
+    here: Path, one_lift: Path, light_bench_file: Path, extra: tuple[str, ...]
+) -> None:
+    folder = copied(one_lift, here / "s")
+    text = light_bench_file.read_text()
+    assert "marker_side_m = 0.04" in text
+    other = here / "other.toml"
+    other.write_text(text.replace("marker_side_m = 0.04", "marker_side_m = 0.05"))
+    done = rig("trial", "--resume", "--out", folder, "--bench", other, *extra)
+    assert done.returncode == 2
+    assert "config.camera.marker_side_m 0.04, not 0.05" in done.stderr.splitlines()[-1]
+
+
+def test_documented_resume_uses_the_stored_bench(here: Path, one_lift: Path) -> None:
+    folder = copied(one_lift, here / "s")
+    (folder / "lifts.jsonl").unlink()
+    done = rig("trial", "--resume", "--out", folder, "--no-report", "--json")
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["lifts_accepted"] == 1
+    assert f"bench 'fake' as stored in {folder}" in done.stderr
+    (again,), (before,) = read_lifts(folder), read_lifts(one_lift)
+    assert again == before
+    assert read_manifest(folder).config == read_manifest(one_lift).config
+
+
+def test_documented_resume_of_a_recording_uses_the_stored_bench(here: Path, light_bench_file: Path) -> None:
+    common = ("record", "--out", here / "s", "--no-report", "--json")
+    what = ("--object", "7", "--poses", "1", "--images", "4", "--bench", light_bench_file)
+    assert rig(*common, *what).returncode == 0
+    manifest = json.loads((here / "s" / "session.json").read_text())
+    (here / "s" / "session.json").write_text(json.dumps({**manifest, "status": "running"}))
+    (here / "s" / "poses.jsonl").unlink()
+    done = rig(*common, "--resume")
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["images_accepted"] == 4
+
+
+def stored_with(config: BenchConfig) -> dict[str, Any]:
+    """Return the keys of a manifest that name the bench."""
+    manifest = json_value(begun_on(config, "trial", 0, ["t2"]))
+    return {key: manifest[key] for key in ("bench", "simulated", "serials", "signs", "config")}
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ('"/dev/video94"', '"http://me:secret@192.0.2.12/stream"', "has a password, which is not stored"),
+        (
+            'driver = "camera"  ',
+            'driver = "my_camera:Camera"  ',
+            "names my_camera:Camera, which runs only if you name",
+        ),
+        ("sign = -1", "sign = 1", "session.json: tactile.1.sign: opposing fingertips"),
+    ],
+)
+def test_stored_bench_that_cannot_be_used_is_refused(
+    here: Path, one_lift: Path, old: str, new: str, said: str
+) -> None:
+    text = real_bench()
+    assert old in text
+    values = tomllib.loads(text.replace(old, new))
+    if ":" in new and "http" not in new:
+        del values["camera"]["address"]
+    config = BenchConfig.model_validate_json(json.dumps(values))
+    folder = copied(one_lift, here / "s", **stored_with(config.without_passwords()))
+    done = rig("trial", "--resume", "--out", folder, "--yes")
+    assert done.returncode == 2
+    assert said in done.stderr.splitlines()[-1]
+
+
+def test_yes_answers_for_a_real_bench_only_if_the_command_line_names_it(
+    here: Path, one_lift: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    answered: list[bool] = []
+
+    def operator(_ask: object, agreed: bool) -> None:
+        answered.append(agreed)
+        raise OperatorStopError("nothing is started here")
+
+    monkeypatch.setattr("rig.bench.operators.ConsoleOperator", operator)
+    file = real_bench_file(here)
+    folder = copied(one_lift, here / "s", **stored_with(load_bench(str(file))))
+    common = ("trial", "--resume", "--out", folder, "--yes", "--no-report")
+    assert rig(*common).returncode == 3
+    assert rig(*common, "--bench", file).returncode == 3
+    assert answered == [False, True]
+
+
+def test_resume_without_out_names_an_unfinished_session_of_another_bench(here: Path, one_lift: Path) -> None:
+    copied(one_lift, here / "sessions" / "other", bench="another")
+    done = rig("trial", "--resume")
+    assert "(sessions/other is one on bench 'another')" in done.stderr.splitlines()[-1]
 
 
 def test_stopped_trial_writes_its_report_and_prints_the_command_to_continue(

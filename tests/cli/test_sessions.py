@@ -4,6 +4,7 @@ import json
 import shutil
 import subprocess
 import sys
+from html import unescape
 from pathlib import Path
 from typing import Any
 
@@ -177,3 +178,21 @@ def test_wear_is_measured_on_the_untouched_gel(named: Path) -> None:
             assert 0.1 < tip.noise < 5.0
             assert tip.contact_px is not None
             assert tip.contact_px > 100.0
+
+
+def test_sessions_with_a_reaction_are_listed_and_drawn_separately(one_lift: Path, tmp_path: Path) -> None:
+    for name, react in (("plain", "none"), ("caught", "tighten")):
+        folder = tmp_path / "sessions" / name
+        shutil.copytree(one_lift, folder)
+        manifest = json.loads((folder / "session.json").read_text())
+        (folder / "session.json").write_text(json.dumps({**manifest, "react": react}))
+    page = tmp_path / "page.html"
+    done = rig("sessions", tmp_path / "sessions", "--page", page, "--json")
+    assert done.returncode == 0, done.stderr
+    assert [each["react"] for each in json.loads(done.stdout)["sessions"]] == ["tighten", None]
+    text = unescape(page.read_text())
+    assert "Error on SIMULATED benches</" in text
+    assert "Error on SIMULATED benches, reaction to slip 'tighten'</" in text
+    assert "┃ reaction ┃" in rig("sessions", tmp_path / "sessions").stdout
+    shutil.rmtree(tmp_path / "sessions" / "caught")
+    assert "┃ reaction ┃" not in rig("sessions", tmp_path / "sessions").stdout

@@ -1,9 +1,43 @@
-"""Benches that take less computing than the ones they are made of."""
+"""Benches that take less computing than the ones they are made of, and the template of a real one."""
 
-from rig.config import BenchConfig, load_bench
+import re
+from pathlib import Path
+
+from rig.config import BENCHES, BenchConfig, load_bench
 
 TIP_HZ, WIRE_TIP_HZ = 20.0, 30.0
 """Frames of a fingertip per second: few; and the fewest that a DIGIT offers, as over the wire protocol."""
+
+TEMPLATE = BENCHES.parent / "config" / "new_bench.toml"
+ENTERED = (
+    ('"ENTER the address of the arm\'s controller"', '"192.0.2.10"'),
+    ('"ENTER the address of the gripper"', '"192.0.2.11"'),
+    ('"ENTER the serial printed on the sensor on finger B"', '"D20001"'),
+    ('"ENTER the serial printed on the sensor on finger C"', '"D20002"'),
+    (r'"ENTER the camera\'s device, [^"]*"', '"/dev/video94"'),
+    (r'"ENTER [^"]*, as (\[?[-\d., ]*\d\]?)"', r"\2"),
+)
+"""What a user would enter for each placeholder: addresses reserved for documentation (RFC 5737), a device
+that no computer has, and the numbers that the template gives as examples."""
+
+
+def filled(text: str) -> str:
+    """Return the template of a bench file with a value for each placeholder outside comments."""
+    for placeholder, value in ENTERED:
+        text = re.sub(f"(?m)^([^#\n]*){placeholder}", rf"\g<1>{value}", text)
+    return text
+
+
+def real_bench() -> str:
+    """Return the text of a real bench file: the template, filled in."""
+    return filled(TEMPLATE.read_text(encoding="utf-8"))
+
+
+def real_bench_file(folder: Path) -> Path:
+    """Write a real bench file and return its path."""
+    path = folder / "real_bench.toml"
+    path.write_text(real_bench(), encoding="utf-8")
+    return path
 
 
 def lighter(name: str = "fake", tip_hz: float | None = None) -> BenchConfig:

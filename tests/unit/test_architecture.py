@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from support.benches import real_bench_file
+
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGES = ("rig", "drivers", "fakes", "calibration", "protocols")
 
@@ -66,14 +68,14 @@ def _installed(name: str) -> bool:
 
 
 @pytest.mark.slow
-def test_rig_works_without_the_arm_library() -> None:
+def test_rig_works_without_the_arm_library(tmp_path: Path) -> None:
     """Check that everything except the arm works without ur-rtde, and that a real bench can be created."""
     code = (
         "import sys; sys.modules.update({'rtde_control': None, 'rtde_receive': None});"
         "import rig.experiments.record, rig.experiments.replay, rig.cli.main;"
         "import rig.doctor.examination, rig.benchmark.wire.faults;"
         "from rig.bench.assembly import build_real_bench; from rig.config import load_bench;"
-        "print(build_real_bench(load_bench('rig/config/new_bench.toml')).name)"
+        f"print(build_real_bench(load_bench({str(real_bench_file(tmp_path))!r})).name)"
     )
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.stdout.splitlines()[:1] == ["my bench"], done.stderr

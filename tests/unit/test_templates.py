@@ -9,8 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from rig.config import load_bench
+from rig.config.load import parse_bench
 from rig.config.write import write_bench
+from support.benches import real_bench
 from support.command_line import rig
 
 pytestmark = pytest.mark.slow
@@ -124,7 +125,7 @@ def test_sensors_and_angles_reach_lerobot(installed: Path, tmp_path: Path) -> No
 
 @pytest.mark.long
 def test_new_packages_pass_the_contract_checks(installed: Path, tmp_path: Path) -> None:
-    bench = load_bench(str(ROOT / "rig" / "config" / "new_bench.toml"))
+    bench = parse_bench(real_bench(), "file")
     values = bench.model_dump(exclude={"calibrations"}, exclude_unset=True)
     for section, theirs in NOT_TAKEN.items():
         values[section] = {key: value for key, value in values[section].items() if key not in theirs}

@@ -22,9 +22,10 @@ from protocols.safe_end import halt, make_safe
 from rig.bench.assembly import TOOL_DOWN, build_real_bench
 from rig.bench.plan import PlannedMotion, make_plan
 from rig.bench.source import unconnected_bench
-from rig.config import BenchConfig, load_bench
+from rig.config import BenchConfig
 from rig.config.load import parse_bench
 from rig.config.write import bench_text
+from support.benches import real_bench
 from support.own_devices import MODULE, SOURCE
 from support.own_estimators import forget
 
@@ -43,7 +44,7 @@ def imported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
 
 def values(**options: dict[str, Any]) -> dict[str, Any]:
     """A real bench with user-defined drivers only. options: of the devices, by section."""
-    bench = load_bench(str(NEW)).model_dump(exclude={"calibrations"}, exclude_unset=True)
+    bench = parse_bench(real_bench(), "file").model_dump(exclude={"calibrations"}, exclude_unset=True)
     for section, theirs in OF_OUR_DRIVERS.items():
         bench[section] = {key: value for key, value in bench[section].items() if key not in theirs}
     limits = bench["arm"]["limits"]
@@ -63,7 +64,6 @@ OF_OUR_DRIVERS = {
     "camera": ("address",),
 }
 """Keys that these drivers do not accept."""
-NEW = Path(__file__).resolve().parents[4] / "rig" / "config" / "new_bench.toml"
 
 
 def config(**options: dict[str, Any]) -> BenchConfig:
@@ -225,7 +225,7 @@ def test_force_sensor_is_declared_once_and_stored() -> None:
     assert parse_bench(bench_text(made), "file").arm.force_sensor is False
     assert BenchConfig.model_validate_json(made.model_dump_json()) == made
     assert "force_sensor" not in config().model_dump()["arm"]
-    ours = NEW.read_text().replace("[arm]\n", "[arm]\nforce_sensor = false\n")
+    ours = real_bench().replace("[arm]\n", "[arm]\nforce_sensor = false\n")
     with pytest.raises(InputError, match="force_sensor: a UR5e has one"):
         parse_bench(ours.replace("max_contact_force_n = 20.0\n", ""), "file")
     with pytest.raises(InputError, match="max_contact_force_n: has no effect with force_sensor = false"):
@@ -280,7 +280,7 @@ def test_optional_driver_methods_default_to_unknown() -> None:
         None,
         None,
     )
-    assert made.camera.next_frame(0.1).serial == made.camera.serial == "C0001"
+    assert made.camera.next_frame(0.1).serial == made.camera.serial == "camera"
     assert made.camera.rate_hz == 30.0
     with unconnected_bench(config()) as looked_at:
         assert looked_at.simulated is False

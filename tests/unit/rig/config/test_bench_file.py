@@ -1,5 +1,6 @@
 """Errors in bench files are reported with their line."""
 
+import re
 import tomllib
 from pathlib import Path
 
@@ -8,12 +9,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.errors import InputError
-from rig.config import BENCHES, load_bench
+from rig.config import load_bench
 from rig.config.checks import LIMITS, ON_THE_FLANGE
 from rig.config.lines import line_of
 from rig.config.load import new_bench_file, parse_bench
+from support.benches import TEMPLATE, filled, real_bench
 
-REAL = (BENCHES.parent / "config" / "new_bench.toml").read_text()
+REAL = real_bench()
 
 
 def refusal(text: str) -> str:
@@ -31,14 +33,48 @@ def test_built_in_benches_are_simulated(name: str) -> None:
     assert load_bench(name).simulated
 
 
-def test_template_is_a_real_bench_with_every_key_explained(tmp_path: Path) -> None:
+def test_template_lists_each_value_to_enter_and_is_a_real_bench_when_filled(tmp_path: Path) -> None:
     path = tmp_path / "bench.toml"
     new_bench_file(path)
+    with pytest.raises(InputError) as refused:
+        load_bench(str(path))
+    lines = path.read_text().splitlines()
+    for number in (n for n, line in enumerate(lines, 1) if "ENTER " in line and not line.startswith("#")):
+        key, _, rest = lines[number - 1].partition(" = ")
+        advice = rest.split('"')[1].removeprefix("ENTER ")
+        assert re.search(rf"line {number}: [\w.]*{key}: enter {re.escape(advice)}", str(refused.value))
+    path.write_text(filled(path.read_text()))
     config = load_bench(str(path))
     assert not config.simulated
     assert config.arm.driver == "ur5e"
     with pytest.raises(InputError, match="exists already"):
         new_bench_file(path)
+
+
+@pytest.mark.parametrize("sample", ["192.168.1.10", "/dev/ttyUSB0", "/dev/video0", "D20001"])
+def test_template_contains_no_address_of_a_device(sample: str) -> None:
+    assert sample not in TEMPLATE.read_text()
+
+
+@pytest.mark.parametrize(
+    ("line", "where"),
+    [
+        ('address = "ENTER a device"', "tactile.0.address"),
+        ('options = { port = "ENTER its port" }', "tactile.0.options.port"),
+        ('options = { ports = [1, "ENTER its port"] }', "tactile.0.options.ports.1"),
+    ],
+)
+def test_placeholder_in_any_value_is_refused(line: str, where: str) -> None:
+    message = refusal(f'name = "desk"\n[[tactile]]\ndriver = "my.module:Gel"\nserial = "S"\n{line}\n')
+    assert f"b.toml: 1 value to enter; nothing was connected: line 5: {where}: enter " in message
+
+
+@pytest.mark.parametrize("name", ["missing.toml", "folder/missing", "./missing"])
+def test_missing_bench_file_is_named_as_missing(name: str) -> None:
+    with pytest.raises(InputError, match=r"missing.*: file not found"):
+        load_bench(name)
+    with pytest.raises(InputError, match=r"unknown bench 'fakes' .did you mean 'fake'"):
+        load_bench("fakes")
 
 
 @pytest.mark.parametrize(
@@ -51,7 +87,7 @@ def test_template_is_a_real_bench_with_every_key_explained(tmp_path: Path) -> No
         ("max_speed_m_s = 0.5", "max_speed_m_s = 20", "less than or equal to 1"),
         ('preset = "tcp"  ', 'preset = "rtu"  ', "not a map of transport 'tcp'"),
         ('transport = "tcp"', 'transport = "rtu"', "needs device"),
-        ('host = "192.168.1.10"', "", "needs host"),
+        ('host = "192.0.2.10"', "", "needs host"),
         ("sign = -1", "sign = 1", "signs differ"),
         ("sign = -1", "sign = 0", "1 or -1, found 0"),
         ('serial = "D20002"', 'serial = "D20001"', "another sensor's serial"),
@@ -67,7 +103,7 @@ def test_template_is_a_real_bench_with_every_key_explained(tmp_path: Path) -> No
         ("port = 502", "port = true", "integer"),
         ("port = 502", 'port = "502"', "integer"),
         ("name = ", 'name = ""  # ', "at least 1"),
-        ('host = "192.168.1.10"', 'host = "http://arm:80"', "arm.host"),
+        ('host = "192.0.2.10"', 'host = "http://arm:80"', "arm.host"),
         ("marker_ids = [0, 1]", "marker_ids = [0, 50]", "markers 0 to 49"),
         ("marker_ids = [0, 1]", "marker_ids = [-1, 1]", "greater than or equal to 0"),
         ("tcp_m = [0.0, 0.0, 0.28]", "tcp_m = [0.0, 0.0, 280.0]", "less than or equal to 1"),
@@ -121,7 +157,7 @@ def test_error_names_the_line_of_the_key() -> None:
     assert f"line {line_with(second, 'rate_hz = 59')}: tactile.1.rate_hz" in refusal(second)
     of_many = REAL.replace("size_px = [640, 480]", "size_px = [\n  640,  # wide\n  -1,\n]")
     assert f"line {line_with(of_many, 'wide') - 1}: camera.size_px.1" in refusal(of_many)
-    missing = REAL.replace('serial = "C0001"', "# none")
+    missing = REAL.replace('serial = "camera"', "# none")
     assert f"line {line_with(missing, '[camera]')}: camera.serial" in refusal(missing)
 
 

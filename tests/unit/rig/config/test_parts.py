@@ -10,9 +10,10 @@ from rig.config import BENCHES, BenchConfig, load_bench
 from rig.config.load import parse_bench
 from rig.config.parts import NEEDS, require_parts, working
 from rig.config.write import bench_text
+from support.benches import real_bench
 
 FAKE = (BENCHES / "fake.toml").read_text()
-REAL = (BENCHES.parent / "config" / "new_bench.toml").read_text()
+REAL = real_bench()
 DESK = 'name = "desk"\n[[tactile]]\ndriver = "digit"\nserial = "D20641"\n'
 EYE = 'driver = "camera"\naddress = "/dev/video4"\n'
 SECTIONS = ("arm", "gripper", "tactile", "camera")
@@ -199,7 +200,7 @@ def test_data_are_simulated_if_their_own_device_is() -> None:
     for name in ("fake", "wire"):
         assert load_bench(name).gives_simulated("SIM-D0001")
         assert load_bench(name).fingertips_alone().simulated
-    assert not parse_bench(REAL, "b.toml").gives_simulated("D20001", "D20002", "C0001", "arm", "gripper")
+    assert not parse_bench(REAL, "b.toml").gives_simulated("D20001", "D20002", "camera", "arm", "gripper")
 
 
 def test_scripted_faults_are_refused_beside_real_devices() -> None:

@@ -6,9 +6,10 @@ from drivers.errors import InputError
 from rig.config import BENCHES, BenchConfig
 from rig.config.checks import unused_keys
 from rig.config.load import parse_bench
+from support.benches import real_bench
 
 FAKE, WIRE = ((BENCHES / f"{name}.toml").read_text() for name in ("fake", "wire"))
-REAL = (BENCHES.parent / "config" / "new_bench.toml").read_text()
+REAL = real_bench()
 
 
 def after(text: str, head: str, line: str) -> str:
@@ -64,11 +65,11 @@ def test_network_address_is_rejected_with_a_serial_line() -> None:
     serial = REAL.replace('transport = "tcp"', 'transport = "rtu"').replace(
         'preset = "tcp"', 'preset = "rtu"'
     )
-    serial = serial.replace('# device = "/dev/ttyUSB0"', 'device = "/dev/ttyUSB0"')
+    serial = serial.replace('# device = "ENTER the serial port of the gripper"', 'device = "/dev/ttyUSB0"')
     with pytest.raises(InputError, match=r"gripper.host: has no effect .* gripper.port: has no effect"):
         parse_bench(serial, "b.toml")
     kept = [
-        line for line in serial.splitlines() if not line.startswith(("port = 502", 'host = "192.168.1.11"'))
+        line for line in serial.splitlines() if not line.startswith(("port = 502", 'host = "192.0.2.11"'))
     ]
     assert parse_bench("\n".join(kept), "b.toml").gripper.device == "/dev/ttyUSB0"
 

@@ -12,10 +12,11 @@ import pytest
 from protocols.reaction import ReactionKind
 from rig.config.in_use import FileInUse
 from rig.report.advice import trial_notices
+from rig.report.counts import onset_table
 from rig.report.curves import Curve
 from rig.report.session import Lift, Trial, read_trial
 from rig.sessions.manifest import TrialManifest, read_manifest_of
-from rig.sessions.records import FailedLift, LiftHead, LiftOutcome
+from rig.sessions.records import FailedLift, LiftHead, LiftOutcome, ReactionRecord
 from rig.sessions.timing import LiftTiming, StageTimes
 
 TURNS_DEG = (12.0, -20.0, 9.0, 15.0, -11.0)
@@ -147,3 +148,25 @@ def test_an_old_and_a_weak_calibration_are_named(sound: Trial) -> None:
     said = texts(manifest_with(sound, calibration=used))
     assert "Old calibrations: hand-eye SIM-C0001 (82 days)." in said
     assert "Weak calibrations: camera SIM-C0001." in said
+
+
+def test_caught_slip_is_no_false_alarm(sound: Trial) -> None:
+    reaction = ReactionRecord(
+        serial="T1", onset_s=0.15, event_s=0.14, command_s=0.16, standstill_s=0.2, rest_s=0.3,
+        counts_added=4, onset_turn_deg=0.5, event_turn_deg=0.4, command_turn_deg=0.6,
+        standstill_turn_deg=0.6, rest_turn_deg=0.6,
+    )  # fmt: skip
+    early = replace(reaction, onset_s=None)
+    for reactions, start_s in (((reaction,), 0.15), ((early, reaction), 0.15), ((early,), None)):
+        caught = rows_with(
+            sound, onset_truth_s=None, onset_alarm_s=0.14, reactions=reactions, outcome=LiftOutcome.CAUGHT,
+        )  # fmt: skip
+        assert "although nothing slipped" not in texts(caught)
+        rows = [lift.row for lift in caught.lifts]
+        assert {row.slip_start_s for row in rows} == {start_s}
+        table = onset_table(rows)
+        assert (table is None) == (start_s is None)
+        if table is not None:
+            event = next(cells for cells in table.rows if cells[0] == "slip event")
+            assert event[1:3] == ["5 of 5", "-10"]
+            assert event[-1] == "0"

@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.errors import InputError
+from protocols.reaction import ReactionKind
 from rig.pages.palette import FIRST, SECOND, TRUTH
 from rig.report.compare import ERROR, ComparedLift, compare_lifts, paired, verdict
 from rig.report.compare_page import compare_page, figure_table, lift_charts
@@ -94,7 +95,7 @@ def test_two_runs_of_one_estimator_have_no_winner_in_time() -> None:
 def test_larger_share_of_answers_is_better() -> None:
     old = [row(i, 1.0, answered=0.7 + 0.01 * i) for i in range(8)]
     new = [row(i, 1.0, answered=0.9 + 0.01 * i) for i in range(8)]
-    share = next(p for p in compare_lifts(NAMES, old, new).overall if p.figure.name == "share answered")
+    share = next(p for p in compare_lifts(NAMES, old, new).overall if p.figure.name == "frames with an angle")
     assert share.winner == 1
     assert share.wins == (0, 8, 0)
 
@@ -160,3 +161,31 @@ def test_lift_without_a_readable_recording_has_no_curves(drawn_trial: Any, tmp_p
     folder = drawn_trial(tmp_path / "trial", (12.0, -20.0))
     next((folder / "lifts").glob("*.mcap")).write_bytes(b"damaged")
     assert [lift.curves is None for lift in session_side(folder).lifts].count(True) == 1
+
+
+def reacting(lift: ComparedLift, react: ReactionKind) -> ComparedLift:
+    return ComparedLift(replace(lift.row, react=react))
+
+
+def test_lifts_with_different_reactions_are_not_compared_by_their_error() -> None:
+    old = [row(i, 1.0 + 0.1 * i) for i in range(6)]
+    new = [reacting(row(i, 0.2 + 0.1 * i), ReactionKind.TIGHTEN) for i in range(6)]
+    found = compare_lifts(NAMES, old, new)
+    assert {p.figure.name for p in found.overall} == {"frames with an angle", "true turn"}
+    assert found.objects == {}
+    assert verdict(found).startswith("No verdict: the sides react to slip differently.")
+    assert [own.text.partition(" ±")[0] for own in found.apart] == [
+        "old, without a reaction: mean error in B and C 1.25",
+        "new, reaction 'tighten': mean error in B and C 0.45",
+    ]
+    page = compare_page(found, simulated=False, about="two")
+    assert "Which side is closer" not in page
+    assert "new, reaction" in page
+    assert found.as_json()["separately"]
+
+
+def test_lifts_with_the_same_reaction_are_compared() -> None:
+    sides = [[reacting(row(i, e + 0.1 * i), ReactionKind.STOP) for i in range(6)] for e in (1.0, 0.2)]
+    found = compare_lifts(NAMES, *sides)
+    assert found.apart == ()
+    assert verdict(found).startswith("new is better by 0.80")

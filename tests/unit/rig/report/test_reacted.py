@@ -6,9 +6,13 @@ from html import unescape
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from drivers.errors import InputError
+from rig.report.curves import LiftCurves
+from rig.report.lift_chart import angle_range, lift_chart, shown_range
+from rig.report.parts import Chart
 from rig.report.write import write_report
 
 pytestmark = pytest.mark.slow
@@ -80,3 +84,23 @@ def test_sessions_with_equal_reaction_or_other_lifts_are_rejected(
         write_report([without], tmp_path / "page.html", beside=other)
     with pytest.raises(InputError, match="only a trial can be shown"):
         write_report([tmp_path], tmp_path / "page.html", beside=without)
+
+
+def test_charts_with_and_without_a_reaction_have_one_scale(
+    without: Path, drawn_trial: Any, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    drawn: list[LiftCurves] = []
+
+    def noted(curves: LiftCurves, caption: str) -> Chart:
+        drawn.append(curves)
+        return lift_chart(curves, caption)
+
+    small = drawn_trial(tmp_path / "small", (1.0, -20.0))
+    edit(small, {"react": "tighten"}, {"react": "tighten", "reactions": []})
+    rows(small, 1, outcome="caught", reactions=[REACTION], final_truth_deg=0.9)
+    monkeypatch.setattr("rig.report.reacted.lift_chart", noted)
+    write_report([small], tmp_path / "page.html", beside=without)
+    first, second = drawn
+    assert np.ptp(first.truth.angle_deg) > 5.0 * np.ptp(second.truth.angle_deg)
+    assert angle_range(first) == angle_range(second)
+    assert shown_range(first) == shown_range(second)

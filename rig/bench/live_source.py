@@ -49,6 +49,19 @@ def live_sources(
     return made
 
 
+def serial_of(text: str) -> str | None:
+    """Return the serial of the sensor that a text names; None for a source without one, such as a file."""
+    if text == FAKE or "://" in text:
+        return None
+    node = f"/dev/video{text}" if text.isdecimal() else text
+    if node.startswith("/dev/"):
+        nodes = list_video_nodes()
+        serials = [each.serial for each in nodes if each.device == node and each.serial]
+        known = [each.serial for each in nodes]
+        return serials[0] if serials and known.count(serials[0]) == 1 else None
+    return None if Path(text).exists() else text
+
+
 def _source(text: str, sensor: str | None, rate_hz: float | None, clock: Clock) -> FrameSource:
     if text.isdecimal():
         text = f"/dev/video{text}"

@@ -21,7 +21,10 @@ from rig.tactile.sample import NO_COLOUR, TactileEstimator, faults_of, has_colou
 # this share of theirs.
 AFTER_FIRST = 5
 DARK_SHARE = 0.7
-CONTACT_IN_BACKGROUND = f"{LOOKS_LIKE_CONTACT}, which other frames do not show: give an IMAGE without contact, or --background auto"
+CONTACT_IN_BACKGROUND = (
+    f"{LOOKS_LIKE_CONTACT} that other frames do not show: give an IMAGE without contact, "
+    "or --background auto"
+)
 
 
 def frame_doubts(series: FrameSeries) -> list[str]:
@@ -44,7 +47,7 @@ def frame_doubts(series: FrameSeries) -> list[str]:
 
 
 def background_doubts(spec: str | None, background: Image, series: FrameSeries) -> list[str]:
-    """Return a warning if the frames of the background `first:N` are not alike. spec: see `make_background`."""
+    """Return a warning if the frames of `first:N` are not alike. spec: as for `make_background`."""
     if spec is None or not spec.startswith("first:"):
         return []
     images = list(islice(series.images(), int(spec.removeprefix("first:"))))

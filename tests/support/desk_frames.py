@@ -44,6 +44,10 @@ class GivenFrames(FrameSource):
     def rate_hz(self) -> float:
         return self._rate_hz
 
+    @property
+    def waits(self) -> bool:
+        return True
+
     def connect(self) -> None:
         self.connected = True
 

@@ -23,14 +23,15 @@ BORDER_PX = 5
 """Border of the reduced copy that is not checked for clear edges: the rim of the gel is dark."""
 CLEAR_EDGES = 0.09
 """Gradient of the log image, per pixel of the reduced copy, that 1 % of a background with contact exceeds.
-Without contact: at most 0.065 on 80 simulated units, 24 clips of rotation_clips, real_turns and the balls."""
+Without contact it is at most 0.065: 80 simulated units, rotation_clips, real_turns, both sets of balls."""
 STRONGER = 0.06
-"""Smallest log ratio of the edges of background and frame that is evidence of a contact in the background. With
-the own background, the frames of rotation_clips, real_turns, the balls and the fakes have at most 0.05."""
+"""Smallest log ratio of the edges of background and frame that is evidence of a contact in the background.
+With their own background, frames of rotation_clips, real_turns, the balls and the fakes have at most 0.05."""
 MOST_PER_FRAME, ENOUGH = 0.2, 0.5
 """Largest evidence of one frame, and sum from which on the background is doubtful: at least three frames."""
 CLEARLY_WEAKER = -0.3
-"""Log ratio that a contact reaches against a background without contact; it refutes `CLEAR_EDGES`."""
+"""Log ratio of a contact in a frame to a background without contact. It shows that the edges of a background
+with `CLEAR_EDGES` are dirt or the rim of the gel."""
 
 
 class BackgroundCheck:

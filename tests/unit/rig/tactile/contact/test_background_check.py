@@ -27,7 +27,7 @@ def doubted(background: Image, frames: Iterable[Image]) -> bool:
 
 @pytest.fixture(scope="module", params=[1, -1])
 def desk(request: pytest.FixtureRequest) -> list[Image]:
-    """Frames of a simulated press at 5 per second: 3 s without contact, both turns, and the gel afterwards."""
+    """Frames of a simulated press, 5 per second: 3 s without contact, both turns, the gel afterwards."""
     return [frame.image for frame in desk_frames(18.0, request.param, 0.0)][::6]
 
 

@@ -71,8 +71,7 @@ def ros2(source: LiveSourceOptions, how: LiveAngleOptions, to: BridgeOptions) ->
         desk = stack.enter_context(desk_of(sources_of(source), settings_of(source, how), stack))
         publisher = Ros2Bridge(to.domain, SystemClock())
         topics = ", ".join(publisher.topics([*desk.sensors]))
-        say(
-            f"{mark(is_simulated(source.sources))}publishing in domain {to.domain}: {topics}; press Ctrl-C to end"
-        )
+        marked = mark(is_simulated(source.sources))
+        say(f"{marked}publishing in domain {to.domain}: {topics}; press Ctrl-C to end")
         run_desk(desk, publisher.publish, to.seconds, stopped)
     say(f"ended: {publisher.published} messages published")

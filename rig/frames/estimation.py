@@ -22,8 +22,7 @@ from rig.tactile.sample import NO_COLOUR, TactileEstimator, faults_of, has_colou
 AFTER_FIRST = 5
 DARK_SHARE = 0.7
 CONTACT_IN_BACKGROUND = (
-    f"{LOOKS_LIKE_CONTACT} that other frames do not show: give an IMAGE without contact, "
-    "or --background auto"
+    f"{LOOKS_LIKE_CONTACT} that other frames do not show: give an IMAGE without contact, or --background auto"
 )
 
 

@@ -160,6 +160,11 @@ class FrameSource(Diagnosable, Protocol):
         """Requested frame rate."""
         ...
 
+    @property
+    def waits(self) -> bool:
+        """Whether frames wait until they are read, so that none is dropped. Only a file can do this."""
+        return False
+
     def connect(self) -> None:
         """Start capturing."""
         ...

@@ -13,12 +13,14 @@ _HINT = "check that it still streams, its cable and its port"
 class FrameBuffer:
     """The newest frame, the unread frames, and the reason if no more frames arrive.
 
-    backlog: largest number of unread frames.
+    backlog: largest number of unread frames. waits: whether a frame waits for room, instead of replacing the
+    oldest unread frame.
     """
 
-    def __init__(self, serial: str, clock: Clock, backlog: int) -> None:
+    def __init__(self, serial: str, clock: Clock, backlog: int, waits: bool = False) -> None:
         self._serial = serial
         self._clock = clock
+        self._waits = waits
         self._changed = threading.Condition()
         self._backlog: deque[Frame] = deque(maxlen=backlog)
         self._newest: Frame | None = None
@@ -30,7 +32,9 @@ class FrameBuffer:
     def put(self, frame: Frame) -> bool:
         """Add a frame. Return whether the oldest unread frame was dropped for it."""
         with self._changed:
-            full = len(self._backlog) == self._backlog.maxlen
+            while self._waits and self._full and not self._closed:
+                self._changed.wait()
+            full = self._full
             self._backlog.append(frame)
             self._newest, self._trouble, self._remark = frame, "", _HINT
             self._changed.notify_all()
@@ -63,6 +67,7 @@ class FrameBuffer:
                 if self._over:
                     raise DeviceError(self._named(self._trouble))
                 self._wait(deadline, f"no frame within {timeout_s:.3g} s")
+            self._changed.notify_all()
             return self._backlog.popleft()
 
     def newest(self, max_age_s: float) -> Frame:
@@ -78,6 +83,7 @@ class FrameBuffer:
                     f"{max_age_s:.3f} s; {self._why()}"
                 )
             self._backlog.clear()
+            self._changed.notify_all()
             return frame
 
     def await_first(self, timeout_s: float) -> None:
@@ -88,6 +94,10 @@ class FrameBuffer:
                 if self._trouble:
                     raise DeviceError(self._named(self._trouble))
                 self._wait(deadline, f"no frame within {timeout_s:.3g} s of opening")
+
+    @property
+    def _full(self) -> bool:
+        return len(self._backlog) == self._backlog.maxlen
 
     def _wait(self, deadline_ns: int, missed: str) -> None:
         remaining_ns = deadline_ns - self._clock.now_ns()

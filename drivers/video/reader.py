@@ -58,6 +58,7 @@ class FrameReader(FrameSource):
         self._open_stream = open_stream
         self._decode = decode
         self._clock = clock
+        self._waits = False
         self._run: _Run | None = None
         # Written by the reader's thread alone.
         self._counts: Counter[str] = Counter()
@@ -75,6 +76,19 @@ class FrameReader(FrameSource):
         return self._rate_hz
 
     @property
+    def waits(self) -> bool:
+        """Whether frames wait until they are read, see `wait_for_reader`."""
+        return self._waits
+
+    def wait_for_reader(self) -> None:
+        """Let the frames of a file wait until they are read, from the next `connect` on; none is dropped.
+
+        If the reader is too slow, the file is played more slowly. The times of the frames stay those of its
+        frame rate.
+        """
+        self._waits = True
+
+    @property
     def connected(self) -> bool:
         """Whether it is between `connect` and `disconnect`; frames may nevertheless be missing."""
         return self._run is not None
@@ -86,7 +100,7 @@ class FrameReader(FrameSource):
         """
         self.disconnect()
         backlog = max(round(BACKLOG_S * self._rate_hz), 1)
-        run = _Run(FrameBuffer(self._serial, self._clock, backlog))
+        run = _Run(FrameBuffer(self._serial, self._clock, backlog, self._waits))
         run.thread = threading.Thread(target=self._work, args=(run,), name=self._serial, daemon=True)
         self._run = run
         run.thread.start()

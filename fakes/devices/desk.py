@@ -1,6 +1,7 @@
 """A simulated DIGIT on a desk; an object is repeatedly pressed on its gel, turned and taken off."""
 
 import math
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -27,24 +28,40 @@ TILT = (0.008, -0.006)
 """Slope of the pressed face relative to the gel, along x and y."""
 
 
+@dataclass(slots=True)
+class Demonstration:
+    """The motion of the object, shared by the fingertips that touch it.
+
+    start_ns: start of the first cycle; None until the first frame of any fingertip is read. So a program that
+    needs long to start does not miss the gel without contact.
+    """
+
+    start_ns: int | None = None
+
+    def since_start_s(self, time_ns: int) -> float:
+        """Return the time since the start in s, 0 for the first frame."""
+        if self.start_ns is None:
+            self.start_ns = time_ns
+        return (time_ns - self.start_ns) / NS_PER_S
+
+
 class DeskDigit(FakeSource, TactileSensor):
     """A simulated fingertip on a desk.
 
-    side: +1, or -1 for a second sensor on the opposite side of the same object. start_ns: start of the first
-    cycle on the clock.
+    side: +1, or -1 for a second sensor on the opposite side of the same object.
     """
 
-    def __init__(self, serial: str, side: int, start_ns: int, clock: Clock) -> None:
+    def __init__(self, serial: str, side: int, shown: Demonstration, clock: Clock) -> None:
         shutter = Shutter(RATE_HZ, phase_s=0.002 + 0.002 * (1 - side))
         super().__init__((serial,), shutter, self.draw, clock, FaultScript(()), 8 + side)
-        self._side, self._start_ns = side, start_ns
+        self._side, self._shown = side, shown
 
     def set_light(self, red: float, green: float, blue: float) -> None:
         """Do nothing: the light of this unit is fixed."""
 
     def draw(self, time_ns: int, rng: np.random.Generator) -> Image:
         """Return the image at a time, (H, W, 3) uint8 RGB. rng: draws the noise."""
-        time_s = (time_ns - self._start_ns) / NS_PER_S
+        time_s = self._shown.since_start_s(time_ns)
         share = _pressed(time_s % CYCLE_S)
         return _gel(self._side).render(self._imprint(time_s, share) if share > 0.0 else None, time_s, rng)
 
@@ -53,7 +70,7 @@ class DeskDigit(FakeSource, TactileSensor):
 
         Returns None without contact.
         """
-        time_s = (time_ns - self._start_ns) / NS_PER_S
+        time_s = self._shown.since_start_s(time_ns)
         return self._side * _turned_deg(time_s) if _pressed(time_s % CYCLE_S) > 0.0 else None
 
     def _imprint(self, time_s: float, share: float) -> Imprint:

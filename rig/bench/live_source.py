@@ -13,8 +13,9 @@ from drivers.interfaces import FrameSource
 from drivers.video.digit import Digit
 from drivers.video.external_camera import ExternalCamera
 from drivers.video.gelsight_mini import GelSightMini
+from drivers.video.source import AddressedSource
 from drivers.video.v4l2 import VideoNode, list_video_nodes
-from fakes.devices.desk import DeskDigit
+from fakes.devices.desk import Demonstration, DeskDigit
 
 SENSORS = ("digit", "gelsight-mini", "plain")
 FAKE = "fake"
@@ -34,12 +35,12 @@ def live_sources(
     `InputError` for what can never be opened, `DeviceError` for a device that is not there.
     """
     clock = clock or SystemClock()
-    start_ns = clock.now_ns()
+    shown = Demonstration()
     made: list[FrameSource] = []
     for place, text in enumerate(texts):
         if text == FAKE:
             side = 1 if place == 0 else -1
-            made.append(DeskDigit(f"SIM-DESK{place + 1}", side, start_ns, clock))
+            made.append(DeskDigit(f"SIM-DESK{place + 1}", side, shown, clock))
         else:
             made.append(_source(text, sensor, rate_hz, clock))
     names = [source.serial for source in made]
@@ -48,27 +49,47 @@ def live_sources(
     return made
 
 
+def serial_of(text: str) -> str | None:
+    """Return the serial of the sensor that a text names; None for a source without one, such as a file."""
+    if text == FAKE or "://" in text:
+        return None
+    node = f"/dev/video{text}" if text.isdecimal() else text
+    if node.startswith("/dev/"):
+        nodes = list_video_nodes()
+        serials = [each.serial for each in nodes if each.device == node and each.serial]
+        known = [each.serial for each in nodes]
+        return serials[0] if serials and known.count(serials[0]) == 1 else None
+    return None if Path(text).exists() else text
+
+
 def _source(text: str, sensor: str | None, rate_hz: float | None, clock: Clock) -> FrameSource:
     if text.isdecimal():
         text = f"/dev/video{text}"
     is_address, is_device, path = "://" in text, text.startswith("/dev/"), Path(text)
     if is_device:
         _check_device(path)
-    if is_address or path.is_file() or path.is_dir():
-        kind = sensor or "plain"
-        rate_hz = rate_hz or (FILE_RATE_HZ if is_address else _own_rate(path))
-        name = without_passwords(text) if is_address else path.name
-        if kind == "digit":
-            return Digit(name, rate_hz, address=text, clock=clock)
-        if kind == "gelsight-mini":
-            return GelSightMini(name, text, rate_hz, clock)
-        return ExternalCamera(name, text, rate_hz, clock=clock)
+    kind = sensor or "plain"
+    if is_address:
+        return _addressed(without_passwords(text), text, kind, rate_hz or FILE_RATE_HZ, clock)
+    if not is_device and (path.is_file() or path.is_dir()):
+        source = _addressed(path.name, text, kind, rate_hz or _own_rate(path), clock)
+        source.wait_for_reader()
+        return source
     if not is_device and ("/" in text or path.suffix):
         raise InputError(
             f"{text}: there is no such file or folder: give a DIGIT's serial, /dev/videoN or its number, an "
             f"MJPEG address (http://HOST:PORT/PATH), a video, a folder of images, or {FAKE}"
         )
     return _device(text, sensor or "digit", rate_hz, is_device, clock)
+
+
+def _addressed(name: str, address: str, kind: str, rate_hz: float, clock: Clock) -> AddressedSource:
+    """Return the source of an MJPEG address or of a file."""
+    if kind == "digit":
+        return Digit(name, rate_hz, address=address, clock=clock)
+    if kind == "gelsight-mini":
+        return GelSightMini(name, address, rate_hz, clock)
+    return ExternalCamera(name, address, rate_hz, clock=clock)
 
 
 def _device(text: str, kind: str, rate_hz: float | None, is_node: bool, clock: Clock) -> FrameSource:

@@ -10,6 +10,7 @@ from rig.cli.live import (
     LiveAngleOptions,
     LiveSourceOptions,
     desk_of,
+    is_simulated,
     run_desk,
     settings_of,
     sources_of,
@@ -64,13 +65,13 @@ def ros2(source: LiveSourceOptions, how: LiveAngleOptions, to: BridgeOptions) ->
     with stopped_by_person() as stopped, ExitStack() as stack:
         from drivers.clock import SystemClock
         from drivers.realtime import compute_in_one_thread
-        from rig.bench.live_source import FAKE
         from rig.live.ros2_bridge import Ros2Bridge
 
         compute_in_one_thread()
         desk = stack.enter_context(desk_of(sources_of(source), settings_of(source, how), stack))
         publisher = Ros2Bridge(to.domain, SystemClock())
         topics = ", ".join(publisher.topics([*desk.sensors]))
-        say(f"{mark(FAKE in source.sources)}publishing in domain {to.domain}: {topics}; press Ctrl-C to end")
+        marked = mark(is_simulated(source.sources))
+        say(f"{marked}publishing in domain {to.domain}: {topics}; press Ctrl-C to end")
         run_desk(desk, publisher.publish, to.seconds, stopped)
     say(f"ended: {publisher.published} messages published")

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from drivers.errors import InputError
-from rig.cli.common import emit_json, report_broken, say
+from rig.cli.common import emit_json, mark, report_broken, say
 from rig.cli.declared import argument, file_place, folder_place, option
 from rig.cli.options import JsonOption, TopicOption
 
@@ -182,9 +182,9 @@ def _series(source: SourceOptions, run: "Estimation", to: ResultOptions, gel: Pa
         say(note)
     begin_phase(f"estimating with {run.choice.name}")
     done = run.of_series(series)
-    figures = _report(str(path), done, run)
+    figures = _report(f"{mark(series.simulated)}{path}", done, run)
     _deliver(rows(done.estimate, mm_per_px), figures, to)
-    _page(to.page, [EstimatedSeries(path.name, series, done)], path, run)
+    _page(to.page, [EstimatedSeries(path.name, series, done)], path, run, series.simulated)
 
 
 def _recording(source: SourceOptions, run: "Estimation", to: ResultOptions) -> None:

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from drivers.errors import InputError, counted
-from rig.cli.common import emit_json, say
+from rig.cli.common import emit_json, mark, say
 from rig.cli.declared import argument, option
 from rig.cli.options import JsonOption, TopicOption
 
@@ -68,7 +68,8 @@ def _label(options: LabelAngleOptions) -> None:
     say(note)
     choice, note = chosen_frames(series, background, options.count, options.reference, drawn)
     say(note)
-    to_label = load_clip(clip.resolve().name, series, background, choice)
+    name = f"{mark(series.simulated)}{clip.resolve().name}"
+    to_label = load_clip(name, series, background, choice)
     log = LineLog(clip / LINES, to_label, drawn)
     with AngleServer(to_label, log) as server, way_to(server.address) as way:
         say(f"draw the lines at {server.address}")

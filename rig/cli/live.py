@@ -140,23 +140,29 @@ def _show_live(
     page = None if view.terminal or view.json else _page(source, how.estimator, view, stack)
     sources, settings = sources_of(source), settings_of(source, how, view.clips)
     listeners = [*([] if page is None else [page.listener]), *_foxglove(view, sources, stack)]
-    say(
-        f"{_name(source)}; press Ctrl-C to end"
-        if page is None
-        else f"live at {page.address}; press Ctrl-C to end"
-    )
+    shown_at = "" if page is None else f" at {page.address}"
+    say(f"{_name(source)}{shown_at}; press Ctrl-C to end")
     if page is not None and view.browser:
         _open(page.address)
     compute_in_one_thread()
     desk = stack.enter_context(desk_of(sources, settings, stack, listeners))
     run_desk(desk, _shown(view, stack, stopped), view.seconds, stopped, page)
+    if not desk.ended:
+        for sensor in desk.sensors.values():
+            say(sensor.summary)
 
 
 def _name(source: LiveSourceOptions) -> str:
     """Return the command with its sensors, with the prefix "SIMULATED " if one of them is simulated."""
-    from rig.bench.live_source import FAKE
+    return f"{mark(is_simulated(source.sources))}rig live {' '.join(source.sources)}"
 
-    return f"{mark(FAKE in source.sources)}rig live {' '.join(source.sources)}"
+
+def is_simulated(sources: Sequence[str]) -> bool:
+    """Whether a source is simulated, or a clip of a simulated sensor. Raises `InputError`."""
+    from rig.bench.live_source import FAKE
+    from rig.frames.clips import is_simulated_clip
+
+    return any(text == FAKE or is_simulated_clip(Path(text)) for text in sources)
 
 
 def _page(
@@ -207,6 +213,7 @@ def sources_of(source: LiveSourceOptions) -> "list[FrameSource]":
 def settings_of(source: LiveSourceOptions, how: LiveAngleOptions, clips: Path = CLIPS) -> "DeskSettings":
     """Return how the desk of the options runs. Raises `InputError`."""
     from drivers.images import read_image
+    from rig.bench.live_source import serial_of
     from rig.frames.estimation import require_frames_suffice
     from rig.live.desk import DeskSettings
     from rig.tactile.estimators import choose_estimator
@@ -217,7 +224,10 @@ def settings_of(source: LiveSourceOptions, how: LiveAngleOptions, clips: Path = 
     require_frames_suffice(choice)
     background = None if how.background is None else read_image(how.background)
     signs = (1, 1) if source.same_side else (1, -1)
-    return DeskSettings(choice, signs, background, how.pixel_aspect, clips)
+    serials = tuple(serial_of(text) for text in source.sources)
+    return DeskSettings(
+        choice, signs, background, how.pixel_aspect, clips, serials, is_simulated(source.sources)
+    )
 
 
 def desk_of(

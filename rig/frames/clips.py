@@ -14,13 +14,15 @@ from typing import IO
 import numpy as np
 from numpy.lib import format as npy
 
-from drivers.errors import InputError
-from drivers.formats import MOST_PIXELS, reason
+from drivers.errors import FormatError, InputError
+from drivers.formats import MOST_PIXELS, read_json, reason
 from drivers.images import SUFFIXES
 from drivers.types import Image
 from rig.sessions.files import RESULTS, first_bytes, is_recording, is_ros_file
 
 FRAMES, BACKGROUND, LABELS, TIMES = "frames", "background", "labels.csv", "timestamps.csv"
+ABOUT = "clip.json"
+"""Metadata of a clip that `rig live` has recorded; its key `simulated` is true for a simulated sensor."""
 VIDEO_ENDINGS = {
     ".avi", ".mp4", ".mov", ".mkv", ".webm", ".m4v", ".mpg", ".mpeg", ".ts", ".wmv", ".flv", ".ogv",
     ".mjpeg", ".mjpg",
@@ -61,6 +63,21 @@ def clip_background(folder: Path) -> Path | None:
     if len(files) > 1:
         raise InputError(f"{folder}: {len(files)} images named '{BACKGROUND}': keep one, without contact")
     return files[0] if files else None
+
+
+def is_simulated_clip(path: Path) -> bool:
+    """Whether a clip, or the clip that a folder of frames belongs to, is of a simulated sensor.
+
+    Raises `InputError` if its metadata are damaged.
+    """
+    for file in (path / ABOUT, path.absolute().parent / ABOUT):
+        if path.is_dir() and file.is_file():
+            try:
+                about = read_json(file)
+            except FormatError as error:
+                raise InputError(f"{error}: copy the clip again, or delete this file") from error
+            return isinstance(about, dict) and about.get("simulated") is True
+    return False
 
 
 def require_clip(path: Path) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 
 from drivers.errors import InputError
 from drivers.types import ArmState, Image
-from rig.frames.series import FrameSeries
+from rig.frames.series import TimedFrame
 from rig.frames.slip_alarm import STABLE_FRAMES, slips
 from rig.frames.times import FrameTime
 from rig.sessions.table_files import csv_bytes
@@ -132,7 +132,7 @@ def estimate_together(
     return samples
 
 
-def estimate_series(series: FrameSeries, estimator: TactileEstimator) -> tuple[Answer, ...]:
+def estimate_series(series: Iterable[TimedFrame], estimator: TactileEstimator) -> tuple[Answer, ...]:
     """Estimate every frame in order; a frame that cannot be read is `lost`. Raises `InputError`."""
     frames, shown = tee(series)
     pairs = zip(frames, estimate_frames(estimator, shown), strict=True)

@@ -1,6 +1,6 @@
 """Estimation of any number of series with one estimator; warnings about doubtful input."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
 
@@ -10,9 +10,9 @@ from drivers.errors import InputError, counted
 from drivers.types import Image
 from rig.frames.estimates import Estimate, EstimateFigures, estimate_series, figures, lift_time, zeroed
 from rig.frames.of_session import SessionSeries
-from rig.frames.series import ENOUGH_FRAMES, FrameSeries, evenly_spread, make_background
+from rig.frames.series import FrameSeries, TimedFrame, make_background
 from rig.frames.times import FrameTime, parse_time
-from rig.tactile.contact.background import auto_background, structure
+from rig.tactile.contact.background_check import LOOKS_LIKE_CONTACT, BackgroundCheck
 from rig.tactile.contact.untouched import Comparison
 from rig.tactile.estimators import ESTIMATORS, PUBLISHED, TOSKOV, EstimatorChoice
 from rig.tactile.sample import NO_COLOUR, TactileEstimator, faults_of, has_colour
@@ -21,11 +21,9 @@ from rig.tactile.sample import NO_COLOUR, TactileEstimator, faults_of, has_colou
 # this share of theirs.
 AFTER_FIRST = 5
 DARK_SHARE = 0.7
-# Number of evenly spread frames from which the gel without contact is estimated.
-COMPARED = 30
-# A background shows a contact if the estimated one has less texture by this factor; for a background without
-# contact the factor is 0.96 to 0.98, because the median of frames has less noise.
-PLAINER = 0.95
+CONTACT_IN_BACKGROUND = (
+    f"{LOOKS_LIKE_CONTACT} that other frames do not show: give an IMAGE without contact, or --background auto"
+)
 
 
 def frame_doubts(series: FrameSeries) -> list[str]:
@@ -48,28 +46,16 @@ def frame_doubts(series: FrameSeries) -> list[str]:
 
 
 def background_doubts(spec: str | None, background: Image, series: FrameSeries) -> list[str]:
-    """Return warnings if a requested background may show a contact. spec: as for `make_background`."""
-    if spec is None or spec == "auto":
+    """Return a warning if the frames of `first:N` are not alike. spec: as for `make_background`."""
+    if spec is None or not spec.startswith("first:"):
         return []
-    if spec.startswith("first:"):
-        images = list(islice(series.images(), int(spec.removeprefix("first:"))))
-        if odd := _odd_ones(background, images):
-            return [
-                f"the frames of --background {spec} are not alike (frame {odd[0]} differs): a contact begins "
-                "during them, or one is an old frame; give fewer frames or an IMAGE"
-            ]
-    frames = evenly_spread(series.images(), COMPARED)
-    if len(frames) >= ENOUGH_FRAMES and _shows_contact(background, auto_background(frames)):
+    images = list(islice(series.images(), int(spec.removeprefix("first:"))))
+    if odd := _odd_ones(background, images):
         return [
-            "the background seems to show a contact that other frames do not show: give an IMAGE without "
-            "contact, or --background auto"
+            f"the frames of --background {spec} are not alike (frame {odd[0]} differs): a contact begins "
+            "during them, or one is an old frame; give fewer frames or an IMAGE"
         ]
     return []
-
-
-def _shows_contact(background: Image, made: Image) -> bool:
-    """Whether a background differs from the one estimated from the frames, and has more texture."""
-    return _differs(made, background) and structure(made) < PLAINER * structure(background)
 
 
 def _odd_ones(background: Image, images: Sequence[Image]) -> list[int]:
@@ -178,9 +164,9 @@ class Estimation:
     def of_series(self, series: FrameSeries) -> SeriesEstimate:
         """Estimate the frames of any source. Raises `InputError`."""
         background, note = make_background(self._background, series)
-        doubts = [*background_doubts(self._background, background, series), *frame_doubts(series)]
-        estimate = self._estimate(series, self.choice.make(background, self._aspect), 1, None)
-        return SeriesEstimate(estimate, background, note, tuple(doubts), self.choice.sees(background))
+        doubts = background_doubts(self._background, background, series)
+        estimator = self.choice.make(background, self._aspect)
+        return self._estimate(series, estimator, background, note, doubts)
 
     def of_sensor(self, tip: SessionSeries) -> SeriesEstimate:
         """Estimate a session's frames with the sensor's sign, background and aspect. Raises `InputError`."""
@@ -190,18 +176,35 @@ class Estimation:
             background, note = make_background(self._background, tip.frames)
             doubts = background_doubts(self._background, background, tip.frames)
         estimator = replace(self.choice, gel=tip.gel).make(background, self._aspect or tip.aspect)
-        estimate = self._estimate(tip.frames, estimator, tip.sign, tip.lift_ns)
-        doubts += frame_doubts(tip.frames)
-        return SeriesEstimate(estimate, background, note, tuple(doubts), self.choice.sees(background))
+        return self._estimate(tip.frames, estimator, background, note, doubts, tip.sign, tip.lift_ns)
 
     def _estimate(
-        self, series: FrameSeries, estimator: TactileEstimator, sign: int, lift_ns: int | None
-    ) -> Estimate:
-        answers = estimate_series(series, estimator)
+        self,
+        series: FrameSeries,
+        estimator: TactileEstimator,
+        background: Image,
+        note: str,
+        doubts: list[str],
+        sign: int = 1,
+        lift_ns: int | None = None,
+    ) -> SeriesEstimate:
+        check = BackgroundCheck(background)
+        answers = estimate_series(_checked(series, check), estimator)
         if not answers:
             raise InputError(f"{series.name}: holds no frames to estimate: give another clip or recording")
         lift_ns = lift_time(answers, self.lift) if lift_ns is None else lift_ns
-        return zeroed(answers, self._reference, self._published, 1 if self._published else sign, lift_ns)
+        sign = 1 if self._published else sign
+        estimate = zeroed(answers, self._reference, self._published, sign, lift_ns)
+        doubts = [*doubts, *([CONTACT_IN_BACKGROUND] if check.doubtful else []), *frame_doubts(series)]
+        return SeriesEstimate(estimate, background, note, tuple(doubts), self.choice.sees(background))
+
+
+def _checked(series: FrameSeries, check: BackgroundCheck) -> Iterator[TimedFrame]:
+    """Yield the frames, after each was compared with the background."""
+    for frame in series:
+        if frame.image is not None:
+            check.add(frame.image, frame.time_ns)
+        yield frame
 
 
 def _time_text(found: EstimateFigures) -> str:

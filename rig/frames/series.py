@@ -25,6 +25,7 @@ from rig.frames.clips import (
     array_shape,
     clip_background,
     is_ros_bag,
+    is_simulated_clip,
     require_clip,
 )
 from rig.frames.public_sets import TRIAL_VIDEO, bag_of, is_trial, read_bag, trial_background
@@ -60,13 +61,14 @@ class FrameSeries:
     """Frames in order; iterating reads them again each time.
 
     notes: assumptions and problems, for the user. empty: returns the frame without contact, if the dataset
-    provides it.
+    provides it. simulated: whether a simulated sensor made them.
     """
 
     name: str
     read: Callable[[], Iterator[TimedFrame]]
     notes: tuple[str, ...] = ()
     empty: Callable[[], Image | None] | None = None
+    simulated: bool = False
 
     def __iter__(self) -> Iterator[TimedFrame]:
         """Read the frames. Raises `InputError` at the first one of another size."""
@@ -213,11 +215,13 @@ def _image_series(path: Path, timestamps: Path | None, fps: float | None) -> Fra
     times = _times([file.name for file in files], timestamps, FOLDER_FPS if fps is None else fps)
     assumed = timestamps is None and fps is None and len(files) > 1
     notes = (RATE_ASSUMED,) if assumed else ()
+    simulated = is_simulated_clip(path)
 
     def read() -> Iterator[TimedFrame]:
         return (TimedFrame(f.name, t, load_image(f)) for f, t in zip(files, times, strict=True))
 
-    return FrameSeries(str(path), read, notes)
+    notes = ("SIMULATED frames", *notes) if simulated else notes
+    return FrameSeries(str(path), read, notes, simulated=simulated)
 
 
 def _image_files(folder: Path) -> list[Path]:

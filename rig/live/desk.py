@@ -14,7 +14,6 @@ from pathlib import Path
 
 from drivers.clock import NS_PER_S, Clock, SystemClock, to_ns
 from drivers.errors import DeviceError, DeviceTimeoutError, InputError, RigError, StaleFrameError, counted
-from drivers.images import with_jpeg
 from drivers.interfaces import FrameSource
 from drivers.types import Frame, Image
 from rig.frames.estimation import require_frames_suffice
@@ -25,7 +24,7 @@ from rig.live.desk_sensor import DeskSensor, Reading
 from rig.live.feed import OBJECT, Sender
 from rig.live.observer import PICTURE_LONG_SIDE_PX, small_jpeg
 from rig.tactile.estimators import EstimatorChoice, choose_estimator
-from rig.tactile.sample import NO_COLOUR, State, has_colour
+from rig.tactile.sample import State
 
 LATEST_S = 0.3
 """Frames that wait longer are skipped and counted as dropped, so that the angle is never late."""
@@ -41,7 +40,8 @@ class DeskSettings:
     """Settings of a desk.
 
     signs: factor from each sensor's image angle to the object angle, +1 or -1. background, aspect: see
-    `DeskSensor`. clips: folder in which clips are recorded.
+    `DeskSensor`. clips: folder in which clips are recorded. serials: of the sensors, in the order of the
+    sources; None for a source without one. simulated: whether a source is simulated.
     """
 
     choice: EstimatorChoice
@@ -49,6 +49,8 @@ class DeskSettings:
     background: Image | None = None
     aspect: float | None = None
     clips: Path = Path("clips")
+    serials: tuple[str | None, ...] = (None, None)
+    simulated: bool = False
 
 
 class Desk:
@@ -69,9 +71,9 @@ class Desk:
         self._clock = clock or SystemClock()
         self.sensors = {
             source.serial: DeskSensor(
-                source.serial, settings.choice, sign, settings.background, settings.aspect
+                source.serial, settings.choice, sign, settings.background, settings.aspect, serial
             )
-            for source, sign in zip(sources, settings.signs, strict=False)
+            for source, sign, serial in zip(sources, settings.signs, settings.serials, strict=False)
         }
         self.notice = ""
         self._frames: queue.Queue[tuple[str, Frame | DeviceError]] = queue.Queue(maxsize=len(sources))
@@ -130,14 +132,12 @@ class Desk:
             return []
         if isinstance(frame, DeviceError):
             self._open -= not isinstance(frame, DeviceTimeoutError)
-            self._say(str(frame))
+            self._say(f"{frame}; {self.sensors[name].summary}")
             return []
-        frame = with_jpeg(frame)
-        sensor, known = self.sensors[name], self._backgrounds()
+        sensor = self.sensors[name]
         reading = sensor.take(frame, self._clock)
-        if self._backgrounds() > known:
-            coloured = has_colour(frame.image)
-            self._say(f"{name}: background taken; {'press an object on the gel' if coloured else NO_COLOUR}")
+        if sensor.news:
+            self._say(f"{name}: {sensor.news}")
         self._show(reading)
         fused = self._fused(reading)
         if fused is None:
@@ -152,10 +152,6 @@ class Desk:
             self._say(self._done(what, name))
         except RigError as error:
             self._say(str(error))
-
-    def _backgrounds(self) -> int:
-        """Return the number of sensors with a background."""
-        return sum(not sensor.collecting for sensor in self.sensors.values())
 
     def _done(self, what: str, name: str) -> str:
         sensors = self.sensors.values()
@@ -180,9 +176,11 @@ class Desk:
 
     def _begin_clips(self) -> str:
         for name, sensor in self.sensors.items():
-            if sensor.background is None:
+            background = sensor.background
+            if background.image is None or background.collecting:
                 raise InputError("record: wait until the background is taken")
-            sensor.clip = ClipWriter(clip_folder(self._settings.clips, name), sensor.background)
+            about = {"sensor": name, "simulated": self._settings.simulated, "background": background.origin}
+            sensor.clip = ClipWriter(clip_folder(self._settings.clips, name), background.image, about)
         return f"recording to {', '.join(str(s.clip.folder) for s in self.sensors.values() if s.clip)}"
 
     def _end_clips(self) -> str:
@@ -212,6 +210,7 @@ class Desk:
             now.fps,
             (self._clock.now_ns() - now.time_ns) / NS_PER_S,
             sum(sensor.dropped for sensor in self.sensors.values()),
+            max((zero.time_ns / NS_PER_S for t in tracks.values() if (zero := t.zero_sample)), default=None),
         )
 
     def _show(self, reading: Reading) -> None:
@@ -226,7 +225,7 @@ class Desk:
             self._sender.send("sensor", values)
             return
         scale, jpeg = 1.0, frame.jpeg or b""
-        if max(frame.image.shape[:2]) > PICTURE_LONG_SIDE_PX:
+        if not jpeg or max(frame.image.shape[:2]) > PICTURE_LONG_SIDE_PX:
             jpeg, scale = small_jpeg(frame.image)
         # OpenCV's coordinates are 0 at the centre of the first pixel, a browser's at its corner
         outline = ((reading.outline + 0.5) * scale).round(1).tolist()
@@ -241,7 +240,7 @@ class Desk:
         while not self._stopping.is_set():
             try:
                 frame = source.next_frame(FRAME_TIMEOUT_S)
-                if self._clock.now_ns() - frame.time_ns > to_ns(LATEST_S):
+                if not source.waits and self._clock.now_ns() - frame.time_ns > to_ns(LATEST_S):
                     frame = source.newest_frame(FRAME_TIMEOUT_S)
             except StaleFrameError:
                 continue

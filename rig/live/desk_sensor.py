@@ -1,6 +1,6 @@
 """One sensor on a desk, frame by frame: its background, estimator, reference and clip."""
 
-from collections import deque
+from collections import Counter, deque
 from contextlib import suppress
 from dataclasses import dataclass, field
 
@@ -8,21 +8,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.clock import NS_PER_S, Clock, to_ns
-from drivers.errors import InputError
+from drivers.errors import InputError, counted
 from drivers.tally import FrameTally
 from drivers.types import Frame, Image
 from rig.frames.streaming import AngleSample, StreamingEstimator
 from rig.live.clip_writer import ClipWriter
-from rig.tactile.contact.background import mean_background
+from rig.live.sensor_background import SensorBackground
 from rig.tactile.contact.finder import ContactFinder
 from rig.tactile.estimators import EstimatorChoice
 from rig.tactile.sample import State, check_frame
 
-BACKGROUND_FRAMES = 15
-"""Number of frames that are averaged for the background."""
 OUTLINE_EVERY_S = 0.05
 OUTLINE_STEP = 4
 """The points of an outline are 1 px apart; every 4th point is shown."""
+TAKING_BACKGROUND = "taking the background"
+"""State while the background is taken."""
 RATE_FRAMES = 61
 """Number of frames for the computation of the frame rate: one second of a DIGIT."""
 
@@ -32,8 +32,9 @@ class Reading:
     """The result for one frame of a sensor, or the fused angle of the object.
 
     sample: None while the background is taken. fps: frame rate from capture times, None at first. latency_s:
-    time from capture to the angle. dropped: number of lost or skipped frames. outline: of the contact, (N, 2)
-    px, x right and y down. frame: with its JPEG; None for the object.
+    time from capture to the angle. dropped: number of lost or skipped frames. zero_s: time of the frame whose
+    angle is 0, None without a reference. background: its origin. doubt: why the background is doubtful, else
+    empty. outline: of the contact, (N, 2) px, x right and y down. frame: None for the object.
     """
 
     name: str
@@ -43,6 +44,9 @@ class Reading:
     fps: float | None = None
     latency_s: float = 0.0
     dropped: int = 0
+    zero_s: float | None = None
+    background: str = ""
+    doubt: str = ""
     outline: NDArray[np.float32] = field(default_factory=lambda: np.empty((0, 2), np.float32))
     frame: Frame | None = None
 
@@ -60,6 +64,9 @@ class Reading:
             "fps": None if self.fps is None else round(self.fps, 1),
             "latency_ms": round(1e3 * self.latency_s, 2),
             "dropped": self.dropped,
+            "zero_s": self.zero_s,
+            "background": self.background,
+            "doubt": self.doubt,
         }
 
 
@@ -67,30 +74,45 @@ class DeskSensor:
     """One sensor: its background, estimator and clip.
 
     sign: factor from the image angle to the object angle. background: None to take it from the first frames.
-    aspect: width over height of a pixel on the gel, if known.
+    aspect: width over height of a pixel on the gel, if known. serial: under which its background is stored;
+    None for a source without a serial.
     """
 
     def __init__(
-        self, name: str, choice: EstimatorChoice, sign: int, background: Image | None, aspect: float | None
+        self,
+        name: str,
+        choice: EstimatorChoice,
+        sign: int,
+        background: Image | None,
+        aspect: float | None,
+        serial: str | None = None,
     ) -> None:
         self.name = name
         self.stream: StreamingEstimator | None = None
         self.clip: ClipWriter | None = None
-        self.background = background
+        self.background = SensorBackground(background, serial)
+        self.news = ""
+        """News about the background in the newest frame, for the user."""
         self.slip = False
         """Whether the slip alarm was raised at the newest frame."""
         self._choice, self._sign, self._aspect = choice, sign, aspect
         self._tally, self._times = FrameTally(), deque[int](maxlen=RATE_FRAMES)
-        self._empty: list[Image] | None = [] if background is None else None
+        self._states: Counter[str] = Counter()
+        self._answered = 0
         self._finder: ContactFinder | None = None
         self._outline = np.empty((0, 2), np.float32)
         self._outlined_ns = 0
         self._referenced = False
 
     @property
-    def collecting(self) -> bool:
-        """Whether the background is being taken."""
-        return self._empty is not None
+    def summary(self) -> str:
+        """The number of frames, of those with an angle, and of those without by their state."""
+        states = ", ".join(f"{count} {state}" for state, count in sorted(self._states.items()))
+        without = states.replace("_", " ") or "none"
+        return (
+            f"{self.name}: {self._answered} of {counted(self._tally.frames, 'frame')} with an angle; "
+            f"without: {without}; {self.dropped} dropped"
+        )
 
     @property
     def dropped(self) -> int:
@@ -103,17 +125,28 @@ class DeskSensor:
         self._times.append(frame.time_ns)
         if self.clip is not None:
             self.clip.add(frame)
-        sample, state = None, "taking the background"
-        if self.collecting:
-            self._collect(frame.image)
-        else:
+        sample, state = None, TAKING_BACKGROUND
+        if not self.background.collecting:
             sample = self._estimated(frame)
             state, self.slip = sample.state, sample.slip
+        self.news = self.background.add(frame)
+        self._count(sample, state)
         late_s = (clock.now_ns() - frame.time_ns) / NS_PER_S
         span_s = (self._times[-1] - self._times[0]) / NS_PER_S
         fps = (len(self._times) - 1) / span_s if span_s > 0 else None
         return Reading(
-            self.name, frame.time_ns, state, sample, fps, late_s, self.dropped, self._outline, frame
+            self.name,
+            frame.time_ns,
+            state,
+            sample,
+            fps,
+            late_s,
+            self.dropped,
+            self._zero_s,
+            self.background.origin,
+            self.background.doubt,
+            self._outline,
+            frame,
         )
 
     def choose(self, choice: EstimatorChoice) -> None:
@@ -122,7 +155,8 @@ class DeskSensor:
 
     def take_background(self) -> None:
         """Take the background from the next frames."""
-        self._empty, self.stream = [], None
+        self.background.take()
+        self.stream = None
         self._outline = self._outline[:0]
 
     def set_reference(self) -> None:
@@ -131,10 +165,16 @@ class DeskSensor:
             raise InputError("reference: wait until the background is taken")
         self.stream.set_reference()
 
-    def _collect(self, image: Image) -> None:
-        self._empty = [*(self._empty or []), image]
-        if len(self._empty) >= BACKGROUND_FRAMES:
-            self.background, self._empty = mean_background(self._empty), None
+    @property
+    def _zero_s(self) -> float | None:
+        zero = None if self.stream is None else self.stream.track.zero_sample
+        return None if zero is None else zero.time_ns / NS_PER_S
+
+    def _count(self, sample: AngleSample | None, state: str) -> None:
+        if sample is None or sample.angle_deg is None:
+            self._states[state] += 1
+        else:
+            self._answered += 1
 
     def _estimated(self, frame: Frame) -> AngleSample:
         stream = self.stream or self._made(frame)
@@ -149,7 +189,7 @@ class DeskSensor:
         return sample
 
     def _made(self, frame: Frame) -> StreamingEstimator:
-        background = frame.image if self.background is None else self.background
+        background = frame.image if self.background.image is None else self.background.image
         check_frame(frame.image, background.shape)
         estimator = self._choice.make(background, self._aspect, self._sign)
         self.stream = StreamingEstimator(estimator, background.shape, self._sign)

@@ -21,6 +21,7 @@ from cyclonedds.util import duration
 from rosbags.typesys import Stores, get_typestore
 
 from drivers.clock import NS_PER_S, Clock
+from drivers.images import with_jpeg
 from rig.live.desk_sensor import Reading
 from rig.live.feed import OBJECT
 
@@ -99,8 +100,8 @@ class Ros2Bridge:
         """
         name = ros_name(reading.name)
         header = Header(self._stamp(reading.time_ns), f"{name}_optical_frame")
-        if reading.frame is not None and reading.frame.jpeg is not None:
-            image = CompressedImage(header, "jpeg", reading.frame.jpeg)  # type: ignore[arg-type]
+        if reading.frame is not None:
+            image = CompressedImage(header, "jpeg", with_jpeg(reading.frame).jpeg)  # type: ignore[arg-type]
             self._write(f"{name}/image_raw/compressed", image)
         if (sample := reading.sample) is not None:
             values = [_radians(v) for v in (sample.angle_deg, sample.sigma_deg, sample.rate_deg_s)]

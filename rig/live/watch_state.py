@@ -35,23 +35,31 @@ Curve = deque[tuple[float, float | None]]
 class SensorOnPage:
     """A live sensor, or the object: its newest reading, its image and the curve of its angle.
 
-    points: time in s of the bench's clock, angle and sigma in degrees. added: total number of points so far.
+    points: time in s of the bench's clock, angle and sigma in degrees, time of the reference in s, number of
+    dropped frames so far. added: total number of points so far.
     """
 
     reading: dict[str, Any] = field(default_factory=dict)
     picture: bytes = b""
-    points: deque[tuple[float, float | None, float | None]] = field(
+    points: deque[tuple[float, float | None, float | None, float | None, int]] = field(
         default_factory=lambda: deque(maxlen=KEPT_POINTS)
     )
     added: int = 0
 
     def take(self, message: Message) -> None:
         """Bring it up to date."""
-        self.reading, self.picture = message.values, message.picture
-        time_s, angle_deg = message.values["t_s"], message.values["angle_deg"]
+        values = self.reading = message.values
+        self.picture = message.picture
+        time_s, angle_deg = values["t_s"], values["angle_deg"]
+        marks = values["zero_s"], values["dropped"]
         last = self.points[-1] if self.points else None
-        if last is None or time_s >= last[0] + POINTS_APART_S or (angle_deg is None) != (last[1] is None):
-            self.points.append((time_s, angle_deg, message.values["sigma_deg"]))
+        if (
+            last is None
+            or time_s >= last[0] + POINTS_APART_S
+            or (angle_deg is None) != (last[1] is None)
+            or marks != last[3:]
+        ):
+            self.points.append((time_s, angle_deg, values["sigma_deg"], *marks))
             self.added += 1
 
     def since(self, known: int) -> dict[str, Any]:

@@ -9,14 +9,14 @@ from drivers.errors import DeviceError
 from drivers.images import with_jpeg
 from drivers.interfaces import FrameSource
 from drivers.types import Frame
-from fakes.devices.desk import DeskDigit
+from fakes.devices.desk import Demonstration, DeskDigit
 
 RATE_HZ = 30.0
 
 
 def desk_digit(side: int = 1) -> DeskDigit:
     """Return a fingertip whose first cycle begins at 0."""
-    return DeskDigit(f"DESK{side}", side, 0, SystemClock())
+    return DeskDigit(f"DESK{side}", side, Demonstration(0), SystemClock())
 
 
 def desk_frames(until_s: float, side: int = 1, from_s: float = 2.0) -> Iterator[Frame]:
@@ -43,6 +43,10 @@ class GivenFrames(FrameSource):
     @property
     def rate_hz(self) -> float:
         return self._rate_hz
+
+    @property
+    def waits(self) -> bool:
+        return True
 
     def connect(self) -> None:
         self.connected = True

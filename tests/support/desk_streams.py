@@ -14,7 +14,7 @@ import numpy as np
 
 from drivers.clock import SystemClock
 from drivers.types import Image
-from fakes.devices.desk import DeskDigit
+from fakes.devices.desk import Demonstration, DeskDigit
 from fakes.wire.mjpeg.server import MjpegServer
 
 
@@ -39,7 +39,8 @@ def _drawn(digit: DeskDigit, time_ns: int) -> Image:
 
 def main() -> None:
     clock = SystemClock()
-    digits = [DeskDigit(f"STREAM{side}", side, clock.now_ns(), clock) for side in (1, -1)]
+    shown = Demonstration(clock.now_ns())
+    digits = [DeskDigit(f"STREAM{side}", side, shown, clock) for side in (1, -1)]
     servers = [MjpegServer(d.serial, partial(_drawn, d), 60.0, clock) for d in digits]
     for digit, server in zip(digits, servers, strict=True):
         _drawn(

@@ -185,7 +185,7 @@ def _clip(folder: Path, groups: Mapping[str, str], topic: str | None) -> Labelle
         raise InputError(f"{folder}: no background.png: add a frame without contact under this name")
     contacts = folder / CONTACTS
     return LabelledClip(
-        name=folder.name,
+        name=f"SIMULATED {folder.name}" if series.simulated else folder.name,
         group=groups.get(folder.name, group),
         series=series,
         background=read_image(background),

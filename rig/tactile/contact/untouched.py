@@ -51,7 +51,23 @@ class Comparison:
 
     def region(self, image: Image) -> Region | None:
         """Return the region where a frame differs from the background like a contact; None without any."""
-        return ContactGate().find(self._light.of(self._reduced(image)))
+        return ContactGate().find(self.difference(image))
+
+    def difference(self, image: Image) -> NDArray[np.float32]:
+        """Return the relative difference of a frame's reduced copy from the background, (h, w, 3)."""
+        return self._light.of(self._reduced(image))
+
+    def edge_ratio(self, image: Image, slopes: NDArray[np.float32]) -> float | None:
+        """Return the log ratio of the background's edges to those of a frame, where they differ.
+
+        It is negative if the frame has the stronger edges, as a contact has. None if they do not differ.
+        slopes: of the background, or of one of the frames whose mean it is.
+        """
+        region = self.region(image)
+        if region is None:
+            return None
+        inside = region.mask > 0
+        return float(np.log(slopes[inside].mean() / self.slopes(image)[inside].mean()))
 
     def slopes(self, image: Image) -> NDArray[np.float32]:
         """Return the gradient magnitude (h, w) of the logarithm of a frame's reduced copy."""
@@ -122,11 +138,7 @@ def _roughness(alike: Sequence[Image], others: Sequence[Image]) -> float | None:
     """
     comparison = Comparison(mean_background(alike))
     own = comparison.slopes(_middle(alike))  # a single frame, because a mean would have less noise
-    ratios = [
-        float(np.log(own[region.mask > 0].mean() / comparison.slopes(image)[region.mask > 0].mean()))
-        for image in others
-        if (region := comparison.region(image)) is not None
-    ]
+    ratios = [ratio for image in others if (ratio := comparison.edge_ratio(image, own)) is not None]
     return float(np.mean(ratios)) if ratios else None
 
 

@@ -1,5 +1,6 @@
 """Recorded frames through the camera driver: bit-exact, at the clock's rate, with correct age."""
 
+import threading
 import time
 from pathlib import Path
 
@@ -9,9 +10,11 @@ import pytest
 from drivers.clock import SystemClock
 from drivers.errors import DeviceError, DeviceTimeoutError, InputError, NotConnectedError, StaleFrameError
 from drivers.images import encode_jpeg
+from drivers.video import reader
 from drivers.video.digit import Digit
 from drivers.video.external_camera import ExternalCamera
 from support.frame_files import write_folder, write_video
+from support.waiting import until
 
 RATE_HZ = 100.0
 
@@ -72,6 +75,31 @@ def test_newest_frame_skips_the_backlog_and_is_limited_in_age(camera: ExternalCa
     camera.newest_frame(1.0)
     with pytest.raises(DeviceTimeoutError, match="no frame"):
         camera.next_frame(1e-6)
+
+
+def test_file_waits_for_a_late_reader(recording: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(reader, "BACKLOG_S", 5 / RATE_HZ)
+    camera = ExternalCamera("C1", str(recording), RATE_HZ, (64, 48))
+    camera.wait_for_reader()
+    camera.connect()
+    until(lambda: camera.counters()["frames"] == 6, 10.0)  # five unread frames, and one that waits for room
+    frames = [camera.next_frame(10.0) for _ in IMAGES]
+    assert [frame.sequence for frame in frames] == list(range(len(IMAGES)))
+    assert set(np.diff([frame.time_ns for frame in frames])) == {10_000_000}
+    assert camera.counters()["unread"] == 0
+    camera.disconnect()
+
+
+def test_file_that_waits_for_its_reader_can_be_disconnected(
+    recording: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(reader, "BACKLOG_S", 5 / RATE_HZ)
+    camera = ExternalCamera("C1", str(recording), RATE_HZ, (64, 48))
+    camera.wait_for_reader()
+    camera.connect()
+    until(lambda: camera.counters()["frames"] == 6, 10.0)
+    camera.disconnect()
+    until(lambda: "C1" not in {thread.name for thread in threading.enumerate()}, 10.0)
 
 
 def test_unconnected_camera_is_an_error(recording: Path) -> None:

@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
+from drivers.clock import NS_PER_S, SystemClock
 from drivers.errors import DeviceError, InputError, RigError
 from drivers.images import encode_jpeg, encode_png
 from drivers.video.digit import Digit
@@ -37,6 +38,15 @@ def test_fake_fingertips_see_one_object_from_both_sides() -> None:
     turn = one.turn_deg(frame.time_ns + 8 * 10**9)
     assert turn
     assert other.turn_deg(frame.time_ns + 8 * 10**9) == -turn
+
+
+def test_demonstration_begins_with_the_first_frame_that_is_read() -> None:
+    (fake,) = live_sources(["fake"], None, None)
+    assert isinstance(fake, DeskDigit)
+    read_ns = SystemClock().now_ns() + 10 * NS_PER_S  # the estimator was compiled meanwhile
+    fake.draw(read_ns, np.random.default_rng(0))
+    assert fake.turn_deg(read_ns + round(2.9 * NS_PER_S)) is None
+    assert fake.turn_deg(read_ns + round(3.1 * NS_PER_S)) == 0.0
 
 
 def test_serial_and_device_are_a_digit(plugged: Callable[..., None], tmp_path: Path) -> None:

@@ -1,14 +1,18 @@
 """Backgrounds with a contact in them and first frames from before are named, sound ones are not."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from rig.frames.estimation import background_doubts, frame_doubts
+from drivers.images import encode_png
+from rig.frames.estimation import Estimation, background_doubts, frame_doubts
 from rig.frames.series import FrameSeries, TimedFrame, make_background
 from rig.frames.times import FrameTime
+from rig.tactile.estimators import choose_estimator
 
 Image = NDArray[np.uint8]
 Draw = Callable[..., Image]
@@ -29,19 +33,32 @@ def lift(press: Draw) -> list[Image]:
     return [*free, *turning, *[press(None, seed=40 + i) for i in range(6)]]
 
 
-def test_a_sound_background_raises_no_doubt(lift: list[Image], blank: Image) -> None:
-    assert background_doubts("bare.png", blank, series(lift)) == []
+def warnings(images: Sequence[Image], background: Image | None, path: Path) -> list[str]:
+    """The warnings of an estimate; background: of the set, or None for frames without one."""
+    spec = None if background is None else str(path / "bare.png")
+    if background is not None:
+        (path / "bare.png").write_bytes(encode_png(background))
+    return list(Estimation(choose_estimator("ellipse"), spec).of_series(series(images)).doubts)
+
+
+def test_a_sound_background_raises_no_doubt(lift: list[Image], blank: Image, tmp_path: Path) -> None:
+    assert warnings(lift, blank, tmp_path) == []
+    assert warnings(lift, None, tmp_path) == []
     background, _ = make_background("first:6", series(lift))
     assert background_doubts("first:6", background, series(lift)) == []
-    assert background_doubts("auto", lift[10], series(lift)) == [], "auto is made from the frames themselves"
-    assert background_doubts(None, lift[10], series(lift)) == []
 
 
 @pytest.mark.parametrize("place", [6, 10, 15])
-def test_a_background_with_a_contact_in_it_is_named(lift: list[Image], place: int) -> None:
-    (doubt,) = background_doubts("bare.png", lift[place], series(lift))
-    assert "the background seems to show a contact" in doubt
+def test_a_background_with_a_contact_in_it_is_named(lift: list[Image], place: int, tmp_path: Path) -> None:
+    (doubt,) = warnings(lift, lift[place], tmp_path)
+    assert "this background looks like a contact" in doubt
     assert "--background auto" in doubt
+
+
+def test_background_of_the_set_is_checked_as_well(lift: list[Image]) -> None:
+    own = replace(series(lift), empty=lambda: lift[10])
+    (doubt,) = Estimation(choose_estimator("ellipse")).of_series(own).doubts
+    assert "this background looks like a contact" in doubt
 
 
 def test_a_contact_that_begins_among_the_first_frames_is_named(lift: list[Image]) -> None:
@@ -50,9 +67,11 @@ def test_a_contact_that_begins_among_the_first_frames_is_named(lift: list[Image]
     assert "--background first:8 are not alike" in doubt
 
 
-def test_other_light_than_the_backgrounds_is_no_contact(lift: list[Image], press: Draw) -> None:
+def test_other_light_than_the_backgrounds_is_no_contact(
+    lift: list[Image], press: Draw, tmp_path: Path
+) -> None:
     dim = press(None, seed=99, light=(0.8, 0.9, 0.85))
-    assert background_doubts("bare.png", dim, series(lift)) == []
+    assert warnings(lift, dim, tmp_path) == []
 
 
 def test_a_first_frame_that_is_sound_raises_no_doubt(lift: list[Image]) -> None:

@@ -1,5 +1,10 @@
 """Sensors on a desk: background, reference, angle, fusion, clips and actions of the user."""
 
+import os
+import re
+from collections.abc import Iterable
+from dataclasses import replace
+from datetime import datetime
 from pathlib import Path
 
 import numpy as np
@@ -7,11 +12,14 @@ import pytest
 
 from drivers.clock import SystemClock
 from drivers.errors import DeviceError, InputError
+from drivers.types import Frame
 from rig.frames.estimation import Estimation
 from rig.frames.series import read_frames
 from rig.live.desk import Desk, DeskSettings
-from rig.live.desk_sensor import BACKGROUND_FRAMES, DeskSensor, Reading
+from rig.live.desk_sensor import DeskSensor, Reading
 from rig.live.feed import OBJECT, Inbox, Listener, LiveFeed, Sender
+from rig.live.sensor_background import BACKGROUND_FRAMES
+from rig.live.stored_backgrounds import store_background, stored_background
 from rig.tactile.estimators import choose_estimator
 from support.desk_frames import GivenFrames, desk_digit, desk_frames
 
@@ -75,6 +83,34 @@ def test_recorded_clip_is_read_with_its_background_and_times(tmp_path: Path) -> 
     done = Estimation(choose_estimator("ellipse")).of_series(series)
     assert done.background == "background: the set's own"
     assert done.figures.answered > 0.5 * len(recorded)
+
+
+@pytest.mark.parametrize("with_jpeg", [True, False])
+def test_clip_has_the_frames_unchanged_and_gives_the_angles_of_the_live_view(
+    tmp_path: Path, with_jpeg: bool
+) -> None:
+    frames = [frame if with_jpeg else replace(frame, jpeg=None) for frame in desk_frames(8.0)]
+    live: list[Reading] = []
+    settings = DeskSettings(SLIP, clips=tmp_path, simulated=True)
+    with Desk([GivenFrames(frames)], settings, Sender(NO_VIEWER)) as desk:
+        while len(live) < BACKGROUND_FRAMES:
+            live += desk.step()
+        desk.act("record")
+        while not desk.ended:
+            live += desk.step()
+    (clip,) = tmp_path.iterdir()
+    assert {file.suffix for file in (clip / "frames").iterdir()} == {".jpg" if with_jpeg else ".png"}
+    series = read_frames(clip)
+    assert series.simulated
+    assert "SIMULATED frames" in series.notes
+    recorded = [frame.image for frame in series.read()]
+    assert np.array_equal(recorded, [frame.image for frame in frames[BACKGROUND_FRAMES:]])  # type: ignore[arg-type]
+    again = Estimation(SLIP).of_series(series).estimate.angles_deg
+    seen = [None if r.sample is None else r.sample.angle_deg for r in live[BACKGROUND_FRAMES:]]
+    assert [a is None for a in again] == [a is None for a in seen]
+    turns = [s - a for s, a in zip(seen, again, strict=True) if s is not None and a is not None]
+    assert len(turns) > 60
+    assert np.ptp(turns[-40:]) < 1e-6, "the same angles, but for the zero"
 
 
 @pytest.mark.slow
@@ -149,6 +185,126 @@ def test_source_that_cannot_be_opened_leaves_none_open() -> None:
     ):
         pass
     assert not good.connected
+
+
+def notices(sensor: DeskSensor, frames: Iterable[Frame]) -> list[str]:
+    """Return the news about the background in frames."""
+    news = []
+    for frame in frames:
+        sensor.take(frame, CLOCK)
+        news += [sensor.news] if sensor.news else []
+    return news
+
+
+def pressed() -> list[Frame]:
+    """Frames of a contact at rest, after those of `released`."""
+    return list(desk_frames(21.0, from_s=20.0))
+
+
+def released() -> list[Frame]:
+    """Frames without contact, between two contacts."""
+    return list(desk_frames(17.5, from_s=16.0))
+
+
+def test_background_taken_during_a_contact_is_named_until_it_is_taken_again() -> None:
+    sensor = DeskSensor("D", choose_estimator("ellipse"), 1, None, None)
+    (news,) = notices(sensor, pressed())
+    doubt = "this background looks like a contact: lift the object, press Take background"
+    assert news == f"background taken; {doubt}"
+    reading = sensor.take(released()[0], CLOCK)
+    assert reading.values()["doubt"] == doubt
+    sensor.take_background()
+    assert notices(sensor, released()) == ["background taken; press an object on the gel"]
+    assert sensor.take(pressed()[0], CLOCK).doubt == ""
+
+
+def test_given_background_with_a_weak_contact_is_named_when_the_object_is_lifted() -> None:
+    empty, contact = released()[0].image, pressed()[0].image
+    weak = (0.75 * empty + 0.25 * contact).astype(np.uint8)
+    sensor = DeskSensor("D", choose_estimator("ellipse"), 1, weak, None)
+    assert sensor.background.doubt == ""
+    (news,) = notices(sensor, released())
+    assert news == "this background looks like a contact: lift the object, press Take background"
+
+
+def test_background_is_stored_for_its_serial_and_used_at_the_next_start(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    ellipse = choose_estimator("ellipse")
+    first = notices(DeskSensor("D", ellipse, 1, None, None, "D20001"), released())
+    assert first == ["background taken and stored for serial D20001; press an object on the gel"]
+    stored = tmp_path / "visuotactile-slip-rig/backgrounds/D20001.png"
+    taken = datetime(2026, 11, 26, 10, 12).timestamp()
+    os.utime(stored, (taken, taken))
+    again = DeskSensor("D", ellipse, 1, None, None, "D20001")
+    (news,) = notices(again, released())
+    assert re.fullmatch(
+        r"background of serial D20001 from 2026-11-26 10:12 is used: gel unchanged "
+        r"\(light [+-]0 %, gel [0-3] %\); press an object on the gel",
+        news,
+    )
+    assert again.take(pressed()[0], CLOCK).background == "of serial D20001, from 2026-11-26 10:12"
+    on_the_gel = DeskSensor("D", ellipse, 1, None, None, "D20001")
+    *frames, last = pressed()
+    (news,) = notices(on_the_gel, frames)
+    assert "from 2026-11-26 10:12 is used: something touches the gel (light" in news
+    assert on_the_gel.take(last, CLOCK).state == "tracking"
+    assert on_the_gel.background.doubt == ""
+
+
+def test_outdated_or_doubtful_stored_background_is_replaced(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    ellipse, empty = choose_estimator("ellipse"), released()[0].image
+    store_background("D20001", pressed()[0].image)
+    (news,) = notices(DeskSensor("D", ellipse, 1, None, None, "D20001"), released())
+    name = r"the gel has changed since the background of serial D20001 from .*"
+    assert re.match(rf"{name} \(light .* %, gel \d+ %\): a new background was taken and stored", news)
+    assert stored_background("D20001") is not None
+    weak = (0.75 * empty + 0.25 * pressed()[0].image).astype(np.uint8)
+    store_background("D20001", weak)
+    sensor = DeskSensor("D", ellipse, 1, None, None, "D20001")
+    held = [replace(frame, image=weak) for frame in pressed()]
+    assert len(notices(sensor, [*held, *released()])) == 2, "it is used, then doubted"
+    assert stored_background("D20001") is None, "not offered again"
+    contact = DeskSensor("D", ellipse, 1, None, None, "D20001")
+    notices(contact, pressed())
+    assert stored_background("D20001") is None, "a contact is not stored"
+
+
+def test_background_that_cannot_be_stored_is_used_all_the_same(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "file").touch()
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "file"))
+    sensor = DeskSensor("D", choose_estimator("ellipse"), 1, None, None, "D20001")
+    (news,) = notices(sensor, released())
+    assert "background taken (not stored: " in news
+    assert [sensor.take(frame, CLOCK).state for frame in pressed()[:3]][-1] == "tracking"
+
+
+def test_reading_names_the_time_of_its_reference() -> None:
+    shown = readings(DeskSensor("D", SLIP, 1, None, None), 5.0)
+    zeros = [reading.zero_s for reading in shown]
+    assert zeros[BACKGROUND_FRAMES] is None
+    assert zeros[-1] is not None
+    assert 3.0 < zeros[-1] < 5.0
+
+
+def test_end_of_a_source_names_its_frames() -> None:
+    frames = list(desk_frames(6.0))
+    with Desk([GivenFrames(frames)], DeskSettings(SLIP), Sender(NO_VIEWER)) as desk:
+        answered = 0
+        while not desk.ended:
+            answered += sum(r.sample is not None and r.sample.angle_deg is not None for r in desk.step())
+    assert answered > 60
+    assert re.search(
+        rf"all images have been played; .*; GIVEN: {answered} of 120 frames with an angle; "
+        r"without: \d+ no contact, 15 taking the background; 0 dropped",
+        desk.notice,
+    )
 
 
 def test_background_of_another_size_is_rejected() -> None:

@@ -1,0 +1,128 @@
+"""A background with a contact is doubtful, by itself or from other frames; a background without is not."""
+
+import os
+from collections.abc import Callable, Iterable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from drivers.images import read_image
+from fakes.gel.sensor import GelSensor
+from rig.tactile.contact.background import mean_background
+from rig.tactile.contact.background_check import BackgroundCheck, gel_change
+from support.desk_frames import desk_frames
+
+Image = NDArray[np.uint8]
+Draw = Callable[..., Image]
+
+
+def doubted(background: Image, frames: Iterable[Image]) -> bool:
+    check = BackgroundCheck(background)
+    for place, image in enumerate(frames):
+        check.add(image, place)
+    return check.doubtful
+
+
+@pytest.fixture(scope="module", params=[1, -1])
+def desk(request: pytest.FixtureRequest) -> list[Image]:
+    """Frames of a simulated press, 5 per second: 3 s without contact, both turns, the gel afterwards."""
+    return [frame.image for frame in desk_frames(18.0, request.param, 0.0)][::6]
+
+
+def test_background_without_contact_is_not_doubted_during_a_press(desk: list[Image]) -> None:
+    assert not doubted(mean_background(desk[:4]), desk)
+
+
+@pytest.mark.parametrize("place", [20, 40, 70])
+def test_background_with_a_clear_contact_is_doubted_without_other_frames(
+    desk: list[Image], place: int
+) -> None:
+    assert doubted(desk[place], [])
+
+
+def test_background_with_a_weak_contact_is_doubted_after_release(press: Draw, blank: Image) -> None:
+    weak = press(20, (85, 25), seed=3, strength=0.3)
+    assert not doubted(weak, [])
+    assert doubted(weak, [press(None, seed=10 + i) for i in range(5)])
+
+
+def test_one_odd_frame_raises_no_doubt(press: Draw) -> None:
+    weak = press(20, (85, 25), seed=3, strength=0.3)
+    assert not doubted(weak, [press(20, (85, 25), seed=4, strength=0.3), press(None, seed=10), weak])
+
+
+def test_dirty_gel_is_trusted_after_a_press(press: Draw) -> None:
+    """A speck of dirt has edges as a contact has, but a contact has stronger ones, and the dirt stays."""
+    rng = np.random.default_rng(1)
+    dirt = np.ones((320, 240, 1))
+    for y, x in rng.integers(30, 200, (9, 2)):
+        dirt[y : y + 14, x : x + 14] = 0.5
+
+    def dirty(image: Image) -> Image:
+        return (image * dirt).astype(np.uint8)
+
+    background = dirty(press(None, seed=0))
+    assert doubted(background, [])
+    assert not doubted(background, [dirty(press(10 + i, (85, 25), seed=i)) for i in range(5)])
+
+
+@pytest.mark.parametrize("markers", [False, True])
+def test_simulated_units_without_contact_are_not_doubted_while_their_light_drifts(markers: bool) -> None:
+    rng = np.random.default_rng(0)
+    for unit in range(0, 40, 4):
+        gel = GelSensor(unit, markers=markers)
+        assert not doubted(
+            gel.render(None, 0.0, rng), [gel.render(None, 20.0 * i, rng) for i in range(10)]
+        ), unit
+
+
+def test_change_of_the_gel_is_named_with_its_light(press: Draw) -> None:
+    before, now = press(None, seed=0), press(None, seed=1, light=(0.9, 0.9, 0.9))
+    change = gel_change(before, now)
+    assert change.contact is None
+    assert change.light == pytest.approx(-0.1, abs=0.01)
+    assert change.text.startswith("light -10 %, gel ")
+    touched = press(20, (85, 25), seed=2)
+    assert gel_change(before, touched).contact == "now"
+    assert gel_change(touched, before).contact == "before"
+
+
+def clips(folder: Path) -> list[Path]:
+    return sorted(path.parent for path in folder.glob("*/background.png"))
+
+
+def real_doubts(clip: Path) -> tuple[bool, bool]:
+    """Whether a clip's own background is doubted, and a frame with contact as its background."""
+    frames = [read_image(file) for file in sorted((clip / "frames").iterdir())]
+    return doubted(read_image(clip / "background.png"), frames), doubted(frames[len(frames) // 2], frames)
+
+
+@pytest.mark.slow
+def test_backgrounds_of_real_clips_are_not_doubted(real_clips: Path) -> None:
+    found = [real_doubts(clip) for clip in clips(real_clips)]
+    assert [own for own, _ in found] == [False] * len(found)
+    assert sum(other for _, other in found) >= 0.6 * len(found), "soft contacts have no edges"
+
+
+@pytest.mark.slow
+def test_backgrounds_of_real_turns_are_not_doubted() -> None:
+    folder = Path(os.environ.get("RIG_REAL_TURNS", ""))
+    if not (folder / "pk_133601").is_dir():
+        pytest.skip("RIG_REAL_TURNS does not name the folder that real_turns/make.py makes")
+    found = {clip.name: real_doubts(clip) for clip in clips(folder)}
+    assert not any(own for own, _ in found.values())
+    without_edges, always_in_contact = "pk_consecutive", "slip_screwdriver4_c0"
+    assert {name for name, (_, other) in found.items() if not other} == {without_edges, always_in_contact}
+
+
+@pytest.mark.parametrize("variable", ["gelsight_ball", "RIG_DIGIT_BALLS"])
+def test_backgrounds_of_real_balls_are_not_doubted(variable: str, real_data: Path) -> None:
+    folder = real_data / variable if variable.islower() else Path(os.environ.get(variable, "")) / "frames"
+    if not folder.is_dir():
+        pytest.skip("RIG_DIGIT_BALLS does not name the folder that digit_balls/rebuild.py makes")
+    background = folder / "background.png" if variable.islower() else folder.parent / "background.png"
+    balls = [read_image(file) for file in sorted(folder.glob("*_*.png" if variable.islower() else "*.png"))]
+    assert not doubted(read_image(background), balls)
+    assert doubted(balls[0], [read_image(background)] * 3)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from drivers.errors import InputError
+from drivers.errors import EstimatorError, InputError
 from rig.cli.common import STOPS, Exit, mark, say
 from rig.cli.declared import argument, option
 from rig.cli.watching import foxglove_server
@@ -150,6 +150,8 @@ def _show_live(
     compute_in_one_thread()
     desk = stack.enter_context(desk_of(sources, settings, stack, listeners))
     run_desk(desk, _shown(view, stack, stopped), view.seconds, stopped, page)
+    if desk.fault is not None:
+        raise EstimatorError(f"ended; the estimator failed: {desk.fault}")
 
 
 def _name(source: LiveSourceOptions) -> str:

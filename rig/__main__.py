@@ -4,6 +4,8 @@ import os
 import signal
 import sys
 
+from rig import require_own_packages
+
 STOPPED = 3
 """Exit code of a command that a person stopped (`rig.cli.common.Exit`)."""
 
@@ -20,4 +22,5 @@ def main() -> None:
 if __name__ == "__main__":
     if not sys.flags.safe_path:
         del sys.path[0]  # the current folder, which Python puts there for -m
+    require_own_packages()
     main()

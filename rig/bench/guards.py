@@ -22,6 +22,7 @@ from drivers.errors import (
 )
 from drivers.interfaces import Arm, Diagnosable, Gripper, Motion, TactileSensor
 from drivers.motion import check_motion, check_way
+from drivers.named_classes import raised_text
 from drivers.types import ArmLimits, ArmState, Frame, GripperSpec, GripperState, Pose
 from drivers.values import require_fraction, require_integer
 
@@ -42,7 +43,7 @@ def doing(whose: str, what: str) -> Iterator[None]:
     except RigError:
         raise
     except Exception as error:
-        raise amiss(whose, f"{what} raised {type(error).__name__}: {error}") from error
+        raise amiss(whose, f"{what} raised {raised_text(error)}") from error
 
 
 def amiss(whose: str, what: str) -> DeviceError:

@@ -12,7 +12,7 @@ from typing import Any
 from drivers.clock import Clock
 from drivers.errors import InputError, RigError
 from drivers.interfaces import Arm, FrameSource, Gripper, TactileSensor
-from drivers.named_classes import named_class
+from drivers.named_classes import named_class, raised_text
 from rig.bench.guards import GuardedArm, GuardedGripper, GuardedSource
 from rig.config import BenchConfig, CameraConfig, TactileConfig
 
@@ -105,7 +105,7 @@ def _made(
         raise
     except Exception as error:
         raise InputError(
-            f"{what}: creating it raised {type(error).__name__}: {error}; see its options in the bench file"
+            f"{what}: creating it raised {raised_text(error)}; see its options in the bench file"
         ) from error
 
 

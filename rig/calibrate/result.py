@@ -17,6 +17,7 @@ from drivers.errors import CalibrationError
 from drivers.images import read_image
 from rig.calibrate.figures import thumbnail
 from rig.pages.page import render
+from rig.version import VERSION
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,7 +158,7 @@ def _as_file(result: CalibrationResult) -> CalibrationFile:
         digest.update(path.name.encode())
         digest.update(path.read_bytes())
     inputs = {"source": result.source, "used": result.used, "sha256": digest.hexdigest()}
-    software = ("visuotactile-slip-rig", "opencv-contrib-python-headless", "numpy")
+    software = {name: version(name) for name in ("opencv-contrib-python-headless", "numpy")}
     return CalibrationFile(
         kind=result.kind,
         serials=result.serials,
@@ -167,5 +168,5 @@ def _as_file(result: CalibrationResult) -> CalibrationFile:
         quality=result.quality,
         rejected=tuple(result.rejected),
         inputs=inputs | ({"simulated": True} if result.simulated else {}),
-        software={name: version(name) for name in software},
+        software={"visuotactile-slip-rig": VERSION} | software,
     )

@@ -4,13 +4,17 @@ import json
 import os
 import signal
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from enum import IntEnum
 from types import FrameType
+from typing import TYPE_CHECKING
 
-from drivers.errors import InputError, OperatorStopError, RigError, SessionError
+from drivers.errors import EstimatorError, InputError, OperatorStopError, RigError, SessionError
 from rig.live.output import discard
+
+if TYPE_CHECKING:
+    from rig.tactile.sample import EstimatorFaults
 
 
 class Exit(IntEnum):
@@ -81,6 +85,14 @@ def report_broken(problems: Sequence[str]) -> None:
         say(f"left out: {problem}")
     if problems:
         raise SessionError(f"done, except for broken inputs: {problems[-1]}")
+
+
+def report_faults(faults: "Iterable[EstimatorFaults]") -> None:
+    """Report frames on which a user-defined estimator failed, after the results. Raises `EstimatorError`."""
+    from rig.tactile.sample import together
+
+    if found := list(faults):
+        raise EstimatorError(f"done, but {together(found)}")
 
 
 STOPS = (signal.SIGINT, signal.SIGTERM, signal.SIGQUIT)

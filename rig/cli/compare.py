@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from drivers.errors import InputError
-from rig.cli.common import print_result, say, trial_jobs
+from rig.cli.common import print_result, report_faults, say, trial_jobs
 from rig.cli.declared import argument, file_place, option
 from rig.cli.options import JsonOption
 
@@ -63,6 +63,9 @@ def compare(options: CompareOptions) -> None:
         _print(found)
     said = verdict(found) if found.judged else None
     print_result(options.json, {"report": str(page), "verdict": said, **found.as_json()}, page)
+    if options.on is not None:
+        rows = [lift.row for side in sides for lift in side.lifts]
+        report_faults(row.estimator_faults for row in rows if row.estimator_faults)
 
 
 def _sides(options: CompareOptions) -> "tuple[tuple[Side, Side], str]":

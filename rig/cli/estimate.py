@@ -5,12 +5,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from drivers.errors import InputError
-from rig.cli.common import emit_json, mark, report_broken, say
+from rig.cli.common import emit_json, mark, report_broken, report_faults, say
 from rig.cli.declared import argument, file_place, folder_place, option
 from rig.cli.options import JsonOption, TopicOption
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from rig.frames.estimation import EstimatedSeries, Estimation, SeriesEstimate
+    from rig.tactile.sample import EstimatorFaults
 
 
 @dataclass(frozen=True, slots=True)
@@ -185,6 +188,7 @@ def _series(source: SourceOptions, run: "Estimation", to: ResultOptions, gel: Pa
     figures = _report(f"{mark(series.simulated)}{path}", done, run)
     _deliver(rows(done.estimate, mm_per_px), figures, to)
     _page(to.page, [EstimatedSeries(path.name, series, done)], path, run, series.simulated)
+    report_faults(_faults([done]))
 
 
 def _recording(source: SourceOptions, run: "Estimation", to: ResultOptions) -> None:
@@ -204,6 +208,7 @@ def _recording(source: SourceOptions, run: "Estimation", to: ResultOptions) -> N
         figures.append({"serial": tip.serial, "sign": tip.sign, **report})
     _deliver(samples, {"recording": str(path), "sensors": figures}, to)
     _page(to.page, shown, path, run, recording_values(path).get("simulated") == "SIMULATED")
+    report_faults(_faults([one.done for one in shown]))
 
 
 def _session(source: SourceOptions, run: "Estimation", to: ResultOptions) -> None:
@@ -216,17 +221,19 @@ def _session(source: SourceOptions, run: "Estimation", to: ResultOptions) -> Non
         raise InputError(f"--page {to.page}: the page of a session is its report: rig report {path}")
     if out is None:
         raise InputError(f"{path} is a session: give --out FOLDER for one table per lift and sensor")
-    lifts = []
+    lifts, faults = [], []
     tips, problems = session_frames(path)
     for tip in of_sensor(tips, source.sensor):
         done = run.of_sensor(tip)
         file = out / f"{tip.lift}_{tip.serial}.csv"
         _write(file, table(rows(done.estimate)))
         figures = _report(f"lift {tip.lift}, {tip.serial}", done, run)
+        faults += _faults([done])
         lifts.append({"lift": tip.lift, "serial": tip.serial, "sign": tip.sign, **figures, "out": str(file)})
     if to.json:
         emit_json({"session": str(path), "out": str(out), "lifts": lifts})
     report_broken(problems)
+    report_faults(faults)
 
 
 def _deliver(samples: list[dict[str, object]], figures: dict[str, object], to: ResultOptions) -> None:
@@ -276,4 +283,9 @@ def _report(what: str, done: "SeriesEstimate", run: "Estimation") -> dict[str, o
     say(f"{what}: {run.choice.name}, {done.text}")
     settings = {"estimator": run.choice.name, "window": run.choice.window, "background": done.background}
     about = {"frames_from": what, **settings, "angles_from": done.angles_from}
-    return {**about, **asdict(done.figures), "warnings": done.warnings}
+    warnings = [*done.warnings, *map(str, _faults([done]))]
+    return {**about, **asdict(done.figures), "warnings": warnings}
+
+
+def _faults(done: "Sequence[SeriesEstimate]") -> "list[EstimatorFaults]":
+    return [faults for one in done if (faults := one.faults)]

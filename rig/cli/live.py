@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from drivers.errors import InputError
+from drivers.errors import EstimatorError, InputError
 from rig.cli.common import STOPS, Exit, mark, say
 from rig.cli.declared import argument, option
 from rig.cli.watching import foxglove_server
@@ -150,6 +150,8 @@ def _show_live(
     if not desk.ended:
         for sensor in desk.sensors.values():
             say(sensor.summary)
+    if desk.fault is not None:
+        raise EstimatorError(f"ended; the estimator failed: {desk.fault}")
 
 
 def _name(source: LiveSourceOptions) -> str:

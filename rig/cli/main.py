@@ -36,6 +36,7 @@ from rig.cli.train import train, train_angle, train_turning
 from rig.cli.trial import trial
 from rig.live.output import Output, guarded_output
 from rig.live.screen import begin_phase, plain
+from rig.version import VERSION
 
 app = Commands(
     name="rig",
@@ -51,11 +52,7 @@ app = Commands(
 
 def _version(asked: bool) -> None:
     if asked:
-        from importlib.metadata import version
-
-        from rig.sessions.manifest import DISTRIBUTION
-
-        print(f"rig {version(DISTRIBUTION)}")
+        print(f"rig {VERSION}")
         raise typer.Exit
 
 

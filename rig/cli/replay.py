@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from drivers.errors import InputError, counted
-from rig.cli.common import emit_json, mark, report_broken, say, trial_jobs
+from drivers.errors import EstimatorError, InputError, counted
+from rig.cli.common import emit_json, mark, report_broken, report_faults, say, trial_jobs
 from rig.cli.declared import argument, folder_place, option
 from rig.cli.options import JsonOption, ResumeOption, SessionOptions
 from rig.cli.results import print_results, trial_table
@@ -91,6 +91,7 @@ def _replay_one(session: Path, options: ReplayOptions) -> None:
             figures["unfinished"] = [lift.as_json() for lift in result.interrupted]
         emit_json({"session": str(session), "estimator": choice.name, **figures})
     report_broken(result.problems)
+    report_faults(row.estimator_faults for row in result.rows if row.estimator_faults)
 
 
 def _replay_many(options: ReplayOptions) -> None:
@@ -133,6 +134,8 @@ def _replay_all(paths: list[Path], folder: Path, options: ReplayOptions) -> None
     if options.json:
         emit_json({"out": str(folder), **results_json(rows), "wall_s": wall_s})
     report_broken([row.problem for row in rows if row.problem])
+    if faults := [row.estimator_fault for row in rows if row.estimator_fault]:
+        raise EstimatorError(f"done, but in {counted(len(faults), 'lift')} {faults[0]}")
 
 
 def _print_partial(folder: Path, json: bool) -> None:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Literal
 import typer
 
 from drivers.errors import counted
-from rig.cli.common import Exit, emit_json, mark, say, trial_jobs
+from rig.cli.common import Exit, emit_json, mark, report_faults, say, trial_jobs
 from rig.cli.declared import file_place, option, resumed
 from rig.cli.options import BenchOptions, SessionOptions, WatchOptions
 from rig.cli.report import report_after
@@ -163,12 +163,15 @@ def trial(
       rig trial --lifts 5 --foxglove
 
     """
+    from rig.sessions.rows import read_finished_lifts
+
     lifting = _prepare(context, what, estimator, reaction, bench, session)
     if bench.dry:
         dry_run(lifting.settings.bench, lifting.plan(), session.json)
     consent = agreed(context, bench, lifting.settings.bench)
     summary = _lift_all(context, lifting, session, viewers, watch, consent)
     _finish(lifting, summary, session)
+    report_faults(row.estimator_faults for row in read_finished_lifts(lifting.folder) if row.estimator_faults)
     _check_limit(summary, what.max_mare)
 
 

@@ -17,7 +17,7 @@ from pydantic_core import CoreSchema, core_schema
 
 from drivers.errors import InputError
 from drivers.formats import without_passwords
-from drivers.named_classes import is_class_name
+from drivers.named_classes import file_hint, is_class_name
 from drivers.types import ArmLimits, GripperSpec, Vector6
 
 Coordinate = Annotated[float, Field(ge=-5, le=5)]
@@ -72,7 +72,8 @@ def driver_names(*ours: str) -> AfterValidator:
     def check(text: str) -> str:
         if text not in ours and not is_class_name(text):
             named = " or ".join(f"'{name}'" for name in ours)
-            raise ValueError(f"Input should be {named}, or a class of your own as 'package.module:Class'")
+            own = f"or a class of your own as 'package.module:Class'{file_hint(text)}"
+            raise ValueError(f"Input should be {named}, {own}")
         return text
 
     return AfterValidator(check)

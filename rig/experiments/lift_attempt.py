@@ -4,7 +4,6 @@ import time
 from collections.abc import Iterable
 from contextlib import closing, nullcontext
 from dataclasses import dataclass
-from importlib.metadata import version
 from pathlib import Path
 
 from drivers.clock import NS_PER_S, Clock, SystemClock
@@ -25,11 +24,12 @@ from rig.lift.result import lift_result, stage_times
 from rig.live.feed import NOBODY, LiveFeed
 from rig.live.observer import LiveObserver
 from rig.sessions.about import SIMULATED_EPOCH_NS, RecordingAbout
-from rig.sessions.manifest import DISTRIBUTION, SCHEMA_VERSION
+from rig.sessions.manifest import SCHEMA_VERSION
 from rig.sessions.recorder import LiftRecorder, RecordedAngle
 from rig.sessions.records import FailedLift, FinishedLift, LiftHead, LiftOutcome, LiftRow
 from rig.sessions.timing import LatencyTimes, LiftTiming
 from rig.sessions.unfinished import completed, new_recording
+from rig.version import VERSION
 
 HEAD_IN_METADATA = (
     "object", "name", "lift", "number", "attempt", "position", "grip_counts", "lift_height_m", "seed",
@@ -93,7 +93,7 @@ def _about(settings: TrialSettings, head: LiftHead) -> RecordingAbout:
         "session_seed": str(settings.seed),
         "estimator": settings.estimator.name,
         "window": str(settings.estimator.window),
-        "tool_version": version(DISTRIBUTION),
+        "tool_version": VERSION,
         "schema_version": str(SCHEMA_VERSION),
         "signs": ", ".join(f"{t.serial} on finger {t.finger} {t.sign:+d}" for t in bench.tactile),
         "angles": "degrees, counter-clockwise as the external camera sees them, from the end of phase A",

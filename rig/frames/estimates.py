@@ -311,6 +311,8 @@ def _zero_place(answers: Sequence[Answer], reference: FrameTime | None) -> tuple
 
 def _is_stable(areas: np.ndarray) -> bool:
     """Whether the contact has reached its stable full area at the first of these areas."""
+    if areas[0] == 0:  # the estimator does not report the area
+        return False
     near = areas[:STABLE_FRAMES]
     later = areas[areas > 0]
     within = np.abs(near - areas[0]) <= SETTLED_SHARE * areas[0]

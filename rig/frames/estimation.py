@@ -15,7 +15,7 @@ from rig.frames.times import FrameTime, parse_time
 from rig.tactile.contact.background_check import LOOKS_LIKE_CONTACT, BackgroundCheck
 from rig.tactile.contact.untouched import Comparison
 from rig.tactile.estimators import ESTIMATORS, PUBLISHED, TOSKOV, EstimatorChoice
-from rig.tactile.sample import NO_COLOUR, TactileEstimator, faults_of, has_colour
+from rig.tactile.sample import NO_COLOUR, EstimatorFaults, TactileEstimator, faults_of, has_colour
 
 # The first frame is compared with this many later ones. It counts as dark if its mean brightness is below
 # this share of theirs.
@@ -101,11 +101,14 @@ class SeriesEstimate:
         )
 
     @property
+    def faults(self) -> EstimatorFaults | None:
+        """Faults of a user-defined estimator; None if there are none."""
+        return faults_of(answer.sample for answer in self.estimate.answers)
+
+    @property
     def warnings(self) -> list[str]:
         """The doubts, and warnings about the results."""
         found, more = self.figures, list(self.doubts)
-        if faults := faults_of(answer.sample for answer in self.estimate.answers):
-            more.append(str(faults))
         if found.unreadable:
             more.append(f"{counted(found.unreadable, 'frame')} could not be read: 'lost' in the table")
         if found.jumped:

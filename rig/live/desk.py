@@ -76,6 +76,8 @@ class Desk:
             for source, sign, serial in zip(sources, settings.signs, settings.serials, strict=False)
         }
         self.notice = ""
+        self.fault: str | None = None
+        """First error of a user-defined estimator."""
         self._frames: queue.Queue[tuple[str, Frame | DeviceError]] = queue.Queue(maxsize=len(sources))
         self._stopping = threading.Event()
         self._threads = [threading.Thread(target=self._wait, args=(s,), daemon=True) for s in sources]
@@ -138,6 +140,9 @@ class Desk:
         reading = sensor.take(frame, self._clock)
         if sensor.news:
             self._say(f"{name}: {sensor.news}")
+        if self.fault is None and reading.sample is not None and reading.sample.fault is not None:
+            self.fault = reading.sample.fault
+            self._say(f"the estimator failed; the state is then 'lost': {self.fault}")
         self._show(reading)
         fused = self._fused(reading)
         if fused is None:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from drivers.clock import NS_PER_S
-from drivers.errors import InputError
+from drivers.errors import EstimatorError, InputError
 from drivers.realtime import compute_in_one_thread
 from drivers.types import Image
 from drivers.values import short_repr
@@ -23,7 +23,7 @@ from rig.results.metrics import summarize
 from rig.tactile.estimators import choose_estimator
 from rig.tactile.foreign import ForeignEstimator
 from rig.tactile.paper.estimator import WindowMean
-from rig.tactile.sample import TactileEstimator, check_frame
+from rig.tactile.sample import TactileEstimator, check_frame, faults_of
 
 RATE_HZ = 60.0
 
@@ -70,7 +70,8 @@ def estimate(
 
     Returns image angles as `rig estimate` does: counter-clockwise positive, relative to the first frame of
     stable full contact. Raises `InputError` for invalid frames or times, or if no background is given and no
-    frames without contact are found; `EstimatorError` if the estimator cannot be made.
+    frames without contact are found; `EstimatorError` if the estimator cannot be made, or a class of your own
+    fails on a frame.
     """
     if isinstance(frames, (str, Path)):
         raise InputError(
@@ -87,6 +88,8 @@ def estimate(
     answers = estimate_series(series, _made(estimator, background, window, pixel_aspect, gel=gel))
     if not answers:
         raise InputError("estimate: there are no frames")
+    if faults := faults_of(answer.sample for answer in answers):
+        raise EstimatorError(str(faults))
     found = zeroed(answers, None)
     states = tuple(answer.sample.state.value for answer in answers)
     seconds = np.array([answer.time.time_ns / NS_PER_S for answer in answers])

@@ -3,7 +3,6 @@
 from collections.abc import Iterable
 from dataclasses import InitVar, dataclass, fields, replace
 from datetime import UTC, datetime
-from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, TypeVar
 
@@ -19,10 +18,10 @@ from rig.config.objects import with_objects_of
 from rig.sessions.about import NO_REMARKS, Remarks
 from rig.sessions.codec import Codec, json_value, strict
 from rig.sessions.files import MANIFEST, RESULTS, read_whole
+from rig.version import VERSION
 
 SCHEMA_VERSION = 1
 """Version of all files in a session folder."""
-DISTRIBUTION = "visuotactile-slip-rig"
 
 
 @strict
@@ -123,7 +122,7 @@ def begun(kind: str) -> Manifest:
     """Return the common fields of a new manifest."""
     return Manifest(
         schema_version=SCHEMA_VERSION,
-        tool_version=version(DISTRIBUTION),
+        tool_version=VERSION,
         kind=kind,
         status="running",
         started=now_text(),

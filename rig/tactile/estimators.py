@@ -8,7 +8,7 @@ import numpy as np
 
 from calibration.gel.look import GelLook, load_look
 from drivers.errors import EstimatorError, InputError, unknown_name
-from drivers.named_classes import installed_classes, is_class_name
+from drivers.named_classes import file_hint, installed_classes, is_class_name
 from drivers.types import Image
 from rig.tactile.contact.dots import DotFreeEstimator, is_dotted, without_dots
 from rig.tactile.contact.finder import ContactFinder
@@ -158,7 +158,7 @@ def is_foreign(name: str) -> bool:
 def _require_known(name: str) -> None:
     offered = [found.name for found in installed_classes(GROUP)]
     if name not in offered and not is_class_name(name):
-        also = ", or give one of your own as package.module:Class"
+        also = file_hint(name) or ", or give one of your own as package.module:Class"
         raise unknown_name("estimator", name, (*ESTIMATORS, *offered), also)
 
 

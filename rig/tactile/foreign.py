@@ -9,12 +9,15 @@ raises an exception or returns an invalid sample, the frame gets a sample `lost`
 import inspect
 import math
 import time
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from numbers import Real
 from typing import Any
 
 from drivers.errors import EstimatorError, InputError, OperatorStopError
-from drivers.named_classes import named_class
+from drivers.named_classes import named_class, raised_text
 from drivers.types import ArmState, Image
 from rig.tactile.sample import FreshFrameEstimator, SlipSample, State, check_frame
 
@@ -22,7 +25,7 @@ GROUP = "slip_rig.estimators"
 """Group of the entry points in which installed packages offer estimators."""
 STAGE = "update"
 """Name of the stage for the run time of an estimator that reports no stages."""
-LONGEST_FAULT = 300
+LONGEST_FAULT = 500
 """Length of the text of a fault, in characters; longer ones are cut."""
 
 
@@ -69,20 +72,22 @@ class ForeignEstimator(FreshFrameEstimator):
         if take is None:
             return
         try:
-            take(state)
+            with _no_warnings():
+                take(state)
         except OperatorStopError:
             raise
         except Exception as error:
-            self._arm_fault = self._arm_fault or _text("arm() raised", error)
+            self._arm_fault = self._arm_fault or f"arm() raised {raised_text(error)}"
 
     def _estimate(self, image: Image, time_ns: int) -> SlipSample:
         began = time.perf_counter()
         try:
-            sample = self._inner.update(image.copy(), time_ns)
+            with _no_warnings():
+                sample = self._inner.update(image.copy(), time_ns)
         except OperatorStopError:
             raise
         except Exception as error:
-            return self._lost(time_ns, _text("update() raised", error))
+            return self._lost(time_ns, f"update() raised {raised_text(error)}")
         spent = time.perf_counter() - began
         fault = self._arm_fault or _invalid_field(sample, image, time_ns)
         self._arm_fault = None
@@ -98,17 +103,29 @@ def _made(name: str, kind: type[Any], background: Image, more: dict[str, Any]) -
     require_update(name, kind)
     try:
         wanted = inspect.signature(kind).parameters
-        return kind(background.copy(), **{key: more[key] for key in more if key in wanted})
+        with _no_warnings():
+            return kind(background.copy(), **{key: more[key] for key in more if key in wanted})
     except (InputError, OperatorStopError):
         raise
     except Exception as error:
-        raise EstimatorError(f"estimator '{name}': {_text('making it raised', error)}") from error
+        raise EstimatorError(
+            f"estimator '{name}': {kind.__name__}(background) raised {raised_text(error)}; "
+            "see docs/extending.md"
+        ) from error
+
+
+@contextmanager
+def _no_warnings() -> Iterator[None]:
+    """Suppress warnings of NumPy about NaN and empty arrays; an invalid sample is reported as a fault."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)
+        yield
 
 
 def _invalid_field(sample: Any, image: Image, time_ns: int) -> str | None:
     """Return a message about the first invalid field of a sample; None if the sample is valid."""
     if not isinstance(sample, SlipSample):
-        return f"update() returned a {type(sample).__name__}, not a SlipSample"
+        return f"update() returned a {type(sample).__name__}, not a SlipSample (in rig.tactile.sample)"
     if sample.time_ns != time_ns:
         return f"time_ns is {sample.time_ns!r} for a frame taken at {time_ns}"
     if not isinstance(sample.state, State):
@@ -165,7 +182,3 @@ def _plain_number(value: float | None) -> float | None:
 
 def _is_number(value: object) -> bool:
     return isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value)
-
-
-def _text(what: str, error: Exception) -> str:
-    return f"{what} {type(error).__name__}: {error}"

@@ -104,8 +104,10 @@ def test_failed_frames_are_reported_in_output_and_table(session: Path) -> None:
     folder = Path(shutil.copytree(session, session.parent / "failing"))
     out = session.parent / "failed"
     done = rig("replay", folder, "--estimator", FAILING, "--jobs", "1", "--out", out)
-    assert done.returncode == 0, done.stderr
+    assert done.returncode == 2
     assert "WARNING: the estimator failed on" in done.stderr
+    assert "rig: done, but in 2 lifts the estimator failed on" in done.stderr
+    assert 'line 53: raise ValueError("no gradient today")' in done.stderr
     with (out / "results.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == 2
@@ -135,7 +137,7 @@ def test_estimator_that_cannot_be_constructed_is_rejected_first(lab: Path) -> No
     out = lab.parent / "never"
     done = rig("trial", "--lifts", "1", "--estimator", f"{MODULE}:Needs_more", "--out", out)
     assert done.returncode == 2
-    assert "making it raised TypeError" in done.stderr
+    assert "Needs_more(background) raised TypeError" in done.stderr
     assert not out.exists()
 
 
@@ -149,7 +151,18 @@ def test_own_estimator_answers_a_folder_of_frames(lab: Path, press: Draw, blank:
         tables[name] = done.stdout
     assert tables[MINE] == tables["pca"]
     failing = rig("estimate", clip / "frames", *background, "--estimator", FAILING)
-    assert "the estimator failed on 1 frame" in failing.stderr
+    assert failing.returncode == 2
+    assert "rig: done, but the estimator failed on 1 frame" in failing.stderr
+    assert failing.stdout.count("\n") == tables[MINE].count("\n")
+
+
+def test_error_of_own_estimator_is_reported_by_live(lab: Path, press: Draw, blank: NDArray[np.uint8]) -> None:
+    clip = write_clip(lab.parent / "live", press, blank)
+    source = [clip / "frames", "--background", clip / "background.png", "--terminal"]
+    done = rig("live", *source, "--estimator", FAILING)
+    assert done.returncode == 2
+    assert "the estimator failed; the state is then 'lost'" in done.stderr
+    assert 'line 53: raise ValueError("no gradient today"))' in done.stderr.splitlines()[-1]
 
 
 def test_own_estimator_is_scored_on_labelled_clips(lab: Path, press: Draw, blank: NDArray[np.uint8]) -> None:

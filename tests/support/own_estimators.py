@@ -66,6 +66,21 @@ class Now_and_then(Mine):
         return super().update(image, time_ns)
 
 
+class In_a_library(Mine):
+    """Raises inside NumPy."""
+
+    def update(self, image, time_ns):
+        return self.angle(np.linalg.inv(np.zeros((2, 2))))
+
+
+class Nan(Mine):
+    """Computes NaN, of which NumPy warns."""
+
+    def update(self, image, time_ns):
+        angle_deg = float((np.zeros(1) / np.zeros(1))[0] + np.mean([]))
+        return SlipSample(time_ns, State.TRACKING, angle_deg)
+
+
 class Needs_more:
     def __init__(self, background, weights):
         pass

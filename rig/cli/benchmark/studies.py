@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from drivers.errors import InputError
-from rig.cli.common import Exit, emit_json, say
+from rig.cli.common import Exit, emit_json, report_faults, say
 from rig.cli.declared import file_place, folder_place, option, option_parameters, set_signature
 from rig.cli.options import JsonOption, SeedOption
 
@@ -73,6 +73,7 @@ def _carry_out(study: "Study[Any]", options: Any, shared: SharedOptions) -> None
     if shared.json:
         emit_json(result)
     exit_if_missed(report.limits)
+    report_faults(report.faults.values())
 
 
 def _folder(study: "Study[Any]", shared: SharedOptions) -> Path | None:
@@ -100,8 +101,6 @@ def _print(report: "Report", wall_s: float, to_stderr: bool) -> None:
         console.print(console_table(table.columns, table.rows, range(table.left), table.title))
     for note in (*report.notes, f"{wall_s:.0f} s"):
         console.print(note, highlight=False)
-    for name, faults in report.faults.items():
-        say(f"warning: '{name}': {faults}")
 
 
 def _write(folder: Path, report: "Report", result: dict[str, Any]) -> None:

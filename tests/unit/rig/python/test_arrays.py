@@ -65,6 +65,17 @@ def test_iterator_of_frames_and_own_class_are_accepted() -> None:
     assert np.abs(np.diff(averaged.angle_deg)).max() < np.abs(np.diff(angles.angle_deg)).max()
 
 
+def test_error_of_own_class_names_its_line() -> None:
+    class Failing(Brightness):
+        def update(self, image: Image, time_ns: int) -> SlipSample:
+            raise ValueError("no gradient today")
+
+    with pytest.raises(
+        rig.EstimatorError, match=r"failed on 34 frames.*test_arrays.py, line \d+: raise ValueError"
+    ):
+        rig.estimate(bars(), gel(320, 240), estimator=Failing)
+
+
 def test_invalid_arguments_are_input_errors() -> None:
     def two() -> Iterator[Image]:
         return iter([gel(80, 60, 1), gel(80, 60, 2)])

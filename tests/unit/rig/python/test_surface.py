@@ -3,11 +3,16 @@
 import inspect
 import subprocess
 import sys
+from importlib.metadata import version
+from pathlib import Path
 
+import numpy as np
 import pytest
 
+import drivers.errors
 import rig
 
+ROOT = Path(__file__).parents[4]
 SIGNATURES = {
     "Angles": "(time_s, angle_deg, sigma_deg=<factory>, states=())",
     "open_session": "(folder)",
@@ -34,11 +39,33 @@ PARTS = {
     "StreamingEstimator": "set_reference settled track update update_at",
     "WrenchTrack": "force_n time_s torque_nm",
 }
+ERRORS = (
+    "CalibrationError", "DeviceError", "EstimatorError", "FormatError", "HiddenPackageError", "InputError",
+    "OperatorStopError", "RecordingError", "RigError", "SessionError",
+)  # fmt: skip
+
+
+def test_errors_are_those_that_the_rig_raises() -> None:
+    for name in set(ERRORS) - {"HiddenPackageError"}:
+        assert getattr(rig, name) is getattr(drivers.errors, name)
+    with pytest.raises(rig.InputError, match="unknown estimator 'slop'"):
+        rig.estimator("slop", background=np.zeros((32, 24, 3), np.uint8))
+
+
+def test_version_is_that_of_the_installed_package() -> None:
+    assert rig.__version__ == version("visuotactile-slip-rig")
+
+
+def test_version_is_known_without_an_installation() -> None:
+    code = f"import sys; sys.path.insert(0, {str(ROOT)!r}); import rig; print(rig.__version__)"
+    command = [sys.executable, "-I", "-S", "-c", code]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert done.stdout == f"{rig.__version__}\n"
 
 
 def test_public_names_are_fixed_and_documented() -> None:
     functions = {"estimate", "estimator", "open_session", "score", "solve_camera", "solve_hand_eye"}
-    assert set(rig.__all__) == {*PARTS, *functions}
+    assert set(rig.__all__) == {*PARTS, *functions, *ERRORS}
     assert dir(rig) == sorted(rig.__all__)
     for name in rig.__all__:
         assert inspect.getdoc(getattr(rig, name)), name

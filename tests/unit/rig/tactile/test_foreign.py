@@ -1,5 +1,6 @@
 """Estimators that are not the rig's own: how they are named, made, and what becomes of their faults."""
 
+import re
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -64,9 +65,17 @@ def test_estimator_named_only_by_a_session_is_not_imported(imported: Path) -> No
     [
         ("nothing", "unknown estimator 'nothing': choose one of slip"),
         ("a b:c", "unknown estimator"),
-        ("no_such_package.x:Y", "importing no_such_package.x failed .ModuleNotFoundError"),
-        (f"{MODULE}:Missing", "has no such name"),
-        (f"{MODULE}:function", "give the name of a class"),
+        (
+            "no_such_package.x:Y",
+            "there is no module no_such_package; install .* or start the rig",
+        ),
+        (f"{MODULE}:Min", r"has no such name \(did you mean 'Mine'\?\); its classes: Mine, Arguments"),
+        (f"{MODULE}:function", "has a builtin_function_or_method of that name; its classes: Mine"),
+        (f"{MODULE}.py:Mine", f"give module:Class without .py, as {MODULE}:Mine"),
+        ("bad.py:Mine", "there is no file bad.py; give module:Class without .py, as bad:Mine"),
+        ("./bad.py:Mine", "there is no file bad.py; give module:Class without .py, as bad:Mine"),
+        ("lab/bad.py:Mine", "there is no file lab/bad.py; give .* as bad:Mine and start the rig in lab"),
+        ("bad.py", "there is no file bad.py; give module:Class without .py, as bad:Class"),
         (f"{MODULE}:No_update", r"has no method update\(image, time_ns\)"),
     ],
 )
@@ -77,16 +86,19 @@ def test_invalid_estimator_name_is_rejected(imported: Path, name: str, message: 
 
 def test_failing_import_is_reported_with_its_reason(imported: Path) -> None:
     for number, (text, why) in enumerate(
-        [("import lab_weights", "No module named 'lab_weights'"), ("1/0", "ZeroDivisionError"),
-         ("raise SystemExit(3)", "SystemExit")]
+        [("import lab_weights", "ModuleNotFoundError: No module named 'lab_weights'"),
+         ("1/0", "ZeroDivisionError: division by zero"), ("raise SystemExit(3)", "SystemExit: 3"),
+         ("class A", "SyntaxError: expected ':'")]
     ):  # fmt: skip
-        imported.with_name(f"broken_{number}.py").write_text(text)
-        with pytest.raises(InputError, match=why):
+        file = imported.with_name(f"broken_{number}.py")
+        file.write_text(text)
+        place = f"importing broken_{number} failed ({why} ({file}, line 1: {text})); correct it"
+        with pytest.raises(InputError, match=re.escape(place)):
             choose_estimator(f"broken_{number}:Any")
 
 
 def test_constructor_error_is_raised_before_a_lift(imported: Path) -> None:
-    with pytest.raises(EstimatorError, match=r"making it raised TypeError: .*weights"):
+    with pytest.raises(EstimatorError, match=r"Needs_more\(background\) raised TypeError: .*weights"):
         choose_estimator(f"{MODULE}:Needs_more").try_making()
     choose_estimator(f"{MODULE}:Mine").try_making()
     choose_estimator("slip").try_making()
@@ -109,10 +121,24 @@ def test_estimator_cannot_change_the_frame(imported: Path) -> None:
 def test_frame_with_an_exception_is_lost_and_the_others_are_answered(imported: Path) -> None:
     samples = answers("Now_and_then", 30)
     assert [sample.state for sample in samples].count(State.LOST) == 3
-    faults = faults_of(samples)
-    assert faults == EstimatorFaults(
-        3, f"{MODULE}:Now_and_then: update() raised ValueError: no gradient today"
+    file = imported.with_name(f"{MODULE}.py")
+    code = 'raise ValueError("no gradient today")'
+    line = file.read_text().splitlines().index(f"            {code}") + 1
+    assert faults_of(samples) == EstimatorFaults(
+        3,
+        f"{MODULE}:Now_and_then: update() raised ValueError: no gradient today ({file}, line {line}: {code})",
     )
+
+
+def test_error_inside_a_library_names_the_line_of_the_user(imported: Path) -> None:
+    (sample,) = answers("In_a_library", 1)
+    assert f"{MODULE}.py, line " in str(sample.fault)
+    assert "np.linalg.inv(np.zeros((2, 2))))" in str(sample.fault)
+
+
+def test_warnings_of_numpy_are_not_printed(imported: Path) -> None:
+    (sample,) = answers("Nan", 1)  # pytest turns each warning into an error
+    assert "angle_deg is nan, not a finite number" in str(sample.fault)
 
 
 def test_invalid_samples_are_lost_with_a_reason(imported: Path) -> None:

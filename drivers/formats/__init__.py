@@ -4,6 +4,7 @@ Imports only errors. Input that a reader rejects raises `FormatError`, whatever 
 """
 
 from drivers.formats.csv_table import CsvTable, parse_csv, read_csv, read_csv_rows
+from drivers.formats.names import in_number_order
 from drivers.formats.numbers import (
     MAX_TIME_S,
     number_in,
@@ -22,6 +23,7 @@ __all__ = [
     "MOST_PIXELS",
     "CsvTable",
     "check_numbers",
+    "in_number_order",
     "jpeg_header",
     "number_in",
     "parse_csv",

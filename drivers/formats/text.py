@@ -1,5 +1,6 @@
 """Read files up to a size limit, write files atomically, and print untrusted bytes in error messages."""
 
+import codecs
 import os
 import re
 from contextlib import suppress
@@ -32,9 +33,11 @@ def read_bounded(path: Path, most_bytes: int) -> bytes:
 
 
 def read_text(path: Path, most_bytes: int) -> str:
-    """Read UTF-8, with or without a byte order mark. Raises `FormatError`."""
+    """Read UTF-8, with or without a byte order mark, or UTF-16 with one. Raises `FormatError`."""
+    data = read_bounded(path, most_bytes)
+    wide = data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
     try:
-        return read_bounded(path, most_bytes).decode("utf-8-sig")
+        return data.decode("utf-16" if wide else "utf-8-sig")
     except UnicodeDecodeError as error:
         raise FormatError(f"{path}: cannot be read as text ({reason(error)})") from error
 

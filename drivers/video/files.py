@@ -1,6 +1,5 @@
 """Recorded frames as a source: a folder of images or a video file, played at its frame rate."""
 
-import re
 import threading
 from pathlib import Path
 
@@ -9,6 +8,7 @@ import numpy as np
 
 from drivers.clock import NS_PER_S, Clock
 from drivers.errors import DeviceError, InputError
+from drivers.formats import in_number_order
 from drivers.images import check_video_size
 from drivers.video.stream import FrameStream, RawFrame
 
@@ -104,7 +104,7 @@ def image_files(folder: Path) -> list[Path]:
         raise InputError(f"{folder}: cannot be read ({error.strerror}); check its permissions") from error
     if not files:
         raise InputError(f"{folder}: no images in it ({', '.join(PLAYED_SUFFIXES)}); check the path")
-    return sorted(files, key=lambda file: ([int(n) for n in re.findall(r"[0-9]+", file.stem)], file.name))
+    return in_number_order(files)
 
 
 def check_video(path: Path) -> None:

@@ -7,10 +7,10 @@ from calibration.opening import Direction, OpeningSample, calibrate_opening
 from calibration.time_offset import TimedSignal, TimeOffset, time_offset
 from drivers.clock import NS_PER_S
 from drivers.errors import InputError
-from drivers.formats import read_csv_rows
+from drivers.formats import number_in, read_csv_rows
 from rig.calibrate import figures
 from rig.calibrate.result import CalibrationResult, Picture
-from rig.calibrate.sources import number, read_stream
+from rig.calibrate.sources import read_stream
 
 
 def gripper_from_folder(folder: Path, serial: str) -> CalibrationResult:
@@ -21,7 +21,7 @@ def gripper_from_folder(folder: Path, serial: str) -> CalibrationResult:
         where, way = f"{path} line {line}", row["direction"]
         if way not in list(Direction):
             raise InputError(f"{where}: direction '{way}' is neither closing nor opening")
-        counts, opening_m = number(row, "counts", where), number(row, "opening_mm", where) / 1e3
+        counts, opening_m = number_in(row, "counts", where), number_in(row, "opening_mm", where) / 1e3
         samples.append(OpeningSample(f"line {line}", counts, opening_m, Direction(way)))
     result = calibrate_opening(samples)
     numbers, curves = {}, {}

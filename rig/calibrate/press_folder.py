@@ -10,10 +10,10 @@ from calibration.gel.presses import find_press
 from calibration.gel.untouched import Circle, Pressed
 from calibration.verdict import Rejected
 from drivers.errors import InputError
-from drivers.formats import read_csv_rows
+from drivers.formats import number_in, read_csv_rows
 from drivers.images import read_image
 from drivers.types import Image
-from rig.calibrate.sources import number, picture_files
+from rig.calibrate.sources import picture_files
 
 Row = tuple[str, float, Path | None, tuple[float, float] | None]
 """Picture, ball diameter in mm, its own background, place of the ball in mm (x right, y down)."""
@@ -106,8 +106,8 @@ def _catalogued(folder: Path, path: Path) -> list[Row]:
             raise InputError(f"{where}: {name} is not in {folder}")
         own = folder / row["background"] if row.get("background") else None
         moved = row.get("x_mm") and row.get("y_mm")
-        move = (number(row, "x_mm", where), number(row, "y_mm", where)) if moved else None
-        rows.append((name, number(row, "diameter(mm)", where), own, move))
+        move = (number_in(row, "x_mm", where), number_in(row, "y_mm", where)) if moved else None
+        rows.append((name, number_in(row, "diameter(mm)", where), own, move))
     return rows
 
 
@@ -119,7 +119,7 @@ def _circles(path: Path) -> dict[str, Circle]:
         name = row.get("frame") or row.get("image")
         if not name:
             raise InputError(f"{where}: column frame (or image) names no picture")
-        x, y, radius = (number(row, column, where) for column in ("center_x", "center_y", "radius"))
+        x, y, radius = (number_in(row, column, where) for column in ("center_x", "center_y", "radius"))
         if radius <= 0.0:
             raise InputError(f"{where}: a circle's radius is {radius:g} px; it must be positive")
         found[_key(Path(name).stem)] = x, y, radius

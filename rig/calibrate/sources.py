@@ -1,6 +1,5 @@
 """Samples from a folder: pictures, robot poses, streams, tables; paired by name, never by order."""
 
-import math
 from pathlib import Path
 
 import numpy as np
@@ -9,13 +8,12 @@ from numpy.typing import NDArray
 from calibration.poses import pose_from_quaternion, pose_from_rotation_vector
 from calibration.time_offset import TimedSignal, make_stream, turning_rate
 from calibration.verdict import Rejected
-from drivers.errors import CalibrationError, InputError
-from drivers.formats import read_csv_rows, reason, shown
+from drivers.errors import CalibrationError, FormatError, InputError
+from drivers.formats import number_in, read_csv_rows, time_ns_in, whole_in
 from drivers.images import SUFFIXES
 from drivers.types import Pose
 
-_LONGEST_WHOLE = 20
-"""Characters of a whole number of 64 bits."""
+QUATERNION = ("qx", "qy", "qz", "qw")
 
 
 def picture_files(folder: Path, pattern: str = "*") -> list[Path]:
@@ -52,59 +50,31 @@ def read_stream(path: Path) -> TimedSignal:
 
     Raises `InputError`, `CalibrationError`.
     """
-    rows = [row for _, row in read_csv_rows(path, ())]
-    if rows and "time_ns" not in rows[0] and "t_s" not in rows[0]:
+    rows = [(row, f"{path}: line {line}") for line, row in read_csv_rows(path, ())]
+    columns = rows[0][0] if rows else {"time_ns": ""}
+    if "time_ns" not in columns and "t_s" not in columns:
         raise InputError(f"{path}: has no column time_ns or t_s")
-    try:
-        if rows and "time_ns" in rows[0]:
-            times = np.array([_whole(row["time_ns"]) for row in rows], np.int64)
-        else:
-            times = np.array([_nanoseconds(row["t_s"]) for row in rows], np.int64)
-        if rows and "value" not in rows[0] and "qw" in rows[0]:
-            turns = np.array([[float(row[name]) for name in ("qx", "qy", "qz", "qw")] for row in rows])
-            return turning_rate(times, turns, path.name)
-        values = np.array([float(row["value"]) for row in rows])
-    except (KeyError, ValueError, OverflowError) as error:
-        raise InputError(f"{path}: a time or value is not a number ({reason(error)})") from error
+    if "time_ns" in columns:
+        times = np.array([whole_in(row, "time_ns", where) for row, where in rows], np.int64)
+    else:
+        times = np.array([time_ns_in(row, "t_s", where) for row, where in rows], np.int64)
+    if "value" not in columns and "qw" in columns:
+        turns = [[number_in(row, name, where) for name in QUATERNION] for row, where in rows]
+        return turning_rate(times, np.array(turns), path.name)
+    values = np.array([number_in(row, "value", where) for row, where in rows])
     return make_stream(times, values, path.name)
-
-
-def number(row: dict[str, str], column: str, where: str) -> float:
-    """A number of a row. Raises `InputError` naming line and column."""
-    try:
-        value = float(row[column])
-        if not math.isfinite(value):
-            raise ValueError
-        return value
-    except (KeyError, ValueError) as error:
-        raise InputError(
-            f"{where}: column {column} holds {shown(row.get(column))}, which is not a number"
-        ) from error
-
-
-def _nanoseconds(text: str) -> int:
-    """Decimal seconds to ns, without the rounding of a float."""
-    whole, _, part = text.strip().partition(".")
-    sign = -1 if whole.startswith("-") else 1
-    return _whole(whole or "0") * 10**9 + sign * int((part + "0" * 9)[:9] or "0")
-
-
-def _whole(text: str) -> int:
-    if len(text) > _LONGEST_WHOLE:
-        raise ValueError(f"{shown(text)} is beyond 64 bits")
-    return int(text)
 
 
 def _pose(row: dict[str, str], where: str) -> Pose:
     def read(*names: str) -> NDArray[np.float64]:
         try:
-            return np.array([float(row[name]) for name in names])
-        except (KeyError, ValueError) as error:
-            raise CalibrationError(f"{where}: a number is missing or damaged") from error
+            return np.array([number_in(row, name, where) for name in names])
+        except FormatError as error:
+            raise CalibrationError(str(error)) from error
 
     position = read("x_m", "y_m", "z_m")
     if "qw" in row:
-        return pose_from_quaternion(position, read("qx", "qy", "qz", "qw"), where)
+        return pose_from_quaternion(position, read(*QUATERNION), where)
     if "rx_rad" in row:
         return pose_from_rotation_vector(position, read("rx_rad", "ry_rad", "rz_rad"), where)
     raise CalibrationError(f"{where}: no orientation; qx, qy, qz, qw or rx_rad, ry_rad, rz_rad are needed")

@@ -6,7 +6,7 @@ from itertools import islice
 
 import numpy as np
 
-from drivers.errors import InputError, counted
+from drivers.errors import FormatError, InputError, counted
 from drivers.types import Image
 from rig.frames.estimates import Estimate, EstimateFigures, estimate_series, figures, lift_time, zeroed
 from rig.frames.of_session import SessionSeries
@@ -219,7 +219,7 @@ def _time_text(found: EstimateFigures) -> str:
 
 
 def _time(option: str, text: str | None) -> FrameTime | None:
-    time = None if text is None else parse_time(text)
-    if text is not None and time is None:
-        raise InputError(f"{option} '{text}' is not a time in s")
-    return time
+    try:
+        return None if text is None else parse_time(text)
+    except FormatError as error:
+        raise InputError(f"{option} {error}: give a time in s") from error

@@ -4,7 +4,6 @@ Frames are read one at a time, in order, each with its time. A frame that cannot
 without an image; the caller decides how to report it.
 """
 
-import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -14,6 +13,7 @@ import cv2
 import numpy as np
 
 from drivers.errors import InputError, counted
+from drivers.formats import in_number_order
 from drivers.images import SUFFIXES, check_video_size, image_flaw, load_image, read_image
 from drivers.types import Image
 from rig.frames.clips import (
@@ -234,13 +234,7 @@ def _image_files(folder: Path) -> list[Path]:
         others = [f for f in inside if f.suffix.lower() in OTHER_ENDINGS]
         cure = f"give one of its files, as {min(others)}" if others else "check the path"
         raise InputError(f"{folder}: no images in it ({', '.join(SUFFIXES)}): {cure}")
-    return sorted(files, key=_natural)
-
-
-def _natural(path: Path) -> tuple[list[tuple[int, str]], str]:
-    """Sort key in which 2.png comes before 10.png."""
-    parts = re.findall(r"[0-9]+|[^0-9]+", path.name)
-    return [(int(part), "") if part.isdecimal() else (-1, part) for part in parts], path.name
+    return in_number_order(files)
 
 
 def _video_series(path: Path, timestamps: Path | None, fps: float | None) -> FrameSeries:

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 
 from drivers.clock import NS_PER_S, to_ns
 from drivers.errors import InputError
+from drivers.formats import MAX_TIME_S
 from drivers.types import Image
 from drivers.values import short_repr
 from rig.frames.slip_alarm import SlipAlarm
-from rig.frames.times import MAX_TIME_S
 from rig.lift.object_angle import ZERO_S, TipTrack
 from rig.tactile.sample import SlipSample, TactileEstimator, check_frame
 

@@ -2,17 +2,14 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from decimal import Decimal, InvalidOperation
 from itertools import pairwise
 from pathlib import Path, PurePath
 
 from drivers.clock import NS_PER_S
-from drivers.errors import InputError
-from drivers.formats import read_csv_rows, shown
+from drivers.errors import FormatError, InputError
+from drivers.formats import parse_time_ns, parse_whole, read_csv_rows, shown, time_ns_in
 
 MAX_FPS = 10_000.0
-# Larger times do not fit the 64-bit integer nanoseconds of files.
-MAX_TIME_S = 9e9
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,15 +55,9 @@ def times_from_table(table: Path, names: Sequence[str]) -> list[FrameTime]:
     return [row.time for row in rows]
 
 
-def parse_time(text: str) -> FrameTime | None:
-    """Parse a time in s, exact to the ns; None if it is not a finite number."""
-    try:
-        value = Decimal(text.strip())
-    except InvalidOperation:
-        return None
-    if not value.is_finite() or value.copy_abs() > MAX_TIME_S:  # abs() rounds, and fails beyond its exponents
-        return None
-    return FrameTime(text.strip(), round(value * NS_PER_S))
+def parse_time(text: str) -> FrameTime:
+    """Parse a time in s, exact to the ns. Raises `FormatError` that begins with the text."""
+    return FrameTime(text.strip(), parse_time_ns(text))
 
 
 def _rows(table: Path) -> list[_Row]:
@@ -77,23 +68,19 @@ def _rows(table: Path) -> list[_Row]:
 
 
 def _row(table: Path, line: int, fields: dict[str, str]) -> _Row:
-    frame, text = fields["frame"].strip(), fields["t_s"]
-    time = parse_time(text)
-    if not frame or time is None:
-        raise InputError(
-            f"{table}: line {line}: frame {shown(frame)}, t_s {shown(text)}: give a frame and a time in s"
-        )
-    return _Row(line, frame, time)
+    time = FrameTime(fields["t_s"], time_ns_in(fields, "t_s", f"{table}: line {line}"))
+    if not fields["frame"]:
+        raise InputError(f"{table}: line {line}: the frame is missing: give its file name or number")
+    return _Row(line, fields["frame"], time)
 
 
 def _places(table: Path, rows: Sequence[_Row], names: Sequence[str]) -> list[int]:
     """Return the index of the frame that each row names."""
     known = _by_name(names)
-    if not any(row.frame in known for row in rows):
-        known = {str(i): i for i in range(len(names))}
+    numbered = not any(row.frame in known for row in rows)
     seen: dict[int, int] = {}
     for row in rows:
-        place = known.get(row.frame)
+        place = _number_of(row.frame, len(names)) if numbered else known.get(row.frame)
         if place is None:
             raise InputError(
                 f"{table}: line {row.line}: there is no frame {shown(row.frame)}: remove the row"
@@ -104,6 +91,15 @@ def _places(table: Path, rows: Sequence[_Row], names: Sequence[str]) -> list[int
             )
         seen[place] = row.line
     return list(seen)
+
+
+def _number_of(text: str, count: int) -> int | None:
+    """Return the number of a frame, also if it is written as 2.0e+00; None if there is no such frame."""
+    try:
+        number = parse_whole(text)
+    except FormatError:
+        return None
+    return number if 0 <= number < count else None
 
 
 def _by_name(names: Sequence[str]) -> dict[str, int]:

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 
 from drivers.clock import NS_PER_S
 from drivers.errors import EstimatorError, InputError
+from drivers.formats import MAX_TIME_S
 from drivers.realtime import compute_in_one_thread
 from drivers.types import Image
 from drivers.values import short_repr
@@ -16,7 +17,7 @@ from rig.frames.estimates import estimate_series, zeroed
 from rig.frames.estimation import require_frames_suffice
 from rig.frames.series import FrameSeries, TimedFrame, evenly_spread, find_background
 from rig.frames.streaming import StreamingEstimator
-from rig.frames.times import MAX_TIME_S, FrameTime, times_at_rate
+from rig.frames.times import FrameTime, times_at_rate
 from rig.python.tracks import Angles
 from rig.report.curves import Curve, truth_at
 from rig.results.metrics import summarize

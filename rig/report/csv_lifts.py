@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from drivers.clock import NS_PER_S
-from drivers.errors import InputError, counted
-from drivers.formats import CsvTable, read_csv, shown
+from drivers.errors import FormatError, InputError, counted
+from drivers.formats import CsvTable, parse_number, read_csv, shown
 from rig.lift.onset import slip_onset_ns
 from rig.lift.result import FINAL_S
 from rig.report.curves import Curve, LiftCurves, signed_errors
@@ -21,7 +21,7 @@ SIGMA_COLUMNS = ("sigma_deg",)
 SETTLED_DEG, SETTLED_SHARE = 0.5, 0.05
 """Phase C begins when the reference stays within this distance of its final angle; or within this fraction of
 its rotation."""
-_REFUSED = ("", "nan", "none", "null")
+_REFUSED = ("", "nan", "none", "null", "na", "<na>")
 _LARGEST = 9e9
 """Largest accepted number; larger times in s do not fit 64-bit integer nanoseconds."""
 
@@ -115,7 +115,7 @@ def detected_phases(truth: Curve) -> tuple[dict[str, float], float | None]:
 
 
 def _columns(path: Path) -> dict[str, Floats]:
-    table = read_csv(path, delimiters=",;")
+    table = read_csv(path)
     heads = [head.lower() for head in table.columns]
     found: dict[str, Floats] = {}
     for what, names in _WANTED.items():
@@ -142,14 +142,13 @@ def _numbers(table: CsvTable, index: int) -> Floats:
     """Return the numbers of a column, NaN for refused frames. Raises `InputError` for an invalid number."""
     values = np.full(len(table.lines), np.nan)
     for number, (line, row) in enumerate(table.lines):
-        cell = row[index].strip() if index < len(row) else ""
+        cell = row[index] if index < len(row) else ""
         if cell.lower() in _REFUSED:
             continue
         try:
-            values[number] = float(cell)
-        except ValueError as error:
-            head = table.columns[index]
-            raise InputError(f"{table.where}: line {line}: {head} {shown(cell)} is not a number") from error
+            values[number] = parse_number(cell)
+        except FormatError as error:
+            raise InputError(f"{table.where}: line {line}: {table.columns[index]} {error}") from error
         if abs(values[number]) > _LARGEST:
             raise InputError(f"{table.where}: line {line}: {shown(cell)} is beyond {_LARGEST:g}")
     return values

@@ -210,10 +210,10 @@ def test_a_published_script_keeps_its_own_zero(lift: Path) -> None:
     [
         (("--estimator", "nonsense"), "choose one of slip, skeleton"),
         (("--background", "nowhere.png"), "nowhere.png"),
-        (("--reference-time", "soon"), "'soon' is not a time"),
+        (("--reference-time", "soon"), "'soon' is not a number: give a time"),
         (("--background", "first:2", "--reference-time", "99"), "the frames run from 0.000000 to 0.316667"),
         (("--background", "first:2", "--lift-from", "99"), "--lift-from 99: the frames run from 0.000000"),
-        (("--lift-from", "soon"), "--lift-from 'soon' is not a time"),
+        (("--lift-from", "soon"), "--lift-from 'soon' is not a number: give a time"),
         (("--timestamps", "nowhere.csv"), "nowhere.csv"),
         (("--timestamps", "a.csv", "--fps", "30"), "give one of them"),
         (("--fps", "0"), "not a frame rate"),

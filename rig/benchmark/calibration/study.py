@@ -16,7 +16,7 @@ from calibration.hand_eye.solve import HandEyeResult, calibrate_hand_eye
 from calibration.targets.boards import Chessboard, Target, View, parse_target
 from calibration.time_offset import time_offset
 from calibration.verdict import Verdict
-from drivers.formats import read_csv_rows
+from drivers.formats import number_in, read_csv_rows
 from drivers.images import read_image
 from rig.benchmark.calibration import board_scenes
 from rig.benchmark.calibration.board_scenes import BOARD, board_pose, render_target
@@ -197,10 +197,11 @@ def gelsight_presses(folder: Path) -> list[BallPress]:
     """Return the presses in a folder with background.png and catalog.csv (image, diameter(mm))."""
     reference = read_image(folder / "background.png").astype(np.float32)
     presses = []
-    for _, row in read_csv_rows(folder / "catalog.csv", ("image", "diameter(mm)")):
+    path = folder / "catalog.csv"
+    for line, row in read_csv_rows(path, ("image", "diameter(mm)")):
         found = find_press(read_image(folder / row["image"]), reference, row["image"])
         if not isinstance(found, str):
-            presses.append(BallPress(found, float(row["diameter(mm)"]) / 2.0))
+            presses.append(BallPress(found, number_in(row, "diameter(mm)", f"{path}: line {line}") / 2.0))
     return presses
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from drivers.clock import NS_PER_S
 from drivers.errors import InputError
-from drivers.formats import read_csv_rows, shown
+from drivers.formats import number_in, read_csv_rows, shown, whole_in
 from drivers.images import read_image
 from drivers.types import Image
 from rig.frames.clips import LABELS, TIMES, clip_background, clip_frames
@@ -223,12 +223,9 @@ def _rows(path: Path, needed: Sequence[str]) -> list[tuple[int, dict[str, str]]]
 
 
 def _number(path: Path, line: int, row: Mapping[str, str], column: str, whole: bool = False) -> float:
-    text = row[column].strip()
-    try:
-        value = float(int(text)) if whole else float(text)
-    except ValueError:
-        value = float("nan")
-    if not abs(value) < 1e9 or (whole and value < 0):
+    where = f"{path}: line {line}"
+    value = whole_in(row, column, where) if whole else number_in(row, column, where)
+    if abs(value) >= 1e9 or (whole and value < 0):
         wanted = "the number of a frame, from 0" if whole else "a number of degrees"
-        raise InputError(f"{path}: line {line}: {column} {shown(text)}: give {wanted}")
+        raise InputError(f"{where}: {column} {shown(row[column])}: give {wanted}")
     return value

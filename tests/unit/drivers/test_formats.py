@@ -111,7 +111,7 @@ def test_invalid_csv_is_rejected_with_its_line(text: str, said: str) -> None:
 
 
 def test_valid_csv_is_read() -> None:
-    table = parse_csv('# made by hand\n a ;b\n\n1;"x\ny"\n2\n3;4;5\n', "here", ",;")
+    table = parse_csv('# made by hand\n a ;b\n\n1;"x\ny"\n2\n3;4;\n', "here")
     assert list(table.rows()) == [
         (5, {"a": "1", "b": "x\ny"}), (6, {"a": "2", "b": ""}), (7, {"a": "3", "b": "4"}),
     ]  # fmt: skip

@@ -137,8 +137,8 @@ def test_label_sigma_is_combined_with_that_of_the_estimate() -> None:
         (labels_text([(9, 0.0), (400, 1.0)]), "frames 0 to 24"),
         (labels_text([(14, 1.0), (14, 2.0)]), "two labels"),
         (labels_text([(14, 1.0)]) + "8,15,1,1\n", "2 reference frames"),
-        (labels_text([(14, float("nan"))]), "line 2: angle_deg 'nan'"),
-        (COLUMNS + "\n9,x,1,1\n", "keyframe 'x': give the number of a frame"),
+        (labels_text([(14, float("nan"))]), "line 2: column angle_deg: 'nan' is not a number"),
+        (COLUMNS + "\n9,x,1,1\n", "line 2: column keyframe: 'x' is not a number"),
         (COLUMNS + "\n9,12,1,-1\n", "negative"),
     ],
 )

@@ -1,5 +1,6 @@
 """When frames were taken: a table with one row per frame, or a rate."""
 
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -18,7 +19,9 @@ def table(folder: Path, *lines: str) -> Path:
     return path
 
 
-@pytest.mark.parametrize("frames", [("a1.png", "a2.png", "b.png"), ("a1", "a2", "b"), ("0", "1", "2")])
+@pytest.mark.parametrize(
+    "frames", [("a1.png", "a2.png", "b.png"), ("a1", "a2", "b"), ("0", "1", "2"), ("00", "1.0", "2.00e+00")]
+)
 def test_a_row_names_its_frame_by_file_stem_or_number(tmp_path: Path, frames: tuple[str, ...]) -> None:
     path = table(tmp_path, "frame,t_s", *(f"{frame},{0.5 * i}" for i, frame in enumerate(frames)))
     assert [time.time_ns for time in times_from_table(path, NAMES)] == [0, 500_000_000, 1_000_000_000]
@@ -46,10 +49,12 @@ def test_byte_order_mark_and_equal_times_are_accepted(tmp_path: Path) -> None:
         ((), "line 1 has no column frame, t_s"),
         (("name,time", "a1,0"), "line 1 has no column frame, t_s"),
         (("frame,t_s",), "line 2 is missing"),
-        (("frame,t_s", "a1,0", "a2,soon", "b,2"), "line 3: frame 'a2', t_s 'soon'"),
-        (("frame,t_s", "a1,0", "a2,nan", "b,2"), "line 3: frame 'a2', t_s 'nan'"),
-        (("frame,t_s", "a1,0", "a2", "b,2"), "line 3: frame 'a2', t_s ''"),
-        (("frame,t_s", "a1,0", ",1", "b,2"), "line 3: frame ''"),
+        (("frame,t_s", "a1,0", "a2,soon", "b,2"), "line 3: column t_s: 'soon' is not a number"),
+        (("frame,t_s", "a1,0", "a2,nan", "b,2"), "line 3: column t_s: 'nan' is not a number"),
+        (("frame,t_s", "a1,0", "a2", "b,2"), "line 3: column t_s: '' is not a number"),
+        (("frame,t_s", "a1,0", ",1", "b,2"), "line 3: the frame is missing"),
+        (("frame;t_s", "a1;0,0", "a2;0,5", "b;1,0"), "line 2: column t_s: '0,0' has a comma"),
+        (("frame,t_s", "a1,0,0", "a2,0,5", "b,1,0"), "line 2 has 3 fields, the header 2"),
         (("frame,t_s", "a1,0", "a2,1e99", "b,2"), "line 3"),
         (("frame,t_s", "a1,0", "a2,1e999999999", "b,2"), "line 3"),
         (("frame,t_s", "a1,0", "a2,1"), "line 3 is the last and 'b.png' has no row"),
@@ -72,12 +77,12 @@ def test_table_that_is_not_text_is_an_input_error(tmp_path: Path) -> None:
     path = tmp_path / "times.csv"
     with pytest.raises(InputError, match="cannot be read"):
         times_from_table(path, NAMES)
-    path.write_bytes(b"\xff\xfe\x00frame")
+    path.write_bytes(b"\xffframe")
     with pytest.raises(InputError, match="cannot be read as text"):
         times_from_table(path, NAMES)
 
 
 @given(st.text(max_size=12))
 def test_any_text_is_parsed_or_rejected(text: str) -> None:
-    time = parse_time(text)
-    assert time is None or isinstance(time.time_ns, int)
+    with suppress(InputError):
+        assert isinstance(parse_time(text).time_ns, int)

@@ -99,7 +99,9 @@ def test_empty_and_nan_are_refusals(tmp_path: Path) -> None:
         ("t_s,estimate_deg,truth_deg", ["0,1,2", "1,x,2"], "line 3: estimate_deg 'x' is not a number"),
         ("t_s,estimate_deg,truth_deg", ["0,1,2", "0,1,2"], "times do not increase"),
         ("t_s,estimate_deg,truth_deg", ["0,1,2"], "holds 1 row;"),
-        ("t_s,estimate_deg,truth_deg", ["0,1,2", "inf,1,2"], "beyond 9e"),
+        ("t_s,estimate_deg,truth_deg", ["0,1,2", "inf,1,2"], "t_s 'inf' is not a number"),
+        ("t_s,estimate_deg,truth_deg", ["0,1,2", "1e10,1,2"], "beyond 9e"),
+        ("t_s;estimate_deg;truth_deg", ["0,5;1;2", "1,5;1;2"], "line 2: t_s '0,5' has a comma"),
     ],
 )
 def test_invalid_table_is_rejected_with_its_line(

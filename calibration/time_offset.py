@@ -8,16 +8,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import median_filter
-from scipy.spatial.transform import Rotation, Slerp
 
+from calibration.timed_signal import FEWEST, TimedSignal
 from calibration.verdict import Assessment, limit
-from drivers.errors import CalibrationError, counted
+from drivers.errors import counted
 
 Array = NDArray[np.floating]
 
-FEWEST = 20
-"""Fewest samples of a stream, and of the overlap."""
 _LEAST_EXPLAINED = 0.5
 _WELL_EXPLAINED = 0.85
 """Fractions of explained variance: below the first the result is refused; see `_NOT_NOISE` for the second."""
@@ -31,20 +28,13 @@ _HILL = 1.05
 """Two minima are distinct if the cost between them exceeds the higher one by this factor."""
 _ROUNDS = 30
 """Most iterations of the refinement."""
+_MOST_VALLEYS = 12
+"""Most minima of the grid search that are refined; the lowest ones are."""
+_CLEARLY_WORSE = 25.0
+"""A rival offset is excluded by the noise if twice the difference of log likelihoods exceeds this: its sum of
+squares is larger by this fraction of the effective number of samples, and at least by 15 %."""
 _DRIFT_FROM_S = 60.0
 """Shortest overlap for which a drift is fitted."""
-_SPAN_NS = 100_000_000
-"""Interval over which an angular speed is measured: shorter is noisy, longer smooths the motion away."""
-_AROUND = 15
-"""Samples of the running median: more than twice the spikes that one flip of a detector causes."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class TimedSignal:
-    """A signal on one clock: time_ns (N,) int64 increasing, values (N,) float64."""
-
-    time_ns: NDArray[np.int64]
-    values: Array
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,86 +55,12 @@ class TimeOffset:
     used: int = 0
 
 
-def make_stream(time_ns: NDArray[np.int64], values: Array, name: str) -> TimedSignal:
-    """Sort samples by time; remove repeated times, and values that are NaN or infinite.
-
-    name: of the stream, for errors. Raises `CalibrationError` for times that are not integers, shapes that
-    differ, a clock that jumps by more than an hour, or fewer than 20 samples.
-    """
-    times, signal = np.asarray(time_ns), np.asarray(values, np.float64)
-    if times.dtype.kind not in "iu" or times.ndim != 1 or times.shape != signal.shape:
-        raise CalibrationError(f"sync: {name}: times in integer ns and as many values are needed")
-    times = times.astype(np.int64)
-    usable = _in_order(times, np.isfinite(signal))
-    if len(usable) < FEWEST:
-        raise CalibrationError(
-            f"sync: {name}: {counted(len(usable), 'usable sample')}; at least {FEWEST} are needed"
-        )
-    longest_s = float(np.diff(times[usable]).max()) / 1e9
-    if longest_s > 3600.0:
-        raise CalibrationError(f"sync: {name}: its clock jumps by {longest_s / 3600:.1f} h; record again")
-    return TimedSignal(times[usable], signal[usable])
-
-
-def turning_rate(
-    time_ns: NDArray[np.int64], quaternions_xyzw: NDArray[np.floating], name: str
-) -> TimedSignal:
-    """Return the angular speed in rad/s over 0.1 s around each time; orientations are interpolated by slerp.
-
-    A robot and a camera on it have the same speed in any frame, so no hand-eye transform is needed (Furrer et
-    al. 2017 correlate speeds). time_ns: (N,) int64; quaternions_xyzw: (N, 4), invalid ones are skipped.
-    Raises `CalibrationError` if too few valid orientations remain, and as `make_stream` does.
-    """
-    times, values = np.asarray(time_ns), np.asarray(quaternions_xyzw, np.float64)
-    if values.shape != (len(times), 4):
-        raise CalibrationError(f"sync: {name}: (N, 4) quaternions for N times are needed, got {values.shape}")
-    # the comparison is False for NaN
-    usable = _in_order(times, np.abs(np.linalg.norm(values, axis=1) - 1.0) < 0.01)
-    times, values = times[usable], values[usable]
-    middle = times[_inside(times)] if len(times) else times
-    if not len(middle):
-        raise CalibrationError(
-            f"sync: {name}: no orientations over 0.1 s without a gap; is the stream too slow?"
-        )
-    turn = Slerp(times - times[0], Rotation.from_quat(values))
-    before, after = (turn(middle - times[0] + step) for step in (-_SPAN_NS // 2, _SPAN_NS // 2))
-    rates = (before.inv() * after).magnitude() / (_SPAN_NS / 1e9)
-    return make_stream(middle, np.where(_spikes(rates), np.nan, rates), name)
-
-
-def _in_order(times: NDArray[np.int64], usable: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """Return the indices of usable samples, sorted by time, without repeated times."""
-    found = np.flatnonzero(usable)
-    found = found[np.argsort(times[found], kind="stable")]
-    return found[np.diff(times[found], prepend=times[found[:1]] - 1) > 0]
-
-
-def _inside(times: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """(N,) whether there are samples up to half a span on each side, without a large gap."""
-    half = _SPAN_NS // 2
-    first, last = np.searchsorted(times, times - half, "right") - 1, np.searchsorted(times, times + half)
-    whole = (first >= 0) & (last < len(times))
-    wide = np.zeros(len(times), bool)
-    wide[whole] = times[last[whole]] - times[first[whole]] < 3 * _SPAN_NS
-    return wide
-
-
-def _spikes(rates: NDArray[np.floating]) -> NDArray[np.bool_]:
-    """(N,) whether a rate is an outlier among its neighbours, as when a detector mirrors the target.
-
-    Hampel filter: more than five robust standard deviations from the running median.
-    """
-    middle = median_filter(rates, _AROUND, mode="nearest")
-    away = np.abs(rates - middle)
-    usual = median_filter(away, 8 * _AROUND + 1, mode="nearest")
-    return away > 5.0 * 1.4826 * usual + 0.05
-
-
 def time_offset(first: TimedSignal, second: TimedSignal, search_s: float = 0.5) -> TimeOffset:
     """Find the offset within +- `search_s`, or report why these streams do not determine it.
 
     Least squares of the second signal against the interpolated first one, with free gain and level. A grid
-    search finds the minimum, Gauss-Newton refines it.
+    search finds the minima, Gauss-Newton refines each of them, and the lowest one is the result. The result
+    is refused if another minimum is equally likely.
     """
     zero = first.time_ns[0]
     t1, t2 = ((s.time_ns - zero).astype(np.float64) / 1e9 for s in (first, second))
@@ -155,55 +71,125 @@ def time_offset(first: TimedSignal, second: TimedSignal, search_s: float = 0.5) 
         return TimeOffset(Assessment((text,)), used=len(t2))
     if min(np.ptp(first.values), np.ptp(wanted)) <= 0.0:
         return TimeOffset(Assessment(("nothing moved while this was recorded: wiggle by several degrees",)))
+    streams = _Streams(t1, first.values, t2, wanted)
     grid = np.arange(-search_s, search_s + _GRID_S / 2, _GRID_S)
     costs = np.array([_explained(t1, first.values, t2 + g, wanted)[0] for g in grid])
-    best = int(np.argmin(costs))
-    return _refined(t1, first.values, t2, wanted, (grid, costs, best), search_s)
+    minima = sorted((_refined(streams, float(grid[i])) for i in _valleys(costs)), key=lambda m: m.cost)
+    return _result(streams, minima, search_s)
 
 
-def _refined(
-    t1: Array, signal: Array, t2: Array, wanted: Array, valley: tuple[Array, Array, int], search_s: float
-) -> TimeOffset:
-    grid, costs, best = valley
-    from_middle, with_drift = t2 - float(t2.mean()), float(np.ptp(t2)) >= _DRIFT_FROM_S
-    offset, drift = float(grid[best]), 0.0
+@dataclass(frozen=True, slots=True, eq=False)
+class _Streams:
+    """Both streams, times in s on their own clocks; t2 only where all searched offsets fall inside t1."""
+
+    t1: Array
+    signal: Array
+    t2: Array
+    wanted: Array
+
+    @property
+    def with_drift(self) -> bool:
+        return float(np.ptp(self.t2)) >= _DRIFT_FROM_S
+
+    def at(self, offset_s: float, drift: float) -> Array:
+        return self.t2 + offset_s + drift * (self.t2 - float(self.t2.mean()))
+
+    def linearised(self, offset_s: float, drift: float) -> tuple[Array, Array]:
+        """Return derivatives by offset, gain, level (and drift), and the (N,) residual at the best fit."""
+        at = self.at(offset_s, drift)
+        _, gain, _ = _explained(self.t1, self.signal, at, self.wanted)
+        seen = np.interp(at, self.t1, self.signal)
+        half = max(float(np.median(np.diff(self.t1))), 2e-3)
+        ends = np.interp(at + half, self.t1, self.signal), np.interp(at - half, self.t1, self.signal)
+        speed = gain * (ends[0] - ends[1]) / (2 * half)
+        columns = [speed, seen - seen.mean(), np.ones_like(at)]
+        if self.with_drift:
+            columns.append(speed * (self.t2 - float(self.t2.mean())))
+        return np.column_stack(columns), self.wanted - self.wanted.mean() - gain * columns[1]
+
+
+@dataclass(frozen=True, slots=True)
+class _Minimum:
+    """A refined minimum: cost is the residual sum of squares, noise one sigma of a residual."""
+
+    offset_s: float
+    drift: float
+    cost: float
+    gain: float
+    noise: float
+
+
+def _refined(streams: _Streams, offset_s: float) -> _Minimum:
+    """Refine a minimum of the grid by Gauss-Newton; return the grid's if that does not lower the cost."""
+    best = _minimum(streams, offset_s, 0.0)
+    offset, drift = offset_s, 0.0
     for _ in range(_ROUNDS):
-        at = t2 + offset + drift * from_middle
-        system, rest = _linearised(t1, signal, at, wanted, from_middle, with_drift)
+        system, rest = streams.linearised(offset, drift)
         scale = np.maximum(np.linalg.norm(system, axis=0), 1e-12)
-        step, *_ = np.linalg.lstsq(system / scale, rest, rcond=None)
-        step = step / scale
-        offset, drift = offset + float(step[0]), drift + (float(step[3]) if with_drift else 0.0)
+        step = np.linalg.lstsq(system / scale, rest, rcond=None)[0] / scale
+        offset, drift = offset + float(step[0]), drift + (float(step[3]) if streams.with_drift else 0.0)
         if abs(step[0]) < 1e-9:
             break
-    at = t2 + offset + drift * from_middle
-    cost, gain, noise = _explained(t1, signal, at, wanted)
-    system, rest = _linearised(t1, signal, at, wanted, from_middle, with_drift)
+    found = _minimum(streams, offset, drift)
+    return found if found.cost <= best.cost else best
+
+
+def _minimum(streams: _Streams, offset_s: float, drift: float) -> _Minimum:
+    fit = _explained(streams.t1, streams.signal, streams.at(offset_s, drift), streams.wanted)
+    return _Minimum(offset_s, drift, *fit)
+
+
+def _result(streams: _Streams, minima: list[_Minimum], search_s: float) -> TimeOffset:
+    best, count = minima[0], len(streams.t2)
+    system, rest = streams.linearised(best.offset_s, best.drift)
     alike = _autocorrelation(rest)
     fewer = np.sqrt((1.0 + alike) / (1.0 - alike)) if 0.0 < alike < 0.999 else 1.0
-    sigma = noise * _unit_sigmas(system) * fewer
-    explained = 1.0 - cost / float(((wanted - wanted.mean()) ** 2).sum())
-    # with many samples, a smaller difference to the second-best minimum is significant
-    distinct = _rival(grid, costs, best) >= np.clip(1.0 + 25.0 / max(len(t2) / fewer**2, 1.0), 1.15, 1.5)
-    assessment = _assess(explained, alike, float(sigma[0]), offset, search_s, bool(distinct))
+    sigma = best.noise * _unit_sigmas(system) * fewer
+    explained = 1.0 - best.cost / float(((streams.wanted - streams.wanted.mean()) ** 2).sum())
+    period_s = _period_s(streams, minima, count / fewer**2)
+    assessment = _assess(explained, alike, float(sigma[0]), best.offset_s, search_s, period_s)
     if assessment.refusals:
-        return TimeOffset(assessment, explained=explained, used=len(t2))
-    drifts = (1e6 * drift, 1e6 * float(sigma[3])) if with_drift else (None, None)
-    return TimeOffset(assessment, offset, float(sigma[0]), *drifts, gain, explained, len(t2))
+        return TimeOffset(assessment, explained=explained, used=count)
+    drifts = (1e6 * best.drift, 1e6 * float(sigma[3])) if streams.with_drift else (None, None)
+    return TimeOffset(assessment, best.offset_s, float(sigma[0]), *drifts, best.gain, explained, count)
+
+
+def _period_s(streams: _Streams, minima: list[_Minimum], independent: float) -> float | None:
+    """Return the period of a motion that repeats, s, or None if no other minimum is as likely as the best.
+
+    independent: effective number of samples. A rival with the opposite gain is half a period away. Linear
+    interpolation of the first signal adds up to an eighth of its second difference to the residuals, more at
+    one minimum than at another. Twice that is allowed, which also covers most of the signal's noise.
+    """
+    best = minima[0]
+    interpolated = best.gain * np.diff(streams.signal, 2) / 4
+    least = best.cost * np.clip(1.0 + _CLEARLY_WORSE / max(independent, 1.0), 1.15, 1.5)
+    least += len(streams.t2) * float((interpolated**2).mean())
+    periods = [
+        abs(other.offset_s - best.offset_s) * (1.0 if other.gain * best.gain > 0.0 else 2.0)
+        for other in minima[1:]
+        if other.cost < least and abs(other.offset_s - best.offset_s) > 2 * _GRID_S
+    ]
+    return min(periods, default=None)
 
 
 def _assess(
-    explained: float, autocorrelation: float, sigma_s: float, offset_s: float, search_s: float, distinct: bool
+    explained: float,
+    autocorrelation: float,
+    sigma_s: float,
+    offset_s: float,
+    search_s: float,
+    period_s: float | None,
 ) -> Assessment:
     if not explained >= _LEAST_EXPLAINED or not np.isfinite(sigma_s):
         share = f"the signals share only {max(explained, 0.0):.0%} of their motion"
         reason = f"{share}: wiggle by several degrees"
     elif explained < _WELL_EXPLAINED and autocorrelation > _NOT_NOISE:
         reason = "the residual at the best offset is not noise: the offset may lie outside the search range"
+    elif period_s is not None:
+        reason = f"the motion repeats every {1e3 * period_s:.0f} ms, so several offsets fit: move irregularly"
     elif abs(offset_s) > search_s - 2 * _GRID_S:
         reason = f"the offset lies at the end of the search (+-{search_s:g} s): search wider"
-    elif not distinct:
-        reason = "another offset fits almost as well, because the motion repeats: wiggle at a changing rate"
     else:
         return limit(
             1e3 * sigma_s, 1.0, 5.0, "the offset is known to {value:.2f} ms only: wiggle faster or longer"
@@ -228,20 +214,6 @@ def _explained(t1: Array, signal: Array, at: Array, wanted: Array) -> tuple[floa
     return cost, gain, float(np.sqrt(cost / max(len(at) - 3, 1)))
 
 
-def _linearised(
-    t1: Array, signal: Array, at: Array, wanted: Array, from_middle: Array, with_drift: bool
-) -> tuple[Array, Array]:
-    """Return derivatives by offset, gain, level (and drift), and the (N,) residual at the best fit."""
-    _, gain, _ = _explained(t1, signal, at, wanted)
-    seen = np.interp(at, t1, signal)
-    half = max(float(np.median(np.diff(t1))), 2e-3)
-    speed = (np.interp(at + half, t1, signal) - np.interp(at - half, t1, signal)) / (2 * half)
-    columns = [gain * speed, seen - seen.mean(), np.ones_like(at)]
-    if with_drift:
-        columns.append(gain * speed * from_middle)
-    return np.column_stack(columns), wanted - wanted.mean() - gain * (seen - seen.mean())
-
-
 def _unit_sigmas(system: Array) -> Array:
     """Return one sigma of each parameter for unit noise, by SVD; infinite if undetermined."""
     scale = np.linalg.norm(system, axis=0)
@@ -251,19 +223,18 @@ def _unit_sigmas(system: Array) -> Array:
     return np.linalg.norm(directions / np.maximum(strengths, 1e-15)[:, None], axis=0) / scale
 
 
-def _rival(grid: Array, costs: Array, best: int) -> float:
-    """Return the ratio of the costs of the second-best and the best minimum; 1 means equally good.
+def _valleys(costs: Array) -> list[int]:
+    """Return the indices of distinct minima of the grid's costs, the lowest first; at most `_MOST_VALLEYS`.
 
-    Two minima count as different only if there is a hill between them, because noise creates many small
-    minima.
+    Minima count as distinct only if there is a hill between them, because noise creates many small ones.
     """
-    inner = (costs[1:-1] < costs[:-2]) & (costs[1:-1] <= costs[2:])
-    others = [
-        costs[i]
-        for i in np.flatnonzero(inner) + 1
-        if abs(i - best) > 2 and costs[min(i, best) : max(i, best) + 1].max() > _HILL * costs[i]
-    ]
-    return float(min(others) / max(costs[best], 1e-300)) if others else np.inf
+    padded = np.pad(costs, 1, constant_values=np.inf)
+    inner = np.flatnonzero((costs < padded[:-2]) & (costs <= padded[2:]))
+    found: list[int] = []
+    for i in inner[np.argsort(costs[inner], kind="stable")].tolist():
+        if all(costs[min(i, j) : max(i, j) + 1].max() > _HILL * costs[i] for j in found):
+            found.append(i)
+    return found[:_MOST_VALLEYS]
 
 
 def _measured(t1: Array, t2: Array, search_s: float) -> NDArray[np.bool_]:

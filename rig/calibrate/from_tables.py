@@ -4,7 +4,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from calibration.opening import Direction, OpeningSample, calibrate_opening
-from calibration.time_offset import TimedSignal, TimeOffset, time_offset
+from calibration.time_offset import TimeOffset, time_offset
+from calibration.timed_signal import TimedSignal
 from drivers.clock import NS_PER_S
 from drivers.errors import InputError
 from drivers.formats import number_in, read_csv_rows

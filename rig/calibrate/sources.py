@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.poses import pose_from_quaternion, pose_from_rotation_vector
-from calibration.time_offset import TimedSignal, make_stream, turning_rate
+from calibration.timed_signal import TimedSignal, make_stream, turning_rate
 from calibration.verdict import Rejected
 from drivers.errors import CalibrationError, FormatError, InputError
 from drivers.formats import number_in, read_csv_rows, time_ns_in, whole_in

@@ -23,7 +23,8 @@ from calibration.opening import Direction, GripperResult, OpeningSample, calibra
 from calibration.poses import pose_from_matrix, pose_from_quaternion, pose_from_rotation_vector
 from calibration.targets.aruco import Refusal, refine_edges
 from calibration.targets.boards import View, parse_target
-from calibration.time_offset import TimedSignal, make_stream, time_offset
+from calibration.time_offset import time_offset
+from calibration.timed_signal import TimedSignal, make_stream
 from drivers.errors import RigError
 from drivers.types import Pose
 from fakes.studio.calibration_scenes import MarkerPictures

@@ -15,7 +15,8 @@ from scipy.spatial.transform import Rotation
 
 from calibration.hand_eye.samples import HandEyeSample, Setup
 from calibration.hand_eye.solve import calibrate_hand_eye
-from calibration.time_offset import TimedSignal, time_offset
+from calibration.time_offset import time_offset
+from calibration.timed_signal import TimedSignal
 from calibration.tool_tip import calibrate_pivot
 from drivers.errors import RigError
 from drivers.types import Pose

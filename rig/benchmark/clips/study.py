@@ -85,8 +85,8 @@ def measure(options: ClipsOptions, run: Run) -> Report:
     With --set, the argument is a clone of a public repository: octopi (github.com/clear-nus/octopi),
     digit-edges (github.com/pyonkti/digit) or gripper-slips
     (github.com/amitparag/Incipient-Slip-Detection). The labelled files are compared with stored hashes. The
-    frames are made in ~/.cache/visuotactile-slip-rig/clips, or below XDG_CACHE_HOME. The last line is the
-    set's row in the README.
+    frames are made in ~/.cache/visuotactile-slip-rig/clips, or below XDG_CACHE_HOME. The set's row of the
+    README is printed below the tables.
 
     Examples:
       rig benchmark clips clips/ --out clips_page

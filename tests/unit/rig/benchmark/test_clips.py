@@ -16,11 +16,13 @@ from typer.testing import CliRunner
 from drivers.errors import InputError
 from rig.benchmark.clips.augmented import clip_version
 from rig.benchmark.clips.labelled import ClipLabel, ClipVersion, ContactSpan, read_clips
+from rig.benchmark.clips.runs import run_clip
 from rig.benchmark.clips.scores import JudgedLabel, score
 from rig.benchmark.clips.study import ClipsOptions, measure
 from rig.benchmark.harness import Run
 from rig.benchmark.measured import markers
 from rig.cli.main import app
+from rig.tactile.estimators import choose_estimator
 from support.ros_bags import TOPIC, write_bag
 
 Draw = Callable[..., NDArray[np.uint8]]
@@ -241,6 +243,16 @@ def test_contacts_add_two_columns_and_limits(clips: Path, blank: NDArray[np.uint
     missed = CliRunner().invoke(app, [*command, "--empty", "0.05", "--held", "0.95"])
     assert missed.exit_code == 4
     assert missed.stderr.count("limit missed") == 2
+
+
+def test_times_are_over_frames_with_contact(clips: Path, blank: NDArray[np.uint8], tmp_path: Path) -> None:
+    clip = labelled_contacts(clips, tmp_path, "0,4,no\n5,24,yes\n")
+    for i in range(5):
+        cv2.imwrite(str(clip / "frames" / f"{i:03d}.png"), blank[..., ::-1])
+    run = run_clip(read_clips(clip)[0], choose_estimator("slip"))
+    assert len(run.contact_ms) == 20
+    assert run.score.frame_ms == pytest.approx(np.percentile(run.contact_ms, [50, 90, 99]))
+    assert "ms per frame with contact: median, 90 %, 99 %" in overall_columns(tmp_path)
 
 
 def overall_columns(folder: Path) -> tuple[str, ...]:

@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from calibration.verdict import Assessment, limit
 from drivers.errors import CalibrationError, counted
+from drivers.progress import steps
 
 Array = NDArray[np.floating]
 
@@ -156,7 +157,7 @@ def time_offset(first: TimedSignal, second: TimedSignal, search_s: float = 0.5) 
     if min(np.ptp(first.values), np.ptp(wanted)) <= 0.0:
         return TimeOffset(Assessment(("nothing moved while this was recorded: wiggle by several degrees",)))
     grid = np.arange(-search_s, search_s + _GRID_S / 2, _GRID_S)
-    costs = np.array([_explained(t1, first.values, t2 + g, wanted)[0] for g in grid])
+    costs = np.array([_explained(t1, first.values, t2 + g, wanted)[0] for g in steps(grid)])
     best = int(np.argmin(costs))
     return _refined(t1, first.values, t2, wanted, (grid, costs, best), search_s)
 

@@ -17,6 +17,8 @@ from numba.core.caching import (
 _Loop = TypeVar("_Loop", bound=Callable[..., object])
 # Sums may be computed in another order; NaN stays NaN.
 _OPTIONS = {"fastmath": {"reassoc", "contract", "arcp", "nsz"}, "error_model": "numpy"}
+loops: list[Any] = []
+"""All loops of this process. Numba also compiles functions of its own inside them."""
 
 
 class _SharedFolder(UserWideCacheLocator):
@@ -48,6 +50,7 @@ def compiled(loop: _Loop) -> _Loop:
         dispatcher._cache = _Cache(loop)  # noqa: SLF001  as `cache=True`, which allows no other folders
     except RuntimeError:
         pass
+    loops.append(dispatcher)
     return dispatcher
 
 

@@ -1,14 +1,14 @@
 """Compiles the loops of `rig.tactile.slip.loops` ahead of the first contact."""
 
-import logging
 from functools import cache
 from typing import Any
 
 import numpy as np
 from numba.core.event import Listener, install_listener
 
+from drivers.progress import begin_work, count_steps
 from rig.tactile.slip.channel import MOST_KEYS, Channel, JointKey
-from rig.tactile.slip.compiled import is_cached
+from rig.tactile.slip.compiled import is_cached, loops
 from rig.tactile.slip.loops import align_alone, align_jointly, correlation_at, weights_of
 from rig.tactile.slip.texture import beyond_noise, summed_tensor
 
@@ -17,33 +17,30 @@ COMPILING_S = 20
 
 
 class _Report(Listener):
-    """Logs a message when the first loop is compiled; loops from the cache cause no event."""
+    """Names the work when the first loop is compiled; loops from the cache cause no event."""
 
     def __init__(self) -> None:
-        self.compiled = 0
+        self._compiled: int | None = None
 
     def on_start(self, event: Any) -> None:
-        """Count a loop that is compiled."""
-        del event
-        self.compiled += 1
-        if self.compiled == 1:
-            kept = (
-                "once per version"
-                if is_cached(align_alone)
-                else "no cache folder is writable: set NUMBA_CACHE_DIR"
-            )
-            text = "compiling the estimator, about %d s on an idle core; %s"
-            logging.getLogger(__name__).warning(text, COMPILING_S, kept)
+        """Name the work at the first loop."""
+        if self._compiled is None and event.data["dispatcher"] in loops:
+            self._compiled = 0
+            kept = "once per version" if is_cached(align_alone) else "each time: set NUMBA_CACHE_DIR"
+            begin_work(f"compiling the estimator, about {COMPILING_S} s on an idle core, {kept}")
 
     def on_end(self, event: Any) -> None:
-        """Ignore the end of a compilation."""
+        """Count a compiled loop."""
+        if event.data["dispatcher"] in loops:
+            self._compiled = (self._compiled or 0) + 1
+            count_steps(self._compiled, len(loops))
 
 
 @cache
 def compile_all() -> None:
     """Compile all loops or load them from the cache, so that the first contact on a bench causes no delay.
 
-    A warning is logged if something is compiled, and only then.
+    The display of the progress names this if something is compiled, and only then.
     """
     with install_listener("numba:compile", _Report()):
         _run_all()

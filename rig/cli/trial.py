@@ -233,8 +233,10 @@ def _prepare(
         f"{trial.simulated}bench '{config.name}', seed {bench.seed}, estimator {settings.estimator.name}"
         f"{reacting}, session {folder}"
     )
+    at_once = min(jobs, trial.wanted)
+    parallel = f", {at_once} at a time" if at_once > 1 else ""
     say(
-        f"{counted(trial.wanted, 'lift')} of {counted(len(objects), 'object')}, {jobs} at a time; "
+        f"{counted(trial.wanted, 'lift')} of {counted(len(objects), 'object')}{parallel}; "
         "the remaining time is shown from the first lift on"
     )
     begin_phase(f"preparing estimator {settings.estimator.name}")

@@ -7,6 +7,7 @@ in `rig.live.console.PlainConsole`.
 """
 
 import re
+import shutil
 import sys
 import threading
 import time
@@ -135,7 +136,8 @@ class _Phase:
             self._next_s = elapsed_s + (REFRESH_S if self._on_terminal else PLAIN_EVERY_S)
             text = plain(f"{self._name}: {self._progress(elapsed_s)}")
             self._updating = self._on_terminal
-            self._write(f"\r{text}\x1b[K" if self._on_terminal else f"{text}\n")
+            in_a_line = text[: shutil.get_terminal_size().columns - 1]  # a wrapped line could not be updated
+            self._write(f"\r{in_a_line}\x1b[K" if self._on_terminal else f"{text}\n")
 
     def _progress(self, elapsed_s: float) -> str:
         left = "" if self._left is None else left_text(self._left.counting_down())

@@ -12,8 +12,8 @@ from rig.tactile.slip.compiled import is_cached, loops
 from rig.tactile.slip.loops import align_alone, align_jointly, correlation_at, weights_of
 from rig.tactile.slip.texture import beyond_noise, summed_tensor
 
-COMPILING_S = 20
-"""Duration of the compilation on one idle core of 2026 (`compile_all` with an empty NUMBA_CACHE_DIR), s."""
+COMPILING_S = 25
+"""Duration of the compilation, s. It took 25 and 29 s of CPU time on a loaded host (empty NUMBA_CACHE_DIR)."""
 
 
 class _Report(Listener):
@@ -27,7 +27,7 @@ class _Report(Listener):
         if self._compiled is None and event.data["dispatcher"] in loops:
             self._compiled = 0
             kept = "once per version" if is_cached(align_alone) else "each time: set NUMBA_CACHE_DIR"
-            begin_work(f"compiling the estimator, about {COMPILING_S} s on an idle core, {kept}")
+            begin_work(f"compiling the estimator, about {COMPILING_S} s if a core is idle, {kept}")
 
     def on_end(self, event: Any) -> None:
         """Count a compiled loop."""

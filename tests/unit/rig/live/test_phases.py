@@ -75,6 +75,16 @@ def test_progress_updates_one_line_with_the_remaining_time_on_a_terminal(
     assert updates[-1] == "\x1b[K", "the line is removed at the end"
 
 
+def test_progress_is_cut_to_the_width_of_the_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("rig.live.screen.PROGRESS_S", 0.3)
+    monkeypatch.setenv("COLUMNS", "20")
+    monkeypatch.setattr("sys.stderr", screen := Terminal())
+    begin_phase("rendering the film of a long lift")
+    time.sleep(1.0)
+    end_phase(wait=True)
+    assert "\rrendering the film \x1b[K" in screen.getvalue()
+
+
 def test_phase_without_steps_prints_the_elapsed_time(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

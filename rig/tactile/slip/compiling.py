@@ -13,7 +13,7 @@ from rig.tactile.slip.loops import align_alone, align_jointly, correlation_at, w
 from rig.tactile.slip.texture import beyond_noise, summed_tensor
 
 COMPILING_S = 25
-"""Duration of the compilation, s. It took 25 and 29 s of CPU time on a loaded host (empty NUMBA_CACHE_DIR)."""
+"""Duration of the compilation, s; 25 and 29 s of CPU time on a loaded host, with an empty NUMBA_CACHE_DIR."""
 
 
 class _Report(Listener):

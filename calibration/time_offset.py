@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from calibration.timed_signal import FEWEST, TimedSignal
 from calibration.verdict import Assessment, limit
 from drivers.errors import counted
+from drivers.progress import steps
 
 Array = NDArray[np.floating]
 
@@ -73,7 +74,7 @@ def time_offset(first: TimedSignal, second: TimedSignal, search_s: float = 0.5) 
         return TimeOffset(Assessment(("nothing moved while this was recorded: wiggle by several degrees",)))
     streams = _Streams(t1, first.values, t2, wanted)
     grid = np.arange(-search_s, search_s + _GRID_S / 2, _GRID_S)
-    costs = np.array([_explained(t1, first.values, t2 + g, wanted)[0] for g in grid])
+    costs = np.array([_explained(t1, first.values, t2 + g, wanted)[0] for g in steps(grid)])
     minima = sorted((_refined(streams, float(grid[i])) for i in _valleys(costs)), key=lambda m: m.cost)
     return _result(streams, minima, search_s)
 

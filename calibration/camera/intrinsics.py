@@ -15,6 +15,7 @@ from calibration.camera.model import LENS_MODELS, CameraModel, LensModel
 from calibration.targets.boards import View, usable_views
 from calibration.verdict import Rejected
 from drivers.errors import CalibrationError
+from drivers.progress import steps
 
 Array = NDArray[np.floating]
 
@@ -90,7 +91,7 @@ def calibrate_camera(views: Sequence[View], folds: int = 5, keep_all: bool = Fal
     if not keep_all:
         good, bad = _without_bad_views(good)
         rejected += bad
-    held_out = {lens.name: held_out_error(good, lens, folds) for lens in LENS_MODELS}
+    held_out = {lens.name: held_out_error(good, lens, folds) for lens in steps(LENS_MODELS)}
     lens = _chosen(held_out)
     best = fit_camera(good, lens)
     finite = {name: error_px for name, error_px in held_out.items() if np.isfinite(error_px)}

@@ -13,6 +13,7 @@ from calibration.markers.tracker import MarkerTracker
 from calibration.targets.aruco import Refusal
 from drivers.errors import CalibrationError, InputError, counted
 from drivers.interfaces import Arm
+from drivers.progress import steps
 from drivers.types import ArmState, Frame
 from protocols.capture_touch import Stroke, Touch, capture_turning_by_hand, capture_wiggle
 from protocols.grasps import find_grasp_file
@@ -194,7 +195,7 @@ def most_alike(
     motion in common with the markers' angle, both together 99.9 %.
     """
     best, weights = np.inf, np.zeros(changes.shape[1])
-    for lag_s in np.arange(-MOST_LAG_S, MOST_LAG_S + LAG_STEP_S / 2, LAG_STEP_S):
+    for lag_s in steps(np.arange(-MOST_LAG_S, MOST_LAG_S + LAG_STEP_S / 2, LAG_STEP_S)):
         wanted = np.interp(time_ns + 1e9 * lag_s, reference_ns, reference)
         wanted -= wanted.mean()
         found, *_ = np.linalg.lstsq(changes, wanted, rcond=None)

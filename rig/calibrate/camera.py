@@ -15,6 +15,7 @@ from calibration.targets.boards import Target, View, coverage
 from calibration.verdict import Assessment, Rejected
 from drivers.errors import CalibrationError
 from drivers.images import read_image
+from drivers.progress import steps
 from drivers.types import Pose
 from rig.calibrate import figures
 from rig.calibrate.result import CalibrationResult, Picture, Thumbnail
@@ -26,7 +27,7 @@ def camera_from_folder(
 ) -> CalibrationResult:
     """Find the target in a folder's pictures and fit the camera. Raises `InputError`."""
     files = picture_files(folder, pattern)
-    found = {path.name: target.find(read_image(path, grey=True), path.name) for path in files}
+    found = {path.name: target.find(read_image(path, grey=True), path.name) for path in steps(files)}
     views = [view for view in found.values() if isinstance(view, View)]
     rejected = [Rejected(name, reason) for name, reason in found.items() if isinstance(reason, str)]
     serials, source = {"camera": serial}, str(folder)

@@ -8,6 +8,7 @@ from drivers.errors import InputError
 from rig.cli.common import emit_json, mark, report_broken, report_faults, say
 from rig.cli.declared import argument, file_place, folder_place, option
 from rig.cli.options import JsonOption, TopicOption
+from rig.live.screen import begin_phase
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -173,7 +174,6 @@ def _series(source: SourceOptions, run: "Estimation", to: ResultOptions, gel: Pa
     from rig.frames.estimation import EstimatedSeries
     from rig.frames.gel_height import read_scale
     from rig.frames.series import read_frames
-    from rig.live.screen import begin_phase
 
     path = source.frames
     if source.sensor is not None:
@@ -201,6 +201,7 @@ def _recording(source: SourceOptions, run: "Estimation", to: ResultOptions) -> N
     path = source.frames
     shown, samples, figures = [], [], []
     for tip in of_sensor(recording_frames(path), source.sensor):
+        begin_phase(f"estimating {tip.serial} with {run.choice.name}")
         done = run.of_sensor(tip)
         shown.append(EstimatedSeries(tip.serial, tip.frames, done, tip.sign))
         samples += [{**row, "sensor": tip.serial} for row in rows(done.estimate)]
@@ -224,6 +225,7 @@ def _session(source: SourceOptions, run: "Estimation", to: ResultOptions) -> Non
     lifts, faults = [], []
     tips, problems = session_frames(path)
     for tip in of_sensor(tips, source.sensor):
+        begin_phase(f"estimating lift {tip.lift}, {tip.serial}, with {run.choice.name}")
         done = run.of_sensor(tip)
         file = out / f"{tip.lift}_{tip.serial}.csv"
         _write(file, table(rows(done.estimate)))
@@ -261,6 +263,7 @@ def _page(
     from rig.report.write import write_page
 
     about = f"Estimator {run.choice.name}; {', '.join(dict.fromkeys(one.done.background for one in shown))}."
+    begin_phase("writing the page")
     write_page(page, estimate_page(shown, source.name, about, simulated))
     say(f"page: {page}")
 

@@ -8,9 +8,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from drivers.errors import InputError, SessionError, counted
+from drivers.progress import steps
 from rig.cli.common import emit_json, say
 from rig.cli.declared import argument, file_place, option
 from rig.cli.options import JsonOption
+from rig.live.screen import begin_phase, end_phase
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -135,7 +137,6 @@ def _selected(options: ListOptions) -> "list[SessionEntry]":
 
 def _listed(folder: Path, check: bool | None) -> "list[SessionEntry]":
     from rig.experiments.process_pool import run_tasks
-    from rig.live.screen import end_phase
     from rig.results.listing import find_sessions, list_sessions
 
     found = find_sessions(folder)
@@ -144,8 +145,10 @@ def _listed(folder: Path, check: bool | None) -> "list[SessionEntry]":
     quick = len(found) > MOST_CHECKED if check is None else not check
     jobs = (os.cpu_count() or 1) if len(found) >= SIDE_BY_SIDE else 1
     portions = [found[i : i + AT_ONCE] for i in range(0, len(found), AT_ONCE)]
-    end_phase(wait=True)  # workers are forks, and a fork must not copy a running thread
-    listed = run_tasks(partial(list_sessions, quick=quick), portions, jobs, fork=True)
+    end_phase(wait=True)
+    begin_phase("reading the sessions", ticking=False)  # workers are forks, which must not copy a thread
+    count = len(portions)
+    listed = steps(run_tasks(partial(list_sessions, quick=quick), portions, jobs, fork=True), count)
     return sorted((entry for _, entries in listed for entry in entries), key=lambda entry: entry.folder)
 
 
@@ -153,6 +156,7 @@ def _write_pages(options: ListOptions, entries: "list[SessionEntry]") -> None:
     """Write the pages of --wear and --page. Without --wear, --page shows wear only of few sessions."""
     if not (options.wear or options.page):
         return
+    begin_phase("writing the pages")
     from rig.report.sessions_page import write_sessions
     from rig.report.wear import read_wear
     from rig.report.wear_page import write_wear

@@ -11,6 +11,7 @@ from rig.cli.declared import argument, option
 from rig.cli.options import BenchOptions, JsonOption
 from rig.cli.watching import dry_run
 from rig.live.questions import ask, press, waited
+from rig.live.screen import begin_phase
 
 if TYPE_CHECKING:
     from rig.calibrate.teaching import Lesson, TaughtPosition
@@ -77,6 +78,7 @@ def _teach(file: Path, lesson: "Lesson", bench: BenchOptions, json: bool) -> Non
     if bench.dry:
         dry_run(lesson.config, teaching_plan(lesson), json)
     person = ConsoleOperator(ask, agreed=bench.yes, wait=waited, press=press)
+    begin_phase("preparing the bench")
     found = teach(lesson, person, say, bench.seed)
     written = _written(file, found, bench.yes)
     figures = {

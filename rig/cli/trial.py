@@ -25,6 +25,7 @@ from rig.cli.resuming import (
 from rig.cli.watching import Work, dry_run, foxglove_server, watched
 from rig.live.onlookers import telling
 from rig.live.questions import ask
+from rig.live.screen import begin_phase
 
 if TYPE_CHECKING:
     from rig.bench.plan import Plan
@@ -245,6 +246,14 @@ def _prepare(
         f"{trial.simulated}bench '{config.name}', seed {bench.seed}, estimator {settings.estimator.name}"
         f"{reacting}, session {folder}"
     )
+    at_once = min(jobs, trial.wanted)
+    parallel = f", {at_once} at a time" if at_once > 1 else ""
+    say(
+        f"{counted(trial.wanted, 'lift')} of {counted(len(objects), 'object')}{parallel}; "
+        "the remaining time is shown from the first lift on"
+    )
+    begin_phase(f"preparing estimator {settings.estimator.name}")
+    settings.estimator.try_making()
     if stored is None:
         return trial
     return replace(trial, done=say_done(folder, trial.wanted), usual_s=usual_lift_s(folder, jobs))
@@ -260,12 +269,9 @@ def _settings(
     from protocols.reaction import ReactionKind
     from rig.experiments.lift_plan import TrialSettings
     from rig.lift.slip_watch import SlipSettings
-    from rig.live.screen import begin_phase
     from rig.tactile.estimators import choose_estimator
 
     choice = choose_estimator(estimator.estimator, estimator.window, not estimator.no_skip)
-    begin_phase(f"preparing estimator {choice.name}")
-    choice.try_making()
     slip = SlipSettings(reaction.false_alarms_per_hour, reaction.max_turn_deg)
     return TrialSettings(config, seed, choice, what.realtime, ReactionKind(reaction.react), slip)
 

@@ -13,6 +13,7 @@ import typer
 from rig.cli.common import say
 from rig.cli.options import WatchOptions
 from rig.live.onlookers import looking_on, report_to
+from rig.live.screen import begin_phase
 
 if TYPE_CHECKING:
     from rig.live.feed import Listener
@@ -92,6 +93,7 @@ def dry_run(config: "BenchConfig", plan: "Plan", json: bool) -> None:
     from rig.bench.reading import read_devices
     from rig.bench.source import unconnected_bench
 
+    begin_phase("reading the devices")
     with unconnected_bench(config) as bench:
         readings = read_devices(bench)
     silent = [reading for reading in readings if reading.problem]

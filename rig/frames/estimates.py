@@ -10,6 +10,7 @@ from typing import Protocol
 import numpy as np
 
 from drivers.errors import InputError
+from drivers.progress import steps
 from drivers.types import ArmState, Image
 from rig.frames.series import TimedFrame
 from rig.frames.slip_alarm import STABLE_FRAMES, slips
@@ -134,7 +135,7 @@ def estimate_together(
 
 def estimate_series(series: Iterable[TimedFrame], estimator: TactileEstimator) -> tuple[Answer, ...]:
     """Estimate every frame in order; a frame that cannot be read is `lost`. Raises `InputError`."""
-    frames, shown = tee(series)
+    frames, shown = tee(steps(series, series.count))
     pairs = zip(frames, estimate_frames(estimator, shown), strict=True)
     return tuple(Answer(frame.time, timed.sample, timed.cost_s) for frame, timed in pairs)
 

@@ -61,7 +61,8 @@ class FrameSeries:
     """Frames in order; iterating reads them again each time.
 
     notes: assumptions and problems, for the user. empty: returns the frame without contact, if the dataset
-    provides it. simulated: whether a simulated sensor made them.
+    provides it. simulated: whether a simulated sensor made them. count: number of frames, if it is known without
+    reading them.
     """
 
     name: str
@@ -69,6 +70,7 @@ class FrameSeries:
     notes: tuple[str, ...] = ()
     empty: Callable[[], Image | None] | None = None
     simulated: bool = False
+    count: int | None = None
 
     def __iter__(self) -> Iterator[TimedFrame]:
         """Read the frames. Raises `InputError` at the first one of another size."""
@@ -221,7 +223,7 @@ def _image_series(path: Path, timestamps: Path | None, fps: float | None) -> Fra
         return (TimedFrame(f.name, t, load_image(f)) for f, t in zip(files, times, strict=True))
 
     notes = ("SIMULATED frames", *notes) if simulated else notes
-    return FrameSeries(str(path), read, notes, simulated=simulated)
+    return FrameSeries(str(path), read, notes, simulated=simulated, count=len(files))
 
 
 def _image_files(folder: Path) -> list[Path]:
@@ -247,7 +249,7 @@ def _video_series(path: Path, timestamps: Path | None, fps: float | None) -> Fra
         for index, (image, time) in enumerate(zip(_video_images(path), times, strict=False)):
             yield TimedFrame(str(index), time, image)
 
-    return FrameSeries(str(path), read, notes)
+    return FrameSeries(str(path), read, notes, count=count)
 
 
 def _array_series(path: Path, timestamps: Path | None, fps: float | None) -> FrameSeries:
@@ -260,7 +262,7 @@ def _array_series(path: Path, timestamps: Path | None, fps: float | None) -> Fra
 
     note = f"{path}: {counted(count, 'frame')} of {width} x {height} px, assumed to be RGB"
     notes = (note, RATE_ASSUMED) if timestamps is None and fps is None else (note,)
-    return FrameSeries(str(path), read, notes)
+    return FrameSeries(str(path), read, notes, count=count)
 
 
 def _ros_series(path: Path, topic: str) -> FrameSeries:
@@ -291,7 +293,7 @@ def _bag_series(path: Path, finger: str, timestamps: Path | None, fps: float | N
 
     note = f"finger {finger}; {RATE_ASSUMED}"
     notes = (note,) if timestamps is None and fps is None else ()
-    return FrameSeries(f"{path}:{finger}", read, notes, bag.background)
+    return FrameSeries(f"{path}:{finger}", read, notes, bag.background, len(names))
 
 
 def _times(names: list[str], table: Path | None, fps: float) -> list[FrameTime]:

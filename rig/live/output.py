@@ -30,6 +30,11 @@ class Output:
         """The last characters that were written."""
         return self._newest
 
+    @property
+    def bare(self) -> TextIO:
+        """The stream itself. Writing to it does not end a phase."""
+        return self._stream
+
     def __getattr__(self, name: str) -> Any:
         return getattr(self._stream, name)
 

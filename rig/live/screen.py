@@ -1,4 +1,4 @@
-"""The terminal's output: escaped text, names of silent phases, and displays that are hidden during questions.
+"""The terminal's output: escaped text, progress of silent phases, displays that are hidden during questions.
 
 Names, notes, tags and paths come from files of unknown origin. Escape sequences in them could move the
 cursor, hide or rewrite lines, and set the clipboard; bidirectional controls change the displayed order of a
@@ -7,11 +7,16 @@ in `rig.live.console.PlainConsole`.
 """
 
 import re
+import shutil
 import sys
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, Any
+
+from drivers.progress import Display, show_on
+from rig.live.time_left import TimeLeft, left_text
 
 if TYPE_CHECKING:
     from rich.live import Live
@@ -23,7 +28,13 @@ _ACTING = re.compile(
 """C0 (except tab and line end), DEL, C1, bidirectional, invisible and tag characters, surrogates."""
 SILENT_S = 0.4
 """Time without output after which a phase's name is printed, so that a command prints within a second."""
-_pending: threading.Timer | None = None
+PROGRESS_S = 2.0
+"""Time after which a silent phase shows its progress on a terminal."""
+REFRESH_S = 0.5
+"""Time between two updates of the progress on a terminal."""
+PLAIN_EVERY_S = 10.0
+"""Time between two lines of progress in other output."""
+_phase: "_Phase | None" = None
 _shown: "list[Live]" = []
 """The displays of this process that are on the terminal now."""
 
@@ -65,36 +76,109 @@ class PlainStream:
         return len(text)
 
 
-def begin_phase(name: str) -> None:
-    """Print a phase's name on stderr if nothing else is printed within `SILENT_S`.
+class _Phase:
+    """A silent phase: prints its name, and from `PROGRESS_S` on its progress and the remaining time.
 
-    The previous phase ends. name: description of the work, such as "writing the report".
+    On a terminal one line is updated; in other output a line is printed every `PLAIN_EVERY_S`. A thread does
+    this while nothing is counted. ticking: without it, lines are printed only when a step is counted.
     """
-    global _pending
+
+    def __init__(self, name: str, ticking: bool) -> None:
+        self._name, self._began = name, time.monotonic()
+        stream = drawn_stream(sys.stderr)
+        self._stream = getattr(stream, "bare", stream)  # writing to an `Output` ends the phase
+        self._on_terminal = self._stream.isatty()
+        self._next_s, self._updating, self._named = SILENT_S, False, not ticking
+        if not ticking:
+            self._next_s = PROGRESS_S if self._on_terminal else PLAIN_EVERY_S
+        self._left: TimeLeft | None = None
+        self._counted = 0
+        self._lock, self._ended = threading.RLock(), threading.Event()
+        self.thread = threading.Thread(target=self._tick, daemon=True) if ticking else None
+        if self.thread is not None:
+            self.thread.start()
+
+    def count(self, done: int, total: int | None) -> None:
+        """Note the number of finished steps and of all steps, None if unknown."""
+        with self._lock:
+            if total is None:
+                self._left = None
+            elif self._left is None or done == 0:
+                self._left = TimeLeft(total, done)
+            if self._left is not None and done:
+                self._left.piece_done(done, self._left.total)
+            self._counted = done
+        self._print_if_due()
+
+    def end(self) -> None:
+        """Remove the line from a terminal. Nothing is printed afterwards."""
+        with self._lock:
+            self._ended.set()
+            if self._updating:
+                self._write("\r\x1b[K")
+
+    def _tick(self) -> None:
+        while not self._ended.wait(max(self._next_s - self._elapsed_s(), 0.01)):
+            self._print_if_due()
+
+    def _elapsed_s(self) -> float:
+        return time.monotonic() - self._began
+
+    def _print_if_due(self) -> None:
+        with self._lock:
+            elapsed_s = self._elapsed_s()
+            if self._ended.is_set() or elapsed_s < self._next_s:
+                return
+            if not self._named:
+                self._named, self._next_s = True, PROGRESS_S if self._on_terminal else PLAIN_EVERY_S
+                self._write(f"{plain(self._name)} ...\n")
+                return
+            self._next_s = elapsed_s + (REFRESH_S if self._on_terminal else PLAIN_EVERY_S)
+            text = plain(f"{self._name}: {self._progress(elapsed_s)}")
+            self._updating = self._on_terminal
+            in_a_line = text[: shutil.get_terminal_size().columns - 1]  # a wrapped line could not be updated
+            self._write(f"\r{in_a_line}\x1b[K" if self._on_terminal else f"{text}\n")
+
+    def _progress(self, elapsed_s: float) -> str:
+        left = "" if self._left is None else left_text(self._left.counting_down())
+        if self._left is None:
+            counted = f"{self._counted} done, " if self._counted else ""
+            return f"{counted}{elapsed_s:.0f} s so far"
+        return f"{self._counted} of {self._left.total}, {left or f'{elapsed_s:.0f} s so far'}"
+
+    def _write(self, text: str) -> None:
+        with suppress(OSError, ValueError):  # the reader has gone
+            self._stream.write(text)
+            self._stream.flush()
+
+
+def begin_phase(name: str, ticking: bool = True) -> None:
+    """Show a phase's name and progress on stderr while nothing else is printed. The previous phase ends.
+
+    name: description of the work, such as "writing the report". Loops of the phase count their steps with
+    `drivers.progress.steps`. ticking: False if the phase forks, because a fork must not copy a thread.
+    """
+    global _phase
     end_phase()
-    _pending = threading.Timer(SILENT_S, _print_name, [name])
-    _pending.daemon = True
-    _pending.start()
+    _phase = _Phase(name, ticking)
+    show_on(Display(begin_phase, _phase.count))
 
 
 def end_phase(wait: bool = False) -> None:
     """End the phase, as any other output does. wait: join its thread, as needed before a fork."""
-    global _pending
-    timer, _pending = _pending, None
-    if timer is not None:
-        timer.cancel()
-        if wait:
-            timer.join()
-
-
-def _print_name(name: str) -> None:
-    with suppress(OSError, ValueError):  # the reader has gone
-        print(f"{name} ...", file=sys.stderr, flush=True)
+    global _phase
+    phase, _phase = _phase, None
+    if phase is not None:
+        show_on(None)
+        phase.end()
+        if wait and phase.thread is not None:
+            phase.thread.join()
 
 
 @contextmanager
 def shown(display: "Live") -> Iterator[None]:
     """Show a display, and register it meanwhile, so that `set_aside` can hide it."""
+    end_phase()
     _start(display)
     _shown.append(display)
     try:

@@ -27,7 +27,7 @@ from drivers.errors import without_values
 from rig.live.console import PlainConsole
 from rig.live.feed import Inbox
 from rig.live.lift_in_view import LiftInView
-from rig.live.screen import begin_phase, shown
+from rig.live.screen import begin_phase, end_phase, shown
 from rig.live.time_left import TimeLeft, left_text
 from rig.sessions.records import LiftRow
 
@@ -65,6 +65,7 @@ class WorkProgress:
         return self
 
     def __exit__(self, *_: object) -> None:
+        end_phase()
         self._shown.close()
 
     def show(self, done: int, total: int, note: str) -> None:
@@ -134,7 +135,7 @@ class TrainingView:
         self._bar.update(self._task, description=text, completed=share)
         if "loss" in text:
             self._bar.console.print(text, highlight=False)
-        elif text != self._phase:
+        elif text != self._phase and not self._bar.console.is_terminal:
             self._phase = text
             begin_phase(text)
 

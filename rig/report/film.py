@@ -10,6 +10,7 @@ import numpy as np
 
 from drivers.clock import NS_PER_S
 from drivers.errors import InputError, SessionError
+from drivers.progress import steps
 from drivers.types import Image
 from protocols.reaction import ReactionKind
 from rig.frames.estimation import EstimatedSeries
@@ -123,7 +124,7 @@ def _pictures(scenes: Sequence[_Scene], step_s: float) -> Iterator[Image]:
     starts, ends = zip(*(shown_range(scene.curves) for scene in scenes), strict=True)
     if max(ends) - min(starts) > MOST_PICTURES * step_s:
         raise InputError(f"the film would have more than {MOST_PICTURES} pictures: give a higher --speed")
-    for time_s in np.arange(min(starts), max(ends), step_s):
+    for time_s in steps(np.arange(min(starts), max(ends), step_s)):
         rows = [_picture(scene, float(time_s)) for scene in scenes]
         width = max(row.shape[1] for row in rows)
         legend = _legend(width, any(scene.curves.phases_s for scene in scenes))

@@ -11,6 +11,7 @@ from google.protobuf.message import DecodeError
 
 from drivers.clock import NS_PER_S
 from drivers.errors import InputError, RigError, SessionError, counted
+from drivers.progress import steps
 from protocols.observer import Phase
 from rig.report.curves import Curve, LiftCurves
 from rig.report.parts import Notice, joined
@@ -86,7 +87,7 @@ def read_trial(folder: Path, manifest: TrialManifest) -> Trial:
     rows, problems = read_usable(folder / RESULTS["trial"], LIFTS)
     timing = read_timing(folder)
     lifts, damaged = [], []
-    for row in sorted(finished(rows), key=lambda row: row.number):
+    for row in steps(sorted(finished(rows), key=lambda row: row.number)):
         try:
             lifts.append(_read_lift(folder, row, manifest))
         except UNREADABLE as error:

@@ -7,6 +7,7 @@ from datetime import UTC, datetime
 import numpy as np
 
 from drivers.errors import counted
+from drivers.progress import steps
 from rig.pages.page import render
 from rig.report.advice import trial_notices
 from rig.report.calibrations import calibration_table
@@ -192,7 +193,8 @@ def _with_strips(trial: Trial, lift: Lift, curves: LiftCurves) -> dict[str, obje
 
 
 def _charts_of_lifts(trial: Trial) -> list[Chart]:
-    return [_chart_of_lift(trial, lift, lift.curves) for lift in trial.lifts if lift.curves is not None]
+    lifts = steps(trial.lifts)
+    return [_chart_of_lift(trial, lift, lift.curves) for lift in lifts if lift.curves is not None]
 
 
 def _chart_of_lift(trial: Trial, lift: Lift, curves: LiftCurves) -> Chart:

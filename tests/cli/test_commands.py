@@ -9,6 +9,8 @@ from types import SimpleNamespace
 
 import pytest
 
+from drivers.errors import EstimatorError
+from rig.tactile.estimators import EstimatorChoice
 from support.benches import real_bench_file
 from support.command_line import rig
 
@@ -53,6 +55,20 @@ def test_trial_prints_one_json_object_and_is_marked_simulated(
     assert figures["report"] == str(session / "report.html")
     assert "SIMULATED" in (session / "report.html").read_text()
     assert json.loads((session / "session.json").read_text())["simulated"] is True
+
+
+def test_trial_prints_its_extent_before_it_prepares_the_estimator(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(_: EstimatorChoice) -> None:
+        raise EstimatorError("not prepared")
+
+    monkeypatch.setattr(EstimatorChoice, "try_making", fail)
+    done = rig("trial", "--lifts", "5", "--jobs", "2", "--out", tmp_path / "trial")
+    said = [line for line in done.stderr.splitlines() if not line.startswith(("loading", "SIMULATED"))]
+    assert said[0].startswith("45 lifts of 9 objects, 2 at a time; the remaining time is shown from")
+    assert said[-1] == "rig: not prepared"
+    assert not (tmp_path / "trial").exists()
 
 
 def test_missed_limit_exits_with_4_and_keeps_the_session(same_trial: tuple[object, ...]) -> None:

@@ -1,0 +1,94 @@
+"""The cache of compiled loops, and the message about compiling."""
+
+import importlib.util
+import logging
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numba
+import pytest
+from numba.core.event import install_listener
+
+from rig.tactile.slip.compiled import is_cached
+from rig.tactile.slip.compiling import _Report, compile_all
+
+MODULE = "installed_loops"
+TEXT = """
+from rig.tactile.slip.compiled import compiled
+
+@compiled
+def doubled(value):
+    return 2.0 * value
+"""
+
+
+@pytest.fixture(autouse=True)
+def user_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    monkeypatch.setattr(numba.config, "CACHE_DIR", "")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    yield tmp_path / "cache"
+    sys.modules.pop(MODULE, None)
+
+
+def installed(folder: Path) -> Any:
+    """Return the loop of an installation in that folder."""
+    folder.mkdir(exist_ok=True)
+    (folder / f"{MODULE}.py").write_text(TEXT)
+    spec = importlib.util.spec_from_file_location(MODULE, folder / f"{MODULE}.py")
+    assert spec is not None
+    assert spec.loader is not None
+    sys.modules[MODULE] = module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module.doubled
+
+
+def test_second_installation_uses_the_loops_of_the_first(tmp_path: Path, user_cache: Path) -> None:
+    for folder, compiled in (("first", 1), ("second", 0)):
+        loop = installed(tmp_path / folder)
+        assert loop(2.0) == 4.0
+        assert (sum(loop.stats.cache_misses.values()), sum(loop.stats.cache_hits.values())) == (
+            compiled, 1 - compiled,
+        )  # fmt: skip
+        assert Path(loop.stats.cache_path).parent == user_cache / "numba"
+
+
+def test_changed_loops_are_compiled_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert installed(tmp_path / "first")(2.0) == 4.0
+    monkeypatch.setitem(globals(), "TEXT", TEXT.replace("2.0", "3.0"))
+    assert installed(tmp_path / "second")(2.0) == 6.0
+
+
+def test_folder_of_the_file_is_used_if_the_users_cache_is_not_writable(
+    tmp_path: Path, user_cache: Path
+) -> None:
+    user_cache.touch()  # a file, so that no folder can be made
+    loop = installed(tmp_path / "first")
+    assert Path(loop.stats.cache_path) == tmp_path / "first" / "__pycache__"
+
+
+def test_loop_is_compiled_without_a_writable_folder(tmp_path: Path, user_cache: Path) -> None:
+    user_cache.touch()
+    (tmp_path / "first").mkdir()
+    (tmp_path / "first" / "__pycache__").touch()
+    loop = installed(tmp_path / "first")
+    assert not is_cached(loop)
+    assert loop(2.0) == 4.0
+
+
+def test_compiling_is_reported_once_and_only_if_something_is_compiled(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    with caplog.at_level(logging.WARNING):
+        for folder, messages in (("first", 1), ("second", 1)):
+            with install_listener("numba:compile", _Report()):
+                installed(tmp_path / folder)(2.0)
+                assert len(caplog.messages) == messages
+    assert caplog.messages[0].startswith("compiling the estimator, about 25 s if a core is idle, once")
+
+
+def test_cached_loops_of_the_estimator_cause_no_message(caplog: pytest.LogCaptureFixture) -> None:
+    compile_all.cache_clear()
+    compile_all()
+    assert not caplog.messages

@@ -79,7 +79,7 @@ def trial_table(summary: "TrialSummary", simulated: str, wall_s: float, to_stder
     console.print(object_table(summary, simulated, summary.reacting.kind if summary.reacting else "none"))
     console.print(
         f"{simulated}MARE over phase B {mare_text(summary.mare_b)}; paper, on its real bench: 1.85 ± 0.96; "
-        f"refused frames held {mare_text(summary.mare_held)}"
+        f"if refused frames keep the last angle: {mare_text(summary.mare_held)}"
     )
     console.print(turn_distribution(summary))
     if summary.reacting:

@@ -111,7 +111,7 @@ class SeriesEstimate:
         )
         return (
             f"{counted(found.frames, 'frame')}, {found.answered} answered, refused: {refused}; "
-            f"angles from {self.angles_from}; zero: {found.reference}{zero}{slip}; "
+            f"angles from {self.angles_from}; 0 degrees is {found.reference}{zero}{slip}; "
             f"{found.median_ms} ms per frame (p99 {found.p99_ms})"
         )
 

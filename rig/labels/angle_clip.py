@@ -63,7 +63,7 @@ def choose_frames(
     seen = (
         f"a contact is seen in frames {touching[0]} to {touching[-1]}" if touching else "no contact is seen"
     )
-    asked = why if reference is None else "as asked"
+    asked = why if reference is None else "as given"
     note = (
         f"{seen}; reference: frame {frames[0]} ({asked}); {counted(len(frames), 'frame')} to label, "
         f"up to {frames[-1]}"

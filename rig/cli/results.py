@@ -67,7 +67,7 @@ def print_results(rows: "list[ReplayRow]", by: By, to_stderr: bool) -> None:
 
 
 def trial_table(summary: "TrialSummary", simulated: str, wall_s: float, to_stderr: bool = False) -> None:
-    """Print the paper's table per object, then the figures of the whole trial.
+    """Print the table of errors per object, then the figures of the whole trial.
 
     simulated: prefix of printed results, as of `mark`. wall_s: run time.
     """
@@ -88,7 +88,7 @@ def trial_table(summary: "TrialSummary", simulated: str, wall_s: float, to_stder
 
 
 def object_table(summary: "TrialSummary", simulated: str, react: str = "none") -> "Table":
-    """Return the paper's table per object.
+    """Return the table of errors per object.
 
     simulated: prefix of the title, as of `mark`. react: name of the reaction to slip.
     """

@@ -72,7 +72,7 @@ def trial_page(trial: Trial, now: datetime | None = None, other: Trial | None = 
 
 
 def object_table(summary: TrialSummary) -> Table:
-    """Return the paper's table: error per object over B, and over B and C."""
+    """Return the table of the error per object over B, and over B and C."""
     columns = (
         "object",
         "MARE in B, °",

@@ -17,6 +17,8 @@ from calibration.verdict import Assessment, floor
 
 Array = NDArray[np.floating]
 
+LEAST_TURN_DEG, LEAST_RATIO, LEAST_GAP = 20.0, 0.2, 1e-2
+"""Smallest `max_angle_deg`, `translation_ratio` and `rotation_gap` of a good calibration."""
 _HINT = "turn the tool by 30 degrees and more about two axes at least, between still poses"
 
 
@@ -72,14 +74,17 @@ def assess_motion(seen: Observability) -> Assessment:
         reason = f"all rotations are about parallel axes: {_HINT}"
     else:
         return (
-            floor(seen.max_angle_deg, 20.0, 5.0, "the tool rotated by at most {value:.1f} degrees: " + _HINT)
+            floor(
+                seen.max_angle_deg, LEAST_TURN_DEG, 5.0,
+                "the tool rotated by at most {value:.1f} degrees: " + _HINT,
+            )
             + floor(
-                seen.translation_ratio, 0.2, 0.01,
+                seen.translation_ratio, LEAST_RATIO, 0.01,
                 "rotations are about nearly parallel axes (ratio {value:.2f}): " + _HINT,
                 "how far the axes of rotation differ, as a ratio: {value:.2f}",
             )
             + floor(
-                seen.rotation_gap, 1e-2, 1e-4,
+                seen.rotation_gap, LEAST_GAP, 1e-4,
                 "the rotation is weakly determined (gap {value:.2g}): " + _HINT,
                 "how well the rotations determine the orientation, as a gap of eigenvalues: {value:.2g}",
             )

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from functools import partial
 
 from drivers.bench import Bench
-from drivers.errors import DeviceError
+from drivers.errors import DeviceError, counted
 from drivers.interfaces import Arm, FrameSource, Gripper
 
 FIRST_FRAME_S = 5.0
@@ -36,7 +36,7 @@ def require_read(readings: list[Reading]) -> None:
     problems = [reading.problem for reading in readings if reading.problem]
     if problems:
         raise DeviceError(
-            f"{len(problems)} of {len(readings)} devices cannot be read, nothing was started: "
+            f"{len(problems)} of {counted(len(readings), 'device')} cannot be read, nothing was started: "
             f"{'; '.join(problems)}; rig doctor gives details"
         )
 

@@ -5,8 +5,10 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calibration.camera.model import CameraModel
+from calibration.hand_eye.closed_form import LEAST_GAP, LEAST_RATIO, LEAST_TURN_DEG
 from calibration.hand_eye.pose_pairs import PoseSample
 from calibration.hand_eye.pose_solve import PosePairResult, calibrate_pose_pairs
 from calibration.hand_eye.samples import HandEyeSample, Setup
@@ -175,13 +177,14 @@ def _numbers(result: HandEyeResult) -> dict[str, str]:
     camera_mm, camera_deg = 1e3 * spread.camera_sigma_m, np.degrees(spread.camera_sigma_rad)
     return {
         **_pose_numbers(result.pose, f"{parent}_T_{child}, position"),
-        "one sigma, position": " / ".join(f"{v:.2f}" for v in mm) + " mm",
-        "one sigma, orientation": " / ".join(f"{v:.3f}" for v in deg) + " degrees",
+        "one sigma of the position": f"{_axes(mm, 2)} mm",
+        "one sigma of the orientation": f"{_axes(deg, 3)} degrees",
         "of that from the camera": f"{np.linalg.norm(camera_mm):.2f} mm, "
         f"{np.linalg.norm(camera_deg):.3f} degrees",
         "samples used are missed by": f"{result.rms_px:.2f} px, left out by {spread.held_out_rms_px:.2f} px",
-        "observability": f"turns up to {result.motion.max_angle_deg:.0f} degrees, ratio "
-        f"{result.motion.translation_ratio:.2f}, gap {result.motion.rotation_gap:.2g}",
+        "rotation of the poses": f"{result.motion.max_angle_deg:.0f} degrees (limit {LEAST_TURN_DEG:g}), "
+        f"about different axes {result.motion.translation_ratio:.2f} (limit {LEAST_RATIO:g}), "
+        f"gap {result.motion.rotation_gap:.2g} (limit {LEAST_GAP:g})",
     }
 
 
@@ -198,18 +201,23 @@ def _pair_figures(result: PosePairResult) -> tuple[dict[str, object], dict[str, 
     robot, seen = result.sigmas[:2], result.sigmas[2:]
     return quality, {
         **_pose_numbers(result.pose, "position"),
-        "one sigma, position": " / ".join(f"{1e3 * v:.2f}" for v in sigma[3:]) + " mm",
-        "one sigma, orientation": " / ".join(f"{np.degrees(v):.3f}" for v in sigma[:3]) + " degrees",
+        "one sigma of the position": f"{_axes(1e3 * sigma[3:], 2)} mm",
+        "one sigma of the orientation": f"{_axes(np.degrees(sigma[:3]), 3)} degrees",
         "noise found, robot": f"{np.degrees(robot[0]):.3f} degrees, {1e3 * robot[1]:.2f} mm",
         "noise found, target's pose": f"tilt {np.degrees(seen[0]):.3f}, turn {np.degrees(seen[1]):.3f} "
         f"degrees, across {1e3 * seen[2]:.2f}, depth {1e3 * seen[3]:.2f} mm",
     }
 
 
+def _axes(values: NDArray[np.floating], digits: int) -> str:
+    """Return three values by axis as text. digits: decimals."""
+    return ", ".join(f"{axis} {value:.{digits}f}" for axis, value in zip("xyz", values, strict=True))
+
+
 def _pose_numbers(pose: Pose, name: str) -> dict[str, str]:
     return {
-        name: ", ".join(f"{v:.5f}" for v in pose.position_m) + " m",
-        "orientation (xyzw)": ", ".join(f"{v:.6f}" for v in pose.quaternion_xyzw),
+        name: ", ".join(f"{axis} {v:.5f}" for axis, v in zip("xyz", pose.position_m, strict=True)) + " m",
+        "orientation, quaternion x, y, z, w": ", ".join(f"{v:.6f}" for v in pose.quaternion_xyzw),
     }
 
 

@@ -67,7 +67,7 @@ def print_results(rows: "list[ReplayRow]", by: By, to_stderr: bool) -> None:
 
 
 def trial_table(summary: "TrialSummary", simulated: str, wall_s: float, to_stderr: bool = False) -> None:
-    """Print the paper's table per object, then the figures of the whole trial.
+    """Print the table of errors per object, then the figures of the whole trial.
 
     simulated: prefix of printed results, as of `mark`. wall_s: run time.
     """
@@ -79,7 +79,7 @@ def trial_table(summary: "TrialSummary", simulated: str, wall_s: float, to_stder
     console.print(object_table(summary, simulated, summary.reacting.kind if summary.reacting else "none"))
     console.print(
         f"{simulated}MARE over phase B {mare_text(summary.mare_b)}; paper, on its real bench: 1.85 ± 0.96; "
-        f"refused frames held {mare_text(summary.mare_held)}"
+        f"if refused frames keep the last angle: {mare_text(summary.mare_held)}"
     )
     console.print(turn_distribution(summary))
     if summary.reacting:
@@ -88,7 +88,7 @@ def trial_table(summary: "TrialSummary", simulated: str, wall_s: float, to_stder
 
 
 def object_table(summary: "TrialSummary", simulated: str, react: str = "none") -> "Table":
-    """Return the paper's table per object.
+    """Return the table of errors per object.
 
     simulated: prefix of the title, as of `mark`. react: name of the reaction to slip.
     """

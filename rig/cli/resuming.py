@@ -65,7 +65,7 @@ def _stored_bench(folder: Path, config: "BenchConfig") -> "BenchConfig":
         raise InputError(
             f"{folder}: the stored bench '{config.name}' cannot be used: {why}: add --bench FILE"
         )
-    say(f"bench '{config.name}' as stored in {folder}")
+    print(f"bench '{config.name}' as stored in {folder}", file=sys.stderr, flush=True)
     return config
 
 

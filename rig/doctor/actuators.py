@@ -39,7 +39,7 @@ def look_at_arm(bench: Bench, config: ArmConfig, duration_s: float) -> list[Find
         if config.driver == "ur5e":
             findings += _stream(bench.arm, bench.clock, config.frequency_hz, duration_s)
     except RigError as error:
-        findings.append(Finding("arm", "state stream", Severity.FAILURE, str(error), "see the message"))
+        findings.append(Finding("arm", "state stream", Severity.FAILURE, str(error)))
     return findings
 
 
@@ -58,7 +58,7 @@ def look_at_gripper(bench: Bench, duration_s: float) -> list[Finding]:
     try:
         return findings + _requests(bench.gripper, bench.clock, duration_s)
     except RigError as error:
-        return [*findings, Finding("gripper", "requests", Severity.FAILURE, str(error), "see the message")]
+        return [*findings, Finding("gripper", "requests", Severity.FAILURE, str(error))]
 
 
 def unreachable(device: str, error: RigError) -> Finding:

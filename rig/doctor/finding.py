@@ -1,13 +1,15 @@
-"""Findings of the doctor, one line each, with advice, and how they are printed."""
+"""Findings of the doctor, with advice, and how they are printed."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
+from textwrap import wrap
 
 import numpy as np
 from numpy.typing import ArrayLike
 from rich.text import Text
 
+from drivers.errors import counted
 from rig.live.tables import table_console
 
 
@@ -65,25 +67,39 @@ COLOURS = {"failure": "red", "warning": "yellow", "note": "dim", "good": "green"
 """Colour by verdict, in the order in which findings are printed."""
 
 
+LEAST_ROOM = 24
+"""Fewest characters for the text of a finding beside its name."""
+
+
 def print_findings(bench: str, findings: Sequence[Finding]) -> None:
-    """Print one line per check, failures first, then the verdict, then the advice."""
+    """Print each check, failures first, then the verdict, then the advice."""
     console = table_console()
     devices, checks = (max(len(text) for text in texts) for texts in zip(*map(_name, findings), strict=True))
     order = list(COLOURS)
     for finding in sorted(findings, key=lambda each: order.index(each.verdict)):
         device, check = _name(finding)
+        name = f"  {device:{devices}}  {check:{checks}}  "
+        first, *more = _folded(finding.seen, console.width, len(f"{finding.verdict:7}{name}"))
         line = Text(f"{finding.verdict:7}", COLOURS[finding.verdict])
-        line.append(f"  {device:{devices}}  {check:{checks}}  {finding.seen}", "default")
-        line.truncate(console.width, overflow="ellipsis")
-        console.print(line, no_wrap=True)
+        line.append(name + first, "default")
+        for rest in more:
+            line.append(f"\n{rest}", "default")
+        console.print(line, soft_wrap=True)
     console.print(Text(f"{bench}: {_verdict(findings)}", "bold"))
     cures: dict[str, list[str]] = {}
     for finding in findings:
         if finding.todo:
-            whole = f"{finding.seen}; " if finding.verdict == "failure" else ""  # its line may be cut
-            cures.setdefault(whole + finding.todo, []).append(" ".join(_name(finding)))
+            cures.setdefault(finding.todo, []).append(" ".join(_name(finding)))
     for todo, where in cures.items():
         console.print(f"- {', '.join(where)}: {todo}", highlight=False)
+
+
+def _folded(text: str, width: int, indent: int) -> list[str]:
+    """Return the lines of a text that begins at column `indent`, or below if little room is left there."""
+    begin = indent if width - indent >= LEAST_ROOM else 4
+    lines = wrap(text, max(width - begin, 1), break_long_words=False, break_on_hyphens=False) or [""]
+    found = [lines[0], *(" " * begin + line for line in lines[1:])]
+    return found if begin == indent else ["", " " * begin + lines[0], *found[1:]]
 
 
 def _name(finding: Finding) -> tuple[str, str]:
@@ -94,7 +110,7 @@ def _verdict(findings: Sequence[Finding]) -> str:
     """Return whether the bench is fit for a trial, or for its own commands, and count the problems."""
     counts = {kind: sum(each.verdict == kind for each in findings) for kind in ("failure", "warning")}
     use = "what this bench can do" if any(each.device == "bench" for each in findings) else "a trial"
-    amiss = ", ".join(f"{n} {kind}{'s' if n > 1 else ''}" for kind, n in counts.items() if n)
+    amiss = ", ".join(counted(n, kind) for kind, n in counts.items() if n)
     if counts["failure"]:
         return f"not fit for {use}: {amiss}"
     return f"fit for {use}, with {amiss}" if amiss else f"fit for {use}"

@@ -66,9 +66,7 @@ def look_at_streams(
         looks = list(pool.map(lambda source: _watched(source, clock, duration_s), opened))
     for source, stream in zip(opened, looks, strict=True):
         if isinstance(stream, RigError):
-            findings.append(
-                Finding(source.serial, "frames", Severity.FAILURE, str(stream), "see the message")
-            )
+            findings.append(Finding(source.serial, "frames", Severity.FAILURE, str(stream)))
             continue
         findings += [_rate(source, stream), _age(source, stream), _size(source, stream, sizes_px)]
         findings += _counted(source, stream.counted)

@@ -302,12 +302,12 @@ def _zero_place(answers: Sequence[Answer], reference: FrameTime | None) -> tuple
         return _place_at(answers, reference)
     answered = [i for i, answer in enumerate(answers) if answer.sample.angle_deg is not None]
     if not answered:
-        return None, "none: no frame has an angle"
+        return None, "undefined: no frame has an angle"
     areas = np.array([answer.sample.contact_area_px for answer in answers])
     stable = next((i for i in answered if _is_stable(areas[i:])), None)
     if stable is None:
-        return answered[0], "first frame with an angle; no stable contact was found"
-    return stable, "first frame of stable full contact"
+        return answered[0], "at the first frame with an angle; no stable contact was found"
+    return stable, "where the contact was first stable"
 
 
 def _is_stable(areas: np.ndarray) -> bool:
@@ -326,12 +326,12 @@ def _place_at(answers: Sequence[Answer], reference: FrameTime) -> tuple[int | No
     place = min(range(len(answers)), key=lambda i: abs(answers[i].time.time_ns - reference.time_ns))
     answered = [i for i, answer in enumerate(answers) if answer.sample.angle_deg is not None]
     if place in answered:
-        return place, "as asked"
+        return place, "at the given reference"
     state = answers[place].sample.state.value
     if not answered:
-        return None, f"none: no frame has an angle; {state} at --reference-time {reference.text}"
+        return None, f"undefined: no frame has an angle; {state} at --reference-time {reference.text}"
     instead = next((i for i in answered if i > place), answered[0])
-    return instead, f"first later frame with an angle; {state} at --reference-time {reference.text}"
+    return instead, f"at the first later frame with an angle; {state} at --reference-time {reference.text}"
 
 
 def _check_within(answers: Sequence[Answer], option: str, time: FrameTime) -> None:

@@ -97,7 +97,7 @@ class SeriesEstimate:
         )
         return (
             f"{counted(found.frames, 'frame')}, {found.answered} answered, refused: {refused}; "
-            f"angles from {self.angles_from}; zero: {found.reference}{zero}{slip}; {_time_text(found)}"
+            f"angles from {self.angles_from}; 0 degrees is {found.reference}{zero}{slip}; {_time_text(found)}"
         )
 
     @property

@@ -61,8 +61,8 @@ class FrameSeries:
     """Frames in order; iterating reads them again each time.
 
     notes: assumptions and problems, for the user. empty: returns the frame without contact, if the dataset
-    provides it. simulated: whether a simulated sensor made them. count: number of frames, if it is known without
-    reading them.
+    provides it. simulated: whether a simulated sensor made them. count: number of frames, if it is
+    known without reading them.
     """
 
     name: str

@@ -64,7 +64,7 @@ def choose_frames(
         raise InputError(f"{series.name}: no contact follows frame {first}: choose an earlier --reference")
     places = np.unique(np.linspace(0, len(between) - 1, min(count, len(between))).round().astype(int))
     frames = tuple(between[place] for place in places)
-    asked = why if reference is None else "as asked"
+    asked = why if reference is None else "as given"
     note = (
         f"{seen}; reference: frame {frames[0]} ({asked}); {counted(len(frames), 'frame')} to label, "
         f"up to {frames[-1]}"

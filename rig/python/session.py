@@ -1,7 +1,7 @@
 """Read a stored trial as arrays: lifts, angles, ground truth, frames, and other recorded data."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -11,6 +11,7 @@ import numpy as np
 from calibration.markers.tracker import MarkerTracker
 from drivers.clock import NS_PER_S
 from drivers.errors import counted, unknown_name
+from drivers.realtime import compute_in_one_thread
 from drivers.types import Image
 from drivers.values import short_repr
 from protocols.observer import Phase
@@ -39,6 +40,7 @@ if TYPE_CHECKING:
     from pandas import DataFrame  # pyright: ignore[reportMissingImports, reportMissingModuleSource]
 
     from rig.frames.masks import FrameSegmenter
+    from rig.frames.streaming import StreamingEstimator
 
 CAMERA = "camera"
 """Name of the external camera, used instead of a serial."""
@@ -189,6 +191,34 @@ class Lift:
         grasp_ns = round(self._row.phases_s[Phase.GRASP] * NS_PER_S)
         before = (f.image for f in recorded_frames(self._recording, serial) if f.time_ns < grasp_ns)
         return mean_background(list(before))
+
+    def sign(self, serial: str) -> int:
+        """Return the factor, +1 or -1, from a fingertip's image angle to the object angle."""
+        self._require(serial)
+        return self._manifest.signs[serial]
+
+    def pixel_aspect(self, serial: str) -> float | None:
+        """Return the width of a fingertip's pixel on the gel divided by its height; None if unknown."""
+        self._require(serial)
+        return self._manifest.config.pixel_aspects()[serial]
+
+    def estimator(self, serial: str) -> "StreamingEstimator":
+        """Make the estimator that ran on a fingertip: with its background, pixel aspect, sign and gel.
+
+        On the fingertip's frames it gives the angles of `tip`, before their zero is subtracted. Raises
+        `InputError` for an unknown serial, `EstimatorError` if it was not one of the rig's own.
+        """
+        # imported here, because a session can be read without the estimators' libraries
+        from rig.frames.streaming import StreamingEstimator
+        from rig.tactile.estimators import stored_choice
+
+        self._require(serial)
+        manifest, background = self._manifest, self.background(serial)
+        choice = stored_choice(manifest.estimator, manifest.window, manifest.skip)
+        choice = replace(choice, gel=manifest.config.gel_looks().get(serial))
+        compute_in_one_thread()
+        made = choice.make(background, self.pixel_aspect(serial), self.sign(serial))
+        return StreamingEstimator(made, background.shape, self.sign(serial))
 
     def to_pandas(self) -> "DataFrame":
         """Return a pandas DataFrame, a row per frame: time_s, estimate_deg, sigma_deg, truth_deg, state."""

@@ -38,7 +38,7 @@ class LiftCurves:
 
     estimate: the fused angle. truth: the marker angle. tips: the angle of each fingertip, by serial.
     phases_s: start times of phases, "A", "B", "C" and "lower" among them; empty if unknown. onset_truth_s,
-    onset_estimate_s: None without a slip. axes: ranges of the chart's axes, s and deg; None: those of its own
+    onset_estimate_s: None without a slip. axes: ranges of the chart's axes, s and deg; None: from the
     curves (`on_one_scale`).
     """
 

@@ -98,7 +98,7 @@ def _table(of: Sequence[EstimatedSeries]) -> Table:
 
 def _shown(series: EstimatedSeries) -> dict[str, object]:
     curves = estimate_curves(series)
-    where = f"zero: {series.done.figures.reference}; angles from {series.done.angles_from}"
+    where = f"0 degrees is {series.done.figures.reference}; angles from {series.done.angles_from}"
     return {"chart": lift_chart(curves, where), "strips": {"": _stills(series, curves)}, "problem": None}
 
 

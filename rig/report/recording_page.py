@@ -198,7 +198,9 @@ def _row(taken: Sequence[Taken]) -> Image:
         left = x * width
         row[:height, left : left + THUMB_PX[0]] = _thumb(image)
         grip = image.about.grip_counts
-        row[height:, left : left + width] = _written("by hand" if grip is None else f"{grip} steps", width)
+        row[height:, left : left + width] = _written(
+            "by hand" if grip is None else counted(grip, "step"), width
+        )
     return row
 
 

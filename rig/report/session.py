@@ -94,7 +94,7 @@ def read_trial(folder: Path, manifest: TrialManifest) -> Trial:
             lifts.append(Lift(row, None))
             damaged.append(f"{lift_name(row)} ({row.recording}: {_why(error)})")
     if damaged:
-        what = f"{len(damaged)} of {len(lifts)} recordings cannot be read: {joined(damaged)}."
+        what = f"{len(damaged)} of {counted(len(lifts), 'recording')} cannot be read: {joined(damaged)}."
         advice = (
             "Their results are in the tables; their curves and frames are missing. Copy the session again "
             "from the rig's disk, or repeat these lifts."
@@ -117,7 +117,7 @@ def _gaps_notice(lifts: Sequence[Lift], of: int) -> Notice:
         "Their results are in the tables; curves and frames are shown without the damaged parts. Copy the "
         "session again from the rig's disk, or repeat these lifts."
     )
-    return Notice("bad", f"{len(lifts)} of {of} recordings are damaged in part: {named}.", advice)
+    return Notice("bad", f"{len(lifts)} of {counted(of, 'recording')} are damaged in part: {named}.", advice)
 
 
 def find_lift(folder: Path, manifest: TrialManifest, wanted: str | None) -> Lift:

@@ -73,7 +73,7 @@ def trial_page(trial: Trial, now: datetime | None = None, other: Trial | None = 
 
 
 def object_table(summary: TrialSummary) -> Table:
-    """Return the paper's table: error per object over B, and over B and C."""
+    """Return the table of the error per object over B, and over B and C."""
     columns = (
         "object",
         "MARE in B, °",
@@ -111,7 +111,7 @@ def _tiles(trial: Trial, summary: TrialSummary) -> list[tuple[str, str]]:
         *_reaction_tile(summary),
         mare_tile(summary.mare, "MARE in B and C"),
         mare_tile(summary.mare_b, "MARE in B (the paper, on its real bench: 1.85°)"),
-        mare_tile(summary.mare_held, "MARE with refused frames held at the last answer"),
+        mare_tile(summary.mare_held, "MARE if refused frames keep the last angle"),
         (f"{summary.answered:.1%}", "of the frames answered"),
     ]
     ratios = sigma_ratios(curves_of(trial.lifts))

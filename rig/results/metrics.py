@@ -67,7 +67,9 @@ def over_lifts(lifts: int, refused: int) -> str:
     """Return a text with the number of lifts in a mean and of refused lifts."""
     every = lifts + refused
     return (
-        f"over {lifts} of {every} lifts, {refused} refused" if refused else f"over {counted(lifts, 'lift')}"
+        f"over {lifts} of {counted(every, 'lift')}, {refused} refused"
+        if refused
+        else f"over {counted(lifts, 'lift')}"
     )
 
 

@@ -53,7 +53,7 @@ def row_note(row: ReplayRow) -> str:
 def reaction_text(reacting: ReactingSummary) -> str:
     """Return the line about the effect of reactions to slip."""
     added = reacting.added_counts
-    grip = f", added grip: median {median(added):g}, at most {max(added)} steps" if added else ""
+    grip = f", added grip: median {median(added):g}, at most {counted(max(added), 'step')}" if added else ""
     turn = f", median final turn {median(reacting.turns_deg):.1f} deg" if reacting.turns_deg else ""
     return (
         f"reaction to slip '{reacting.kind}': {reacting.caught} of {counted(reacting.lifts, 'lift')} caught, "

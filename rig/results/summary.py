@@ -1,4 +1,4 @@
-"""Summarize trials: the paper's table per object, MARE with intervals, advice on refused frames."""
+"""Summarize trials: a table per object, MARE with intervals, advice on refused frames."""
 
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence

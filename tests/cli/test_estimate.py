@@ -88,7 +88,7 @@ def test_the_table_has_a_row_per_frame_with_times_as_given(lift: Path) -> None:
     assert [row["angle_deg"] for row in done.rows][:2] == ["", ""]
     assert float(done.rows[-1]["angle_deg"]) == pytest.approx(19, abs=1.5), "mean of 18 and 20"
     assert "20 frames, 18 answered, refused: 2 no_contact" in done.said
-    assert "first frame of stable full contact" in done.said
+    assert "0 degrees is where the contact was first stable" in done.said
 
 
 def test_the_zero_is_at_the_first_stable_full_contact(lift: Path) -> None:
@@ -131,7 +131,9 @@ def test_rate_shift_and_slip_stand_behind_the_contracts_columns(lift: Path) -> N
     assert max(y) - min(y) < 1.0
     assert (done.rows[4]["shift_x_px"], done.rows[4]["shift_y_px"]) == ("0.0", "0.0"), "the zero"
     assert [done.rows[0][name] for name in ("rate_deg_s", "shift_x_px", "slip")] == ["", "", "0"]
-    assert re.search(r"zero: first frame of stable full contact, 0\.\d+ s after the first frame", done.said)
+    assert re.search(
+        r"0 degrees is where the contact was first stable, 0\.\d+ s after the first frame", done.said
+    )
     assert re.search(r"; slip 0\.1\d+ s after the first frame", done.said)
 
 

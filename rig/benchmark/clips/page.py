@@ -22,6 +22,8 @@ SIGMAS = 2.0
 CHART_PX = (440, 260)
 STILL_WIDTH_PX, JPEG_QUALITY = 160, 80
 _ROOM, _LEAST_ROOM_DEG = 0.06, 1.0
+_STYLES = ("-", "--", ":", "-.")
+"""Line styles: estimators that share a colour differ in style."""
 _BEFORE, _AFTER = 10, 5
 """Frames shown before the reference and after the last label."""
 
@@ -48,7 +50,7 @@ def _clip(names: Sequence[str], runs: Sequence[ClipRun]) -> dict[str, object]:
         "figure": chart(names, runs),
         "stills": stills(first),
         "caption": f"{names[0]}: mean error {found.mean_deg:.1f} degrees, {found.within} within limits, "
-        f"zero: {first.estimate.zero_note}",
+        f"0 degrees is {first.estimate.zero_note}",
     }
 
 
@@ -81,9 +83,11 @@ def draw_clip(figure: Figure, names: Sequence[str], runs: Sequence[ClipRun]) -> 
     if first.has_sigma:
         spread = SIGMAS * np.nan_to_num(_numbers(first.estimate.sigmas_deg)[shown])
         band(axes, shown, curves[0], spread, ESTIMATE.light)
-    colours = (ESTIMATE, *(SERIES * len(runs)))
-    for number, (name, curve, colour) in enumerate(zip(names, curves, colours, strict=False)):
-        axes.plot(shown, curve, color=colour.light, linewidth=0.9 if number else 1.8, label=name)
+    colours = (ESTIMATE, *SERIES)
+    for number, (name, curve) in enumerate(zip(names, curves, strict=True)):
+        again, place = divmod(number, len(colours))
+        colour, style = colours[place].light, _STYLES[again % len(_STYLES)]
+        axes.plot(shown, curve, style, color=colour, linewidth=0.9 if number else 1.8, label=name)
     axes.errorbar(frames, angles, errors, fmt="o", color=TRUTH.light, markersize=4, label="measured by hand")
     axes.set(xlabel="frame", ylabel="angle, degrees")
     axes.xaxis.set_major_locator(MaxNLocator(8, integer=True))

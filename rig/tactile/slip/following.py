@@ -79,7 +79,8 @@ class ContactFollower:
     def __init__(self, motion: RateFilter, aspect_known: bool, skip: bool, learn: Learn = learn_map) -> None:
         self._motion, self._aspect_known, self._skip, self._learn = motion, aspect_known, skip, learn
         self._angle_rad, self._variance, self._unseen = 0.0, 0.0, 0.0
-        self._fitted_ns, self._texture_ns, self._key_ns = 0, 0, 0
+        self._fitted_ns, self._key_ns = 0, 0
+        self._texture_ns: int | None = None
         self._answered = self._firmer = False
         self._anchor: AxisAnchor | None = None
         self.release(0)
@@ -130,8 +131,9 @@ class ContactFollower:
 
         A torn frame contains parts of two images, so it does not decide whether the texture leads.
         """
-        waited_s = (seen.time_ns - self._texture_ns) / NS_PER_S
-        if not grasp.texture_leads and (seen.torn or waited_s < TEXTURE_PERIOD_S):
+        last_ns = self._texture_ns
+        due = last_ns is None or (seen.time_ns - last_ns) / NS_PER_S >= TEXTURE_PERIOD_S
+        if not grasp.texture_leads and (seen.torn or not due):
             return None
         self._texture_ns = seen.time_ns
         return seen.texture()

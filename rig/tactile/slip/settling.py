@@ -15,7 +15,7 @@ class Settling:
         self.settled = False
         """Whether the contact no longer grows."""
         self._steadiness = Steadiness(SETTLED_FRAMES)
-        self._steady_ns = 0
+        self._steady_ns: int | None = None
         self._renewed: Region | None = None
 
     def update(self, region: Region, time_ns: int) -> bool:
@@ -24,7 +24,8 @@ class Settling:
             return False
         if self._steadiness.update(region.levels):
             self._steady_ns = time_ns
-        long_enough = time_ns - self._steady_ns >= to_ns(KEYFRAMES.settled_s)
+        steady_ns = self._steady_ns
+        long_enough = steady_ns is None or time_ns - steady_ns >= to_ns(KEYFRAMES.settled_s)
         self.settled = self._steadiness.settled and long_enough
         return self.settled
 

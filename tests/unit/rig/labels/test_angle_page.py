@@ -90,7 +90,7 @@ def test_proposes_first_stable_contact_as_reference_like_rig_estimate(
     series = read_frames(clip / "frames")
     choice, note = choose_frames(series, blank, 3)
     assert choice == FrameChoice(4, (4, 8, 13))
-    assert "reference: frame 4 (first frame of stable full contact)" in note
+    assert "reference: frame 4 (where the contact was first stable)" in note
     estimated = Estimation(choose_estimator(None, None), "first:2").of_series(series).figures
     assert estimated.reference_time_s == pytest.approx(choice.reference / 60, abs=1e-6)
 

@@ -126,3 +126,27 @@ def test_missing_sessions_and_fingertips_are_rejected() -> None:
     for ask in (lift.tip, lift.background, lambda serial: next(iter(lift.frames(serial)))):
         with pytest.raises(InputError, match=r"unknown fingertip of .* 'left': choose one of"):
             ask("left")
+
+
+def test_estimator_of_a_lift_gives_its_angles_and_needs_the_pixel_aspect(one_lift: Path) -> None:
+    (lift,) = rig.open_session(one_lift).lifts
+    serial = lift.serials[0]
+    tip, frames = lift.tip(serial), list(lift.frames(serial))
+    assert lift.pixel_aspect(serial) == 0.978
+    assert (lift.sign(lift.serials[0]), lift.sign(lift.serials[1])) == (1, -1)
+
+    def off_deg(estimator: rig.StreamingEstimator) -> float:
+        # times since the start of the lift: most contacts begin at negative times
+        samples = [estimator.update(frame.image, frame.time_s) for frame in frames]
+        found = {round(frame.time_s, 6): s.angle_deg for frame, s in zip(frames, samples, strict=True)}
+        angles = np.array([found[round(t, 6)] for t in tip.time_s.tolist()], float)
+        assert np.array_equal(np.isnan(angles), np.isnan(tip.angle_deg))
+        away = angles - tip.angle_deg
+        return float(np.nanmax(np.abs(away - np.nanmedian(away))))
+
+    assert off_deg(lift.estimator(serial)) < 1e-6
+    known = {"background": lift.background(serial), "sign": lift.sign(serial)}
+    assert off_deg(rig.estimator(pixel_aspect=lift.pixel_aspect(serial), **known)) < 1e-6
+    assert off_deg(rig.estimator(**known)) > 0.05
+    with pytest.raises(InputError, match="unknown fingertip"):
+        lift.estimator("none")

@@ -30,8 +30,8 @@ PARTS = {
     "CameraSolution": "distortion held_out_rms_px matrix reasons rejected rms_px sigma size_px verdict",
     "GripperTrack": "current_a moving opening_m time_s",
     "HandEyeSolution": "matrix reasons rejected sigma_deg sigma_m target verdict",
-    "Lift": "answered arm background error_deg estimate frames gripper lift markers mean_error_deg name "
-    "number object outcome phases_s serials simulated tip to_pandas truth wrench",
+    "Lift": "answered arm background error_deg estimate estimator frames gripper lift markers mean_error_deg "
+    "name number object outcome phases_s pixel_aspect serials sign simulated tip to_pandas truth wrench",
     "MarkerTrack": "corners_px time_s",
     "Score": "answered frames max_deg mean_deg std_deg within_two_sigma",
     "SensorFrame": "image mask time_s",

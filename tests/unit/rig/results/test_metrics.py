@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rig.results.metrics import Floats, hold_last, mare_of, mean_interval, summarize
+from rig.results.metrics import Floats, hold_last, mare_of, mean_interval, over_lifts, summarize
 from rig.sessions.records import ErrorSummary
 
 
@@ -104,3 +104,9 @@ def test_real_curves_of_the_authors_give_the_published_differences(real_data: Pa
         summary = summarize(errors[np.isfinite(errors)])
         assert summary is not None
         assert summary.mean_deg == pytest.approx(expected, abs=0.02)
+
+
+def test_number_of_lifts_agrees_with_its_noun() -> None:
+    assert over_lifts(0, 1) == "over 0 of 1 lift, 1 refused"
+    assert over_lifts(1, 0) == "over 1 lift"
+    assert over_lifts(9, 1) == "over 9 of 10 lifts, 1 refused"

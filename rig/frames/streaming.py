@@ -1,6 +1,7 @@
 """Angles of one sensor frame by frame, as the frames are captured."""
 
 import math
+import warnings
 from dataclasses import dataclass
 
 from drivers.clock import NS_PER_S, to_ns
@@ -10,6 +11,7 @@ from drivers.values import short_repr
 from rig.frames.slip_alarm import SlipAlarm
 from rig.frames.times import MAX_TIME_S
 from rig.lift.object_angle import ZERO_S, TipTrack
+from rig.tactile.contact.background_check import CHECK_EVERY_NS, LOOKS_LIKE_CONTACT, BackgroundCheck
 from rig.tactile.sample import SlipSample, TactileEstimator, check_frame
 
 
@@ -55,6 +57,7 @@ class StreamingEstimator:
         self._estimator, self._shape = estimator, shape
         self._track, self._alarm = TipTrack(sign), SlipAlarm()
         self._newest_ns: int | None = None
+        self._check: BackgroundCheck | None = None
 
     @property
     def track(self) -> TipTrack:
@@ -79,6 +82,9 @@ class StreamingEstimator:
 
     def update_at(self, image: Image, time_ns: int) -> AngleSample:
         """Do the same as `update` for a time in ns, without copying the image: do not modify it later."""
+        if self._check is not None:
+            self._check.add(image, time_ns)
+            self._warn()
         self._newest_ns = time_ns
         sample = self._estimator.update(image, time_ns)
         kept = self._track.samples
@@ -86,6 +92,11 @@ class StreamingEstimator:
         while kept[0].time_ns < time_ns - to_ns(2 * ZERO_S):
             del kept[0]
         return self._answer(sample, self._alarm.update(sample))
+
+    def check_background(self, background: Image) -> None:
+        """Warn once, by `warnings.warn`, if the background looks like a contact, now or in a later frame."""
+        self._check = BackgroundCheck(background, CHECK_EVERY_NS)
+        self._warn()
 
     def set_reference(self, time_s: float | None = None) -> None:
         """Set the zero to the mean angle of the last 0.4 s before a time, and arm the slip alarm.
@@ -103,6 +114,11 @@ class StreamingEstimator:
                 "gel, and set the reference while it rests"
             )
         self._alarm.arm()
+
+    def _warn(self) -> None:
+        if self._check is not None and self._check.doubtful:
+            self._check = None
+            warnings.warn(f"{LOOKS_LIKE_CONTACT}: lift the object, take another background", stacklevel=4)
 
     def _answer(self, sample: SlipSample, slip: bool) -> AngleSample:
         sign, answer = self._track.sign, self._track.answer(sample)

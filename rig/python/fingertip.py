@@ -78,6 +78,7 @@ class LiveFingertip:
                 choice.try_making()
                 estimator = choice.make(untouched, sign=tip.sign)
                 stream = StreamingEstimator(estimator, untouched.shape, tip.sign)
+                stream.check_background(untouched)
                 work.append(threading.Thread(target=self._estimate, args=(stream, stopping), daemon=True))
             for thread in work:
                 stack.callback(thread.join, STOP_S)

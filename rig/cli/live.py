@@ -121,8 +121,8 @@ def live(source: LiveSourceOptions, how: LiveAngleOptions, view: LiveViewOptions
 
     """
     with stopped_by_person() as stopped, ExitStack() as stack:
-        _show_live(source, how, view, stack, stopped)
-    say("ended")
+        summaries = _show_live(source, how, view, stack, stopped)
+    say("\n".join([*summaries, "ended"]))
 
 
 def _show_live(
@@ -131,8 +131,11 @@ def _show_live(
     view: LiveViewOptions,
     stack: ExitStack,
     stopped: threading.Event,
-) -> None:
-    """Run the desk, with its page if there is one, until `stopped` is set."""
+) -> list[str]:
+    """Run the desk, with its page if there is one, until `stopped` is set.
+
+    Returns the summaries of the sensors; none if the sources have ended, because they were shown then.
+    """
     from drivers.realtime import compute_in_one_thread
 
     if view.watch_at is not None and (view.terminal or view.json):
@@ -147,9 +150,7 @@ def _show_live(
     compute_in_one_thread()
     desk = stack.enter_context(desk_of(sources, settings, stack, listeners))
     run_desk(desk, _shown(view, stack, stopped), view.seconds, stopped, page)
-    if not desk.ended:
-        for sensor in desk.sensors.values():
-            say(sensor.summary)
+    return [] if desk.ended else [f"{sensor.name}: {sensor.summary}" for sensor in desk.sensors.values()]
 
 
 def _name(source: LiveSourceOptions) -> str:

@@ -110,7 +110,7 @@ class DeskSensor:
         states = ", ".join(f"{count} {state}" for state, count in sorted(self._states.items()))
         without = states.replace("_", " ") or "none"
         return (
-            f"{self.name}: {self._answered} of {counted(self._tally.frames, 'frame')} with an angle; "
+            f"{self._answered} of {counted(self._tally.frames, 'frame')} with an angle; "
             f"without: {without}; {self.dropped} dropped"
         )
 

@@ -301,7 +301,7 @@ def test_end_of_a_source_names_its_frames() -> None:
             answered += sum(r.sample is not None and r.sample.angle_deg is not None for r in desk.step())
     assert answered > 60
     assert re.search(
-        rf"all images have been played; .*; GIVEN: {answered} of 120 frames with an angle; "
+        rf"all images have been played; .*; {answered} of 120 frames with an angle; "
         r"without: \d+ no contact, 15 taking the background; 0 dropped",
         desk.notice,
     )

@@ -138,9 +138,9 @@ def test_background_with_a_contact_is_named_as_a_warning() -> None:
         rig.estimator("ellipse", background=clear)
     weak = (0.75 * empty[0] + 0.25 * clear).astype(np.uint8)
     estimator = rig.estimator("ellipse", background=weak)
+    times_s = np.arange(len(empty)) / RATE_HZ
     with pytest.warns(UserWarning, match=f"{CONTACT}: lift the object, take another background") as named:
-        for number, image in enumerate(empty):
-            estimator.update(image, number / RATE_HZ)
+        [estimator.update(image, time_s) for image, time_s in zip(empty, times_s, strict=True)]
     assert len(named) == 1
     assert named[0].filename == __file__
 

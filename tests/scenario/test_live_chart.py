@@ -44,7 +44,7 @@ class Shown:
                 "sender": 1, "sensor": "D1", "t_s": self.time_s, "state": state, "angle_deg": angle_deg,
                 "sigma_deg": None if angle_deg is None else 1.0, "rate_deg_s": None, "slip": False,
                 "fps": 10.0, "latency_ms": 1.0, "dropped": 0, "zero_s": None, "background": "taken",
-                "doubt": "", "recording": False, "outline": [], **more,
+                "doubt": "", "recording": False, "outline": [], "slips_s": [], **more,
             }  # fmt: skip
             until(lambda reading=reading: self._sent("sensor", reading), LIMIT_S)
 

@@ -99,14 +99,14 @@ def estimate(source: SourceOptions, how: EstimationOptions, to: ResultOptions) -
 
     The columns are t_s; angle_deg and sigma_deg (standard deviation), relative to the zero frame; state;
     rate_deg_s; shift_x_px and shift_y_px (motion of the contact since the zero frame, to the right and down);
-    slip (1 while the slip alarm is on); only for a recording, sensor; with --gel, shift_x_mm and shift_y_mm. For
+    slip (1 during a slip alarm); only for a recording, sensor; with --gel, shift_x_mm and shift_y_mm. For
     images, the angle is counter-clockwise positive in the image. For a recording or session it is the angle
     of the object. A field is empty if the estimator refuses the frame or does not report the value. With
     --json and without --out the rows are in the JSON object.
 
     The slip alarm is enabled when the lift begins, because a rotation while the fingers still close is not a
-    slip. If the time of the lift is not known, the lift begins when the contact has settled. A
-    contact that was lost for half a second counts as a new grasp.
+    slip. If the time of the lift is not known, the lift begins when the contact has settled. A contact
+    that was lost for half a second counts as a new grasp.
 
     Examples:
       rig estimate lift.avi --background first:10 --out lift.csv --page lift.html

@@ -69,8 +69,8 @@ def estimate(
     of `rig calibrate tactile`, from whose look `slip` computes slopes.
 
     Returns image angles as `rig estimate` does: counter-clockwise positive, relative to the first frame in
-    which the contact has settled. Raises `InputError` for invalid frames or times, or if no background is given and no
-    frames without contact are found; `EstimatorError` if the estimator cannot be made.
+    which the contact has settled. Raises `InputError` for invalid frames or times, or if no background is
+    given and no frames without contact are found; `EstimatorError` if the estimator cannot be made.
     """
     if isinstance(frames, (str, Path)):
         raise InputError(

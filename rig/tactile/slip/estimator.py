@@ -157,7 +157,6 @@ class SlipEstimator(FreshFrameEstimator):
         total = tracked.variance + tracked.shape_doubt
         variance = self._steady(self._first_variance, total, sample)
         noise = max(tracked.noise_rad, 1e-5)
-        self._filter.shift(tracked.corrected_rad)
         angle = self._filter.update(sample.time_ns / NS_PER_S, tracked.pose.angle_rad, noise)
         self._follower.answered(angle, variance, tracked)
         self._first_variance = variance

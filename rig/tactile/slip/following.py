@@ -104,7 +104,9 @@ class ContactFollower:
 
     def follow(self, seen: SeenContact, watch: Stopwatch) -> tuple[State, Tracked | None]:
         """Return the state and the pose; None if the pose is unknown."""
-        self._due |= self._growth.update(seen.region.levels, seen.time_ns)
+        settled = self._growth.update(seen.region.levels, seen.time_ns)
+        # An angle that the axis may still correct waits for a frame that fits.
+        self._due = settled or (self._due and self._anchor is not None)
         if self._grasp is None or self._map is None:
             return self._begun(seen, watch)
         box = contact_box(seen.region.mask)
@@ -165,6 +167,8 @@ class ContactFollower:
         angle, variance = self._by_axis(seen.region.mask, tracked.pose.angle_rad, variance)
         pose = replace(tracked.pose, angle_rad=angle)
         corrected = angle - tracked.pose.angle_rad
+        if self._due and corrected:  # for the rotation without contact, which is not seen as motion
+            self._motion.restart()
         placed = replace(tracked, pose=pose, variance=variance, corrected_rad=corrected)
         if settled or outgrown:
             return placed if self._begin(seen, angle, variance, firmer) else None

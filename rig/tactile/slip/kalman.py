@@ -35,10 +35,6 @@ class RateFilter:
         """Forget everything."""
         self.time_s, self._density, self._surprises = None, MOTION.moving_density, ()
 
-    def shift(self, by_rad: float) -> None:
-        """Add a correction of the angle, which is not a rotation."""
-        self.angle_rad += by_rad
-
     def predicted(self, time_s: float) -> float:
         """Return the angle expected at a time, rad."""
         if self.time_s is None:

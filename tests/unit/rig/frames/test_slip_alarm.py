@@ -1,7 +1,6 @@
 """The slip alarm over a recording: armed by the lift, never by the grasp."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 from rig.frames.slip_alarm import SlipAlarm, slips
 from rig.tactile.sample import SlipSample, State
@@ -86,9 +85,15 @@ def test_alarm_ends_when_the_motion_has_ended_and_its_event_is_kept() -> None:
     assert list(alarm.raised_ns) == [begun * STEP_NS, again * STEP_NS]
 
 
-def test_rotation_below_its_own_uncertainty_is_no_slip() -> None:
-    doubtful = [replace(sample, sigma_deg=5.0) for sample in a_lift()]
-    assert first(slips(doubtful)) is None
+def test_rate_noise_is_no_slip_and_a_slow_slip_is_detected() -> None:
+    noise = [3.0 + (0.0, 0.3, 0.0, -0.1)[i % 4] for i in range(REST)]
+    outlier, slow = [3.45] * 5, [3.0 + 0.06 * i for i in range(40)]
+    areas = [*GRASP, *[700.0] * (REST + 40)]
+    assert first(slips(samples(areas, [*TURNED, *noise, *outlier, *[3.0] * 35]))) is None
+    assert first(slips(samples(areas, [*TURNED, *[3.0] * REST, *outlier, *[3.0] * 35]))) is not None
+    raised = first(slips(samples(areas, [*TURNED, *noise, *slow])))
+    assert raised is not None
+    assert slow[raised - len(GRASP) - REST] < 4.0
 
 
 def test_a_short_gap_is_the_same_grasp() -> None:

@@ -23,16 +23,15 @@ CLOCK, SLIP = SystemClock(), choose_estimator("slip")
 def pressed_again(presses: int, seed: int, rate_hz: float, until_s: float) -> Iterator[Frame]:
     """Yield the frames of several cycles of the sensor, each up to a time in the cycle."""
     digit, from_s = desk_digit(), TOUCH_S - 1.0
-    numbers = range(round((until_s - from_s) * rate_hz))
-    for number, time_s in enumerate(
-        c * CYCLE_S + from_s + n / rate_hz for c in range(presses) for n in numbers
-    ):
+    in_cycle = from_s + np.arange(round((until_s - from_s) * rate_hz)) / rate_hz
+    times_s = np.add.outer(CYCLE_S * np.arange(presses), in_cycle).ravel()
+    for number, time_s in enumerate(times_s.tolist()):
         image = digit.draw(to_ns(time_s), np.random.default_rng((seed, number)))
         yield with_jpeg(Frame(image, to_ns(time_s), number, digit.serial))
 
 
 def figures_of_press(readings: Sequence[Reading], press: int) -> tuple[float, float, int]:
-    """Return mean error, the share of the frames with a sigma of at most 5 degrees, and the number of slips."""
+    """Return the mean error, the share of frames with a sigma up to 5 degrees, and the number of slips."""
     digit, begins_s = desk_digit(), press * CYCLE_S
     held = [r for r in readings if TOUCH_S + 1.0 < r.time_ns / NS_PER_S - begins_s < OFF_S - 0.2]
     off, sigmas = [], []

@@ -353,6 +353,8 @@ class _Terminal:
 
 
 def _line(reading: "Reading") -> str:
+    from drivers.clock import NS_PER_S
+
     sample = reading.sample
     angle = "angle     -    "
     if sample is not None and sample.angle_deg is not None:
@@ -360,6 +362,8 @@ def _line(reading: "Reading") -> str:
         angle = f"angle {sample.angle_deg:+6.1f}{sigma} deg"
     rate = "" if sample is None or sample.rate_deg_s is None else f", {sample.rate_deg_s:+.1f} deg/s"
     slip = "  SLIP" if sample is not None and sample.slip else ""
+    if reading.slips_s and not slip:
+        slip = f", last slip {reading.time_ns / NS_PER_S - reading.slips_s[-1]:.1f} s ago"
     fps = "-" if reading.fps is None else f"{reading.fps:.0f}"
     return (
         f"{reading.name}: {angle}{rate}, {reading.state}{slip}; {fps} frames/s, {reading.dropped} dropped, "

@@ -12,15 +12,10 @@ import numpy as np
 from drivers.errors import InputError
 from drivers.types import ArmState, Image
 from rig.frames.series import TimedFrame
-from rig.frames.slip_alarm import STABLE_FRAMES, slips
+from rig.frames.slip_alarm import slips
 from rig.frames.times import FrameTime
 from rig.sessions.table_files import csv_bytes
-from rig.tactile.contact.gate import SETTLED_SHARE
 from rig.tactile.sample import SlipSample, State, TactileEstimator
-
-# The zero is the first frame of stable full contact: the contact's area is constant over the next frames, at
-# the tolerance of an estimator that waits for settling, and has reached this share of its later median.
-FULL_AREA = 0.8
 
 
 class TimedImage(Protocol):
@@ -148,7 +143,7 @@ def zeroed(
     sign: int = 1,
     lift_ns: int | None = None,
 ) -> Estimate:
-    """Return angles relative to the zero: the answer at the reference time, or at the first stable contact.
+    """Return angles relative to the zero: the answer at the reference time, or where the contact has settled.
 
     keep_zero: use the estimator's own zero, like the published script. sign: +1, or -1 for a fingertip that
     sees the object from behind. lift_ns: start of the lift, if known. If there is no angle at the reference
@@ -261,19 +256,10 @@ def _zero_place(answers: Sequence[Answer], reference: FrameTime | None) -> tuple
     answered = [i for i, answer in enumerate(answers) if answer.sample.angle_deg is not None]
     if not answered:
         return None, "none: no frame has an angle"
-    areas = np.array([answer.sample.contact_area_px for answer in answers])
-    stable = next((i for i in answered if _is_stable(areas[i:])), None)
-    if stable is None:
-        return answered[0], "first frame with an angle; no stable contact was found"
-    return stable, "first frame of stable full contact"
-
-
-def _is_stable(areas: np.ndarray) -> bool:
-    """Whether the contact has reached its stable full area at the first of these areas."""
-    near = areas[:STABLE_FRAMES]
-    later = areas[areas > 0]
-    within = np.abs(near - areas[0]) <= SETTLED_SHARE * areas[0]
-    return len(near) == STABLE_FRAMES and bool(within.all()) and areas[0] >= FULL_AREA * np.median(later)
+    settled = next((i for i in answered if answers[i].sample.settled), None)
+    if settled is None:
+        return answered[0], "first frame with an angle; the contact never settled"
+    return settled, "first frame with an angle in a settled contact"
 
 
 def _place_at(answers: Sequence[Answer], reference: FrameTime) -> tuple[int | None, str]:

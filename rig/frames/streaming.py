@@ -24,8 +24,8 @@ class AngleSample:
     for `slip` the first contact. sigma_deg: one standard deviation, None if the estimator reports none.
     state: "no_contact", "tracking", "rekeyed", "unobservable" or "lost". rate_deg_s: None if unknown.
     shift_px: x right, y down, since the estimator's own reference, None if unknown. contact_area_px: 0
-    without contact. slip: whether the slip alarm has been raised since the reference or in this grasp. fault:
-    error raised by a lab's own estimator.
+    without contact. slip: whether the slip alarm is on, see `rig.frames.slip_alarm`. fault: error raised by a
+    lab's own estimator.
     """
 
     time_s: float
@@ -46,16 +46,20 @@ class StreamingEstimator:
 
     It drives the estimator and sets the reference as a lift of the rig does: the same frames, times and
     reference give the same angles bit for bit. estimator: made for this sensor. shape: of its frames,
-    (H, W, 3). sign: +1, or -1 for a fingertip that sees the object from behind.
+    (H, W, 3). sign: +1, or -1 for a fingertip that sees the object from behind. each_contact: whether to set
+    the reference at the first angle of each contact, and again when the contact has settled.
     """
 
-    def __init__(self, estimator: TactileEstimator, shape: tuple[int, ...], sign: int = 1) -> None:
+    def __init__(
+        self, estimator: TactileEstimator, shape: tuple[int, ...], sign: int = 1, each_contact: bool = False
+    ) -> None:
         if sign not in (1, -1):
             raise InputError(
                 f"sign is {sign!r}: give 1, or -1 for a fingertip that sees the object from behind"
             )
         self._estimator, self._shape = estimator, shape
         self._track, self._alarm = TipTrack(sign), SlipAlarm()
+        self._each_contact, self._settled = each_contact, False
         self._newest_ns: int | None = None
         self._check: BackgroundCheck | None = None
 
@@ -66,8 +70,13 @@ class StreamingEstimator:
 
     @property
     def settled(self) -> bool:
-        """Whether the contact of this grasp has stopped growing."""
-        return self._alarm.settled
+        """Whether the contact has settled, and its angle since then is known: a reference is good now."""
+        return self._settled
+
+    @property
+    def slips_s(self) -> tuple[float, ...]:
+        """Times of the frames in which the slip alarm was raised, s; the newest 20."""
+        return tuple(time_ns / NS_PER_S for time_ns in self._alarm.raised_ns)
 
     def update(self, image: Image, time_s: float) -> AngleSample:
         """Estimate the angle in the next frame.
@@ -91,7 +100,9 @@ class StreamingEstimator:
         kept.append(sample)
         while kept[0].time_ns < time_ns - to_ns(2 * ZERO_S):
             del kept[0]
-        return self._answer(sample, self._alarm.update(sample))
+        slip = self._alarm.update(sample)
+        self._settle(sample)
+        return self._answer(sample, slip)
 
     def check_background(self, background: Image) -> None:
         """Warn once, by `warnings.warn`, if the background looks like a contact, now or in a later frame."""
@@ -119,6 +130,21 @@ class StreamingEstimator:
         if self._check is not None and self._check.doubtful:
             self._check = None
             warnings.warn(f"{LOOKS_LIKE_CONTACT}: lift the object, take another background", stacklevel=4)
+
+    def _settle(self, sample: SlipSample) -> None:
+        """Note whether the contact has settled, and set the reference if one is due."""
+        if not sample.shows_contact:
+            return
+        before, self._settled = (
+            self._settled,
+            bool(sample.settled) and (self._settled or sample.angle_deg is not None),
+        )
+        if not self._each_contact:
+            return
+        if before and not self._settled:
+            self._track.zero_deg = self._track.zero_sample = None
+        if sample.angle_deg is not None and (self._track.zero_deg is None or self._settled > before):
+            self._track.zero_deg, self._track.zero_sample = sample.angle_deg, sample
 
     def _answer(self, sample: SlipSample, slip: bool) -> AngleSample:
         sign, answer = self._track.sign, self._track.answer(sample)

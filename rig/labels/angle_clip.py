@@ -46,8 +46,9 @@ def choose_frames(
 ) -> tuple[FrameChoice, str]:
     """Choose evenly spread frames from the reference to the last contact; return them and an explanation.
 
-    The default reference is the zero of `rig estimate`: the first frame of stable full contact. Frames in
-    between can be chosen even if no contact is detected in them, because labels also test the detection.
+    The default reference is the zero of `rig estimate`: the first frame in which the contact has settled.
+    Frames in between can be chosen even if no contact is detected in them, because labels also test the
+    detection.
     Raises `InputError` if the reference is not a readable frame.
     """
     readable, touching, zero, why = _scanned(series, background)

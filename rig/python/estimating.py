@@ -70,10 +70,10 @@ def estimate(
     the estimator. pixel_aspect: width of a pixel on the gel divided by its height, if known. gel: YAML file
     of `rig calibrate tactile`, from whose look `slip` computes slopes.
 
-    Returns image angles as `rig estimate` does: counter-clockwise positive, relative to the first frame of
-    stable full contact. Raises `InputError` for invalid frames or times, or if no background is given and no
-    frames without contact are found; `EstimatorError` if the estimator cannot be made. Warns (`UserWarning`)
-    if the background looks like a contact.
+    Returns image angles as `rig estimate` does: counter-clockwise positive, relative to the first frame in
+    which the contact has settled. Raises `InputError` for invalid frames or times, or if no background is
+    given and no frames without contact are found; `EstimatorError` if the estimator cannot be made. Warns
+    (`UserWarning`) if the background looks like a contact.
     """
     if isinstance(frames, (str, Path)):
         raise InputError(

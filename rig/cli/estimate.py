@@ -51,13 +51,12 @@ class EstimationOptions:
     reference_time: str | None = option(
         None,
         "Time in s at which the angle is zero; if that frame has no angle, the next frame with one. "
-        "Default: the first frame of stable full contact (area constant within 5 % over the next 5 frames, "
-        "and at least 80 % of its later value).",
+        "Default: the first frame at which the estimator reports that the contact has settled.",
     )
     lift_from: str | None = option(
         None,
         "Time in s at which the lift begins; the slip alarm is enabled from then on. Default: that of the "
-        "session; else when the contact has stopped growing (area constant within 5 % over 6 frames).",
+        "session; else when the contact has settled.",
     )
     estimator: str | None = option(
         None,
@@ -104,14 +103,14 @@ def estimate(source: SourceOptions, how: EstimationOptions, to: ResultOptions) -
 
     The columns are t_s; angle_deg and sigma_deg (standard deviation), relative to the zero frame; state;
     rate_deg_s; shift_x_px and shift_y_px (motion of the contact since the zero frame, to the right and down);
-    slip (1 from the slip alarm on); only for a recording, sensor; with --gel, shift_x_mm and shift_y_mm. For
+    slip (1 during a slip alarm); only for a recording, sensor; with --gel, shift_x_mm and shift_y_mm. For
     images, the angle is counter-clockwise positive in the image. For a recording or session it is the angle
     of the object. A field is empty if the estimator refuses the frame or does not report the value. With
     --json and without --out the rows are in the JSON object.
 
     The slip alarm is enabled when the lift begins, because a rotation while the fingers still close is not a
-    slip. If the time of the lift is not known, the lift begins when the contact has stopped growing. A
-    contact that was lost for half a second counts as a new grasp.
+    slip. If the time of the lift is not known, the lift begins when the contact has settled. A contact
+    that was lost for half a second counts as a new grasp.
 
     Examples:
       rig estimate lift.avi --background first:10 --out lift.csv --page lift.html

@@ -20,8 +20,8 @@ class LabelAngleOptions:
     count: int | None = option(None, "Number of frames to label. Default: 10.", min=2, max=200)
     reference: int | None = option(
         None,
-        "Number of the frame whose angle is 0. Default: the first frame of stable full contact, as in rig "
-        "estimate.",
+        "Number of the frame whose angle is 0. Default: the first frame in which the contact has "
+        "settled, as in rig estimate.",
         min=0,
     )
     overwrite: bool = option(False, "Replace a labels.csv that this command did not write.")

@@ -121,8 +121,8 @@ def live(source: LiveSourceOptions, how: LiveAngleOptions, view: LiveViewOptions
 
     """
     with stopped_by_person() as stopped, ExitStack() as stack:
-        _show_live(source, how, view, stack, stopped)
-    say("ended")
+        summaries = _show_live(source, how, view, stack, stopped)
+    say("\n".join([*summaries, "ended"]))
 
 
 def _show_live(
@@ -131,8 +131,11 @@ def _show_live(
     view: LiveViewOptions,
     stack: ExitStack,
     stopped: threading.Event,
-) -> None:
-    """Run the desk, with its page if there is one, until `stopped` is set."""
+) -> list[str]:
+    """Run the desk, with its page if there is one, until `stopped` is set.
+
+    Returns the summaries of the sensors; none if the sources have ended, because they were shown then.
+    """
     from drivers.realtime import compute_in_one_thread
 
     if view.watch_at is not None and (view.terminal or view.json):
@@ -147,11 +150,9 @@ def _show_live(
     compute_in_one_thread()
     desk = stack.enter_context(desk_of(sources, settings, stack, listeners))
     run_desk(desk, _shown(view, stack, stopped), view.seconds, stopped, page)
-    if not desk.ended:
-        for sensor in desk.sensors.values():
-            say(sensor.summary)
     if desk.fault is not None:
         raise EstimatorError(f"ended; the estimator failed: {desk.fault}")
+    return [] if desk.ended else [f"{sensor.name}: {sensor.summary}" for sensor in desk.sensors.values()]
 
 
 def _name(source: LiveSourceOptions) -> str:
@@ -354,6 +355,8 @@ class _Terminal:
 
 
 def _line(reading: "Reading") -> str:
+    from drivers.clock import NS_PER_S
+
     sample = reading.sample
     angle = "angle     -    "
     if sample is not None and sample.angle_deg is not None:
@@ -361,6 +364,8 @@ def _line(reading: "Reading") -> str:
         angle = f"angle {sample.angle_deg:+6.1f}{sigma} deg"
     rate = "" if sample is None or sample.rate_deg_s is None else f", {sample.rate_deg_s:+.1f} deg/s"
     slip = "  SLIP" if sample is not None and sample.slip else ""
+    if reading.slips_s and not slip:
+        slip = f", last slip {reading.time_ns / NS_PER_S - reading.slips_s[-1]:.1f} s ago"
     fps = "-" if reading.fps is None else f"{reading.fps:.0f}"
     return (
         f"{reading.name}: {angle}{rate}, {reading.state}{slip}; {fps} frames/s, {reading.dropped} dropped, "

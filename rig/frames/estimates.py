@@ -13,15 +13,11 @@ from drivers.errors import InputError
 from drivers.progress import steps
 from drivers.types import ArmState, Image
 from rig.frames.series import TimedFrame
-from rig.frames.slip_alarm import STABLE_FRAMES, slips
+from rig.frames.slip_alarm import slips
 from rig.frames.times import FrameTime
 from rig.sessions.table_files import csv_bytes
-from rig.tactile.contact.gate import SETTLED_SHARE
 from rig.tactile.sample import SlipSample, State, TactileEstimator
 
-# The zero is the first frame of stable full contact: the contact's area is constant over the next frames, at
-# the tolerance of an estimator that waits for settling, and has reached this share of its later median.
-FULL_AREA = 0.8
 TIME_PERCENTILES = (50, 90, 99)
 FRAME_MS = "ms per frame with contact: median, 90 %, 99 %"
 """Heading of a column with the values of `frame_ms`."""
@@ -133,9 +129,14 @@ def estimate_together(
     return samples
 
 
-def estimate_series(series: Iterable[TimedFrame], estimator: TactileEstimator) -> tuple[Answer, ...]:
-    """Estimate every frame in order; a frame that cannot be read is `lost`. Raises `InputError`."""
-    frames, shown = tee(steps(series, series.count))
+def estimate_series(
+    series: Iterable[TimedFrame], estimator: TactileEstimator, count: int | None = None
+) -> tuple[Answer, ...]:
+    """Estimate every frame in order; a frame that cannot be read is `lost`. Raises `InputError`.
+
+    count: number of frames, if known, for the display of progress.
+    """
+    frames, shown = tee(steps(series, count))
     pairs = zip(frames, estimate_frames(estimator, shown), strict=True)
     return tuple(Answer(frame.time, timed.sample, timed.cost_s) for frame, timed in pairs)
 
@@ -185,7 +186,7 @@ def zeroed(
     sign: int = 1,
     lift_ns: int | None = None,
 ) -> Estimate:
-    """Return angles relative to the zero: the answer at the reference time, or at the first stable contact.
+    """Return angles relative to the zero: the answer at the reference time, or where the contact has settled.
 
     keep_zero: use the estimator's own zero, like the published script. sign: +1, or -1 for a fingertip that
     sees the object from behind. lift_ns: start of the lift, if known. If there is no angle at the reference
@@ -303,21 +304,10 @@ def _zero_place(answers: Sequence[Answer], reference: FrameTime | None) -> tuple
     answered = [i for i, answer in enumerate(answers) if answer.sample.angle_deg is not None]
     if not answered:
         return None, "undefined: no frame has an angle"
-    areas = np.array([answer.sample.contact_area_px for answer in answers])
-    stable = next((i for i in answered if _is_stable(areas[i:])), None)
-    if stable is None:
-        return answered[0], "at the first frame with an angle; no stable contact was found"
-    return stable, "where the contact was first stable"
-
-
-def _is_stable(areas: np.ndarray) -> bool:
-    """Whether the contact has reached its stable full area at the first of these areas."""
-    if areas[0] == 0:  # the estimator does not report the area
-        return False
-    near = areas[:STABLE_FRAMES]
-    later = areas[areas > 0]
-    within = np.abs(near - areas[0]) <= SETTLED_SHARE * areas[0]
-    return len(near) == STABLE_FRAMES and bool(within.all()) and areas[0] >= FULL_AREA * np.median(later)
+    settled = next((i for i in answered if answers[i].sample.settled), None)
+    if settled is None:
+        return answered[0], "at the first frame with an angle; the contact never settled"
+    return settled, "at the first frame with an angle in a settled contact"
 
 
 def _place_at(answers: Sequence[Answer], reference: FrameTime) -> tuple[int | None, str]:

@@ -192,7 +192,7 @@ class Estimation:
         lift_ns: int | None = None,
     ) -> SeriesEstimate:
         check = BackgroundCheck(background)
-        answers = estimate_series(_checked(series, check), estimator)
+        answers = estimate_series(checked(series, check), estimator, series.count)
         if not answers:
             raise InputError(f"{series.name}: holds no frames to estimate: give another clip or recording")
         lift_ns = lift_time(answers, self.lift) if lift_ns is None else lift_ns
@@ -202,8 +202,8 @@ class Estimation:
         return SeriesEstimate(estimate, background, note, tuple(doubts), self.choice.sees(background))
 
 
-def _checked(series: FrameSeries, check: BackgroundCheck) -> Iterator[TimedFrame]:
-    """Yield the frames, after each was compared with the background."""
+def checked(series: FrameSeries, check: BackgroundCheck) -> Iterator[TimedFrame]:
+    """Yield the frames of a series, after each was compared with the background."""
     for frame in series:
         if frame.image is not None:
             check.add(frame.image, frame.time_ns)

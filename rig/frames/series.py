@@ -293,7 +293,7 @@ def _bag_series(path: Path, finger: str, timestamps: Path | None, fps: float | N
 
     note = f"finger {finger}; {RATE_ASSUMED}"
     notes = (note,) if timestamps is None and fps is None else ()
-    return FrameSeries(f"{path}:{finger}", read, notes, bag.background, len(names))
+    return FrameSeries(f"{path}:{finger}", read, notes, bag.background, count=len(names))
 
 
 def _times(names: list[str], table: Path | None, fps: float) -> list[FrameTime]:

@@ -1,6 +1,7 @@
 """Angles of one sensor frame by frame, as the frames are captured."""
 
 import math
+import warnings
 from dataclasses import dataclass
 
 from drivers.clock import NS_PER_S, to_ns
@@ -10,6 +11,7 @@ from drivers.types import Image
 from drivers.values import short_repr
 from rig.frames.slip_alarm import SlipAlarm
 from rig.lift.object_angle import ZERO_S, TipTrack
+from rig.tactile.contact.background_check import CHECK_EVERY_NS, LOOKS_LIKE_CONTACT, BackgroundCheck
 from rig.tactile.sample import SlipSample, TactileEstimator, check_frame
 
 
@@ -22,8 +24,8 @@ class AngleSample:
     for `slip` the first contact. sigma_deg: one standard deviation, None if the estimator reports none.
     state: "no_contact", "tracking", "rekeyed", "unobservable" or "lost". rate_deg_s: None if unknown.
     shift_px: x right, y down, since the estimator's own reference, None if unknown. contact_area_px: 0
-    without contact. slip: whether the slip alarm has been raised since the reference or in this grasp. fault:
-    error raised by a lab's own estimator.
+    without contact. slip: whether the slip alarm is on, see `rig.frames.slip_alarm`. fault: error raised by a
+    lab's own estimator.
     """
 
     time_s: float
@@ -44,17 +46,22 @@ class StreamingEstimator:
 
     It drives the estimator and sets the reference as a lift of the rig does: the same frames, times and
     reference give the same angles bit for bit. estimator: made for this sensor. shape: of its frames,
-    (H, W, 3). sign: +1, or -1 for a fingertip that sees the object from behind.
+    (H, W, 3). sign: +1, or -1 for a fingertip that sees the object from behind. each_contact: whether to set
+    the reference at the first angle of each contact, and again when the contact has settled.
     """
 
-    def __init__(self, estimator: TactileEstimator, shape: tuple[int, ...], sign: int = 1) -> None:
+    def __init__(
+        self, estimator: TactileEstimator, shape: tuple[int, ...], sign: int = 1, each_contact: bool = False
+    ) -> None:
         if sign not in (1, -1):
             raise InputError(
                 f"sign is {sign!r}: give 1, or -1 for a fingertip that sees the object from behind"
             )
         self._estimator, self._shape = estimator, shape
         self._track, self._alarm = TipTrack(sign), SlipAlarm()
+        self._each_contact, self._settled = each_contact, False
         self._newest_ns: int | None = None
+        self._check: BackgroundCheck | None = None
 
     @property
     def track(self) -> TipTrack:
@@ -63,8 +70,13 @@ class StreamingEstimator:
 
     @property
     def settled(self) -> bool:
-        """Whether the contact of this grasp has stopped growing."""
-        return self._alarm.settled
+        """Whether the contact has settled, and its angle since then is known: a reference is good now."""
+        return self._settled
+
+    @property
+    def slips_s(self) -> tuple[float, ...]:
+        """Times of the frames in which the slip alarm was raised, s; the newest 20."""
+        return tuple(time_ns / NS_PER_S for time_ns in self._alarm.raised_ns)
 
     def update(self, image: Image, time_s: float) -> AngleSample:
         """Estimate the angle in the next frame.
@@ -79,13 +91,23 @@ class StreamingEstimator:
 
     def update_at(self, image: Image, time_ns: int) -> AngleSample:
         """Do the same as `update` for a time in ns, without copying the image: do not modify it later."""
+        if self._check is not None:
+            self._check.add(image, time_ns)
+            self._warn()
         self._newest_ns = time_ns
         sample = self._estimator.update(image, time_ns)
         kept = self._track.samples
         kept.append(sample)
         while kept[0].time_ns < time_ns - to_ns(2 * ZERO_S):
             del kept[0]
-        return self._answer(sample, self._alarm.update(sample))
+        slip = self._alarm.update(sample)
+        self._settle(sample)
+        return self._answer(sample, slip)
+
+    def check_background(self, background: Image) -> None:
+        """Warn once, by `warnings.warn`, if the background looks like a contact, now or in a later frame."""
+        self._check = BackgroundCheck(background, CHECK_EVERY_NS)
+        self._warn()
 
     def set_reference(self, time_s: float | None = None) -> None:
         """Set the zero to the mean angle of the last 0.4 s before a time, and arm the slip alarm.
@@ -103,6 +125,26 @@ class StreamingEstimator:
                 "gel, and set the reference while it rests"
             )
         self._alarm.arm()
+
+    def _warn(self) -> None:
+        if self._check is not None and self._check.doubtful:
+            self._check = None
+            warnings.warn(f"{LOOKS_LIKE_CONTACT}: lift the object, take another background", stacklevel=4)
+
+    def _settle(self, sample: SlipSample) -> None:
+        """Note whether the contact has settled, and set the reference if one is due."""
+        if not sample.shows_contact:
+            return
+        before, self._settled = (
+            self._settled,
+            bool(sample.settled) and (self._settled or sample.angle_deg is not None),
+        )
+        if not self._each_contact:
+            return
+        if before and not self._settled:
+            self._track.zero_deg = self._track.zero_sample = None
+        if sample.angle_deg is not None and (self._track.zero_deg is None or self._settled > before):
+            self._track.zero_deg, self._track.zero_sample = sample.angle_deg, sample
 
     def _answer(self, sample: SlipSample, slip: bool) -> AngleSample:
         sign, answer = self._track.sign, self._track.answer(sample)

@@ -46,8 +46,8 @@ def choose_frames(
 ) -> tuple[FrameChoice, str]:
     """Choose frames with contact, evenly spread from the reference on; return them and an explanation.
 
-    The default reference is the zero of `rig estimate`: the first frame of stable full contact. Raises
-    `InputError` if no frame shows a contact, or if the reference is not a frame with contact before another.
+    The default reference is the zero of `rig estimate`: the first frame in which the contact has settled.
+    Raises `InputError` if no frame shows a contact, or if the reference is not a frame with contact before another.
     """
     touching, zero, why = _scanned(series, background)
     if not touching:
@@ -98,7 +98,7 @@ def difference(image: Image, background: Image) -> Image:
 
 def _scanned(series: FrameSeries, background: Image) -> tuple[list[int], int, str]:
     """Return the frames with contact, the frame of the zero, and a note on the zero."""
-    answers = estimate_series(series, choose_estimator(None, None).make(background, None))
+    answers = estimate_series(series, choose_estimator(None, None).make(background, None), series.count)
     touching = [number for number, answer in enumerate(answers) if answer.sample.contact_area_px > 0]
     found = zeroed(answers, None)
     if found.zero is None:

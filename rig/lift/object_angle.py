@@ -39,9 +39,13 @@ class TipTrack:
         return TipAnswer(sample, angle, sample.sigma_since(self.zero_sample), rate, since)
 
     def set_zero(self, time_ns: int) -> None:
-        """Take the mean angle of the last `ZERO_S` before a time as the zero."""
+        """Take the mean angle of the last `ZERO_S` before a time as the zero.
+
+        If the contact has settled since then, the earlier angles are left out: they have another zero.
+        """
         since = time_ns - to_ns(ZERO_S)
         late = [s for s in self.samples if since <= s.time_ns < time_ns and s.angle_deg is not None]
+        late = [s for s in late if s.settled] or late
         angles_deg = [s.angle_deg for s in late if s.angle_deg is not None]
         self.zero_deg = float(np.mean(angles_deg)) if angles_deg else None
         self.zero_sample = late[-1] if late else None

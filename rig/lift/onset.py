@@ -41,11 +41,16 @@ class OnsetAlarm:
         """
         if self.raised_ns is not None or angle_deg is None or rate_deg_s is None:
             return False
-        away = abs(angle_deg) >= ALARM_DEG and angle_deg * rate_deg_s > 0.0
-        if not (away and abs(rate_deg_s) >= ALARM_RATE_DEG_S):
+        if not leaves_rest(angle_deg, rate_deg_s):
             return False
         self.raised_ns = time_ns
         return True
+
+
+def leaves_rest(angle_deg: float, rate_deg_s: float) -> bool:
+    """Whether an object has left its angle at rest, 0, and is still moving away faster than the noise."""
+    away = abs(angle_deg) >= ALARM_DEG and angle_deg * rate_deg_s > 0.0
+    return away and abs(rate_deg_s) >= ALARM_RATE_DEG_S
 
 
 def estimated_onset_ns(answers: Iterable[tuple[int, float | None]]) -> int | None:

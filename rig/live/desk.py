@@ -24,7 +24,7 @@ from rig.live.desk_sensor import DeskSensor, Reading
 from rig.live.feed import OBJECT, Sender
 from rig.live.observer import PICTURE_LONG_SIDE_PX, small_jpeg
 from rig.tactile.estimators import EstimatorChoice, choose_estimator
-from rig.tactile.sample import State
+from rig.tactile.sample import SlipSample, State
 
 LATEST_S = 0.3
 """Frames that wait longer are skipped and counted as dropped, so that the angle is never late."""
@@ -82,7 +82,7 @@ class Desk:
         self._stopping = threading.Event()
         self._threads = [threading.Thread(target=self._wait, args=(s,), daemon=True) for s in sources]
         self._open = len(sources)
-        self._fusion = FusedAngles()
+        self._fusion, self._zeros = FusedAngles(), list[SlipSample | None]()
 
     def __enter__(self) -> "Desk":
         self._settings.choice.try_making()  # takes seconds the first time, so do it before the first frame
@@ -160,7 +160,6 @@ class Desk:
 
     def _done(self, what: str, name: str) -> str:
         sensors = self.sensors.values()
-        self._fusion.restart()
         if what == REFERENCE:
             for sensor in sensors:
                 sensor.set_reference()
@@ -205,6 +204,10 @@ class Desk:
         tracks = {n: stream.track for n, stream in streams.items() if stream.track.samples}
         slip = any(sensor.slip for sensor in self.sensors.values())
         others = [track.newest() for n, track in tracks.items() if n != now.name]
+        zeros = [track.zero_sample for track in tracks.values()]
+        if zeros != self._zeros:
+            self._zeros = zeros
+            self._fusion.restart()
         fused = self._fusion.update(tracks[now.name].newest(), others)
         waits = fused.angle_deg is None and fused.state is State.TRACKING
         return Reading(
@@ -216,6 +219,7 @@ class Desk:
             (self._clock.now_ns() - now.time_ns) / NS_PER_S,
             sum(sensor.dropped for sensor in self.sensors.values()),
             max((zero.time_ns / NS_PER_S for t in tracks.values() if (zero := t.zero_sample)), default=None),
+            slips_s=tuple(sorted(time_s for stream in streams.values() for time_s in stream.slips_s)),
         )
 
     def _show(self, reading: Reading) -> None:

@@ -1,7 +1,6 @@
 """One sensor on a desk, frame by frame: its background, estimator, reference and clip."""
 
 from collections import Counter, deque
-from contextlib import suppress
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -34,7 +33,8 @@ class Reading:
     sample: None while the background is taken. fps: frame rate from capture times, None at first. latency_s:
     time from capture to the angle. dropped: number of lost or skipped frames. zero_s: time of the frame whose
     angle is 0, None without a reference. background: its origin. doubt: why the background is doubtful, else
-    empty. outline: of the contact, (N, 2) px, x right and y down. frame: None for the object.
+    empty. outline: of the contact, (N, 2) px, x right and y down. frame: None for the object. slips_s:
+    capture times at which the slip alarm was raised, s.
     """
 
     name: str
@@ -49,6 +49,7 @@ class Reading:
     doubt: str = ""
     outline: NDArray[np.float32] = field(default_factory=lambda: np.empty((0, 2), np.float32))
     frame: Frame | None = None
+    slips_s: tuple[float, ...] = ()
 
     def values(self) -> dict[str, object]:
         """Return the reading as JSON values."""
@@ -61,6 +62,7 @@ class Reading:
             "sigma_deg": sample and sample.sigma_deg,
             "rate_deg_s": sample and sample.rate_deg_s,
             "slip": bool(sample and sample.slip),
+            "slips_s": self.slips_s,
             "fps": None if self.fps is None else round(self.fps, 1),
             "latency_ms": round(1e3 * self.latency_s, 2),
             "dropped": self.dropped,
@@ -94,7 +96,7 @@ class DeskSensor:
         self.news = ""
         """News about the background in the newest frame, for the user."""
         self.slip = False
-        """Whether the slip alarm was raised at the newest frame."""
+        """Whether the slip alarm was on at the newest frame."""
         self._choice, self._sign, self._aspect = choice, sign, aspect
         self._tally, self._times = FrameTally(), deque[int](maxlen=RATE_FRAMES)
         self._states: Counter[str] = Counter()
@@ -102,7 +104,6 @@ class DeskSensor:
         self._finder: ContactFinder | None = None
         self._outline = np.empty((0, 2), np.float32)
         self._outlined_ns = 0
-        self._referenced = False
 
     @property
     def summary(self) -> str:
@@ -110,7 +111,7 @@ class DeskSensor:
         states = ", ".join(f"{count} {state}" for state, count in sorted(self._states.items()))
         without = states.replace("_", " ") or "none"
         return (
-            f"{self.name}: {self._answered} of {counted(self._tally.frames, 'frame')} with an angle; "
+            f"{self._answered} of {counted(self._tally.frames, 'frame')} with an angle; "
             f"without: {without}; {self.dropped} dropped"
         )
 
@@ -134,6 +135,7 @@ class DeskSensor:
         late_s = (clock.now_ns() - frame.time_ns) / NS_PER_S
         span_s = (self._times[-1] - self._times[0]) / NS_PER_S
         fps = (len(self._times) - 1) / span_s if span_s > 0 else None
+        slips_s = () if self.stream is None else self.stream.slips_s
         return Reading(
             self.name,
             frame.time_ns,
@@ -147,6 +149,7 @@ class DeskSensor:
             self.background.doubt,
             self._outline,
             frame,
+            slips_s,
         )
 
     def choose(self, choice: EstimatorChoice) -> None:
@@ -179,12 +182,6 @@ class DeskSensor:
     def _estimated(self, frame: Frame) -> AngleSample:
         stream = self.stream or self._made(frame)
         sample = stream.update_at(frame.image, frame.time_ns)
-        if not stream.settled:
-            self._referenced = False
-        elif not self._referenced:
-            self._referenced = True
-            with suppress(InputError):
-                stream.set_reference()
         self._find_outline(frame, sample)
         return sample
 
@@ -192,8 +189,8 @@ class DeskSensor:
         background = frame.image if self.background.image is None else self.background.image
         check_frame(frame.image, background.shape)
         estimator = self._choice.make(background, self._aspect, self._sign)
-        self.stream = StreamingEstimator(estimator, background.shape, self._sign)
-        self._finder, self._referenced = ContactFinder(background), False
+        self.stream = StreamingEstimator(estimator, background.shape, self._sign, each_contact=True)
+        self._finder = ContactFinder(background)
         return self.stream
 
     def _find_outline(self, frame: Frame, sample: AngleSample) -> None:

@@ -1,5 +1,6 @@
 """Run an estimator on stored or live frames, and score its angles against ground truth."""
 
+import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,13 +15,14 @@ from drivers.realtime import compute_in_one_thread
 from drivers.types import Image
 from drivers.values import short_repr
 from rig.frames.estimates import estimate_series, zeroed
-from rig.frames.estimation import require_frames_suffice
+from rig.frames.estimation import checked, require_frames_suffice
 from rig.frames.series import FrameSeries, TimedFrame, evenly_spread, find_background
 from rig.frames.streaming import StreamingEstimator
 from rig.frames.times import FrameTime, times_at_rate
 from rig.python.tracks import Angles
 from rig.report.curves import Curve, truth_at
 from rig.results.metrics import summarize
+from rig.tactile.contact.background_check import LOOKS_LIKE_CONTACT, BackgroundCheck
 from rig.tactile.estimators import choose_estimator
 from rig.tactile.foreign import ForeignEstimator
 from rig.tactile.paper.estimator import WindowMean
@@ -69,10 +71,10 @@ def estimate(
     the estimator. pixel_aspect: width of a pixel on the gel divided by its height, if known. gel: YAML file
     of `rig calibrate tactile`, from whose look `slip` computes slopes.
 
-    Returns image angles as `rig estimate` does: counter-clockwise positive, relative to the first frame of
-    stable full contact. Raises `InputError` for invalid frames or times, or if no background is given and no
-    frames without contact are found; `EstimatorError` if the estimator cannot be made, or a class of your own
-    fails on a frame.
+    Returns image angles as `rig estimate` does: counter-clockwise positive, relative to the first frame in
+    which the contact has settled. Raises `InputError` for invalid frames or times, or if no background is
+    given and no frames without contact are found; `EstimatorError` if the estimator cannot be made, or a class
+    of your own fails on a frame. Warns (`UserWarning`) if the background looks like a contact.
     """
     if isinstance(frames, (str, Path)):
         raise InputError(
@@ -86,11 +88,14 @@ def estimate(
             check_frame(image, getattr(frames[0], "shape", None))
         background, _ = find_background("estimate", frames, evenly_spread(frames))
     series = FrameSeries("frames", lambda: _timed(frames, times_s, fps))
-    answers = estimate_series(series, _made(estimator, background, window, pixel_aspect, gel=gel))
+    made, check = _made(estimator, background, window, pixel_aspect, gel=gel), BackgroundCheck(background)
+    answers = estimate_series(checked(series, check), made)
     if not answers:
         raise InputError("estimate: there are no frames")
     if faults := faults_of(answer.sample for answer in answers):
         raise EstimatorError(str(faults))
+    if check.doubtful:
+        warnings.warn(f"{LOOKS_LIKE_CONTACT}: give a frame without contact as background", stacklevel=2)
     found = zeroed(answers, None)
     states = tuple(answer.sample.state.value for answer in answers)
     seconds = np.array([answer.time.time_ns / NS_PER_S for answer in answers])
@@ -111,7 +116,8 @@ def estimator(
     name, window, pixel_aspect, gel: as for `estimate`. background: a frame without contact, (H, W, 3) uint8
     RGB, preferably the mean of several. sign: -1 for a fingertip on the side of the object away from the
     camera.
-    Raises `InputError`, and `EstimatorError` if it cannot be made.
+    Raises `InputError`, and `EstimatorError` if it cannot be made. Warns (`UserWarning`) if the background
+    looks like a contact, also later, after a frame that shows this.
 
     From then on OpenCV and BLAS compute in one thread in this program, as on the command line. Otherwise the
     last digits of the angles would depend on the number of cores.
@@ -120,7 +126,9 @@ def estimator(
     compute_in_one_thread()
     background = background.copy()
     made = _made(name, background, window, pixel_aspect, sign, gel)
-    return StreamingEstimator(made, background.shape, sign)
+    stream = StreamingEstimator(made, background.shape, sign)
+    stream.check_background(background)
+    return stream
 
 
 def score(estimate: Angles, truth: Angles) -> Score:

@@ -77,7 +77,8 @@ class LiveFingertip:
                 choice = EstimatorChoice(self._estimator, window=1)
                 choice.try_making()
                 estimator = choice.make(untouched, sign=tip.sign)
-                stream = StreamingEstimator(estimator, untouched.shape, tip.sign)
+                stream = StreamingEstimator(estimator, untouched.shape, tip.sign, each_contact=True)
+                stream.check_background(untouched)
                 work.append(threading.Thread(target=self._estimate, args=(stream, stopping), daemon=True))
             for thread in work:
                 stack.callback(thread.join, STOP_S)
@@ -120,7 +121,10 @@ class LiveFingertip:
             return self._frame
 
     def angle(self) -> AngleSample:
-        """Return the newest angle, 0 at the beginning of each contact, with the fingertip's sign applied."""
+        """Return the newest angle since the contact has settled, with the fingertip's sign applied.
+
+        Until then it counts from the first angle of the contact.
+        """
         with self._changed:
             self._require_running()
             return self._angle
@@ -150,7 +154,6 @@ class LiveFingertip:
 
     def _estimate(self, stream: StreamingEstimator, stopping: threading.Event) -> None:
         """Estimate from the newest frame until stopped; frames are left out if the estimator is slower."""
-        touched = False
         done: Frame | None = None
         while not stopping.is_set():
             with self._changed:
@@ -160,11 +163,5 @@ class LiveFingertip:
                 continue
             done = frame
             sample = stream.update_at(frame.image, frame.time_ns)
-            if sample.state == State.NO_CONTACT:
-                touched = False
-            elif not touched and sample.angle_deg is not None:
-                touched = True
-                stream.set_reference()
-                sample = stream.update_at(frame.image, frame.time_ns)  # the same frame, from its own angle
             with self._changed:
                 self._angle = sample

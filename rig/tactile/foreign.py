@@ -16,6 +16,8 @@ from dataclasses import replace
 from numbers import Real
 from typing import Any
 
+import numpy as np
+
 from drivers.errors import EstimatorError, InputError, OperatorStopError
 from drivers.named_classes import named_class, raised_text
 from drivers.types import ArmState, Image
@@ -153,6 +155,8 @@ def _invalid_combination(sample: SlipSample, image: Image) -> str | None:
         return f"contact_area_px is {sample.contact_area_px:g}, but the frame has {pixels} pixels"
     if sample.state is State.NO_CONTACT and (sample.angle_deg is not None or sample.contact_area_px > 0):
         return "state no_contact with an angle or a contact area"
+    if not (sample.settled is None or isinstance(sample.settled, (bool, np.bool_))):
+        return f"settled is {sample.settled!r}, not True, False or None"
     stages = sample.stage_s
     if not isinstance(stages, dict) or not all(_is_number(spent) for spent in stages.values()):
         return f"stage_s is {stages!r}, not a dict of seconds"
@@ -171,6 +175,7 @@ def _plain(sample: SlipSample, stage_s: dict[str, float]) -> SlipSample:
         rate_deg_s=_plain_number(sample.rate_deg_s),
         shift_px=sample.shift_px and (float(sample.shift_px[0]), float(sample.shift_px[1])),
         contact_area_px=float(sample.contact_area_px),
+        settled=None if sample.settled is None else bool(sample.settled),
         stage_s={str(stage): float(spent) for stage, spent in stage_s.items()},
         fault=None,
     )

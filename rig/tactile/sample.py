@@ -14,6 +14,7 @@ from drivers.errors import InputError, counted
 from drivers.tally import LONGEST_STEP_NS, StreamTimes
 from drivers.types import ArmState, Image
 from drivers.values import short_repr
+from rig.tactile.settling import SettlingByArea
 
 MIN_SIDE_PX, MAX_SIDE_PX = 8, 4096
 """Smallest and largest side of a tactile frame."""
@@ -43,7 +44,10 @@ class SlipSample:
     if unknown. contact_area_px: contact area in pixels of the frame, 0 without contact. stage_s: run time per
     stage, s. skipped: names of the stages that were not needed. fault: error of a foreign estimator that
     raised an exception or returned an invalid sample; the state is then `lost`. jumped: whether the time of
-    the frame is implausible in its stream; the frame is then not used, and the state is `lost`.
+    the frame is implausible in its stream; the frame is then not used, and the state is `lost`. settled:
+    whether the contact has settled, so that the angle of this frame, if it has one, is a good zero: later
+    angles of this contact differ from it by the measured rotation. It stays True until the next contact. If
+    an estimator leaves it None, `FreshFrameEstimator` sets it by the default rule, see `SettlingByArea`.
     """
 
     time_ns: int
@@ -58,8 +62,14 @@ class SlipSample:
     skipped: tuple[str, ...] = ()
     fault: str | None = None
     jumped: bool = False
+    settled: bool | None = None
 
     __repr__ = short_repr
+
+    @property
+    def shows_contact(self) -> bool:
+        """Whether the frame shows a contact; an estimator need not report its area."""
+        return self.contact_area_px > 0.0 or self.angle_deg is not None
 
     def sigma_since(self, zero: "SlipSample | None") -> float | None:
         """Return the standard deviation of the rotation since a zero sample, deg; None if sigma_deg is None.
@@ -138,7 +148,7 @@ class FreshFrameEstimator(TactileEstimator):
     def __init__(self, shape: tuple[int, ...] | None = None) -> None:
         self._shape = shape
         self._last: SlipSample | None = None
-        self._times = StreamTimes()
+        self._times, self._settling = StreamTimes(), SettlingByArea()
         self._set_back_ns = 0
 
     def update(self, image: Image, time_ns: int) -> SlipSample:
@@ -152,8 +162,12 @@ class FreshFrameEstimator(TactileEstimator):
         now_ns = time_ns + self._set_back_ns
         if last is not None and now_ns <= last.time_ns:
             return replace(last, time_ns=last.time_ns - self._set_back_ns, stage_s={}, skipped=self.stages)
-        self._last = self._estimate(image, now_ns)
-        return replace(self._last, time_ns=time_ns)
+        sample = self._estimate(image, now_ns)
+        if sample.settled is None:
+            area_px = sample.contact_area_px or float(sample.shows_contact)
+            sample = replace(sample, settled=self._settling.update(area_px, now_ns))
+        self._last = sample
+        return replace(sample, time_ns=time_ns)
 
     def _estimate(self, image: Image, time_ns: int) -> SlipSample:
         """Estimate from a frame that is newer than all frames before."""

@@ -149,8 +149,8 @@ def test_background_with_contact_is_warned_of_and_table_is_written(lift: Path) -
     figures = json.loads(done.out)
     assert done.error is None
     assert len(figures["samples"]) == 20
-    assert any("the background seems to show a contact" in warning for warning in figures["warnings"])
-    assert "warning: the background seems to show a contact" in done.said
+    assert any("this background looks like a contact" in warning for warning in figures["warnings"])
+    assert "warning: this background looks like a contact" in done.said
     sound = estimate(lift / "frames", "--background", lift / "bare.png", "--json")
     assert json.loads(sound.out)["warnings"] == []
 

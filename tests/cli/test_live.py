@@ -49,7 +49,7 @@ def test_file_waits_for_the_estimator_and_its_summary_counts_every_frame(clip: P
     done = rig("live", clip, "--fps", "1000", "--terminal")
     assert done.returncode == 0, done.stderr
     found = re.search(
-        r"frames: (\d+) of 165 frames with an angle; without: (.*); 0 dropped", done.stderr.replace("\n", " ")
+        r"; (\d+) of 165 frames with an angle; without: (.*); 0 dropped", done.stderr.replace("\n", " ")
     )
     assert found, done.stderr
     refused = sum(int(part.split()[0]) for part in found[2].split(", "))
@@ -144,7 +144,7 @@ def test_wrong_source_or_option_is_one_line(arguments: list[str], code: int, mat
 def test_wrong_source_opens_no_page() -> None:
     done = rig("live", "nowhere.avi")
     assert done.returncode == 2
-    assert "http://" not in done.stderr
+    assert "http://127" not in done.stderr
 
 
 def test_foxglove_server_gets_the_readings() -> None:

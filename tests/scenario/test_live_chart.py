@@ -44,7 +44,7 @@ class Shown:
                 "sender": 1, "sensor": "D1", "t_s": self.time_s, "state": state, "angle_deg": angle_deg,
                 "sigma_deg": None if angle_deg is None else 1.0, "rate_deg_s": None, "slip": False,
                 "fps": 10.0, "latency_ms": 1.0, "dropped": 0, "zero_s": None, "background": "taken",
-                "doubt": "", "recording": False, "outline": [], **more,
+                "doubt": "", "recording": False, "outline": [], "slips_s": [], **more,
             }  # fmt: skip
             until(lambda reading=reading: self._sent("sensor", reading), LIMIT_S)
 
@@ -117,20 +117,24 @@ def test_dropped_frames_are_marked_and_counted(shown: Shown) -> None:
 
 
 @NEEDS_CHROMIUM
-def test_status_follows_the_state_and_a_notice_lasts_until_the_next_state(shown: Shown) -> None:
-    shown.notice("D1: background taken; press an object on the gel")
-    shown.send(3, "no_contact", None)
-    until(lambda: shown.status() == "D1: background taken; press an object on the gel", LIMIT_S)
-    for state, angle_deg, zero_s, text in (
-        ("tracking", 0.1, None, "Contact: hold the object still until the reference is taken."),
-        ("tracking", 0.1, 100.5, "The angle counts from the reference: turn the object."),
-        ("unobservable", None, 100.5, "The contact is round or smooth: its angle cannot be seen."),
-        ("no_contact", None, 100.5, "No contact: press an object on the gel."),
+def test_status_follows_the_state_and_a_notice_lasts_until_another_state(shown: Shown) -> None:
+    def sent(state: str, angle_deg: float | None, zero_s: float | None = 100.5) -> str:
+        shown.send(1, state, angle_deg, zero_s=zero_s)
+        return shown.status()
+
+    taken = "D1: background taken; press an object on the gel"
+    shown.notice(taken)
+    until(lambda: sent("no_contact", None) == taken, LIMIT_S)
+    wait = "Contact: hold the object still until the reference is taken."
+    until(lambda: sent("tracking", 0.1, None) == wait, LIMIT_S)
+    for state, angle_deg, text in (
+        ("rekeyed", 0.1, "The angle counts from the reference: turn the object."),
+        ("unobservable", None, "The contact is round or smooth: its angle cannot be seen."),
+        ("no_contact", None, "No contact: press an object on the gel."),
     ):
-        shown.send(3, state, angle_deg, zero_s=zero_s)
-        until(lambda text=text: shown.status() == text, LIMIT_S)
+        until(lambda of=(state, angle_deg), text=text: sent(*of) == text, LIMIT_S)
     shown.notice("recording to clips/x")
-    until(lambda: shown.status() == "recording to clips/x", LIMIT_S)
+    until(lambda: sent("tracking", 0.1) == "recording to clips/x", LIMIT_S)
 
 
 @NEEDS_CHROMIUM

@@ -136,6 +136,8 @@ def test_page_shows_the_angle_and_its_buttons_act(tmp_path: Path) -> None:
                 assert seen["wide"] <= width
                 assert browser.said() == []
         (clip,) = (tmp_path / "clips").iterdir()
-        assert {path.name for path in clip.iterdir()} == {"frames", "background.png", "timestamps.csv"}
+        assert {path.name for path in clip.iterdir()} == {
+            "frames", "background.png", "timestamps.csv", "clip.json",
+        }  # fmt: skip
     finally:
         browser.close()

@@ -14,6 +14,7 @@ import numpy as np
 from drivers.clock import NS_PER_S
 from drivers.types import Image
 from rig.tactile.contact.untouched import Comparison
+from rig.tactile.sample import check_frame
 
 LOOKS_LIKE_CONTACT = "this background looks like a contact"
 """Text of the doubt; the caller adds the remedy."""
@@ -41,7 +42,8 @@ class BackgroundCheck:
     """
 
     def __init__(self, background: Image, every_ns: int = 0) -> None:
-        self._every_ns = every_ns
+        check_frame(background)
+        self._every_ns, self._shape = every_ns, background.shape
         self._comparison = Comparison(background)
         self._slopes = self._comparison.slopes(background)
         inner = self._slopes[BORDER_PX:-BORDER_PX, BORDER_PX:-BORDER_PX]
@@ -55,7 +57,11 @@ class BackgroundCheck:
         return self._edged or self._evidence >= ENOUGH
 
     def add(self, image: Image, time_ns: int) -> None:
-        """Compare a frame with the background, unless the last checked frame is too close in time."""
+        """Compare a frame with the background, unless the last checked frame is too close in time.
+
+        Raises `InputError` for a frame of another shape or type.
+        """
+        check_frame(image, self._shape)
         if self._checked_ns is not None and 0 <= time_ns - self._checked_ns < self._every_ns:
             return
         self._checked_ns = time_ns

@@ -18,6 +18,7 @@ from rig.tactile.contact.finder import Contact, ContactFinder
 from rig.tactile.paper.axis import Axis, AxisMethod
 from rig.tactile.paper.published import ScriptAngle, ScriptError, ScriptFilter, stretched
 from rig.tactile.sample import FreshFrameEstimator, SlipSample, State, Stopwatch, TactileEstimator
+from rig.tactile.settling import SettlingByArea
 
 
 class WindowMean(TactileEstimator):
@@ -137,12 +138,16 @@ class PublishedEstimator(TactileEstimator):
         self._finder = finder
         self._method = method
         self._filter = ScriptFilter(window)
-        self._times = StreamTimes()
+        self._times, self._settling = StreamTimes(), SettlingByArea()
 
     def update(self, image: Image, time_ns: int) -> SlipSample:
         """Estimate from (H, W, 3) uint8 RGB. Raises only `InputError`, for another shape or type."""
         if not self._times.follows(time_ns):
             return SlipSample(time_ns, State.LOST, jumped=True)
+        sample = self._estimate(image, time_ns)
+        return replace(sample, settled=self._settling.update(sample.contact_area_px, time_ns))
+
+    def _estimate(self, image: Image, time_ns: int) -> SlipSample:
         watch = Stopwatch()
         contact = self._finder.find(image)
         watch.lap("contact")

@@ -17,11 +17,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.clock import NS_PER_S
 from drivers.types import Image
-from rig.tactile.contact.gate import ContactGate, Region, Steadiness
+from rig.tactile.contact.gate import ContactGate, Region
 from rig.tactile.contact.relative import RelativeDifference, full_area, work_size
 from rig.tactile.sample import FreshFrameEstimator, SlipSample, State, Stopwatch
+from rig.tactile.settling import NEW_GRASP_NS, Steadiness
 
 NOISE_BLUR_PX = 1.0
 # The reference is replaced until area and strength have stayed within SETTLED_SHARE for this number of
@@ -30,8 +30,6 @@ SETTLED_FRAMES = 6
 # Smallest rotational contrast of a reference (see `_contrast`). Below this the contact is round and its
 # rotation unobservable: SIMULATED smooth balls reach 0.1, cans at least 0.3.
 LEAST_CONTRAST = 0.15
-# After a loss of contact for longer than this, a contact is a new grasp.
-FORGET_S = 0.5
 # Stopping criteria of cv2.findTransformECC.
 ECC_ITERATIONS, ECC_STEP = 30, 1e-5
 # Lowest correlation that is accepted.
@@ -156,7 +154,7 @@ class ReferenceEstimator(FreshFrameEstimator):
         watch.lap("contact")
         if region is None:
             return SlipSample(time_ns, State.NO_CONTACT, stage_s=watch.stage_s, skipped=self.stages[1:])
-        if self._seen_ns is not None and time_ns - self._seen_ns > FORGET_S * NS_PER_S:
+        if self._seen_ns is not None and time_ns - self._seen_ns > NEW_GRASP_NS:
             self._zero_rad += self._match.angle_rad
             self._release()
         self._seen_ns = time_ns

@@ -19,14 +19,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from drivers.clock import NS_PER_S
 from drivers.errors import InputError
 from drivers.types import Image
 from rig.tactile.contact.dots import Points, find_dots, without_markers
 from rig.tactile.contact.finder import Contact, ContactFinder
-from rig.tactile.contact.gate import Steadiness
 from rig.tactile.contact.relative import full_area
 from rig.tactile.sample import FreshFrameEstimator, SlipSample, State, Stopwatch, check_frame
+from rig.tactile.settling import NEW_GRASP_NS, Steadiness
 
 # Search radius of a marker as a fraction of the distance to its nearest neighbour.
 STEP_SHARE = 0.45
@@ -156,8 +155,6 @@ SETTLED_FRAMES = 6
 # Larger frames are reduced to this long side: this is many times faster, and the dots are found as
 # accurately.
 MOST_PX = 1024
-# After a loss of contact for longer than this, a contact is a new grasp.
-FORGET_S = 0.5
 
 
 class KolamuriEstimator(FreshFrameEstimator):
@@ -190,7 +187,7 @@ class KolamuriEstimator(FreshFrameEstimator):
         watch.lap("contact")
         if contact.mask is None:
             return SlipSample(time_ns, State.NO_CONTACT, stage_s=watch.stage_s, skipped=self.stages[1:])
-        if self._seen_ns is not None and time_ns - self._seen_ns > FORGET_S * NS_PER_S:
+        if self._seen_ns is not None and time_ns - self._seen_ns > NEW_GRASP_NS:
             self._release()
         self._seen_ns = time_ns
         rekeyed = self._settle(image, contact)

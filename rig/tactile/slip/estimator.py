@@ -20,6 +20,7 @@ from rig.tactile.blas_threads import one_blas_thread
 from rig.tactile.contact.gate import ContactGate
 from rig.tactile.contact.relative import Light, RelativeDifference, full_area, work_size
 from rig.tactile.sample import FreshFrameEstimator, SlipSample, State, Stopwatch
+from rig.tactile.settling import NEW_GRASP_NS
 from rig.tactile.slip.compiling import compile_all
 from rig.tactile.slip.following import TEXTURE_STAGE, ContactFollower, SeenContact, TextureOnDemand
 from rig.tactile.slip.fused_angle import FirstAnswer, Fused, FusedAngle, JointAngle
@@ -35,8 +36,6 @@ from rig.tactile.slip.tracker import Tracked
 from rig.tactile.slip.turning import shipped_turning
 
 NOISE_BLUR_PX = 0.7
-# A contact gone for longer is a new grasp.
-FORGET_S = 0.5
 JOINT_STAGE = "joint alignment"
 OUTSIDE, ITERATIONS = "gradient outside the contact", "iterations after the last change"
 """Stages that can be skipped for a frame with contact."""
@@ -100,8 +99,9 @@ class SlipEstimator(FreshFrameEstimator):
     def _estimated(self, image: Image, time_ns: int) -> SlipSample:
         watch = Stopwatch()
         work = self._light.reduced(image)
-        if self._computed is not None and np.array_equal(work, self._work):
-            return self._repeated(self._computed, time_ns)
+        last = self._computed
+        if last is not None and last.settled is not False and np.array_equal(work, self._work):
+            return self._repeated(last, time_ns)
         self._work = work
         self._computed = self._fresh(image, work, time_ns, watch)
         return self._computed
@@ -115,7 +115,7 @@ class SlipEstimator(FreshFrameEstimator):
         watch.lap("contact")
         if region is None:
             return SlipSample(time_ns, State.NO_CONTACT, stage_s=watch.stage_s, skipped=self.stages[1:])
-        if self._seen_ns is not None and time_ns - self._seen_ns > FORGET_S * NS_PER_S:
+        if self._seen_ns is not None and time_ns - self._seen_ns > NEW_GRASP_NS:
             self._release(time_ns)
         self._seen_ns = time_ns
         texture = TextureOnDemand(partial(self._texture, image, light))
@@ -127,6 +127,7 @@ class SlipEstimator(FreshFrameEstimator):
             state,
             contact_area_px=full_area(region.area_px, work.shape, image.shape),
             stage_s=watch.stage_s,
+            settled=self._follower.settled,
         )
         if state is State.UNOBSERVABLE:
             return sample

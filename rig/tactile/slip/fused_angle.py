@@ -105,7 +105,8 @@ class FusedAngle:
             gap = at_first - at_joint
         self._first_rad, self._joint_rad = at_first, at_joint
         wanted = (1.0 - weight) * (at_first or 0.0) + weight * (at_joint or 0.0)
-        angle = self._bound(wanted, elapsed_s)
+        corrected = first is not None and first.corrected_rad != 0.0
+        angle = self._bound(wanted, math.inf if corrected else elapsed_s)
         if first is not None:
             self._unseen = min(self._unseen, first.inherited)
         variance = weight * self._texture_variance(gap, first) + (wanted - angle) ** 2
@@ -158,7 +159,7 @@ class FusedAngle:
         return at_joint + drawn
 
     def _bound(self, wanted_rad: float, elapsed_s: float) -> float:
-        """Limit the angle to the prior of the motion."""
+        """Limit the angle to the prior of the motion. elapsed_s: infinite for a correction, no motion."""
         last, most = self._angle_rad, MOST_RATE_RAD_S * elapsed_s
         self._angle_rad = wanted_rad if last is None else min(max(wanted_rad, last - most), last + most)
         return self._angle_rad

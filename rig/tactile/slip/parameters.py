@@ -120,15 +120,13 @@ class Keyframes:
 
     near_rad: keyframes are used up to this rotation. same_sigmas: angles that differ by more standard
     deviations contradict each other. A growing contact gets a keyframe when it has changed by renewed_share,
-    and another when it has not grown for settled_s; fingers that close step by step rest for a tenth of a
-    second between two steps. torn_ratio: ratio of areas from which on a frame is torn. give_up_s: time
+    and another when it has settled. torn_ratio: ratio of areas from which on a frame is torn. give_up_s: time
     without a fitting keyframe after which a settled contact gets a new one.
     """
 
     near_rad: float
     same_sigmas: float
     renewed_share: float
-    settled_s: float
     torn_ratio: float
     give_up_s: float
 

@@ -16,7 +16,7 @@ from drivers.video.gelsight_mini import GEL_PX, RAW_PX, GelSightMini, crop_gel
 from drivers.video.v4l2 import VideoNode
 from fakes.devices.desk import DeskDigit
 from rig.bench import live_source
-from rig.bench.live_source import live_sources
+from rig.bench.live_source import live_sources, serial_of
 
 
 @pytest.fixture
@@ -58,6 +58,17 @@ def test_serial_and_device_are_a_digit(plugged: Callable[..., None], tmp_path: P
     assert (digit.serial, digit.rate_hz) == ("D20641", 60.0)
     (mini,) = live_sources(["D20641"], "gelsight-mini", None)
     assert isinstance(mini, GelSightMini)
+
+
+def test_only_sensors_have_a_serial_for_their_background(
+    plugged: Callable[..., None], tmp_path: Path
+) -> None:
+    plugged(
+        VideoNode("/dev/video2", "MINI7"), VideoNode("/dev/video4", "SAME"), VideoNode("/dev/video6", "SAME")
+    )
+    assert [serial_of(text) for text in ("D20641", "/dev/video2", "2")] == ["D20641", "MINI7", "MINI7"]
+    others = "fake", "http://127.0.0.1:9/x", "/dev/video4", "/dev/video9", str(tmp_path)
+    assert [serial_of(text) for text in others] == [None] * len(others)
 
 
 @pytest.mark.parametrize(

@@ -2,19 +2,21 @@
 
 from collections.abc import Sequence
 
-from rig.frames.slip_alarm import STABLE_FRAMES, slips
+from rig.frames.slip_alarm import SlipAlarm, slips
 from rig.tactile.sample import SlipSample, State
+from rig.tactile.settling import SettlingByArea
 
 STEP_NS = 20_000_000
 
 
 def samples(areas: Sequence[float], angles: Sequence[float | None]) -> list[SlipSample]:
     """Answers 20 ms apart; the rate is that of the angles."""
-    found, last = [], 0.0
+    found, last, rule = [], 0.0, SettlingByArea()
     for i, (area, angle) in enumerate(zip(areas, angles, strict=True)):
         state = State.TRACKING if area else State.NO_CONTACT
         rate = None if angle is None else (angle - last) / (STEP_NS * 1e-9)
-        found.append(SlipSample(i * STEP_NS, state, angle, rate_deg_s=rate, contact_area_px=area))
+        settled = rule.update(area, i * STEP_NS)
+        found.append(SlipSample(i * STEP_NS, state, angle, None, 0.0, rate, None, area, settled=settled))
         last = last if angle is None else angle
     return found
 
@@ -67,9 +69,36 @@ def test_new_grasp_disarms_the_alarm() -> None:
     assert not any(slipped[len(a_lift()) + 30 :])
 
 
+def test_alarm_ends_when_the_motion_has_ended_and_its_event_is_kept() -> None:
+    at = len(a_lift())
+    twice = samples(
+        [*GRASP, *[700.0] * (REST + 2 * len(SLIP) + 12)],
+        [*TURNED, *[3.0] * REST, *SLIP, *[SLIP[-1]] * 12, *[SLIP[-1] - 0.3 * i for i in range(1, 11)]],
+    )
+    alarm = SlipAlarm()
+    on = [alarm.update(sample) for sample in twice]
+    begun = on.index(True)
+    assert on[begun : at + 4] == [True] * (at + 4 - begun), "until 100 ms after the last motion"
+    assert on[at + 4 : at + 12] == [False] * 8
+    assert on[-1], "the next slip counts from the angle at which the first one ended"
+    again = at + 12 + on[at + 12 :].index(True)
+    assert list(alarm.raised_ns) == [begun * STEP_NS, again * STEP_NS]
+
+
+def test_rate_noise_is_no_slip_and_a_slow_slip_is_detected() -> None:
+    noise = [3.0 + (0.0, 0.3, 0.0, -0.1)[i % 4] for i in range(REST)]
+    outlier, slow = [3.45] * 5, [3.0 + 0.06 * i for i in range(40)]
+    areas = [*GRASP, *[700.0] * (REST + 40)]
+    assert first(slips(samples(areas, [*TURNED, *noise, *outlier, *[3.0] * 35]))) is None
+    assert first(slips(samples(areas, [*TURNED, *[3.0] * REST, *outlier, *[3.0] * 35]))) is not None
+    raised = first(slips(samples(areas, [*TURNED, *noise, *slow])))
+    assert raised is not None
+    assert slow[raised - len(GRASP) - REST] < 4.0
+
+
 def test_a_short_gap_is_the_same_grasp() -> None:
     samples = a_lift()
-    gap = len(GRASP) + STABLE_FRAMES + 2
+    gap = len(GRASP) + 12
     for i in range(gap, gap + 5):
         samples[i] = SlipSample(samples[i].time_ns, State.NO_CONTACT)
     assert first(slips(samples)) == first(slips(a_lift()))

@@ -43,7 +43,9 @@ def test_angle_follows_the_object_from_the_moment_the_contact_has_settled(side: 
     assert abs(truth) > 7.0
     assert last.sample is not None
     assert last.sample.angle_deg == pytest.approx(side * truth, abs=1.5)
-    assert last.sample.slip
+    assert all(r.sample is not None and r.sample.slip for r in shown if 6.2e9 < r.time_ns < 7.0e9)
+    assert not last.sample.slip, "it has come to rest"
+    assert last.slips_s == pytest.approx([6.0], abs=0.15), "the event is kept"
     before = next(r for r in shown if r.time_ns > 5_000_000_000)
     assert before.sample is not None
     assert before.sample.angle_deg == pytest.approx(0.0, abs=0.3)
@@ -301,7 +303,7 @@ def test_end_of_a_source_names_its_frames() -> None:
             answered += sum(r.sample is not None and r.sample.angle_deg is not None for r in desk.step())
     assert answered > 60
     assert re.search(
-        rf"all images have been played; .*; GIVEN: {answered} of 120 frames with an angle; "
+        rf"all images have been played; .*; {answered} of 120 frames with an angle; "
         r"without: \d+ no contact, 15 taking the background; 0 dropped",
         desk.notice,
     )

@@ -7,8 +7,10 @@ import pytest
 
 import rig
 from drivers.errors import InputError
+from drivers.types import Image
 from rig.contract_checks.test_estimator import gel, pressed_bar
 from rig.tactile.sample import SlipSample, State
+from support.desk_frames import desk_frames
 
 RATE_HZ = 30.0
 
@@ -120,3 +122,32 @@ def test_invalid_frame_or_time_is_rejected_and_changes_nothing(image: Any, time_
 def test_invalid_argument_is_rejected(arguments: dict[str, Any], match: str) -> None:
     with pytest.raises(InputError, match=match):
         rig.estimator(**{"background": gel(80, 60), **arguments})
+
+
+CONTACT = "this background looks like a contact"
+
+
+def desk(from_s: float) -> list[Image]:
+    """Images of a simulated fingertip: without contact from 0 s to 3 s, with one from 4 s on."""
+    return [frame.image for frame in desk_frames(from_s + 1.0, from_s=from_s)]
+
+
+def test_background_with_a_contact_is_named_as_a_warning() -> None:
+    empty, clear = desk(0.0), desk(4.0)[0]
+    with pytest.warns(UserWarning, match=CONTACT):
+        rig.estimator("ellipse", background=clear)
+    weak = (0.75 * empty[0] + 0.25 * clear).astype(np.uint8)
+    estimator = rig.estimator("ellipse", background=weak)
+    times_s = np.arange(len(empty)) / RATE_HZ
+    with pytest.warns(UserWarning, match=f"{CONTACT}: lift the object, take another background") as named:
+        [estimator.update(image, time_s) for image, time_s in zip(empty, times_s, strict=True)]
+    assert len(named) == 1
+    assert named[0].filename == __file__
+
+
+def test_background_with_a_contact_is_named_for_stored_frames() -> None:
+    empty = desk(0.0)
+    weak = (0.75 * empty[0] + 0.25 * desk(4.0)[0]).astype(np.uint8)
+    with pytest.warns(UserWarning, match=f"{CONTACT}: give a frame without contact") as named:
+        rig.estimate([*empty, *desk(4.0)], weak, estimator="ellipse")
+    assert named[0].filename == __file__

@@ -58,11 +58,11 @@ def play(monkeypatch: pytest.MonkeyPatch, images: list[Image], sign: int = 1) ->
     return sensor
 
 
-def test_angle_is_zero_at_the_beginning_of_a_contact_and_has_the_sign_of_the_fingertip(
+def test_angle_counts_from_the_settled_contact_and_has_the_sign_of_the_fingertip(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     untouched = [gel(320, 240, i) for i in range(BACKGROUND_FRAMES + 3)]
-    bars = [pressed_bar(20.0 + max(0, i - 10), i) for i in range(30)]
+    bars = [pressed_bar(20.0 + max(0, i - 30), i) for i in range(50)]
     sensor = play(monkeypatch, untouched + bars, sign=-1)
     tip = LiveFingertip("fake", "B")
     with pytest.raises(NotConnectedError):

@@ -180,7 +180,7 @@ def test_json_is_one_object_and_the_table_goes_to_the_file(lift: Path, tmp_path:
     figures = json.loads(done.out)
     assert figures["out"] == str(out)
     assert "samples" not in figures
-    assert len(out.read_text().splitlines()) == 21
+    assert len(out.read_text().splitlines()) == 29
 
 
 def test_an_unreadable_frame_is_lost_and_the_rest_answered(lift: Path, tmp_path: Path) -> None:
@@ -213,7 +213,7 @@ def test_a_published_script_keeps_its_own_zero(lift: Path) -> None:
         (("--estimator", "nonsense"), "choose one of slip, skeleton"),
         (("--background", "nowhere.png"), "nowhere.png"),
         (("--reference-time", "soon"), "'soon' is not a time"),
-        (("--background", "first:2", "--reference-time", "99"), "the frames run from 0.000000 to 0.316667"),
+        (("--background", "first:2", "--reference-time", "99"), "the frames run from 0.000000 to 0.450000"),
         (("--background", "first:2", "--lift-from", "99"), "--lift-from 99: the frames run from 0.000000"),
         (("--lift-from", "soon"), "--lift-from 'soon' is not a time"),
         (("--timestamps", "nowhere.csv"), "nowhere.csv"),
@@ -316,7 +316,7 @@ def test_page_of_own_frames_shows_curve_states_and_frames(lift: Path, tmp_path: 
     assert "estimated angle, with its 2 sigma band" in text
     assert "marker" not in text
     assert text.count("data:image/jpeg;base64,") == 6
-    assert "<td>90%</td>" in text
+    assert "<td>93%</td>" in text
     assert "2 no_contact" in text
     assert "SIMULATED" not in text
 
@@ -341,7 +341,7 @@ def test_ros_bag_gives_the_estimates_of_the_same_frames_as_files(
     of_files = estimate(lift / "frames", *background, "--timestamps", tmp_path / "times.csv")
     assert (of_bag.error, of_files.error) == (None, None)
     assert of_bag.out == of_files.out
-    assert len(of_bag.rows) == 20
+    assert len(of_bag.rows) == 28
 
 
 def test_ros_bag_of_public_frames_gives_their_estimates(real_data: Path, tmp_path: Path) -> None:

@@ -73,8 +73,8 @@ def estimate(
 
     Returns image angles as `rig estimate` does: counter-clockwise positive, relative to the first frame in
     which the contact has settled. Raises `InputError` for invalid frames or times, or if no background is
-    given and no frames without contact are found; `EstimatorError` if the estimator cannot be made, or a class
-    of your own fails on a frame. Warns (`UserWarning`) if the background looks like a contact.
+    given and no frames without contact are found; `EstimatorError` if the estimator cannot be made, or a
+    class of your own fails on a frame. Warns (`UserWarning`) if the background looks like a contact.
     """
     if isinstance(frames, (str, Path)):
         raise InputError(

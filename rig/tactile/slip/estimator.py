@@ -99,9 +99,8 @@ class SlipEstimator(FreshFrameEstimator):
     def _estimated(self, image: Image, time_ns: int) -> SlipSample:
         watch = Stopwatch()
         work = self._light.reduced(image)
-        last = self._computed
-        if last is not None and last.settled is not False and np.array_equal(work, self._work):
-            return self._repeated(last, time_ns)
+        if self._computed is not None and np.array_equal(work, self._work):
+            return self._repeated(self._computed, time_ns)
         self._work = work
         self._computed = self._fresh(image, work, time_ns, watch)
         return self._computed

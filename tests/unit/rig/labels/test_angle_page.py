@@ -81,16 +81,15 @@ def test_frames_are_chosen_evenly_from_the_first_contact_on(clip: Path) -> None:
     assert opened(clip, 3, reference=7).choice == FrameChoice(7, (7, 10, 13))
 
 
-def test_proposes_first_stable_contact_as_reference_like_rig_estimate(
-    clip: Path, press: Draw, blank: Image
-) -> None:
-    for number, share in ((2, 0.5), (3, 0.8)):
-        growing = press(15.0, (85 * share, 25 * share), seed=number)
+def test_proposes_the_zero_of_rig_estimate_as_reference(clip: Path, press: Draw, blank: Image) -> None:
+    for number in range(2, 34):
+        share = {2: 0.5, 3: 0.8}.get(number, 1.0)
+        growing = press(15.0 + max(0, number - 20), (85 * share, 25 * share), seed=number)
         cv2.imwrite(str(clip / "frames" / f"{number:03d}.png"), growing[..., ::-1])
     series = read_frames(clip / "frames")
     choice, note = choose_frames(series, blank, 3)
-    assert choice == FrameChoice(4, (4, 8, 13))
-    assert "reference: frame 4 (where the contact was first stable)" in note
+    assert choice == FrameChoice(15, (15, 24, 33))
+    assert "reference: frame 15 (at the first frame with an angle in a settled contact)" in note
     estimated = Estimation(choose_estimator(None, None), "first:2").of_series(series).figures
     assert estimated.reference_time_s == pytest.approx(choice.reference / 60, abs=1e-6)
 

@@ -70,17 +70,17 @@ def test_lift_continues_and_reports_the_frame_with_jumped_time(tmp_path: Path, t
 def test_frames_of_other_sources_continue_and_the_jumped_frame_is_reported(
     press: Callable[..., Image], blank: Image, name: str
 ) -> None:
-    angles = [20.0] * 8 + list(np.linspace(20.0, 36.0, 41)[1:]) + [36.0] * 10
+    angles = [20.0] * 14 + list(np.linspace(20.0, 36.0, 41)[1:]) + [36.0] * 10
     images = [press(angle, seed=i, half_axes=(80.0, 25.0)) for i, angle in enumerate(angles)]
-    times_ns = [round(i * 1e9 / 60) + (HOUR_NS if i == 20 else 0) for i in range(len(images))]
+    times_ns = [round(i * 1e9 / 60) + (HOUR_NS if i == 26 else 0) for i in range(len(images))]
     frames = [
         TimedFrame(str(i), FrameTime(f"{t / 1e9:.6f}", t), image)
         for i, (t, image) in enumerate(zip(times_ns, images, strict=True))
     ]
     series = FrameSeries("drawn", lambda: iter(frames))
     estimate = zeroed(estimate_series(series, choose_estimator(name, None).make(blank, None)), None)
-    assert [answer.sample.jumped for answer in estimate.answers] == [i == 20 for i in range(len(images))]
-    assert estimate.answers[20].sample.state is State.LOST
+    assert [answer.sample.jumped for answer in estimate.answers] == [i == 26 for i in range(len(images))]
+    assert estimate.answers[26].sample.state is State.LOST
     assert estimate.angles_deg[-1] == pytest.approx(16.0, abs=1.5)
     found = figures(estimate)
     assert (found.jumped, found.unreadable) == (1, 0)

@@ -1,6 +1,6 @@
 """A tactile sensor that is read and estimated in a thread, for programs with a main loop."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from types import SimpleNamespace
@@ -21,12 +21,13 @@ from support.waiting import until
 
 @dataclass
 class PlayedSensor:
-    """Gives images, each with the time now; then nothing."""
+    """Gives images when `ready`, each with the time now; then nothing."""
 
     images: list[Image]
     serial: str = "PLAYED"
     connected: bool = False
     clock: SystemClock = field(default_factory=SystemClock)
+    ready: Callable[[], bool] = lambda: True
 
     def connect(self) -> None:
         self.connected = True
@@ -38,6 +39,7 @@ class PlayedSensor:
         if not self.images:
             self.clock.sleep_until(self.clock.now_ns() + NS_PER_S // 2)
             raise DeviceTimeoutError("PLAYED: no frame")
+        until(self.ready)
         self.clock.sleep_until(self.clock.now_ns() + NS_PER_S // 100)
         self.newest = Frame(self.images.pop(0), self.clock.now_ns(), 0, self.serial)
         return self.newest
@@ -58,13 +60,14 @@ def play(monkeypatch: pytest.MonkeyPatch, images: list[Image], sign: int = 1) ->
     return sensor
 
 
-def test_angle_is_zero_at_the_beginning_of_a_contact_and_has_the_sign_of_the_fingertip(
+def test_angle_counts_from_the_settled_contact_and_has_the_sign_of_the_fingertip(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     untouched = [gel(320, 240, i) for i in range(BACKGROUND_FRAMES + 3)]
-    bars = [pressed_bar(20.0 + max(0, i - 10), i) for i in range(30)]
+    bars = [pressed_bar(20.0 + max(0, i - 30), i) for i in range(50)]
     sensor = play(monkeypatch, untouched + bars, sign=-1)
     tip = LiveFingertip("fake", "B")
+    sensor.ready = lambda: not tip.connected or tip.angle().time_s == sensor.newest.time_ns / NS_PER_S
     with pytest.raises(NotConnectedError):
         tip.angle()
     tip.connect()

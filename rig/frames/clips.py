@@ -23,9 +23,11 @@ from rig.sessions.files import RESULTS, first_bytes, is_recording, is_ros_file
 FRAMES, BACKGROUND, LABELS, TIMES = "frames", "background", "labels.csv", "timestamps.csv"
 VIDEO_ENDINGS = {
     ".avi", ".mp4", ".mov", ".mkv", ".webm", ".m4v", ".mpg", ".mpeg", ".ts", ".wmv", ".flv", ".ogv",
-    ".mjpeg", ".mjpg",
+    ".mjpeg", ".mjpg", ".h264", ".264", ".h265", ".265", ".hevc",
 }  # fmt: skip
 """Only files with these endings are read as videos: OpenCV finds images in any file with JPEG data."""
+_FIRST_UNITS = (0x06, 0x09, 0x27, 0x47, 0x67, 0x40, 0x42, 0x46, 0x4E)
+"""Units that begin a stream, H.264: SEI, delimiter, SPS; H.265: VPS, SPS, delimiter, SEI."""
 ARRAY_SUFFIXES = (".npy", ".npz")
 _HEADERS = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
 _DAMAGE = (
@@ -38,6 +40,15 @@ _DAMAGE = (
 def is_ros_bag(path: Path) -> bool:
     """Whether a path is a ROS bag: a folder with a bag's metadata, or a file that starts as a bag does."""
     return (path / "metadata.yaml").is_file() or is_ros_file(first_bytes(path))
+
+
+def is_raw_video(path: Path) -> bool:
+    """Whether a video is a raw stream without times: JPEGs in a row, or H.264 or H.265 (Annex B)."""
+    begin = first_bytes(path)
+    if begin.startswith((b"\xff\xd8", b"--")):  # JPEG; the boundary of a stored HTTP stream
+        return True
+    head = begin.lstrip(b"\0")[:2]
+    return begin.startswith(b"\0\0") and len(head) == 2 and head[0] == 1 and head[1] in _FIRST_UNITS
 
 
 def clip_frames(folder: Path) -> Path:

@@ -7,7 +7,6 @@ rosbags would generate code from them.
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -75,33 +74,42 @@ def find_topic(path: Path, topic: str | None) -> str:
     return topic or images[0]
 
 
-def bag_images(path: Path, topic: str) -> Iterator[tuple[int, Image | None]]:
-    """Yield (time in ns, (H, W, 3) uint8 RGB) of a topic's images; None for one that cannot be decoded.
+def bag_times(path: Path, topic: str) -> tuple[list[int], list[int]]:
+    """Return the header stamps and the times of receipt of a topic's images, ns, in the order of the bag."""
+    with _opened(path) as bag:
+        deserialized = _deserializer(bag)
+        messages = bag.messages(connections=_connections(bag, topic))
+        times = [(_stamp_ns(deserialized(data, each.msgtype)), at_ns) for each, at_ns, data in messages]
+    return [stamp for stamp, _ in times], [received for _, received in times]
 
-    The time is the header's stamp. If neither of the first two messages has a stamp, it is the time at which
-    the bag received the message. Two messages are checked because a simulation's clock may start at 0. Raises
-    `InputError` for an unsupported encoding, for a topic without a complete image, and for a damaged bag.
+
+def bag_images(path: Path, topic: str) -> Iterator[Image | None]:
+    """Yield a topic's images in the order of the bag, (H, W, 3) uint8 RGB; None if one cannot be decoded.
+
+    Raises `InputError` for an unsupported encoding, for a topic without a complete image, and for a damaged
+    bag.
     """
     count = decoded = 0
     kind = ""
     with _opened(path) as bag:
-        chosen = [c for c in bag.connections if c.topic == topic and c.msgtype in (RAW, COMPRESSED)]
         deserialized = _deserializer(bag)
-        first = islice(bag.messages(connections=chosen), 2)
-        stamped = any(_stamp_ns(deserialized(data, each.msgtype)) for each, _, data in first)
-        for connection, received_ns, data in bag.messages(connections=chosen):
+        for connection, _, data in bag.messages(connections=_connections(bag, topic)):
             message = deserialized(data, connection.msgtype)
             if connection.msgtype == COMPRESSED:
                 kind, image = message.format, decode_image(message.data.tobytes())
             else:
                 kind, image = message.encoding, _raw_image(message, topic)
             count, decoded = count + 1, decoded + (image is not None)
-            yield _stamp_ns(message) if stamped else received_ns, image
+            yield image
     if not decoded:
         raise InputError(
             f"{path}: {topic}: not one complete image in {counted(count, 'message')} ({shown(kind)}): record "
             "it again, as raw images, JPEG or PNG"
         )
+
+
+def _connections(bag: "Reader1 | Reader2", topic: str) -> list[Any]:
+    return [c for c in bag.connections if c.topic == topic and c.msgtype in (RAW, COMPRESSED)]
 
 
 def _stamp_ns(message: Any) -> int:

@@ -17,7 +17,7 @@ from rig.frames.estimates import estimate_series, zeroed
 from rig.frames.estimation import require_frames_suffice
 from rig.frames.series import FrameSeries, TimedFrame, evenly_spread, find_background
 from rig.frames.streaming import StreamingEstimator
-from rig.frames.times import FrameTime, times_at_rate
+from rig.frames.times import FrameTime, checked_times, sparse_note, times_at_rate
 from rig.python.tracks import Angles
 from rig.report.curves import Curve, truth_at
 from rig.results.metrics import summarize
@@ -70,8 +70,9 @@ def estimate(
     of `rig calibrate tactile`, from whose look `slip` computes slopes.
 
     Returns image angles as `rig estimate` does: counter-clockwise positive, relative to the first frame of
-    stable full contact. Raises `InputError` for invalid frames or times, or if no background is given and no
-    frames without contact are found; `EstimatorError` if the estimator cannot be made.
+    stable full contact, with notes on doubtful times. Raises `InputError` for invalid frames or times, or if
+    no background is given and no frames without contact are found; `EstimatorError` if the estimator cannot
+    be made.
     """
     if isinstance(frames, (str, Path)):
         raise InputError(
@@ -84,14 +85,18 @@ def estimate(
         for image in frames:
             check_frame(image, getattr(frames[0], "shape", None))
         background, _ = find_background("estimate", frames, evenly_spread(frames))
-    series = FrameSeries("frames", lambda: _timed(frames, times_s, fps))
+    times_at_rate(0, fps)  # checks the rate
+    seconds, notes = (None, ()) if times_s is None else _seconds(times_s)
+    series = FrameSeries("frames", lambda: _timed(frames, seconds, fps))
     answers = estimate_series(series, _made(estimator, background, window, pixel_aspect, gel=gel))
     if not answers:
         raise InputError("estimate: there are no frames")
     found = zeroed(answers, None)
     states = tuple(answer.sample.state.value for answer in answers)
-    seconds = np.array([answer.time.time_ns / NS_PER_S for answer in answers])
-    return Angles(seconds, _floats(found.angles_deg), _floats(found.sigmas_deg), states)
+    at_s = np.array([answer.time.time_ns / NS_PER_S for answer in answers])
+    note = sparse_note([answer.time.time_ns for answer in answers])
+    notes = notes if note is None else (*notes, note)
+    return Angles(at_s, _floats(found.angles_deg), _floats(found.sigmas_deg), states, notes)
 
 
 def estimator(
@@ -155,10 +160,8 @@ def _made(
     return WindowMean(made, choice.window) if choice.window > 1 else made
 
 
-def _timed(frames: Iterable[Image], times_s: ArrayLike | None, fps: float) -> Iterator[TimedFrame]:
+def _timed(frames: Iterable[Image], seconds: np.ndarray | None, fps: float) -> Iterator[TimedFrame]:
     """Yield the frames with their times; each is read only when needed, so they need not fit into memory."""
-    times_at_rate(0, fps)  # checks the rate
-    seconds = None if times_s is None else _seconds(times_s)
     number = -1
     for number, image in enumerate(frames):
         if seconds is not None and number >= len(seconds):
@@ -170,11 +173,12 @@ def _timed(frames: Iterable[Image], times_s: ArrayLike | None, fps: float) -> It
         raise InputError(f"estimate: {len(seconds)} times for {number + 1} frames: give one time per frame")
 
 
-def _seconds(times_s: ArrayLike) -> np.ndarray:
+def _seconds(times_s: ArrayLike) -> tuple[np.ndarray, tuple[str, ...]]:
+    """Return the capture times, (N,) s, and notes. Raises `InputError`."""
     seconds = np.asarray(times_s, np.float64)
-    if seconds.ndim != 1 or not (np.abs(seconds) < MAX_TIME_S).all() or (np.diff(seconds) < 0).any():
-        raise InputError("estimate: times_s must be (N,) s, finite and not decreasing")
-    return seconds
+    if seconds.ndim != 1 or not (np.abs(seconds) < MAX_TIME_S).all():
+        raise InputError("estimate: times_s must be (N,) s and finite")
+    return seconds, checked_times("estimate: times_s", np.rint(seconds * NS_PER_S).astype(np.int64))
 
 
 def _floats(values: Sequence[float | None]) -> np.ndarray:

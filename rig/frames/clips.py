@@ -14,8 +14,8 @@ from typing import IO
 import numpy as np
 from numpy.lib import format as npy
 
-from drivers.errors import InputError
-from drivers.formats import MOST_PIXELS, reason
+from drivers.errors import FormatError, InputError
+from drivers.formats import MOST_PIXELS, check_zip, reason
 from drivers.images import SUFFIXES
 from drivers.types import Image
 from rig.sessions.files import RESULTS, first_bytes, is_recording, is_ros_file
@@ -123,6 +123,7 @@ def _opened(path: Path) -> Iterator[tuple[IO[bytes], tuple[int, int, int]]]:
         with ExitStack() as stack:
             if path.suffix.lower() == ".npz":
                 archive = stack.enter_context(zipfile.ZipFile(path))
+                check_zip(str(path), archive)
                 inside = archive.infolist()
                 if len(inside) != 1:
                     raise ValueError(f"it holds {len(inside)} arrays, not one")
@@ -130,6 +131,8 @@ def _opened(path: Path) -> Iterator[tuple[IO[bytes], tuple[int, int, int]]]:
             else:
                 stream, size = stack.enter_context(path.open("rb")), path.stat().st_size
             yield stream, _shape(stream, size)
+    except FormatError:
+        raise
     except _DAMAGE as error:
         raise InputError(
             f"{path}: cannot be read as frames ({reason(error)}): save one array (T, H, W, 3) of uint8, RGB"

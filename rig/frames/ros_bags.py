@@ -19,6 +19,7 @@ from drivers.formats import MOST_PIXELS, reason, shown
 from drivers.images import decode_image
 from drivers.types import Image
 from rig.config.extras import require_extra
+from rig.frames.bag_sizes import check_bag_size, check_message_sizes
 from rig.sessions.files import ROS_BEGINNINGS, first_bytes
 
 if TYPE_CHECKING:
@@ -60,6 +61,8 @@ def find_topic(path: Path, topic: str | None) -> str:
     Raises `InputError` with the topics of the bag if there is no such topic, and for a damaged bag.
     """
     with _opened(path) as bag:
+        if getattr(bag, "compression_mode", None) == "message":
+            check_message_sizes(path, bag)
         topics = {each.topic: each.msgtype for each in bag.connections}
     images = sorted(each for each, kind in topics.items() if kind in (RAW, COMPRESSED))
     if not images:
@@ -149,6 +152,7 @@ def _opened(path: Path) -> "Iterator[Reader1 | Reader2]":
     from rosbags.rosbag2 import Reader as Reader2
 
     try:
+        check_bag_size(path)
         with Reader1(path) if first_bytes(path).startswith(ROS_BEGINNINGS[0]) else Reader2(path) as bag:
             yield bag
     except RigError:

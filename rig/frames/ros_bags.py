@@ -5,6 +5,7 @@ in every ROS 2 distribution. In ROS 1 only the header differs. Definitions in th
 rosbags would generate code from them.
 """
 
+import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -15,7 +16,7 @@ import numpy as np
 
 from drivers.clock import NS_PER_S
 from drivers.errors import InputError, RigError, counted, unknown_name
-from drivers.formats import MOST_PIXELS, reason, shown
+from drivers.formats import MOST_PIXELS, in_number_order, reason, shown
 from drivers.images import decode_image
 from drivers.types import Image
 from rig.config.extras import require_extra
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
     from rosbags.rosbag1 import Reader as Reader1
     from rosbags.rosbag2 import Reader as Reader2
 
+_PART = re.compile(r"(.*)_[0-9]+(\.(?:mcap|db3|bag)(?:\.zstd)?)")
 RAW, COMPRESSED = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
 ENCODINGS: dict[str, tuple[int, int | None]] = {
     "rgb8": (3, None),
@@ -75,6 +77,16 @@ def find_topic(path: Path, topic: str | None) -> str:
     if topic is not None and topic not in images:
         raise unknown_name("topic of images", topic, images)
     return topic or images[0]
+
+
+def rest_of_bag(path: Path) -> tuple[Path, ...]:
+    """Return the other files of a split bag (name_0.mcap, name_1.mcap ...) of which one file is given."""
+    name = _PART.fullmatch(path.name)
+    if path.is_dir() or name is None:
+        return ()
+    others = (_PART.fullmatch(file.name) for file in path.parent.iterdir())
+    same = [path.with_name(other[0]) for other in others if other and other.groups() == name.groups()]
+    return tuple(in_number_order(file for file in same if file != path))
 
 
 def bag_times(path: Path, topic: str) -> tuple[list[int], list[int]]:

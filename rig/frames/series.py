@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from drivers.clock import NS_PER_S
 from drivers.errors import InputError, counted
 from drivers.formats import in_number_order
-from drivers.images import SUFFIXES, check_video_size, image_flaw, load_image, read_image
+from drivers.images import SUFFIXES, check_video_size, image_flaw, load_image, read_image, require_single
 from drivers.types import Image
 from rig.frames.clips import (
     ARRAY_SUFFIXES,
@@ -31,7 +31,7 @@ from rig.frames.clips import (
     require_clip,
 )
 from rig.frames.public_sets import TRIAL_VIDEO, bag_of, is_trial, read_bag, trial_background
-from rig.frames.ros_bags import bag_images, bag_times, find_topic
+from rig.frames.ros_bags import bag_images, bag_times, find_topic, rest_of_bag
 from rig.frames.times import (
     FrameTime,
     checked_times,
@@ -216,11 +216,11 @@ def _clip_series(folder: Path, timestamps: Path | None, fps: float | None, topic
 
 def _image_series(path: Path, timestamps: Path | None, fps: float | None) -> FrameSeries:
     files = _image_files(path) if path.is_dir() else [path]
+    for file in files:
+        require_single(file)
     if not any(load_image(file) is not None for file in files):
         why = image_flaw(files[0]) or "is damaged"
         raise InputError(f"{path}: not one complete image ({files[0].name} {why}): copy it again")
-    if not path.is_dir() and (pages := cv2.imcount(str(path))) > 1:
-        raise InputError(f"{path}: holds {pages} images, but only one would be read: give a folder of images")
     times, notes = _times([file.name for file in files], timestamps, FOLDER_FPS if fps is None else fps)
     assumed = timestamps is None and fps is None and len(files) > 1
     notes = (RATE_ASSUMED,) if assumed else notes
@@ -286,6 +286,12 @@ def _ros_series(path: Path, topic: str) -> FrameSeries:
             time_ns = int(times[place])
             yield TimedFrame(str(number), FrameTime(seconds_text(time_ns), time_ns), image)
 
+    if others := rest_of_bag(path):
+        rest = f"{counted(len(others), 'more file')} ({', '.join(file.name for file in others[:3])})"
+        notes = [
+            *notes,
+            f"{path}: is one file of a bag with {rest}: give the folder to read all",
+        ]
     return FrameSeries(str(path), read, (f"{path}: {topic}", *notes))
 
 

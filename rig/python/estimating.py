@@ -19,7 +19,7 @@ from rig.frames.series import FrameSeries, TimedFrame, evenly_spread, find_backg
 from rig.frames.streaming import StreamingEstimator
 from rig.frames.times import FrameTime, checked_times, sparse_note, times_at_rate
 from rig.python.tracks import Angles
-from rig.report.curves import Curve, truth_at
+from rig.report.curves import AXIS_DEG, TURN_DEG, Curve, truth_at, unwrapped
 from rig.results.metrics import summarize
 from rig.tactile.estimators import choose_estimator
 from rig.tactile.foreign import ForeignEstimator
@@ -36,7 +36,7 @@ class Score:
     mean_deg, std_deg, max_deg: of the absolute error over frames with an angle and ground truth; NaN without
     such frames. frames: number of these frames. answered: fraction of the frames with ground truth that have
     an angle. within_two_sigma: fraction of the angles with a sigma whose error is at most two sigma; NaN
-    without such angles.
+    without such angles. notes: on angles that were wrapped at 180 or 360 degrees, and have been unwrapped.
     """
 
     mean_deg: float
@@ -45,6 +45,7 @@ class Score:
     frames: int
     answered: float
     within_two_sigma: float
+    notes: tuple[str, ...] = ()
 
     __repr__ = short_repr
 
@@ -127,18 +128,23 @@ def estimator(
 
 def score(estimate: Angles, truth: Angles) -> Score:
     """Compare angles with ground truth, which is interpolated at their times over gaps of at most 50 ms."""
-    known = truth_at(
-        Curve(truth.time_s, truth.angle_deg, truth.sigma_deg), np.asarray(estimate.time_s, np.float64)
-    )
-    off = np.abs(estimate.angle_deg - known)
+    true, notes = unwrapped("the true angle", _curve(truth), AXIS_DEG)
+    ours, more = unwrapped("the estimate", _curve(estimate), TURN_DEG)
+    notes += more
+    known = truth_at(true, np.asarray(estimate.time_s, np.float64))
+    off = np.abs(ours.angle_deg - known)
     there, both = np.isfinite(known), np.isfinite(off)
     errors = summarize(off[both])
     sure = both & np.isfinite(estimate.sigma_deg)
     within = float(np.mean(off[sure] <= 2 * estimate.sigma_deg[sure])) if sure.any() else float("nan")
     answered = float(np.mean(both[there])) if there.any() else float("nan")
     if errors is None:
-        return Score(float("nan"), float("nan"), float("nan"), 0, answered, within)
-    return Score(errors.mean_deg, errors.std_deg, errors.max_deg, errors.frames, answered, within)
+        return Score(float("nan"), float("nan"), float("nan"), 0, answered, within, notes)
+    return Score(errors.mean_deg, errors.std_deg, errors.max_deg, errors.frames, answered, within, notes)
+
+
+def _curve(angles: Angles) -> Curve:
+    return Curve(angles.time_s, angles.angle_deg, angles.sigma_deg)
 
 
 def _made(

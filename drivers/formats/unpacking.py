@@ -67,7 +67,7 @@ def _sizes(kind: str, data: bytes) -> Iterable[int]:
 
 
 def _zstd(data: bytes) -> Callable[[int], bytes]:
-    # any window: only what is counted is used of it, and other decoders accept larger ones
+    # any window size: only the counted part of it is used, and other decoders accept larger ones
     unpack = zstandard.ZstdDecompressor(max_window_size=1 << 31)
     return unpack.stream_reader(data, read_across_frames=True).read
 

@@ -25,7 +25,7 @@ LIGHT = np.asarray(PICTURE.convert("L"))
 
 
 def exif(path: Path) -> None:
-    """Store the picture lying on its side, with the header that says so."""
+    """Store the picture lying on its side, with the EXIF header of its orientation."""
     facts = Pillow.Exif()
     facts[0x0112] = 6
     PICTURE.transpose(Pillow.Transpose.ROTATE_90).save(path, quality=100, subsampling=0, exif=facts)

@@ -152,7 +152,7 @@ def test_missing_presentation_times_are_interpolated_and_continued() -> None:
 
 
 @pytest.mark.parametrize("begin", [b"", b"--frame\r\nContent-Type: image/jpeg\r\n\r\n"])
-def test_raw_stream_says_that_its_rate_is_assumed(tmp_path: Path, begin: bytes) -> None:
+def test_assumed_rate_of_a_raw_stream_is_noted(tmp_path: Path, begin: bytes) -> None:
     parts = [begin + cv2.imencode(".jpg", image)[1].tobytes() + b"\r\n" * bool(begin) for image in NUMBERED]
     path = tmp_path / "x.mjpeg"
     path.write_bytes(b"".join(parts))

@@ -1,5 +1,6 @@
 """Run an estimator on stored or live frames, and score its angles against ground truth."""
 
+import logging
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -27,6 +28,7 @@ from rig.tactile.paper.estimator import WindowMean
 from rig.tactile.sample import TactileEstimator, check_frame
 
 RATE_HZ = 60.0
+_log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +38,7 @@ class Score:
     mean_deg, std_deg, max_deg: of the absolute error over frames with an angle and ground truth; NaN without
     such frames. frames: number of these frames. answered: fraction of the frames with ground truth that have
     an angle. within_two_sigma: fraction of the angles with a sigma whose error is at most two sigma; NaN
-    without such angles. notes: on angles that were wrapped at 180 or 360 degrees, and have been unwrapped.
+    without such angles.
     """
 
     mean_deg: float
@@ -45,7 +47,6 @@ class Score:
     frames: int
     answered: float
     within_two_sigma: float
-    notes: tuple[str, ...] = ()
 
     __repr__ = short_repr
 
@@ -71,7 +72,7 @@ def estimate(
     of `rig calibrate tactile`, from whose look `slip` computes slopes.
 
     Returns image angles as `rig estimate` does: counter-clockwise positive, relative to the first frame of
-    stable full contact, with notes on doubtful times. Raises `InputError` for invalid frames or times, or if
+    stable full contact; doubtful times are logged. Raises `InputError` for invalid frames or times, or if
     no background is given and no frames without contact are found; `EstimatorError` if the estimator cannot
     be made.
     """
@@ -96,8 +97,9 @@ def estimate(
     states = tuple(answer.sample.state.value for answer in answers)
     at_s = np.array([answer.time.time_ns / NS_PER_S for answer in answers])
     note = sparse_note([answer.time.time_ns for answer in answers])
-    notes = notes if note is None else (*notes, note)
-    return Angles(at_s, _floats(found.angles_deg), _floats(found.sigmas_deg), states, notes)
+    for text in notes if note is None else (*notes, note):
+        _log.warning("estimate: %s", text)
+    return Angles(at_s, _floats(found.angles_deg), _floats(found.sigmas_deg), states)
 
 
 def estimator(
@@ -127,10 +129,14 @@ def estimator(
 
 
 def score(estimate: Angles, truth: Angles) -> Score:
-    """Compare angles with ground truth, which is interpolated at their times over gaps of at most 50 ms."""
+    """Compare angles with ground truth, which is interpolated at their times over gaps of at most 50 ms.
+
+    A true angle with steps of more than 90 degrees is unwrapped, with a warning in the log.
+    """
     true, notes = unwrapped("the true angle", _curve(truth), AXIS_DEG)
     ours, more = unwrapped("the estimate", _curve(estimate), TURN_DEG)
-    notes += more
+    for note in (*notes, *more):
+        _log.warning("score: %s", note)
     known = truth_at(true, np.asarray(estimate.time_s, np.float64))
     off = np.abs(ours.angle_deg - known)
     there, both = np.isfinite(known), np.isfinite(off)
@@ -139,8 +145,8 @@ def score(estimate: Angles, truth: Angles) -> Score:
     within = float(np.mean(off[sure] <= 2 * estimate.sigma_deg[sure])) if sure.any() else float("nan")
     answered = float(np.mean(both[there])) if there.any() else float("nan")
     if errors is None:
-        return Score(float("nan"), float("nan"), float("nan"), 0, answered, within, notes)
-    return Score(errors.mean_deg, errors.std_deg, errors.max_deg, errors.frames, answered, within, notes)
+        return Score(float("nan"), float("nan"), float("nan"), 0, answered, within)
+    return Score(errors.mean_deg, errors.std_deg, errors.max_deg, errors.frames, answered, within)
 
 
 def _curve(angles: Angles) -> Curve:

@@ -32,7 +32,6 @@ class Angles:
 
     time_s: (N,) s, not decreasing. angle_deg: (N,) degrees, NaN if refused. sigma_deg: (N,) standard
     deviation, NaN if unknown; by default all are unknown. states: (N,) states of the estimator, or empty.
-    notes: on doubtful times, for people.
     Lists and other types that numpy can convert are accepted. Raises `InputError` for other shapes.
     """
 
@@ -40,7 +39,6 @@ class Angles:
     angle_deg: Floats
     sigma_deg: Floats = field(default_factory=lambda: np.empty(0))
     states: tuple[str, ...] = ()
-    notes: tuple[str, ...] = ()
 
     __repr__ = short_repr
 

@@ -181,13 +181,17 @@ def turning(press: Callable[..., Image]) -> tuple[list[Image], list[float]]:
 @pytest.mark.parametrize("name", ["slip", "ecc"])
 @pytest.mark.parametrize("step_s", [1.0, 16.667])
 def test_frames_far_apart_are_lost_and_not_an_angle_of_zero(
-    turning: tuple[list[Image], list[float]], blank: Image, name: str, step_s: float
+    turning: tuple[list[Image], list[float]],
+    blank: Image,
+    name: str,
+    step_s: float,
+    caplog: pytest.LogCaptureFixture,
 ) -> None:
     images, _ = turning
     found = rig.estimate(images, blank, times_s=step_s * np.arange(len(images)), estimator=name)
     assert set(found.states[1:]) <= {"lost", "unobservable"}
     assert np.isnan(found.angle_deg[1:]).all()
-    assert any("s apart" in note for note in found.notes)
+    assert "s apart" in caplog.text
 
 
 def test_estimator_of_single_images_answers_frames_far_apart(
@@ -198,7 +202,9 @@ def test_estimator_of_single_images_answers_frames_far_apart(
     assert found.angle_deg[-1] == pytest.approx(angles[-1], abs=2.0)
 
 
-def test_repeated_time_is_never_tracking(turning: tuple[list[Image], list[float]], blank: Image) -> None:
+def test_repeated_time_is_never_tracking(
+    turning: tuple[list[Image], list[float]], blank: Image, caplog: pytest.LogCaptureFixture
+) -> None:
     images, _ = turning
     times = np.arange(len(images)) / 60
     times[11] = times[10]
@@ -206,7 +212,7 @@ def test_repeated_time_is_never_tracking(turning: tuple[list[Image], list[float]
     assert found.states[11] == "lost"
     assert math.isnan(found.angle_deg[11])
     assert found.angle_deg[-1] == pytest.approx(15.0, abs=1.5)
-    assert any("frame 11" in note for note in found.notes)
+    assert "frame 11" in caplog.text
 
 
 @pytest.mark.parametrize("name", ["slip", "pca", "ecc"])

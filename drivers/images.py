@@ -8,11 +8,13 @@ import numpy as np
 from cv2.typing import MatLike
 
 from drivers.errors import FormatError, InputError, RecordingError
-from drivers.formats import MOST_PIXELS, picture_flaw, read_bounded
+from drivers.formats import MOST_PIXELS, picture_count, picture_flaw, read_bounded
 from drivers.types import Frame, Image
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
 """File name suffixes of the supported image formats, lower case."""
+STACKS = (".tif", ".tiff", ".webp")
+"""Suffixes of formats in which several pictures in a file are usual."""
 MOST_BYTES = 200_000_000
 """Size limit of an image file in bytes: four bytes per pixel of the largest image that is decoded."""
 JPEG_QUALITY = 95
@@ -71,6 +73,35 @@ def image_flaw(path: Path) -> str | None:
         return picture_flaw(read_bounded(path, MOST_BYTES))
     except FormatError as error:
         return str(error).removeprefix(f"{path}: ")
+
+
+def require_same_aspect(where: str, drawn_on: tuple[float, float], shape: tuple[int, ...]) -> None:
+    """Raise `InputError` if a label must be stretched to fit its image.
+
+    where: name of the label. drawn_on: (width, height) of the picture it was drawn on. shape: (H, W, ...) of
+    the image. Other sizes are accepted if width and height scale by the same factor, up to a pixel.
+    """
+    (width, height), (rows, columns, *_) = drawn_on, shape
+    if abs(columns * height - rows * width) <= max(width, height, rows, columns):
+        return
+    turned = abs(rows * height - columns * width) <= max(width, height, rows, columns)
+    cure = "it is turned by 90 degrees (an EXIF orientation?)" if turned else "it is of another picture"
+    raise InputError(
+        f"{where}: is {width:g} x {height:g} px, its image {columns} x {rows} px, upright: {cure}: draw it "
+        "on the upright image, or leave it out"
+    )
+
+
+def require_single(path: Path) -> None:
+    """Raise `InputError` for a TIFF or WebP file with several pictures, of which only one would be read."""
+    if path.suffix.lower() not in STACKS:
+        return
+    try:
+        several = picture_count(read_bounded(path, MOST_BYTES)) > 1
+    except FormatError:
+        return  # damaged: reported with the frame
+    if several:
+        raise InputError(f"{path}: {image_flaw(path)}")
 
 
 def check_video_size(capture: cv2.VideoCapture, path: Path) -> None:

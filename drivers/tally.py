@@ -26,6 +26,8 @@ class StreamTimes:
         self._last_ns: int | None = None
         self._aside_ns: int | None = None
         self._step_ns: int | None = None
+        self.sparse = False
+        """Whether the newest two frames are too far apart for a motion between them to be followed."""
 
     def follows(self, time_ns: int) -> bool:
         """Add the time of the next frame; return whether it is valid. Small delays and repeats are valid."""
@@ -40,6 +42,8 @@ class StreamTimes:
             self._aside_ns = time_ns
             return False
         before = last if self._aside_ns is None else self._aside_ns
+        # after a pause, or a single wrong time, one of the two is near
+        self.sparse = all(near is not None and time_ns - near > LONGEST_STEP_NS for near in (last, before))
         if before is None or time_ns > before:
             self._step_ns = None if before is None else time_ns - before
         self._last_ns, self._aside_ns = time_ns, None

@@ -6,6 +6,7 @@ neighbourhood of a dent. All of it is fitted to photographs of pressed balls (`c
 
 import io
 import json
+import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -19,7 +20,7 @@ from numpy.typing import NDArray
 from calibration.gel.noise import CameraNoise
 from calibration.store import load
 from drivers.errors import CalibrationError
-from drivers.formats import reason
+from drivers.formats import check_zip, reason
 
 Plane = NDArray[np.float32]
 Weights = NDArray[np.float64]
@@ -209,7 +210,10 @@ def load_look(path: Path) -> GelLook:
     if path.suffix in (".yaml", ".yml"):
         path = path.parent / str(load(path, "tactile").value.get("look", f"{path.stem}.npz"))
     try:
-        with np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as stored:
+        data = io.BytesIO(path.read_bytes())
+        with zipfile.ZipFile(data) as archive:
+            check_zip(str(path), archive)
+        with np.load(data, allow_pickle=False) as stored:
             facts = json.loads(str(stored["facts"]))
             if facts["schema"] != SCHEMA:
                 raise ValueError(f"format {facts['schema']}, this version reads {SCHEMA}")

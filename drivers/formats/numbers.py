@@ -27,7 +27,7 @@ Value = TypeVar("Value", int, float)
 def parse_number(text: str) -> float:
     """Parse a finite number, to the same value as Python's `float`.
 
-    Raises `FormatError` that begins with the text and is to be prefixed with its place.
+    Raises `FormatError` that begins with the text; callers prefix its place.
     """
     value = float(_checked(text))
     if not math.isfinite(value):

@@ -7,11 +7,14 @@ opening.
 JPEG: ITU-T T.81, table B.1. PNG: ISO/IEC 15948, 5.3. TIFF: revision 6.0, section 2. WebP: RFC 9649, 2.
 """
 
+import math
 import struct
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import suppress
 
 from drivers.errors import FormatError
+from drivers.formats.unpacking import check_unpacked
 
 MOST_PIXELS = 50_000_000
 """Largest image that is decoded, px."""
@@ -21,21 +24,30 @@ _PNG, _PNG_HEAD = b"\x89PNG\r\n\x1a\n", struct.Struct(">I4s")
 _JPEG, _JPEG_END, _JPEG_SCAN = b"\xff\xd8", b"\xff\xd9", b"\xff\xda"
 _NO_SIZE = (0xC4, 0xC8, 0xCC)
 """Markers from C0 to CF that are not frame headers: Huffman tables, reserved, arithmetic coding."""
-_WIDTH, _HEIGHT, _SHORT = 256, 257, 3
+_WIDTH, _HEIGHT, _BITS, _SAMPLES, _TILE_WIDTH, _TILE_HEIGHT, _SUBFILE = 256, 257, 258, 277, 322, 323, 254
+_SHORT, _LESS_RESOLUTION = 3, 1
+_MOST_PAGES = 10_000
+_PNG_CHANNELS = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}
+"""Samples per pixel by the colour type of a PNG."""
 Size = tuple[int, int]
+Tags = dict[int, int]
 
 
 def picture_flaw(data: bytes) -> str | None:
     """Return why an image must not be decoded; None if it is accepted.
 
-    Rejects data that are not PNG, JPEG, BMP, TIFF or WebP, are truncated, have a wrong checksum (PNG), or
-    have more than `MOST_PIXELS`.
+    Rejects data that are not PNG, JPEG, BMP, TIFF or WebP, are truncated, have a wrong checksum (PNG), have
+    more than `MOST_PIXELS`, or contain several pictures, of which only the first would be decoded.
     """
     try:
         read = next((read for begin, read in _KINDS if data.startswith(begin)), None)
         if read is None:
             return "is not a picture: neither PNG, JPEG, BMP, TIFF nor WebP"
         width, height = read(data)
+        if (count := picture_count(data)) > 1:
+            return f"holds {count} images, but only one would be read: give a folder of images"
+        if 0 < width * height <= MOST_PIXELS:
+            check_unpacked("its pixels", len(data), width * height * _pixel_bytes(data))
     except FormatError as error:
         return str(error)
     except (struct.error, IndexError):
@@ -43,6 +55,25 @@ def picture_flaw(data: bytes) -> str | None:
     if not 0 < width * height <= MOST_PIXELS or min(width, height) < 0:
         return f"is {width} x {height} px; at most {MOST_PIXELS // 1_000_000} megapixels are read"
     return None
+
+
+def picture_count(data: bytes) -> int:
+    """Return the number of pictures in a file: pages of a TIFF, frames of an animated PNG or WebP; else 1.
+
+    Pages that are smaller copies of others are not counted. Raises `FormatError` for more than 10,000 pages.
+    """
+    if data.startswith((b"II*\0", b"MM\0*")):
+        count = 0
+        with suppress(struct.error):  # a truncated header is a flaw, but no second picture
+            for page in _pages(data):
+                count += not page.get(_SUBFILE, 0) & _LESS_RESOLUTION
+        return max(count, 1)
+    if data.startswith(_PNG):
+        at = data.find(b"acTL", 0, max(data.find(b"IDAT"), 0))
+        return int.from_bytes(data[at + 4 : at + 8], "big") if at > 0 else 1
+    if data.startswith(b"RIFF") and data[12:16] == b"VP8X":
+        return max(data.count(b"ANMF"), 1)
+    return 1
 
 
 def jpeg_header(data: bytes | bytearray) -> tuple[Size, int]:
@@ -98,16 +129,41 @@ def _bmp(data: bytes) -> Size:
 
 
 def _tiff(data: bytes) -> Size:
-    """Return the size of the first picture in a TIFF file."""
+    """Return the size of the first picture in a TIFF file, or of its tiles if they are larger."""
+    tags = next(_pages(data))
+    tile = tags.get(_TILE_WIDTH, 0), tags.get(_TILE_HEIGHT, 0)
+    return max((tags.get(_WIDTH, 0), tags.get(_HEIGHT, 0)), tile, key=math.prod)
+
+
+def _pages(data: bytes) -> Iterator[Tags]:
+    """Yield the tags of each picture of a TIFF file. Raises `FormatError` for a loop."""
     order = "<" if data.startswith(b"II") else ">"
     (at,) = struct.unpack_from(f"{order}I", data, 4)
-    (count,) = struct.unpack_from(f"{order}H", data, at)
-    sides = {}
-    for entry in range(at + 2, at + 2 + 12 * count, 12):
-        tag, kind = struct.unpack_from(f"{order}HH", data, entry)
-        if tag in (_WIDTH, _HEIGHT):
-            (sides[tag],) = struct.unpack_from(f"{order}{'H' if kind == _SHORT else 'I'}", data, entry + 8)
-    return sides.get(_WIDTH, 0), sides.get(_HEIGHT, 0)
+    seen: set[int] = set()
+    while at:
+        if at in seen or len(seen) >= _MOST_PAGES:
+            raise FormatError(f"holds more than {len(seen)} images: give a folder of images")
+        seen.add(at)
+        (count,) = struct.unpack_from(f"{order}H", data, at)
+        tags: Tags = {}
+        for entry in range(at + 2, at + 2 + 12 * count, 12):
+            tag, kind = struct.unpack_from(f"{order}HH", data, entry)
+            (tags[tag],) = struct.unpack_from(f"{order}{'H' if kind == _SHORT else 'I'}", data, entry + 8)
+        yield tags
+        (at,) = struct.unpack_from(f"{order}I", data, at + 2 + 12 * count)
+
+
+def _pixel_bytes(data: bytes) -> int:
+    """Return the bytes of a decoded pixel: more than 3 in a PNG or TIFF with many or deep samples."""
+    if data.startswith(_PNG):
+        return -(-data[24] * _PNG_CHANNELS.get(data[25], 4) // 8)
+    if not data.startswith((b"II*\0", b"MM\0*")):
+        return 3
+    tags = next(_pages(data))
+    samples, bits = tags.get(_SAMPLES, 1), tags.get(_BITS, 1)
+    if samples > 2:  # more than fit into an entry, which then has their offset
+        (bits,) = struct.unpack_from("<H" if data.startswith(b"II") else ">H", data, bits)
+    return -(-samples * bits // 8)
 
 
 def _webp(data: bytes) -> Size:

@@ -38,11 +38,15 @@ class RecordedStream(FrameStream):
     def close(self) -> None:
         """Do nothing: no resource is held."""
 
-    def _await_next(self) -> tuple[int, int]:
-        """Wait until the next image is due; return its number and its time."""
+    def _await_next(self, after_s: float | None = None) -> tuple[int, int]:
+        """Wait until the next image is due; return its number and its time.
+
+        after_s: time since the first image; by default that of the frame rate.
+        """
         if self._start_ns is None:
             self._start_ns = self._clock.now_ns()
-        due_ns = self._start_ns + round(self._number * NS_PER_S / self._rate_hz)
+        after_s = self._number / self._rate_hz if after_s is None else after_s
+        due_ns = self._start_ns + round(after_s * NS_PER_S)
         self._stopped.wait(max(due_ns - self._clock.now_ns(), 0) / NS_PER_S)
         if self._stopped.is_set():
             raise DeviceError(f"{self._path}: stopped")
@@ -75,25 +79,40 @@ class FolderStream(RecordedStream):
 
 
 class VideoStream(RecordedStream):
-    """Plays a video file; FFV1 in AVI or MKV is lossless, most others are not."""
+    """Plays a video file; FFV1 in AVI or MKV is lossless, most others are not.
+
+    A video of variable rate is played at the times of its container, faster or slower by the ratio of
+    `rate_hz` to its nominal rate.
+    """
 
     def __init__(self, path: Path, rate_hz: float, clock: Clock) -> None:
         super().__init__(path, rate_hz, clock)
         self._capture = cv2.VideoCapture(str(path))
+        nominal_hz = self._capture.get(cv2.CAP_PROP_FPS)
+        self._nominal_hz = nominal_hz if nominal_hz > 0.0 else rate_hz
+        self._first_s, self._last_s = 0.0, 0.0
 
     def read(self) -> RawFrame:
-        """Wait until the next image is due, and decode it."""
-        number, due_ns = self._await_next()
+        """Decode the next image, and wait until it is due."""
         there, bgr = self._capture.read()
         if not there:
-            self._number = number
             raise self._ended()
+        number, due_ns = self._await_next(self._shown_s())
         image = np.ascontiguousarray(bgr[..., ::-1], np.uint8)
         return RawFrame(self._clock.now_ns(), None, image, due_ns, number)
 
     def close(self) -> None:
         """Close the file."""
         self._capture.release()
+
+    def _shown_s(self) -> float:
+        """Return when the newest image is due, s since the first: by the container, or by the frame rate."""
+        at_s = 1e-3 * self._capture.get(cv2.CAP_PROP_POS_MSEC)
+        self._first_s = self._first_s if self._number else at_s
+        shown_s, even_s = at_s - self._first_s, self._number / self._nominal_hz
+        is_even = at_s <= 0.0 or abs(shown_s - even_s) <= 0.5 / self._nominal_hz
+        self._last_s = max(self._last_s, even_s if is_even else shown_s)
+        return self._last_s * self._nominal_hz / self._rate_hz
 
 
 def image_files(folder: Path) -> list[Path]:

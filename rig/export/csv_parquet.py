@@ -14,6 +14,7 @@ from drivers.clock import NS_PER_S
 from drivers.errors import SessionError
 from protocols.observer import Phase
 from rig.export.result import Exported, ExportRequest, simulated_mark
+from rig.export.rotations import ContinuousPoses
 from rig.results.table import COLUMNS as LIFT_COLUMNS
 from rig.results.table import TableHead, table_lines, table_row
 from rig.sessions.manifest import TrialManifest
@@ -145,9 +146,10 @@ def _lines_of(request: ExportRequest, row: FinishedLift) -> Iterator[tuple[str, 
         "lift": row.lift,
     }
     pose: tuple[float, ...] = ()
+    poses = ContinuousPoses()
     for topic, time_ns, sequence, data in recorded_messages(path):
         if topic == ARM_TOPIC:
-            tcp = recorded_pose(data, path)
+            tcp = poses.next(recorded_pose(data, path))
             pose = (*tcp.position_m, *tcp.quaternion_xyzw)
             continue
         if topic == JOINTS_TOPIC and not pose:

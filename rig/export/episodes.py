@@ -13,6 +13,7 @@ from drivers.clock import NS_PER_S
 from drivers.errors import SessionError
 from protocols.observer import Phase
 from rig.export.csv_parquet import POSE, WRENCH
+from rig.export.rotations import ContinuousPoses
 from rig.sessions.reading import (
     phase_times,
     recorded_angle,
@@ -101,8 +102,9 @@ def read_episode(recording: Path, rate_hz: int, windows: Mapping[str, int]) -> E
     """
     phases = phase_times(recording)
     tracks: dict[str, _Track] = {}
+    poses = ContinuousPoses()
     for topic, time_ns, _, data in recorded_messages(recording):
-        for name, value in _values(topic, data, recording):
+        for name, value in _values(topic, data, recording, poses):
             tracks.setdefault(name, _Track()).add(time_ns, value)
     serials = sorted(topic.removeprefix(IMAGE_PREFIX) for topic in tracks if topic.startswith(IMAGE_PREFIX))
     needed = [tracks.get(topic) for topic in (ARM_TOPIC, JOINTS_TOPIC, GRIPPER_TOPIC)]
@@ -138,12 +140,12 @@ def read_episode(recording: Path, rate_hz: int, windows: Mapping[str, int]) -> E
     )
 
 
-def _values(topic: str, data: bytes, path: Path) -> Iterator[tuple[str, Any]]:
+def _values(topic: str, data: bytes, path: Path, poses: ContinuousPoses) -> Iterator[tuple[str, Any]]:
     """Yield the values of a message with the names of their tracks."""
     if topic.startswith(IMAGE_PREFIX):
         yield topic, recorded_jpeg(data, path)
     elif topic == ARM_TOPIC:
-        pose = recorded_pose(data, path)
+        pose = poses.next(recorded_pose(data, path))
         yield topic, (*pose.position_m, *pose.quaternion_xyzw)
     elif topic == JOINTS_TOPIC:
         arm = recorded_joints(data, path)

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from rig.export.result import Exported, ExportRequest, simulated_mark
+from rig.export.rotations import ContinuousPoses
 from rig.live.feed import Message
 from rig.live.rerun import RerunScene
 from rig.sessions.manifest import TrialManifest, require_kind
@@ -33,6 +34,7 @@ def export_rerun(request: ExportRequest) -> Exported:
 
 def _messages(recording: Path, camera: str) -> Iterator[Message]:
     """Yield a recorded lift as messages of the live view. Raises `SessionError` if it is damaged."""
+    poses = ContinuousPoses()
     for phase, time_ns in phase_times(recording).items():
         yield Message("phase", {"phase": phase, "time_ns": time_ns})
     for topic, time_ns, _, data in recorded_messages(recording):
@@ -43,7 +45,7 @@ def _messages(recording: Path, camera: str) -> Iterator[Message]:
                 values |= {"source": "camera", "markers_px": None}
             yield Message("frame", values, recorded_jpeg(data, recording))
         elif topic == ARM_TOPIC:
-            pose = recorded_pose(data, recording)
+            pose = poses.next(recorded_pose(data, recording))
             values |= {"position_m": pose.position_m, "quaternion_xyzw": pose.quaternion_xyzw}
             yield Message("arm", values)
         elif topic in (FUSED_TOPIC, TRUTH_TOPIC):

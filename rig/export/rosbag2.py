@@ -37,6 +37,7 @@ from drivers.errors import SessionError
 from drivers.types import Pose, Vector6
 from rig.config import BenchConfig
 from rig.export.result import CAMERA, Exported, ExportRequest, simulated_mark, source_name
+from rig.export.rotations import ContinuousPoses
 from rig.sessions.about import RecordingAbout
 from rig.sessions.manifest import TrialManifest, require_kind
 from rig.sessions.reading import (
@@ -123,7 +124,7 @@ def _write(folder: Path, messages: Iterator[Stamped], about: dict[str, str]) -> 
 
 def _messages(recording: Path, bench: BenchConfig) -> Iterator[Stamped]:
     """Yield the messages of a recorded lift. Raises `SessionError` if it is damaged."""
-    pose = Pose((0.0, 0.0, 0.0))
+    pose, poses = Pose((0.0, 0.0, 0.0)), ContinuousPoses()
     calibration = RecordingAbout(camera=bench.camera_model()).calibration(0)
     static = {_optical(CAMERA): bench.base_T_camera(), "table": Pose(bench.table.position_m)}
     for topic, time_ns, _, data in recorded_messages(recording, dated=True):
@@ -140,7 +141,7 @@ def _messages(recording: Path, bench: BenchConfig) -> Iterator[Stamped]:
             if name == CAMERA and calibration is not None:
                 yield time_ns, f"/{name}/camera_info", _camera_info(header, calibration)
         elif topic == ARM_TOPIC:
-            pose = recorded_pose(data, recording)
+            pose = poses.next(recorded_pose(data, recording))
             yield time_ns, "/tf", _transforms(time_ns, {TOOL: pose})
         elif topic == JOINTS_TOPIC:
             arm = recorded_joints(data, recording)

@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 import zarr
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from drivers.errors import InputError
 from drivers.images import decode_stored
@@ -21,6 +20,7 @@ from rig.config import BenchConfig
 from rig.export.csv_parquet import POSE, WRENCH
 from rig.export.episodes import COUNTS_NAME, UNKNOWN_SIGMA_DEG, Episode, read_episode
 from rig.export.result import Exported, ExportRequest, simulated_mark
+from rig.export.rotations import rotation_vectors
 from rig.sessions.manifest import TrialManifest, require_kind
 from rig.sessions.records import FinishedLift
 
@@ -92,7 +92,7 @@ def _openings_m(episode: Episode, bench: BenchConfig) -> NDArray[np.float32]:
 def _numbers(episode: Episode, fps: int, sensors: int) -> Iterator[tuple[str, NDArray[Any]]]:
     """Yield names and values of the arrays that depend only on the episode, with one row per step."""
     count, pose = episode.steps, len(POSE)
-    rotation = Rotation.from_quat(episode.state[:, 3:pose]).as_rotvec()
+    rotation = rotation_vectors(episode.state[:, 3:pose])
     yield "timestamps", np.arange(count) / fps
     yield "right_wrist_pose", np.column_stack([episode.state[:, :3], rotation]).astype(np.float32)
     yield "right_arm_joints", episode.joints_rad

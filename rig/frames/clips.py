@@ -15,7 +15,7 @@ import numpy as np
 from numpy.lib import format as npy
 
 from drivers.errors import FormatError, InputError
-from drivers.formats import MOST_PIXELS, read_json, reason
+from drivers.formats import MOST_PIXELS, check_zip, read_json, reason
 from drivers.images import SUFFIXES
 from drivers.types import Image
 from rig.sessions.files import RESULTS, first_bytes, is_recording, is_ros_file
@@ -25,9 +25,11 @@ ABOUT = "clip.json"
 """Metadata of a clip that `rig live` has recorded; its key `simulated` is true for a simulated sensor."""
 VIDEO_ENDINGS = {
     ".avi", ".mp4", ".mov", ".mkv", ".webm", ".m4v", ".mpg", ".mpeg", ".ts", ".wmv", ".flv", ".ogv",
-    ".mjpeg", ".mjpg",
+    ".mjpeg", ".mjpg", ".h264", ".264", ".h265", ".265", ".hevc",
 }  # fmt: skip
 """Only files with these endings are read as videos: OpenCV finds images in any file with JPEG data."""
+_FIRST_UNITS = (0x06, 0x09, 0x27, 0x47, 0x67, 0x40, 0x42, 0x46, 0x4E)
+"""Units that begin a stream, H.264: SEI, delimiter, SPS; H.265: VPS, SPS, delimiter, SEI."""
 ARRAY_SUFFIXES = (".npy", ".npz")
 _HEADERS = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
 _DAMAGE = (
@@ -40,6 +42,15 @@ _DAMAGE = (
 def is_ros_bag(path: Path) -> bool:
     """Whether a path is a ROS bag: a folder with a bag's metadata, or a file that starts as a bag does."""
     return (path / "metadata.yaml").is_file() or is_ros_file(first_bytes(path))
+
+
+def is_raw_video(path: Path) -> bool:
+    """Whether a video is a raw stream without times: JPEGs in a row, or H.264 or H.265 (Annex B)."""
+    begin = first_bytes(path)
+    if begin.startswith((b"\xff\xd8", b"--")):  # JPEG; the boundary of a stored HTTP stream
+        return True
+    head = begin.lstrip(b"\0")[:2]
+    return begin.startswith(b"\0\0") and len(head) == 2 and head[0] == 1 and head[1] in _FIRST_UNITS
 
 
 def clip_frames(folder: Path) -> Path:
@@ -129,6 +140,7 @@ def _opened(path: Path) -> Iterator[tuple[IO[bytes], tuple[int, int, int]]]:
         with ExitStack() as stack:
             if path.suffix.lower() == ".npz":
                 archive = stack.enter_context(zipfile.ZipFile(path))
+                check_zip(str(path), archive)
                 inside = archive.infolist()
                 if len(inside) != 1:
                     raise ValueError(f"it holds {len(inside)} arrays, not one")
@@ -136,6 +148,8 @@ def _opened(path: Path) -> Iterator[tuple[IO[bytes], tuple[int, int, int]]]:
             else:
                 stream, size = stack.enter_context(path.open("rb")), path.stat().st_size
             yield stream, _shape(stream, size)
+    except FormatError:
+        raise
     except _DAMAGE as error:
         raise InputError(
             f"{path}: cannot be read as frames ({reason(error)}): save one array (T, H, W, 3) of uint8, RGB"

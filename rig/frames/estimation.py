@@ -11,7 +11,7 @@ from drivers.types import Image
 from rig.frames.estimates import Estimate, EstimateFigures, estimate_series, figures, lift_time, zeroed
 from rig.frames.of_session import SessionSeries
 from rig.frames.series import FrameSeries, TimedFrame, make_background
-from rig.frames.times import FrameTime, parse_time
+from rig.frames.times import FrameTime, parse_time, sparse_note
 from rig.tactile.contact.background_check import LOOKS_LIKE_CONTACT, BackgroundCheck
 from rig.tactile.contact.untouched import Comparison
 from rig.tactile.estimators import ESTIMATORS, PUBLISHED, TOSKOV, EstimatorChoice
@@ -109,11 +109,14 @@ class SeriesEstimate:
     def warnings(self) -> list[str]:
         """The doubts, and warnings about the results."""
         found, more = self.figures, list(self.doubts)
+        if note := sparse_note([answer.time.time_ns for answer in self.estimate.answers]):
+            more.append(note)
         if found.unreadable:
             more.append(f"{counted(found.unreadable, 'frame')} could not be read: 'lost' in the table")
         if found.jumped:
             more.append(
-                f"{counted(found.jumped, 'frame')} with a time far from those around it: 'lost' in the table"
+                f"{counted(found.jumped, 'frame')} with a time far from those around it, or not after that "
+                "of the frame before: 'lost' in the table"
             )
         if found.refused == {"no_contact": found.frames}:
             more.append("no frame shows a contact; if one should, the background shows the same contact")

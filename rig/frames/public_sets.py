@@ -37,7 +37,7 @@ from scipy.spatial.transform import Rotation
 
 from drivers.errors import FormatError, InputError, counted
 from drivers.formats import read_bounded, reason
-from drivers.images import decode_image, read_image
+from drivers.images import decode_image, read_image, require_same_aspect
 from drivers.types import Image
 from rig.frames.plain_pickle import read_plain_pickle
 
@@ -121,6 +121,7 @@ def trial_background(folder: Path, images: Iterator[Image]) -> Image:
     for number, image in enumerate(images):
         if number % step or number >= len(masks):
             continue
+        require_same_aspect(str(folder / TRIAL_MASKS), (masks.shape[2], masks.shape[1]), image.shape)
         free = _free(masks[number], image.shape[:2])
         total = np.zeros(image.shape) if total is None else total
         seen = np.zeros(image.shape[:2]) if seen is None else seen

@@ -5,9 +5,9 @@ in every ROS 2 distribution. In ROS 1 only the header differs. Definitions in th
 rosbags would generate code from them.
 """
 
+import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,16 +16,18 @@ import numpy as np
 
 from drivers.clock import NS_PER_S
 from drivers.errors import InputError, RigError, counted, unknown_name
-from drivers.formats import MOST_PIXELS, reason, shown
+from drivers.formats import MOST_PIXELS, in_number_order, reason, shown
 from drivers.images import decode_image
 from drivers.types import Image
 from rig.config.extras import require_extra
+from rig.frames.bag_sizes import check_bag_size, check_message_sizes
 from rig.sessions.files import ROS_BEGINNINGS, first_bytes
 
 if TYPE_CHECKING:
     from rosbags.rosbag1 import Reader as Reader1
     from rosbags.rosbag2 import Reader as Reader2
 
+_PART = re.compile(r"(.*)_[0-9]+(\.(?:mcap|db3|bag)(?:\.zstd)?)")
 RAW, COMPRESSED = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
 ENCODINGS: dict[str, tuple[int, int | None]] = {
     "rgb8": (3, None),
@@ -61,6 +63,8 @@ def find_topic(path: Path, topic: str | None) -> str:
     Raises `InputError` with the topics of the bag if there is no such topic, and for a damaged bag.
     """
     with _opened(path) as bag:
+        if getattr(bag, "compression_mode", None) == "message":
+            check_message_sizes(path, bag)
         topics = {each.topic: each.msgtype for each in bag.connections}
     images = sorted(each for each, kind in topics.items() if kind in (RAW, COMPRESSED))
     if not images:
@@ -75,33 +79,52 @@ def find_topic(path: Path, topic: str | None) -> str:
     return topic or images[0]
 
 
-def bag_images(path: Path, topic: str) -> Iterator[tuple[int, Image | None]]:
-    """Yield (time in ns, (H, W, 3) uint8 RGB) of a topic's images; None for one that cannot be decoded.
+def rest_of_bag(path: Path) -> tuple[Path, ...]:
+    """Return the other files of a split bag (name_0.mcap, name_1.mcap ...) of which one file is given."""
+    name = _PART.fullmatch(path.name)
+    if path.is_dir() or name is None:
+        return ()
+    others = (_PART.fullmatch(file.name) for file in path.parent.iterdir())
+    same = [path.with_name(other[0]) for other in others if other and other.groups() == name.groups()]
+    return tuple(in_number_order(file for file in same if file != path))
 
-    The time is the header's stamp. If neither of the first two messages has a stamp, it is the time at which
-    the bag received the message. Two messages are checked because a simulation's clock may start at 0. Raises
-    `InputError` for an unsupported encoding, for a topic without a complete image, and for a damaged bag.
+
+def bag_times(path: Path, topic: str) -> tuple[list[int], list[int]]:
+    """Return the header stamps and the times of receipt of a topic's images, ns, in the order of the bag."""
+    with _opened(path) as bag:
+        deserialized = _deserializer(bag)
+        messages = bag.messages(connections=_connections(bag, topic))
+        times = [(_stamp_ns(deserialized(data, each.msgtype)), at_ns) for each, at_ns, data in messages]
+    return [stamp for stamp, _ in times], [received for _, received in times]
+
+
+def bag_images(path: Path, topic: str) -> Iterator[Image | None]:
+    """Yield a topic's images in the order of the bag, (H, W, 3) uint8 RGB; None if one cannot be decoded.
+
+    Raises `InputError` for an unsupported encoding, for a topic without a complete image, and for a damaged
+    bag.
     """
     count = decoded = 0
     kind = ""
     with _opened(path) as bag:
-        chosen = [c for c in bag.connections if c.topic == topic and c.msgtype in (RAW, COMPRESSED)]
         deserialized = _deserializer(bag)
-        first = islice(bag.messages(connections=chosen), 2)
-        stamped = any(_stamp_ns(deserialized(data, each.msgtype)) for each, _, data in first)
-        for connection, received_ns, data in bag.messages(connections=chosen):
+        for connection, _, data in bag.messages(connections=_connections(bag, topic)):
             message = deserialized(data, connection.msgtype)
             if connection.msgtype == COMPRESSED:
                 kind, image = message.format, decode_image(message.data.tobytes())
             else:
                 kind, image = message.encoding, _raw_image(message, topic)
             count, decoded = count + 1, decoded + (image is not None)
-            yield _stamp_ns(message) if stamped else received_ns, image
+            yield image
     if not decoded:
         raise InputError(
             f"{path}: {topic}: not one complete image in {counted(count, 'message')} ({shown(kind)}): record "
             "it again, as raw images, JPEG or PNG"
         )
+
+
+def _connections(bag: "Reader1 | Reader2", topic: str) -> list[Any]:
+    return [c for c in bag.connections if c.topic == topic and c.msgtype in (RAW, COMPRESSED)]
 
 
 def _stamp_ns(message: Any) -> int:
@@ -141,6 +164,7 @@ def _opened(path: Path) -> "Iterator[Reader1 | Reader2]":
     from rosbags.rosbag2 import Reader as Reader2
 
     try:
+        check_bag_size(path)
         with Reader1(path) if first_bytes(path).startswith(ROS_BEGINNINGS[0]) else Reader2(path) as bag:
             yield bag
     except RigError:

@@ -11,10 +11,12 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
+from drivers.clock import NS_PER_S
 from drivers.errors import InputError, counted
 from drivers.formats import in_number_order
-from drivers.images import SUFFIXES, check_video_size, image_flaw, load_image, read_image
+from drivers.images import SUFFIXES, check_video_size, image_flaw, load_image, read_image, require_single
 from drivers.types import Image
 from rig.frames.clips import (
     ARRAY_SUFFIXES,
@@ -24,18 +26,27 @@ from rig.frames.clips import (
     array_frames,
     array_shape,
     clip_background,
+    is_raw_video,
     is_ros_bag,
     is_simulated_clip,
     require_clip,
 )
 from rig.frames.public_sets import TRIAL_VIDEO, bag_of, is_trial, read_bag, trial_background
-from rig.frames.ros_bags import bag_images, find_topic
-from rig.frames.times import FrameTime, times_at_rate, times_from_table
+from rig.frames.ros_bags import bag_images, bag_times, find_topic, rest_of_bag
+from rig.frames.times import (
+    FrameTime,
+    checked_times,
+    container_times,
+    stamped_times,
+    times_at_rate,
+    times_from_table,
+)
 from rig.sessions.recorder import seconds_text
 from rig.tactile.contact.background import MAX_FRAMES, auto_background, mean_background
 from rig.tactile.contact.untouched import untouched_frames
 
 FOLDER_FPS = 60.0
+NO_TIMES = "the file is a raw stream without times: give --fps if they were taken at another rate"
 RATE_ASSUMED = f"times: {FOLDER_FPS:g} frames per second assumed, as neither a rate nor a table is given"
 OTHER_ENDINGS = {".mcap", ".db3", ".bag", *ARRAY_SUFFIXES, *VIDEO_ENDINGS}
 # Least number of frames from which a background can be made if contacts move about.
@@ -209,14 +220,14 @@ def _clip_series(folder: Path, timestamps: Path | None, fps: float | None, topic
 
 def _image_series(path: Path, timestamps: Path | None, fps: float | None) -> FrameSeries:
     files = _image_files(path) if path.is_dir() else [path]
+    for file in files:
+        require_single(file)
     if not any(load_image(file) is not None for file in files):
         why = image_flaw(files[0]) or "is damaged"
         raise InputError(f"{path}: not one complete image ({files[0].name} {why}): copy it again")
-    if not path.is_dir() and (pages := cv2.imcount(str(path))) > 1:
-        raise InputError(f"{path}: holds {pages} images, but only one would be read: give a folder of images")
-    times = _times([file.name for file in files], timestamps, FOLDER_FPS if fps is None else fps)
+    times, notes = _times([file.name for file in files], timestamps, FOLDER_FPS if fps is None else fps)
     assumed = timestamps is None and fps is None and len(files) > 1
-    notes = (RATE_ASSUMED,) if assumed else ()
+    notes = (RATE_ASSUMED,) if assumed else notes
     simulated = is_simulated_clip(path)
 
     def read() -> Iterator[TimedFrame]:
@@ -240,10 +251,16 @@ def _image_files(folder: Path) -> list[Path]:
 
 
 def _video_series(path: Path, timestamps: Path | None, fps: float | None) -> FrameSeries:
-    count, announced, own_fps = _video_facts(path)
-    times = _times([str(i) for i in range(count)], timestamps, own_fps if fps is None else fps)
-    cut = f"{path}: {counted(announced, 'frame')} announced, {count} can be read: is the file complete?"
-    notes = (cut,) if count < announced else ()
+    facts = _video_facts(path)
+    count = len(facts.shown_ns)
+    if timestamps is None and fps is None:
+        times, notes = container_times(str(path), facts.shown_ns, facts.fps)
+        notes = (f"times: {facts.fps:g} frames per second assumed, as {NO_TIMES}",) if facts.raw else notes
+    else:
+        times, notes = _times([str(i) for i in range(count)], timestamps, fps or 0.0)
+    if facts.is_cut:
+        cut = f"{path}: {counted(facts.announced, 'frame')} announced, {count} can be read"
+        notes = (f"{cut}: is the file complete?", *notes)
 
     def read() -> Iterator[TimedFrame]:
         for index, (image, time) in enumerate(zip(_video_images(path), times, strict=False)):
@@ -255,22 +272,43 @@ def _video_series(path: Path, timestamps: Path | None, fps: float | None) -> Fra
 def _array_series(path: Path, timestamps: Path | None, fps: float | None) -> FrameSeries:
     count, height, width = array_shape(path)
     names = [str(number) for number in range(count)]
-    times = _times(names, timestamps, FOLDER_FPS if fps is None else fps)
+    times, notes = _times(names, timestamps, FOLDER_FPS if fps is None else fps)
 
     def read() -> Iterator[TimedFrame]:
         return (TimedFrame(n, t, f) for n, t, f in zip(names, times, array_frames(path), strict=True))
 
     note = f"{path}: {counted(count, 'frame')} of {width} x {height} px, assumed to be RGB"
-    notes = (note, RATE_ASSUMED) if timestamps is None and fps is None else (note,)
+    notes = (note, RATE_ASSUMED) if timestamps is None and fps is None else (note, *notes)
     return FrameSeries(str(path), read, notes, count=count)
 
 
 def _ros_series(path: Path, topic: str) -> FrameSeries:
+    times, notes = stamped_times(f"{path}: {topic}", *bag_times(path, topic))
+    order = np.argsort(times, kind="stable")
+
     def read() -> Iterator[TimedFrame]:
-        for number, (time_ns, image) in enumerate(bag_images(path, topic)):
+        images = _in_order(bag_images(path, topic), order)
+        for number, (image, place) in enumerate(zip(images, order, strict=False)):
+            time_ns = int(times[place])
             yield TimedFrame(str(number), FrameTime(seconds_text(time_ns), time_ns), image)
 
-    return FrameSeries(str(path), read, (f"{path}: {topic}",))
+    if others := rest_of_bag(path):
+        rest = f"{counted(len(others), 'more file')} ({', '.join(file.name for file in others[:3])})"
+        notes = [
+            *notes,
+            f"{path}: is one file of a bag with {rest}: give the folder to read all",
+        ]
+    return FrameSeries(str(path), read, (f"{path}: {topic}", *notes))
+
+
+def _in_order(images: Iterable[Image | None], order: NDArray[np.intp]) -> Iterator[Image | None]:
+    """Yield images in an order of their places; those that come too early are held back."""
+    ranks, waiting, rank = np.argsort(order), dict[int, Image | None](), 0
+    for image, place in zip(images, ranks.tolist(), strict=False):
+        waiting[place] = image
+        while rank in waiting:
+            yield waiting.pop(rank)
+            rank += 1
 
 
 def _trial_series(folder: Path, timestamps: Path | None, fps: float | None) -> FrameSeries:
@@ -285,37 +323,63 @@ def _bag_series(path: Path, finger: str, timestamps: Path | None, fps: float | N
         raise InputError(f"{path}: there is no such file: check the path")
     bag = read_bag(path, finger)
     names = [str(number) for number in range(len(bag.images))]
-    times = _times(names, timestamps, FOLDER_FPS if fps is None else fps)
+    times, notes = _times(names, timestamps, FOLDER_FPS if fps is None else fps)
 
     def read() -> Iterator[TimedFrame]:
         frames = read_bag(path, finger).frames()
         return (TimedFrame(name, time, image) for name, time, image in zip(names, times, frames, strict=True))
 
     note = f"finger {finger}; {RATE_ASSUMED}"
-    notes = (note,) if timestamps is None and fps is None else ()
+    notes = (note,) if timestamps is None and fps is None else notes
     return FrameSeries(f"{path}:{finger}", read, notes, bag.background, count=len(names))
 
 
-def _times(names: list[str], table: Path | None, fps: float) -> list[FrameTime]:
-    return times_at_rate(len(names), fps) if table is None else times_from_table(table, names)
+def _times(names: list[str], table: Path | None, fps: float) -> tuple[list[FrameTime], tuple[str, ...]]:
+    """Return the times of frames, and notes on those of a table."""
+    if table is None:
+        return times_at_rate(len(names), fps), ()
+    times = times_from_table(table, names)
+    return times, checked_times(str(table), [time.time_ns for time in times])
 
 
-def _video_facts(path: Path) -> tuple[int, int, float]:
-    """Return the number of readable frames, the number in the header, and the frame rate in Hz."""
+@dataclass(frozen=True, slots=True)
+class _VideoFacts:
+    """shown_ns: presentation time of each readable frame. announced: number of frames in the header.
+
+    fps: nominal rate, Hz. raw: whether the file is a stream of images without times.
+    """
+
+    shown_ns: tuple[int, ...]
+    announced: int
+    fps: float
+    raw: bool
+
+    @property
+    def is_cut(self) -> bool:
+        """Whether frames are missing at the end.
+
+        OpenCV computes the announced number from duration and rate, so it is too high for a variable rate.
+        """
+        longest_ns = int(np.diff(self.shown_ns, prepend=self.shown_ns[0]).max())
+        missing = self.announced - 0.5 - self.fps * (self.shown_ns[-1] + longest_ns) / NS_PER_S
+        return self.announced > len(self.shown_ns) and missing > 0.0
+
+
+def _video_facts(path: Path) -> _VideoFacts:
     capture = cv2.VideoCapture(str(path))
     try:
         announced, fps = capture.get(cv2.CAP_PROP_FRAME_COUNT), capture.get(cv2.CAP_PROP_FPS)
         check_video_size(capture, path)
-        count = 0
+        shown_ns = []
         while capture.grab():
-            count += 1
+            shown_ns.append(round(capture.get(cv2.CAP_PROP_POS_MSEC) * 1e6))
     finally:
         capture.release()
-    if count == 0:
+    if not shown_ns:
         raise InputError(
             f"{path}: neither images nor a video that can be read: give a folder, image or video"
         )
-    return count, max(0, int(min(announced, 1e9))), float(fps)
+    return _VideoFacts(tuple(shown_ns), max(0, int(min(announced, 1e9))), float(fps), is_raw_video(path))
 
 
 def _video_images(path: Path) -> Iterator[Image]:

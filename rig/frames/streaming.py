@@ -82,7 +82,7 @@ class StreamingEstimator:
         """Estimate the angle in the next frame.
 
         image: (H, W, 3) uint8 RGB, of the background's size; it is copied. time_s: capture time in s of any
-        clock. If the time equals that of the previous frame, the previous sample is returned again. Raises
+        clock. A frame with the time of the previous frame is not estimated: its state is "lost". Raises
         `InputError` for another shape or type and for a time that is not finite or goes back; the estimator
         can be used afterwards as if the call had not been made.
         """

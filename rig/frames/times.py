@@ -1,15 +1,33 @@
-"""Capture times of frames, from a table or from a frame rate."""
+"""Capture times of a stream of frames: the only place that decides what its times mean.
+
+Times come from a table, a frame rate, a video's container, the stamps of a ROS bag, or the caller. There are
+three verdicts on them: they are used as they are; they are replaced, with a note; or they are refused
+(`InputError`) because they stay ambiguous. The times of a live stream, of which only the past is known, are
+checked frame by frame in `drivers.tally.StreamTimes`.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path, PurePath
 
-from drivers.clock import NS_PER_S
-from drivers.errors import FormatError, InputError
-from drivers.formats import parse_time_ns, parse_whole, read_csv_rows, shown, time_ns_in
+import numpy as np
+from numpy.typing import NDArray
 
-MAX_FPS = 10_000.0
+from drivers.clock import NS_PER_S
+from drivers.errors import FormatError, InputError, counted
+from drivers.formats import parse_time_ns, parse_whole, read_csv_rows, shown, time_ns_in
+from drivers.tally import LONGEST_STEP_NS
+
+LEAST_FPS, MAX_FPS = 0.02, 2000.0
+"""Frame rates in Hz of a tactile sensor; times with another rate are in another unit than s."""
+APART_S = LONGEST_STEP_NS / NS_PER_S
+"""Between frames further apart than this, a rotation cannot be followed."""
+MOST_REPEATED = 0.5
+"""If more than this share of the frames has the time of the frame before, the times are too coarse."""
+_UNITS = {"ms": 1e3, "microseconds": 1e6, "ns": 1e9, "minutes": 1 / 60, "hours": 1 / 3600}
+_USUAL_FPS = 1.0, 500.0
+Times = NDArray[np.int64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,9 +47,121 @@ class _Row:
 
 def times_at_rate(count: int, fps: float) -> list[FrameTime]:
     """Return the times of `count` frames at a rate in Hz, from 0 on. Raises `InputError` for a bad rate."""
-    if not 0 < fps <= MAX_FPS:
-        raise InputError(f"{fps:g} Hz is not a frame rate: give one above 0 and up to {MAX_FPS:g}")
+    if not LEAST_FPS <= fps <= MAX_FPS:
+        raise InputError(f"{fps:g} Hz is not a frame rate: give one from {LEAST_FPS:g} to {MAX_FPS:g}")
     return [FrameTime(f"{i / fps:.6f}", round(i / fps * NS_PER_S)) for i in range(count)]
+
+
+def checked_times(where: str, times_ns: Sequence[int] | Times) -> tuple[str, ...]:
+    """Return notes on the times of a stream that are used as they are.
+
+    where: the stream's name in errors. times_ns: in the order of the frames. Raises `InputError` if the times
+    go back, if most frames share their time with others, or for a unit that cannot be s.
+    """
+    times = np.asarray(times_ns, np.int64)
+    steps = np.diff(times)
+    if (steps < 0).any():
+        frame = int(np.argmax(steps < 0)) + 1
+        back_s = -steps[frame - 1] / NS_PER_S
+        raise InputError(
+            f"{where}: frame {frame} is {back_s:g} s before the previous frame: give times that are not "
+            "decreasing (sort the frames), or a frame rate instead (--fps)"
+        )
+    if steps.size == 0:
+        return ()
+    repeated = np.flatnonzero(steps == 0) + 1
+    if repeated.size > MOST_REPEATED * len(times) or not steps.any():
+        raise InputError(
+            f"{where}: {repeated.size} of {len(times)} frames have the time of the previous frame (first: "
+            f"frame {repeated[0]}): times in whole seconds, or rounded as float32? Give finer times, or a "
+            "frame rate (--fps)"
+        )
+    step_s = float(np.median(steps[steps > 0])) / NS_PER_S
+    if not LEAST_FPS <= 1.0 / step_s <= MAX_FPS:
+        raise InputError(
+            f"{where}: {1.0 / step_s:.3g} frames per second by their times, {step_s:.3g} s apart: "
+            f"{_unit_question(step_s)} Give times in s, or a frame rate (--fps)"
+        )
+    return (_repeated_note(repeated),) if repeated.size else ()
+
+
+def sparse_note(times_ns: Sequence[int] | Times) -> str | None:
+    """Return a note on a stream whose frames are too far apart to follow a rotation; None for others."""
+    steps = np.diff(np.asarray(times_ns, np.int64))
+    step_s = float(np.median(steps)) / NS_PER_S if steps.size else 0.0
+    if step_s <= APART_S:
+        return None
+    return (
+        f"the frames are {step_s:.3g} s apart ({_unit_question(step_s)}): a motion cannot be followed over "
+        f"more than {APART_S:g} s, 'lost'"
+    )
+
+
+def stamped_times(
+    where: str, stamps_ns: Sequence[int], received_ns: Sequence[int]
+) -> tuple[Times, list[str]]:
+    """Return the times of received frames, ns, and notes: their stamps, or the times of receipt.
+
+    where: the stream's name in errors. Stamps are used if they can be sorted: frames that overtook others by
+    at most `APART_S` are sorted later by their time. Stamps that are missing, constant, rounded or set back
+    are replaced by the times of receipt. Raises `InputError` if these cannot be used either.
+    """
+    stamps, received = np.asarray(stamps_ns, np.int64), np.asarray(received_ns, np.int64)
+    back = int((np.diff(stamps) < 0).sum())
+    if not stamps[:2].any():
+        why = "no stamps"
+    elif (np.maximum.accumulate(stamps) - stamps > LONGEST_STEP_NS).any():
+        why = "stamps that go back"
+    else:
+        try:
+            notes = [f"times: {counted(back, 'frame')} arrived out of order, sorted by stamp"] if back else []
+            return stamps, [*notes, *checked_times(where, np.sort(stamps))]
+        except InputError:
+            why = "stamps that are constant, rounded or not in s"
+    note = f"times: of receipt, because the frames have {why}"
+    return received, [note, *checked_times(f"{where}, {note}", np.sort(received))]
+
+
+def container_times(
+    where: str, shown_ns: Sequence[int], fps: float
+) -> tuple[list[FrameTime], tuple[str, ...]]:
+    """Return the times of a video's frames, and notes.
+
+    shown_ns: presentation time of each frame, 0 where the container has none. fps: the container's nominal
+    rate, which is used if no presentation time contradicts it, since many containers round times to ms. In a
+    video of variable rate the presentation times count from the first frame. Raises `InputError`.
+    """
+    shown_at = np.asarray(shown_ns, np.int64) - shown_ns[0]
+    given = np.concatenate([[True], shown_at[1:] > np.maximum.accumulate(shown_at)[:-1]])
+    nominal = np.arange(len(shown_at)) * NS_PER_S / max(fps, 1e-9)
+    if not given[1:].any() or (abs(shown_at - nominal)[given] <= 0.5 * NS_PER_S / max(fps, 1e-9)).all():
+        return times_at_rate(len(shown_at), fps), ()
+    notes = [f"times: of the video's container, which are not those of {fps:g} frames per second"]
+    if missing := int((~given).sum()):
+        notes.append(f"times: {counted(missing, 'frame')} without a time, interpolated")
+    found = [FrameTime(f"{time / NS_PER_S:.6f}", round(time)) for time in _filled(shown_at, given).tolist()]
+    return found, (*notes, *checked_times(where, [time.time_ns for time in found]))
+
+
+def _filled(times: Times, given: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """Return times with the missing ones interpolated, and continued after the last at the median step."""
+    places, known = np.arange(len(times)), np.flatnonzero(given)
+    found = np.interp(places, known, times[given])
+    return found + np.maximum(places - known[-1], 0) * np.median(np.diff(found[: known[-1] + 1]))
+
+
+def _repeated_note(repeated: NDArray[np.intp]) -> str:
+    return (
+        f"times: {counted(repeated.size, 'frame')} with the time of the previous frame (first: frame "
+        f"{repeated[0]}): not estimated, 'lost'"
+    )
+
+
+def _unit_question(step_s: float) -> str:
+    """Return the question whether times are in another unit, in which the rate would be usual."""
+    low, high = _USUAL_FPS
+    guess = next((unit for unit, factor in _UNITS.items() if low <= factor / step_s <= high), "another unit")
+    return f"are the times in {guess}?"
 
 
 def times_from_table(table: Path, names: Sequence[str]) -> list[FrameTime]:

@@ -47,7 +47,8 @@ def choose_frames(
     """Choose frames with contact, evenly spread from the reference on; return them and an explanation.
 
     The default reference is the zero of `rig estimate`: the first frame in which the contact has settled.
-    Raises `InputError` if no frame shows a contact, or if the reference is not a frame with contact before another.
+    Raises `InputError` if no frame shows a contact, or if the reference is not a frame with contact before
+    another.
     """
     touching, zero, why = _scanned(series, background)
     if not touching:

@@ -16,7 +16,7 @@ import numpy as np
 from drivers.errors import InputError, unknown_name
 from drivers.formats import read_bounded, shown
 from drivers.formats.structured import MOST_JSON_BYTES
-from drivers.images import SUFFIXES, read_image
+from drivers.images import SUFFIXES, read_image, require_same_aspect
 from drivers.types import Image
 from protocols.grasps import find_grasp_file
 from rig.labels.label_files import labelme_mask, read_label
@@ -221,6 +221,7 @@ def _beside(stem: Path) -> Path | None:
 def _png_label(path: Path, shape: tuple[int, int]) -> Image:
     """Read a mask or a VOC class image: every pixel that is not black is contact."""
     image = read_image(path).max(axis=2)
+    require_same_aspect(str(path), (image.shape[1], image.shape[0]), shape)
     if image.shape != shape:
         image = cv2.resize(image, shape[::-1], interpolation=cv2.INTER_NEAREST)
     return np.where(image > 0, 255, 0).astype(np.uint8)

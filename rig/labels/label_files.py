@@ -16,7 +16,7 @@ import numpy as np
 
 from drivers.errors import FormatError, InputError
 from drivers.formats import read_json, shown
-from drivers.images import encode_png
+from drivers.images import encode_png, require_same_aspect
 from drivers.types import Image
 from rig.labels.polygons import Polygon, mask_polygons, polygon_area, polygons_mask
 from rig.sessions.files import write_file, write_json
@@ -74,6 +74,7 @@ def labelme_mask(document: dict[str, Any], shape: tuple[int, int], where: str) -
         for number, entry in enumerate(document["shapes"], start=1)
         if not (isinstance(entry, dict) and entry.get("label", "") in _BACKGROUND_LABELS)
     ]
+    require_same_aspect(where, drawn_on, shape)
     return polygons_mask(polygons, (shape[1], shape[0]))
 
 

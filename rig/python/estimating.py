@@ -1,5 +1,6 @@
 """Run an estimator on stored or live frames, and score its angles against ground truth."""
 
+import logging
 import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -18,9 +19,9 @@ from rig.frames.estimates import estimate_series, zeroed
 from rig.frames.estimation import checked, require_frames_suffice
 from rig.frames.series import FrameSeries, TimedFrame, evenly_spread, find_background
 from rig.frames.streaming import StreamingEstimator
-from rig.frames.times import FrameTime, times_at_rate
+from rig.frames.times import FrameTime, checked_times, sparse_note, times_at_rate
 from rig.python.tracks import Angles
-from rig.report.curves import Curve, truth_at
+from rig.report.curves import AXIS_DEG, TURN_DEG, Curve, truth_at, unwrapped
 from rig.results.metrics import summarize
 from rig.tactile.contact.background_check import LOOKS_LIKE_CONTACT, BackgroundCheck
 from rig.tactile.estimators import choose_estimator
@@ -29,6 +30,7 @@ from rig.tactile.paper.estimator import WindowMean
 from rig.tactile.sample import TactileEstimator, check_frame, faults_of
 
 RATE_HZ = 60.0
+_log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,7 +76,8 @@ def estimate(
     Returns image angles as `rig estimate` does: counter-clockwise positive, relative to the first frame in
     which the contact has settled. Raises `InputError` for invalid frames or times, or if no background is
     given and no frames without contact are found; `EstimatorError` if the estimator cannot be made, or a
-    class of your own fails on a frame. Warns (`UserWarning`) if the background looks like a contact.
+    class of your own fails on a frame. Warns (`UserWarning`) if the background looks like a contact;
+    doubtful times are logged.
     """
     if isinstance(frames, (str, Path)):
         raise InputError(
@@ -87,7 +90,9 @@ def estimate(
         for image in frames:
             check_frame(image, getattr(frames[0], "shape", None))
         background, _ = find_background("estimate", frames, evenly_spread(frames))
-    series = FrameSeries("frames", lambda: _timed(frames, times_s, fps))
+    times_at_rate(0, fps)  # checks the rate
+    seconds, notes = (None, ()) if times_s is None else _seconds(times_s)
+    series = FrameSeries("frames", lambda: _timed(frames, seconds, fps))
     made, check = _made(estimator, background, window, pixel_aspect, gel=gel), BackgroundCheck(background)
     answers = estimate_series(checked(series, check), made)
     if not answers:
@@ -98,8 +103,11 @@ def estimate(
         warnings.warn(f"{LOOKS_LIKE_CONTACT}: give a frame without contact as background", stacklevel=2)
     found = zeroed(answers, None)
     states = tuple(answer.sample.state.value for answer in answers)
-    seconds = np.array([answer.time.time_ns / NS_PER_S for answer in answers])
-    return Angles(seconds, _floats(found.angles_deg), _floats(found.sigmas_deg), states)
+    at_s = np.array([answer.time.time_ns / NS_PER_S for answer in answers])
+    note = sparse_note([answer.time.time_ns for answer in answers])
+    for text in notes if note is None else (*notes, note):
+        _log.warning("estimate: %s", text)
+    return Angles(at_s, _floats(found.angles_deg), _floats(found.sigmas_deg), states)
 
 
 def estimator(
@@ -132,11 +140,16 @@ def estimator(
 
 
 def score(estimate: Angles, truth: Angles) -> Score:
-    """Compare angles with ground truth, which is interpolated at their times over gaps of at most 50 ms."""
-    known = truth_at(
-        Curve(truth.time_s, truth.angle_deg, truth.sigma_deg), np.asarray(estimate.time_s, np.float64)
-    )
-    off = np.abs(estimate.angle_deg - known)
+    """Compare angles with ground truth, which is interpolated at their times over gaps of at most 50 ms.
+
+    A true angle with steps of more than 90 degrees is unwrapped, with a warning in the log.
+    """
+    true, notes = unwrapped("the true angle", _curve(truth), AXIS_DEG)
+    ours, more = unwrapped("the estimate", _curve(estimate), TURN_DEG)
+    for note in (*notes, *more):
+        _log.warning("score: %s", note)
+    known = truth_at(true, np.asarray(estimate.time_s, np.float64))
+    off = np.abs(ours.angle_deg - known)
     there, both = np.isfinite(known), np.isfinite(off)
     errors = summarize(off[both])
     sure = both & np.isfinite(estimate.sigma_deg)
@@ -145,6 +158,10 @@ def score(estimate: Angles, truth: Angles) -> Score:
     if errors is None:
         return Score(float("nan"), float("nan"), float("nan"), 0, answered, within)
     return Score(errors.mean_deg, errors.std_deg, errors.max_deg, errors.frames, answered, within)
+
+
+def _curve(angles: Angles) -> Curve:
+    return Curve(angles.time_s, angles.angle_deg, angles.sigma_deg)
 
 
 def _made(
@@ -166,10 +183,8 @@ def _made(
     return WindowMean(made, choice.window) if choice.window > 1 else made
 
 
-def _timed(frames: Iterable[Image], times_s: ArrayLike | None, fps: float) -> Iterator[TimedFrame]:
+def _timed(frames: Iterable[Image], seconds: np.ndarray | None, fps: float) -> Iterator[TimedFrame]:
     """Yield the frames with their times; each is read only when needed, so they need not fit into memory."""
-    times_at_rate(0, fps)  # checks the rate
-    seconds = None if times_s is None else _seconds(times_s)
     number = -1
     for number, image in enumerate(frames):
         if seconds is not None and number >= len(seconds):
@@ -181,11 +196,12 @@ def _timed(frames: Iterable[Image], times_s: ArrayLike | None, fps: float) -> It
         raise InputError(f"estimate: {len(seconds)} times for {number + 1} frames: give one time per frame")
 
 
-def _seconds(times_s: ArrayLike) -> np.ndarray:
+def _seconds(times_s: ArrayLike) -> tuple[np.ndarray, tuple[str, ...]]:
+    """Return the capture times, (N,) s, and notes. Raises `InputError`."""
     seconds = np.asarray(times_s, np.float64)
-    if seconds.ndim != 1 or not (np.abs(seconds) < MAX_TIME_S).all() or (np.diff(seconds) < 0).any():
-        raise InputError("estimate: times_s must be (N,) s, finite and not decreasing")
-    return seconds
+    if seconds.ndim != 1 or not (np.abs(seconds) < MAX_TIME_S).all():
+        raise InputError("estimate: times_s must be (N,) s and finite")
+    return seconds, checked_times("estimate: times_s", np.rint(seconds * NS_PER_S).astype(np.int64))
 
 
 def _floats(values: Sequence[float | None]) -> np.ndarray:

@@ -11,7 +11,7 @@ from drivers.errors import FormatError, InputError, counted
 from drivers.formats import CsvTable, parse_number, read_csv, shown
 from rig.lift.onset import slip_onset_ns
 from rig.lift.result import FINAL_S
-from rig.report.curves import Curve, LiftCurves, signed_errors
+from rig.report.curves import AXIS_DEG, TURN_DEG, Curve, LiftCurves, signed_errors, unwrapped
 from rig.results.metrics import ErrorSummary, Floats, summarize
 
 TIME_COLUMNS = ("t_s", "time_s", "time")
@@ -28,18 +28,22 @@ _LARGEST = 9e9
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CsvLift:
-    """A lift from a table. errors: over all its frames, None if no frame has both angles."""
+    """A lift from a table.
+
+    errors: over all its frames, None if no frame has both angles. notes: on wrapped angles.
+    """
 
     path: Path
     curves: LiftCurves
     errors: ErrorSummary | None
     final_estimate_deg: float | None
     final_truth_deg: float | None
+    notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tables:
-    """The readable lifts, and a note for each unreadable file."""
+    """The readable lifts, and notes on unreadable files and wrapped angles."""
 
     lifts: tuple[CsvLift, ...]
     notes: tuple[str, ...]
@@ -66,6 +70,7 @@ def read_tables(sources: Sequence[Path]) -> Tables:
             f"{sources[0]}: neither a session nor CSV files with columns {TIME_COLUMNS[0]}, "
             f"{ESTIMATE_COLUMNS[0]}, {TRUTH_COLUMNS[0]}{why}"
         )
+    notes += [note for lift in lifts for note in lift.notes]
     return Tables(tuple(lifts), tuple(notes))
 
 
@@ -80,9 +85,10 @@ def read_table(path: Path) -> CsvLift:
         )
     time_s = time_s - time_s[0]  # tables may hold the time of day
     unknown = np.full(time_s.shape, np.nan)
-    truth = Curve(time_s, columns["truth"], unknown)
+    truth, notes = unwrapped(f"{path}: the true angle", Curve(time_s, columns["truth"], unknown), AXIS_DEG)
     phases, onset_s = detected_phases(truth)
     estimate = Curve(time_s, columns["estimate"], columns.get("sigma", unknown))
+    estimate, more = unwrapped(f"{path}: the estimate", estimate, TURN_DEG)
     curves = LiftCurves(
         name=path.stem.replace("_", " "),
         estimate=estimate,
@@ -94,7 +100,12 @@ def read_table(path: Path) -> CsvLift:
     )
     errors = np.abs(signed_errors(curves))
     return CsvLift(
-        path, curves, summarize(errors[np.isfinite(errors)]), _final_deg(estimate), _final_deg(truth)
+        path,
+        curves,
+        summarize(errors[np.isfinite(errors)]),
+        _final_deg(estimate),
+        _final_deg(truth),
+        (*notes, *more),
     )
 
 

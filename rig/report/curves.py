@@ -74,6 +74,32 @@ class LiftCurves:
         return inside if self.phases_s else np.ones(times.shape, bool)
 
 
+AXIS_DEG, TURN_DEG = 180.0, 360.0
+"""Periods of the angle of an axis and of a direction. An object does not turn by half a period in a frame."""
+
+
+def unwrapped(what: str, curve: Curve, period_deg: float) -> tuple[Curve, tuple[str, ...]]:
+    """Return a curve without the steps of a wrapped angle, and a note if there were any.
+
+    what: name of the angle, for the note. period_deg: steps of more than half of it, or for `TURN_DEG` three
+    quarters, are reduced by multiples of it; an estimate may have true errors of half a turn.
+    """
+    known = np.flatnonzero(np.isfinite(curve.angle_deg))
+    steps = np.diff(curve.angle_deg[known])
+    least = 0.5 * AXIS_DEG if period_deg == AXIS_DEG else 0.75 * TURN_DEG
+    turns = np.where(np.abs(steps) > least, np.rint(steps / period_deg), 0.0)
+    if not turns.any():
+        return curve, ()
+    angle_deg = curve.angle_deg.copy()
+    angle_deg[known[1:]] -= period_deg * np.cumsum(turns)
+    first = curve.time_s[known[1:]][turns != 0.0][0]
+    note = (
+        f"{what} is wrapped: {int((turns != 0.0).sum())} steps of more than {least:g} degrees (first at "
+        f"{first:.3f} s), unwrapped"
+    )
+    return Curve(curve.time_s, angle_deg, curve.sigma_deg, curve.states), (note,)
+
+
 def truth_at(truth: Curve, time_s: Floats) -> Floats:
     """Return the marker angle at other times, (N,) deg; NaN in gaps of more than 50 ms."""
     known = truth.answered

@@ -44,10 +44,11 @@ class SlipSample:
     if unknown. contact_area_px: contact area in pixels of the frame, 0 without contact. stage_s: run time per
     stage, s. skipped: names of the stages that were not needed. fault: error of a foreign estimator that
     raised an exception or returned an invalid sample; the state is then `lost`. jumped: whether the time of
-    the frame is implausible in its stream; the frame is then not used, and the state is `lost`. settled:
-    whether the contact has settled, so that the angle of this frame, if it has one, is a good zero: later
-    angles of this contact differ from it by the measured rotation. It stays True until the next contact. If
-    an estimator leaves it None, `FreshFrameEstimator` sets it by the default rule, see `SettlingByArea`.
+    the frame is implausible in its stream, or not after that of the frame before; the frame is not used, and
+    its state is `lost`, or `no_contact` if it was so before. settled: whether the contact has settled, so
+    that the angle of this frame, if it has one, is a good zero: later angles of this contact differ from it by the
+    measured rotation. It stays True until the next contact. If an estimator leaves it None,
+    `FreshFrameEstimator` sets it by the default rule, see `SettlingByArea`.
     """
 
     time_ns: int
@@ -135,12 +136,16 @@ SET_BACK_STEP_NS = NS_PER_S // 30
 class FreshFrameEstimator(TactileEstimator):
     """Base class of estimators that process each frame once, with increasing times.
 
-    A frame that is not newer than the previous one (repeated, or delivered late) is not processed and gets
-    the last sample again. A frame whose time jumps (`drivers.tally.StreamTimes`) gets the state `lost` and is
-    not processed. If the next frame agrees with the jumped time, the stream continues from there: after a
-    pause or, if its clock was set back, as if `SET_BACK_STEP_NS` had passed. shape: of the frames, (H, W, 3);
-    None for any.
+    A frame that is not newer than the previous one (repeated, or delivered late), or whose time jumps
+    (`drivers.tally.StreamTimes`), is not processed and gets the state `lost` without an angle. If the next
+    frame agrees with a jumped time, the stream continues from there: after a pause or, if its clock was set
+    back, as if `SET_BACK_STEP_NS` had passed. In a stream of frames far apart (`StreamTimes.sparse`) an
+    estimator that follows the motion loses the contact, except in its first frame. shape: of the frames,
+    (H, W, 3); None for any.
     """
+
+    follows_motion: ClassVar[bool] = False
+    """Whether the angle depends on the frame before, and not on the image alone."""
 
     stages: ClassVar[tuple[str, ...]]
     """Names of the processing stages, in order."""
@@ -161,8 +166,13 @@ class FreshFrameEstimator(TactileEstimator):
             self._set_back_ns = last.time_ns + SET_BACK_STEP_NS - time_ns
         now_ns = time_ns + self._set_back_ns
         if last is not None and now_ns <= last.time_ns:
-            return replace(last, time_ns=last.time_ns - self._set_back_ns, stage_s={}, skipped=self.stages)
+            state = State.NO_CONTACT if last.state is State.NO_CONTACT else State.LOST
+            return SlipSample(last.time_ns - self._set_back_ns, state, skipped=self.stages, jumped=True)
+        held = last is not None and last.state is not State.NO_CONTACT
         sample = self._estimate(image, now_ns)
+        if held and self.follows_motion and self._times.sparse and sample.angle_deg is not None:
+            area = sample.contact_area_px
+            sample = SlipSample(now_ns, State.LOST, contact_area_px=area, stage_s=sample.stage_s)
         if sample.settled is None:
             area_px = sample.contact_area_px or float(sample.shows_contact)
             sample = replace(sample, settled=self._settling.update(area_px, now_ns))

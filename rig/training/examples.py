@@ -11,7 +11,7 @@ import numpy as np
 
 from calibration.gel.look import GelLook
 from drivers.errors import InputError, counted
-from drivers.formats import reason
+from drivers.formats import check_zip, reason
 from drivers.images import read_image
 from drivers.types import Image
 from fakes.studio.training_frames import TrainingFrame, training_frames
@@ -79,6 +79,8 @@ def save_examples(path: Path, examples: Examples) -> None:
 def load_examples(path: Path) -> Examples:
     """Read a stored set. Raises `InputError` for a damaged file."""
     try:
+        with zipfile.ZipFile(path) as archive:
+            check_zip(str(path), archive)
         with np.load(path) as kept:
             arrays = (kept[name] for name in ARRAYS)
             objects = tuple(map(str, kept["objects"]))

@@ -121,7 +121,7 @@ def _scored(condition: Condition, task: StressTask, scene: Scene, name: str, cli
 def _series_score(key: str, samples: Sequence[SlipSample], clip: Clip) -> SeriesScore:
     """Score from the start of the rotation on, relative to the mean angle of the last 10 frames before it.
 
-    Samples are compared at the time of their frame: a late or repeated frame gets the last sample again.
+    Samples are compared at the time of their frame; a late or repeated frame has no angle.
     """
     still = [
         s.angle_deg

@@ -30,7 +30,6 @@ class WindowMean(TactileEstimator):
     def __init__(self, estimator: TactileEstimator, window: int) -> None:
         self._estimator = estimator
         self._angles: deque[float] = deque(maxlen=window)
-        self._last: SlipSample | None = None
 
     def arm(self, state: ArmState) -> None:
         """Pass the state of the arm on."""
@@ -45,14 +44,11 @@ class WindowMean(TactileEstimator):
         sample = self._estimator.update(image, time_ns)
         if sample.jumped:
             return sample
-        if self._last is not None and sample.time_ns == self._last.time_ns:
-            return replace(sample, angle_deg=self._last.angle_deg)
         if sample.angle_deg is None:
             self._angles.clear()
         else:
             self._angles.append(sample.angle_deg)
             sample = replace(sample, angle_deg=sum(self._angles) / len(self._angles))
-        self._last = sample
         return sample
 
 

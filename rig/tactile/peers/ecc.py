@@ -132,6 +132,7 @@ class ReferenceEstimator(FreshFrameEstimator):
     at a new reference after a first angle; else `tracking`. It has no sigma.
     """
 
+    follows_motion = True
     stages = ("contact", "alignment")
 
     def __init__(self, background: Image, matcher: Callable[[Energy, Image], Matcher]) -> None:

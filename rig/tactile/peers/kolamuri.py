@@ -165,6 +165,7 @@ class KolamuriEstimator(FreshFrameEstimator):
     angle; else `tracking`. If the markers have not moved, the last angle is reported. It has no sigma.
     """
 
+    follows_motion = True
     stages = ("contact", "markers", "rotation")
 
     def __init__(self, background: Image) -> None:

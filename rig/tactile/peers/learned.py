@@ -68,7 +68,7 @@ Memory = NDArray[np.float32]
 
 _HOW = "rig train-angle"
 _LARGEST = 4096
-"""Largest side of the memory."""
+"""Largest side of the memory, and of a network's image in px."""
 
 
 class ImageAngleNetwork:
@@ -79,7 +79,8 @@ class ImageAngleNetwork:
         if not entries or not answers:
             raise InputError(f"{name}: has no input or no output: make it with {_HOW} anglenet")
         shape = list(entries[0].shape)
-        fits = len(shape) == 4 and shape[:2] == [1, 3] and all(isinstance(side, int) for side in shape[2:])
+        sides = all(isinstance(side, int) and 0 < side <= _LARGEST for side in shape[2:])
+        fits = len(shape) == 4 and shape[:2] == [1, 3] and sides
         if len(entries) != 1 or not fits or list(answers[0].shape) != [1]:
             raise InputError(
                 f"{name}: maps {[list(e.shape) for e in entries]} to {list(answers[0].shape)}, but a network "

@@ -53,6 +53,7 @@ class SlipEstimator(FreshFrameEstimator):
     from there too.
     """
 
+    follows_motion = True
     stages = ("contact", "gradient", TEXTURE_STAGE, "alignment", JOINT_STAGE, "filter")
 
     def __init__(

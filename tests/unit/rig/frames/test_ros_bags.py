@@ -176,3 +176,18 @@ def test_damaged_bags_answer_or_raise_a_typed_error(
     path.write_bytes(data.draw(changed([whole[ending]])))
     answered(lambda: list(bag_images(path, TOPIC)))
     answered(lambda: list(read_frames(path)))
+
+
+@pytest.mark.parametrize("storage", ["mcap", "sqlite3"])
+def test_one_file_of_a_split_bag_is_noted(tmp_path: Path, storage: str) -> None:
+    path = write_bag(tmp_path / "bag", {TOPIC: FRAMES}, storage)
+    (file,) = [each for each in path.iterdir() if each.suffix != ".yaml"]
+    (path / "other_1.mcap").write_bytes(b"")
+    first = file.rename(file.with_name(f"bag_0{file.suffix}"))
+    assert len(read_frames(first).notes) == 2, "only the note on times"
+    for number in (1, 2, 10, 11):
+        (path / f"bag_{number}{file.suffix}").write_bytes(b"")
+    assert read_frames(first).notes[-1] == (
+        f"{first}: is one file of a bag with 4 more files (bag_1{file.suffix}, "
+        f"bag_2{file.suffix}, bag_10{file.suffix}): give the folder to read all"
+    )

@@ -6,8 +6,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from PIL import Image
 
 from drivers.errors import InputError
+from drivers.images import read_image
 from rig.labels.datasets import FOLDS, check_objects, find_fold, object_of, read_dataset
 from rig.labels.label_files import labelme_mask
 from rig.labels.polygons import agreement, contact_label
@@ -158,3 +160,49 @@ def test_scores_of_empty_masks() -> None:
     assert agreement(None, all_).dice == 0.0
     with pytest.raises(InputError, match="one size"):
         agreement(all_, np.zeros((5, 4), np.uint8))
+
+
+def labelled(folder: Path, size: tuple[int, int], orientation: int = 1) -> Path:
+    """Write two images with an EXIF orientation, and labels of a size: a LabelMe file and a mask."""
+    facts = Image.Exif()
+    facts[0x0112] = orientation
+    for image in (folder / "a.jpg", folder / "voc_format" / "JPEGImages" / "b.jpg"):
+        image.parent.mkdir(parents=True, exist_ok=True)
+        Image.new("RGB", (80, 60), "grey").save(image, exif=facts)
+    document = {"shapes": [{"points": [[10, 10], [30, 10], [30, 40]]}], "imagePath": "a.jpg"}
+    document |= {"imageWidth": size[0], "imageHeight": size[1]}
+    (folder / "a.json").write_text(json.dumps(document))
+    masks = folder / "voc_format" / "SegmentationClassPNG"
+    masks.mkdir()
+    Image.new("L", size, 255).save(masks / "b.png")
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("size", "orientation", "said"),
+    [
+        ((60, 80), 1, "is 60 x 80 px, its image 80 x 60 px, upright: it is turned by 90 degrees"),
+        ((80, 60), 6, "is 80 x 60 px, its image 60 x 80 px, upright: it is turned by 90 degrees"),
+        ((80, 60), 8, "turned by 90 degrees"),
+        ((80, 80), 1, "of another picture"),
+        ((80, 64), 1, "of another picture"),
+    ],
+)
+def test_label_that_had_to_be_stretched_is_refused(
+    tmp_path: Path, size: tuple[int, int], orientation: int, said: str
+) -> None:
+    files = read_dataset(labelled(tmp_path, size, orientation))
+    assert len(files) == 2
+    for file in files:
+        shape = read_image(file.image).shape[:2]
+        with pytest.raises(InputError, match=rf"(a\.json|b\.png): .*{said}"):
+            file.label(shape)
+
+
+@pytest.mark.parametrize(
+    ("size", "orientation"), [((80, 60), 1), ((80, 60), 3), ((60, 80), 6), ((40, 30), 1), ((27, 20), 1)]
+)
+def test_label_of_the_same_aspect_is_read(tmp_path: Path, size: tuple[int, int], orientation: int) -> None:
+    for file in read_dataset(labelled(tmp_path, size, orientation)):
+        shape = read_image(file.image).shape[:2]
+        assert file.label(shape).shape == shape

@@ -82,7 +82,9 @@ def test_repeated_frame_counts_once(press: Draw, blank: Image) -> None:
         assert twice.update(image, i * PERIOD_NS).angle_deg == sample.angle_deg
         repeated = twice.update(image, i * PERIOD_NS)
         late = twice.update(press(70), i * PERIOD_NS - 1)
-        assert repeated.angle_deg == late.angle_deg == sample.angle_deg
+        assert [(of.state, of.angle_deg, of.jumped) for of in (repeated, late)] == 2 * [
+            (State.LOST, None, True)
+        ]
         assert "axis" in repeated.skipped
 
 

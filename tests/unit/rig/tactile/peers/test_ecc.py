@@ -54,4 +54,5 @@ def test_repeated_frame_is_ignored(name: str, press: Press, blank: Image) -> Non
     estimator = choose_estimator(name).make(blank)
     first = estimator.update(press(0.0), FRAME_NS)
     again = estimator.update(press(9.0), FRAME_NS)
-    assert (again.time_ns, again.angle_deg) == (first.time_ns, first.angle_deg)
+    assert (again.time_ns, again.state, again.angle_deg) == (first.time_ns, State.LOST, None)
+    assert estimator.update(press(0.0), 2 * FRAME_NS).state is not State.LOST

@@ -10,7 +10,7 @@ from drivers.errors import (
 )
 from drivers.interfaces import Gripper
 from drivers.motion import PolledMotion
-from drivers.types import GripperSpec, GripperState
+from drivers.types import BASIC_MODE, GripperSpec, GripperState
 from fakes.faults import OVERSHOOT_COUNTS, FaultScript
 from fakes.world.motion import FingerPath, TrapezoidProfile
 from fakes.world.state import BenchLayout
@@ -53,6 +53,8 @@ class FakeGripper(Gripper):
         self._world = world
         self._clock = clock
         self._faults = faults
+        self.mode = BASIC_MODE
+        """Grasp mode; another program or the device's own page may have changed it."""
         self._connected = False
         self._activated = False
         self._requested = world.layout.open_counts
@@ -76,10 +78,10 @@ class FakeGripper(Gripper):
         self._connected = False
 
     def activate(self) -> None:
-        """Activate the gripper and open the fingers."""
+        """Activate the gripper in basic mode and open the fingers."""
         self._require_usable()
         self._clock.sleep_until(self._clock.now_ns() + to_ns(ACTIVATION_S))
-        self._activated = True
+        self._activated, self.mode = True, BASIC_MODE
         self.move_to(self._spec.open_m).wait(timeout_s=5.0)
 
     def state(self) -> GripperState:
@@ -101,6 +103,7 @@ class FakeGripper(Gripper):
                 "position_counts": shown,
                 "current_counts": round(4 + 6 * squeeze * FINGER_STIFFNESS_N_M),
             },
+            mode=self.mode,
         )
 
     def move_to(

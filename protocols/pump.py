@@ -151,8 +151,8 @@ class Pump:
         moved = "opened" if state.opening_m > high else "closed"
         raise FingerMotionError(
             f"gripper: the fingers {moved} to {1e3 * state.opening_m:.1f} mm without a command (allowed: "
-            f"{1e3 * low:.1f} to {1e3 * high:.1f} mm): another program commands the gripper, it lost its power, "
-            "or its drive slips. Check the gripper, then start again"
+            f"{1e3 * low:.1f} to {1e3 * high:.1f} mm): another program commands the gripper, it lost its "
+            "power, or its drive slips. Check the gripper, then start again"
         )
 
 

@@ -213,7 +213,7 @@ def test_grips_in_mm_do_not_depend_on_the_gripper_resolution(lift_of: LiftOf, st
 def test_fingers_that_drift_open_without_a_command_end_the_lift(lift_of: LiftOf, phase: Phase) -> None:
     lift = lift_of()
     break_in(lift, phase, "drift")
-    with pytest.raises(FingerMotionError, match="opened to .* mm without a command"):
+    with pytest.raises(FingerMotionError, match=r"opened to .* mm without a command"):
         run_lift(lift.bench, lift.plan, lift.observer)
     assert not was_carried(lift)
 

@@ -76,7 +76,7 @@ OVERSHOOT_COUNTS = 30.0
 """Counts that a gripper with the fault `overshoot` moves beyond its target: about 19 mm of opening."""
 
 DRIFT_COUNTS, DRIFT_COUNTS_S = 13, 20.0
-"""Counts by which fingers with the fault `drift` open, about 8 mm, and their speed in counts per second."""
+"""Opening of fingers with the fault `drift`, in counts (about 8 mm), and its speed in counts per second."""
 
 KINDS = {
     "arm": ("protective_stop", "disconnect"),

@@ -5,7 +5,7 @@ line is wrong by millimetres. The bench uses the table of closing fingers. The t
 the difference between both directions (hysteresis).
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import isotonic_regression
 
+from calibration.units import length_guess
 from calibration.verdict import Assessment, Rejected, floor, limit, sift
 from drivers.errors import counted
 
@@ -22,6 +23,15 @@ MOST_COUNTS = 255
 """Largest position that the gripper reports (one byte)."""
 FEWEST_COUNTS = 3
 """Fewest different positions that are needed for a table."""
+
+
+STEP_M = 0.155 / 249
+"""Change of the opening per count: the stroke of a Robotiq 3-Finger, from 6 to 255 counts."""
+_OFF = 3.0
+"""Openings that change by more or less than those of the gripper, by this factor, have another unit. The
+true relation is nonlinear."""
+_LEAST_COUNTS = 20
+"""Shortest range of counts over which the unit is checked: close to an end, fingers hardly move."""
 
 
 class Direction(StrEnum):
@@ -62,13 +72,19 @@ class GripperResult:
     hysteresis_m: float | None = None
 
 
-def calibrate_opening(samples: Sequence[OpeningSample]) -> GripperResult:
-    """Fit a monotone table for each measured direction; closing is required, opening is optional."""
+def calibrate_opening(samples: Sequence[OpeningSample], step_m: float = STEP_M) -> GripperResult:
+    """Fit a monotone table for each measured direction; closing is required, opening is optional.
+
+    step_m: change of this gripper's opening per count. A table with another unit than mm is refused.
+    """
     good, rejected = sift(samples, lambda sample: sample.id, lambda sample, _: _fault(sample))
+    wrong = _wrong_unit(good if len(good) > len(rejected) else samples, step_m)
+    if wrong is not None:
+        return GripperResult(Assessment((wrong,)), {}, tuple(rejected))
     tables, missed = {}, []
     for direction in Direction:
         chosen = [s for s in good if s.direction is direction]
-        if len({s.counts for s in chosen}) >= FEWEST_COUNTS:
+        if len(_distinct([s.counts for s in chosen])) >= FEWEST_COUNTS:
             tables[direction], rest = _table(chosen)
             missed.append(rest)
     if Direction.CLOSING not in tables:
@@ -84,7 +100,7 @@ def calibrate_opening(samples: Sequence[OpeningSample]) -> GripperResult:
         1e3 * misfit_m, 0.3, 2.0, "measurements miss a monotone table by {value:.2f} mm: measure again"
     )
     assessment += floor(
-        min(len(t.counts) for t in tables.values()), 6, 3, "{value} counts measured; 8 are good"
+        min(len(_distinct(t.counts)) for t in tables.values()), 6, 3, "{value} counts measured; 8 are good"
     )
     if len(tables) < 2:
         assessment += Assessment(doubts=("only closing was measured: hysteresis is unknown",))
@@ -93,6 +109,32 @@ def calibrate_opening(samples: Sequence[OpeningSample]) -> GripperResult:
             1e3 * (hysteresis_m or 0.0), 1.0, np.inf, "closing and opening differ by {value:.1f} mm"
         )
     return GripperResult(assessment, {} if assessment.refusals else tables, tuple(rejected), hysteresis_m)
+
+
+def _distinct(counts: Iterable[float]) -> list[float]:
+    """Return the positions that are at least one count apart, in increasing order."""
+    found: list[float] = []
+    for value in sorted(counts):
+        if not found or value - found[-1] >= 1.0:
+            found.append(value)
+    return found
+
+
+def _wrong_unit(samples: Sequence[OpeningSample], step_m: float) -> str | None:
+    """Return that the openings have another unit, with a guess, or None."""
+    pairs = np.array([(s.counts, s.opening_m) for s in samples]).reshape(-1, 2)
+    finite = pairs[np.isfinite(pairs).all(axis=1)]
+    counts, openings_m = (float(span) for span in np.ptp(finite, axis=0)) if len(finite) else (0.0, 0.0)
+    if counts < _LEAST_COUNTS:
+        return None
+    found_m = openings_m / counts
+    if step_m / _OFF <= found_m <= step_m * _OFF:
+        return None
+    guess = length_guess(found_m, "mm", step_m / _OFF, step_m * _OFF)
+    return (
+        f"the openings change by {1e3 * found_m:.3g} mm per count, those of the gripper by "
+        f"{1e3 * step_m:.2g} mm: opening_mm is not in mm{guess}"
+    )
 
 
 def _table(samples: list[OpeningSample]) -> tuple[OpeningTable, Array]:
@@ -122,5 +164,5 @@ def _fault(sample: OpeningSample) -> str | None:
     if not 0 <= sample.counts <= MOST_COUNTS:
         return f"{sample.counts:g} counts; the gripper counts 0 to {MOST_COUNTS}"
     if not 0.0 <= sample.opening_m < 0.2:
-        return f"an opening of {sample.opening_m:g} m; is it given in mm?"
+        return f"an opening of {1e3 * sample.opening_m:g} mm; the gripper opens to less than 200 mm"
     return None

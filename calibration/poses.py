@@ -1,9 +1,12 @@
 """Create poses from matrices, quaternions or rotation vectors, after checking the values."""
 
+from collections.abc import Iterable
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
+from calibration.units import length_guess
 from drivers.errors import CalibrationError
 from drivers.types import Pose
 
@@ -11,8 +14,11 @@ Array = NDArray[np.float64]
 
 _NOT_ORTHONORMAL = 2e-3
 """Largest accepted deviation of R^T R from the identity."""
-_LARGEST_M = 20.0
-"""Largest accepted coordinate; larger ones are probably mm."""
+SAME_POSE_M, SAME_POSE_RAD = 1e-3, float(np.radians(0.5))
+"""Robot poses closer than both count as one pose: well above the noise of a pose that a robot repeats
+(0.1 mm, 0.02 degrees), well below the distance of poses that are chosen for a calibration."""
+FARTHEST_M, REACH_M = 20.0, 5.0
+"""Largest accepted coordinate of a pose, and of a tool in the base frame: robots reach at most 4.7 m."""
 
 
 def pose_from_matrix(matrix: ArrayLike, name: str) -> Pose:
@@ -55,13 +61,40 @@ def pose_from_rotation_vector(position_m: ArrayLike, rotation_vector_rad: ArrayL
     return _pose(finite(position_m, (3,), name), Rotation.from_rotvec(values), name)
 
 
-def pose_fault(pose: Pose, name: str) -> str | None:
+def pose_fault(pose: Pose, name: str, farthest_m: float = FARTHEST_M) -> str | None:
     """Return why a pose from another source is invalid; None if it is valid."""
     try:
-        pose_from_quaternion(pose.position_m, pose.quaternion_xyzw, name)
+        found = pose_from_quaternion(pose.position_m, pose.quaternion_xyzw, name)
+        require_near(found, name, farthest_m)
     except CalibrationError as error:
         return str(error)
     return None
+
+
+def same_pose(pose: Pose, other: Pose) -> bool:
+    """Return whether two robot poses are closer than `SAME_POSE_M` and `SAME_POSE_RAD`.
+
+    A repeated pose repeats the robot's errors. If it counted as an independent sample, sigma would be too
+    small.
+    """
+    if np.linalg.norm(np.subtract(pose.position_m, other.position_m)) >= SAME_POSE_M:
+        return False
+    return bool((other.rotation.inv() * pose.rotation).magnitude() < SAME_POSE_RAD)
+
+
+def repeated_pose(pose: Pose, others: Iterable[tuple[str, Pose]]) -> str | None:
+    """Return that a robot pose repeats one of the named others, or None."""
+    return next((f"same robot pose as {name}" for name, other in others if same_pose(pose, other)), None)
+
+
+def require_near(pose: Pose, name: str, farthest_m: float = FARTHEST_M) -> None:
+    """Raise `CalibrationError` with a guess of the unit if a coordinate exceeds farthest_m."""
+    largest_m = float(np.abs(pose.position_m).max())
+    if largest_m > farthest_m:
+        guess = length_guess(largest_m, "metres", 0.05, 3.0)
+        raise CalibrationError(
+            f"{name}: is {largest_m:.4g} m away, more than {farthest_m:g} m{guess}; m are needed"
+        )
 
 
 def finite(values: ArrayLike, shape: tuple[int, ...], name: str) -> Array:
@@ -78,8 +111,6 @@ def finite(values: ArrayLike, shape: tuple[int, ...], name: str) -> Array:
 
 
 def _pose(position_m: Array, rotation: Rotation, name: str) -> Pose:
-    if np.abs(position_m).max() > _LARGEST_M:
-        raise CalibrationError(
-            f"{name}: is {np.abs(position_m).max():.0f} m away; are these mm? m are needed"
-        )
-    return Pose.from_rotation(position_m, rotation)
+    pose = Pose.from_rotation(position_m, rotation)
+    require_near(pose, name)
+    return pose

@@ -13,8 +13,12 @@ Array = NDArray[np.floating]
 
 FEWEST = 20
 """Fewest samples of a stream, and of the overlap."""
+SHORTEST_S, LONGEST_S = 0.2, 1.0
+"""Shortest stream, and longest usual interval of its samples; beyond them, times have another unit."""
 _SPAN_NS = 100_000_000
 """Interval over which an angular speed is measured: shorter is noisy, longer smooths the motion away."""
+_SAME_NS = 100_000
+"""Samples in the same interval of this length count once; a stream of 5 kHz keeps all of its samples."""
 _AROUND = 15
 """Samples of the running median: more than twice the spikes that one flip of a detector causes."""
 
@@ -28,7 +32,7 @@ class TimedSignal:
 
 
 def make_stream(time_ns: NDArray[np.int64], values: Array, name: str) -> TimedSignal:
-    """Sort samples by time; remove repeated times, and values that are NaN or infinite.
+    """Sort samples by time; remove repeated samples (within 0.1 ms), and values that are NaN or infinite.
 
     name: of the stream, for errors. Raises `CalibrationError` for times that are not integers, shapes that
     differ, a clock that jumps by more than an hour, or fewer than 20 samples.
@@ -38,6 +42,7 @@ def make_stream(time_ns: NDArray[np.int64], values: Array, name: str) -> TimedSi
         raise CalibrationError(f"sync: {name}: times in integer ns and as many values are needed")
     times = times.astype(np.int64)
     usable = _in_order(times, np.isfinite(signal))
+    _require_seconds(times[np.isfinite(signal)], times[usable], name)
     if len(usable) < FEWEST:
         raise CalibrationError(
             f"sync: {name}: {counted(len(usable), 'usable sample')}; at least {FEWEST} are needed"
@@ -46,6 +51,20 @@ def make_stream(time_ns: NDArray[np.int64], values: Array, name: str) -> TimedSi
     if longest_s > 3600.0:
         raise CalibrationError(f"sync: {name}: its clock jumps by {longest_s / 3600:.1f} h; record again")
     return TimedSignal(times[usable], signal[usable])
+
+
+def _require_seconds(all_ns: NDArray[np.int64], usable_ns: NDArray[np.int64], name: str) -> None:
+    """Raise `CalibrationError` for times of a wrong unit: a short stream, or samples over a second apart."""
+    if len(all_ns) < FEWEST:
+        return
+    lasts_s = float(np.ptp(all_ns)) / 1e9
+    interval_s = float(np.median(np.diff(usable_ns))) / 1e9 if len(usable_ns) > 1 else 0.0
+    if 0.0 < lasts_s < SHORTEST_S or interval_s > LONGEST_S:
+        unit = "ms" if interval_s > LONGEST_S else "microseconds or ms"
+        raise CalibrationError(
+            f"sync: {name}: {len(all_ns)} samples in {lasts_s:.4g} s: time_ns is in ns and t_s in s; are the "
+            f"times in {unit}?"
+        )
 
 
 def turning_rate(
@@ -75,10 +94,11 @@ def turning_rate(
 
 
 def _in_order(times: NDArray[np.int64], usable: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """Return the indices of usable samples, sorted by time, without repeated times."""
+    """Return the indices of usable samples, sorted by time; of samples within `_SAME_NS` the first."""
     found = np.flatnonzero(usable)
     found = found[np.argsort(times[found], kind="stable")]
-    return found[np.diff(times[found], prepend=times[found[:1]] - 1) > 0]
+    _, first = np.unique(times[found] // _SAME_NS, return_index=True)
+    return found[first]
 
 
 def _inside(times: NDArray[np.int64]) -> NDArray[np.bool_]:

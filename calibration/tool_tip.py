@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from calibration.poses import pose_fault
+from calibration.poses import REACH_M, pose_fault, repeated_pose
 from calibration.verdict import Assessment, Rejected, floor, limit, sift
 from drivers.errors import counted
 from drivers.types import Pose
@@ -113,15 +113,7 @@ def _inliers(turns: Array, moves: Array) -> NDArray[np.bool_]:
 
 def _fault(named: tuple[str, Pose], others: list[tuple[str, Pose]]) -> str | None:
     _, pose = named
-    fault = pose_fault(pose, "robot pose")
-    if fault is None:
-        fault = next((f"same robot pose as {name}" for name, other in others if _same(pose, other)), None)
-    return fault
-
-
-def _same(pose: Pose, other: Pose) -> bool:
-    moved = other.inverse() @ pose
-    return bool(np.linalg.norm(moved.position_m) < 2e-4 and moved.rotation.magnitude() < np.radians(0.1))
+    return pose_fault(pose, "robot pose", REACH_M) or repeated_pose(pose, others)
 
 
 def _gate(turns: Array) -> tuple[float, Assessment]:

@@ -2,12 +2,14 @@
 
 import math
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import TypeVar
 
 T = TypeVar("T")
+_NAMED = 3
+"""Most ids that a line of counted reasons names."""
 
 
 class Verdict(StrEnum):
@@ -65,6 +67,26 @@ class Rejected:
 
     id: str
     reason: str
+
+
+def counted_reasons(rejected: Sequence[Rejected]) -> list[str]:
+    """Return a line for each kind of reason: number and ids of the samples, and the reason.
+
+    Reasons that differ only in words with digits (values, ids, line numbers) are of one kind; such words are
+    shown as "...".
+    """
+    kinds: dict[str, list[Rejected]] = {}
+    for each in rejected:
+        kinds.setdefault(re.sub(r"\S*\d\S*", "...", each.reason), []).append(each)
+    return [_line(kind, found) for kind, found in kinds.items()]
+
+
+def _line(kind: str, found: list[Rejected]) -> str:
+    reason = found[0].reason if len({each.reason for each in found}) == 1 else kind
+    if len(found) == 1:
+        return f"{found[0].id}: {reason}"
+    more = f" and {len(found) - _NAMED} more" if len(found) > _NAMED else ""
+    return f"{len(found)} ({', '.join(each.id for each in found[:_NAMED])}{more}): {reason}"
 
 
 def sift(

@@ -147,6 +147,10 @@ class ArmLimits:
         return all(low <= value <= high for low, value, high in sides)
 
 
+BASIC_MODE = "basic"
+"""Grasp mode in which the fingers oppose each other, as each protocol needs; activation ends in it."""
+
+
 @dataclass(frozen=True, slots=True)
 class GripperState:
     """One sample of the gripper. Its constructor raises `InvalidStateError` for any value that is invalid.
@@ -154,8 +158,9 @@ class GripperState:
     opening_m: distance between the grasping fingertips, m. `gripping`: a grasping finger met an object while
     closing, as the gripper reports it; a light grip is not detected. `obstructed`: a grasping finger met an
     obstacle while opening. current_a: motor current, A; None if the gripper does not measure it. raw: the
-    gripper's own readings by name; recordings keep `position_counts` and `current_counts`. There is no force,
-    because the Robotiq 3-Finger gripper cannot measure one (manual, gCU is a current).
+    gripper's own readings by name; recordings keep `position_counts` and `current_counts`. mode: grasp mode
+    of a gripper that has several; only in `BASIC_MODE` do its fingers close against each other. There is no
+    force, because the Robotiq 3-Finger gripper cannot measure one (manual, gCU is a current).
     """
 
     time_ns: int
@@ -167,8 +172,10 @@ class GripperState:
     obstructed: bool = False
     current_a: float | None = None
     raw: Mapping[str, int] = field(default_factory=dict, hash=False)
+    mode: str = BASIC_MODE
 
     def __post_init__(self) -> None:
+        require_type("the gripper's mode", self.mode, str)
         for name in ("time_ns", "fault_code"):
             require_integer(f"the gripper's {name}", getattr(self, name))
         require_number("the gripper's opening_m", self.opening_m, -LARGEST_OPENING_M, LARGEST_OPENING_M)

@@ -75,9 +75,12 @@ class Faults:
 OVERSHOOT_COUNTS = 30.0
 """Counts that a gripper with the fault `overshoot` moves beyond its target: about 19 mm of opening."""
 
+DRIFT_COUNTS, DRIFT_COUNTS_S = 13, 20.0
+"""Opening of fingers with the fault `drift`, in counts (about 8 mm), and its speed in counts per second."""
+
 KINDS = {
     "arm": ("protective_stop", "disconnect"),
-    "gripper": ("fault", "disconnect", "blocked", "stuck", "false_success", "overshoot"),
+    "gripper": ("fault", "disconnect", "blocked", "stuck", "false_success", "overshoot", "drift"),
     "tactile": ("freeze", "drop", "disconnect"),
     "camera": ("freeze", "drop", "disconnect"),
 }
@@ -85,7 +88,8 @@ KINDS = {
 
 Of a gripper: with `blocked` the fingers stop where they are, and the gripper reports it. With `stuck` they
 stop and the reported position is correct, but the gripper reports success. `false_success` also reports the
-requested position. With `overshoot` the fingers move too far in the direction of the motion.
+requested position. With `overshoot` the fingers move too far in the direction of the motion. With `drift`
+they open slowly by `DRIFT_COUNTS` without a command, once.
 """
 
 

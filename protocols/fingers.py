@@ -46,13 +46,18 @@ def move_fingers(bench: Bench, opening_m: float, pump: Pump | None = None) -> Gr
     position outside `REACHED_M`, the gripper is stopped and `FingerMotionError` is raised: a Robotiq gripper
     whose finger met an obstacle ignores further commands in the same direction until rGTO is cleared (manual,
     OBJECT STATUS). If the hand held an object and its fingers opened less than requested, it counts as still
-    holding it. After any other failed opening its state becomes unknown.
+    holding it. After any other failed opening its state becomes unknown. Afterwards the pump compares the
+    opening with the reached one, until the next motion.
     """
     opens = opening_m > bench.gripper.state().opening_m
+    if pump is not None:
+        pump.expect_fingers(None)
     wait_with(pump, bench.gripper.move_to(opening_m), "the fingers")
     reached = bench.gripper.state()
     problem = _problem(reached, opening_m, opens, bench.gripper.spec)
     if problem is None:
+        if pump is not None:
+            pump.expect_fingers(_allowed_m(reached.opening_m, opening_m, bench.gripper.spec))
         return reached
     with suppress(DeviceError):  # the error below is more informative
         bench.gripper.stop()
@@ -98,6 +103,15 @@ def doubt_hand(bench: Bench, why: str) -> None:
 def tolerance_m(spec: GripperSpec) -> float:
     """Return the tolerance of a reached opening, m: `REACHED_M`, at least one step of this gripper."""
     return max(REACHED_M, spec.resolution_m)
+
+
+def _allowed_m(reached_m: float, requested_m: float, spec: GripperSpec) -> tuple[float, float]:
+    """Return the openings that a motion allows afterwards, m: from the reached one to the requested one.
+
+    Fingers that stopped at an object close further if it gives way.
+    """
+    slack_m = tolerance_m(spec) + _ROUNDING_M
+    return min(reached_m, requested_m) - slack_m, max(reached_m, requested_m) + slack_m
 
 
 def _problem(state: GripperState, opening_m: float, opens: bool, spec: GripperSpec) -> str | None:

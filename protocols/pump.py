@@ -8,11 +8,17 @@ import numpy as np
 
 from drivers.bench import Bench
 from drivers.clock import NS_PER_S, to_ns
-from drivers.errors import DeviceError, DeviceTimeoutError, ProtectiveStopError, StaleFrameError
+from drivers.errors import (
+    DeviceError,
+    DeviceTimeoutError,
+    FingerMotionError,
+    ProtectiveStopError,
+    StaleFrameError,
+)
 from drivers.images import with_jpeg
 from drivers.interfaces import FrameSource
 from drivers.tally import FROZEN_FRAMES, FrameTally
-from drivers.types import ArmMode, ArmState, Frame
+from drivers.types import ArmMode, ArmState, Frame, GripperState
 from protocols.observer import LiftEvents
 from protocols.release import Contact, Imprint, imprint
 
@@ -49,6 +55,15 @@ class Pump:
         self._tips = [_Stream(tip.sensor) for tip in bench.fingertips]
         self._camera = _Stream(bench.camera) if bench.has("camera") else None
         self._streams = [*self._tips, *((self._camera,) if self._camera else ())]
+        self._still_m: tuple[float, float] | None = None
+
+    def expect_fingers(self, opening_m: tuple[float, float] | None) -> None:
+        """Set the range of openings, m, that the last command allows; None while the fingers move.
+
+        With each camera picture the gripper's opening is compared with it, because fingers that move without
+        a command change the grip: the angle of such a lift shows the gripper, not the object.
+        """
+        self._still_m = opening_m
 
     def start(self) -> None:
         """Discard all frames captured before now."""
@@ -137,8 +152,22 @@ class Pump:
             state = self._bench.arm.state()
             require_running(state)
             self._observer.arm(state)
-            self._observer.gripper(self._bench.gripper.state())
+            fingers = self._bench.gripper.state()
+            self._observer.gripper(fingers)
+            self._require_still(fingers)
         self._observer.frame(frame)
+
+    def _require_still(self, state: GripperState) -> None:
+        """Raise `FingerMotionError` if the fingers have moved without a command."""
+        if self._still_m is None or self._still_m[0] <= state.opening_m <= self._still_m[1]:
+            return
+        low, high = self._still_m
+        moved = "opened" if state.opening_m > high else "closed"
+        raise FingerMotionError(
+            f"gripper: the fingers {moved} to {1e3 * state.opening_m:.1f} mm without a command (allowed: "
+            f"{1e3 * low:.1f} to {1e3 * high:.1f} mm): another program commands the gripper, it lost its "
+            "power, or its drive slips. Check the gripper, then start again"
+        )
 
 
 class _Stream:

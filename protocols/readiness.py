@@ -8,7 +8,7 @@ from dataclasses import replace
 
 from drivers.bench import Bench
 from drivers.errors import GripperFaultError
-from drivers.types import HandState, Holding
+from drivers.types import BASIC_MODE, HandState, Holding
 from protocols.fingers import move_fingers
 from protocols.home import go_home
 from protocols.operator import Operator
@@ -23,7 +23,7 @@ between two and three steps of a Robotiq 3-Finger."""
 
 
 def make_ready(bench: Bench, operator: Operator, after_fault: bool = False) -> None:
-    """Release a protective stop, free the hand, activate the gripper, go home: each if needed.
+    """Release a protective stop, free the hand, activate the gripper in basic mode, go home: each if needed.
 
     After a fault, and if an object may be in the hand, a person at the bench is asked. Activation is asked
     for because the fingers sweep their range. The motion home is part of the agreed plan (`protocols.home`).
@@ -138,9 +138,13 @@ def _open(bench: Bench, operator: Operator) -> float:
 
 def _activate(bench: Bench, operator: Operator) -> None:
     try:
-        if bench.gripper.state().activated:
+        state = bench.gripper.state()
+        if state.activated and state.mode == BASIC_MODE:
             return
-        operator.confirm("The gripper is not activated. Activate it now? Its fingers sweep their range.")
+        what = "not activated. Activate it now?"
+        if state.activated:
+            what = f"in {state.mode} mode. Activate it now in {BASIC_MODE} mode?"
+        operator.confirm(f"The gripper is {what} Its fingers sweep their range.")
     except GripperFaultError as error:
         operator.look(f"{error}. Activate it now? Its fingers sweep their range and drop any object.")
     bench.gripper.activate()

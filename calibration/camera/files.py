@@ -12,6 +12,11 @@ from calibration.store import CalibrationFile, check_serials, load, read_yaml
 from drivers.errors import CalibrationError
 from drivers.formats import reason, shown
 
+_LENSES = ("plumb_bob", "rational_polynomial")
+"""ROS's names of the pinhole lens with OpenCV's terms."""
+_MODEL_KEYS = ("camera_model", "model_type", "projection_model", "lens_model")
+"""Keys in which Kalibr, camodocal and others name the camera; pinhole is the only supported one."""
+_MOST_TERMS = 8
 TERMS = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
 """Terms of the lens model, in OpenCV's order."""
 
@@ -74,15 +79,30 @@ def camera_from(content: Mapping[str, Any], where: str) -> CameraModel:
         raise CalibrationError(f"{where}: has no {error}; neither camera_info nor OpenCV layout") from error
     except (TypeError, ValueError, OverflowError) as error:
         raise CalibrationError(f"{where}: a matrix is damaged ({reason(error)})") from error
-    kind = content.get("distortion_model", "plumb_bob")
-    if kind not in ("plumb_bob", "rational_polynomial") or len(distortion) > 8:
-        raise CalibrationError(
-            f"{where}: lens model {shown(kind)} with {len(distortion)} terms is not supported"
-        )
+    distortion = _supported_terms(content, distortion, where)
     _check(size, matrix, distortion, where)
-    return CameraModel(
-        size, matrix, np.pad(distortion, (0, (5 if len(distortion) <= 5 else 8) - len(distortion)))
-    )
+    terms = 5 if len(distortion) <= 5 else 8
+    return CameraModel(size, matrix, np.pad(distortion, (0, terms - len(distortion))))
+
+
+def _supported_terms(content: Mapping[str, Any], distortion: Array, where: str) -> Array:
+    """Return the terms without a tail of zeros. Raises `CalibrationError` for another lens than a pinhole.
+
+    OpenCV writes a fisheye lens with the same keys and four terms; its sample adds `fisheye_model: 1`.
+    """
+    used = distortion[: int(np.flatnonzero(distortion)[-1]) + 1] if distortion.any() else distortion[:0]
+    lens = str(content.get("distortion_model", "plumb_bob"))
+    for key in _MODEL_KEYS:
+        if "pinhole" not in str(content.get(key, "pinhole")).lower():
+            lens = f"{key}: {content[key]}"
+    if str(content.get("fisheye_model", 0)).lower() not in ("0", "false", "none", ""):
+        lens = "fisheye (fisheye_model is set)"
+    if lens not in _LENSES or len(used) > _MOST_TERMS:
+        raise CalibrationError(
+            f"{where}: lens model {shown(lens)} with {len(distortion)} terms is not supported: calibrate the "
+            f"camera as a pinhole (plumb_bob or rational_polynomial, zeros after term {_MOST_TERMS})"
+        )
+    return used
 
 
 def _check(size: tuple[int, int], matrix: Array, distortion: Array, where: str) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.camera.model import LENS_MODELS, CameraModel, LensModel
-from calibration.targets.boards import View, usable_views
+from calibration.targets.boards import View, outside, usable_views
 from calibration.verdict import Rejected
 from drivers.errors import CalibrationError
 from drivers.progress import steps
@@ -79,7 +79,7 @@ def calibrate_camera(views: Sequence[View], folds: int = 5, keep_all: bool = Fal
     keep_all: keep views that contradict the others, to see their effect.
 
     Raises `CalibrationError` with the rejected views and reasons if fewer than three distinct views remain,
-    or if no fit converges.
+    if a point lies outside the stated size of the pictures, or if no fit converges.
     """
     good, rejected = usable_views(views)
     if len(good) < FEWEST_VIEWS:
@@ -88,6 +88,7 @@ def calibrate_camera(views: Sequence[View], folds: int = 5, keep_all: bool = Fal
             f"camera: {len(good)} usable distinct views of the board; at least {FEWEST_VIEWS} are needed, 15 "
             f"are good ({why})"
         )
+    _require_inside(good)
     if not keep_all:
         good, bad = _without_bad_views(good)
         rejected += bad
@@ -96,6 +97,16 @@ def calibrate_camera(views: Sequence[View], folds: int = 5, keep_all: bool = Fal
     best = fit_camera(good, lens)
     finite = {name: error_px for name, error_px in held_out.items() if np.isfinite(error_px)}
     return CameraFit(best, *lens_covariance(best), finite, tuple(rejected))
+
+
+def _require_inside(views: Sequence[View]) -> None:
+    """Raise `CalibrationError` for a point outside the picture: all views have that size, so it is wrong."""
+    for view in views:
+        beyond = outside(view)
+        if beyond is not None:
+            swapped = all((other.image_px <= other.size[::-1]).all() for other in views)
+            cure = "are width and height swapped?" if swapped else "is the size of the pictures right?"
+            raise CalibrationError(f"camera: view {view.id}: {beyond}; {cure}")
 
 
 def fit_camera(views: Sequence[View], lens: LensModel) -> Fit:

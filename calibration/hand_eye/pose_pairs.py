@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 from calibration.hand_eye.closed_form import Transforms
 from calibration.hand_eye.refine import cross_matrices
 from calibration.hand_eye.samples import Setup
-from calibration.poses import pose_fault
+from calibration.poses import REACH_M, pose_fault, repeated_pose
 from drivers.types import Pose
 
 Array = NDArray[np.floating]
@@ -78,7 +78,14 @@ def sample_fault(sample: PoseSample, others: list[PoseSample]) -> str | None:
     """Return why a sample cannot be used, or None. others: the samples accepted so far."""
     if any(other.id == sample.id for other in others[-1:]):
         return f"a second sample with the id {sample.id}"
-    return pose_fault(sample.base_T_tcp, "robot pose") or pose_fault(sample.camera_T_target, "target's pose")
+    return pose_fault(sample.base_T_tcp, "robot pose", REACH_M) or pose_fault(
+        sample.camera_T_target, "target's pose"
+    )
+
+
+def repeated_pair(sample: PoseSample, others: list[PoseSample]) -> str | None:
+    """Return that a sample repeats the robot pose of an accepted one, or None."""
+    return repeated_pose(sample.base_T_tcp, ((other.id, other.base_T_tcp) for other in others))
 
 
 def pair_residuals(pairs: PosePairs, at: Transforms) -> tuple[Array, Array]:

@@ -27,6 +27,7 @@ from calibration.hand_eye.pose_pairs import (
     make_pairs,
     noise_parts,
     pair_residuals,
+    repeated_pair,
     sample_fault,
 )
 from calibration.hand_eye.refine import moved
@@ -118,11 +119,14 @@ def calibrate_pose_pairs(samples: Sequence[PoseSample], setup: Setup) -> PosePai
 
     samples: in order of time, because neighbouring samples of a stream share errors, which is detected.
     """
-    good, rejected = sift(samples, lambda s: s.id, sample_fault)
+    usable, rejected = sift(samples, lambda s: s.id, sample_fault)
+    chosen = [usable[i] for i in _spaced(len(usable), _MOST_PAIRS)]
+    good, repeated = sift(chosen, lambda s: s.id, repeated_pair)
+    rejected += repeated
     if len(good) < FEWEST_SAMPLES:
         text = f"{counted(len(good), 'usable pair')}; at least {FEWEST_SAMPLES} are needed, 15 are good"
         return PosePairResult(setup, Assessment((text,)), tuple(rejected))
-    pairs = thinned(make_pairs(good, setup), _MOST_PAIRS)
+    pairs = make_pairs(good, setup)
     motion = observability(thinned(pairs, _FOR_STARTS).a_R)
     gate = assess_motion(motion)
     if gate.refusals:
@@ -162,8 +166,12 @@ def _assess(covariance: Array, count: int, left_out: int, pairs: int, alike: flo
 
 def thinned(pairs: PosePairs, most: int) -> PosePairs:
     """Return at most `most` pairs, evenly spaced."""
-    count = len(pairs.ids)
-    return pairs if count <= most else pairs.subset(np.linspace(0, count - 1, most).astype(np.int64))
+    return pairs.subset(_spaced(len(pairs.ids), most))
+
+
+def _spaced(count: int, most: int) -> NDArray[np.int64]:
+    """Return at most `most` indices of `count`, evenly spaced."""
+    return np.linspace(0, count - 1, min(count, most)).astype(np.int64)
 
 
 def _contradiction(pairs: PosePairs, kept: int) -> str | None:

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from calibration.camera.model import CameraModel
-from calibration.poses import pose_fault
-from calibration.targets.boards import View
+from calibration.poses import REACH_M, pose_fault, repeated_pose
+from calibration.targets.boards import View, outside
 from calibration.verdict import Rejected, sift
 from drivers.errors import CalibrationError, counted
 from drivers.types import Pose
@@ -160,18 +160,17 @@ def _fault(sample: HandEyeSample, camera: CameraModel) -> str | None:
         return f"{counted(len(view.ids), 'point')} of the target seen, at least 4 are needed"
     if view.size != camera.size:
         return f"picture of {view.size} px, the camera was calibrated at {camera.size}"
+    beyond = outside(view)
+    if beyond is not None:
+        return beyond
     spread = np.linalg.svd(view.image_px - view.image_px.mean(axis=0), compute_uv=False)
     if spread[1] < 0.02 * spread[0]:
         return "all points seen lie on one line"
-    return pose_fault(sample.base_T_tcp, "robot pose")
+    return pose_fault(sample.base_T_tcp, "robot pose", REACH_M)
 
 
 def _repeats(sample: HandEyeSample, others: list[HandEyeSample]) -> str | None:
     """Reject a repeated pose: it adds no information, and makes leave-one-out meaningless."""
-    for other in others:
-        if other.id == sample.id:
-            return f"a second sample with the id {sample.id}"
-        moved = other.base_T_tcp.inverse() @ sample.base_T_tcp
-        if np.linalg.norm(moved.position_m) < 5e-4 and moved.rotation.magnitude() < np.radians(0.1):
-            return f"same robot pose as {other.id}"
-    return None
+    if any(other.id == sample.id for other in others):
+        return f"a second sample with the id {sample.id}"
+    return repeated_pose(sample.base_T_tcp, ((other.id, other.base_T_tcp) for other in others))

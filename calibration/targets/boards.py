@@ -25,7 +25,7 @@ Array = NDArray[np.floating]
 FEWEST_POINTS = 8
 """Fewest corners of a usable view."""
 SAME_VIEW_PX = 2.0
-"""A view whose corners all moved by less than this repeats another view."""
+"""A view whose corners (or a press whose circle) all moved by less than this repeats another one."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -227,6 +227,23 @@ def _fault(view: View, size: tuple[int, int]) -> str | None:
         if spread[1] < 0.02 * spread[0]:
             return "all corners lie on one line"
     return None
+
+
+def outside(view: View) -> str | None:
+    """Return that points lie outside the picture of the stated size, or None.
+
+    A centre of a pixel is an integer, so the picture ends half a pixel beyond the first and the last one. A
+    corner that is refined at the border may lie half a pixel further out.
+    """
+    beyond = (view.image_px < -1.0).any(axis=1) | (view.image_px > view.size).any(axis=1)
+    if not beyond.any():
+        return None
+    x, y = view.image_px[beyond][0]
+    width, height = view.size
+    return (
+        f"{counted(int(beyond.sum()), 'point')} outside the picture of {width} x {height} px, as at "
+        f"({x:.0f}, {y:.0f})"
+    )
 
 
 def _repeats(view: View, others: list[View]) -> str | None:

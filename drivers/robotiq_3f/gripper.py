@@ -140,12 +140,12 @@ class Robotiq3F(Gripper):
     def state(self) -> GripperState:
         """Return the newest state, at most 10 ms old while the connection is good.
 
-        `opening_m` is the opening at the mean position of the grasping fingers. `raw` has this mean in counts
-        (`position_counts`) and the larger motor current register (`current_counts`), whose unit is unknown:
-        the manual and the ROS driver disagree. `moving` is also true until the gripper echoes the request of
-        a new motion, because its status then still describes the previous motion. Raises `GripperFaultError`
-        for a fault code and for a lost activation (5), `DeviceTimeoutError` if neither a status nor the echo
-        arrives.
+        `opening_m` is the opening at the mean position of the grasping fingers. `raw` has this mean in
+        counts (`position_counts`) and the larger motor current register (`current_counts`), whose unit is
+        unknown: the manual and the ROS driver disagree. `mode` is basic, pinch, wide or scissor. `moving` is
+        also true until the gripper echoes the request of a new motion, because its status then still
+        describes the previous motion. Raises `GripperFaultError` for a fault code and for a lost activation
+        (5), `DeviceTimeoutError` if neither a status nor the echo arrives.
         """
         sample = self._connected().sample()
         status = self._sound(sample.status)
@@ -163,6 +163,7 @@ class Robotiq3F(Gripper):
                 "position_counts": counts,
                 "current_counts": max(axis.current for axis in grasping),
             },
+            mode=status.mode.name.lower(),
         )
 
     def move_to(

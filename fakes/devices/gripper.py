@@ -10,8 +10,8 @@ from drivers.errors import (
 )
 from drivers.interfaces import Gripper
 from drivers.motion import PolledMotion
-from drivers.types import GripperSpec, GripperState
-from fakes.faults import OVERSHOOT_COUNTS, FaultScript
+from drivers.types import BASIC_MODE, GripperSpec, GripperState
+from fakes.faults import DRIFT_COUNTS, DRIFT_COUNTS_S, OVERSHOOT_COUNTS, FaultScript
 from fakes.world.motion import FingerPath, TrapezoidProfile
 from fakes.world.state import BenchLayout
 from fakes.world.world import FINGER_STIFFNESS_N_M, STALL_FORCE_N, World
@@ -53,10 +53,12 @@ class FakeGripper(Gripper):
         self._world = world
         self._clock = clock
         self._faults = faults
+        self.mode = BASIC_MODE
+        """Grasp mode; another program or the device's own page may have changed it."""
         self._connected = False
         self._activated = False
         self._requested = world.layout.open_counts
-        self._stalls = False
+        self._stalls = self._drifts = False
         self._force_n = STALL_FORCE_N
 
     @property
@@ -76,15 +78,16 @@ class FakeGripper(Gripper):
         self._connected = False
 
     def activate(self) -> None:
-        """Activate the gripper and open the fingers."""
+        """Activate the gripper in basic mode and open the fingers."""
         self._require_usable()
         self._clock.sleep_until(self._clock.now_ns() + to_ns(ACTIVATION_S))
-        self._activated = True
+        self._activated, self.mode = True, BASIC_MODE
         self.move_to(self._spec.open_m).wait(timeout_s=5.0)
 
     def state(self) -> GripperState:
         """Return the current state."""
         self._require_usable()
+        self._drift()
         now = self._clock.now_ns() - self._period_ns
         squeeze = self._world.squeeze_at(now)
         counts = round(self._world.fingers.position_at(now))
@@ -93,7 +96,7 @@ class FakeGripper(Gripper):
         return GripperState(
             time_ns=now,
             activated=self._activated,
-            moving=not self._world.fingers.profile.done_at(now),
+            moving=not self._drifts and not self._world.fingers.profile.done_at(now),
             opening_m=self._spec.opening_at(shown - self._world.layout.open_counts),
             gripping=stalled or self._stalls or (blocked and self._requested > counts),
             obstructed=blocked and self._requested < counts,
@@ -101,6 +104,7 @@ class FakeGripper(Gripper):
                 "position_counts": shown,
                 "current_counts": round(4 + 6 * squeeze * FINGER_STIFFNESS_N_M),
             },
+            mode=self.mode,
         )
 
     def move_to(
@@ -121,7 +125,7 @@ class FakeGripper(Gripper):
         now = self._clock.now_ns() + self._period_ns
         start = self._world.fingers.position_at(now)
         end = self._end(start, position_counts, now)
-        self._requested = position_counts
+        self._requested, self._drifts = position_counts, False
         self._stalls = self._stall_counts(now) <= end < position_counts
         profile = TrapezoidProfile(now, abs(end - start), speed, ACCELERATION_COUNTS_S2)
         self._world.fingers = FingerPath(start, end, profile)
@@ -142,6 +146,16 @@ class FakeGripper(Gripper):
             end += math.copysign(OVERSHOOT_COUNTS, end - start)
             end = min(max(end, layout.open_counts), layout.closed_counts)
         return min(end, max(start, self._stall_counts(now_ns)))
+
+    def _drift(self) -> None:
+        """Begin to open without a command if the fault `drift` is active."""
+        if self._drifts or not self._has("drift"):
+            return
+        self._drifts, now = True, self._clock.now_ns()
+        start = self._world.fingers.position_at(now)
+        end = max(start - DRIFT_COUNTS, float(self._world.layout.open_counts))
+        profile = TrapezoidProfile(now, start - end, DRIFT_COUNTS_S, ACCELERATION_COUNTS_S2)
+        self._world.fingers = FingerPath(start, end, profile)
 
     def _has(self, kind: str) -> bool:
         return self._faults.active(kind, self._clock.now_ns(), "gripper")

@@ -7,6 +7,7 @@ from functools import partial
 from drivers.bench import Bench
 from drivers.errors import DeviceError, counted
 from drivers.interfaces import Arm, FrameSource, Gripper
+from drivers.types import BASIC_MODE
 
 FIRST_FRAME_S = 5.0
 """Time limit of the first frame: some sensors take seconds to start."""
@@ -64,6 +65,8 @@ def _fingers_of(gripper: Gripper) -> str:
     finally:
         gripper.disconnect()
     active = "activated" if state.activated else "not activated: asked for first"
+    if state.mode != BASIC_MODE:
+        active += f"; in {state.mode} mode: activation in {BASIC_MODE} mode is asked for first"
     return f"fingers {1e3 * state.opening_m:.1f} mm apart, {active}"
 
 

@@ -64,7 +64,8 @@ def collect_openings(station: Station, blocks_mm: Sequence[float]) -> Calibratio
             lambda touch, steps: note(touch, steps, "opening"),
         )  # fmt: skip
     write_table(raw / "gripper.csv", "counts,opening_mm,direction", rows)
-    return gripper_from_folder(raw, config.name).marked(config.simulated)
+    step_m = config.gripper.limits.spec().resolution_m
+    return gripper_from_folder(raw, config.name, step_m).marked(config.simulated)
 
 
 _LARGEST_TILT_DEG = 30.0

@@ -3,7 +3,7 @@
 from dataclasses import replace
 from pathlib import Path
 
-from calibration.opening import Direction, OpeningSample, calibrate_opening
+from calibration.opening import STEP_M, Direction, OpeningSample, calibrate_opening
 from calibration.time_offset import TimeOffset, time_offset
 from calibration.timed_signal import TimedSignal
 from drivers.clock import NS_PER_S
@@ -14,8 +14,11 @@ from rig.calibrate.result import CalibrationResult, Picture
 from rig.calibrate.sources import read_stream
 
 
-def gripper_from_folder(folder: Path, serial: str) -> CalibrationResult:
-    """Calibrate the opening from gripper.csv: counts, opening_mm, direction (closing, opening)."""
+def gripper_from_folder(folder: Path, serial: str, step_m: float = STEP_M) -> CalibrationResult:
+    """Calibrate the opening from gripper.csv: counts, opening_mm, direction (closing, opening).
+
+    step_m: change of this gripper's opening per count, against which the unit of the table is checked.
+    """
     path = folder / "gripper.csv"
     samples = []
     for line, row in read_csv_rows(path, ("counts", "opening_mm", "direction")):
@@ -24,7 +27,7 @@ def gripper_from_folder(folder: Path, serial: str) -> CalibrationResult:
             raise InputError(f"{where}: direction '{way}' is neither closing nor opening")
         counts, opening_m = number_in(row, "counts", where), number_in(row, "opening_mm", where) / 1e3
         samples.append(OpeningSample(f"line {line}", counts, opening_m, Direction(way)))
-    result = calibrate_opening(samples)
+    result = calibrate_opening(samples, step_m)
     numbers, curves = {}, {}
     for way, table in result.tables.items():
         counts, opening_mm = table.counts, 1e3 * table.opening_m

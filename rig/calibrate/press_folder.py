@@ -8,6 +8,8 @@ import numpy as np
 from calibration.gel.balls import BallPress
 from calibration.gel.presses import find_press
 from calibration.gel.untouched import Circle, Pressed
+from calibration.targets.boards import SAME_VIEW_PX
+from calibration.units import length_guess
 from calibration.verdict import Rejected
 from drivers.errors import InputError
 from drivers.formats import number_in, read_csv_rows
@@ -15,6 +17,8 @@ from drivers.images import read_image
 from drivers.types import Image
 from rig.calibrate.sources import picture_files
 
+BALLS_MM = (1.0, 100.0)
+"""Smallest and largest diameter of a ball: smaller ones vanish in a gel, larger ones are flat on it."""
 Row = tuple[str, float, Path | None, tuple[float, float] | None]
 """Picture, ball diameter in mm, its own background, place of the ball in mm (x right, y down)."""
 
@@ -50,7 +54,8 @@ def read_press_folder(
     catalog.csv names pictures and ball diameters; with ball_mm every picture shows a press of that ball.
     background: by default background.png of the folder. circles: by default circles.csv of the folder, if
     there is one: frame (or image), center_x, center_y, radius in px. untouched: folder of frames without
-    contact. Raises `InputError`.
+    contact. A press whose centre and radius are within 2 px of another one with the same ball is rejected.
+    Raises `InputError`.
     """
     still = background or folder / "background.png"
     drawn = circles or folder / "circles.csv"
@@ -64,6 +69,7 @@ def read_press_folder(
         presses.files.append(folder / "catalog.csv")
         rows = _catalogued(folder, folder / "catalog.csv")
     else:
+        ball_mm = _diameter_mm(ball_mm, "--ball-mm")
         rows = [(p.name, ball_mm, None, None) for p in picture_files(pictures) if p.stem != "background"]
     by_hand = _circles(drawn) if circles or drawn.is_file() else {}
     for name, diameter_mm, own_background, move_mm in rows:
@@ -72,16 +78,45 @@ def read_press_folder(
         image = read_image(pictures / name)
         found = find_press(image, rest.astype(np.float32), name)
         circle = by_hand.get(_key(Path(name).stem))
+        if circle is None and not isinstance(found, str):
+            circle = *found.centre_px, found.rim_px
+        repeated = None if circle is None else _repeated(circle, diameter_mm, presses.pressed)
+        if repeated is not None:
+            presses.rejected.append(Rejected(name, repeated))
+            continue
+        if circle is not None and not _inside(circle, image):
+            x, y, _ = circle
+            size = f"{image.shape[1]} x {image.shape[0]} px"
+            text = f"the centre of its circle, ({x:.0f}, {y:.0f}), is outside the picture of {size}"
+            presses.rejected.append(Rejected(name, text))
+            continue
         if isinstance(found, str):
             presses.rejected.append(Rejected(name, found))
         else:
             presses.found.append(BallPress(found, diameter_mm / 2.0))
-            circle = circle or (*found.centre_px, found.rim_px)
             if move_mm is not None:
                 presses.moves_mm[name] = move_mm
         if circle is not None:
             presses.pressed.append(Pressed(name, image, circle, diameter_mm / 2.0))
     return presses
+
+
+def _repeated(circle: Circle, diameter_mm: float, pressed: list[Pressed]) -> str | None:
+    """Return that a press repeats an accepted one, or None.
+
+    A copy of a picture, or of its row, would be in the fit while the other is held out.
+    """
+    for other in pressed:
+        apart_px = np.abs(np.subtract(circle, other.circle)).max()
+        if 2.0 * other.radius_mm == diameter_mm and apart_px < SAME_VIEW_PX:
+            return f"same press as {other.id}"
+    return None
+
+
+def _inside(circle: Circle, image: Image) -> bool:
+    x, y, _ = circle
+    rows, columns = image.shape[:2]
+    return 0.0 <= x < columns and 0.0 <= y < rows
 
 
 def read_circled(folder: Path) -> tuple[Image, list[tuple[Image, Circle]]]:
@@ -107,8 +142,17 @@ def _catalogued(folder: Path, path: Path) -> list[Row]:
         own = folder / row["background"] if row.get("background") else None
         moved = row.get("x_mm") and row.get("y_mm")
         move = (number_in(row, "x_mm", where), number_in(row, "y_mm", where)) if moved else None
-        rows.append((name, number_in(row, "diameter(mm)", where), own, move))
+        rows.append((name, _diameter_mm(number_in(row, "diameter(mm)", where), where), own, move))
     return rows
+
+
+def _diameter_mm(value: float, where: str) -> float:
+    """Return a ball's diameter. Raises `InputError`, with a guess of the unit, unless it fits a gel."""
+    low, high = BALLS_MM
+    if not low <= value <= high:
+        guess = length_guess(1e-3 * value, "mm", 1e-3 * low, 1e-3 * high)
+        raise InputError(f"{where}: a ball of {value:g} mm; {low:g} to {high:g} mm fit a gel{guess}")
+    return value
 
 
 def _circles(path: Path) -> dict[str, Circle]:

@@ -14,6 +14,7 @@ from calibration.gel.presses import rim_centre
 from calibration.gel.reference import Reference, assess_reference, drift_since
 from calibration.gel.scale import GelScale, fit_scale
 from calibration.gel.visibility import visibility
+from calibration.units import length_guess
 from calibration.verdict import Assessment, limit
 from drivers.errors import CalibrationError
 from drivers.types import Image
@@ -28,6 +29,8 @@ NOMINAL_MM_PER_PX = (0.060, 0.060)
 _DARK_GREY = 16.0
 _LOST_SHARE = 0.05
 """Share of the picture with a dark or saturated colour from which the calibration is doubtful."""
+_GEL_SIDE_MM = (5.0, 100.0)
+"""Range of the longer side of the gel in a picture; 19 mm for a DIGIT."""
 _GRID = (3, 4)
 """Columns and rows of the fields of a gel, each of which should have been pressed."""
 
@@ -61,6 +64,7 @@ def tactile_from_folder(
         scale = None if mm_per_px else _scale(presses)
         used = mm_per_px or (scale.mm_per_px if scale else NOMINAL_MM_PER_PX)
         across, along = (float(v) for v in used)
+        _require_gel(presses.background, (across, along))
         fit = calibrate_gel(presses.found, (across, along))
         look = fit_look(presses.pressed, presses.background, (across, along), presses.untouched)
     except CalibrationError as error:
@@ -94,6 +98,19 @@ def tactile_from_folder(
         pictures=[*_residuals(scale, presses.background), *_pictures(fit, presses.found)],
         attached={".npz": replace(look.look, about=about).packed()},
     )
+
+
+def _require_gel(background: Image, mm_per_px: tuple[float, float]) -> None:
+    """Raise `CalibrationError`, with a guess of the unit, for a scale that no gel has."""
+    rows, columns = background.shape[:2]
+    side_mm = max(columns * mm_per_px[0], rows * mm_per_px[1])
+    low, high = _GEL_SIDE_MM
+    if not low <= side_mm <= high:
+        guess = length_guess(1e-3 * side_mm, "mm", 1e-3 * low, 1e-3 * high)
+        raise CalibrationError(
+            f"gel scale: the longer side of the picture is {side_mm:.3g} mm; gels have {low:g} to {high:g} "
+            f"mm: x_mm and y_mm (or --mm-per-px) are not in mm{guess}"
+        )
 
 
 def _assess_look(fit: LookFit) -> Assessment:

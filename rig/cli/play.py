@@ -26,7 +26,7 @@ class SourceOptions:
     lift: str | None = option(
         None,
         "Lift of a session: its number (3), object and lift (t1/3, wrench/3), or an unfinished recording "
-        "(003.unfinished). Default: the first lift.",
+        "(003.unfinished, 003.interrupted-1). Default: the first lift.",
     )
     beside: Path | None = option(
         None,

@@ -8,7 +8,7 @@ from drivers.bench import Bench
 from drivers.clock import NS_PER_S, Clock, to_ns
 from drivers.errors import RigError
 from drivers.interfaces import Arm, Diagnosable, Gripper
-from drivers.types import ArmMode
+from drivers.types import BASIC_MODE, ArmMode
 from rig.config import ArmConfig
 from rig.doctor.finding import Finding, Severity, judged, percentiles_ms, percentiles_text
 
@@ -55,6 +55,9 @@ def look_at_gripper(bench: Bench, duration_s: float) -> list[Finding]:
     activated = "activated" if state.activated else "not activated (each trial asks first)"
     seen = f"{activated}, fingers {1e3 * state.opening_m:.1f} mm apart"
     findings.append(Finding("gripper", "state", Severity.GOOD if state.activated else Severity.NOTE, seen))
+    if state.mode != BASIC_MODE:
+        todo = f"each trial asks to activate it in {BASIC_MODE} mode before the first motion"
+        findings.append(Finding("gripper", "grasp mode", Severity.WARNING, state.mode, todo))
     try:
         return findings + _requests(bench.gripper, bench.clock, duration_s)
     except RigError as error:

@@ -18,7 +18,9 @@ LOCK = ".lock"
 """Locked by the writing process; a file that is left behind locks nothing."""
 RECORDINGS = "lifts"
 UNFINISHED = ".unfinished"
-"""Part of the name of a recording whose lift is in progress or was interrupted."""
+"""Part of the name of a recording whose lift is in progress, or was interrupted and not resumed since."""
+INTERRUPTED = ".interrupted"
+"""Part of the name that such a recording gets when the session is resumed."""
 MAGIC = b"\x89MCAP0\r\n"
 """First bytes of a recording."""
 ROS_BEGINNINGS = (b"#ROSBAG V", b"SQLite format 3\0")
@@ -42,9 +44,14 @@ def unfinished_name(stem: str, number: int) -> str:
     return f"{stem}{UNFINISHED}{'' if number == 1 else f'-{number}'}.mcap"
 
 
+def interrupted_name(stem: str, number: int) -> str:
+    """Return the file name of an interrupted recording. stem: of its unfinished name. number: from 1."""
+    return f"{stem.partition(UNFINISHED)[0]}{INTERRUPTED}-{number}.mcap"
+
+
 def is_unfinished(recording: Path) -> bool:
-    """Whether a recording has the name of an unfinished one."""
-    return UNFINISHED in recording.stem
+    """Whether a recording has the name of an unfinished or interrupted one, which never counts as a lift."""
+    return UNFINISHED in recording.stem or INTERRUPTED in recording.stem
 
 
 def is_recording(path: Path) -> bool:

@@ -28,7 +28,7 @@ from rig.sessions.files import (
 from rig.sessions.manifest import Manifest, first_difference, now_text, read_manifest, remarked
 from rig.sessions.rows import read_rows
 from rig.sessions.timing import TimingLine
-from rig.sessions.unfinished import set_aside
+from rig.sessions.unfinished import name_interrupted, set_aside
 
 Row = TypeVar("Row")
 SESSIONS = Path("sessions")
@@ -70,6 +70,7 @@ class Session(Generic[Row]):
         self._lock = _locked(folder)
         drop_torn_line(self._results)
         drop_torn_line(folder / TIMING)
+        name_interrupted(folder)
         self.rows = read_rows(self._results, codec)
         self._log = SessionLog(folder / LOG)
         self._log.setFormatter(logging.Formatter("%(asctime)s %(levelname)s %(message)s"))

@@ -2,7 +2,8 @@
 
 A lift is recorded under an unfinished name, in the process that executes it. The process that writes the
 results gives the recording its final name before it appends the lift's line. So a recording with an
-unfinished name never counts as a lift, and it keeps that name if the program is killed.
+unfinished name never counts as a lift. If the program is killed, it keeps that name until the session is
+resumed.
 """
 
 import os
@@ -14,7 +15,14 @@ from queue import SimpleQueue
 from threading import Lock, Thread
 
 from drivers.errors import RecordingError
-from rig.sessions.files import RECORDINGS, is_unfinished, not_written, unfinished_name
+from rig.sessions.files import (
+    RECORDINGS,
+    UNFINISHED,
+    interrupted_name,
+    is_unfinished,
+    not_written,
+    unfinished_name,
+)
 from rig.sessions.recorder import LiftRecorder
 
 MOST_WAITING = 64_000_000
@@ -149,13 +157,24 @@ def _complete(recorder: LiftRecorder, file: BackgroundFile) -> None:
 
 
 def set_aside(recording: Path) -> None:
-    """Rename a recording without a line in the results to an unused unfinished name."""
-    for name in unfinished_names(recording):
-        if not name.exists():
-            recording.rename(name)
-            return
+    """Rename a recording without a line in the results to an unused interrupted name. Raises `OSError`."""
+    names = (recording.with_name(interrupted_name(recording.stem, number)) for number in count(1))
+    recording.rename(next(name for name in names if not name.exists()))
+
+
+def name_interrupted(folder: Path) -> None:
+    """Rename the unfinished recordings of a session that is resumed: 007.unfinished to 007.interrupted-1.
+
+    No lift is in progress then, so "unfinished" names only lifts that may be in progress. Raises
+    `RecordingError`.
+    """
+    for path in sorted((folder / RECORDINGS).glob(f"*{UNFINISHED}*.mcap")):
+        try:
+            set_aside(path)
+        except OSError as error:
+            raise not_written(path, error) from error
 
 
 def unfinished_recordings(folder: Path) -> list[Path]:
-    """Return the unfinished recordings of a session, by name."""
+    """Return the unfinished and interrupted recordings of a session, by name."""
     return sorted(path for path in (folder / RECORDINGS).glob("*.mcap") if is_unfinished(path))

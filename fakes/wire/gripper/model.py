@@ -10,7 +10,7 @@ import math
 from dataclasses import dataclass
 
 from drivers.clock import to_ns
-from fakes.faults import OVERSHOOT_COUNTS
+from fakes.faults import DRIFT_COUNTS, DRIFT_COUNTS_S, OVERSHOOT_COUNTS
 from fakes.world.motion import FingerPath, TrapezoidProfile
 from fakes.world.world import FINGER_STIFFNESS_N_M, World
 
@@ -104,7 +104,7 @@ class GripperModel:
         self._latched = bytes(IMAGE_BYTES)
         self._stage = RESET
         self._stage_ends_ns = 0
-        self._swept = self._going = False
+        self._swept = self._going = self._drifted = False
         self._mode = self._fault = 0
         self._ticked_ns = now_ns
         self.image = self._status(now_ns)
@@ -119,6 +119,7 @@ class GripperModel:
         self._take(request, now_ns)
         self._latched = request
         self._advance(now_ns)
+        self._drift(now_ns)
         self._stop_at_contact(now_ns)
         paths = [self.axes[name].path for name in self._fingers]
         if paths != before:
@@ -198,6 +199,14 @@ class GripperModel:
         elif not any(axis.moving(now_ns) for axis in self.axes.values()):
             self._stage, self._mode = READY, self._latched[0] >> 1 & 3
             self._turn_scissor(now_ns)
+
+    def _drift(self, now_ns: int) -> None:
+        """Open the fingers once without a command while the fault `drift` is active."""
+        if "drift" in self.faults and not self._drifted:
+            for name in self._fingers:
+                start = self.axes[name].path.position_at(now_ns)
+                self.axes[name].go(max(start - DRIFT_COUNTS, self._open), DRIFT_COUNTS_S, now_ns)
+        self._drifted = "drift" in self.faults
 
     def _follow(self, now_ns: int) -> None:
         go_to = bool(self._latched[0] & 8)

@@ -39,6 +39,7 @@ FAULTS: dict[str, dict[str, Any]] = {
     "stuck": {},
     "false_success": {},
     "overshoot": {},
+    "drift": {},
     "deaf": {},
 }
 """Kinds of fault and the defaults of their arguments."""

@@ -50,6 +50,7 @@ CASES = (
     _case("gripper: fingers stuck, success reported", "gripper", "stuck", "gripper"),
     _case("gripper: success and position reported falsely", "gripper", "false_success", "gripper"),
     _case("gripper: fingers move too far", "gripper", "overshoot", "gripper"),
+    _case("gripper: fingers drift open without a command", "gripper", "drift", "without a command"),
     _case("gripper: garbage", "gripper", "garbage", "gripper"),
     _case("fingertip: frozen", "SIM-D0001", "freeze", "SIM-D0001"),
     _case("fingertip: no frames", "SIM-D0001", "drop", "SIM-D0001"),

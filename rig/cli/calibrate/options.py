@@ -171,14 +171,18 @@ def _file_one(result: "CalibrationResult", common: StationOptions) -> None:
 
 
 def _filed(result: "CalibrationResult", common: StationOptions) -> "Filed":
-    """Store a result and print its verdict and figures. Raises `CalibrationError` if it is refused."""
+    """Store a result; print the rejected samples, its verdict and figures.
+
+    Raises `CalibrationError` if it is refused, after printing why samples were rejected.
+    """
+    from calibration.verdict import counted_reasons
     from rig.calibrate.result import file_result
 
+    for line in counted_reasons(result.rejected):
+        say(f"left out {line}")
     filed = file_result(result, common.folder)
     about = ", ".join(f"{role} {serial}" for role, serial in result.serials.items())
     say(f"{mark(result.simulated)}{result.kind} calibration, {about}: {result.assessment}")
     for name, text in result.numbers.items():
         say(f"  {name}: {text}")
-    for left_out in result.rejected:
-        say(f"  left out {left_out.id}: {left_out.reason}")
     return filed

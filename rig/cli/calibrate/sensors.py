@@ -105,7 +105,8 @@ def gripper(context: typer.Context, common: StationOptions, options: GripperOpti
     contact, then open until the contact is lost.
 
     The folder of --from holds gripper.csv with the columns counts, opening_mm and direction (closing or
-    opening).
+    opening). Openings in another unit than mm are refused: they are compared with the range of the gripper
+    of --bench.
 
     Examples:
       rig calibrate gripper --bench fake
@@ -115,14 +116,16 @@ def gripper(context: typer.Context, common: StationOptions, options: GripperOpti
     """
     from rig.calibrate.bench_tip import collect_openings
     from rig.calibrate.from_tables import gripper_from_folder
+    from rig.config import load_bench
 
     blocks_mm = options.blocks_mm or _BLOCKS_MM
+    step_m = load_bench(common.bench).gripper.limits.spec().resolution_m
     calibrated(
         context,
         common,
         ("contacts", 2 * len(blocks_mm)),
         lambda at: collect_openings(at, blocks_mm),
-        lambda samples: gripper_from_folder(samples, options.serial),
+        lambda samples: gripper_from_folder(samples, options.serial, step_m),
     )
 
 

@@ -186,7 +186,7 @@ def _some(signal: TimedSignal, kept: np.ndarray) -> TimedSignal:
     return TimedSignal(signal.time_ns[kept], signal.values[kept])
 
 
-_TOO_FEW = ("usable distinct poses", "rotated by")
+_TOO_FEW = ("usable distinct pose", "rotated by")
 
 CASES = (
     Case("near-parallel axes (3 degrees off)", _moved("near-parallel"), ("parallel",)),

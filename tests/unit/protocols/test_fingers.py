@@ -207,3 +207,45 @@ def test_grips_in_mm_do_not_depend_on_the_gripper_resolution(lift_of: LiftOf, st
     closings_m = [before - after for before, after in pairwise(openings_m) if after < before]
     assert closings_m == pytest.approx([step_m] * len(closings_m))
     assert lift.plan.width_m - min(openings_m) == pytest.approx(lift.plan.grip_steps * step_m, abs=0.002)
+
+
+@pytest.mark.parametrize("phase", [Phase.LIFT, Phase.HOLD])
+def test_fingers_that_drift_open_without_a_command_end_the_lift(lift_of: LiftOf, phase: Phase) -> None:
+    lift = lift_of()
+    break_in(lift, phase, "drift")
+    with pytest.raises(FingerMotionError, match=r"opened to .* mm without a command"):
+        run_lift(lift.bench, lift.plan, lift.observer)
+    assert not was_carried(lift)
+
+
+@pytest.mark.parametrize("counts", [-13, -4, 4, 13, 60])
+def test_change_of_the_opening_by_another_program_ends_the_lift(lift_of: LiftOf, counts: int) -> None:
+    """Fingers that are opened or closed by another client of the gripper, in the air."""
+    lift = lift_of()
+    begin, state = lift.observer.phase, lift.bench.gripper.state
+    shift_m = [0.0]
+
+    def begin_and_shift(now: Phase, time_ns: int) -> None:
+        begin(now, time_ns)
+        if now is Phase.HOLD:
+            shift_m[0] = counts * lift.bench.gripper.spec.resolution_m
+
+    lift.observer.phase = begin_and_shift
+    lift.bench.gripper.state = lambda: replace(state(), opening_m=state().opening_m + shift_m[0])
+    with pytest.raises(FingerMotionError, match="without a command"):
+        run_lift(lift.bench, lift.plan, lift.observer)
+
+
+@pytest.mark.parametrize("counts", [-2, -1, 1, 2])
+def test_readings_that_differ_by_a_few_counts_do_not_end_the_lift(lift_of: LiftOf, counts: int) -> None:
+    lift = lift_of()
+    begin, state = lift.observer.phase, lift.bench.gripper.state
+    shift_m = [0.0]
+
+    def begin_and_shift(now: Phase, time_ns: int) -> None:
+        begin(now, time_ns)
+        shift_m[0] = counts * lift.bench.gripper.spec.resolution_m if now is Phase.HOLD else 0.0
+
+    lift.observer.phase = begin_and_shift
+    lift.bench.gripper.state = lambda: replace(state(), opening_m=state().opening_m + shift_m[0])
+    assert lift.run() == "done"

@@ -148,3 +148,27 @@ def test_fault_with_object_in_the_air_is_asked_about_before_and_after_the_releas
     make_ready(lift.bench, person, after_fault=True)
     assert len(person.asked) == 2
     assert "ended in a fault. The hand holds wrench" in person.asked[0]
+
+
+@pytest.mark.parametrize("mode", ["wide", "pinch", "scissor"])
+def test_other_grasp_mode_is_named_and_activated_in_basic_mode_before_the_first_motion(
+    lift_of: LiftOf, mode: str
+) -> None:
+    lift, person = lift_of(), Person()
+    lift.bench.gripper.mode = mode
+    make_ready(lift.bench, person)
+    assert person.asked == [] or mode in person.asked[0]
+    assert lift.bench.gripper.state().mode == "basic"
+
+
+@pytest.mark.parametrize("mode", ["wide", "pinch", "scissor"])
+def test_nothing_moves_in_another_grasp_mode_without_agreement(lift_of: LiftOf, mode: str) -> None:
+    lift = lift_of()
+    asked: list[str] = []
+    lift.bench.gripper.mode = mode
+    lift.trace.clear()
+    with pytest.raises(OperatorStopError):
+        make_ready(lift.bench, ConsoleOperator(lambda question: bool(asked.append(question)), agreed=False))
+    assert f"in {mode} mode. Activate it now in basic mode?" in asked[0]
+    assert lift.trace == []
+    assert lift.bench.gripper.state().mode == mode

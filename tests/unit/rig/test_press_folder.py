@@ -2,11 +2,12 @@
 
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
 from drivers.errors import InputError
-from drivers.images import encode_png
+from drivers.images import encode_png, load_image
 from rig.benchmark.segmentation.study import read_presses
 from rig.calibrate.press_folder import read_press_folder
 from rig.calibrate.tactile import unpressed_fields
@@ -76,3 +77,22 @@ def test_look_is_relative_to_its_bench_file(tmp_path: Path) -> None:
     assert load_bench(str(path)).tactile[0].look == str(tmp_path / "calibrations/tactile-D1.npz")
     with pytest.raises(InputError, match="no look is named"):
         parse_bench(LOOK_BENCH + "look_seed = 3\n", "bench.toml")
+
+
+@pytest.mark.parametrize("copy", ["same row", "same picture", "compressed again", "shifted by a pixel"])
+def test_repeated_press_counts_once(folder: Path, copy: str) -> None:
+    picture = load_image(folder / "000000.png")
+    assert picture is not None
+    name = "000000.png" if copy == "same row" else "copy.png"
+    if copy == "same picture":
+        (folder / name).write_bytes((folder / "000000.png").read_bytes())
+    elif copy == "compressed again":
+        name = "copy.jpg"
+        cv2.imwrite(str(folder / name), picture[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 80])
+    elif copy == "shifted by a pixel":
+        (folder / name).write_bytes(encode_png(np.roll(picture, 1, axis=1)))
+    rows = ["image,diameter(mm)", "000000.png,8.8", "000001.png,8.8", f"{name},8.8"]
+    (folder / "catalog.csv").write_text("\n".join(rows))
+    presses = read_press_folder(folder)
+    assert len(presses.pressed) == len(presses.found) == 2
+    assert [(r.id, r.reason) for r in presses.rejected] == [(name, "same press as 000000.png")]

@@ -111,12 +111,15 @@ def test_modes_change_only_on_request_and_motions_keep_them(
 ) -> None:
     set_mode(server, GraspMode.WIDE)
     assert written(server)[0] == 0b0101
+    assert gripper.state().mode == "wide"
     moved_after_the_change(gripper, 20).wait(5.0)
     assert written(server)[0] == 0b1101
     set_mode(server, GraspMode.SCISSOR)
     moved_after_the_change(gripper, 90).wait(5.0)
     assert counts_of(gripper) == 90, "in scissor mode the scissor axis grasps"
     assert bytes.fromhex(server.snapshot()["status"])[13] == 90
+    gripper.activate()
+    assert gripper.state().mode == "basic"
 
 
 @pytest.mark.parametrize("after_s", [0.0, 0.02, 0.3, *long(0.01, 0.03, 0.05)])

@@ -3,6 +3,7 @@
 import pytest
 
 from drivers.types import Pose
+from fakes.faults import DRIFT_COUNTS
 from fakes.objects.catalogue import find_object
 from fakes.wire.gripper.model import GripperModel
 from fakes.world.motion import ToolPath
@@ -90,3 +91,16 @@ def test_late_tick_stops_the_fingers_at_the_object() -> None:
     model.tick(now + 1_800_000_000)
     assert model.image[1] == 0b11_10_10_11
     assert FINGER_STIFFNESS_N_M * world.squeeze_at(now + 1_800_000_000) == pytest.approx(15.0, abs=1.0)
+
+
+def test_drifting_fingers_open_once_without_a_command() -> None:
+    model, now = ready_model(make_world())
+    now = run(model, "09 00 00 80 FF 00", now, 4.0)
+    before = model.image
+    assert before[7] == 0x80
+    model.faults = frozenset(("drift",))
+    now = run(model, "09 00 00 80 FF 00", now, 2.0)
+    assert [model.image[place] for place in (7, 10)] == [0x80 - DRIFT_COUNTS] * 2
+    run(model, "09 00 00 80 FF 00", now, 2.0)
+    assert model.image[7] == 0x80 - DRIFT_COUNTS
+    assert model.image[4] == 0x80, "the third finger stays"

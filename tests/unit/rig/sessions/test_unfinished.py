@@ -151,6 +151,31 @@ def test_finished_recording_gets_its_name_and_an_unlisted_one_is_kept(
         (lifts / "007.unfinished.mcap").write_bytes(b"newer")
         session.adopt("lifts/007.mcap", lifts / "007.unfinished.mcap")
         assert (lifts / "007.mcap").read_bytes() == b"newer"
-        assert (lifts / "007.unfinished-2.mcap").read_bytes() == b"older"
+        assert (lifts / "007.interrupted-1.mcap").read_bytes() == b"older"
         with pytest.raises(RecordingError, match=r"008\.mcap: cannot be written"):
             session.adopt("lifts/008.mcap", lifts / "008.unfinished.mcap")
+
+
+@pytest.mark.parametrize(
+    ("before", "after"),
+    [
+        (["007.unfinished"], ["007.interrupted-1"]),
+        (["007.unfinished", "007.unfinished-2"], ["007.interrupted-1", "007.interrupted-2"]),
+        (["007.interrupted-1", "007.unfinished"], ["007.interrupted-1", "007.interrupted-2"]),
+        (["007-attempt1.unfinished", "008.unfinished"], ["007-attempt1.interrupted-1", "008.interrupted-1"]),
+        (["006", "007-attempt1"], ["006", "007-attempt1"]),
+    ],
+)
+def test_resumed_session_leaves_no_unfinished_recording(
+    before: list[str], after: list[str], tmp_path: Path
+) -> None:
+    asked = begun_on(load_bench("fake"), "trial", 0, ["t1"])
+    manifest = TrialManifest(**vars(asked), lifts_per_object=3, estimator="slip", window=1, skip=True)
+    with open_session(tmp_path / "s", manifest, LIFTS, resume=False) as session:
+        lifts = session.folder / "lifts"
+        lifts.mkdir()
+        for name in before:
+            (lifts / f"{name}.mcap").write_bytes(name.encode())
+    with open_session(tmp_path / "s", manifest, LIFTS, resume=True):
+        assert sorted(path.stem for path in lifts.iterdir()) == sorted(after)
+        assert {path.read_bytes().decode() for path in lifts.iterdir()} == set(before)

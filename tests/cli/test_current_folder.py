@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from fakes.wire.net import free_address
 from support.angle_clips import write_clip
+from support.waiting import LIMIT_S
 
 ROOT = Path(__file__).parents[2]
 SHADOWED = (
@@ -25,7 +26,7 @@ raise SystemExit(__name__ + " of the current folder was run")
 """
 RIG = (str(Path(sys.executable).with_name("rig")),)
 MODULE = (sys.executable, "-m", "rig")
-DEADLINE_S = 240.0
+DEADLINE_S = LIMIT_S
 
 
 @pytest.fixture

@@ -65,22 +65,23 @@ def test_two_streams_are_shown_within_100_ms_without_dropped_frames(tmp_path: Pa
             browser.open(address, 1280)
             until(lambda: browser.value("Object.keys(live.cards).length") == 3, LIMIT_S)
             time.sleep(2.0)
-            before = cpu_s(pid), browser.value(STATE)
+            began, before = time.monotonic(), (cpu_s(pid), browser.value(STATE))
             delays, slow = [], slowdown()
             for _ in range(int(MEASURED_S)):
                 time.sleep(1.0)
                 delays += browser.value("live.delays")
                 slow = max(slow, slowdown())
             after = cpu_s(pid), browser.value(STATE)
+            spent_s = time.monotonic() - began
             dropped = {n: after[1]["dropped"][n] - before[1]["dropped"][n] for n in after[1]["dropped"]}
-            rate_hz = (after[1]["records"] - before[1]["records"]) / MEASURED_S
+            rate_hz = (after[1]["records"] - before[1]["records"]) / spent_s
             print(
                 f"\ncapture to screen: median {median(delays):.0f} ms, highest {max(delays):.0f} ms; page "
                 f"{rate_hz:.0f} updates per second; dropped {dropped}; "
-                f"rig live {100 * (after[0] - before[0]) / MEASURED_S:.0f} % of a core; slowdown of the host "
+                f"rig live {100 * (after[0] - before[0]) / spent_s:.0f} % of a core; slowdown of the host "
                 f"{slow:.1f}"
             )
-            assert max(dropped.values()) <= (0 if slow < LOADED else 60 * MEASURED_S * (1 - 1 / slow))
+            assert max(dropped.values()) <= (0 if slow < LOADED else 60 * spent_s * (1 - 1 / slow))
             assert median(delays) <= MOST_DELAY_MS * slow
             assert rate_hz >= LEAST_HZ / slow
             assert browser.said() == []

@@ -55,8 +55,8 @@ def served(tmp_path: Path, unhurried_bench: BenchConfig) -> Iterator[Served]:
         served = Served(Control(config.fakes.control), simulated, real, [])
         yield served
         for program in served.programs:
-            program.kill()
-            program.communicate()
+            with program:
+                program.kill()
 
 
 def trial(served: Served, bench: Path, out: Path) -> "subprocess.Popen[str]":

@@ -108,7 +108,7 @@ class Pump:
     def run_until(self, done: Callable[[], bool], timeout_s: float, missed: str) -> None:
         """Deliver frames until `done`. Raises `DeviceTimeoutError`, or the error of a source.
 
-        missed: what has not happened if the time limit passes, such as "the arm did not stop".
+        missed: the failure to report after the time limit, such as "the arm did not stop".
         """
         deadline = self._bench.clock.now_ns() + to_ns(timeout_s)
         while not done():

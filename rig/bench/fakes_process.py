@@ -23,8 +23,8 @@ from rig.bench.operators import SimulatedOperator
 from rig.bench.twins import laid_as
 from rig.config import BenchConfig
 
-START_S = 60.0
-"""Time limit for the start of the simulated devices."""
+START_S = 150.0
+"""Time limit for the start of the simulated devices: longer than a loaded host takes."""
 CHECK_S = 0.5
 """Interval at which the fakes' process checks that all its parts are alive."""
 STOP_S = 10.0

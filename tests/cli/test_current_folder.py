@@ -1,5 +1,6 @@
 """Commands that start processes import nothing from the current folder, whose files may be untrusted."""
 
+import json
 import shutil
 import signal
 import subprocess
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 
 from fakes.wire.net import free_address
 from support.angle_clips import write_clip
+from support.waiting import LIMIT_S
 
 ROOT = Path(__file__).parents[2]
 SHADOWED = (
@@ -25,7 +27,7 @@ raise SystemExit(__name__ + " of the current folder was run")
 """
 RIG = (str(Path(sys.executable).with_name("rig")),)
 MODULE = (sys.executable, "-m", "rig")
-DEADLINE_S = 240.0
+DEADLINE_S = LIMIT_S
 
 
 @pytest.fixture
@@ -43,13 +45,15 @@ def folder(tmp_path: Path) -> Path:
     return folder
 
 
-def check(folder: Path, *words: object, program: tuple[str, ...] = RIG, code: int = 0) -> None:
+def check(folder: Path, *words: object, program: tuple[str, ...] = RIG, codes: tuple[int, ...] = (0,)) -> str:
+    """Run a command in the folder; return its output. codes: the exit codes that it may have."""
     done = subprocess.run(
         [*program, *map(str, words)], cwd=folder, stdin=subprocess.DEVNULL, capture_output=True, text=True,
         timeout=DEADLINE_S, check=False,
     )  # fmt: skip
     assert not (folder.parent / "run").exists(), (folder.parent / "run").read_text() + done.stderr
-    assert done.returncode == code, done.stderr
+    assert done.returncode in codes, done.stderr
+    return done.stdout
 
 
 @pytest.mark.long
@@ -79,7 +83,12 @@ def test_doctor_over_the_wire_protocol(folder: Path, program: tuple[str, ...]) -
             if name not in ("drivers", "fakes", "protocols", "calibration", "cv2", "numpy", "socket"):
                 shutil.rmtree(folder / name, ignore_errors=True)
                 (folder / f"{name}.py").unlink(missing_ok=True)
-    check(folder, "doctor", "--bench", "wire", "--seconds", 0.5, program=program)
+    # how good the devices are in real time, and so the exit code, depends on the load of the host
+    said = check(
+        folder, "doctor", "--bench", "wire", "--seconds", 0.5, "--json", program=program, codes=(0, 1)
+    )
+    devices = {finding["device"] for finding in json.loads(said)["findings"]}
+    assert devices >= {"arm", "gripper", "SIM-D0001", "SIM-D0002", "SIM-C0001"}
 
 
 def serve(folder: Path, ready: str, *words: object) -> None:

@@ -19,6 +19,7 @@ from support.command_line import rig
 from support.desk_frames import desk_frames
 from support.foxglove_client import first_message
 from support.marks import long
+from support.waiting import LIMIT_S
 
 
 @pytest.fixture(scope="module")
@@ -156,7 +157,7 @@ def test_foxglove_server_gets_the_readings() -> None:
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         process.stdout.readline()
-        state = asyncio.run(asyncio.wait_for(first_message(f"ws://{at}/", "/frames"), 60.0))
+        state = asyncio.run(asyncio.wait_for(first_message(f"ws://{at}/", "/frames"), LIMIT_S))
         process.send_signal(signal.SIGINT)
         _, said = process.communicate(timeout=120)
     assert process.returncode == 0, said
@@ -178,7 +179,7 @@ def test_bridge_publishes_until_the_file_ends(clip: Path, monkeypatch: pytest.Mo
     loopback = "<Interfaces><NetworkInterface name='lo' multicast='true'/></Interfaces>"
     uri = f"<CycloneDDS><Domain><General>{loopback}</General></Domain></CycloneDDS>"
     monkeypatch.setenv("CYCLONEDDS_URI", uri)
-    done = rig("bridge", "ros2", clip, "--fps", "60", "--domain", "99")
+    done = rig("bridge", "ros2", clip, "--fps", "15", "--domain", "99")
     assert done.returncode == 0, done.stderr
     assert "publishing in domain 99: /frames/image_raw/compressed, /angle/frames, /slip/frames" in done.stderr
     messages = int(done.stderr.split("ended: ")[1].split()[0])

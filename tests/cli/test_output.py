@@ -82,7 +82,11 @@ def test_trial_with_a_closed_output_pipe_is_finished_and_kept(light_bench_file: 
 def test_unwritable_report_path_is_a_one_line_error(tmp_path: Path) -> None:
     pipe = tmp_path / "pipe.html"
     os.mkfifo(pipe)
-    for place, said, code in ((pipe, "is not a file", 2), (Path("/proc/page.html"), "cannot be written", 1)):
+    code_of_proc = 1 if os.access("/proc", os.W_OK) else 2  # root is told only when the file is written
+    for place, said, code in (
+        (pipe, "is not a file", 2),
+        (Path("/proc/page.html"), "cannot be written", code_of_proc),
+    ):
         done = rig("report", STORED / "stored_trial", "--out", place)
         assert done.returncode == code
         assert f"rig: {place}: {said}" in done.stderr.splitlines()[-1]

@@ -57,12 +57,12 @@ def test_displays_are_hidden_until_a_question_is_answered(
 ) -> None:
     terminal = at_terminal([sys.executable, "-c", code % ASKED], columns)
     for question, answer in (("Place object t1 (wrench) on its mark. Ready?", "y\n"), ("Activate it", "n\n")):
-        terminal.wait_for(question, 20.0)
+        terminal.wait_for(question)
         terminal.read_for(LATE_S)
         assert question in terminal.last(), terminal.text()
         assert terminal.last().endswith("[y/N]:")
         terminal.type(answer)
-    terminal.wait_for("answered True False", 20.0)
+    terminal.wait_for("answered True False")
 
 
 def test_keys_typed_before_the_question_do_not_answer_it(at_terminal: AtTerminal) -> None:
@@ -73,22 +73,22 @@ def test_keys_typed_before_the_question_do_not_answer_it(at_terminal: AtTerminal
         print("answered", ask("Shall the fingers open?"), flush=True)
 """
     terminal = at_terminal([sys.executable, "-c", IN_TRIAL % code], 80)
-    terminal.wait_for("busy", 20.0)
+    terminal.wait_for("busy")
     terminal.type("y\ny\n")
-    terminal.wait_for("Shall the fingers open?", 20.0)
+    terminal.wait_for("Shall the fingers open?")
     terminal.read_for(0.5)
     assert "answered" not in terminal.text()
     terminal.type("maybe\n")
-    terminal.wait_for("neither", 5.0)
+    terminal.wait_for("neither")
     terminal.read_for(0.5)
-    terminal.wait_for("Shall the fingers open? [y/N]:", 5.0)
+    terminal.wait_for("Shall the fingers open? [y/N]:")
     terminal.type("\n")
-    terminal.wait_for("answered False", 5.0)
+    terminal.wait_for("answered False")
 
 
 def test_question_without_a_terminal_counts_as_refused(at_terminal: AtTerminal, tmp_path: Any) -> None:
     code = "import sys; sys.stderr = open({!r}, 'w'); from rig.live.questions import ask; print(ask('Move?'))"
     terminal = at_terminal([sys.executable, "-c", code.format(str(tmp_path / "log"))], 80)
     terminal.type("y\n")
-    terminal.wait_for("False", 20.0)
+    terminal.wait_for("False")
     assert "no terminal" in (tmp_path / "log").read_text()

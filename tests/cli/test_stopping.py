@@ -30,7 +30,7 @@ CODE = """if True:
 
 
 def wait_for(log: Path, text: str) -> None:
-    deadline = time.monotonic() + 30.0
+    deadline = time.monotonic() + 120.0
     while not (log.exists() and text in log.read_text()):
         assert time.monotonic() < deadline, log.read_text() if log.exists() else "nothing logged"
         time.sleep(0.02)

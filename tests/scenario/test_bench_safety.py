@@ -35,6 +35,7 @@ class Served:
     control: Control
     simulated: Path
     real: Path
+    programs: list["subprocess.Popen[str]"]
 
     def world(self) -> dict[str, Any]:
         return self.control.call("world")
@@ -51,17 +52,23 @@ def served(tmp_path: Path, unhurried_bench: BenchConfig) -> Iterator[Served]:
         simulated, real = tmp_path / "simulated.toml", tmp_path / "real.toml"
         write_bench(simulated, config)
         write_bench(real, as_real(config))
-        yield Served(Control(config.fakes.control), simulated, real)
+        served = Served(Control(config.fakes.control), simulated, real, [])
+        yield served
+        for program in served.programs:
+            with program:
+                program.kill()
 
 
-def trial(bench: Path, out: Path) -> subprocess.Popen[str]:
+def trial(served: Served, bench: Path, out: Path) -> "subprocess.Popen[str]":
     """A trial in a script: with --yes and without a terminal."""
     words = ["trial", "--lifts", "1", "--object", "wrench", "--no-report", "--yes"]
-    return subprocess.Popen(
+    program = subprocess.Popen(
         [sys.executable, "-c", SHORT_PHASES, *words, "--bench", str(bench), "--out", str(out)],
         stdin=subprocess.DEVNULL, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True,
         env={**os.environ, "PYTHONUNBUFFERED": "1"},
     )  # fmt: skip
+    served.programs.append(program)
+    return program
 
 
 def wait_until(so: Callable[[], bool], process: subprocess.Popen[str]) -> None:
@@ -77,7 +84,7 @@ def test_trial_stopped_on_its_way_down_stays_there(
     served: Served, tmp_path: Path, number: signal.Signals
 ) -> None:
     served.control.call("place", object="wrench", seed=3)
-    process = trial(served.real, tmp_path / "s")
+    process = trial(served, served.real, tmp_path / "s")
     wait_until(lambda: GRASP_M + 0.075 < served.height_m() < ABOVE_M - 0.010, process)
     process.send_signal(number)
     there = served.height_m()
@@ -92,7 +99,7 @@ def test_object_held_after_a_kill_is_neither_dropped_nor_moved_unasked(
     served: Served, tmp_path: Path
 ) -> None:
     served.control.call("place", object="wrench", seed=3)
-    process = trial(served.real, tmp_path / "s")
+    process = trial(served, served.real, tmp_path / "s")
     wait_until(lambda: served.world()["held"] and served.height_m() > GRASP_M + 0.02, process)
     process.kill()
     process.communicate()
@@ -100,7 +107,7 @@ def test_object_held_after_a_kill_is_neither_dropped_nor_moved_unasked(
     left = served.world()
     assert left["held"]
 
-    again = trial(served.real, tmp_path / "s2")
+    again = trial(served, served.real, tmp_path / "s2")
     _, error = again.communicate(timeout=LIMIT_S)
     assert again.returncode == 3, error
     assert "The hand holds wrench" in error
@@ -109,7 +116,7 @@ def test_object_held_after_a_kill_is_neither_dropped_nor_moved_unasked(
     assert now["tool_m"] == pytest.approx(left["tool_m"], abs=1e-4)
 
     # an operator who agrees, as the one of the simulated bench does, sees it set down
-    last = trial(served.simulated, tmp_path / "s3")
+    last = trial(served, served.simulated, tmp_path / "s3")
     heights = []
     wait_until(lambda: heights.append(served.height_m()) or not served.world()["held"], last)
     assert heights[-1] == pytest.approx(GRASP_M, abs=0.002)

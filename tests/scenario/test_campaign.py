@@ -78,7 +78,7 @@ def test_killed_replay_resumes_after_its_last_lift(sessions: Path, tmp_path: Pat
     out = tmp_path / "killed"
     command = ["replay", str(sessions / "a"), "--jobs", "1", "--out", str(out), "--resume"]
     process = subprocess.Popen(command_of(*command), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    deadline = time.monotonic() + 60.0
+    deadline = time.monotonic() + 120.0
     while not kept_rows(out) and time.monotonic() < deadline:
         time.sleep(0.02)
     process.send_signal(signal.SIGKILL)

@@ -20,12 +20,13 @@ import pytest
 
 from support.browser import FLAWS, NEEDS_CHROMIUM, SEEN, Browser
 from support.desk_streams import desk_streams
-from support.waiting import until
+from support.waiting import LIMIT_S, slowdown, until
 
 MEASURED_S = 5.0
-MOST_DELAY_MS = 100.0
-LIMIT_S = 120.0
-"""Longer than anything takes on a loaded host."""
+MOST_DELAY_MS, LEAST_HZ = 100.0, 30.0
+"""Limits on an idle host; on a loaded one they are as much wider as a computation takes longer."""
+LOADED = 1.5
+"""Slowdown from which the host counts as loaded, so that frames may be dropped."""
 
 
 @contextmanager
@@ -41,7 +42,7 @@ def live(folder: Path, *arguments: str) -> Iterator[tuple[str, int]]:
         finally:
             process.terminate()
             said = process.stderr.read()
-        assert process.wait(60) == 0, said
+        assert process.wait(LIMIT_S) == 0, said
 
 
 def cpu_s(pid: int) -> float:
@@ -64,22 +65,25 @@ def test_two_streams_are_shown_within_100_ms_without_dropped_frames(tmp_path: Pa
             browser.open(address, 1280)
             until(lambda: browser.value("Object.keys(live.cards).length") == 3, LIMIT_S)
             time.sleep(2.0)
-            before = cpu_s(pid), browser.value(STATE)
-            delays = []
+            began, before = time.monotonic(), (cpu_s(pid), browser.value(STATE))
+            delays, slow = [], slowdown()
             for _ in range(int(MEASURED_S)):
                 time.sleep(1.0)
                 delays += browser.value("live.delays")
+                slow = max(slow, slowdown())
             after = cpu_s(pid), browser.value(STATE)
+            spent_s = time.monotonic() - began
             dropped = {n: after[1]["dropped"][n] - before[1]["dropped"][n] for n in after[1]["dropped"]}
-            rate_hz = (after[1]["records"] - before[1]["records"]) / MEASURED_S
+            rate_hz = (after[1]["records"] - before[1]["records"]) / spent_s
             print(
                 f"\ncapture to screen: median {median(delays):.0f} ms, highest {max(delays):.0f} ms; page "
                 f"{rate_hz:.0f} updates per second; dropped {dropped}; "
-                f"rig live {100 * (after[0] - before[0]) / MEASURED_S:.0f} % of a core"
+                f"rig live {100 * (after[0] - before[0]) / spent_s:.0f} % of a core; slowdown of the host "
+                f"{slow:.1f}"
             )
-            assert set(dropped.values()) == {0}
-            assert median(delays) <= MOST_DELAY_MS
-            assert rate_hz >= 30.0
+            assert max(dropped.values()) <= (0 if slow < LOADED else 60 * spent_s * (1 - 1 / slow))
+            assert median(delays) <= MOST_DELAY_MS * slow
+            assert rate_hz >= LEAST_HZ / slow
             assert browser.said() == []
     finally:
         browser.close()

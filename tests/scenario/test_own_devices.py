@@ -18,6 +18,7 @@ from support.command_line import SHORT_PHASES
 from support.own_devices import MODULE, SOURCE
 from support.recordings import require_identical_replay
 from support.slow_motion import SLOWNESS
+from support.waiting import LIMIT_S
 
 
 def with_own_drivers(bench: BenchConfig) -> BenchConfig:
@@ -38,7 +39,8 @@ def rig(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
     """Run the program in a lab's folder as in a script, without a terminal."""
     return subprocess.run(
         [sys.executable, "-c", SHORT_PHASES, *words], cwd=folder, stdin=subprocess.DEVNULL,
-        capture_output=True, text=True, timeout=240, check=False, env={**os.environ, "PYTHONUNBUFFERED": "1"},
+        capture_output=True, text=True, timeout=LIMIT_S, check=False,
+        env={**os.environ, "PYTHONUNBUFFERED": "1"},
     )  # fmt: skip
 
 

@@ -129,7 +129,7 @@ def test_trial_killed_at_random_moments_loses_only_lifts_in_progress(
 def in_progress(command: list[str]) -> "subprocess.Popen[str]":
     """A trial whose two workers are at their lifts."""
     process = _started(command, jobs="2")
-    deadline = time.monotonic() + 60.0
+    deadline = time.monotonic() + 120.0
     while len(_processes_of(process.pid)) < 3:
         assert time.monotonic() < deadline
         assert process.poll() is None
@@ -150,7 +150,7 @@ def test_workers_end_with_a_killed_parent(in_progress: "subprocess.Popen[str]") 
 
 
 def _left_after_a_while(session_id: int) -> list[int]:
-    deadline = time.monotonic() + 10.0
+    deadline = time.monotonic() + 120.0
     while _processes_of(session_id) and time.monotonic() < deadline:
         time.sleep(0.1)
     return _processes_of(session_id)

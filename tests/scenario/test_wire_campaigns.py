@@ -16,6 +16,7 @@ from rig.benchmark.wire.safety_events import BY_NAME, PlannedRun, start_trial
 from rig.benchmark.wire.world import Moment, Stage
 from rig.config import BenchConfig
 from support.slow_motion import IN_SLOW_MOTION, slow_down
+from support.waiting import LIMIT_S
 
 pytestmark = pytest.mark.long
 
@@ -37,6 +38,7 @@ def test_killed_lift_and_blocked_fingers_keep_every_limit(
 ) -> None:
     slow_down(monkeypatch, "rig.benchmark.wire.safety")
     monkeypatch.setattr("rig.benchmark.wire.safety.start_trial", start_slow_trial)
+    monkeypatch.setattr("rig.benchmark.wire.safety.END_S", LIMIT_S)
     plan = [
         PlannedRun(1, BY_NAME["kill -9"], Moment(Stage.LIFT, 0.5)),
         PlannedRun(2, BY_NAME["fingers blocked"], Moment(Stage.HOLD, 0.2)),

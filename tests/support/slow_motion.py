@@ -3,7 +3,8 @@
 Benches over the wire protocols have time limits: the watchdog of the arm's controller ends its program after
 80 ms without a command, a fingertip is lost after 0.25 s without a frame. A host on which other programs run
 does not keep them. On the slower clock all limits, speeds and frame rates stay the same, and the host has
-`SLOWNESS` times as long for each. So a test still fails if an arm stops too late.
+`SLOWNESS` times as long for each. So a test still fails if an arm stops too late. How slow the clock is
+depends on how busy the host is when the tests start.
 """
 
 import time
@@ -13,9 +14,13 @@ import pytest
 
 from drivers.clock import SystemClock, host_s
 from rig.bench.fakes_process import started_fakes
+from support.waiting import slowdown
 
-SLOWNESS = 4
-"""With two busy processes and two more workers on two cores, a process waits for a core for up to 0.1 s."""
+LEAST, MOST = 3, 12
+"""Bounds of the slowness: programs may start later; and at MOST a lift takes three minutes."""
+PER_SLOWDOWN = 2.0
+"""Slowness per slowdown of a computation: a lift over the wire protocols takes a core on an idle host."""
+SLOWNESS = round(min(max(PER_SLOWDOWN * slowdown(), LEAST), MOST))
 CLOCK = SystemClock(SLOWNESS)
 IN_SLOW_MOTION = f"""
 from functools import partial

@@ -10,6 +10,8 @@ import subprocess
 import termios
 import time
 
+from support.waiting import LIMIT_S
+
 _PIECES = re.compile(rb"\x1b\[([?\d;]*)([A-Za-z])|([\r\n])|([^\x1b\r\n]+)")
 
 
@@ -40,9 +42,9 @@ class Terminal:
                 except OSError:  # the child is gone
                     return
 
-    def wait_for(self, text: str, seconds: float) -> str:
+    def wait_for(self, text: str, limit_s: float = LIMIT_S) -> str:
         """Read until a text stands there; return the rows as one text."""
-        end = time.monotonic() + seconds
+        end = time.monotonic() + limit_s
         while text not in self.text():
             assert time.monotonic() < end, f"'{text}' not seen; there stands:\n{self.text()}"
             assert self.process.poll() is None or self.readable(), f"ended; there stands:\n{self.text()}"

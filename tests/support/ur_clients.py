@@ -31,7 +31,7 @@ class Client:
     """A client of the data exchange in plain sockets."""
 
     def __init__(self, host: str, names: str = "timestamp", rate_hz: float = 500.0) -> None:
-        self.socket = socket.create_connection((host, 30004), timeout=2.0)
+        self.socket = socket.create_connection((host, 30004), timeout=120)
         self.ask(b"V", b"\x00\x02")
         self.kinds = self.ask(b"O", struct.pack(">d", rate_hz) + names.encode())
         self.ask(b"S")

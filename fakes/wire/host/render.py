@@ -24,7 +24,8 @@ from fakes.wire.mjpeg.server import MjpegServer
 from fakes.wire.net import VitalThread
 from fakes.world.mirror import PATIENCE_S, MirroredWorld, Snapshot
 
-START_S = 30.0
+START_S = 120.0
+"""Time limit for the start of the process and for its answers: longer than a loaded host takes."""
 STOP_S = 5.0
 LOOK_S = 0.25
 """Interval at which the process checks that all of its threads are alive."""

@@ -17,6 +17,7 @@ from drivers.errors import InputError
 from rig.live.feed import LiveFeed, Message, Sender
 from rig.live.session import FOXGLOVE_LAYOUT, FoxgloveServer, live_session
 from support.foxglove_client import first_message
+from support.waiting import LIMIT_S
 
 NAMES = {"D1": "finger_b", "D2": "finger_c"}
 LIFT = {"number": 1, "attempt": 0, "name": "wrench", "sender": 7, "simulated": True}
@@ -157,7 +158,7 @@ def test_connected_client_gets_the_messages() -> None:
     with live_session(False, None, foxglove=FoxgloveServer("127.0.0.1", port, NAMES)) as (feed, _):
         sender = Sender(LiveFeed(tuple(each for each in feed.listeners if each.pictures)))
         asked = first_message(f"ws://127.0.0.1:{port}/", "/angle/estimate", send)
-        assert asyncio.run(asyncio.wait_for(asked, 60.0))["angle_deg"] == -3.0
+        assert asyncio.run(asyncio.wait_for(asked, LIMIT_S))["angle_deg"] == -3.0
         sender.close()
         with pytest.raises(InputError, match=rf"--foxglove-at 127.0.0.1:{port}: nothing can be served there"):
             FoxgloveServer("127.0.0.1", port, NAMES).check()

@@ -30,7 +30,7 @@ FIGURES = {
 
 def wait_for(inbox: Inbox, count: int) -> list[Message]:
     messages: list[Message] = []
-    deadline = time.monotonic() + 20.0
+    deadline = time.monotonic() + 120.0
     while len(messages) < count and time.monotonic() < deadline:
         messages += inbox.take()
         time.sleep(0.005)
@@ -166,7 +166,7 @@ def test_progress_is_printed_as_lines_without_a_terminal(
     text = ""
     with TrialView(5, inbox, lift_note) as view:
         sender.send("figures", {**LIFT, **FIGURES})
-        deadline = time.monotonic() + 20.0
+        deadline = time.monotonic() + 120.0
         while "phase B" not in text and time.monotonic() < deadline:
             time.sleep(0.02)
             text += capsys.readouterr().err

@@ -12,6 +12,7 @@ from drivers.robotiq_3f.gripper import Robotiq3F, rtu_link, tcp_link
 from drivers.robotiq_3f.modbus import Link
 from fakes.wire.gripper.server import GripperRtu, GripperServer
 from support.finger_counts import counts_of, opening_m
+from support.waiting import until
 
 Wire = GripperServer | GripperRtu
 RaisedBy = Callable[[Callable[[], object]], DeviceError]
@@ -99,8 +100,16 @@ def test_reading_resumes_when_the_line_recovers(
     server.inject("silent")
     assert isinstance(raised_by(gripper.state), DeviceTimeoutError)
     server.inject("clear")
-    time.sleep(0.6)
+    until(lambda: answers(gripper))
     assert counts_of(gripper) == 30
+
+
+def answers(gripper: Robotiq3F) -> bool:
+    try:
+        gripper.state()
+    except DeviceTimeoutError:
+        return False
+    return True
 
 
 def test_address_without_a_gripper_is_reported_quickly(raised_by: RaisedBy) -> None:

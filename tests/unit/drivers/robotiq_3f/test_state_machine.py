@@ -160,7 +160,7 @@ class WireRun(GripperRun):
         self.activate()
 
     def look_until_refused(self) -> None:
-        give_up = time.monotonic() + 10.0
+        give_up = time.monotonic() + 120.0
         while time.monotonic() < give_up:
             self.gripper.state()
             time.sleep(0.002)

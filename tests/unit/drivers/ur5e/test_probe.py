@@ -14,7 +14,7 @@ from drivers.clock import to_ns
 from drivers.errors import DeviceError, DeviceTimeoutError
 from drivers.ur5e.dashboard import Dashboard, refuse_local_control, serial_number
 from drivers.ur5e.probe import parse_version, probe_controller
-from support.slow_motion import CLOCK
+from support.slow_motion import CLOCK, SLOWNESS
 
 RTDE, SCRIPT, DASHBOARD = 30004, 30003, 29999
 LIMIT_S = 0.4
@@ -140,7 +140,7 @@ def test_closed_script_port_is_reported(peer: Peer) -> None:
         (talks(b"\x00\x04V\x00"), DeviceError, "refuses version 2"),
         (talks(b"\x00\x04V\x01\x00\x05v\x01\x02"), DeviceError, "2 bytes instead of 16"),
         (talks(b"\x00\x04v\x01"), DeviceError, "answered with b'v'"),
-        (talks(b"\x00\x04V\x01" * 3, pause_s=0.3), DeviceTimeoutError, "does not answer"),
+        (talks(b"\x00\x04V\x01" * 3, pause_s=0.1 * SLOWNESS), DeviceTimeoutError, "does not answer"),
         (controller(version=(3, 15, 0, 0)), DeviceError, "software 3.15"),
         (controller(version=(10, 10, 0, 0)), DeviceError, "software 10.10"),
         (controller(stamps=itertools.repeat(4.0)), DeviceTimeoutError, "time stands still|does not answer"),

@@ -14,6 +14,7 @@ from drivers.clock import SystemClock
 from drivers.types import Pose
 from fakes.wire.gripper.server import GripperRtu, GripperServer
 from fakes.world.world import BenchLayout, World
+from support.waiting import until
 
 TABLE = Pose((0.45, 0.0, 0.06))
 HOME = Pose((0.45, 0.0, 0.30), (1.0, 0.0, 0.0, 0.0))
@@ -66,7 +67,7 @@ def talk_hex(line: GripperRtu, frame: str, timeout_s: float = 1.0) -> str:
 
 def replies_until(ask: Callable[[], str], beginning: str) -> list[str]:
     """All replies up to one that begins so; fails when none does."""
-    replies, give_up = [ask()], time.monotonic() + 10.0
+    replies, give_up = [ask()], time.monotonic() + 120.0
     while not replies[-1].startswith(beginning):
         assert time.monotonic() < give_up, replies[-3:]
         time.sleep(0.01)
@@ -101,7 +102,7 @@ def test_another_master_over_tcp(server: GripperServer) -> None:
         "pyModbusTCP.client", reason="pip install pyModbusTCP: not installed here"
     )
     host, port = server.address
-    client = client_module.ModbusClient(host, port, unit_id=9, timeout=2.0)
+    client = client_module.ModbusClient(host, port, unit_id=9, timeout=120)
     assert client.read_input_registers(0, 8) == [0, 0, 0x0600, 0x0006, 0, 0x0600, 0x0089, 0]
     assert client.write_single_register(0, 0x0100)
     assert _becomes(lambda: client.read_holding_registers(0, 1), [0x3100])
@@ -141,7 +142,13 @@ def test_serial_line_ignores_invalid_frames(line: GripperRtu) -> None:
     for frame in (good[:-1] + b"\0", b"\x08" + good[1:], bytes.fromhex("09 01 00 00 00 01 FC 82"), good[:4]):
         assert talk(line, frame, timeout_s=0.1) == b""
         time.sleep(0.06)
-    assert talk(line, good)[:3] == b"\x09\x03\x10", "after noise and a pause the next frame is answered"
+
+    def answered() -> bool:
+        """Whether a frame after noise and a pause is answered; a loaded host may read both at once."""
+        time.sleep(0.06)
+        return talk(line, good)[:3] == b"\x09\x03\x10"
+
+    until(answered)
     time.sleep(0.06)
     refused = bytes.fromhex("09 03 00 00 00 01")
     refused += FramerRTU.compute_CRC(refused).to_bytes(2, "big")

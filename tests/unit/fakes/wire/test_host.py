@@ -115,7 +115,7 @@ def test_invalid_side_channel_requests_disturb_nothing() -> None:
             with pytest.raises(InputError, match=refusal):
                 control.call(request.pop("do"), **request)
         control.call("place", object="charuco:8x6:25:18:DICT_5X5_100@tool")
-        with urllib.request.urlopen(served.camera.address, timeout=5.0) as stream:
+        with urllib.request.urlopen(served.camera.address, timeout=120) as stream:
             assert stream.read(7) == b"--frame"
         time.sleep(0.5)
         fakes.check()

@@ -33,7 +33,7 @@ def server() -> Iterator[MjpegServer]:
 def post(server: MjpegServer, path: str, body: bytes) -> tuple[int, str]:
     try:
         request = urllib.request.Request(server.url.replace("/stream.mjpg", path), body)
-        with urllib.request.urlopen(request, timeout=2.0) as answer:
+        with urllib.request.urlopen(request, timeout=120) as answer:
             return answer.status, answer.read().decode()
     except urllib.error.HTTPError as error:
         with error:

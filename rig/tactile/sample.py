@@ -46,8 +46,8 @@ class SlipSample:
     raised an exception or returned an invalid sample; the state is then `lost`. jumped: whether the time of
     the frame is implausible in its stream, or not after that of the frame before; the frame is not used, and
     its state is `lost`, or `no_contact` if it was so before. settled: whether the contact has settled, so
-    that the angle of this frame, if it has one, is a good zero: later angles of this contact differ from it by
-    the measured rotation. It stays True until the next contact. If an estimator leaves it None,
+    that the angle of this frame, if it has one, is a good zero: later angles of this contact differ from it
+    by the measured rotation. It stays True until the next contact. If an estimator leaves it None,
     `FreshFrameEstimator` sets it by the default rule, see `SettlingByArea`.
     """
 

@@ -41,8 +41,8 @@ def column(heading: str, show: str | Callable[[Any], str] = "", doc: str = "", o
     """Declare a field of a row: heading of its column, format and meaning.
 
     show: a format specification such as ".2f", which is applied to each value of a tuple and shows None as
-    "-"; or a function that returns the text of a value, including None. doc: unit and meaning. optional: the
-    column is left out if it has no value in any row.
+    "-"; or a function that returns the text of a value, including None. doc: unit and meaning, which the
+    legend below the table explains. optional: the column is left out if it has no value in any row.
     """
     return field(metadata={"heading": heading, "show": show, "doc": doc, "optional": optional})
 
@@ -62,13 +62,17 @@ def columns_of(kind: type[Any]) -> Any:
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """A title, headings, and rows with one cell per heading. left: number of left-aligned columns."""
+    """A title, headings, and rows with one cell per heading.
+
+    left: number of left-aligned columns. legend: headings that need an explanation, and the explanations.
+    """
 
     title: str
     columns: tuple[str, ...]
     rows: Sequence[tuple[str, ...]]
     left: int = 1
     records: tuple[Any, ...] = ()
+    legend: tuple[tuple[str, str], ...] = ()
 
     def markdown(self) -> str:
         """Return the columns and rows in Markdown, without the title."""
@@ -82,7 +86,8 @@ def table_of(title: str, kind: type[Any], rows: Sequence[Any], left: int = 1) ->
         if not of["optional"] or any(_value(row, place) is not None for row in rows)
     ]  # fmt: skip
     cells = [tuple(_cell(_value(row, place), of["show"]) for place, of in shown) for row in rows]
-    return Table(title, tuple(of["heading"] for _, of in shown), cells, left, tuple(rows))
+    legend = tuple((of["heading"], of["doc"]) for _, of in shown if of["doc"])
+    return Table(title, tuple(of["heading"] for _, of in shown), cells, left, tuple(rows), legend)
 
 
 def _columns(

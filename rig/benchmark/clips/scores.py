@@ -8,7 +8,7 @@ import numpy as np
 from rig.benchmark.clips.labelled import ClipLabel
 from rig.benchmark.harness import column
 from rig.frames.estimates import FRAME_MS, frame_ms
-from rig.results.scores import is_confidently_wrong
+from rig.results.scores import WRONG_DEG, WRONG_SIGMAS, is_confidently_wrong
 from rig.results.shares import Share, share_of
 
 CLOSE_DEG, LABEL_SIGMAS = 3.0, 2.0
@@ -99,17 +99,34 @@ class ClipScore:
 
     answered: Share
     median_sigma_deg: float | None
-    labels: int = column("labels")
-    within_3: Share = column("within 3 deg")
-    within: Share = column("within 3 deg or 2 label sigmas")
-    mean_small_deg: float | None = column("mean, up to 30 deg", ".2f")
-    mean_deg: float = column("mean, all", ".2f")
-    median_small_deg: float | None = column("median, up to 30 deg", ".2f")
-    median_deg: float = column("median, all", ".2f")
-    useful: Share | None = column("useful")
-    two_sigma: Share | None = column("within 2 sigma")
-    confidently_wrong: Share | None = column("confidently wrong")
-    false_rest: Share | None = column("false rest")
+    labels: int = column("labels", doc="frames with an angle measured by hand")
+    within_3: Share = column(
+        "within 3 deg", doc="share of the labels whose angle is off by at most 3 degrees"
+    )
+    within: Share = column(
+        "within 3 deg or 2 label sigmas", doc="or by at most twice the standard deviation of the label"
+    )
+    mean_small_deg: float | None = column(
+        "mean, up to 30 deg",
+        ".2f",
+        "mean error, degrees, of labels up to 30 degrees; a refusal keeps the last angle",
+    )
+    mean_deg: float = column("mean, all", ".2f", "the same over all labels")
+    median_small_deg: float | None = column(
+        "median, up to 30 deg", ".2f", "median error, degrees, of labels up to 30 degrees"
+    )
+    median_deg: float = column("median, all", ".2f", "the same over all labels")
+    useful: Share | None = column("useful", doc=f"share with a sigma of at most {USEFUL_SIGMA_DEG:g} degrees")
+    two_sigma: Share | None = column(
+        "within 2 sigma", doc="share of the angles whose error is at most twice the sigma of angle and label"
+    )
+    confidently_wrong: Share | None = column(
+        "confidently wrong", doc=f"share off by more than {WRONG_DEG:g} degrees and {WRONG_SIGMAS:g} sigma"
+    )
+    false_rest: Share | None = column(
+        "false rest",
+        doc="share of the labels from 10 degrees on of which more than half was missed, with a useful sigma",
+    )
     frame_ms: tuple[float, float, float] | None = column(FRAME_MS, ".1f")
     empty_as_contact: float | None = column("empty reported as contact", ".1%", optional=True)
     held_as_contact: float | None = column("held reported as contact", ".1%", optional=True)

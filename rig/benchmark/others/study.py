@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from drivers.errors import RigError, unknown_name
+from drivers.errors import RigError, counted, unknown_name
 from rig.benchmark.harness import Report, Run, Study, Table, option, table_of
 from rig.benchmark.measured import at_most
 from rig.benchmark.others.clients import Row, installed, output, run_clients, skipped
@@ -191,4 +191,7 @@ def _lerobot(recording: Path, folder: Path) -> tuple[bool, str]:
     first, last = data[0], data[len(data) - 1]
     images = [key for key in first if key.startswith("observation.images.")]
     whole = bool(images) and all(tuple(first[key].shape) == tuple(last[key].shape) for key in images)
-    return whole, f"{data.num_episodes} episodes, {len(data)} frames at {data.fps} Hz, {len(images)} cameras"
+    return (
+        whole,
+        f"{counted(data.num_episodes, 'episode')}, {len(data)} frames at {data.fps} Hz, {len(images)} cameras",
+    )

@@ -97,8 +97,12 @@ def _print(report: "Report", wall_s: float, to_stderr: bool) -> None:
 
     console = table_console(to_stderr)
     limits = [limit_table(report.limits, report.limits_of)] if report.limits else []
+    explained: dict[str, str] = {}
     for table in (*report.tables, *limits):
         console.print(console_table(table.columns, table.rows, range(table.left), table.title))
+        explained |= table.legend
+    for heading, meaning in explained.items():
+        console.print(f"{heading}: {meaning}", highlight=False)
     for note in (*report.notes, f"{wall_s:.0f} s"):
         console.print(note, highlight=False)
 

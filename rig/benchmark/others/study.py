@@ -191,7 +191,5 @@ def _lerobot(recording: Path, folder: Path) -> tuple[bool, str]:
     first, last = data[0], data[len(data) - 1]
     images = [key for key in first if key.startswith("observation.images.")]
     whole = bool(images) and all(tuple(first[key].shape) == tuple(last[key].shape) for key in images)
-    return (
-        whole,
-        f"{counted(data.num_episodes, 'episode')}, {len(data)} frames at {data.fps} Hz, {len(images)} cameras",
-    )
+    episodes, frames = counted(data.num_episodes, "episode"), counted(len(data), "frame")
+    return whole, f"{episodes}, {frames} at {data.fps} Hz, {len(images)} cameras"

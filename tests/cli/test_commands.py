@@ -149,7 +149,8 @@ def test_unknown_names_are_rejected_with_the_known_ones(tmp_path: Path) -> None:
     one_line(process("trial", "--object", "wrnch", "--out", out), 2, "wrench", "t1")
     one_line(rig("record", "--object", "99", "--out", out), 2, "spam")
     one_line(rig("trial", "--estimator", "magic", "--out", out), 2, "skeleton")
-    one_line(rig("trial", "--bench", "nowhere.toml", "--out", out), 2, "fake")
+    one_line(rig("trial", "--bench", "nowhere.toml", "--out", out), 2, "file not found", "rig bench new")
+    one_line(rig("trial", "--bench", "nowhere", "--out", out), 2, "fake")
     one_line(rig("trial", "--object", "t1", "--object", "wrench", "--out", out), 2, "twice")
     assert not (tmp_path / "s").exists()
 

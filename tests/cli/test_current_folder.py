@@ -117,7 +117,7 @@ def test_page_of_label_angle(
     folder: Path, press: Callable[..., NDArray[np.uint8]], blank: NDArray[np.uint8]
 ) -> None:
     clip = write_clip(folder.parent / "clip", press, blank)
-    serve(folder, "draw the lines at", "label-angle", clip, "--count", 2, "--no-browser")
+    serve(folder, "draw the lines at", "label-angle", clip, "--count", 2, "--reference", 2, "--no-browser")
 
 
 def test_every_process_is_started_without_the_current_folder() -> None:

@@ -14,11 +14,12 @@ from numpy.typing import NDArray
 
 from rig.benchmark.clips.labelled import read_clips
 from rig.labels.angle_lines import LINES
-from support.angle_clips import TURN_DEG, ask, draw_all, write_clip
+from support.angle_clips import FIRST_CONTACT, TURN_DEG, ask, draw_all, write_clip
 from support.command_line import rig
 
 Draw = Callable[..., NDArray[np.uint8]]
 Browse = Callable[[Callable[[str], None]], None]
+REFERENCE = ("--reference", FIRST_CONTACT)
 
 
 def address_in(way: str) -> str:
@@ -54,7 +55,7 @@ def test_lines_become_labels_that_the_benchmark_reads(clip: Path, person: Browse
         ask(address, "write", {})
 
     person(task)
-    done = rig("label-angle", clip, "--count", 4, "--json")
+    done = rig("label-angle", clip, *REFERENCE, "--count", 4, "--json")
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout) == {"out": str(clip / "labels.csv"), "labels": 4, "frames": 4}
     (found,) = read_clips(clip)
@@ -81,7 +82,7 @@ def test_token_is_in_a_file_of_this_user_alone(clip: Path, monkeypatch: pytest.M
         return ask(address, "write", {})[0] == 200
 
     monkeypatch.setattr("webbrowser.open", browse)
-    assert rig("label-angle", clip, "--count", 2).returncode == 0
+    assert rig("label-angle", clip, *REFERENCE, "--count", 2).returncode == 0
     assert not Path(urlsplit(opened[0]).path).exists()
 
 
@@ -94,7 +95,7 @@ def test_drawing_continues_after_a_stop(clip: Path, person: Browse) -> None:
         os.kill(os.getpid(), signal.SIGINT)
 
     person(stops)
-    first = rig("label-angle", clip, "--count", 3)
+    first = rig("label-angle", clip, *REFERENCE, "--count", 3)
     assert first.returncode == 3, first.stderr
     assert (clip / LINES).exists()
     assert not (clip / "labels.csv").exists()
@@ -104,7 +105,7 @@ def test_drawing_continues_after_a_stop(clip: Path, person: Browse) -> None:
         ask(address, "write", {})
 
     person(goes_on)
-    again = rig("label-angle", clip)
+    again = rig("label-angle", clip, *REFERENCE)
     assert again.returncode == 0, again.stderr
     assert "continuing with 4 clicks" in again.stderr
     assert [label.frame for label in read_clips(clip)[0].labels] == [8, 13]
@@ -112,19 +113,19 @@ def test_drawing_continues_after_a_stop(clip: Path, person: Browse) -> None:
 
 def test_other_frames_than_those_begun_with_are_refused(clip: Path, person: Browse) -> None:
     person(lambda address: (draw_all(address, [2, 13]), ask(address, "write", {}), None)[-1])
-    assert rig("label-angle", clip, "--count", 2).returncode == 0
-    refused = rig("label-angle", clip, "--count", 5)
+    assert rig("label-angle", clip, *REFERENCE, "--count", 2).returncode == 0
+    refused = rig("label-angle", clip, *REFERENCE, "--count", 5)
     assert refused.returncode == 2
     assert "was begun with 2 frames and the reference 2" in refused.stderr
 
 
 def test_existing_labels_are_replaced_only_with_overwrite(clip: Path, person: Browse) -> None:
     (clip / "labels.csv").write_text("reference_frame,keyframe,angle_deg,sigma_deg\n2,6,1,1\n")
-    refused = rig("label-angle", clip)
+    refused = rig("label-angle", clip, *REFERENCE)
     assert refused.returncode == 2
     assert "--overwrite" in refused.stderr
     person(lambda address: (draw_all(address, [2, 13]), ask(address, "write", {}), None)[-1])
-    assert rig("label-angle", clip, "--count", 2, "--overwrite").returncode == 0
+    assert rig("label-angle", clip, *REFERENCE, "--count", 2, "--overwrite").returncode == 0
     assert "2,13," in (clip / "labels.csv").read_text()
 
 
@@ -146,6 +147,6 @@ def test_invalid_clip_is_rejected(clip: Path, tmp_path: Path) -> None:
 def test_missing_background_uses_the_first_frame_with_a_note(clip: Path, person: Browse) -> None:
     (clip / "background.png").unlink()
     person(lambda address: (draw_all(address, [2, 13]), ask(address, "write", {}), None)[-1])
-    done = rig("label-angle", clip, "--count", 2)
+    done = rig("label-angle", clip, *REFERENCE, "--count", 2)
     assert done.returncode == 0, done.stderr
     assert "rig benchmark clips needs a background.png" in done.stderr

@@ -82,7 +82,7 @@ def test_trial_with_a_closed_output_pipe_is_finished_and_kept(light_bench_file: 
 def test_unwritable_report_path_is_a_one_line_error(tmp_path: Path) -> None:
     pipe = tmp_path / "pipe.html"
     os.mkfifo(pipe)
-    code_of_proc = 1 if os.access("/proc", os.W_OK) else 2  # root is told only when the file is written
+    code_of_proc = 1 if os.access("/proc", os.W_OK) else 2  # for root only writing the file fails
     for place, said, code in (
         (pipe, "is not a file", 2),
         (Path("/proc/page.html"), "cannot be written", code_of_proc),

@@ -33,11 +33,12 @@ STARTED_S = 240.0
 def interrupted_after(size: int, how: signal.Signals, folder: Path, bench: Path, jobs: str = "1") -> None:
     """Start a trial of a lift per worker, and send it a signal when a recording of it has a size."""
     words = ["trial", *SETTINGS, jobs, "--jobs", jobs, "--bench", bench, "--out", folder, "--resume"]
-    before = set(unfinished_recordings(folder))
+    before = {path.stat().st_ino for path in unfinished_recordings(folder)}  # they are renamed
 
     def long_enough() -> bool:
         assert process.poll() is None
-        return any(path.stat().st_size > size for path in set(unfinished_recordings(folder)) - before)
+        new = (path.stat() for path in unfinished_recordings(folder))
+        return any(of.st_size > size for of in new if of.st_ino not in before)
 
     with subprocess.Popen([sys.executable, "-m", "rig", *words], stderr=subprocess.DEVNULL) as process:
         try:

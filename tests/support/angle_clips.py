@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 TURN_DEG = [*[0.0] * 4, *np.arange(5.0, 45.0, 5.0)]
 """Of the contact from frame 2 on; frames 0 and 1 are without one."""
 START_DEG = 15.0
+FIRST_CONTACT = 2
+"""Reference of the labels: the object turns too soon after it for the contact to settle."""
 
 
 def write_clip(folder: Path, press: Callable[..., NDArray[np.uint8]], blank: NDArray[np.uint8]) -> Path:

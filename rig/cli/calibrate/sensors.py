@@ -2,12 +2,16 @@
 
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import typer
 
 from rig.cli.calibrate.options import StationOptions, calibrated
 from rig.cli.declared import argument, is_given, option
 from rig.cli.options import ObjectsOption
+
+if TYPE_CHECKING:
+    from rig.calibrate.result import CalibrationResult
 
 _BLOCKS_MM = [8.0, 15.0, 25.0, 35.0, 50.0, 65.0, 80.0, 95.0]
 """Default widths of the blocks on a bench."""
@@ -119,13 +123,17 @@ def gripper(context: typer.Context, common: StationOptions, options: GripperOpti
     from rig.config import load_bench
 
     blocks_mm = options.blocks_mm or _BLOCKS_MM
-    step_m = load_bench(common.bench).gripper.limits.spec().resolution_m
+
+    def solve(samples: Path) -> "CalibrationResult":
+        step_m = load_bench(common.bench).gripper.limits.spec().resolution_m
+        return gripper_from_folder(samples, options.serial, step_m)
+
     calibrated(
         context,
         common,
         ("contacts", 2 * len(blocks_mm)),
         lambda at: collect_openings(at, blocks_mm),
-        lambda samples: gripper_from_folder(samples, options.serial, step_m),
+        solve,
     )
 
 

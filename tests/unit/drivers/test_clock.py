@@ -17,11 +17,10 @@ from drivers.video.external_camera import ExternalCamera
 from fakes.clock import SharedClock, SimulatedClock
 from fakes.devices.arm import LIMITS
 from rig.bench.assembly import build_real_bench
-from rig.config import load_bench
 from rig.config.load import parse_bench
+from support.benches import real_bench
 
 ROOT = Path(__file__).resolve().parents[3]
-NEW_BENCH = ROOT / "rig" / "config" / "new_bench.toml"
 SLOW = SystemClock(4)
 REFUSED = "a slowed clock lengthens all safety time limits"
 
@@ -82,16 +81,17 @@ def test_real_bench_has_the_full_speed_whatever_its_file_and_the_environment_con
 ) -> None:
     for name in ("SLOWNESS", "RIG_SLOWNESS", "RIG_CLOCK_SLOWNESS"):
         monkeypatch.setenv(name, "4")
-    clock = build_real_bench(load_bench(str(NEW_BENCH))).clock
+    config = parse_bench(real_bench(), "bench.toml")
+    clock = build_real_bench(config).clock
     assert isinstance(clock, SystemClock)
     assert clock.slowness == 1
-    text = NEW_BENCH.read_text()
+    text = real_bench()
     for section in ("", "[arm]", "[gripper]", "[camera]"):
         slowed = text.replace(section, f"{section}\nslowness = 4\n", 1)
         with pytest.raises(InputError, match="slowness"):
             parse_bench(slowed, "bench.toml")
     with pytest.raises(InputError, match=REFUSED):
-        build_real_bench(load_bench(str(NEW_BENCH)), clock=SLOW)
+        build_real_bench(config, clock=SLOW)
 
 
 PASSING_ON = {

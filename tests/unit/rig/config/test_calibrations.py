@@ -167,7 +167,7 @@ def test_refused_calibration_is_left_out(tmp_path: Path) -> None:
         ("sync", SYNC, {"add_to_stream_s": "soon"}, "damaged"),
         ("hand-eye", CAMERA_SERIAL, {**PLACE, "quaternion_xyzw": [1.0, 1.0, 0.0, 0.0]}, "length 1.414"),
         ("hand-eye", CAMERA_SERIAL, {**PLACE, "quaternion_xyzw": [0.0] * 4}, "length 0, not 1"),
-        ("hand-eye", CAMERA_SERIAL, {**PLACE, "translation_m": [400.0, 0.0, 0.0]}, "are these mm?"),
+        ("hand-eye", CAMERA_SERIAL, {**PLACE, "translation_m": [400.0, 0.0, 0.0]}, "m are needed"),
         ("hand-eye", CAMERA_SERIAL, {**PLACE, "translation_m": [[1.0], {}, None]}, "damaged"),
         ("gripper", GRIPPER, {"closing": {"counts": [6, 255], "opening_m": [12.0, 0.0]}}, "equal to 0.2"),
         ("gripper", GRIPPER, {"closing": {"counts": [6, 50, 255], "opening_m": [0.1, 0.12, 0]}}, "decrease"),

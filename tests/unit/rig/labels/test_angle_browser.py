@@ -14,7 +14,7 @@ from rig.frames.series import read_frames
 from rig.labels.angle_clip import choose_frames, load_clip
 from rig.labels.angle_lines import LINES, LineLog
 from rig.labels.angle_server import AngleServer
-from support.angle_clips import ask, true_ends, write_clip
+from support.angle_clips import FIRST_CONTACT, ask, true_ends, write_clip
 from support.browser import NEEDS_CHROMIUM, Browser
 
 pytestmark = [NEEDS_CHROMIUM, pytest.mark.slow]
@@ -39,7 +39,7 @@ def clip(tmp_path: Path, press: Callable[..., NDArray[np.uint8]], blank: NDArray
 @pytest.fixture
 def server(clip: Path) -> Iterator[AngleServer]:
     series, background = read_frames(clip / "frames"), read_image(clip / "background.png")
-    to_label = load_clip("clip", series, background, choose_frames(series, background, 3)[0])
+    to_label = load_clip("clip", series, background, choose_frames(series, background, 3, FIRST_CONTACT)[0])
     with AngleServer(to_label, LineLog(clip / LINES, to_label)) as running:
         yield running
 

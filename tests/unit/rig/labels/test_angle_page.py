@@ -20,7 +20,7 @@ from rig.labels.angle_lines import LINES, Click, LineLog, ends_in, read_drawn
 from rig.labels.angle_server import TOKEN, AnglePage, AngleServer
 from rig.pages.serving import Request
 from rig.tactile.estimators import choose_estimator
-from support.angle_clips import ask, true_ends, write_clip
+from support.angle_clips import FIRST_CONTACT, ask, true_ends, write_clip
 
 Image = NDArray[np.uint8]
 Draw = Callable[..., Image]
@@ -31,7 +31,7 @@ def clip(tmp_path: Path, press: Draw, blank: Image) -> Path:
     return write_clip(tmp_path / "clip", press, blank)
 
 
-def opened(clip: Path, count: int = 4, reference: int | None = None) -> ClipToLabel:
+def opened(clip: Path, count: int = 4, reference: int = FIRST_CONTACT) -> ClipToLabel:
     series, background = read_frames(clip / "frames"), read_image(clip / "background.png")
     return load_clip("clip", series, background, choose_frames(series, background, count, reference)[0])
 

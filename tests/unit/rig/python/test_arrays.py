@@ -131,11 +131,12 @@ def board_views(count: int) -> tuple[list[np.ndarray], list[np.ndarray]]:
     """Points of a board, and where a pinhole with a little noise sees them."""
     board = np.array([(x, y, 0.0) for y in np.arange(6) * 0.03 for x in np.arange(8) * 0.03]) - (0.1, 0.07, 0)
     seen = []
-    for _ in range(count):
+    while len(seen) < count:
         turn = Rotation.from_rotvec(RNG.uniform(-0.7, 0.7, 3))
         points = turn.apply(board) + RNG.uniform((-0.08, -0.06, 0.4), (0.08, 0.06, 0.6))
         pixels = FOCAL * points[:, :2] / points[:, 2:] + ((SIZE[0] - 1) / 2, (SIZE[1] - 1) / 2)
-        seen.append(pixels + RNG.normal(0, 0.05, pixels.shape))
+        if (pixels > 1).all() and (pixels < np.subtract(SIZE, 2)).all():
+            seen.append(pixels + RNG.normal(0, 0.05, pixels.shape))
     return [board] * count, seen
 
 

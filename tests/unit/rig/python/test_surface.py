@@ -36,7 +36,7 @@ PARTS = {
     "Score": "answered frames max_deg mean_deg std_deg within_two_sigma",
     "SensorFrame": "image mask time_s",
     "Session": "bench complete estimator folder lifts problems simulated started to_pandas",
-    "StreamingEstimator": "set_reference settled slips_s track update update_at",
+    "StreamingEstimator": "check_background set_reference settled slips_s track update update_at",
     "WrenchTrack": "force_n time_s torque_nm",
 }
 ERRORS = (

@@ -1,9 +1,9 @@
 """Check whether a background shows a contact, and by how much the gel has changed since it was taken.
 
 A contact adds edges to the image of the gel. So a background shows a contact if it has clear edges by
-itself, or if its edges are stronger than those of other frames in the region that differs. The second holds for the frames
-after the object was lifted off. Both are computed for single frames, so the check is the same for recorded
-and for live frames.
+itself, or if its edges are stronger than those of other frames in the region that differs. The second holds
+for the frames after the object was lifted off. Both are computed for single frames, so the check is the same
+for recorded and for live frames.
 """
 
 from dataclasses import dataclass

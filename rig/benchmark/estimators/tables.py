@@ -89,7 +89,9 @@ class EstimatorRow:
     ms: tuple[float, float] = column("ms per frame with contact: median, 99 %", ".2f")
     mare: Mare | None = column("MARE, B and C", mare_text)
     mare_b: Mare | None = column("MARE, B", mare_text)
-    held_deg: float | None = column("refused held", ".2f", "MARE, with refused frames held")
+    held_deg: float | None = column(
+        "refused frames keep the last angle", ".2f", "MARE if a refused frame counts with the last angle"
+    )
     elongated_deg: float | None = column("elongated", ".2f", "MARE of elongated objects")
     worst: str = column("worst lift", doc="largest mean error of a lift, and the lift")
     answered: float = column("answered", ".1%", "share of the frames")

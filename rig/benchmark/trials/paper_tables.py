@@ -111,7 +111,7 @@ def table_four(result: TrialsResult) -> Table:
         "MARE",
         "95 % interval",
         "answered",
-        "refused held",
+        "refused frames keep the last angle",
         "ms per frame with contact",
         "paper",
     )

@@ -85,11 +85,13 @@ def _numbers(result: CameraFit, projected_px: figures.Array) -> dict[str, str]:
     return {
         "focal length": f"{matrix[0, 0]:.2f} ± {sigma[0]:.2f}, {matrix[1, 1]:.2f} ± {sigma[1]:.2f} px",
         "principal point": f"{matrix[0, 2]:.2f} ± {sigma[2]:.2f}, {matrix[1, 2]:.2f} ± {sigma[3]:.2f} px",
-        "distortion": ", ".join(f"{v:.5g}" for v in result.fit.camera.distortion),
+        "distortion": ", ".join(
+            f"{name} {v:.5g}" for name, v in zip(TERMS[4:], result.fit.camera.distortion, strict=False)
+        ),
         "lens model": f"{result.fit.lens.name}, best of {', '.join(result.held_out_px)} on views held out",
-        "views held out are missed by": f"{result.held_out_rms_px:.3f} px (fitted: {result.fit.rms_px:.3f})",
+        "views held out are missed by": f"{result.held_out_rms_px:.3f} px (fitted: {result.fit.rms_px:.3f} px)",
         "projection uncertain by": f"{np.median(projected_px):.2f} px (median), "
-        f"{projected_px.max():.2f} at worst",
+        f"{projected_px.max():.2f} px at worst",
     }
 
 

@@ -69,7 +69,7 @@ def _with_tip(
         quality={**result.quality, "covariance": covariance, "sigma_m": sigma},
         numbers={
             "point of the clamped tip, from the flange": _mm(tip_m),
-            "one sigma": " / ".join(f"{1e3 * v:.2f}" for v in sigma) + " mm",
+            "one sigma": _mm(sigma),
             "largest turn": f"{found.cone_deg:.0f} degrees",
         },
         pictures=[Picture("Error per pose", text, figures.bars(missed, "distance, mm"))],
@@ -130,4 +130,4 @@ def _flange_poses(path: Path, flange_T_tcp: Pose | None) -> tuple[dict[str, Pose
 
 
 def _mm(point_m: Array) -> str:
-    return ", ".join(f"{1e3 * v:.2f}" for v in point_m) + " mm"
+    return ", ".join(f"{axis} {1e3 * v:.2f}" for axis, v in zip("xyz", point_m, strict=True)) + " mm"

@@ -89,7 +89,8 @@ def _numbers(result: CameraFit, projected_px: figures.Array) -> dict[str, str]:
             f"{name} {v:.5g}" for name, v in zip(TERMS[4:], result.fit.camera.distortion, strict=False)
         ),
         "lens model": f"{result.fit.lens.name}, best of {', '.join(result.held_out_px)} on views held out",
-        "views held out are missed by": f"{result.held_out_rms_px:.3f} px (fitted: {result.fit.rms_px:.3f} px)",
+        "views held out are missed by": f"{result.held_out_rms_px:.3f} px "
+        f"(fitted: {result.fit.rms_px:.3f} px)",
         "projection uncertain by": f"{np.median(projected_px):.2f} px (median), "
         f"{projected_px.max():.2f} px at worst",
     }

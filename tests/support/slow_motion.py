@@ -16,9 +16,9 @@ from drivers.clock import SystemClock, host_s
 from rig.bench.fakes_process import started_fakes
 from support.waiting import slowdown
 
-LEAST, MOST = 3, 12
-"""Bounds of the slowness: programs may start later; and at MOST a lift takes three minutes."""
-PER_SLOWDOWN = 2.0
+LEAST, MOST = 6, 16
+"""Bounds of the slowness: programs may start later; and at MOST a lift takes four minutes."""
+PER_SLOWDOWN = 3.0
 """Slowness per slowdown of a computation: a lift over the wire protocols takes a core on an idle host."""
 SLOWNESS = round(min(max(PER_SLOWDOWN * slowdown(), LEAST), MOST))
 CLOCK = SystemClock(SLOWNESS)

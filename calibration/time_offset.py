@@ -23,6 +23,9 @@ _NOT_NOISE = 0.6
 """Lag-1 autocorrelation above which the residual is not noise, whose own is near zero. If less than
 `_WELL_EXPLAINED` is explained, it indicates a wrong minimum; otherwise sensors with different smoothing, and
 it increases sigma."""
+_SPEED_S = 0.01
+"""Half of the time over which the signal's speed is computed. Over less, noise counts as speed and sigma is too
+small; the speed of a hand or an arm changes more slowly."""
 _GRID_S = 0.002
 """Step of the grid search."""
 _HILL = 1.05
@@ -100,7 +103,7 @@ class _Streams:
         at = self.at(offset_s, drift)
         _, gain, _ = _explained(self.t1, self.signal, at, self.wanted)
         seen = np.interp(at, self.t1, self.signal)
-        half = max(float(np.median(np.diff(self.t1))), 2e-3)
+        half = max(float(np.median(np.diff(self.t1))), _SPEED_S)
         ends = np.interp(at + half, self.t1, self.signal), np.interp(at - half, self.t1, self.signal)
         speed = gain * (ends[0] - ends[1]) / (2 * half)
         columns = [speed, seen - seen.mean(), np.ones_like(at)]

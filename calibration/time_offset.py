@@ -24,8 +24,8 @@ _NOT_NOISE = 0.6
 `_WELL_EXPLAINED` is explained, it indicates a wrong minimum; otherwise sensors with different smoothing, and
 it increases sigma."""
 _SPEED_S = 0.01
-"""Half of the time over which the signal's speed is computed. Over less, noise counts as speed and sigma is too
-small; the speed of a hand or an arm changes more slowly."""
+"""Half of the time over which the signal's speed is computed. Over less, noise counts as speed and sigma is
+too small; the speed of a hand or an arm changes more slowly."""
 _GRID_S = 0.002
 """Step of the grid search."""
 _HILL = 1.05

@@ -16,25 +16,28 @@ class Display:
     count: Callable[[int, int | None], None]
 
 
-_displays: list[Display] = []
+_display: Display | None = None
 
 
 def show_on(display: Display | None) -> None:
     """Use a display from now on; None for none."""
-    _displays[:] = [] if display is None else [display]
+    global _display
+    _display = display
 
 
 def begin_work(name: str) -> None:
     """Name the work that begins now. Without a display the name is logged as a warning."""
-    for display in _displays[:]:
+    display = _display
+    if display is None:
+        logging.getLogger(__name__).warning(name)
+    else:
         display.begin(name)
-        return
-    logging.getLogger(__name__).warning(name)
 
 
 def count_steps(done: int, total: int | None) -> None:
     """Report the number of finished steps, and of all steps if it is known."""
-    for display in _displays[:]:
+    display = _display
+    if display is not None:
         display.count(done, total)
 
 

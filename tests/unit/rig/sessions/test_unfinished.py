@@ -138,13 +138,16 @@ def test_full_disk_is_an_error_within_the_lift(tmp_path: Path) -> None:
     assert writers() == []
 
 
+def manifest() -> TrialManifest:
+    asked = begun_on(load_bench("fake"), "trial", 0, ["t1"])
+    return TrialManifest(**vars(asked), lifts_per_object=3, estimator="slip", window=1, skip=True)
+
+
 def test_finished_recording_gets_its_name_and_an_unlisted_one_is_kept(
     tmp_path: Path, lift_row: Callable[..., FinishedLift]
 ) -> None:
     """The state after a crash between renaming a recording and appending its line."""
-    asked = begun_on(load_bench("fake"), "trial", 0, ["t1"])
-    manifest = TrialManifest(**vars(asked), lifts_per_object=3, estimator="slip", window=1, skip=True)
-    with open_session(tmp_path / "s", manifest, LIFTS, resume=False) as session:
+    with open_session(tmp_path / "s", manifest(), LIFTS, resume=False) as session:
         lifts = session.folder / "lifts"
         lifts.mkdir()
         (lifts / "007.mcap").write_bytes(b"older")
@@ -169,13 +172,11 @@ def test_finished_recording_gets_its_name_and_an_unlisted_one_is_kept(
 def test_resumed_session_leaves_no_unfinished_recording(
     before: list[str], after: list[str], tmp_path: Path
 ) -> None:
-    asked = begun_on(load_bench("fake"), "trial", 0, ["t1"])
-    manifest = TrialManifest(**vars(asked), lifts_per_object=3, estimator="slip", window=1, skip=True)
-    with open_session(tmp_path / "s", manifest, LIFTS, resume=False) as session:
+    with open_session(tmp_path / "s", manifest(), LIFTS, resume=False) as session:
         lifts = session.folder / "lifts"
         lifts.mkdir()
         for name in before:
             (lifts / f"{name}.mcap").write_bytes(name.encode())
-    with open_session(tmp_path / "s", manifest, LIFTS, resume=True):
+    with open_session(tmp_path / "s", manifest(), LIFTS, resume=True):
         assert sorted(path.stem for path in lifts.iterdir()) == sorted(after)
         assert {path.read_bytes().decode() for path in lifts.iterdir()} == set(before)

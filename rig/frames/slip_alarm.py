@@ -15,8 +15,8 @@ from rig.tactile.settling import NEW_GRASP_NS
 
 NOISE_FACTOR, SURE_DEG = 3.0, 0.8
 """The rate of a slip exceeds the root mean square of the rates at rest by this factor, or the rotation is at
-least SURE_DEG, so that a slow slip is not missed as noise. Of 400 SIMULATED presses at rest, one raised the
-alarm without this condition (a can, whose rate had a standard deviation of 2.4 degrees per second)."""
+least SURE_DEG, so that a slow slip is not missed as noise. Of 200 SIMULATED presses at rest, three raise the
+alarm all the same, because single angles are off by 0.4 degrees (`tests/unit/rig/live/test_presses.py`)."""
 USUAL_NOISE_DEG_S, USUAL_NOISE_FRAMES = 0.5, 5
 """Assumed noise of the rate, until more frames than these have been seen at rest; SIMULATED presses."""
 KEPT_SLIPS = 20

@@ -36,6 +36,8 @@ RTDE_PORT, DASHBOARD_PORT, REALTIME_PORT = 30004, 29999, 30003
 SCRIPT_PORTS = (30001, 30002, REALTIME_PORT)
 TOO_LATE_NS = 250_000_000
 """Cycles missed by more than this are skipped, not caught up."""
+STOOD_STILL_NS = 20_000_000
+"""Missed time that does not count for the watchdog: a quarter of the time after which it ends the program."""
 POLYSCOPE = "5.11.0"
 """The version that is announced by default."""
 BUILDS = {(5, 11): 108249}
@@ -185,16 +187,19 @@ class URController:
     def _serve(self) -> None:
         while not self._stopping.is_set():
             wait_ns = (self._cycle + 1) * CYCLE_NS - self._clock.now_ns()
-            ready = self._selector.select(host_s(self._clock, max(wait_ns, 0) / NS_PER_S))
+            self._selector.select(host_s(self._clock, max(wait_ns, 0) / NS_PER_S))
             with self._lock:
-                self.robot.heard_ns = self._clock.now_ns()
-                for key, _ in ready:
+                self.robot.heard_ns = now_ns = self._clock.now_ns()
+                # asked again: what arrived while this thread had no core is heard before the missed cycles
+                for key, _ in self._selector.select(0):
                     self._handle(key.data)
-                self._catch_up()
+                self._catch_up(now_ns // CYCLE_NS)
 
-    def _catch_up(self) -> None:
-        due = self._clock.now_ns() // CYCLE_NS
-        if (due - self._cycle) * CYCLE_NS > TOO_LATE_NS:
+    def _catch_up(self, due: int) -> None:
+        missed_ns = (due - 1 - self._cycle) * CYCLE_NS
+        if missed_ns > STOOD_STILL_NS:
+            self.robot.runtime.stood_still(missed_ns, due * CYCLE_NS)
+        if missed_ns > TOO_LATE_NS:
             self._skipped += due - 1 - self._cycle
             self._cycle = due - 1
         while self._cycle < due:

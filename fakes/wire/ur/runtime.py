@@ -47,6 +47,14 @@ class Runtime:
         """Record that a client wrote a register."""
         self._written_ns[register] = time_ns
 
+    def stood_still(self, missed_ns: int, time_ns: int) -> None:
+        """Do not count a time in which the simulated controller had no core as silence of its client.
+
+        A real controller does not stop with the computer of its client.
+        """
+        for register, written_ns in self._written_ns.items():
+            self._written_ns[register] = max(written_ns, min(written_ns + missed_ns, time_ns))
+
     def take_over(self, time_ns: int) -> bool:
         """Check the watchdog, start a program that has been read; return whether another one ended."""
         before = self._program

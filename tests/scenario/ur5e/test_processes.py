@@ -4,6 +4,7 @@ import os
 import signal
 import subprocess
 import sys
+import time
 
 import pytest
 
@@ -97,8 +98,8 @@ arm.connect()
 motion = arm.move_linear(arm.state().base_T_tcp.translated(z_m=-0.20), 0.25, 1.0)
 if sys.argv[2] == "hangs":
     time.sleep(300)
-if sys.argv[2].startswith("busy"):
-    busy(slowness * float(sys.argv[2][5:]), arm._link.control._process._process.pid)
+if sys.argv[2] == "busy":
+    busy(slowness * 0.1, arm._link.control._process._process.pid)
 try:
     motion.wait(10.0)
 except Exception as error:
@@ -150,16 +151,13 @@ def test_motion_stops_if_its_program_hangs(controller: URController) -> None:
 
 
 @pytest.mark.skipif(not hasattr(os, "SCHED_IDLE"), reason="this system has no SCHED_IDLE")
-@pytest.mark.parametrize(("busy_s", "said"), [(0.1, ""), (1.5, "too busy to move an arm")])
-def test_motion_continues_for_a_moment_without_a_core_and_stops_after_longer(
-    controller: URController, busy_s: float, said: str
-) -> None:
-    with moving(controller, f"busy {busy_s}") as rig:
+def test_motion_continues_for_a_moment_without_a_core(controller: URController) -> None:
+    # After how long it stops is a test of the heartbeat: how long a program waits is the scheduler's choice.
+    with moving(controller, "busy") as rig:
         try:
             assert rig.stdout is not None
-            assert said in rig.stdout.read()
-            arrived = HOME.position_m[2] - height_m(controller) > 0.199
-            assert arrived == (not said)
+            assert rig.stdout.read() == ""
+            assert HOME.position_m[2] - height_m(controller) > 0.199
         finally:
             rig.kill()
 
@@ -172,6 +170,24 @@ def test_controller_stops_the_arm_if_it_gets_no_commands(controller: URControlle
     pause(0.5)
     assert there - height_m(controller) <= 0.030
     assert stands(controller)
+
+
+@pytest.mark.parametrize("all_of_it", [False, True])
+def test_computer_that_stands_still_does_not_end_the_program_of_a_simulated_controller(
+    controller: URController, arm: UR5e, all_of_it: bool
+) -> None:
+    process = arm._link.control._process._process  # type: ignore[union-attr]
+    before_s = sys.getswitchinterval()
+    end_s = time.monotonic() + SLOWNESS * 0.2
+    if all_of_it:
+        process.send_signal(signal.SIGSTOP)
+    sys.setswitchinterval(SLOWNESS)
+    while time.monotonic() < end_s:  # the controller's thread does not run
+        pass
+    sys.setswitchinterval(before_s)
+    process.send_signal(signal.SIGCONT)
+    pause(0.05)
+    assert controller.snapshot()["program_running"], controller.snapshot()["program_end"]
 
 
 def exists(pid: int) -> bool:

@@ -80,10 +80,11 @@ class _Phase:
     """A silent phase: prints its name, and from `PROGRESS_S` on its progress and the remaining time.
 
     On a terminal one line is updated; in other output a line is printed every `PLAIN_EVERY_S`. A thread does
-    this while nothing is counted. ticking: without it, lines are printed only when a step is counted.
+    this while nothing is counted. ticking: without it, lines are printed only when a step is counted. left:
+    the remaining time of work of which some pieces are finished; the progress is then shown immediately.
     """
 
-    def __init__(self, name: str, ticking: bool) -> None:
+    def __init__(self, name: str, ticking: bool, left: TimeLeft | None = None) -> None:
         self._name, self._began = name, time.monotonic()
         stream = drawn_stream(sys.stderr)
         self._stream = getattr(stream, "bare", stream)  # writing to an `Output` ends the phase
@@ -91,8 +92,9 @@ class _Phase:
         self._next_s, self._updating, self._named = SILENT_S, False, not ticking
         if not ticking:
             self._next_s = PROGRESS_S if self._on_terminal else PLAIN_EVERY_S
-        self._left: TimeLeft | None = None
-        self._counted = 0
+        if left is not None:
+            self._named, self._next_s = True, 0.0 if self._on_terminal else PLAIN_EVERY_S
+        self._left, self._counted = left, 0
         self._lock, self._ended = threading.RLock(), threading.Event()
         self.thread = threading.Thread(target=self._tick, daemon=True) if ticking else None
         if self.thread is not None:
@@ -144,7 +146,7 @@ class _Phase:
         if self._left is None:
             counted = f"{self._counted} done, " if self._counted else ""
             return f"{counted}{elapsed_s:.0f} s so far"
-        return f"{self._counted} of {self._left.total}, {left or f'{elapsed_s:.0f} s so far'}"
+        return f"{self._left.done} of {self._left.total}, {left or f'{elapsed_s:.0f} s so far'}"
 
     def _write(self, text: str) -> None:
         with suppress(OSError, ValueError):  # the reader has gone
@@ -152,15 +154,16 @@ class _Phase:
             self._stream.flush()
 
 
-def begin_phase(name: str, ticking: bool = True) -> None:
+def begin_phase(name: str, ticking: bool = True, left: TimeLeft | None = None) -> None:
     """Show a phase's name and progress on stderr while nothing else is printed. The previous phase ends.
 
     name: description of the work, such as "writing the report". Loops of the phase count their steps with
-    `drivers.progress.steps`. ticking: False if the phase forks, because a fork must not copy a thread.
+    `drivers.progress.steps`. ticking: False if the phase forks, because a fork must not copy a thread. left:
+    the remaining time, if the phase continues work of which some pieces are finished.
     """
     global _phase
     end_phase()
-    _phase = _Phase(name, ticking)
+    _phase = _Phase(name, ticking, left)
     show_on(Display(begin_phase, _phase.count))
 
 
@@ -190,7 +193,8 @@ def shown(display: "Live") -> Iterator[None]:
 
 @contextmanager
 def set_aside() -> Iterator[None]:
-    """Hide all displays during a question, then show them again."""
+    """End the phase, and hide all displays during a question, then show them again."""
+    end_phase()
     paused = [(display, display.transient, display.vertical_overflow) for display in _shown]
     for display, _, _ in paused:
         display.transient = True  # otherwise its last state would remain above the question

@@ -16,8 +16,6 @@ from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
     Progress,
-    ProgressColumn,
-    Task,
     TextColumn,
     TimeElapsedColumn,
 )
@@ -40,58 +38,29 @@ USUAL_LIFT_S = 8.0
 
 
 class WorkProgress:
-    """A progress bar on a terminal; in other output a line per finished piece of work."""
+    """A line per finished piece of work, and between the lines the number of pieces and the time left."""
 
     def __init__(self, total: int, what: str) -> None:
-        console = PlainConsole(stderr=True)
-        self._what, self._plain = what, not console.is_terminal
-        self._time_left = TimeLeft(total)
-        self._bar = Progress(
-            TextColumn(what),
-            BarColumn(),
-            MofNCompleteColumn(),
-            _TimeLeftColumn(self._time_left),
-            console=console,
-            disable=self._plain,
-        )
-        self._task = self._bar.add_task(what, total=total)
-        self._shown = ExitStack()
+        self._what, self._left = what, TimeLeft(total)
 
     def __enter__(self) -> Self:
-        if self._plain:
-            begin_phase(f"{self._what}: the first one has started")
-        else:
-            self._shown.enter_context(shown(self._bar.live))
+        begin_phase(f"{self._what}: the first one has started")
         return self
 
     def __exit__(self, *_: object) -> None:
         end_phase()
-        self._shown.close()
 
     def show(self, done: int, total: int, note: str) -> None:
         """Show the number of finished pieces, and the result of the last one."""
-        if self._plain:
-            print(f"{done}/{total} {note}", file=sys.stderr, flush=True)
-        else:
-            self._time_left.piece_done(done, total)
-            self._bar.update(self._task, completed=done, total=total)
-            self._bar.console.print(f"{done}/{total} {note}", highlight=False)
+        end_phase()
+        print(f"{done}/{total} {note}", file=sys.stderr, flush=True)
+        self._left.piece_done(done, total)
+        if done < total:
+            begin_phase(self._what, left=self._left)
 
     def showing(self, note: Callable[[Row], str]) -> Callable[[int, int, Row], None]:
         """Return a function that shows a finished piece of work. note: returns the text of its result."""
         return lambda done, total, row: self.show(done, total, note(row))
-
-
-class _TimeLeftColumn(ProgressColumn):
-    """The time left, computed at each redraw."""
-
-    def __init__(self, time_left: TimeLeft) -> None:
-        super().__init__()
-        self._time_left = time_left
-
-    def render(self, task: Task) -> Text:
-        """Return the text of the column."""
-        return Text(left_text(self._time_left.counting_down()))
 
 
 class OneMessage(Generic[Row]):
@@ -116,28 +85,30 @@ class OneMessage(Generic[Row]):
 
 
 class TrainingView:
-    """A progress bar on a terminal; in other output a line per epoch."""
+    """A line per epoch, and between the lines the step with its finished percentage and the time left."""
 
     def __init__(self) -> None:
-        self._bar = Progress(console=PlainConsole(stderr=True), transient=True)
-        self._task = self._bar.add_task("", total=1.0)
-        self._phase = ""
+        self._left, self._text = TimeLeft(100), ""
 
     def __enter__(self) -> Self:
-        self._bar.start()
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._bar.stop()
+        end_phase()
 
     def __call__(self, text: str, share: float) -> None:
         """Show the step and the finished fraction of the training."""
-        self._bar.update(self._task, description=text, completed=share)
+        percent = round(100.0 * share)
+        if percent < self._left.done:  # another part of the training begins
+            self._left = TimeLeft(100, percent)
+        self._left.piece_done(percent, 100)
         if "loss" in text:
-            self._bar.console.print(text, highlight=False)
-        elif text != self._phase and not self._bar.console.is_terminal:
-            self._phase = text
-            begin_phase(text)
+            end_phase()
+            print(text, file=sys.stderr, flush=True)
+            begin_phase("training, percent", left=self._left)
+        elif text != self._text:
+            begin_phase(f"{text}, percent", left=self._left)
+        self._text = text
 
 
 class TrialView:

@@ -13,7 +13,15 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from drivers.clock import NS_PER_S, Clock, SystemClock, to_ns
-from drivers.errors import DeviceError, DeviceTimeoutError, InputError, RigError, StaleFrameError, counted
+from drivers.errors import (
+    DeviceError,
+    DeviceTimeoutError,
+    InputError,
+    RecordingError,
+    RigError,
+    StaleFrameError,
+    counted,
+)
 from drivers.interfaces import FrameSource
 from drivers.types import Frame, Image
 from rig.frames.estimation import require_frames_suffice
@@ -138,6 +146,8 @@ class Desk:
             self._say(f"{frame}; {self.sensors[name].summary}")
             return []
         sensor = self.sensors[name]
+        if sensor.clip is not None:
+            self._record(sensor.clip, frame)
         reading = sensor.take(frame, self._clock)
         if sensor.news:
             self._say(f"{name}: {sensor.news}")
@@ -188,6 +198,13 @@ class Desk:
             about = {"sensor": name, "simulated": self._settings.simulated, "background": background.origin}
             sensor.clip = ClipWriter(clip_folder(self._settings.clips, name), background.image, about)
         return f"recording to {', '.join(str(s.clip.folder) for s in self.sensors.values() if s.clip)}"
+
+    def _record(self, clip: ClipWriter, frame: Frame) -> None:
+        """Write a frame to a clip; if that fails, end the clips and go on."""
+        try:
+            clip.add(frame)
+        except RecordingError as error:
+            self._say(f"{error}; {self._end_clips()}")
 
     def _end_clips(self) -> str:
         done = []

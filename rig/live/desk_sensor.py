@@ -121,11 +121,9 @@ class DeskSensor:
         return self._tally.dropped
 
     def take(self, frame: Frame, clock: Clock) -> Reading:
-        """Estimate the angle in a frame and write the frame to the clip. Raises `InputError`."""
+        """Estimate the angle in a frame. Raises `InputError`."""
         self._tally.add(frame)
         self._times.append(frame.time_ns)
-        if self.clip is not None:
-            self.clip.add(frame)
         sample, state = None, TAKING_BACKGROUND
         if not self.background.collecting:
             sample = self._estimated(frame)

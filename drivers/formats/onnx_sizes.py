@@ -16,6 +16,8 @@ _INSIDE = {
     "attribute": {5: "tensor", 6: "graph", 10: "tensor", 11: "graph", 22: "sparse", 23: "sparse"},
 }
 """Messages that contain tensors, by field number."""
+_MERGED = {"model": (7,), "attribute": (5, 6, 22)}
+"""Fields that occur once; readers join the contents of several, also their dimensions."""
 _DIMS = {"tensor": 1, "sparse": 3}
 """Field of the dimensions."""
 _ELEMENT_BYTES = 8
@@ -23,8 +25,8 @@ _ELEMENT_BYTES = 8
 _MOST_ELEMENTS = 1 << 62
 """Products of dimensions are cut off here."""
 _VARINT, _LENGTH = 0, 2
-_FIXED = {1: 8, 5: 4}
-"""Wire types of protocol buffers; fixed ones by their size in bytes."""
+_SIZED = {1: 8, 3: 0, 4: 0, 5: 4}
+"""Wire types of protocol buffers; those of fixed size with it in bytes. Groups (3, 4) are read as fields."""
 
 
 def check_onnx(where: str, data: bytes) -> None:
@@ -36,13 +38,17 @@ def check_onnx(where: str, data: bytes) -> None:
     while left:
         kind, message = left.pop()
         count = None if kind in _INSIDE else 1
+        found: dict[int, list[memoryview]] = {}
         for number, value in _fields(message):
-            inside = _INSIDE.get(kind, {}).get(number)
-            if inside is not None and isinstance(value, memoryview):
-                left.append((inside, value))
+            if number in _INSIDE.get(kind, ()) and isinstance(value, memoryview):
+                found.setdefault(number, []).append(value)
             elif count is not None and number == _DIMS[kind]:
                 for size in [value] if isinstance(value, int) else _varints(value):
                     count = min(count * size, _MOST_ELEMENTS)
+        for number, parts in found.items():
+            if len(parts) > 1 and number in _MERGED.get(kind, ()):
+                parts = [memoryview(b"".join(parts))]
+            left += [(_INSIDE[kind][number], part) for part in parts]
         total += _ELEMENT_BYTES * (count or 0)
         check_unpacked(where, len(data), total)
 
@@ -61,7 +67,7 @@ def _fields(message: memoryview) -> Iterator[tuple[int, int | memoryview]]:
             yield number, message[at : at + size]
             at += size
         else:
-            at += _FIXED.get(wire, len(message))
+            at += _SIZED.get(wire, len(message))
 
 
 def _varints(packed: memoryview) -> Iterator[int]:

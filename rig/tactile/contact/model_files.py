@@ -57,6 +57,7 @@ def open_model(path: Path, threads: int, how: str) -> onnxruntime.InferenceSessi
     # errors are raised as exceptions; without this onnxruntime would also print them on stderr
     options.log_severity_level = 4
     options.add_session_config_entry("session.use_env_allocators", "1")
+    options.add_session_config_entry("session.load_model_format", "ONNX")  # no other format is checked
     data = read_bounded(path, MOST_BYTES)
     check_onnx(str(path), data)
     try:

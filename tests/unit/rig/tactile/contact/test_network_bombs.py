@@ -10,7 +10,7 @@ import pytest
 from drivers.errors import FormatError, InputError
 from drivers.formats import check_onnx
 from rig.tactile.contact.network import load_network
-from support.onnx_bytes import field, node, segmentation, sparse, tensor
+from support.onnx_bytes import field, node, segmentation, sparse, tensor, varint
 
 SIDE = 60_000
 """A square of floats with this side takes 14 GB."""
@@ -26,6 +26,19 @@ DECLARED = {
     "negative dimension": segmentation([], [tensor("big", [(1 << 64) - 1])]),
     "tensor in a branch": segmentation(
         [node("If", ["x"], ["big"], field(1, "then_branch") + field(6, IF_GRAPH) + field(20, 5))]
+    ),
+    "behind an unknown group": varint(100 << 3 | 3)
+    + varint(100 << 3 | 4)
+    + segmentation([], more=field(15, sparse("big", [SIDE, SIDE]))),
+    "dimensions in two parts": segmentation(
+        [
+            node(
+                "Constant",
+                [],
+                ["big"],
+                field(1, "sparse_value") + field(22, sparse("", [SIDE])) + field(22, field(3, SIDE)),
+            )
+        ]
     ),
     "many small ones": segmentation([], [tensor(f"t{n}", [4_000_000]) for n in range(20)]),
 }

@@ -151,12 +151,67 @@ def test_user_can_set_reference_background_and_estimator() -> None:
         assert desk.notice == "estimator ellipse"
         for wrong in ("estimator nothing", "estimator toskov", "explode"):
             desk.act(wrong)
+            assert desk.notice != "estimator ellipse"
         assert desk.notice == "'explode' is not known: reload the page"
         assert until("tracking").sample is not None
         desk.act("reference")
         assert desk.notice == "reference taken: the angle counts from here"
         desk.act("background")
         assert until("taking the background").sample is None
+
+
+BROKEN = """
+from pathlib import Path
+Path("imported").touch()
+class Move:
+    def __init__(self, background): raise RuntimeError("moved")
+    def update(self, image, time_ns): ...
+"""
+
+
+def test_estimators_that_are_not_offered_are_not_imported_and_recording_goes_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "move_robot.py").write_text(BROKEN)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    frames = list(desk_frames(5.5))
+    settings = DeskSettings(choose_estimator("ellipse"), clips=tmp_path / "clips")
+    with Desk([GivenFrames(frames)], settings, Sender(NO_VIEWER)) as desk:
+        taken = 0
+        while taken < BACKGROUND_FRAMES:
+            taken += len(desk.step())
+        desk.act("record")
+        for name in ("move_robot:Move", "builtins:dict", "os:system", "", "ellipse ", " ellipse", "ELLIPSE"):
+            desk.act(f"estimator {name}")
+            assert desk.notice == f"'estimator {name}' is not known: reload the page"
+            assert desk.step()
+        assert not (tmp_path / "imported").exists()
+        assert desk.recording
+
+
+@pytest.mark.parametrize("collecting", [True, False])
+def test_offered_estimator_that_cannot_be_made_is_refused_and_the_view_goes_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, collecting: bool
+) -> None:
+    (tmp_path / "broken_tip.py").write_text(BROKEN)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    frames = list(desk_frames(5.5))
+    names = ("ellipse", "broken_tip:Move", "builtins:dict")
+    settings = DeskSettings(choose_estimator("ellipse"), clips=tmp_path / "clips", estimators=names)
+    with Desk([GivenFrames(frames)], settings, Sender(NO_VIEWER)) as desk:
+        while not collecting and not desk.recording:
+            desk.step()
+            desk.act("record")
+        for name, cause in (("broken_tip:Move", "moved"), ("builtins:dict", "dict(background)")):
+            desk.act(f"estimator {name}")
+            assert name in desk.notice
+            assert cause in desk.notice
+            assert desk.step()
+        assert desk.recording is not collecting
+        states = {reading.state for _ in range(60) for reading in desk.step()}
+        assert states >= {"no_contact"}
 
 
 def test_frame_with_picture_and_outline_reaches_viewers(tmp_path: Path) -> None:

@@ -132,7 +132,7 @@ def _reaction(settings: TrialSettings, task: LiftTask, measurement: LiftMeasurem
 def _warning(row: LiftRow) -> str | None:
     if not isinstance(row, FinishedLift):
         return None
-    return "; ".join(str(what) for what in (row.marker_distance, row.estimator_faults) if what) or None
+    return "; ".join(row.warnings) or None
 
 
 @dataclass(frozen=True, slots=True)

@@ -26,7 +26,7 @@ def trial_notices(trial: Trial, now: datetime | None = None) -> list[Notice]:
     """Return all notices about a trial, the most serious first."""
     checks: tuple[Callable[[Trial], list[Notice]], ...] = (
         _unfinished, _faults, _fallen, _few_lifts, _small_turns, _refused, _sigma, _unseen_markers,
-        _marker_distance, _estimator_faults, _drops, _jumps, _slow, _one_sided, _false_alarms,
+        _marker_distance, _estimator_faults, _frozen, _drops, _jumps, _slow, _one_sided, _false_alarms,
     )  # fmt: skip
     found = [*trial.problems, *(notice for check in checks for notice in check(trial))]
     found += calibration_notices(trial.manifest, now or datetime.now(UTC))
@@ -151,6 +151,12 @@ def _estimator_faults(trial: Trial) -> list[Notice]:
     what = f"The estimator itself failed in {counted(len(found), 'lift')}, most in {worst.name}: {faults}."
     advice = "The frames are stored: correct the estimator's code, then run rig replay with --estimator."
     return [Notice("bad", what, advice)]
+
+
+def _frozen(trial: Trial) -> list[Notice]:
+    found = [lift.name for lift in trial.lifts if lift.row.states.get("frozen")]
+    what = f"A fingertip repeated its picture in {joined(found)}."
+    return [Notice("bad", what, ADVICE["frozen"])] if found else []
 
 
 def _drops(trial: Trial) -> list[Notice]:

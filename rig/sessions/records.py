@@ -13,6 +13,7 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Discriminator, Field, Tag
 
+from drivers.errors import counted
 from protocols.observer import REQUIRED
 from protocols.reaction import ReactionKind
 from rig.config.fields import FileName, InnerPath
@@ -173,6 +174,14 @@ class LiftFigures:
     reactions: tuple[ReactionRecord, ...] | None = None
     slip_thresholds: dict[str, SlipThreshold] | None = None
     estimator_faults: EstimatorFaults | None = None
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """The reasons to doubt the figures of the lift, for a person."""
+        frozen = self.states.get("frozen", 0)
+        repeats = f"a fingertip repeats its picture in {counted(frozen, 'frame')}: check its cable"
+        found = (repeats if frozen else None, self.marker_distance, self.estimator_faults)
+        return tuple(str(what) for what in found if what)
 
     @property
     def slip_start_s(self) -> float | None:

@@ -236,6 +236,11 @@ class _Stream:
         return np.mean(self._first, axis=0)
 
     def _accept(self, frame: Frame) -> None:
+        if frame.serial != self.source.serial:
+            raise DeviceError(
+                f"{self.source.serial}: it delivers frames of {frame.serial}: the sensors were exchanged; "
+                "check their cables and the bench file, then start again"
+            )
         self._news.add(frame.image, frame.time_ns)
         if self._news.frozen:
             raise StaleFrameError(

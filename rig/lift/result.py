@@ -8,6 +8,7 @@ import numpy as np
 
 from drivers.clock import NS_PER_S, to_ns
 from protocols.observer import Phase, ReactionStep
+from rig.lift.agreement import Answers, clock_lag, turns_against
 from rig.lift.fusion import Disagreement
 from rig.lift.marker_truth import TruthSeries, interpolate
 from rig.lift.measurement import LiftMeasurement
@@ -144,6 +145,8 @@ def lift_result(measurement: LiftMeasurement) -> tuple[LiftFigures, TruthSeries]
         skipped=dict(Counter(stage for sample in samples for stage in sample.skipped)),
         disagreements={why.value: sum(s.disagreement is why for s in angle.fused) for why in Disagreement},
         marker_distance=measurement.marker_distance(),
+        turns_against=turns_against(_answers(measurement, lift_ns, held_ns), series),
+        lag=clock_lag([(s.time_ns, s.angle_deg) for s in fused if s.time_ns < held_ns], series),
         reactions=reactions,
         slip_thresholds=None if watch is None else slip_thresholds(watch),
         estimator_faults=faults_of(samples),
@@ -168,6 +171,14 @@ def stage_times(measurement: LiftMeasurement) -> dict[str, StageTimes]:
         stages.setdefault("total", []).append(sum(sample.stage_s.values()) * 1e3)
     return {
         name: StageTimes(*np.percentile(spent_ms, [50, 95, 99]).tolist()) for name, spent_ms in stages.items()
+    }
+
+
+def _answers(measurement: LiftMeasurement, from_ns: int, until_ns: int) -> dict[str, Answers]:
+    """Return the signed angles of each fingertip between two times, by serial."""
+    return {
+        serial: [(s.time_ns, tip.answer(s).angle_deg) for s in tip.samples if from_ns <= s.time_ns < until_ns]
+        for serial, tip in measurement.angle.tips.items()
     }
 
 

@@ -82,9 +82,9 @@ def test_angle_after_the_freeze_has_a_sigma_that_covers_the_unseen_turn() -> Non
 
 def test_streaming_estimator_warns_once_and_goes_on() -> None:
     stream, found = rig.estimator("ellipse", background=gel(320, 240)), []
-    with pytest.warns(UserWarning, match="it has frozen") as told:
+    with pytest.warns(UserWarning, match="it has frozen") as warned:
         found += [stream.update(image, i / RATE_HZ) for i, image in enumerate(clip())]
-    assert len(told) == 1
+    assert len(warned) == 1
     require_frozen([sample.state for sample in found], [sample.angle_deg for sample in found])
     assert found[-1].angle_deg is not None
 

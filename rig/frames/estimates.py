@@ -157,11 +157,7 @@ class Timed(Protocol):
 
 def contact_ms(timed: Iterable[Timed]) -> list[float]:
     """Return the run times of the frames with contact, ms; a frame without contact needs nearly no time."""
-    return [
-        1e3 * of.cost_s
-        for of in timed
-        if of.cost_s is not None and of.sample.state is not State.NO_CONTACT and not of.sample.jumped
-    ]
+    return [1e3 * of.cost_s for of in timed if of.cost_s is not None and of.sample.estimated]
 
 
 def frame_ms(times_ms: Sequence[float]) -> tuple[float, float, float] | None:

@@ -15,7 +15,15 @@ from rig.frames.times import FrameTime, parse_time, sparse_note
 from rig.tactile.contact.background_check import LOOKS_LIKE_CONTACT, BackgroundCheck
 from rig.tactile.contact.untouched import Comparison
 from rig.tactile.estimators import ESTIMATORS, PUBLISHED, TOSKOV, EstimatorChoice
-from rig.tactile.sample import NO_COLOUR, EstimatorFaults, TactileEstimator, faults_of, has_colour
+from rig.tactile.sample import (
+    FROZEN,
+    NO_COLOUR,
+    EstimatorFaults,
+    State,
+    TactileEstimator,
+    faults_of,
+    has_colour,
+)
 
 # The first frame is compared with this many later ones. It counts as dark if its mean brightness is below
 # this share of theirs.
@@ -118,6 +126,8 @@ class SeriesEstimate:
                 f"{counted(found.jumped, 'frame')} with a time far from those around it, or not after that "
                 "of the frame before: 'lost' in the table"
             )
+        if frozen := found.refused.get(State.FROZEN.value):
+            more.append(f"{counted(frozen, 'frame')}: {FROZEN}")
         if found.refused == {"no_contact": found.frames}:
             more.append("no frame shows a contact; if one should, the background shows the same contact")
         return more

@@ -12,7 +12,7 @@ from drivers.values import short_repr
 from rig.frames.slip_alarm import SlipAlarm
 from rig.lift.object_angle import ZERO_S, TipTrack
 from rig.tactile.contact.background_check import CHECK_EVERY_NS, LOOKS_LIKE_CONTACT, BackgroundCheck
-from rig.tactile.sample import SlipSample, TactileEstimator, check_frame
+from rig.tactile.sample import FROZEN, SlipSample, State, TactileEstimator, check_frame
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,10 +22,10 @@ class AngleSample:
     time_s: the frame's time. angle_deg: rotation since the reference, counter-clockwise positive as seen,
     times the sign; None if the estimator refuses. Before a reference is set, the zero is the estimator's own,
     for `slip` the first contact. sigma_deg: one standard deviation, None if the estimator reports none.
-    state: "no_contact", "tracking", "rekeyed", "unobservable" or "lost". rate_deg_s: None if unknown.
-    shift_px: x right, y down, since the estimator's own reference, None if unknown. contact_area_px: 0
-    without contact. slip: whether the slip alarm is on, see `rig.frames.slip_alarm`. fault: error raised by a
-    lab's own estimator.
+    state: "no_contact", "tracking", "rekeyed", "unobservable", "lost" or "frozen". rate_deg_s: None if
+    unknown. shift_px: x right, y down, since the estimator's own reference, None if unknown. contact_area_px:
+    0 without contact. slip: whether the slip alarm is on, see `rig.frames.slip_alarm`. fault: error raised by
+    a lab's own estimator.
     """
 
     time_s: float
@@ -62,6 +62,8 @@ class StreamingEstimator:
         self._each_contact, self._settled = each_contact, False
         self._newest_ns: int | None = None
         self._check: BackgroundCheck | None = None
+        self.news = ""
+        """A text for the user if the sensor has frozen since the frame before."""
 
     @property
     def track(self) -> TipTrack:
@@ -84,10 +86,14 @@ class StreamingEstimator:
         image: (H, W, 3) uint8 RGB, of the background's size; it is copied. time_s: capture time in s of any
         clock. A frame with the time of the previous frame is not estimated: its state is "lost". Raises
         `InputError` for another shape or type and for a time that is not finite or goes back; the estimator
-        can be used afterwards as if the call had not been made.
+        can be used afterwards as if the call had not been made. Warns (`UserWarning`) if the sensor has
+        frozen.
         """
         check_frame(image, self._shape)
-        return self.update_at(image.copy(), self._time_ns(time_s))
+        answer = self.update_at(image.copy(), self._time_ns(time_s))
+        if self.news:
+            warnings.warn(self.news, stacklevel=2)
+        return answer
 
     def update_at(self, image: Image, time_ns: int) -> AngleSample:
         """Do the same as `update` for a time in ns, without copying the image: do not modify it later."""
@@ -97,6 +103,8 @@ class StreamingEstimator:
         self._newest_ns = time_ns
         sample = self._estimator.update(image, time_ns)
         kept = self._track.samples
+        froze = sample.state is State.FROZEN and not (kept and kept[-1].state is State.FROZEN)
+        self.news = FROZEN if froze else ""
         kept.append(sample)
         while kept[0].time_ns < time_ns - to_ns(2 * ZERO_S):
             del kept[0]

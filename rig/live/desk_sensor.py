@@ -94,7 +94,7 @@ class DeskSensor:
         self.clip: ClipWriter | None = None
         self.background = SensorBackground(background, serial)
         self.news = ""
-        """News about the background in the newest frame, for the user."""
+        """News about the background, or that the sensor has frozen, in the newest frame, for the user."""
         self.slip = False
         """Whether the slip alarm was on at the newest frame."""
         self._choice, self._sign, self._aspect = choice, sign, aspect
@@ -128,7 +128,7 @@ class DeskSensor:
         if not self.background.collecting:
             sample = self._estimated(frame)
             state, self.slip = sample.state, sample.slip
-        self.news = self.background.add(frame)
+        self.news = self.background.add(frame) or (self.stream.news if self.stream is not None else "")
         self._count(sample, state)
         late_s = (clock.now_ns() - frame.time_ns) / NS_PER_S
         span_s = (self._times[-1] - self._times[0]) / NS_PER_S

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from drivers.clock import NS_PER_S
-from drivers.errors import EstimatorError, InputError
+from drivers.errors import EstimatorError, InputError, counted
 from drivers.formats import MAX_TIME_S
 from drivers.realtime import compute_in_one_thread
 from drivers.types import Image
@@ -27,7 +27,7 @@ from rig.tactile.contact.background_check import LOOKS_LIKE_CONTACT, BackgroundC
 from rig.tactile.estimators import choose_estimator
 from rig.tactile.foreign import ForeignEstimator
 from rig.tactile.paper.estimator import WindowMean
-from rig.tactile.sample import TactileEstimator, check_frame, faults_of
+from rig.tactile.sample import FROZEN, State, TactileEstimator, check_frame, faults_of
 
 RATE_HZ = 60.0
 _log = logging.getLogger(__name__)
@@ -76,8 +76,8 @@ def estimate(
     Returns image angles as `rig estimate` does: counter-clockwise positive, relative to the first frame in
     which the contact has settled. Raises `InputError` for invalid frames or times, or if no background is
     given and no frames without contact are found; `EstimatorError` if the estimator cannot be made, or a
-    class of your own fails on a frame. Warns (`UserWarning`) if the background looks like a contact;
-    doubtful times are logged.
+    class of your own fails on a frame. Warns (`UserWarning`) if the background looks like a contact,
+    or the camera had frozen; doubtful times are logged.
     """
     if isinstance(frames, (str, Path)):
         raise InputError(
@@ -102,6 +102,8 @@ def estimate(
     if check.doubtful:
         warnings.warn(f"{LOOKS_LIKE_CONTACT}: give a frame without contact as background", stacklevel=2)
     found = zeroed(answers, None)
+    if frozen := sum(answer.sample.state is State.FROZEN for answer in answers):
+        warnings.warn(f"{counted(frozen, 'frame')}: {FROZEN}", stacklevel=2)
     states = tuple(answer.sample.state.value for answer in answers)
     at_s = np.array([answer.time.time_ns / NS_PER_S for answer in answers])
     note = sparse_note([answer.time.time_ns for answer in answers])

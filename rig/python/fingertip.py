@@ -1,5 +1,6 @@
 """Read a tactile sensor of a bench and estimate its angle in threads, for programs with their own loop."""
 
+import logging
 import threading
 from contextlib import ExitStack
 
@@ -14,6 +15,7 @@ from rig.tactile.contact.background import mean_background
 from rig.tactile.estimators import DEFAULT_ESTIMATOR, EstimatorChoice
 from rig.tactile.sample import State
 
+_log = logging.getLogger(__name__)
 BACKGROUND_FRAMES = 10
 """Number of frames after connecting whose mean is the background."""
 LATE_NS = NS_PER_S // 10
@@ -163,5 +165,7 @@ class LiveFingertip:
                 continue
             done = frame
             sample = stream.update_at(frame.image, frame.time_ns)
+            if stream.news:
+                _log.warning("%s: %s", self.serial, stream.news)
             with self._changed:
                 self._angle = sample

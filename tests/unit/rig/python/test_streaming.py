@@ -64,7 +64,7 @@ def test_reference_without_contact_is_rejected_and_the_old_one_stays() -> None:
 def test_memory_stays_bounded() -> None:
     estimator = rig.estimator("ellipse", background=gel(80, 60))
     for number in range(300):
-        estimator.update(gel(80, 60, number % 3), number / 60.0)
+        estimator.update(gel(80, 60, number % 5), number / 60.0)
     assert len(estimator.track.samples) < 60
 
 

@@ -35,7 +35,7 @@ from fakes.wire.ur.geometry import (
 from fakes.wire.ur.runtime import ProgramError, RobotMode, Runtime, Safety
 from fakes.wire.ur.variables import INPUTS, OutputBank, Value, Version, zero
 from fakes.world.force_torque import NOTHING, FlangeSensor, carried_wrench, table_push_n
-from fakes.world.kinematics import ELBOW_UP
+from fakes.world.kinematics import ELBOW_UP, Encoders
 from fakes.world.motion import ToolPath, TrapezoidProfile
 from fakes.world.world import World
 
@@ -104,13 +104,14 @@ class Robot:
         """Time of the newest cycle, and of the newest client data, which is later if cycles are late."""
         self.force = ForceSensor(world)
         self.hand = GuidingHand()
-        self._world = world
+        self._world, self._encoders = world, Encoders(world.seed)
         self._ignored: set[str] = set()
         self._wrench: Vector6 = STILL
         self.runtime = Runtime()
         self._set_slider(1.0)
         self.load(INSTALLED_KG, INSTALLED_COG_M)
         self._publish_pose()
+        self._publish()
 
     # Functions of the control program
 
@@ -255,15 +256,17 @@ class Robot:
 
     def _publish_pose(self) -> None:
         body, put = self.body, self.bank.set
-        pose = to_ur(body.tcp)
+        put("target_q", body.q)
+        put("target_TCP_pose", to_ur(body.tcp))
         for kind in ("actual", "target"):
-            put(f"{kind}_q", body.q)
             put(f"{kind}_qd", body.qd)
-            put(f"{kind}_TCP_pose", pose)
             put(f"{kind}_TCP_speed", body.twist)
 
     def _publish(self) -> None:
         put = self.bank.set
+        joints = self._encoders.shown(self.body.q, self.time_ns)
+        put("actual_q", joints)
+        put("actual_TCP_pose", to_ur(compose(forward(joints), self.body.tool)))
         self._wrench = self.force.sense(self.time_ns, self.body.tcp)
         put("timestamp", self.time_ns / NS_PER_S)
         put("actual_TCP_force", self._wrench)

@@ -25,7 +25,7 @@ from rtde_io import RTDEIOInterface
 from rtde_receive import RTDEReceiveInterface
 host, slowness = sys.argv[1], int(sys.argv[2])
 receive, control = RTDEReceiveInterface(host), RTDEControlInterface(host)
-home, q = receive.getActualTCPPose(), receive.getActualQ()
+home, q = receive.getTargetTCPPose(), receive.getTargetQ()
 low = home[:2] + [home[2] - 0.05] + home[3:]
 results = {}
 def pause(duration_s):
@@ -36,13 +36,13 @@ def wait_until(condition, limit_s=5.0):
         time.sleep(0.005)
     return condition()
 def height():
-    return receive.getActualTCPPose()[2] - home[2]
+    return receive.getTargetTCPPose()[2] - home[2]
 def joint_1():
-    return receive.getActualQ()[0] - q[0]
+    return receive.getTargetQ()[0] - q[0]
 def still():
     return max(map(abs, receive.getActualQd())) == 0.0
 def off(joints):
-    return max(abs(a - b) for a, b in zip(receive.getActualQ(), joints))
+    return max(abs(a - b) for a, b in zip(receive.getTargetQ(), joints))
 def reupload():
     return control.reuploadScript() and wait_until(control.isProgramRunning)
 """

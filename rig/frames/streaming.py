@@ -1,9 +1,11 @@
 """Angles of one sensor frame by frame, as the frames are captured."""
 
-import math
 import warnings
 from dataclasses import dataclass
 
+import numpy as np
+
+from drivers import arguments
 from drivers.clock import NS_PER_S, to_ns
 from drivers.errors import InputError
 from drivers.formats import MAX_TIME_S
@@ -12,7 +14,9 @@ from drivers.values import short_repr
 from rig.frames.slip_alarm import SlipAlarm
 from rig.lift.object_angle import ZERO_S, TipTrack
 from rig.tactile.contact.background_check import CHECK_EVERY_NS, LOOKS_LIKE_CONTACT, BackgroundCheck
-from rig.tactile.sample import FROZEN, SlipSample, State, TactileEstimator, check_frame
+from rig.tactile.sample import FROZEN, MAX_SIDE_PX, SlipSample, State, TactileEstimator, check_frame
+
+_MAX_NS = round(MAX_TIME_S * NS_PER_S)
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,13 +57,12 @@ class StreamingEstimator:
     def __init__(
         self, estimator: TactileEstimator, shape: tuple[int, ...], sign: int = 1, each_contact: bool = False
     ) -> None:
-        if sign not in (1, -1):
-            raise InputError(
-                f"sign is {sign!r}: give 1, or -1 for a fingertip that sees the object from behind"
-            )
+        if isinstance(estimator, type) or not callable(getattr(estimator, "update", None)):
+            raise arguments.refused("StreamingEstimator: estimator", estimator, "one with a method update")
+        check_frame(np.empty(_frame_shape(shape), np.uint8))
         self._estimator, self._shape = estimator, shape
-        self._track, self._alarm = TipTrack(sign), SlipAlarm()
-        self._each_contact, self._settled = each_contact, False
+        self._track, self._alarm = TipTrack(checked_sign("sign", sign)), SlipAlarm()
+        self._each_contact, self._settled = arguments.flag("each_contact", each_contact), False
         self._newest_ns: int | None = None
         self._check: BackgroundCheck | None = None
         self.news = ""
@@ -90,13 +93,20 @@ class StreamingEstimator:
         frozen.
         """
         check_frame(image, self._shape)
-        answer = self.update_at(image.copy(), self._time_ns(time_s))
+        answer = self._next(image.copy(), self._time_ns(time_s))
         if self.news:
             warnings.warn(self.news, stacklevel=2)
         return answer
 
     def update_at(self, image: Image, time_ns: int) -> AngleSample:
-        """Do the same as `update` for a time in ns, without copying the image: do not modify it later."""
+        """Do the same as `update` for a time in ns, without copying the image: do not modify it later.
+
+        A time that goes back is accepted: the clock of a live stream may be set back.
+        """
+        check_frame(image, self._shape)
+        return self._next(image, arguments.whole("update_at: time_ns", time_ns, -_MAX_NS, _MAX_NS))
+
+    def _next(self, image: Image, time_ns: int) -> AngleSample:
         if self._check is not None:
             self._check.add(image, time_ns)
             self._warn()
@@ -114,6 +124,7 @@ class StreamingEstimator:
 
     def check_background(self, background: Image) -> None:
         """Warn once, by `warnings.warn`, if the background looks like a contact, now or in a later frame."""
+        check_frame(background, self._shape)
         self._check = BackgroundCheck(background, CHECK_EVERY_NS)
         self._warn()
 
@@ -123,7 +134,7 @@ class StreamingEstimator:
         time_s: at most 0.4 s before the newest frame; by default just after it. Raises `InputError` if no
         frame in these 0.4 s has an angle; the old reference is kept in that case.
         """
-        now_ns = (self._newest_ns or 0) + 1 if time_s is None else _finite_ns(time_s)
+        now_ns = (self._newest_ns or 0) + 1 if time_s is None else _as_ns("set_reference", time_s)
         before = self._track.zero_deg, self._track.zero_sample
         self._track.set_zero(now_ns)
         if self._track.zero_deg is None:
@@ -172,7 +183,7 @@ class StreamingEstimator:
         )
 
     def _time_ns(self, time_s: float) -> int:
-        time_ns = _finite_ns(time_s)
+        time_ns = _as_ns("update", time_s)
         if self._newest_ns is not None and time_ns < self._newest_ns:
             newest_s = self._newest_ns / NS_PER_S
             raise InputError(
@@ -182,11 +193,20 @@ class StreamingEstimator:
         return time_ns
 
 
-def _finite_ns(time_s: float) -> int:
-    try:
-        seconds = float(time_s)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"the time {time_s!r} is not a number: give a time in s") from error
-    if not (math.isfinite(seconds) and abs(seconds) < MAX_TIME_S):
-        raise InputError(f"the time is {seconds} s: give a finite time in s, below {MAX_TIME_S:g}")
-    return round(seconds * NS_PER_S)
+def checked_sign(name: str, sign: int) -> int:
+    """Return +1 or -1. Raises `InputError`."""
+    plain = arguments.whole(name, sign, -1, 1)
+    if plain == 0:
+        raise arguments.refused(name, sign, "1, or -1 for a fingertip that sees the object from behind")
+    return plain
+
+
+def _frame_shape(shape: object) -> tuple[int, ...]:
+    """Return the shape of frames, (H, W, 3). Raises `InputError`."""
+    if not isinstance(shape, tuple) or len(shape) != 3:
+        raise arguments.refused("StreamingEstimator: shape", shape, "(H, W, 3)")
+    return tuple(arguments.whole("StreamingEstimator: shape", size, 1, MAX_SIDE_PX) for size in shape)
+
+
+def _as_ns(where: str, time_s: float) -> int:
+    return round(arguments.number(f"{where}: time_s", time_s, -MAX_TIME_S, MAX_TIME_S) * NS_PER_S)

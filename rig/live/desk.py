@@ -76,6 +76,8 @@ class Desk:
         sender: Sender,
         clock: Clock | None = None,
     ) -> None:
+        if len(sources) > 1 and OBJECT in (source.serial for source in sources):
+            raise InputError(f"source '{OBJECT}': this name is that of both sensors' angle: rename it")
         self._sources, self._settings, self._sender = sources, settings, sender
         self._clock = clock or SystemClock()
         self.sensors = {

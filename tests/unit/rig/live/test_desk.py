@@ -331,6 +331,16 @@ def test_outdated_or_doubtful_stored_background_is_replaced(
     assert stored_background("D20001") is None, "a contact is not stored"
 
 
+@pytest.mark.parametrize(("one", "other"), [("left/1", "left_1"), ("D 1", "D_1"), ("D:1", "D_1")])
+def test_similar_serials_have_different_stored_backgrounds(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, one: str, other: str
+) -> None:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    store_background(one, released()[0].image)
+    assert stored_background(other) is None
+    assert stored_background(one) is not None
+
+
 def test_background_that_cannot_be_stored_is_used_all_the_same(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -340,6 +350,12 @@ def test_background_that_cannot_be_stored_is_used_all_the_same(
     (news,) = notices(sensor, released())
     assert "background taken (not stored: " in news
     assert [sensor.take(frame, CLOCK).state for frame in pressed()[:3]][-1] == "tracking"
+
+
+def test_source_with_the_name_of_the_fused_angle_is_refused() -> None:
+    sources = [GivenFrames([], "D20001"), GivenFrames([], OBJECT)]
+    with pytest.raises(InputError, match="source 'object'"):
+        Desk(sources, DeskSettings(SLIP), Sender(NO_VIEWER))
 
 
 def test_reading_names_the_time_of_its_reference() -> None:

@@ -1,1 +1,1 @@
-"""`rig benchmark slip`: all figures by which a version of the estimator `slip` is judged, in one command."""
+"""`rig benchmark slip`: time, accuracy and size of a version of the estimator `slip`, beside their limits."""

@@ -1,4 +1,4 @@
-"""Program of `rig benchmark slip`: run an estimator of one version of the slip rig in its own process.
+"""Program of `rig benchmark slip`: run an estimator of one version of the slip rig in a separate process.
 
 The version is the one in PYTHONPATH. Therefore the program uses only names that earlier versions also have.
 The first line on stdout is the folder of that version. Then each line on stdin is a request, a JSON list of
@@ -40,7 +40,7 @@ def contact_times(estimator: str, file: str) -> list[float | None]:
 def stream(estimator: str, streams: list[list[str]], rate_hz: float, latest_s: float) -> list[float]:
     """Estimate the frames of several streams in real time, at real-time priority if it is permitted.
 
-    streams: files of each stream, shown one after the other, each with an estimator of its own. rate_hz: of
+    streams: files of each stream, shown one after the other, each with a new estimator. rate_hz: of
     the frames of each stream. latest_s: a frame that waits longer is dropped. Returns the numbers of frames
     and of dropped frames, and the longest time in ms from the arrival of a frame to its angle.
     """

@@ -1,12 +1,12 @@
 """Run time of estimators of this and of other versions of the slip rig, with the same frames and Python.
 
-Each runs in a process of its own (`rig.benchmark.slip.contender`), and only one of them computes at a time.
+Each runs in its process (`rig.benchmark.slip.contender`), and only one of them computes at a time.
 """
 
 import json
 import os
 import subprocess
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -82,10 +82,14 @@ class Contender:
         self._process.communicate()
 
 
-def contact_ms(of: Sequence[Contender], files: Sequence[Path]) -> list[list[float]]:
+def contact_ms(
+    of: Sequence[Contender],
+    files: Sequence[Path],
+    progress: Callable[[int, int, str], None] = lambda *_: None,
+) -> list[list[float]]:
     """Return each contender's CPU times of the frames with contact, by its own detection, in ms.
 
-    The contenders run in turn on each file, in an order that rotates.
+    The contenders run in turn on each file, in an order that rotates. progress: see `Run`.
     """
     spent: list[list[float]] = [[] for _ in of]
     for number, file in enumerate(files):
@@ -95,4 +99,5 @@ def contact_ms(of: Sequence[Contender], files: Sequence[Path]) -> list[list[floa
             rounds[place].append(of[place].ask("contact_times", str(file)))
         for times_ms, runs in zip(spent, rounds, strict=True):
             times_ms += [min(ms) for frame in zip(*runs, strict=True) if (ms := [m for m in frame if m])]
+        progress(number + 1, len(files), f"time on {file.stem}")
     return spent

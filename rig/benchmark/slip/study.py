@@ -1,4 +1,4 @@
-"""`rig benchmark slip`: every figure by which a version of `slip` is judged, beside its limit."""
+"""`rig benchmark slip`: time, accuracy and size of `slip` beside their limits."""
 
 import ast
 import json
@@ -24,8 +24,7 @@ from rig.benchmark.measured import Measured, at_least, at_most, between, informa
 from rig.benchmark.renderer.study import LIFTS_PER_SEED, answer_lift
 from rig.benchmark.seeds import LiftCase, SeedLift, recorded_lift, scored_lift
 from rig.benchmark.slip.side_by_side import OWN, Contender, contact_ms, store
-from rig.config import BenchConfig
-from rig.config.calibrations import load_calibrated_bench
+from rig.config import BenchConfig, load_bench
 from rig.experiments.trial import resolve_objects
 from rig.frames.estimates import Estimate, frame_ms
 from rig.frames.of_session import recording_frames
@@ -79,10 +78,10 @@ def measure(options: SlipOptions, run: Run) -> Report:
     Give the clips that `rig benchmark clips CLONE --set NAME` makes: of octopi with --clips, of digit-edges
     and gripper-slips with --turns. Figures whose data are not given are skipped.
 
-    Times are CPU times of the frames with contact, on one core, while nothing else runs. Each estimator has a
-    process of its own. With --against, another version of this program gets the same frames, in turn with
-    this one. In the figure of two streams, clips are shown in real time at 60 frames per second each, faster
-    than they were recorded, on one core and with real-time priority.
+    Times are CPU times of the frames with contact, on one core, before the other figures are measured. With
+    --against, another version of this program gets the same frames in turn with this one, in another process.
+    For the figure of two streams, clips are shown in real time at 60 frames per second each, faster than they
+    were recorded, on one core and with real-time priority.
 
     All other figures are of the first estimator, and use all cores: --clips in four versions each, --turns as
     they are, and SIMULATED lifts. The frames take 2 GB in the folder for temporary files.
@@ -127,8 +126,7 @@ def _times(options: SlipOptions, of: Sequence[Contender], folder: Path, run: Run
         clips.append(folder / f"{clip.name}.npz")
         store(clips[-1], clip.background, clip.series.read())
     for kind, files, source in ((CLIPS, clips, "--clips"), (LIFTS, lifts, "--lifts")):
-        run.say(f"measuring times on {len(files)} {kind}")
-        rows = _time_rows(kind, of, contact_ms(of, files))
+        rows = _time_rows(kind, of, contact_ms(of, files, run.progress))
         yield from rows if files else [_skipped(f"{kind}, {CONTACT_MS}", source)]
     streams = [[str(file) for file in clips[place::STREAMS] or clips] for place in range(STREAMS)]
     for each in of if clips else ():
@@ -202,7 +200,7 @@ def _lifts(
     bench: str, lifts: int, choice: EstimatorChoice, run: Run, keep: Path | None = None
 ) -> list[SeedLift]:
     """Carry out and score lifts of the trial's objects. keep: folder for the frames of one fingertip."""
-    config = load_calibrated_bench(bench, run.say)
+    config = load_bench(bench)
     objects = resolve_objects([], config.objects)
     cases = [LiftCase(bench, run.seed, of, number) for number in range(1, lifts + 1) for of in objects]
     return run.each(partial(_lift, config, choice, keep), cases)

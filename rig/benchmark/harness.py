@@ -110,8 +110,8 @@ def _value(row: Any, place: tuple[str, ...]) -> Any:
 def limit_table(limits: Sequence[Measured], whose: str) -> Table:
     """Return a row for each limit: measured value, limit, and verdict. whose: the subject of the limits."""
     verdicts = {True: "kept", False: "MISSED", None: ""}
-    rows = [(of.name, _cell(of.value, ".3g"), of.asked, verdicts[of.met]) for of in limits]
-    return Table(f"Limits for {whose}", ("limit", "measured", "asked", ""), rows)
+    rows = [(of.name, of.shown, of.asked, verdicts[of.met]) for of in limits]
+    return Table(f"Limits for {whose}", ("limit", "measured", "asked", ""), rows, records=tuple(limits))
 
 
 @dataclass(frozen=True, slots=True)
@@ -264,9 +264,7 @@ def as_json(study: Study[Any], options: Any, run: Run, report: Report, wall_s: f
         "schema": SCHEMA,
         "benchmark": study.name,
         "simulated": study.simulated,
-        "options": {
-            name: str(value) if isinstance(value, Path) else value for name, value in asdict(options).items()
-        },
+        "options": {name: _plain(value) for name, value in asdict(options).items()},
         **({"seed": run.seed} if "seed" in study.shared else {}),
         **({"out": str(run.folder)} if run.folder else {}),
         "machine": machine(),
@@ -276,6 +274,13 @@ def as_json(study: Study[Any], options: Any, run: Run, report: Report, wall_s: f
         "limits": [asdict(limit) for limit in report.limits],
         "wall_s": round(wall_s, 1),
     }
+
+
+def _plain(option: Any) -> Any:
+    """Return the value of an option for JSON: paths as text, also those in a list."""
+    if isinstance(option, list):
+        return list(map(_plain, option))
+    return str(option) if isinstance(option, Path) else option
 
 
 def machine() -> dict[str, object]:

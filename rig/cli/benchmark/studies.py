@@ -121,7 +121,7 @@ def exit_if_missed(limits: "Iterable[Measured]") -> None:
     """Print every missed limit; if there is one, end the command with exit code 4."""
     missed = [limit for limit in limits if limit.met is False]
     for limit in missed:
-        value = "no value" if limit.value is None else f"{limit.value:.3g}"
+        value = "no value" if limit.value is None else limit.shown
         say(f"rig: limit missed: {limit.name}: {value}, required {limit.asked}")
     if missed:
         raise typer.Exit(Exit.LIMIT_MISSED)

@@ -181,6 +181,7 @@ class DeskSensor:
 
     def _estimated(self, frame: Frame) -> AngleSample:
         stream = self.stream or self._made(frame)
+        stream.misfit = self.background.misfit
         sample = stream.update_at(frame.image, frame.time_ns)
         self._find_outline(frame, sample)
         return sample

@@ -2,7 +2,7 @@
 
 from collections import Counter, deque
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import tee
 from time import perf_counter
 from typing import Protocol
@@ -139,6 +139,11 @@ def estimate_series(
     frames, shown = tee(steps(series, count))
     pairs = zip(frames, estimate_frames(estimator, shown), strict=True)
     return tuple(Answer(frame.time, timed.sample, timed.cost_s) for frame, timed in pairs)
+
+
+def without_angles(answers: Iterable[Answer]) -> tuple[Answer, ...]:
+    """Return the answers without their angles, for frames that do not fit the background."""
+    return tuple(replace(answer, sample=answer.sample.without_angle()) for answer in answers)
 
 
 class Timed(Protocol):

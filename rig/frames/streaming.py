@@ -13,7 +13,7 @@ from drivers.types import Image
 from drivers.values import short_repr
 from rig.frames.slip_alarm import SlipAlarm
 from rig.lift.object_angle import ZERO_S, TipTrack
-from rig.tactile.contact.background_check import CHECK_EVERY_NS, LOOKS_LIKE_CONTACT, BackgroundCheck
+from rig.tactile.contact.background_check import CHECK_EVERY_NS, TAKE_AGAIN, BackgroundCheck
 from rig.tactile.sample import FROZEN, MAX_SIDE_PX, SlipSample, State, TactileEstimator, check_frame
 
 _MAX_NS = round(MAX_TIME_S * NS_PER_S)
@@ -65,6 +65,9 @@ class StreamingEstimator:
         self._each_contact, self._settled = arguments.flag("each_contact", each_contact), False
         self._newest_ns: int | None = None
         self._check: BackgroundCheck | None = None
+        self._warned: set[bool] = set()
+        self.misfit = False
+        """Whether the frames do not fit the background, so that they have no angle."""
         self.news = ""
         """A text for the user if the sensor has frozen since the frame before."""
 
@@ -109,9 +112,10 @@ class StreamingEstimator:
     def _next(self, image: Image, time_ns: int) -> AngleSample:
         if self._check is not None:
             self._check.add(image, time_ns)
-            self._warn()
+            self._warn(self._check)
         self._newest_ns = time_ns
         sample = self._estimator.update(image, time_ns)
+        sample = sample.without_angle() if self.misfit else sample
         kept = self._track.samples
         froze = sample.state is State.FROZEN and not (kept and kept[-1].state is State.FROZEN)
         self.news = FROZEN if froze else ""
@@ -123,10 +127,14 @@ class StreamingEstimator:
         return self._answer(sample, slip)
 
     def check_background(self, background: Image) -> None:
-        """Warn once, by `warnings.warn`, if the background looks like a contact, now or in a later frame."""
+        """Check the background, now and in later frames.
+
+        Warns once (`UserWarning`) if it looks like a contact, and once if it does not fit the frames; these
+        then have no angle.
+        """
         check_frame(background, self._shape)
         self._check = BackgroundCheck(background, CHECK_EVERY_NS)
-        self._warn()
+        self._warn(self._check)
 
     def set_reference(self, time_s: float | None = None) -> None:
         """Set the zero to the mean angle of the last 0.4 s before a time, and arm the slip alarm.
@@ -145,10 +153,11 @@ class StreamingEstimator:
             )
         self._alarm.arm()
 
-    def _warn(self) -> None:
-        if self._check is not None and self._check.doubtful:
-            self._check = None
-            warnings.warn(f"{LOOKS_LIKE_CONTACT}: lift the object, take another background", stacklevel=4)
+    def _warn(self, check: BackgroundCheck) -> None:
+        self.misfit = bool(check.misfit)
+        if check.doubt and self.misfit not in self._warned:
+            self._warned.add(self.misfit)
+            warnings.warn(f"{check.doubt}: {TAKE_AGAIN}", stacklevel=4)
 
     def _settle(self, sample: SlipSample) -> None:
         """Note whether the contact has settled, and set the reference if one is due."""

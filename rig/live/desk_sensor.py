@@ -197,6 +197,7 @@ class DeskSensor:
             check_frame(frame.image, background.shape)
             self._finder = ContactFinder(background)
         self.stream = self.stream or self._made(self._choice, background)
+        self.stream.misfit = self.background.misfit
         sample = self.stream.update_at(frame.image, frame.time_ns)
         self._find_outline(frame, sample, self._finder)
         return sample

@@ -16,7 +16,7 @@ from drivers.formats import MAX_TIME_S
 from drivers.realtime import compute_in_one_thread
 from drivers.types import Image
 from drivers.values import short_repr
-from rig.frames.estimates import estimate_series, zeroed
+from rig.frames.estimates import estimate_series, without_angles, zeroed
 from rig.frames.estimation import checked, require_frames_suffice
 from rig.frames.series import FrameSeries, TimedFrame, evenly_spread, find_background
 from rig.frames.streaming import StreamingEstimator, checked_sign
@@ -24,7 +24,7 @@ from rig.frames.times import LEAST_FPS, MAX_FPS, FrameTime, checked_times, spars
 from rig.python.tracks import Angles
 from rig.report.curves import AXIS_DEG, TURN_DEG, Curve, truth_at, unwrapped
 from rig.results.metrics import summarize
-from rig.tactile.contact.background_check import LOOKS_LIKE_CONTACT, BackgroundCheck
+from rig.tactile.contact.background_check import BackgroundCheck
 from rig.tactile.estimators import ASPECTS, MAX_WINDOW, choose_estimator
 from rig.tactile.foreign import ForeignEstimator
 from rig.tactile.paper.estimator import WindowMean
@@ -77,8 +77,8 @@ def estimate(
     Returns image angles as `rig estimate` does: counter-clockwise positive, relative to the first frame in
     which the contact has settled. Raises `InputError` for invalid frames or times, or if no background is
     given and no frames without contact are found; `EstimatorError` if the estimator cannot be made, or a
-    class of your own fails on a frame. Warns (`UserWarning`) if the background looks like a contact,
-    or the camera had frozen; doubtful times are logged.
+    class of your own fails on a frame. Warns (`UserWarning`) if the background looks like a contact
+    or does not fit the frames, or the camera had frozen; doubtful times are logged.
     """
     if isinstance(frames, (str, Path)):
         raise InputError(
@@ -106,8 +106,10 @@ def estimate(
         raise InputError("estimate: there are no frames")
     if faults := faults_of(answer.sample for answer in answers):
         raise EstimatorError(str(faults))
-    if check.doubtful:
-        warnings.warn(f"{LOOKS_LIKE_CONTACT}: give a frame without contact as background", stacklevel=2)
+    if check.misfit:
+        answers = without_angles(answers)
+    if check.doubt:
+        warnings.warn(f"{check.doubt}: give a frame without contact as background", stacklevel=2)
     found = zeroed(answers, None)
     if frozen := sum(answer.sample.state is State.FROZEN for answer in answers):
         warnings.warn(f"{counted(frozen, 'frame')}: {FROZEN}", stacklevel=2)

@@ -78,6 +78,20 @@ class SlipSample:
         """Whether the frame was processed with a contact; other frames need nearly no time."""
         return not (self.jumped or self.state in (State.NO_CONTACT, State.FROZEN))
 
+    def without_angle(self) -> "SlipSample":
+        """Return the sample without its angle, in the state `lost`; a sample without one is unchanged."""
+        if self.angle_deg is None:
+            return self
+        return replace(
+            self,
+            state=State.LOST,
+            angle_deg=None,
+            sigma_deg=None,
+            unseen_deg=0.0,
+            rate_deg_s=None,
+            shift_px=None,
+        )
+
     def sigma_since(self, zero: "SlipSample | None") -> float | None:
         """Return the standard deviation of the rotation since a zero sample, deg; None if sigma_deg is None.
 

@@ -103,10 +103,8 @@ class ControlLoop:
 
     def stream(self, mover: ServoMove | SpeedMove) -> None:
         """Start servoj or speedl, or continue it. Raises `ProgramError` while another motion runs."""
-        kind, running = type(mover), self.robot.body.mover
-        if self._asynchronous is not None or (
-            isinstance(running, ServoMove | SpeedMove) and type(running) is not kind
-        ):
+        other = SpeedMove if isinstance(mover, ServoMove) else ServoMove
+        if self._asynchronous is not None or isinstance(self.robot.body.mover, other):
             raise ProgramError(_BUSY)
         self.robot.body.mover = mover
 

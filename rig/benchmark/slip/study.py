@@ -106,13 +106,9 @@ def measure(options: SlipOptions, run: Run) -> Report:
     hard = _lifts("hard", options.lifts, choice, run)
     rows += [*_drawn(options.drawn, choice, run), *_sample("fake", easy), *_sample("hard", hard)]
     rows += _size(OWN / "rig" / "tactile" / "slip", OWN / "rig" / "models" / "slip.json")
-    table = limit_table(rows, f"'{names[0]}'")
-    return Report(
-        tables=() if options.limits else (table,),
-        limits=rows if options.limits else (),
-        limits_of=f"'{names[0]}'",
-        section=f"{machine()['processor']}, {machine()['cores']} cores.\n\n{table.markdown()}",
-    )
+    table = limit_table(rows, f"'{names[0]}'").markdown()
+    section = f"{machine()['processor']}, {machine()['cores']} cores.\n\n{table}"
+    return Report((), rows, f"'{names[0]}'", section=section, binding=options.limits)
 
 
 def _skipped(name: str, source: str) -> Measured:

@@ -163,8 +163,7 @@ def clips(
 def rows(clips: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Measured]:
     other = write_version(tmp_path_factory.mktemp("other"), 0.02)
     few = SlipOptions(clips, [clips], clips / "groups.csv", against=[other], lifts=0, drawn=0)
-    (table,) = measure(few, Run(jobs=1)).tables
-    return {row.name: row for row in table.records}
+    return {row.name: row for row in measure(few, Run(jobs=1)).limits}
 
 
 def test_known_clip_meets_limits(rows: dict[str, Measured], clips: Path) -> None:
@@ -209,3 +208,4 @@ def test_missed_limits_end_with_exit_code_4_on_request(options: tuple[str, ...],
     values = json.loads(result.stdout)
     assert values["options"]["turns"] is None
     assert ("limit missed: lines of slip" in result.stderr) == bool(options)
+    assert {row["name"]: row["met"] for row in values["limits"]}["lines of slip"] is False

@@ -8,6 +8,7 @@ from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -53,19 +54,25 @@ ASKED = {
 """Limits of complete sets, by bench."""
 MOST_LINES, MOST_CONSTANTS = 2600, 60
 
+FOLDER: dict[str, Any] = {"exists": True, "file_okay": False, "metavar": "FOLDER"}
+
 
 @dataclass(frozen=True, slots=True)
 class SlipOptions:
     """Options of `rig benchmark slip`."""
 
-    clips: Path | None = option(None, "Folder of labelled clips at the rate of a sensor in use: set octopi.")
-    turns: list[Path] | None = option(None, "Folder of further labelled clips; repeat for more.")
-    groups: Path = option(PACKAGED / "octopi.csv", "CSV file with columns clip,group, for --clips.")
+    clips: Path | None = option(
+        None, "Labelled clips at the rate of a sensor in use: the set octopi.", **FOLDER
+    )
+    turns: list[Path] | None = option(None, "Further labelled clips; repeat for more.", **FOLDER)
+    groups: Path = option(
+        PACKAGED / "octopi.csv", "CSV file with columns clip,group, for --clips.", show_default="of octopi"
+    )
     estimator: list[str] | None = option(
         None, "Repeat for more, whose times are measured beside those of the first. Default: slip."
     )
     against: list[Path] | None = option(
-        None, "Folder of another version of the slip rig, to measure its times beside; repeat for more."
+        None, "Another version of the slip rig, to measure its times beside; repeat for more.", **FOLDER
     )
     lifts: int = option(1, "Lifts of each of the trial's nine objects on each bench.", min=0, max=5)
     drawn: int = option(32, "Lifts of the second renderer per seed.", min=0, max=1000)
@@ -96,12 +103,11 @@ def measure(options: SlipOptions, run: Run) -> Report:
     """
     names = options.estimator or ["slip"]
     choice, *_ = [choose_estimator(name) for name in names]
-    with tempfile.TemporaryDirectory(prefix="rig_slip_") as place:
+    versions = [(name, OWN) for name in names] + [(names[0], folder) for folder in options.against or ()]
+    with tempfile.TemporaryDirectory(prefix="rig_slip_") as place, ExitStack() as stack:
+        processes = [stack.enter_context(closing(Contender(*of))) for of in versions]
         easy = _lifts("fake", options.lifts, choice, run, Path(place))
-        with ExitStack() as stack:
-            versions = [(name, OWN) for name in names] + [(names[0], of) for of in options.against or ()]
-            processes = [stack.enter_context(closing(Contender(*of))) for of in versions]
-            rows = [*_times(options, processes, Path(place), run)]
+        rows = [*_times(options, processes, Path(place), run)]
     rows += _labels(options, choice, run)
     hard = _lifts("hard", options.lifts, choice, run)
     rows += [*_drawn(options.drawn, choice, run), *_sample("fake", easy), *_sample("hard", hard)]

@@ -8,7 +8,6 @@ from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -54,17 +53,13 @@ ASKED = {
 """Limits of complete sets, by bench."""
 MOST_LINES, MOST_CONSTANTS = 2600, 60
 
-FOLDER: dict[str, Any] = {"exists": True, "file_okay": False, "metavar": "FOLDER"}
-
 
 @dataclass(frozen=True, slots=True)
 class SlipOptions:
     """Options of `rig benchmark slip`."""
 
-    clips: Path | None = option(
-        None, "Labelled clips at the rate of a sensor in use: the set octopi.", **FOLDER
-    )
-    turns: list[Path] | None = option(None, "Further labelled clips; repeat for more.", **FOLDER)
+    clips: Path | None = option(None, "Labelled clips at the rate of a sensor in use: the set octopi.")
+    turns: list[Path] | None = option(None, "Further labelled clips; repeat for more.")
     groups: Path = option(
         PACKAGED / "octopi.csv", "CSV file with columns clip,group, for --clips.", show_default="of octopi"
     )
@@ -72,7 +67,7 @@ class SlipOptions:
         None, "Repeat for more, whose times are measured beside those of the first. Default: slip."
     )
     against: list[Path] | None = option(
-        None, "Another version of the slip rig, to measure its times beside; repeat for more.", **FOLDER
+        None, "Another version of the slip rig, to measure its times beside; repeat for more."
     )
     lifts: int = option(1, "Lifts of each of the trial's nine objects on each bench.", min=0, max=5)
     drawn: int = option(32, "Lifts of the second renderer per seed.", min=0, max=1000)
@@ -104,6 +99,8 @@ def measure(options: SlipOptions, run: Run) -> Report:
     names = options.estimator or ["slip"]
     choice, *_ = [choose_estimator(name) for name in names]
     versions = [(name, OWN) for name in names] + [(names[0], folder) for folder in options.against or ()]
+    for folder in [of for of in (options.clips, *(options.turns or ())) if of is not None]:
+        read_clips(folder)  # an invalid set is an error before the lifts, which take minutes
     with tempfile.TemporaryDirectory(prefix="rig_slip_") as place, ExitStack() as stack:
         processes = [stack.enter_context(closing(Contender(*of))) for of in versions]
         easy = _lifts("fake", options.lifts, choice, run, Path(place))

@@ -4,6 +4,7 @@ import json
 from collections.abc import Callable, Iterator
 from contextlib import closing
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -114,6 +115,14 @@ def test_late_frames_of_streams_are_dropped(tmp_path: Path, fast: Contender, slo
 def test_folder_without_a_version_is_rejected(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="holds no slip rig"):
         Contender("slip", tmp_path)
+
+
+@pytest.mark.parametrize("options", [{"clips": Path("nowhere")}, {"turns": [Path("nowhere")]}])
+def test_missing_set_is_an_error_before_the_lifts(options: dict[str, Any]) -> None:
+    progress: list[str] = []
+    with pytest.raises(InputError, match="nowhere: folder not found"):
+        measure(SlipOptions(**options), Run(jobs=1, progress=lambda *of: progress.append(of[2])))
+    assert progress == []
 
 
 def test_failing_version_is_named(tmp_path: Path) -> None:

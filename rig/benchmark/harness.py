@@ -111,7 +111,7 @@ def limit_table(limits: Sequence[Measured], whose: str) -> Table:
     """Return a row for each limit: measured value, limit, and verdict. whose: the subject of the limits."""
     verdicts = {True: "kept", False: "MISSED", None: ""}
     rows = [(of.name, of.shown, of.asked, verdicts[of.met]) for of in limits]
-    return Table(f"Limits for {whose}", ("limit", "measured", "asked", ""), rows, records=tuple(limits))
+    return Table(f"Limits for {whose}", ("limit", "measured", "asked", ""), rows)
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,7 +121,7 @@ class Report:
     tables: for the terminal, in this order; a table of the limits follows. limits_of: the limits' subject.
     notes: lines below the tables. section: Markdown for the document given with --readme. figures: further
     JSON values; the rows of the tables are always in the JSON. files: for --out, by name. faults: failures of
-    a lab's own estimators, by estimator.
+    a lab's own estimators, by estimator. binding: whether a missed limit ends the command with exit code 4.
     """
 
     tables: Sequence[Table]
@@ -132,6 +132,7 @@ class Report:
     figures: Mapping[str, Any] = field(default_factory=dict)
     files: Mapping[str, str | bytes] = field(default_factory=dict)
     faults: Mapping[str, EstimatorFaults] = field(default_factory=dict)
+    binding: bool = True
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,6 +7,7 @@ import json
 import os
 import subprocess
 from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -65,7 +66,7 @@ class Contender:
 
     def ask(self, job: str, *arguments: Any) -> Any:
         """Return the answer of a function of `contender`. Raises `RigError` if the process has ended."""
-        if self._process.stdin is not None and self._process.poll() is None:
+        with suppress(BrokenPipeError):  # the answer is then missing
             print(json.dumps([job, self._estimator, *arguments]), file=self._process.stdin, flush=True)
         return self._answer()
 

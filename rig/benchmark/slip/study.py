@@ -58,14 +58,16 @@ MOST_LINES, MOST_CONSTANTS = 2600, 60
 class SlipOptions:
     """Options of `rig benchmark slip`."""
 
-    clips: Path | None = option(None, "Folder of labelled clips at the rate of a sensor in use: set octopi.")
-    turns: list[Path] | None = option(None, "Folder of further labelled clips; repeat for more.")
-    groups: Path = option(PACKAGED / "octopi.csv", "CSV file with columns clip,group, for --clips.")
+    clips: Path | None = option(None, "Labelled clips at the rate of a sensor in use: the set octopi.")
+    turns: list[Path] | None = option(None, "Further labelled clips; repeat for more.")
+    groups: Path = option(
+        PACKAGED / "octopi.csv", "CSV file with columns clip,group, for --clips.", show_default="of octopi"
+    )
     estimator: list[str] | None = option(
         None, "Repeat for more, whose times are measured beside those of the first. Default: slip."
     )
     against: list[Path] | None = option(
-        None, "Folder of another version of the slip rig, to measure its times beside; repeat for more."
+        None, "Another version of the slip rig, to measure its times beside; repeat for more."
     )
     lifts: int = option(1, "Lifts of each of the trial's nine objects on each bench.", min=0, max=5)
     drawn: int = option(32, "Lifts of the second renderer per seed.", min=0, max=1000)
@@ -96,23 +98,20 @@ def measure(options: SlipOptions, run: Run) -> Report:
     """
     names = options.estimator or ["slip"]
     choice, *_ = [choose_estimator(name) for name in names]
-    with tempfile.TemporaryDirectory(prefix="rig_slip_") as place:
+    versions = [(name, OWN) for name in names] + [(names[0], folder) for folder in options.against or ()]
+    for folder in [of for of in (options.clips, *(options.turns or ())) if of is not None]:
+        read_clips(folder)  # an invalid set is an error before the lifts, which take minutes
+    with tempfile.TemporaryDirectory(prefix="rig_slip_") as place, ExitStack() as stack:
+        processes = [stack.enter_context(closing(Contender(*of))) for of in versions]
         easy = _lifts("fake", options.lifts, choice, run, Path(place))
-        with ExitStack() as stack:
-            versions = [(name, OWN) for name in names] + [(names[0], of) for of in options.against or ()]
-            processes = [stack.enter_context(closing(Contender(*of))) for of in versions]
-            rows = [*_times(options, processes, Path(place), run)]
+        rows = [*_times(options, processes, Path(place), run)]
     rows += _labels(options, choice, run)
     hard = _lifts("hard", options.lifts, choice, run)
     rows += [*_drawn(options.drawn, choice, run), *_sample("fake", easy), *_sample("hard", hard)]
     rows += _size(OWN / "rig" / "tactile" / "slip", OWN / "rig" / "models" / "slip.json")
-    table = limit_table(rows, f"'{names[0]}'")
-    return Report(
-        tables=() if options.limits else (table,),
-        limits=rows if options.limits else (),
-        limits_of=f"'{names[0]}'",
-        section=f"{machine()['processor']}, {machine()['cores']} cores.\n\n{table.markdown()}",
-    )
+    table = limit_table(rows, f"'{names[0]}'").markdown()
+    section = f"{machine()['processor']}, {machine()['cores']} cores.\n\n{table}"
+    return Report((), rows, f"'{names[0]}'", section=section, binding=options.limits)
 
 
 def _skipped(name: str, source: str) -> Measured:

@@ -4,6 +4,7 @@ import json
 from collections.abc import Callable, Iterator
 from contextlib import closing
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -116,6 +117,14 @@ def test_folder_without_a_version_is_rejected(tmp_path: Path) -> None:
         Contender("slip", tmp_path)
 
 
+@pytest.mark.parametrize("options", [{"clips": Path("nowhere")}, {"turns": [Path("nowhere")]}])
+def test_missing_set_is_an_error_before_the_lifts(options: dict[str, Any]) -> None:
+    progress: list[str] = []
+    with pytest.raises(InputError, match="nowhere: folder not found"):
+        measure(SlipOptions(**options), Run(jobs=1, progress=lambda *of: progress.append(of[2])))
+    assert progress == []
+
+
 def test_failing_version_is_named(tmp_path: Path) -> None:
     version = write_version(tmp_path / "broken", 0.0)
     with closing(Contender("slip", version)) as started, pytest.raises(RigError, match="slip in broken"):
@@ -163,8 +172,7 @@ def clips(
 def rows(clips: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Measured]:
     other = write_version(tmp_path_factory.mktemp("other"), 0.02)
     few = SlipOptions(clips, [clips], clips / "groups.csv", against=[other], lifts=0, drawn=0)
-    (table,) = measure(few, Run(jobs=1)).tables
-    return {row.name: row for row in table.records}
+    return {row.name: row for row in measure(few, Run(jobs=1)).limits}
 
 
 def test_known_clip_meets_limits(rows: dict[str, Measured], clips: Path) -> None:
@@ -209,3 +217,4 @@ def test_missed_limits_end_with_exit_code_4_on_request(options: tuple[str, ...],
     values = json.loads(result.stdout)
     assert values["options"]["turns"] is None
     assert ("limit missed: lines of slip" in result.stderr) == bool(options)
+    assert {row["name"]: row["met"] for row in values["limits"]}["lines of slip"] is False

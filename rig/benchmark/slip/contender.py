@@ -37,12 +37,13 @@ def contact_times(estimator: str, file: str) -> list[float | None]:
     return found
 
 
-def stream(estimator: str, streams: list[list[str]], rate_hz: float, latest_s: float) -> list[float]:
+def stream(estimator: str, streams: list[list[str]], rate_hz: float) -> list[float]:
     """Estimate the frames of several streams in real time, at real-time priority if it is permitted.
 
     streams: files of each stream, shown one after the other, each with a new estimator. rate_hz: of
-    the frames of each stream. latest_s: a frame that waits longer is dropped. Returns the numbers of frames
-    and of dropped frames, and the longest time in ms from the arrival of a frame to its angle.
+    the frames of each stream. A frame that still waits when the next one of its stream arrives is dropped.
+    Returns the numbers of frames and of dropped frames, and the longest time in ms from the arrival of a
+    frame to its angle.
     """
     shown = [[frame for file in files for frame in _shown(estimator, file)] for files in streams]
     frames = [(i / rate_hz, *one) for i, row in enumerate(zip(*shown, strict=False)) for one in row]
@@ -51,7 +52,7 @@ def stream(estimator: str, streams: list[list[str]], rate_hz: float, latest_s: f
     delays_s, began = [], time.perf_counter()
     for arrives_s, made, image in frames:
         late_s = time.perf_counter() - began - arrives_s
-        if late_s <= latest_s:
+        if late_s <= 1.0 / rate_hz:
             time.sleep(max(0.0, -late_s))
             made.update(image, arrives_s)
             delays_s.append(time.perf_counter() - began - arrives_s)

@@ -28,7 +28,6 @@ from rig.config import BenchConfig, load_bench
 from rig.experiments.trial import resolve_objects
 from rig.frames.estimates import Estimate, frame_ms
 from rig.frames.of_session import recording_frames
-from rig.live.desk import LATEST_S
 from rig.tactile.contact.dots import is_dotted
 from rig.tactile.estimators import EstimatorChoice, choose_estimator
 
@@ -83,7 +82,8 @@ def measure(options: SlipOptions, run: Run) -> Report:
     Times are CPU times of the frames with contact, on one core, before the other figures are measured. With
     --against, another version of this program gets the same frames in turn with this one, in another process.
     For the figure of two streams, clips are shown in real time at 60 frames per second each, faster than they
-    were recorded, on one core and with real-time priority.
+    were recorded, on one core and with real-time priority. A frame is dropped if it still waits when the next
+    one of its stream arrives.
 
     All other figures are of the first estimator, and use all cores: --clips in four versions each, --turns as
     they are, and SIMULATED lifts. The frames take 2 GB in the folder for temporary files.
@@ -129,7 +129,7 @@ def _times(options: SlipOptions, of: Sequence[Contender], folder: Path, run: Run
         yield from rows if files else [_skipped(f"{kind}, {CONTACT_MS}", source)]
     streams = [[str(file) for file in clips[place::STREAMS] or clips] for place in range(STREAMS)]
     for each in of if clips else ():
-        frames, dropped, delay_ms = each.ask("stream", streams, STREAM_HZ, LATEST_S)
+        frames, dropped, delay_ms = each.ask("stream", streams, STREAM_HZ)
         name = f"{STREAMS} streams of clips, one core, {each.name}"
         row = f"{name}, dropped of {frames} frames", dropped
         yield at_most(*row, 0) if each is of[0] else informative(*row)

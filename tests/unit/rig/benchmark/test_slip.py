@@ -101,14 +101,13 @@ def test_versions_are_timed_on_frames_with_contact(tmp_path: Path, fast: Contend
 
 
 def test_late_frames_of_streams_are_dropped(tmp_path: Path, fast: Contender, slow: Contender) -> None:
-    streams = [[str(stored(tmp_path, [1] * 30))]] * 2
-    latest_s = 0.1
-    frames, dropped, longest_ms = fast.ask("stream", streams, 20.0, 1.0)
-    assert (frames, dropped) == (60, 0)
+    streams = [[str(stored(tmp_path, [1] * 6))]] * 2
+    frames, dropped, longest_ms = fast.ask("stream", streams, 4.0)
+    assert (frames, dropped) == (12, 0)
     assert longest_ms >= 1.0
-    frames, dropped, longest_ms = slow.ask("stream", streams, 50.0, latest_s)
+    frames, dropped, longest_ms = slow.ask("stream", [[*files * 5] for files in streams], 50.0)
     assert frames == 60
-    assert dropped >= 10  # needs 1.2 s for frames of 0.6 s
+    assert 20 <= dropped < 60  # needs 40 ms for the frames of 20 ms
     assert longest_ms >= 20.0
 
 

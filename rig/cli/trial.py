@@ -22,7 +22,7 @@ from rig.cli.resuming import (
     say_done,
     usual_lift_s,
 )
-from rig.cli.watching import Work, dry_run, foxglove_server, watched
+from rig.cli.watching import Work, dry_run, watched
 from rig.live.onlookers import telling
 from rig.live.questions import ask
 from rig.live.screen import begin_phase
@@ -31,7 +31,6 @@ if TYPE_CHECKING:
     from rig.bench.plan import Plan
     from rig.config import BenchConfig
     from rig.experiments.lift_plan import TrialSettings
-    from rig.live.session import FoxgloveServer
     from rig.results.summary import TrialSummary
     from rig.sessions.about import Remarks
 
@@ -115,19 +114,12 @@ class ReactionOptions:
 
 @dataclass(frozen=True, slots=True)
 class ViewerOptions:
-    """The viewers rerun and Foxglove."""
+    """The viewer rerun."""
 
     live: bool = option(False, "Show images, markers, angles and arm in rerun (extra 'live').")
     live_to: Path | None = option(
         None, "As --live, but write FILE.rrd; needs no display.", callback=file_place
     )
-    foxglove: bool = option(False, "Serve the same data to Foxglove on this computer (extra 'foxglove').")
-    foxglove_at: str | None = option(None, "As --foxglove, at HOST:PORT. Default: 127.0.0.1:8765.")
-
-    def server(self, bench: "BenchConfig") -> "FoxgloveServer | None":
-        """Return the Foxglove server if an option asks for it; print its address. Raises `InputError`."""
-        names = {t.serial: f"finger_{t.finger.lower()}" for t in bench.tactile}
-        return foxglove_server(self.foxglove, self.foxglove_at, names)
 
 
 def trial(
@@ -160,8 +152,6 @@ def trial(
       rig trial --bench wire --lifts 1 --object wrench --live-to wrench.rrd
 
       rig trial --lifts 5 --watch --notify notify-send
-
-      rig trial --lifts 5 --foxglove
 
     """
     from rig.sessions.rows import read_finished_lifts
@@ -293,7 +283,6 @@ def _lift_all(
     from rig.results.notes import lift_fault, lift_note
 
     folder, settings = trial.folder, trial.settings
-    server = viewers.server(settings.bench)
     title = f"{trial.simulated}trial on bench '{settings.bench.name}', {folder}"
     work = Work(title, "lifts", trial.wanted, trial.done)
     question = f"{trial.plan().text()}\nBegin?"
@@ -303,7 +292,7 @@ def _lift_all(
         may_be_continued(folder, session, lambda: _show_partial(trial, session.json)),
         watched(context, work, watch) as others,
         session_bench(settings.bench, person, question, settings.realtime) as benches,
-        live_session(viewers.live, viewers.live_to, others, server) as (feed, inbox),
+        live_session(viewers.live, viewers.live_to, others) as (feed, inbox),
         TrialView(trial.wanted, inbox, message, trial.done, trial.usual_s) as view,
     ):
         return run_trial(

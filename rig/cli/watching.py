@@ -1,31 +1,24 @@
-"""Serve the page of --watch and the data of --foxglove, and run the command of --notify on events.
+"""Serve the page of --watch, and run the command of --notify on events.
 
 Also --dry-run: read every device and show the plan; nothing is moved or stored.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING
 
 import typer
 
-from rig.cli.common import say
+from rig.cli.common import Exit, print_result, say
 from rig.cli.options import WatchOptions
 from rig.live.onlookers import looking_on, report_to
 from rig.live.screen import begin_phase
 
 if TYPE_CHECKING:
-    from rig.live.feed import Listener
-    from rig.live.session import FoxgloveServer
-from dataclasses import asdict
-from typing import TYPE_CHECKING
-
-from rig.cli.common import Exit, print_result
-
-if TYPE_CHECKING:
     from rig.bench.plan import Plan
     from rig.config import BenchConfig
+    from rig.live.feed import Listener
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,23 +58,6 @@ def watched(context: typer.Context, work: Work, options: WatchOptions) -> "Itera
             say(f"watch page: {page.address}")
             listeners = (page.listener,)
         yield listeners
-
-
-def foxglove_server(here: bool, at: str | None, names: "Mapping[str, str]") -> "FoxgloveServer | None":
-    """Return the server of --foxglove, checked, and print how to connect to it; None without the option.
-
-    here, at: --foxglove and --foxglove-at. names: as `FoxgloveServer`. Raises `InputError`.
-    """
-    if not here and at is None:
-        return None
-    from rig.live.session import FOXGLOVE_LAYOUT, FOXGLOVE_PORT, FoxgloveServer
-    from rig.live.watch import watch_address
-
-    host, port = watch_address(at, "--foxglove-at", FOXGLOVE_PORT)
-    server = FoxgloveServer(host, port, names)
-    server.check()
-    say(f"Foxglove: open the connection ws://{host}:{port} and import the layout {FOXGLOVE_LAYOUT}")
-    return server
 
 
 def dry_run(config: "BenchConfig", plan: "Plan", json: bool) -> None:

@@ -132,8 +132,3 @@ def layout(serials: list[str], mark: str = "") -> rrb.Blueprint:
     events = rrb.TextLogView(origin="events", name=f"{mark}events")
     sides = rrb.Horizontal(rrb.Vertical(pictures, angles), rrb.Vertical(arm, events), column_shares=[3, 1])
     return rrb.Blueprint(sides, collapse_panels=True)
-
-
-def open_scene(arguments: list[str]) -> RerunScene:
-    """Open the viewer, or the file that the arguments name."""
-    return RerunScene(Path(arguments[0]) if arguments else None)

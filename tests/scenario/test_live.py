@@ -57,7 +57,7 @@ def test_a_killed_viewer_changes_nothing(
 ) -> None:
     file = tmp_path / "lift.rrd"
     address = str(tmp_path / "viewer")
-    with _viewer("rerun", address, str(file)) as process:
+    with _viewer(address, str(file)) as process:
         size = file.stat().st_size
 
         def kill_in_mid_lift() -> None:

@@ -151,7 +151,7 @@ def trial(
 
       rig trial --bench wire --lifts 1 --object wrench --live-to wrench.rrd
 
-      rig trial --lifts 5 --watch --notify notify-send
+      rig trial --lifts 5 --watch
 
     """
     from rig.sessions.rows import read_finished_lifts

@@ -1,10 +1,10 @@
-"""Serve the page of --watch, and run the command of --notify on events.
+"""Serve the page of --watch.
 
 Also --dry-run: read every device and show the plan; nothing is moved or stored.
 """
 
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING
 
@@ -36,28 +36,21 @@ class Work:
 
 @contextmanager
 def watched(context: typer.Context, work: Work, options: WatchOptions) -> "Iterator[tuple[Listener, ...]]":
-    """Serve the page and notify of events, as the options ask; yield the listeners of lifts and poses.
+    """Serve the page if an option asks for it; yield the listeners of lifts and poses.
 
     The page is served until the command ends; it then shows the report. Raises `InputError`.
     """
-    with ExitStack() as stack:
-        listeners: tuple[Listener, ...] = ()
-        if options.notify is not None:
-            from rig.live.notify import Notifier
+    if not options.watch and options.watch_at is None:
+        yield ()
+        return
+    from rig.live.watch import WatchPage, watch_address
 
-            notifier = stack.enter_context(Notifier(options.notify, say))
-            stack.enter_context(looking_on(notifier.tell))
-        if options.watch or options.watch_at is not None:
-            from rig.live.watch import WatchPage, watch_address
-
-            at = watch_address(options.watch_at)
-            page = WatchPage(at, work.title, work.what, work.done, work.total)
-            context.call_on_close(page.close)
-            context.call_on_close(report_to(page.show_report))
-            stack.enter_context(looking_on(page.tell))
-            say(f"watch page: {page.address}")
-            listeners = (page.listener,)
-        yield listeners
+    page = WatchPage(watch_address(options.watch_at), work.title, work.what, work.done, work.total)
+    context.call_on_close(page.close)
+    context.call_on_close(report_to(page.show_report))
+    with looking_on(page.tell):
+        say(f"watch page: {page.address}")
+        yield (page.listener,)
 
 
 def dry_run(config: "BenchConfig", plan: "Plan", json: bool) -> None:

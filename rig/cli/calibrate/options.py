@@ -138,7 +138,7 @@ def _recorded(source: Path, common: StationOptions) -> Path:
     """Return the folder of --from. Raises `InputError` if an option of the watch page was given with it."""
     from drivers.errors import InputError
 
-    for name in ("watch", "watch_at", "notify"):
+    for name in ("watch", "watch_at"):
         if getattr(common, name):
             named = name.replace("_", "-")
             raise InputError(f"--{named} is for a calibration on a bench: leave it out with --from {source}")

@@ -17,9 +17,6 @@ FORMAT_NAMES = (
     "labelme",
     "lerobot",
     "rosbag2",
-    "rerun",
-    "zarr",
-    "mlflow",
 )
 PACKAGE = Path(__file__).parents[2]
 

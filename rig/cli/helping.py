@@ -55,7 +55,7 @@ OPTION_GROUPS = {
     ),
     "Session": ("--name", "--note", "--tag", "--operator", "--no-report"),
     "Bench": ("--dry-run", "--yes", "--objects", "--serial", "--seed", "--realtime", "--jobs", "--randomise"),
-    "Watch": ("--watch", "--watch-at", "--live", "--live-to"),
+    "Watch": ("--watch", "--watch-at", "--live"),
 }  # fmt: skip
 """Titles of the groups of options and their options; common options first, all others under `REST`."""
 REST = "Further options"

@@ -9,7 +9,7 @@ import typer
 
 from drivers.errors import counted
 from rig.cli.common import Exit, emit_json, mark, report_faults, say, trial_jobs
-from rig.cli.declared import file_place, option, resumed
+from rig.cli.declared import option, resumed
 from rig.cli.options import BenchOptions, SessionOptions, WatchOptions
 from rig.cli.report import report_after
 from rig.cli.results import trial_table
@@ -57,6 +57,7 @@ class TrialOptions:
     jobs: int | None = option(
         None, "Lifts in parallel on a simulated bench. Default: one per core.", min=1, max=64
     )
+    live: bool = option(False, "Show images, markers, angles and arm in rerun (extra 'live').")
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,16 +113,6 @@ class ReactionOptions:
     )
 
 
-@dataclass(frozen=True, slots=True)
-class ViewerOptions:
-    """The viewer rerun."""
-
-    live: bool = option(False, "Show images, markers, angles and arm in rerun (extra 'live').")
-    live_to: Path | None = option(
-        None, "As --live, but write FILE.rrd; needs no display.", callback=file_place
-    )
-
-
 def trial(
     context: typer.Context,
     what: TrialOptions,
@@ -129,7 +120,6 @@ def trial(
     reaction: ReactionOptions,
     bench: BenchOptions,
     session: SessionOptions,
-    viewers: ViewerOptions,
     watch: WatchOptions,
 ) -> None:
     """Lift each object several times, measure its rotation in the fingers, and compare it with the markers.
@@ -149,8 +139,6 @@ def trial(
 
       rig trial --resume --out sessions/campaign
 
-      rig trial --bench wire --lifts 1 --object wrench --live-to wrench.rrd
-
       rig trial --lifts 5 --watch
 
     """
@@ -160,7 +148,7 @@ def trial(
     if bench.dry:
         dry_run(lifting.settings.bench, lifting.plan(), session.json)
     consent = agreed(context, bench, lifting.settings.bench)
-    summary = _lift_all(context, lifting, session, viewers, watch, consent)
+    summary = _lift_all(context, lifting, session, what.live, watch, consent)
     _finish(lifting, summary, session)
     report_faults(row.estimator_faults for row in read_finished_lifts(lifting.folder) if row.estimator_faults)
     _check_limit(summary, what.max_mare)
@@ -270,7 +258,7 @@ def _lift_all(
     context: typer.Context,
     trial: _Trial,
     session: SessionOptions,
-    viewers: ViewerOptions,
+    live: bool,
     watch: WatchOptions,
     consent: bool,
 ) -> "TrialSummary":
@@ -292,7 +280,7 @@ def _lift_all(
         may_be_continued(folder, session, lambda: _show_partial(trial, session.json)),
         watched(context, work, watch) as others,
         session_bench(settings.bench, person, question, settings.realtime) as benches,
-        live_session(viewers.live, viewers.live_to, others) as (feed, inbox),
+        live_session(live, others) as (feed, inbox),
         TrialView(trial.wanted, inbox, message, trial.done, trial.usual_s) as view,
     ):
         return run_trial(

@@ -20,70 +20,40 @@ END_TIMEOUT_S = 30.0
 _log = logging.getLogger("rig.live")
 
 
-def check_viewer(window: bool, file: Path | None) -> None:
-    """Raise `InputError` if a viewer cannot be started.
-
-    window: whether to open a viewer. file: the .rrd file to write.
-    """
-    if not window and file is None:
-        return
-    if window and file is not None:
-        raise InputError("--live opens a viewer and --live-to writes a file: choose one")
+def check_viewer() -> None:
+    """Raise `InputError` if the viewer cannot be started."""
     require_extra("rerun", "live", "the live view needs")
-    if window and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
-        raise InputError("--live: there is no display here; write a file instead: --live-to FILE.rrd")
-    if file is not None and not file.resolve().parent.is_dir():
-        raise InputError(f"--live-to {file}: there is no folder {file.resolve().parent}")
+    if not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+        raise InputError("--live: there is no display here; watch in a browser instead: --watch")
 
 
 @contextmanager
-def live_session(
-    window: bool, file: Path | None, others: tuple[Listener, ...] = ()
-) -> Iterator[tuple[LiveFeed, Inbox]]:
+def live_session(window: bool, others: tuple[Listener, ...] = ()) -> Iterator[tuple[LiveFeed, Inbox]]:
     """Yield the feed that lifts send to, and the inbox of the terminal's view.
 
-    window, file: as in `check_viewer`, which is called first. others: further listeners. The
-    viewer's process ends with the session; if it ends earlier, the session continues.
+    window: whether to open the viewer rerun. others: further listeners. The viewer's process ends with the
+    session; if it ends earlier, the session continues. Raises `InputError` as `check_viewer` does.
     """
-    check_viewer(window, file)
+    if window:
+        check_viewer()
     with tempfile.TemporaryDirectory(prefix="rig-live-") as folder, ExitStack() as stack:
         inbox = Inbox(f"{folder}/terminal")
         stack.callback(inbox.close)
         listeners = [Listener(inbox.address, pictures=False), *others]
-        if window or file is not None:
+        if window:
             address = f"{folder}/viewer"
-            stack.enter_context(_viewer(address, *_file(file)))
+            stack.enter_context(_viewer(address))
             listeners.append(Listener(address, pictures=True))
         yield LiveFeed(tuple(listeners)), inbox
 
 
 @contextmanager
-def viewer_feed(file: Path | None) -> Iterator[LiveFeed]:
-    """Yield a feed into a .rrd file, without a view on the terminal; without a file it has no listeners.
-
-    Raises `InputError` as `check_viewer` does.
-    """
-    check_viewer(False, file)
-    if file is None:
-        yield LiveFeed()
-        return
-    with tempfile.TemporaryDirectory(prefix="rig-live-") as folder:
-        address = f"{folder}/viewer"
-        with _viewer(address, *_file(file)):
-            yield LiveFeed((Listener(address, pictures=True),))
-
-
-def _file(file: Path | None) -> tuple[str, ...]:
-    return () if file is None else (str(file),)
-
-
-@contextmanager
-def _viewer(address: str, *arguments: str) -> Iterator[subprocess.Popen[str]]:
-    command = python_command("-m", "rig.live.viewer", address, *arguments)
+def _viewer(address: str) -> Iterator[subprocess.Popen[str]]:
+    command = python_command("-m", "rig.live.viewer", address)
     # The viewer's output goes into a file: a pipe that is not read would block it.
     log = Path(f"{address}.log")
     with log.open("w") as said, signals_of_terminal_held():
-        process = subprocess.Popen(  # noqa: S603 - this program and the user's own path
+        process = subprocess.Popen(  # noqa: S603 - this program
             command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=said, text=True,
             env=viewer_environment(),
         )  # fmt: skip

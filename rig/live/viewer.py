@@ -1,13 +1,12 @@
-"""The process of the viewer rerun: `python -m rig.live.viewer ADDRESS [FILE]`.
+"""The process of the viewer rerun: `python -m rig.live.viewer ADDRESS`.
 
-It prints "ready" when it listens, and ends when its standard input ends. This also happens if the process
-that started it is killed; a file is then complete up to that time.
+It prints "ready" when it listens, and ends when its standard input ends, also if the process that
+started it is killed.
 """
 
 import os
 import sys
 import threading
-from pathlib import Path
 
 from drivers.children import leave_signals_to_parent
 from rig.live.feed import Inbox
@@ -18,13 +17,13 @@ GIVE_WAY = 10
 """Niceness of the viewer relative to the lifts (nice(2))."""
 
 
-def main(arguments: list[str]) -> None:
-    """Show messages until the input ends. arguments: address, and optionally the .rrd file to write."""
+def main(address: str) -> None:
+    """Show the messages that are sent to an address until the input ends."""
     # Ctrl-C is for the trial only; messages that the trial sends after it are still shown.
     leave_signals_to_parent()
     os.nice(GIVE_WAY)
-    scene = RerunScene(Path(arguments[1]) if arguments[1:] else None)
-    inbox = Inbox(arguments[0])
+    scene = RerunScene()
+    inbox = Inbox(address)
     over = threading.Event()
     threading.Thread(target=_wait_for_end, args=(over,), daemon=True).start()
     print("ready", flush=True)
@@ -46,4 +45,4 @@ def _wait_for_end(over: threading.Event) -> None:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    main(sys.argv[1])

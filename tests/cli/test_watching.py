@@ -15,7 +15,7 @@ from urllib.request import urlopen
 
 import pytest
 
-from rig.live.onlookers import Event, Tell, looking_on
+from rig.live.onlookers import Event, looking_on
 from rig.live.watch import WatchPage
 from support.command_line import rig
 from support.marks import long
@@ -80,7 +80,7 @@ def browser(monkeypatch: pytest.MonkeyPatch) -> Browser:
         close(page)
 
     @contextmanager
-    def observed_too(observer: Tell) -> Iterator[None]:
+    def observed_too(observer: Callable[[Event], None]) -> Iterator[None]:
         with looking_on(made.events.append), looking_on(observer):
             yield
 

@@ -23,8 +23,8 @@ class ClipsOptions:
         Path,
         typer.Argument(
             help="Folder with a folder per clip: frames/, a video or a ROS bag, background.png, labels.csv, "
-            "timestamps.csv, contacts.csv. Or trials of TactileTracking, or sequences of "
-            "digit-pose-estimation. With --set: a clone of the set's repository."
+            "timestamps.csv, contacts.csv. Or trials of TactileTracking. "
+            "With --set: a clone of the set's repository."
         ),
     ]
     estimator: list[str] | None = option(
@@ -72,6 +72,6 @@ class ClipsOptions:
     )
     reversed_turns: bool = option(
         False,
-        "Negate the known angles of public sets (digit-pose-estimation does not document the sign).",
+        "Negate the known angles of public sets.",
         "--reversed-turns",
     )

@@ -33,7 +33,6 @@ NEEDS = {
     r"PRESSES|my_twin": "needs photographs of a pressed ball",
     r"benchmark clips|^rig fit-slip": "needs labels drawn by hand",
     "TactileTracking": "needs a public set",
-    r"benchmark others": "needs clones of others' repositories",
     r"^rig trial --resume(?! --out)": "needs an unfinished session",
 }
 LONG = r"rig benchmark|rig trial --lifts 5|--full|--all"

@@ -8,7 +8,7 @@ from pathlib import Path
 
 ESTIMATOR_NAMES = (
     "slip", "skeleton", "ellipse", "pca", "skeleton-published", "ellipse-published", "pca-published", "ecc",
-    "polar", "kolamuri", "anglenet", "toskov",
+    "kolamuri", "anglenet", "toskov",
 )  # fmt: skip
 FORMAT_NAMES = (
     "csv",

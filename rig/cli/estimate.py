@@ -60,7 +60,7 @@ class EstimationOptions:
     )
     estimator: str | None = option(
         None,
-        "slip, skeleton, ellipse, pca; the last three also with -published; ecc, polar; "
+        "slip, skeleton, ellipse, pca; the last three also with -published; ecc; "
         "kolamuri (for a gel with printed markers), anglenet (a network trained on simulated lifts); "
         "or your own, as package.module:Class (rig estimators). Default: slip.",
     )

@@ -66,7 +66,7 @@ class EstimatorOptions:
 
     estimator: str | None = option(
         None,
-        "slip, skeleton, ellipse, pca; the last three also with -published; ecc, polar, "
+        "slip, skeleton, ellipse, pca; the last three also with -published; ecc, "
         "kolamuri, anglenet, toskov; or your own, as package.module:Class (rig estimators). Default: slip.",
         stored="estimator",
     )

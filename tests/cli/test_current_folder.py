@@ -129,7 +129,6 @@ def test_every_process_is_started_without_the_current_folder() -> None:
     reasons = {
         "drivers/children.py": "the one place",
         "rig/experiments/process_pool.py": "forks, which imports nothing",
-        "rig/benchmark/others/clients.py": "other people's Python, started with -P",
         "rig/live/session.py": "looks for a program beside this Python",
     }
     starts = (

@@ -110,7 +110,6 @@ def test_every_grouped_option_exists() -> None:
         (("export", "nowhere", "--to", "parket", "--out", "new"), "parquet"),
         (("benchmark", "estimatrs"), "estimators"),
         (("trail",), "trial"),
-        (("benchmark", "others", "--part", "clint"), "clients"),
         (("explain", STORED_TRIAL, "--serial", "SIM-D001", "--out", "x.png"), "SIM-D0001"),
     ],
 )

@@ -9,7 +9,7 @@ import typer
 from rig.benchmark.clips.public import SETS
 from rig.benchmark.harness import option
 
-ESTIMATORS = ("slip", "ecc", "polar", "ellipse", "pca", "anglenet")
+ESTIMATORS = ("slip", "ecc", "ellipse", "pca", "anglenet")
 """Estimators that are compared by default."""
 PROJECT = {"within": 0.5, "confidently_wrong": 0.04, "two_sigma": 0.88}
 """Limits of this project for its own clips, by option."""
@@ -30,7 +30,7 @@ class ClipsOptions:
     estimator: list[str] | None = option(
         None,
         "Estimator, also your own as package.module:Class; repeat for more. Limits apply to the "
-        "first. Default: slip, ecc, polar, ellipse, pca, anglenet.",
+        "first. Default: slip, ecc, ellipse, pca, anglenet.",
     )
     public_set: str | None = option(
         None,

@@ -13,8 +13,6 @@ STUDIES = {
     "estimators": "Measure run time and error of every estimator, on 45 lifts and on disturbed clips.",
     "clips": "Compare the angles of estimators with the labels of clips, real or simulated.",
     "calibration": "Compare the errors of the calibrations with their limits, on simulated and real data.",
-    "look": "Draw held-out presses of a real sensor in its own look; compare them with the photographs.",
-    "others": "Run third-party clients on the simulated devices, and third-party readers on session files.",
     "reaction": "Lift the same SIMULATED objects without and with a reaction to slip, and compare.",
     "renderer": "Score estimators on SIMULATED lifts of a second renderer, independent of the bench's.",
     "seeds": "Carry out SIMULATED trials of several seeds; print errors and confidently wrong angles.",
@@ -30,7 +28,6 @@ STUDIES = {
 }
 """First line of help by name."""
 MODULES = {
-    "look": "rig.benchmark.look",
     "seeds": "rig.benchmark.seeds",
     "wire": "rig.benchmark.wire.lift",
     "faults": "rig.benchmark.wire.faults",

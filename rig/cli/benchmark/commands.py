@@ -53,12 +53,12 @@ class Program(Group):
     def __init__(self, **settings: Any) -> None:
         super().__init__(**settings)
         self.commands[FIT_SLIP] = TyperCommand(
-            FIT_SLIP, help="Fit the parameters of slip by maximum likelihood."
+            FIT_SLIP, help="Fit the parameters of slip by maximum likelihood.", rich_help_panel="Advanced"
         )
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
         """Return a command; import the study of `fit-slip`."""
-        if cmd_name != FIT_SLIP:
+        if cmd_name != FIT_SLIP or self.listing:
             return super().get_command(ctx, cmd_name)
         return study_command(FIT_SLIP, "rig.benchmark.slip_fit.study")
 
@@ -73,7 +73,7 @@ class Benchmarks(Group):
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
         """Return a command; import the study that it belongs to."""
-        if cmd_name not in STUDIES:
+        if cmd_name not in STUDIES or self.listing:
             return super().get_command(ctx, cmd_name)
         return study_command(cmd_name, MODULES.get(cmd_name, f"rig.benchmark.{cmd_name}.study"))
 

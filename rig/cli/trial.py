@@ -96,7 +96,7 @@ class ReactionOptions:
         stored="react",
         read=lambda kind: kind.value,
     )
-    false_alarms_per_hour: float = option(
+    alarms_per_hour: float = option(
         10.0,
         "For --react: accepted rate of false slip alarms per hour with a resting object.",
         min=1e-6,
@@ -250,7 +250,7 @@ def _settings(
     from rig.tactile.estimators import choose_estimator
 
     choice = choose_estimator(estimator.estimator, estimator.window, not estimator.no_skip)
-    slip = SlipSettings(reaction.false_alarms_per_hour, reaction.max_turn_deg)
+    slip = SlipSettings(reaction.alarms_per_hour, reaction.max_turn_deg)
     return TrialSettings(config, seed, choice, what.realtime, ReactionKind(reaction.react), slip)
 
 

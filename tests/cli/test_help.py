@@ -53,7 +53,7 @@ def stated(command: Any) -> Iterator[str]:
         yield inner.help.split("\n\n")[0]
 
 
-@pytest.mark.parametrize("columns", [100, pytest.param(140, marks=pytest.mark.long)])
+@pytest.mark.parametrize("columns", [80, pytest.param(140, marks=pytest.mark.long)])
 @pytest.mark.parametrize("name", EVERY)
 def test_help_neither_cuts_nor_splits_a_word(
     name: str, columns: int, monkeypatch: pytest.MonkeyPatch

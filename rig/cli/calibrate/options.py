@@ -26,8 +26,8 @@ TargetOption = Annotated[
     str,
     typer.Option(
         "--target",
-        help="Target (squares, sizes in mm, ArUco dictionary): charuco:8x6:25:18:DICT_5X5_100[:legacy], "
-        "chessboard:9x6:25[:px] or marker:60:DICT_4X4_50:0.",
+        help="Target (squares, sizes in mm, ArUco dictionary): charuco:8x6:25:18:DICT_5X5_100 (append "
+        ":legacy for the pattern of OpenCV before 4.6), chessboard:9x6:25[:px] or marker:60:DICT_4X4_50:0.",
     ),
 ]
 CameraFile = Annotated[Path | None, typer.Option("--camera", help="Camera file of the rig, ROS or OpenCV.")]

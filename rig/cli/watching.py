@@ -12,7 +12,7 @@ import typer
 
 from rig.cli.common import Exit, print_result, say
 from rig.cli.options import WatchOptions
-from rig.live.onlookers import looking_on, report_to
+from rig.live.onlookers import observed_by, report_to
 from rig.live.screen import begin_phase
 
 if TYPE_CHECKING:
@@ -48,7 +48,7 @@ def watched(context: typer.Context, work: Work, options: WatchOptions) -> "Itera
     page = WatchPage(watch_address(options.watch_at), work.title, work.what, work.done, work.total)
     context.call_on_close(page.close)
     context.call_on_close(report_to(page.show_report))
-    with looking_on(page.tell):
+    with observed_by(page.tell):
         say(f"watch page: {page.address}")
         yield (page.listener,)
 

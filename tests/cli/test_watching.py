@@ -15,7 +15,7 @@ from urllib.request import urlopen
 
 import pytest
 
-from rig.live.onlookers import Event, looking_on
+from rig.live.onlookers import Event, observed_by
 from rig.live.watch import WatchPage
 from support.command_line import rig
 from support.marks import long
@@ -81,11 +81,11 @@ def browser(monkeypatch: pytest.MonkeyPatch) -> Browser:
 
     @contextmanager
     def observed_too(observer: Callable[[Event], None]) -> Iterator[None]:
-        with looking_on(made.events.append), looking_on(observer):
+        with observed_by(made.events.append), observed_by(observer):
             yield
 
     monkeypatch.setattr("rig.cli.watching.say", made.hear)
-    monkeypatch.setattr("rig.cli.watching.looking_on", observed_too)
+    monkeypatch.setattr("rig.cli.watching.observed_by", observed_too)
     monkeypatch.setattr(WatchPage, "close", close_when_seen)
     return made
 
@@ -144,7 +144,7 @@ def test_every_calibration_reports_its_progress(
     what: tuple[object, ...], light_bench_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     events: list[Event] = []
-    monkeypatch.setattr("rig.live.onlookers._onlookers", [events.append])
+    monkeypatch.setattr("rig.live.onlookers._observers", [events.append])
     done = rig("calibrate", *what, "--bench", light_bench_file, "--out", tmp_path)
     assert done.returncode == 0, done.stderr
     progress = [event for event in events if event.kind == "progress"]
@@ -170,10 +170,10 @@ def test_invalid_watch_options_are_rejected_before_the_session(tmp_path: Path) -
 def test_waiting_question_is_reported_to_observers(at_terminal: AtTerminal) -> None:
     code = """if True:
         from rig.live.questions import ask
-        from rig.live.onlookers import looking_on
+        from rig.live.onlookers import observed_by
         def observe(event):
             print("event", event.kind, event.text, flush=True)
-        with looking_on(observe):
+        with observed_by(observe):
             ask("Place it. Ready?")
     """
     terminal = at_terminal([sys.executable, "-c", code], 80)

@@ -84,9 +84,12 @@ def _is_number(value: object) -> bool:
 def short_repr(self: Any) -> str:
     """Return a dataclass as one line: arrays by shape and type, numbers with 6 digits.
 
-    Use it as a method: `__repr__ = short_repr` in the body of the class.
+    Fields that are None by default are left out while they are None. Use it as a method:
+    `__repr__ = short_repr` in the body of the class.
     """
-    shown = ", ".join(f"{field.name}={_short(getattr(self, field.name))}" for field in fields(self))
+    values = [(field, getattr(self, field.name)) for field in fields(self)]
+    kept = [(f, value) for f, value in values if value is not None or f.default is not None]
+    shown = ", ".join(f"{f.name}={_short(value)}" for f, value in kept)
     return f"{type(self).__name__}({shown})"
 
 

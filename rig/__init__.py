@@ -30,16 +30,17 @@ if TYPE_CHECKING:
         RigError,
         SessionError,
     )
-    from rig.frames.streaming import AngleSample, StreamingEstimator
+    from rig.frames.streaming import StreamingEstimator
     from rig.python.calibrating import CameraSolution, HandEyeSolution, solve_camera, solve_hand_eye
     from rig.python.estimating import Score, estimate, estimator, score
     from rig.python.session import Lift, SensorFrame, Session, open_session
-    from rig.python.tracks import Angles, ArmTrack, GripperTrack, MarkerTrack, WrenchTrack
+    from rig.python.tracks import ArmTrack, GripperTrack, MarkerTrack, WrenchTrack
+    from rig.tactile.angles import Angles
+    from rig.tactile.sample import SlipSample
 
 __version__ = VERSION
 
 __all__ = [
-    "AngleSample",
     "Angles",
     "ArmTrack",
     "CalibrationError",
@@ -60,6 +61,7 @@ __all__ = [
     "SensorFrame",
     "Session",
     "SessionError",
+    "SlipSample",
     "StreamingEstimator",
     "WrenchTrack",
     "estimate",
@@ -75,11 +77,13 @@ _HOMES = {
         "CalibrationError", "DeviceError", "EstimatorError", "FormatError", "InputError", "OperatorStopError",
         "RecordingError", "RigError", "SessionError",
     ),
-    "rig.frames.streaming": ("AngleSample", "StreamingEstimator"),
+    "rig.frames.streaming": ("StreamingEstimator",),
     "rig.python.calibrating": ("CameraSolution", "HandEyeSolution", "solve_camera", "solve_hand_eye"),
     "rig.python.estimating": ("Score", "estimate", "estimator", "score"),
     "rig.python.session": ("Lift", "SensorFrame", "Session", "open_session"),
-    "rig.python.tracks": ("Angles", "ArmTrack", "GripperTrack", "MarkerTrack", "WrenchTrack"),
+    "rig.python.tracks": ("ArmTrack", "GripperTrack", "MarkerTrack", "WrenchTrack"),
+    "rig.tactile.angles": ("Angles",),
+    "rig.tactile.sample": ("SlipSample",),
 }  # fmt: skip
 """Which module each name is in."""
 _ROOT = Path(__file__).resolve().parents[1]

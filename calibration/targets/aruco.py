@@ -56,7 +56,6 @@ class Refusal(StrEnum):
     UNEQUAL = "markers differ in size"
     NO_CORNER = "corner without an edge"
     OUT_OF_PLANE = "moved out of its plane"
-    OLD_TIME = "time not later than the last"
 
 
 def detector(dictionary: str) -> cv2.aruco.ArucoDetector:

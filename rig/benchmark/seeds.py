@@ -18,13 +18,12 @@ from rig.experiments.attempts import MAX_FAULTS_IN_A_ROW
 from rig.experiments.lift_attempt import attempt_lift
 from rig.experiments.lift_plan import LiftTask, TrialSettings
 from rig.experiments.trial import resolve_objects
-from rig.lift.marker_truth import interpolate
 from rig.lift.recording import recorded_truth
 from rig.results.metrics import HEADING, Mare, mare_text
 from rig.results.scores import SeriesScore, score_angles
 from rig.sessions.reading import phase_times, recorded_angles
-from rig.sessions.recorder import FUSED_TOPIC
 from rig.sessions.records import FinishedLift
+from rig.tactile.angles import FUSED
 from rig.tactile.estimators import EstimatorChoice, choose_estimator
 
 FEW, MANY = 2, 20
@@ -155,10 +154,9 @@ def recorded_lift(
 def scored_lift(recording: Path, seed: int, row: FinishedLift) -> SeedLift:
     """Return the score of the angles that were reported during a recorded lift, over phases B and C."""
     phases, truth = phase_times(recording), recorded_truth(recording)
-    fused = recorded_angles(recording, FUSED_TOPIC)[FUSED_TOPIC]
-    fused = [angle for angle in fused if phases[Phase.LIFT] <= angle.time_ns < phases[Phase.LOWER]]
-    true = [interpolate(truth, angle.time_ns) for angle in fused]
-    score = score_angles(f"{row.object}/{row.lift}", fused, true, phases[Phase.HOLD])
+    fused = recorded_angles(recording, FUSED)[FUSED].between(phases[Phase.LIFT], phases[Phase.LOWER])
+    name = f"{row.object}/{row.lift}"
+    score = score_angles(name, fused, truth.at(fused.time_s), phases[Phase.HOLD])
     return SeedLift(seed, score, row.final_truth_deg or 0.0)
 
 

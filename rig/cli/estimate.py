@@ -13,7 +13,7 @@ from rig.live.screen import begin_phase
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from rig.frames.estimation import EstimatedSeries, Estimation, SeriesEstimate
+    from rig.frames.estimation import EstimatedSeries, Estimation
     from rig.tactile.sample import EstimatorFaults
 
 
@@ -170,7 +170,6 @@ def _run(source: SourceOptions, how: EstimationOptions, of_rig: bool) -> "Estima
 def _series(source: SourceOptions, run: "Estimation", to: ResultOptions, gel: Path | None) -> None:
     """Estimate frames that are not from a session. gel: calibration file of the sensor; None without one."""
     from rig.frames.estimates import rows
-    from rig.frames.estimation import EstimatedSeries
     from rig.frames.gel_height import read_scale
     from rig.frames.series import read_frames
 
@@ -186,14 +185,13 @@ def _series(source: SourceOptions, run: "Estimation", to: ResultOptions, gel: Pa
     done = run.of_series(series)
     figures = _report(f"{mark(series.simulated)}{path}", done, run)
     _deliver(rows(done.estimate, mm_per_px), figures, to)
-    _page(to.page, [EstimatedSeries(path.name, series, done)], path, run, series.simulated)
+    _page(to.page, [done], path, run, series.simulated)
     report_faults(_faults([done]))
 
 
 def _recording(source: SourceOptions, run: "Estimation", to: ResultOptions) -> None:
     """Estimate all fingertips of one recording and write one table."""
     from rig.frames.estimates import rows
-    from rig.frames.estimation import EstimatedSeries
     from rig.frames.of_session import of_sensor, recording_frames
     from rig.sessions.recording_file import recording_values
 
@@ -202,13 +200,13 @@ def _recording(source: SourceOptions, run: "Estimation", to: ResultOptions) -> N
     for tip in of_sensor(recording_frames(path), source.sensor):
         begin_phase(f"estimating {tip.serial} with {run.choice.name}")
         done = run.of_sensor(tip)
-        shown.append(EstimatedSeries(tip.serial, tip.frames, done, tip.sign))
+        shown.append(done)
         samples += [{**row, "sensor": tip.serial} for row in rows(done.estimate)]
         report = _report(f"{path}, {tip.serial}", done, run)
         figures.append({"serial": tip.serial, "sign": tip.sign, **report})
     _deliver(samples, {"recording": str(path), "sensors": figures}, to)
     _page(to.page, shown, path, run, recording_values(path).get("simulated") == "SIMULATED")
-    report_faults(_faults([one.done for one in shown]))
+    report_faults(_faults(shown))
 
 
 def _session(source: SourceOptions, run: "Estimation", to: ResultOptions) -> None:
@@ -261,7 +259,7 @@ def _page(
     from rig.report.own_frames import estimate_page
     from rig.report.write import write_page
 
-    about = f"Estimator {run.choice.name}; {', '.join(dict.fromkeys(one.done.background for one in shown))}."
+    about = f"Estimator {run.choice.name}; {', '.join(dict.fromkeys(one.background for one in shown))}."
     begin_phase("writing the page")
     write_page(page, estimate_page(shown, source.name, about, simulated))
     say(f"page: {page}")
@@ -275,7 +273,7 @@ def _write(file: Path, text: str) -> None:
         raise InputError(f"{file}: cannot be written ({error.strerror}): choose another --out") from error
 
 
-def _report(what: str, done: "SeriesEstimate", run: "Estimation") -> dict[str, object]:
+def _report(what: str, done: "EstimatedSeries", run: "Estimation") -> dict[str, object]:
     """Print the summary on stderr and return it for the JSON output."""
     from dataclasses import asdict
 
@@ -289,5 +287,5 @@ def _report(what: str, done: "SeriesEstimate", run: "Estimation") -> dict[str, o
     return {**about, **asdict(done.figures), "warnings": warnings}
 
 
-def _faults(done: "Sequence[SeriesEstimate]") -> "list[EstimatorFaults]":
+def _faults(done: "Sequence[EstimatedSeries]") -> "list[EstimatorFaults]":
     return [faults for one in done if (faults := one.faults)]

@@ -135,7 +135,7 @@ def _lifts(session: Path, lift: str | None, beside: Path | None) -> "list[Filmed
 
 def _frames(of: SourceOptions) -> "EstimatedSeries":
     """Estimate frames as `rig estimate` does."""
-    from rig.frames.estimation import EstimatedSeries, Estimation
+    from rig.frames.estimation import Estimation
     from rig.frames.series import read_frames
     from rig.tactile.estimators import choose_estimator
 
@@ -143,4 +143,4 @@ def _frames(of: SourceOptions) -> "EstimatedSeries":
     done = Estimation(choose_estimator(None, None), of.background).of_series(series)
     for note in (*series.notes, *(f"warning: {warning}" for warning in done.warnings), done.background):
         say(note)
-    return EstimatedSeries(of.source.name, series, done)
+    return done

@@ -19,16 +19,17 @@ from rig.experiments.attempts import Attempt, fault_text
 from rig.experiments.grasp_plans import derived_seed
 from rig.experiments.lift_plan import LiftTask, TrialSettings, lift_head, new_measurement, plan_lift
 from rig.lift.measurement import LiftMeasurement
-from rig.lift.recording import LatencyProbe, LiftObservers, OutlineObserver, StampRates, lift_angles
+from rig.lift.recording import LatencyProbe, LiftObservers, OutlineObserver, StampRates
 from rig.lift.result import lift_result, stage_times
 from rig.live.feed import NOBODY, LiveFeed
 from rig.live.observer import LiveObserver
 from rig.sessions.about import SIMULATED_EPOCH_NS, RecordingAbout
 from rig.sessions.manifest import SCHEMA_VERSION
-from rig.sessions.recorder import LiftRecorder, RecordedAngle
+from rig.sessions.recorder import LiftRecorder
 from rig.sessions.records import FailedLift, FinishedLift, LiftHead, LiftOutcome, LiftRow
 from rig.sessions.timing import LatencyTimes, LiftTiming
 from rig.sessions.unfinished import completed, new_recording
+from rig.tactile.angles import Angles
 from rig.version import VERSION
 
 HEAD_IN_METADATA = (
@@ -70,8 +71,8 @@ def attempt_lift(
         fault = None if course.error is None else fault_text(course.error)
         row, angles = _row(head, measurement, fault, course)
         if recorder is not None:
-            for topic, angle in angles:
-                recorder.angle(topic, angle)
+            for series in angles:
+                recorder.angles(series)
         if row.outcome in (LiftOutcome.FALLEN, LiftOutcome.FAULT):
             benches.displaced()
     timing = LiftTiming(
@@ -109,16 +110,16 @@ def _about(settings: TrialSettings, head: LiftHead) -> RecordingAbout:
 
 def _row(
     head: LiftHead, measurement: LiftMeasurement, fault: str | None, course: "_Course"
-) -> tuple[LiftRow, Iterable[tuple[str, RecordedAngle]]]:
+) -> tuple[LiftRow, Iterable[Angles]]:
     """Return the row of a lift and its angles; for a lift that ended in a fault, the fault and no angles."""
     seen = {"bench_s": round(course.bench_s, 6), "speed_fraction": course.speed_fraction}
     if fault is not None:
         return FailedLift(**vars(head), accepted=False, outcome=LiftOutcome.FAULT, fault=fault, **seen), ()
-    figures, series = lift_result(measurement)
+    figures, angles = lift_result(measurement)
     row = FinishedLift(
         **vars(head), **vars(figures), accepted=True, clock_rates=course.clock_rates or None, **seen
     )
-    return row, lift_angles(measurement, series)
+    return row, angles.values()
 
 
 def _reaction(settings: TrialSettings, task: LiftTask, measurement: LiftMeasurement) -> Reaction | None:

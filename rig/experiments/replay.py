@@ -5,20 +5,18 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
-import numpy as np
-
 from drivers.clock import NS_PER_S
 from drivers.errors import RigError, SessionError
 from drivers.realtime import compute_in_one_thread
 from rig.experiments.lift_plan import StoredTrial, TrialSettings, new_measurement
 from rig.experiments.process_pool import run_tasks
 from rig.lift.result import lift_result
-from rig.results.metrics import Floats
 from rig.results.summary import TrialSummary, summarize_trial
 from rig.sessions.reading import show_again
 from rig.sessions.recording_file import Gaps, gaps_text
 from rig.sessions.records import FinishedLift
 from rig.sessions.rows import read_usable_lifts
+from rig.tactile.angles import FUSED, Angles
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,7 +76,7 @@ def replay_around_gaps(
 
 def replay_or_problem(
     folder: Path, settings: TrialSettings, row: FinishedLift
-) -> tuple[FinishedLift, Floats] | str:
+) -> tuple[FinishedLift, Angles] | str:
     """Replay one lift as `replay_with_angles`; return the reason if its recording is damaged."""
     try:
         return replay_with_angles(folder, settings, row)
@@ -88,19 +86,16 @@ def replay_or_problem(
 
 def replay_with_angles(
     folder: Path, settings: TrialSettings, row: FinishedLift, gaps: Gaps | None = None
-) -> tuple[FinishedLift, Floats]:
-    """Replay one recorded lift; return its row with the measured part computed again, and its angles.
+) -> tuple[FinishedLift, Angles]:
+    """Replay one recorded lift; return its row with the measured part computed again, and its fused angles.
 
-    The angles are (N, 3): time by the recording's clock in s, fused angle and sigma in degrees, NaN if
-    refused. gaps: list to which damaged parts of the recording are added; they are then skipped. Raises
+    gaps: list to which damaged parts of the recording are added; they are then skipped. Raises
     `SessionError`.
     """
     compute_in_one_thread()
     measurement = new_measurement(settings)
     known_ns = {name: round(time_s * NS_PER_S) for name, time_s in row.phases_s.items()}
     phases_ns = show_again(folder / row.recording, measurement, known_ns, gaps)
-    figures, _ = lift_result(measurement)
+    figures, angles = lift_result(measurement)
     phases_s = {name: time_ns / NS_PER_S for name, time_ns in phases_ns.items()}
-    again = replace(row, **{**vars(figures), "phases_s": phases_s})
-    angles = [(s.time_ns / NS_PER_S, s.angle_deg, s.sigma_deg) for s in measurement.angle.fused]
-    return again, np.array(angles, float).reshape(-1, 3)
+    return replace(row, **{**vars(figures), "phases_s": phases_s}), angles[FUSED]

@@ -37,6 +37,7 @@ from rig.sessions.recorder import (
 from rig.sessions.recording_file import recorded_messages
 from rig.sessions.records import FinishedLift
 from rig.sessions.table_files import Columns, Line, csv_bytes, parquet_bytes
+from rig.tactile.angles import FUSED, MARKERS
 
 WHEN: Columns = {
     "session": str, "number": int, "object": str, "name": str, "lift": int, "phase": str,
@@ -64,8 +65,6 @@ IMAGE_COLUMNS: Columns = {
     "serial": str,
     "time_s": float, "contact_area_px": float,
 }  # fmt: skip
-FUSED, TRUTH = "fused", "markers"
-"""Sources of angles other than the fingertips' serials."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -175,10 +174,11 @@ def _values(path: Path, topic: str, sequence: int, data: bytes, pose: tuple[floa
     if topic == GRIPPER_TOPIC:
         return asdict(recorded_gripper(data, path))
     if topic.startswith(ANGLE_PREFIX):
-        named = {FUSED_TOPIC: FUSED, TRUTH_TOPIC: TRUTH}
-        values = asdict(recorded_angle(data, path, 0))
-        del values["time_ns"]
-        return {**values, "source": named.get(topic, topic.removeprefix(ANGLE_PREFIX))}
+        named = {FUSED_TOPIC: FUSED, TRUTH_TOPIC: MARKERS}
+        return {
+            **asdict(recorded_angle(data, path)),
+            "source": named.get(topic, topic.removeprefix(ANGLE_PREFIX)),
+        }
     return {}
 
 

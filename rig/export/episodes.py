@@ -155,7 +155,7 @@ def _values(topic: str, data: bytes, path: Path, poses: ContinuousPoses) -> Iter
         counts = kept.position_counts
         yield topic, ("gripper_opening_m", kept.opening_m) if counts is None else ("gripper_counts", counts)
     elif topic in (FUSED_TOPIC, TRUTH_TOPIC):
-        angle = recorded_angle(data, path, 0)
+        angle = recorded_angle(data, path)
         yield topic, (angle.angle_deg, angle.sigma_deg)
 
 

@@ -157,7 +157,7 @@ def _messages(recording: Path, bench: BenchConfig) -> Iterator[Stamped]:
             yield time_ns, "/gripper/joint_states", _values(time_ns, TOOL, fingers)
         elif topic.startswith(ANGLE_PREFIX):
             name = ANGLES.get(topic) or source_name(topic.removeprefix(ANGLE_PREFIX), bench)
-            found = recorded_angle(data, recording, time_ns)
+            found = recorded_angle(data, recording)
             angle = {"angle": _radians(found.angle_deg), "angle_sigma": _radians(found.sigma_deg)}
             yield time_ns, f"/angle/{name}", _values(time_ns, _optical(CAMERA), angle)
 

@@ -16,6 +16,7 @@ from rig.frames.series import TimedFrame
 from rig.frames.slip_alarm import slips
 from rig.frames.times import FrameTime
 from rig.sessions.table_files import csv_bytes
+from rig.tactile.angles import Angles
 from rig.tactile.sample import SlipSample, State, TactileEstimator
 
 TIME_PERCENTILES = (50, 90, 99)
@@ -38,39 +39,28 @@ class TimedImage(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class TimedSample:
-    """A sample and the wall time in s of its computation, None for a frame that could not be read."""
-
-    sample: SlipSample
-    cost_s: float | None
-
-
-@dataclass(frozen=True, slots=True)
-class Answer:
-    """The estimator's sample for the frame taken at a time. cost_s: as in `TimedSample`."""
-
-    time: FrameTime
-    sample: SlipSample
-    cost_s: float | None = None
-
-
-@dataclass(frozen=True, slots=True)
 class Estimate:
-    """The estimates of one series, with None for values that the estimator refused or does not compute.
+    """The estimates of one series.
 
-    angles_deg, sigmas_deg, shifts_px (x right, y down): from the zero, see `zeroed`. slips: whether the slip
-    alarm had been raised, see `rig.frames.slip_alarm`.
+    times, samples: of the frames, in order. zero: time of the frame whose angle is 0, see `zeroed`; None
+    without one, the angles are then the estimator's own. zero_note: which frame that is.
     """
 
-    answers: tuple[Answer, ...]
-    angles_deg: tuple[float | None, ...]
-    sigmas_deg: tuple[float | None, ...]
-    rates_deg_s: tuple[float | None, ...]
-    shifts_px: tuple[tuple[float, float] | None, ...]
-    slips: tuple[bool | None, ...]
-    zero: FrameTime | None
-    zero_note: str
-    unreadable: int
+    times: tuple[FrameTime, ...]
+    samples: tuple[SlipSample, ...]
+    zero: FrameTime | None = None
+    zero_note: str = ""
+
+    @property
+    def angles(self) -> Angles:
+        """The angles in order of the frames' times."""
+        times_ns = [time.time_ns for time in self.times]
+        return Angles.of(replace(s, time_ns=t) for s, t in zip(self.samples, times_ns, strict=True))
+
+    @property
+    def unreadable(self) -> int:
+        """Number of frames that could not be read."""
+        return sum(sample.cost_s is None for sample in self.samples)
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,33 +86,33 @@ class EstimateFigures:
 
 def estimate_frames(
     estimator: TactileEstimator, frames: Iterable[TimedImage], states: Iterable[ArmState] = ()
-) -> Iterator[TimedSample]:
-    """Yield the sample of every frame, in order; a frame that could not be read is `lost`.
+) -> Iterator[SlipSample]:
+    """Yield the sample of every frame, in order, with its `cost_s`; an unreadable frame is `lost`.
 
     states: the arm's states in time order. Before each frame the estimator gets the states up to its time.
     """
     waiting = deque(states)
     for frame in frames:
         if frame.image is None:
-            yield TimedSample(SlipSample(frame.time_ns, State.LOST), None)
+            yield SlipSample(frame.time_ns, State.LOST)
             continue
         began = perf_counter()
         while waiting and waiting[0].time_ns <= frame.time_ns:
             estimator.arm(waiting.popleft())
         sample = estimator.update(frame.image, frame.time_ns)
-        yield TimedSample(sample, perf_counter() - began)
+        yield replace(sample, cost_s=perf_counter() - began)
 
 
 def estimate_together(
     estimators: Mapping[str, TactileEstimator], frames: Iterable[TimedImage]
-) -> dict[str, list[TimedSample]]:
+) -> dict[str, list[SlipSample]]:
     """Return the samples of several estimators by name. All estimate a frame before the next one is read.
 
     This way each frame is read once, and the estimators can share intermediate results.
     """
     copies = tee(frames, len(estimators))
     loops = (estimate_frames(*of) for of in zip(estimators.values(), copies, strict=True))
-    samples: dict[str, list[TimedSample]] = {name: [] for name in estimators}
+    samples: dict[str, list[SlipSample]] = {name: [] for name in estimators}
     for row in zip(*loops, strict=True):
         for of, sample in zip(samples.values(), row, strict=True):
             of.append(sample)
@@ -131,38 +121,24 @@ def estimate_together(
 
 def estimate_series(
     series: Iterable[TimedFrame], estimator: TactileEstimator, count: int | None = None
-) -> tuple[Answer, ...]:
+) -> Estimate:
     """Estimate every frame in order; a frame that cannot be read is `lost`. Raises `InputError`.
 
     count: number of frames, if known, for the display of progress.
     """
     frames, shown = tee(steps(series, count))
-    pairs = zip(frames, estimate_frames(estimator, shown), strict=True)
-    return tuple(Answer(frame.time, timed.sample, timed.cost_s) for frame, timed in pairs)
+    pairs = [(frame.time, s) for frame, s in zip(frames, estimate_frames(estimator, shown), strict=True)]
+    return Estimate(tuple(time for time, _ in pairs), tuple(sample for _, sample in pairs))
 
 
-def without_angles(answers: Iterable[Answer]) -> tuple[Answer, ...]:
-    """Return the answers without their angles, for frames that do not fit the background."""
-    return tuple(replace(answer, sample=answer.sample.without_angle()) for answer in answers)
+def without_angles(estimate: Estimate) -> Estimate:
+    """Return the estimate without its angles, for frames that do not fit the background."""
+    return replace(estimate, samples=tuple(sample.without_angle() for sample in estimate.samples))
 
 
-class Timed(Protocol):
-    """A sample with the wall time in s of its computation, None for a frame that could not be read."""
-
-    @property
-    def sample(self) -> SlipSample:
-        """The sample."""
-        ...
-
-    @property
-    def cost_s(self) -> float | None:
-        """The time."""
-        ...
-
-
-def contact_ms(timed: Iterable[Timed]) -> list[float]:
+def contact_ms(samples: Iterable[SlipSample]) -> list[float]:
     """Return the run times of the frames with contact, ms; a frame without contact needs nearly no time."""
-    return [1e3 * of.cost_s for of in timed if of.cost_s is not None and of.sample.estimated]
+    return [1e3 * of.cost_s for of in samples if of.cost_s is not None and of.estimated]
 
 
 def frame_ms(times_ms: Sequence[float]) -> tuple[float, float, float] | None:
@@ -173,49 +149,36 @@ def frame_ms(times_ms: Sequence[float]) -> tuple[float, float, float] | None:
     return median_ms, p90_ms, p99_ms
 
 
-def lift_time(answers: Sequence[Answer], lift: FrameTime | None) -> int | None:
+def lift_time(estimate: Estimate, lift: FrameTime | None) -> int | None:
     """Return a lift's time in ns, None if unknown. Raises `InputError` outside the series."""
     if lift is not None:
-        _check_within(answers, "--lift-from", lift)
+        _check_within(estimate, "--lift-from", lift)
     return None if lift is None else lift.time_ns
 
 
 def zeroed(
-    answers: Sequence[Answer],
+    estimate: Estimate,
     reference: FrameTime | None,
     keep_zero: bool = False,
     sign: int = 1,
     lift_ns: int | None = None,
 ) -> Estimate:
-    """Return angles relative to the zero: the answer at the reference time, or where the contact has settled.
+    """Return angles relative to the zero: the frame at the reference time, or where the contact has settled.
 
+    Shifts are relative to it, too, or to the estimator's reference if the zero has none; `slip` is set.
     keep_zero: use the estimator's own zero, like the published script. sign: +1, or -1 for a fingertip that
     sees the object from behind. lift_ns: start of the lift, if known. If there is no angle at the reference
-    time, the first later answer is the zero. Raises `InputError` for a reference time outside the series.
+    time, the first later one is the zero. Raises `InputError` for a reference time outside the series.
     """
-    unreadable = sum(
-        answer.sample.state is State.LOST
-        and answer.sample.contact_area_px == 0
-        and not (answer.sample.jumped or answer.sample.fault)
-        for answer in answers
+    place, note = (None, "the zero of the script") if keep_zero else _zero_place(estimate, reference)
+    zero = None if place is None else estimate.samples[place]
+    zero_deg = (zero and zero.angle_deg) or 0.0
+    alarms = slips(estimate.samples, lift_ns)
+    samples = tuple(
+        replace(sample.turned(sign, zero_deg, zero), shift_px=_shifted(sample, zero), slip=slip)
+        for sample, slip in zip(estimate.samples, alarms, strict=True)
     )
-    place, note = (None, "the zero of the script") if keep_zero else _zero_place(answers, reference)
-    zero = None if place is None else answers[place]
-    zero_deg = 0.0 if zero is None else zero.sample.angle_deg or 0.0
-    samples = [answer.sample for answer in answers]
-    return Estimate(
-        answers=tuple(answers),
-        angles_deg=tuple(None if s.angle_deg is None else sign * (s.angle_deg - zero_deg) for s in samples),
-        sigmas_deg=tuple(
-            None if s.angle_deg is None else s.sigma_since(zero and zero.sample) for s in samples
-        ),
-        rates_deg_s=tuple(None if s.rate_deg_s is None else sign * s.rate_deg_s for s in samples),
-        shifts_px=tuple(_shifted(s, zero and zero.sample) for s in samples),
-        slips=tuple(slips(samples, lift_ns)),
-        zero=zero and zero.time,
-        zero_note=note,
-        unreadable=unreadable,
-    )
+    return Estimate(estimate.times, samples, None if place is None else estimate.times[place], note)
 
 
 def rows(estimate: Estimate, mm_per_px: tuple[float, float] | None = None) -> list[dict[str, object]]:
@@ -223,10 +186,10 @@ def rows(estimate: Estimate, mm_per_px: tuple[float, float] | None = None) -> li
 
     mm_per_px: scale of the gel along x and y. If given, the rows also contain the shift in mm.
     """
-    found = [_row(estimate, place) for place in range(len(estimate.answers))]
+    found = [_row(*of) for of in zip(estimate.times, estimate.samples, strict=True)]
     if mm_per_px is None:
         return found
-    shifts = [shift_mm(shift, mm_per_px) for shift in estimate.shifts_px]
+    shifts = [shift_mm(sample.shift_px, mm_per_px) for sample in estimate.samples]
     return [row | {"shift_x_mm": x, "shift_y_mm": y} for row, (x, y) in zip(found, shifts, strict=True)]
 
 
@@ -246,19 +209,16 @@ def table(rows: Sequence[dict[str, object]]) -> str:
 
 def figures(estimate: Estimate) -> EstimateFigures:
     """Return the summary of an estimate."""
-    refused = Counter(
-        answer.sample.state.value
-        for answer, angle in zip(estimate.answers, estimate.angles_deg, strict=True)
-        if angle is None
-    )
-    slip = next((a.time.text for a, s in zip(estimate.answers, estimate.slips, strict=True) if s), None)
-    median_ms, p90_ms, p99_ms = frame_ms(contact_ms(estimate.answers)) or (None, None, None)
+    samples = estimate.samples
+    refused = Counter(sample.state.value for sample in samples if sample.angle_deg is None)
+    slip = next((time.text for time, s in zip(estimate.times, samples, strict=True) if s.slip), None)
+    median_ms, p90_ms, p99_ms = frame_ms(contact_ms(samples)) or (None, None, None)
     return EstimateFigures(
-        frames=len(estimate.answers),
-        answered=len(estimate.answers) - sum(refused.values()),
+        frames=len(samples),
+        answered=len(samples) - sum(refused.values()),
         refused=dict(sorted(refused.items())),
         unreadable=estimate.unreadable,
-        jumped=sum(answer.sample.jumped for answer in estimate.answers),
+        jumped=sum(sample.jumped for sample in samples),
         reference_time_s=None if estimate.zero is None else float(estimate.zero.text),
         reference=estimate.zero_note,
         slip_s=None if slip is None else float(slip),
@@ -268,18 +228,17 @@ def figures(estimate: Estimate) -> EstimateFigures:
     )
 
 
-def _row(estimate: Estimate, place: int) -> dict[str, object]:
-    answer, slip = estimate.answers[place], estimate.slips[place]
-    x, y = estimate.shifts_px[place] or (None, None)
+def _row(time: FrameTime, sample: SlipSample) -> dict[str, object]:
+    x, y = sample.shift_px or (None, None)
     return {
-        "t_s": answer.time.text,
-        "angle_deg": _rounded(estimate.angles_deg[place]),
-        "sigma_deg": _rounded(estimate.sigmas_deg[place]),
-        "state": answer.sample.state.value,
-        "rate_deg_s": _rounded(estimate.rates_deg_s[place]),
+        "t_s": time.text,
+        "angle_deg": _rounded(sample.angle_deg),
+        "sigma_deg": _rounded(sample.sigma_deg),
+        "state": sample.state.value,
+        "rate_deg_s": _rounded(sample.rate_deg_s),
         "shift_x_px": _rounded(x),
         "shift_y_px": _rounded(y),
-        "slip": None if slip is None else int(slip),
+        "slip": None if sample.slip is None else int(sample.slip),
     }
 
 
@@ -299,33 +258,34 @@ def _rounded(value: float | None) -> float | None:
     return None if value is None else round(value, 4)
 
 
-def _zero_place(answers: Sequence[Answer], reference: FrameTime | None) -> tuple[int | None, str]:
+def _zero_place(estimate: Estimate, reference: FrameTime | None) -> tuple[int | None, str]:
     if reference is not None:
-        return _place_at(answers, reference)
-    answered = [i for i, answer in enumerate(answers) if answer.sample.angle_deg is not None]
+        return _place_at(estimate, reference)
+    answered = [i for i, sample in enumerate(estimate.samples) if sample.angle_deg is not None]
     if not answered:
         return None, "undefined: no frame has an angle"
-    settled = next((i for i in answered if answers[i].sample.settled), None)
+    settled = next((i for i in answered if estimate.samples[i].settled), None)
     if settled is None:
         return answered[0], "at the first frame with an angle; the contact never settled"
     return settled, "at the first frame with an angle in a settled contact"
 
 
-def _place_at(answers: Sequence[Answer], reference: FrameTime) -> tuple[int | None, str]:
+def _place_at(estimate: Estimate, reference: FrameTime) -> tuple[int | None, str]:
     """Return the frame nearest to the reference time, or the first later frame with an angle."""
-    _check_within(answers, "--reference-time", reference)
-    place = min(range(len(answers)), key=lambda i: abs(answers[i].time.time_ns - reference.time_ns))
-    answered = [i for i, answer in enumerate(answers) if answer.sample.angle_deg is not None]
+    _check_within(estimate, "--reference-time", reference)
+    times, samples = estimate.times, estimate.samples
+    place = min(range(len(times)), key=lambda i: abs(times[i].time_ns - reference.time_ns))
+    answered = [i for i, sample in enumerate(samples) if sample.angle_deg is not None]
     if place in answered:
         return place, "at the given reference"
-    state = answers[place].sample.state.value
+    state = samples[place].state.value
     if not answered:
         return None, f"undefined: no frame has an angle; {state} at --reference-time {reference.text}"
     instead = next((i for i in answered if i > place), answered[0])
     return instead, f"at the first later frame with an angle; {state} at --reference-time {reference.text}"
 
 
-def _check_within(answers: Sequence[Answer], option: str, time: FrameTime) -> None:
-    first, last = answers[0].time, answers[-1].time
+def _check_within(estimate: Estimate, option: str, time: FrameTime) -> None:
+    first, last = estimate.times[0], estimate.times[-1]
     if not first.time_ns <= time.time_ns <= last.time_ns:
         raise InputError(f"{option} {time.text}: the frames run from {first.text} to {last.text} s")

@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
+from pathlib import Path
 
 import numpy as np
 
@@ -83,14 +84,18 @@ def _differs(background: Image, image: Image) -> bool:
     return Comparison(background).region(image) is not None
 
 
-@dataclass(frozen=True, slots=True)
-class SeriesEstimate:
-    """One series' estimate.
+@dataclass(frozen=True, slots=True, eq=False)
+class EstimatedSeries:
+    """Frames and their estimate.
 
-    untouched: the background, (H, W, 3) uint8 RGB; background: its origin. doubts: warnings about frames or
-    background. angles_from: the image content that the angles are based on.
+    name: clip or sensor. sign: factor from image angles to the angles here. untouched: the background,
+    (H, W, 3) uint8 RGB; background: its origin. doubts: warnings about frames or background. angles_from: the
+    image content that the angles are based on.
     """
 
+    name: str
+    frames: FrameSeries
+    sign: int
     estimate: Estimate
     untouched: Image
     background: str
@@ -105,7 +110,7 @@ class SeriesEstimate:
     @property
     def text(self) -> str:
         """The figures in one line for people."""
-        found, start = self.figures, float(self.estimate.answers[0].time.text)
+        found, start = self.figures, float(self.estimate.times[0].text)
         refused = ", ".join(f"{count} {state}" for state, count in found.refused.items()) or "none"
         zero, slip = (
             "" if t is None else f"{text}{t - start:.3f} s after the first frame"
@@ -119,13 +124,13 @@ class SeriesEstimate:
     @property
     def faults(self) -> EstimatorFaults | None:
         """Faults of a user-defined estimator; None if there are none."""
-        return faults_of(answer.sample for answer in self.estimate.answers)
+        return faults_of(self.estimate.samples)
 
     @property
     def warnings(self) -> list[str]:
         """The doubts, and warnings about the results."""
         found, more = self.figures, list(self.doubts)
-        if note := sparse_note([answer.time.time_ns for answer in self.estimate.answers]):
+        if note := sparse_note([time.time_ns for time in self.estimate.times]):
             more.append(note)
         if found.unreadable:
             more.append(f"{counted(found.unreadable, 'frame')} could not be read: 'lost' in the table")
@@ -139,16 +144,6 @@ class SeriesEstimate:
         if found.refused == {"no_contact": found.frames}:
             more.append("no frame shows a contact; if one should, the background shows the same contact")
         return more
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class EstimatedSeries:
-    """Frames and their estimate. name: clip or sensor. sign: factor from image angles to the angles here."""
-
-    name: str
-    frames: FrameSeries
-    done: SeriesEstimate
-    sign: int = 1
 
 
 def require_frames_suffice(choice: EstimatorChoice) -> None:
@@ -185,14 +180,14 @@ class Estimation:
                 f"{choice.name} sets its own zero, as the published script does: leave --reference-time out"
             )
 
-    def of_series(self, series: FrameSeries) -> SeriesEstimate:
+    def of_series(self, series: FrameSeries) -> EstimatedSeries:
         """Estimate the frames of any source. Raises `InputError`."""
         background, note = make_background(self._background, series)
         doubts = background_doubts(self._background, background, series)
         estimator = self.choice.make(background, self._aspect)
-        return self._estimate(series, estimator, background, note, doubts)
+        return self._estimate(Path(series.name).name, series, estimator, background, note, doubts)
 
-    def of_sensor(self, tip: SessionSeries) -> SeriesEstimate:
+    def of_sensor(self, tip: SessionSeries) -> EstimatedSeries:
         """Estimate a session's frames with the sensor's sign, background and aspect. Raises `InputError`."""
         if self._background is None:
             background, note, doubts = tip.background, "background: the session's own", []
@@ -200,10 +195,13 @@ class Estimation:
             background, note = make_background(self._background, tip.frames)
             doubts = background_doubts(self._background, background, tip.frames)
         estimator = replace(self.choice, gel=tip.gel).make(background, self._aspect or tip.aspect)
-        return self._estimate(tip.frames, estimator, background, note, doubts, tip.sign, tip.lift_ns)
+        return self._estimate(
+            tip.serial, tip.frames, estimator, background, note, doubts, tip.sign, tip.lift_ns
+        )
 
     def _estimate(
         self,
+        name: str,
         series: FrameSeries,
         estimator: TactileEstimator,
         background: Image,
@@ -211,18 +209,18 @@ class Estimation:
         doubts: list[str],
         sign: int = 1,
         lift_ns: int | None = None,
-    ) -> SeriesEstimate:
+    ) -> EstimatedSeries:
         check = BackgroundCheck(background)
-        answers = estimate_series(checked(series, check), estimator, series.count)
-        if not answers:
+        raw = estimate_series(checked(series, check), estimator, series.count)
+        if not raw.samples:
             raise InputError(f"{series.name}: holds no frames to estimate: give another clip or recording")
-        if check.misfit:
-            answers = without_angles(answers)
-        lift_ns = lift_time(answers, self.lift) if lift_ns is None else lift_ns
-        sign = 1 if self._published else sign
-        estimate = zeroed(answers, self._reference, self._published, sign, lift_ns)
+        raw = without_angles(raw) if check.misfit else raw
+        lift_ns = lift_time(raw, self.lift) if lift_ns is None else lift_ns
+        to_object = 1 if self._published else sign
+        estimate = zeroed(raw, self._reference, self._published, to_object, lift_ns)
         doubts = [*doubts, *_check_doubts(check), *frame_doubts(series)]
-        return SeriesEstimate(estimate, background, note, tuple(doubts), self.choice.sees(background))
+        angles_from = self.choice.sees(background)
+        return EstimatedSeries(name, series, sign, estimate, background, note, tuple(doubts), angles_from)
 
 
 def _check_doubts(check: BackgroundCheck) -> list[str]:

@@ -53,11 +53,11 @@ def largest_turn(series: FrameSeries, estimate: Estimate, sign: int = 1) -> Turn
     sign: factor from image angles to the angles of the estimate. Raises `InputError` if no frame has an
     angle.
     """
-    answered = [(abs(a), i) for i, a in enumerate(estimate.angles_deg) if a is not None]
+    answered = [(abs(s.angle_deg), i) for i, s in enumerate(estimate.samples) if s.angle_deg is not None]
     if estimate.zero is None or not answered:
         raise InputError(f"{series.name}: no frame has an angle; give frames with a contact that turns")
     place = max(answered)[1]
-    zero_ns, later_ns = estimate.zero.time_ns, estimate.answers[place].time.time_ns
+    zero_ns, later_ns, sample = estimate.zero.time_ns, estimate.times[place].time_ns, estimate.samples[place]
     images = {
         f.time.time_ns: f.image
         for f in series
@@ -67,9 +67,9 @@ def largest_turn(series: FrameSeries, estimate: Estimate, sign: int = 1) -> Turn
         images[zero_ns],
         images[later_ns],
         (later_ns - zero_ns) / NS_PER_S,
-        sign * (estimate.angles_deg[place] or 0.0),
-        estimate.sigmas_deg[place],
-        estimate.shifts_px[place] or (0.0, 0.0),
+        sign * (sample.angle_deg or 0.0),
+        sample.sigma_deg,
+        sample.shift_px or (0.0, 0.0),
     )
 
 

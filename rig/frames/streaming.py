@@ -1,7 +1,7 @@
 """Angles of one sensor frame by frame, as the frames are captured."""
 
 import warnings
-from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
 
@@ -10,39 +10,12 @@ from drivers.clock import NS_PER_S, to_ns
 from drivers.errors import InputError
 from drivers.formats import MAX_TIME_S
 from drivers.types import Image
-from drivers.values import short_repr
 from rig.frames.slip_alarm import SlipAlarm
 from rig.lift.object_angle import ZERO_S, TipTrack
 from rig.tactile.contact.background_check import CHECK_EVERY_NS, TAKE_AGAIN, BackgroundCheck
 from rig.tactile.sample import FROZEN, MAX_SIDE_PX, SlipSample, State, TactileEstimator, check_frame
 
 _MAX_NS = round(MAX_TIME_S * NS_PER_S)
-
-
-@dataclass(frozen=True, slots=True)
-class AngleSample:
-    """The angle in one frame.
-
-    time_s: the frame's time. angle_deg: rotation since the reference, counter-clockwise positive as seen,
-    times the sign; None if the estimator refuses. Before a reference is set, the zero is the estimator's own,
-    for `slip` the first contact. sigma_deg: one standard deviation, None if the estimator reports none.
-    state: "no_contact", "tracking", "rekeyed", "unobservable", "lost" or "frozen". rate_deg_s: None if
-    unknown. shift_px: x right, y down, since the estimator's own reference, None if unknown. contact_area_px:
-    0 without contact. slip: whether the slip alarm is on, see `rig.frames.slip_alarm`. fault: error raised by
-    a lab's own estimator.
-    """
-
-    time_s: float
-    angle_deg: float | None
-    sigma_deg: float | None
-    state: str
-    rate_deg_s: float | None
-    shift_px: tuple[float, float] | None
-    contact_area_px: float
-    slip: bool
-    fault: str | None = None
-
-    __repr__ = short_repr
 
 
 class StreamingEstimator:
@@ -86,14 +59,17 @@ class StreamingEstimator:
         """Times of the frames in which the slip alarm was raised, s; the newest 20."""
         return tuple(time_ns / NS_PER_S for time_ns in self._alarm.raised_ns)
 
-    def update(self, image: Image, time_s: float) -> AngleSample:
+    def update(self, image: Image, time_s: float) -> SlipSample:
         """Estimate the angle in the next frame.
 
         image: (H, W, 3) uint8 RGB, of the background's size; it is copied. time_s: capture time in s of any
-        clock. A frame with the time of the previous frame is not estimated: its state is "lost". Raises
-        `InputError` for another shape or type and for a time that is not finite or goes back; the estimator
-        can be used afterwards as if the call had not been made. Warns (`UserWarning`) if the sensor has
-        frozen.
+        clock. The angle of the returned sample is the rotation since the reference, counter-clockwise
+        positive as seen, times the sign. Before a reference is set, its zero is the estimator's own, for
+        `slip` the first contact; that of shift_px always is.
+
+        A frame with the time of the previous frame is not estimated: its state is "lost". Raises `InputError`
+        for another shape or type and for a time that is not finite or goes back; the estimator can be used
+        afterwards as if the call had not been made. Warns (`UserWarning`) if the sensor has frozen.
         """
         check_frame(image, self._shape)
         answer = self._next(image.copy(), self._time_ns(time_s))
@@ -101,7 +77,7 @@ class StreamingEstimator:
             warnings.warn(self.news, stacklevel=2)
         return answer
 
-    def update_at(self, image: Image, time_ns: int) -> AngleSample:
+    def update_at(self, image: Image, time_ns: int) -> SlipSample:
         """Do the same as `update` for a time in ns, without copying the image: do not modify it later.
 
         A time that goes back is accepted: the clock of a live stream may be set back.
@@ -109,7 +85,7 @@ class StreamingEstimator:
         check_frame(image, self._shape)
         return self._next(image, arguments.whole("update_at: time_ns", time_ns, -_MAX_NS, _MAX_NS))
 
-    def _next(self, image: Image, time_ns: int) -> AngleSample:
+    def _next(self, image: Image, time_ns: int) -> SlipSample:
         if self._check is not None:
             self._check.add(image, time_ns)
             self._warn(self._check)
@@ -124,7 +100,9 @@ class StreamingEstimator:
             del kept[0]
         slip = self._alarm.update(sample)
         self._settle(sample)
-        return self._answer(sample, slip)
+        zero_deg = 0.0 if self._track.zero_deg is None else self._track.zero_deg
+        turned = sample.turned(self._track.sign, zero_deg, self._track.zero_sample)
+        return replace(turned, slip=slip)
 
     def check_background(self, background: Image) -> None:
         """Check the background, now and in later frames.
@@ -173,23 +151,6 @@ class StreamingEstimator:
             self._track.zero_deg = self._track.zero_sample = None
         if sample.angle_deg is not None and (self._track.zero_deg is None or self._settled > before):
             self._track.zero_deg, self._track.zero_sample = sample.angle_deg, sample
-
-    def _answer(self, sample: SlipSample, slip: bool) -> AngleSample:
-        sign, answer = self._track.sign, self._track.answer(sample)
-        angle, sigma = answer.angle_deg, answer.sigma_deg
-        if self._track.zero_deg is None and sample.angle_deg is not None:
-            angle, sigma = sign * sample.angle_deg, sample.sigma_deg
-        return AngleSample(
-            sample.time_ns / NS_PER_S,
-            angle,
-            sigma,
-            sample.state.value,
-            None if sample.rate_deg_s is None else sign * sample.rate_deg_s,
-            sample.shift_px,
-            sample.contact_area_px,
-            slip,
-            sample.fault,
-        )
 
     def _time_ns(self, time_s: float) -> int:
         time_ns = _as_ns("update", time_s)

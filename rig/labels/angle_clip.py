@@ -99,9 +99,9 @@ def difference(image: Image, background: Image) -> Image:
 
 def _scanned(series: FrameSeries, background: Image) -> tuple[list[int], int, str]:
     """Return the frames with contact, the frame of the zero, and a note on the zero."""
-    answers = estimate_series(series, choose_estimator(None, None).make(background, None), series.count)
-    touching = [number for number, answer in enumerate(answers) if answer.sample.contact_area_px > 0]
-    found = zeroed(answers, None)
+    estimator = choose_estimator(None, None).make(background, None)
+    found = zeroed(estimate_series(series, estimator, series.count), None)
+    touching = [number for number, sample in enumerate(found.samples) if sample.contact_area_px > 0]
     if found.zero is None:
         return touching, touching[0] if touching else 0, "no frame has an angle"
-    return touching, [answer.time for answer in answers].index(found.zero), found.zero_note
+    return touching, found.times.index(found.zero), found.zero_note

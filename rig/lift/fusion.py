@@ -6,7 +6,7 @@ from enum import StrEnum
 from itertools import combinations
 
 from drivers.clock import NS_PER_S
-from rig.tactile.sample import SlipSample, State
+from rig.tactile.sample import SlipSample
 from rig.tactile.slip.fused_angle import MOST_RATE_RAD_S
 from rig.tactile.slip.parameters import FUSION
 
@@ -29,64 +29,24 @@ class Disagreement(StrEnum):
     ONE_PAD_SLIPS = "one pad slips"
 
 
-@dataclass(frozen=True, slots=True)
-class FusedSample:
-    """The object's angle at the time of a tactile frame, deg; None if no fingertip has an angle.
+def fuse(now: SlipSample, others: list[SlipSample], before: SlipSample | None = None) -> SlipSample:
+    """Fuse a fingertip's newest sample with recent samples of the others, extrapolated to its time.
 
-    rate_deg_s: mean of the fingertips that contribute. disagreement: its reason; None if the fingertips
-    agree.
-    """
-
-    time_ns: int
-    angle_deg: float | None
-    sigma_deg: float | None
-    state: State
-    rate_deg_s: float | None = None
-    disagreement: Disagreement | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class TipAnswer:
-    """A sample of a fingertip, with its signed angle relative to the zero, and its signed rate.
-
-    before: time in ns and angle of the previous answer; None if there is none.
-    """
-
-    sample: SlipSample
-    angle_deg: float | None
-    sigma_deg: float | None
-    rate_deg_s: float | None = None
-    before: tuple[int, float] | None = None
-
-    def turned_since(self, time_ns: int) -> float | None:
-        """Return the rotation since a time between its last two frames, deg; None if unknown."""
-        if self.angle_deg is None or self.before is None or not self.before[0] <= time_ns:
-            return None
-        before_ns, before_deg = self.before
-        share = (self.sample.time_ns - time_ns) / max(self.sample.time_ns - before_ns, 1)
-        return share * (self.angle_deg - before_deg)
-
-    def at(self, time_ns: int, turned_deg: float | None = None) -> float:
-        """Return the angle at a later time. turned_deg: rotation until then; None to extrapolate the rate."""
-        if turned_deg is None:
-            turned_deg = (self.rate_deg_s or 0.0) * (time_ns - self.sample.time_ns) / NS_PER_S
-        return (self.angle_deg or 0.0) + turned_deg
-
-
-def fuse(now: TipAnswer, others: list[TipAnswer]) -> FusedSample:
-    """Fuse a fingertip's newest answer with recent answers of the others, extrapolated to its time.
+    All angles are signed rotations since the zero. before: the previous sample of the newest fingertip. The
+    fused rate is the mean of the fingertips that contribute.
 
     They are extrapolated by the rotation that the newest fingertip has measured since their frames, or by
     their own rates if its sigma is much larger than theirs. If every answer has a sigma, the result is the
-    likeliest of `_hypotheses`, else the mean (the paper's methods have no sigma). An answer older than
+    likeliest of `_hypotheses`, else the mean (the paper's methods have no sigma). A sample older than
     `MAX_SKEW_NS` counts only if the newest fingertip has an earlier frame than it, as with cameras of a few
     frames per second.
     """
-    time_ns = now.sample.time_ns
-    answers = [a for a in (now, *others) if a.angle_deg is not None and _counts(a, now)]
-    if not answers:
-        return FusedSample(time_ns, None, None, now.sample.state)
-    angles = [a.at(time_ns, _turned_since(a, now)) for a in answers]
+    turns = [(a, _turned_since(a.time_ns, now, before)) for a in (now, *others) if a.angle_deg is not None]
+    turns = [(a, turn) for a, turn in turns if _counts(a, now, turn)]
+    if not turns:
+        return SlipSample(now.time_ns, now.state)
+    answers = [a for a, _ in turns]
+    angles = [_extrapolated(a, now, turn) for a, turn in turns]
     known = [a.sigma_deg for a in answers if a.sigma_deg]
     if len(known) < len(answers):
         best = _Hypothesis(1.0, sum(angles) / len(angles), 0.0, tuple(range(len(angles))))
@@ -96,7 +56,7 @@ def fuse(now: TipAnswer, others: list[TipAnswer]) -> FusedSample:
         gap = _disagreement(angles, known) if len(answers) == 2 else None
     rates = [rate for i in best.turned if (rate := answers[i].rate_deg_s) is not None]
     rate = sum(rates) / len(rates) if rates else None
-    return FusedSample(time_ns, best.angle_deg, sigma, answers[0].sample.state, rate, gap)
+    return SlipSample(now.time_ns, answers[0].state, best.angle_deg, sigma, rate_deg_s=rate, disagreement=gap)
 
 
 class FusedAngles:
@@ -113,14 +73,16 @@ class FusedAngles:
         """Forget the last angle, because the next one counts from another zero."""
         self._last = None
 
-    def update(self, now: TipAnswer, others: list[TipAnswer]) -> FusedSample:
-        """Return the fused answer of a frame, see `fuse`."""
-        fused = self._limited(fuse(now, others))
+    def update(
+        self, now: SlipSample, others: list[SlipSample], before: SlipSample | None = None
+    ) -> SlipSample:
+        """Return the fused sample of a frame, see `fuse`."""
+        fused = self._limited(fuse(now, others, before))
         if fused.angle_deg is not None:
             self._last = fused.time_ns, fused.angle_deg
         return fused
 
-    def _limited(self, fused: FusedSample) -> FusedSample:
+    def _limited(self, fused: SlipSample) -> SlipSample:
         if self._last is None or fused.angle_deg is None or fused.sigma_deg is None:
             return fused
         time_ns, last_deg = self._last
@@ -139,20 +101,32 @@ class _Hypothesis:
     turned: tuple[int, ...]
 
 
-def _turned_since(answer: TipAnswer, now: TipAnswer) -> float | None:
-    """Return the rotation measured by the newest fingertip since an answer; None if unknown or too noisy."""
-    noisy = answer.sigma_deg and now.sigma_deg and now.sigma_deg > SURER * answer.sigma_deg
-    return None if noisy else now.turned_since(answer.sample.time_ns)
+def _turned_since(time_ns: int, now: SlipSample, before: SlipSample | None) -> float | None:
+    """Return the rotation between the last two samples of a fingertip since a time, deg; None if unknown."""
+    if now.angle_deg is None or before is None or before.angle_deg is None or time_ns < before.time_ns:
+        return None
+    share = (now.time_ns - time_ns) / max(now.time_ns - before.time_ns, 1)
+    return share * (now.angle_deg - before.angle_deg)
 
 
-def _counts(answer: TipAnswer, now: TipAnswer) -> bool:
+def _extrapolated(answer: SlipSample, now: SlipSample, turn_deg: float | None) -> float:
+    """Return an angle at the time of the newest sample.
+
+    It is extrapolated by the rotation since then that the newest fingertip has measured, turn_deg, or by its
+    own rate if that rotation is unknown or too noisy.
+    """
+    if turn_deg is None or (answer.sigma_deg and now.sigma_deg and now.sigma_deg > SURER * answer.sigma_deg):
+        turn_deg = (answer.rate_deg_s or 0.0) * (now.time_ns - answer.time_ns) / NS_PER_S
+    return (answer.angle_deg or 0.0) + turn_deg
+
+
+def _counts(answer: SlipSample, now: SlipSample, turn_deg: float | None) -> bool:
     """Whether an answer is recent enough to be extrapolated to the time of the newest one.
 
     An answer without sigma cannot be weighted, so its age is limited to `MAX_SKEW_NS`.
     """
-    age_ns = now.sample.time_ns - answer.sample.time_ns
-    seen_since = answer.sigma_deg and now.turned_since(answer.sample.time_ns) is not None
-    return age_ns <= (MAX_GAP_NS if seen_since else MAX_SKEW_NS)
+    age_ns = now.time_ns - answer.time_ns
+    return age_ns <= (MAX_GAP_NS if answer.sigma_deg and turn_deg is not None else MAX_SKEW_NS)
 
 
 def _likeliest(hypotheses: list[_Hypothesis]) -> tuple[_Hypothesis, float]:

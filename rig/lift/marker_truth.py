@@ -6,7 +6,7 @@ the same results, live and in replay, because both use the same code.
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -14,43 +14,15 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from calibration.markers.angle import MarkerAngle
-from calibration.markers.planar import FEWEST_FRAMES, PlanarAngle, PlaneReference, wrapped_deg
+from calibration.markers.planar import FEWEST_FRAMES, PlaneReference, wrapped_deg
 from calibration.targets.aruco import Corners, Refusal
 from drivers.clock import NS_PER_S
 from drivers.errors import CalibrationError, InputError, counted
 from drivers.types import Image, Pose
-from rig.lift.onset import LONGEST_GAP_NS, slip_onset_ns
+from rig.tactile.angles import LONGEST_GAP_NS, MARKERS, Angles
+from rig.tactile.sample import SlipSample, State
 
 NO_ZERO = "markers: the angle has no zero yet; it is set at the end of phase A"
-__all__ = ["LONGEST_GAP_NS", "MarkerTruth", "TruthSeries", "interpolate", "slip_onset_ns"]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class TruthSeries:
-    """The true angle over time, without refused frames.
-
-    time_ns: (N,) int64, increasing. angle_deg: (N,) float64 since the zero, unwrapped over time; after a gap
-    of more than 50 ms it restarts in (-180, 180]. sigma_deg: (N,) float64, one sigma of each frame, without
-    the uncertainty of the zero, zero_sigma_deg. tilt_deg: angle between the camera's axis and the markers'
-    normal, None without a camera calibration. refused: number of frames by reason.
-    """
-
-    time_ns: NDArray[np.int64]
-    angle_deg: NDArray[np.float64]
-    sigma_deg: NDArray[np.float64]
-    zero_sigma_deg: float
-    tilt_deg: float | None
-    refused: dict[str, int]
-
-    def before(self, end_ns: int) -> "TruthSeries":
-        """Return the angles measured before a time."""
-        count = int(np.searchsorted(self.time_ns, end_ns))
-        return replace(
-            self,
-            time_ns=self.time_ns[:count],
-            angle_deg=self.angle_deg[:count],
-            sigma_deg=self.sigma_deg[:count],
-        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -99,22 +71,20 @@ class MarkerTruth:
         self._camera_sigma = camera_turn_sigma_rad
         self._sightings: list[_Sighting] = []
         self._unseen: list[tuple[int, Refusal]] = []
-        self._late = 0
         self._newest_ns: int | None = None
         self._still: list[_Sighting] = []
         self._seen_before = 0
         self._zero: _Zero | None = None
-        self._angles = _Angles()
+        self._angles: list[SlipSample] = []
         self._before: list[_Sighting] = []
 
     def update(self, image: Image, time_ns: int, base_T_tcp: Pose) -> Corners | None:  # noqa: N803
         """Process one picture, (H, W, 3) uint8 RGB or (H, W) uint8 grey, captured at `time_ns`.
 
         base_T_tcp: pose of the wrist at that time. Returns the (2, 4, 2) px corners, or None if the frame is
-        refused (counted by reason). Raises `InputError` for another kind of picture.
+        refused. Raises `InputError` for another kind of picture.
         """
         if self._newest_ns is not None and time_ns <= self._newest_ns:
-            self._late += 1
             return None
         self._newest_ns = time_ns
         seen = self._angle.find(_grey(image))
@@ -161,10 +131,10 @@ class MarkerTruth:
     def latest_angle_deg(self) -> float | None:
         """Return the newest angle, for display; None before the zero, and 50 ms after the last angle."""
         self.measure_zero()
-        if not self._angles.time_ns or self._newest_ns is None:
+        if not self._angles or self._newest_ns is None:
             return None
-        stale = self._newest_ns - self._angles.time_ns[-1] > LONGEST_GAP_NS
-        return None if stale else self._angles.angle_deg[-1]
+        stale = self._newest_ns - self._angles[-1].time_ns > LONGEST_GAP_NS
+        return None if stale else self._angles[-1].angle_deg
 
     def distance_sides(self) -> float | None:
         """Return the distance from the camera to the markers' middle at the zero, in marker sides, or None.
@@ -181,47 +151,41 @@ class MarkerTruth:
         newest = self._sightings[-1] if self._sightings else None
         return newest.corners_px if newest and newest.time_ns == self._newest_ns else None
 
-    def series(self) -> TruthSeries:
-        """Return all angles so far. Raises `CalibrationError` before `set_zero`, and as `measure_zero`."""
+    def series(self, zero_ns: int = 0) -> Angles:
+        """Return all angles so far, without refused frames. zero_ns: see `Angles`.
+
+        They are unwrapped over time; after a gap of more than 50 ms they restart in (-180, 180]. sigma_deg
+        does not include the uncertainty of the zero. Raises `CalibrationError` before `set_zero`, and as
+        `measure_zero`.
+        """
         self.measure_zero()
         if self._zero is None:
             raise CalibrationError(NO_ZERO)
-        before, since = self._measured(self._before, self._zero), self._angles
-        refused = Counter(reason.value for _, reason in self._unseen)
-        refused[Refusal.OUT_OF_PLANE.value] = before.out_of_plane + since.out_of_plane
-        refused[Refusal.OLD_TIME.value] = self._late
-        return TruthSeries(
-            time_ns=np.array(before.time_ns + since.time_ns, np.int64),
-            angle_deg=np.array(before.angle_deg + since.angle_deg, np.float64),
-            sigma_deg=np.array(before.sigma_deg + since.sigma_deg, np.float64),
-            zero_sigma_deg=self._angle.zero_sigma_deg,
-            tilt_deg=self._zero.plane.tilt_deg,
-            refused={reason: count for reason, count in sorted(refused.items()) if count},
-        )
+        return Angles.of([*self._measured(self._before, self._zero), *self._angles], MARKERS, zero_ns)
 
-    def series_since_zero(self) -> TruthSeries:
-        """Return the angles from the first frame of the zero on. Raises the errors of `series`."""
-        whole = self.series()
-        first = int(np.searchsorted(whole.time_ns, self._still[0].time_ns))
-        return replace(
-            whole,
-            time_ns=whole.time_ns[first:],
-            angle_deg=whole.angle_deg[first:],
-            sigma_deg=whole.sigma_deg[first:],
-        )
+    def series_since_zero(self, zero_ns: int = 0) -> Angles:
+        """Return the angles from the first frame of the zero on; the rest as for `series`."""
+        whole = self.series(zero_ns)
+        return whole.picked(whole.time_ns >= self._still[0].time_ns)
 
-    def _measured(self, sightings: Sequence[_Sighting], zero: _Zero) -> "_Angles":
-        angles = _Angles()
+    def _measured(self, sightings: Sequence[_Sighting], zero: _Zero) -> list[SlipSample]:
+        angles: list[SlipSample] = []
         for sighting in sightings:
             self._add(angles, sighting, zero)
         return angles
 
-    def _add(self, angles: "_Angles", sighting: _Sighting, zero: _Zero) -> None:
-        wrist = sighting.camera_R_tcp
-        sigma_deg = float(
-            np.degrees(self._camera_sigma * zero.tipped_rad(wrist)) if self._camera_sigma else 0.0
-        )
-        angles.add(sighting.time_ns, self._angle.turn(sighting.corners_px), zero.wrist_deg(wrist), sigma_deg)
+    def _add(self, angles: list[SlipSample], sighting: _Sighting, zero: _Zero) -> None:
+        """Add the angle of a frame, near the angle of the frame before; none if it is refused."""
+        turn = self._angle.turn(sighting.corners_px)
+        if isinstance(turn, Refusal):
+            return
+        wrist, time_ns = sighting.camera_R_tcp, sighting.time_ns
+        joined = angles and time_ns - angles[-1].time_ns <= LONGEST_GAP_NS
+        near = (angles[-1].angle_deg or 0.0) if joined else 0.0
+        angle = near + wrapped_deg(turn.angle_deg - zero.wrist_deg(wrist) - near)
+        wrist_sigma = np.degrees(self._camera_sigma * zero.tipped_rad(wrist)) if self._camera_sigma else 0.0
+        sigma = float(np.hypot(turn.sigma_deg, float(wrist_sigma)))
+        angles.append(SlipSample(time_ns, State.TRACKING, angle, sigma))
 
     def _too_few(self, count: int, from_ns: int, to_ns: int) -> str:
         reasons = Counter(str(reason) for time_ns, reason in self._unseen if from_ns <= time_ns <= to_ns)
@@ -238,42 +202,6 @@ class MarkerTruth:
             f"external camera: {counted(count, 'frame')} with both markers in {span_s:.2f} s ({misses}), the "
             f"zero needs {FEWEST_FRAMES}; check the markers, their ids, the light and what hides them"
         )
-
-
-class _Angles:
-    """Angles measured against one zero, in order of time."""
-
-    def __init__(self) -> None:
-        self.time_ns: list[int] = []
-        self.angle_deg: list[float] = []
-        self.sigma_deg: list[float] = []
-        self.out_of_plane = 0
-
-    def add(
-        self, time_ns: int, turn: PlanarAngle | Refusal, wrist_deg: float, wrist_sigma_deg: float
-    ) -> None:
-        if isinstance(turn, Refusal):
-            self.out_of_plane += 1
-            return
-        joined = self.time_ns and time_ns - self.time_ns[-1] <= LONGEST_GAP_NS
-        near = self.angle_deg[-1] if joined else 0.0
-        self.time_ns.append(time_ns)
-        self.angle_deg.append(near + wrapped_deg(turn.angle_deg - wrist_deg - near))
-        self.sigma_deg.append(float(np.hypot(turn.sigma_deg, wrist_sigma_deg)))
-
-
-def interpolate(series: TruthSeries, time_ns: int) -> float | None:
-    """Return the true angle at a time, deg: interpolated over gaps up to 50 ms, else None (contract)."""
-    after = int(np.searchsorted(series.time_ns, time_ns))
-    if after < len(series.time_ns) and series.time_ns[after] == time_ns:
-        return float(series.angle_deg[after])
-    if after == 0 or after == len(series.time_ns):
-        return None
-    start, end = int(series.time_ns[after - 1]), int(series.time_ns[after])
-    if end - start > LONGEST_GAP_NS:
-        return None
-    low, high = series.angle_deg[after - 1], series.angle_deg[after]
-    return float(low + (high - low) * ((time_ns - start) / (end - start)))
 
 
 def _grey(image: Image) -> Image:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from drivers.clock import to_ns
-from rig.lift.fusion import FusedAngles, FusedSample, TipAnswer
+from rig.lift.fusion import FusedAngles
 from rig.lift.onset import OnsetAlarm
 from rig.tactile.sample import SlipSample
 
@@ -28,15 +28,9 @@ class TipTrack:
     zero_deg: float | None = None
     zero_sample: SlipSample | None = None
 
-    def answer(self, sample: SlipSample, before: SlipSample | None = None) -> TipAnswer:
-        """Return a sample as the signed angle since the zero; without a zero there is no angle."""
-        angle = self._turned(sample)
-        if angle is None:
-            return TipAnswer(sample, None, None)
-        rate = None if sample.rate_deg_s is None else self.sign * sample.rate_deg_s
-        last = None if before is None else self._turned(before)
-        since = None if before is None or last is None else (before.time_ns, last)
-        return TipAnswer(sample, angle, sample.sigma_since(self.zero_sample), rate, since)
+    def answer(self, sample: SlipSample) -> SlipSample:
+        """Return a sample with the signed angle since the zero; without a zero there is no angle."""
+        return sample.turned(self.sign, self.zero_deg, self.zero_sample)
 
     def set_zero(self, time_ns: int) -> None:
         """Take the mean angle of the last `ZERO_S` before a time as the zero.
@@ -50,14 +44,13 @@ class TipTrack:
         self.zero_deg = float(np.mean(angles_deg)) if angles_deg else None
         self.zero_sample = late[-1] if late else None
 
-    def newest(self) -> TipAnswer:
+    def newest(self) -> SlipSample:
         """Return the answer of the newest sample. There must be at least one sample."""
-        return self.answer(self.samples[-1], self.samples[-2] if len(self.samples) > 1 else None)
+        return self.answer(self.samples[-1])
 
-    def _turned(self, sample: SlipSample) -> float | None:
-        if sample.angle_deg is None or self.zero_deg is None:
-            return None
-        return self.sign * (sample.angle_deg - self.zero_deg)
+    def previous(self) -> SlipSample | None:
+        """Return the answer of the sample before the newest one; None without one."""
+        return self.answer(self.samples[-2]) if len(self.samples) > 1 else None
 
 
 class ObjectAngle:
@@ -69,7 +62,7 @@ class ObjectAngle:
 
     def __init__(self, signs: Mapping[str, int]) -> None:
         self.tips = {serial: TipTrack(sign) for serial, sign in signs.items()}
-        self.fused: list[FusedSample] = []
+        self.fused: list[SlipSample] = []
         self.alarm = OnsetAlarm()
         self._begun = False
         self._fusion = FusedAngles()
@@ -92,7 +85,7 @@ class ObjectAngle:
         if not self._begun:
             return
         others = [other.newest() for other in self.tips.values() if other is not tip and other.samples]
-        fused = self._fusion.update(tip.newest(), others)
+        fused = self._fusion.update(tip.newest(), others, tip.previous())
         self.fused.append(fused)
         self.alarm.update(fused.time_ns, fused.angle_deg, fused.rate_deg_s)
 

@@ -1,19 +1,17 @@
 """Detect when a slip begins, from an angle over time (contract, metrics)."""
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from drivers.errors import InputError
+from rig.tactile.angles import LONGEST_GAP_NS, Angles
 
 ONSET_DEG = 0.5
 """Rotation from rest that defines the slip onset (contract, metrics)."""
 GROWTH_NS = 100_000_000
 """Time for which the angle must keep growing (contract, metrics)."""
-LONGEST_GAP_NS = 50_000_000
-"""Longest gap between frames over which the truth is interpolated (contract, metrics)."""
 LEAST_GROWTH_DEG = 0.1
 MOST_FALL_DEG = 0.1
 """Least growth over GROWTH_NS, and largest decrease within it, so that the noise of a frame is not growth."""
@@ -53,18 +51,19 @@ def leaves_rest(angle_deg: float, rate_deg_s: float) -> bool:
     return away and abs(rate_deg_s) >= ALARM_RATE_DEG_S
 
 
-def estimated_onset_ns(answers: Iterable[tuple[int, float | None]]) -> int | None:
-    """Return when a slip begins according to all estimated angles; None without one.
+def estimated_onset_ns(angles: Angles) -> int | None:
+    """Return when a slip begins according to all estimated angles since the zero; None without one.
 
-    answers: time in ns and angle in degrees since the zero, None if refused. The camera measures the true
-    angle every 33 ms, and averages during exposure. The fingertips' estimates are more frequent and noisier,
-    so each is first averaged over `AVERAGED_NS` around it. Of two estimates at the same time (fingertips that
-    capture simultaneously) the later one is used, because it includes both.
+    The camera measures the true angle every 33 ms, and averages during exposure. The fingertips' estimates
+    are more frequent and noisier, so each is first averaged over `AVERAGED_NS` around it. Of two estimates at
+    the same time (fingertips that capture simultaneously) the later one is used, because it includes both.
     """
-    known = {time_ns: angle for time_ns, angle in answers if angle is not None}
-    if not known:
+    known = angles.known
+    if not len(known):
         return None
-    time_ns, angle = (np.array(column) for column in zip(*sorted(known.items()), strict=True))
+    time_ns = known.time_ns
+    last = np.append(np.diff(time_ns) > 0, True)
+    time_ns, angle = time_ns[last], known.angle_deg[last]
     first = np.searchsorted(time_ns, time_ns - AVERAGED_NS // 2)
     last = np.searchsorted(time_ns, time_ns + AVERAGED_NS // 2, side="right")
     sums = np.concatenate([[0.0], np.cumsum(angle)])

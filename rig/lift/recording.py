@@ -1,9 +1,9 @@
-"""Record outlines and angles in addition to the events of a lift, and combine several observers.
+"""Record outlines in addition to the events of a lift, and combine several observers.
 
 Also read the true angle of a recorded lift, and measure the latency of frames.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -11,14 +11,12 @@ import numpy as np
 from drivers.clock import NS_PER_S, Clock, to_ns
 from drivers.types import ArmState, Frame, GripperState
 from protocols.observer import LiftEvents, LiftObserver, Phase, ReactionStep
-from rig.lift.fusion import FusedSample
-from rig.lift.marker_truth import TruthSeries
 from rig.lift.measurement import LiftMeasurement
 from rig.sessions.reading import recorded_angles
-from rig.sessions.recorder import FUSED_TOPIC, TRUTH_TOPIC, LiftRecorder, RecordedAngle, slip_topic
+from rig.sessions.recorder import LiftRecorder
 from rig.sessions.timing import LatencyTimes
+from rig.tactile.angles import MARKERS, Angles
 from rig.tactile.contact.finder import ContactFinder
-from rig.tactile.sample import SlipSample, State
 
 OUTLINE_EVERY_S = 0.1
 """Interval between recorded outlines."""
@@ -96,37 +94,9 @@ class LiftObservers(LiftObserver):
         return self._contact.touching(serial)
 
 
-def lift_angles(measurement: LiftMeasurement, truth: TruthSeries) -> Iterator[tuple[str, RecordedAngle]]:
-    """Yield the angles of a lift in the form of a recording, each with its topic."""
-    for serial, tip in measurement.angle.tips.items():
-        for sample in tip.samples:
-            answer = tip.answer(sample)
-            yield slip_topic(serial), _recorded(answer.angle_deg, answer.sigma_deg, sample)
-    for fused in measurement.angle.fused:
-        yield FUSED_TOPIC, _recorded(fused.angle_deg, fused.sigma_deg, fused)
-    for time_ns, angle, sigma in zip(truth.time_ns, truth.angle_deg, truth.sigma_deg, strict=True):
-        yield TRUTH_TOPIC, RecordedAngle(int(time_ns), float(angle), float(sigma), State.TRACKING.value)
-
-
-def _recorded(angle: float | None, sigma: float | None, sample: SlipSample | FusedSample) -> RecordedAngle:
-    area = sample.contact_area_px if isinstance(sample, SlipSample) else None
-    return RecordedAngle(sample.time_ns, angle, sigma, sample.state.value, area)
-
-
-def recorded_truth(recording: Path) -> TruthSeries:
-    """Read the markers' angle of a recorded lift; the reasons of refused frames are not recorded.
-
-    Raises `SessionError`.
-    """
-    angles = recorded_angles(recording, TRUTH_TOPIC)[TRUTH_TOPIC]
-    return TruthSeries(
-        np.array([angle.time_ns for angle in angles], np.int64),
-        np.array([angle.angle_deg for angle in angles], float),
-        np.array([angle.sigma_deg for angle in angles], float),
-        0.0,
-        None,
-        {},
-    )
+def recorded_truth(recording: Path) -> Angles:
+    """Read the markers' angle of a recorded lift. Raises `SessionError`."""
+    return recorded_angles(recording, MARKERS)[MARKERS]
 
 
 MOST_OFF_RATE = 0.05

@@ -1,16 +1,15 @@
 """Evaluate a measured lift, with its reactions to slip, to the row and the records that are stored."""
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import pairwise
 
 import numpy as np
 
 from drivers.clock import NS_PER_S, to_ns
 from protocols.observer import Phase, ReactionStep
-from rig.lift.agreement import Answers, clock_lag, turns_against
+from rig.lift.agreement import clock_lag, turns_against
 from rig.lift.fusion import Disagreement
-from rig.lift.marker_truth import TruthSeries, interpolate
 from rig.lift.measurement import LiftMeasurement
 from rig.lift.object_angle import ZERO_S
 from rig.lift.onset import departure_ns, estimated_onset_ns, slip_onset_ns
@@ -18,6 +17,7 @@ from rig.lift.slip_watch import CAUGHT_DEG, SlipEvent, SlipWatch
 from rig.results.scores import score_angles
 from rig.sessions.records import LiftFigures, LiftOutcome, ReactionRecord, SlipThreshold
 from rig.sessions.timing import StageTimes
+from rig.tactile.angles import FUSED, MARKERS, Angles
 from rig.tactile.sample import SlipSample, State, faults_of
 
 Step = tuple[ReactionStep, int, int]
@@ -28,7 +28,7 @@ FRAME_NS = 50_000_000
 """Longest time between an event and the camera frame that shows it (contract: longer gaps have no truth)."""
 
 
-def reaction_records(watch: SlipWatch, truth: TruthSeries, lift_ns: int) -> tuple[ReactionRecord, ...]:
+def reaction_records(watch: SlipWatch, truth: Angles, lift_ns: int) -> tuple[ReactionRecord, ...]:
     """Return a record of each reaction of a lift.
 
     truth: since the zero. lift_ns: when phase B began.
@@ -61,7 +61,7 @@ def _event(events: Sequence[SlipEvent], since_ns: int, until_ns: int) -> SlipEve
 
 
 def _record(
-    steps: Sequence[Step], event: SlipEvent | None, truth: TruthSeries, lift_ns: int, span: tuple[int, int]
+    steps: Sequence[Step], event: SlipEvent | None, truth: Angles, lift_ns: int, span: tuple[int, int]
 ) -> ReactionRecord:
     (_, command_ns, position), (last, end_ns, end_position) = steps[0], steps[-1]
     onset_ns = _onset_ns(truth, *span)
@@ -84,7 +84,7 @@ def _record(
     )
 
 
-def _onset_ns(truth: TruthSeries, since_ns: int, until_ns: int) -> int | None:
+def _onset_ns(truth: Angles, since_ns: int, until_ns: int) -> int | None:
     """Return when the object had rotated 0.5 degrees from its rest before, within a span."""
     before = (truth.time_ns <= since_ns) & (truth.time_ns > since_ns - REST_NS)
     rest_deg = float(np.mean(truth.angle_deg[before])) if before.any() else 0.0
@@ -92,50 +92,51 @@ def _onset_ns(truth: TruthSeries, since_ns: int, until_ns: int) -> int | None:
     return departure_ns(truth.time_ns[during], truth.angle_deg[during], rest_deg)
 
 
-def _turn(truth: TruthSeries, time_ns: int | None) -> float | None:
-    return None if time_ns is None else interpolate(truth, time_ns)
+def _turn(truth: Angles, time_ns: int | None) -> float | None:
+    return None if time_ns is None else truth.at_ns(time_ns)
 
 
 FINAL_S = 0.3
 """Length of the interval at the end over which final angles are averaged, s."""
 
 
-def lift_result(measurement: LiftMeasurement) -> tuple[LiftFigures, TruthSeries]:
+def lift_result(measurement: LiftMeasurement) -> tuple[LiftFigures, dict[str, Angles]]:
     """Evaluate a lift that reached its end: errors, angles, onset, counts (contract, metrics).
 
-    Returns the measured part of the row, and the true angle. If the object falls, both end at the fall,
-    because after it the camera sees an object that lies somewhere.
+    Returns the measured part of the row, and the angles by source: of each fingertip, fused, of the markers.
+    If the object falls, the measured part and the true angle end at the fall, because after it the camera
+    sees an object that lies somewhere.
     """
     lift_ns, hold_ns = measurement.phases[Phase.LIFT], measurement.phases[Phase.HOLD]
     end_ns = measurement.phases[Phase.LOWER]
     fall_ns = measurement.fall_ns(end_ns)
     held_ns = end_ns if fall_ns is None else fall_ns
-    series, since_zero = measurement.truth.series(), measurement.truth.series_since_zero()
+    truth, since_zero = measurement.truth.series(lift_ns), measurement.truth.series_since_zero(lift_ns)
     if fall_ns is not None:
-        series, since_zero = series.before(fall_ns), since_zero.before(fall_ns)
+        truth, since_zero = (of.picked(of.time_ns < fall_ns) for of in (truth, since_zero))
     angle = measurement.angle
-    fused = [s for s in angle.fused if s.time_ns < end_ns]
-    true_deg = [interpolate(series, s.time_ns) for s in fused]
-    score = score_angles("", fused, true_deg, hold_ns)
+    tips = {
+        serial: Angles.of(map(tip.answer, tip.samples), serial, lift_ns) for serial, tip in angle.tips.items()
+    }
+    whole = Angles.of(angle.fused, FUSED, lift_ns)
+    fused = whole.picked(whole.time_ns < end_ns)
+    score = score_angles("", fused, truth.at(fused.time_s), hold_ns)
     onset = slip_onset_ns(since_zero.time_ns, since_zero.angle_deg)
-    answers = [(s.time_ns, s.angle_deg) for s in angle.fused]
     samples = angle.samples
     watch = measurement.watch
     reactions = None if watch is None else reaction_records(watch, since_zero, lift_ns)
-    final_truth = _final(
-        [(int(t), float(a)) for t, a in zip(series.time_ns, series.angle_deg, strict=True)], held_ns
-    )
+    final_truth = _final(truth, held_ns)
     figures = LiftFigures(
         outcome=_outcome(measurement, onset, fall_ns, reactions or (), final_truth),
         re_b=score.re_b,
         re=score.re,
         re_held=score.re_held,
-        contact_area_px=_contact_areas(measurement, lift_ns),
+        contact_area_px=_contact_areas(tips, lift_ns),
         answered=score.answered,
-        final_estimate_deg=_final([(s.time_ns, s.angle_deg) for s in fused], held_ns),
+        final_estimate_deg=_final(fused, held_ns),
         final_truth_deg=final_truth,
         onset_truth_s=_since(onset, lift_ns),
-        onset_estimate_s=_since(estimated_onset_ns(answers), lift_ns),
+        onset_estimate_s=_since(estimated_onset_ns(whole), lift_ns),
         onset_alarm_s=_since(angle.alarm.raised_ns, lift_ns),
         phases_s={phase.value: time_ns / NS_PER_S for phase, time_ns in measurement.phases.items()},
         frames={name: tally.frames for name, tally in measurement.tallies.items()},
@@ -145,13 +146,13 @@ def lift_result(measurement: LiftMeasurement) -> tuple[LiftFigures, TruthSeries]
         skipped=dict(Counter(stage for sample in samples for stage in sample.skipped)),
         disagreements={why.value: sum(s.disagreement is why for s in angle.fused) for why in Disagreement},
         marker_distance=measurement.marker_distance(),
-        turns_against=turns_against(_answers(measurement, lift_ns, held_ns), series),
-        lag=clock_lag([(s.time_ns, s.angle_deg) for s in fused if s.time_ns < held_ns], series),
+        turns_against=turns_against({n: of.between(lift_ns, held_ns) for n, of in tips.items()}, truth),
+        lag=clock_lag(fused.picked(fused.time_ns < held_ns), truth),
         reactions=reactions,
         slip_thresholds=None if watch is None else slip_thresholds(watch),
         estimator_faults=faults_of(samples),
     )
-    return figures, series
+    return figures, {**tips, FUSED: whole, MARKERS: truth}
 
 
 def _states(samples: Sequence[SlipSample]) -> dict[str, int]:
@@ -174,14 +175,6 @@ def stage_times(measurement: LiftMeasurement) -> dict[str, StageTimes]:
     }
 
 
-def _answers(measurement: LiftMeasurement, from_ns: int, until_ns: int) -> dict[str, Answers]:
-    """Return the signed angles of each fingertip between two times, by serial."""
-    return {
-        serial: [(s.time_ns, tip.answer(s).angle_deg) for s in tip.samples if from_ns <= s.time_ns < until_ns]
-        for serial, tip in measurement.angle.tips.items()
-    }
-
-
 def _outcome(
     measurement: LiftMeasurement,
     onset_ns: int | None,
@@ -199,20 +192,18 @@ def _outcome(
     return LiftOutcome.SLIPPED if slips else LiftOutcome.HELD
 
 
-def _final(values: list[tuple[int, float | None]], end_ns: int) -> float | None:
-    late = [a for t, a in values if end_ns - to_ns(FINAL_S) <= t < end_ns and a is not None]
-    return float(np.mean(late)) if late else None
+def _final(angles: Angles, end_ns: int) -> float | None:
+    late = angles.known.between(end_ns - to_ns(FINAL_S), end_ns).angle_deg
+    return float(np.mean(late)) if late.size else None
 
 
 def _since(time_ns: int | None, start_ns: int) -> float | None:
     return None if time_ns is None else (time_ns - start_ns) / NS_PER_S
 
 
-def _contact_areas(measurement: LiftMeasurement, lift_ns: int) -> dict[str, float]:
+def _contact_areas(tips: Mapping[str, Angles], lift_ns: int) -> dict[str, float]:
     """Return the mean contact area of each fingertip at the end of phase A, as a measure of the grip, px."""
-    since = lift_ns - to_ns(ZERO_S)
-    areas = {
-        serial: [s.contact_area_px for s in tip.samples if since <= s.time_ns < lift_ns]
-        for serial, tip in measurement.angle.tips.items()
+    late = {
+        serial: of.between(lift_ns - to_ns(ZERO_S), lift_ns).contact_area_px for serial, of in tips.items()
     }
-    return {serial: float(np.mean(values)) if values else 0.0 for serial, values in areas.items()}
+    return {serial: float(np.mean(values)) if values.size else 0.0 for serial, values in late.items()}

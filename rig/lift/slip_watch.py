@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 from drivers.clock import NS_PER_S
 from protocols.observer import ReactionStep
-from rig.lift.fusion import TipAnswer
 from rig.lift.tip_watch import GIVES_DEG, TipWatch
+from rig.tactile.sample import SlipSample
 
 CAUGHT_DEG = 5.0
 """Largest rotation of a caught object, unless another limit is given."""
@@ -75,7 +75,7 @@ class SlipWatch:
         """Whether a reaction has ended the lift early."""
         return any(step is ReactionStep.ENDS for step, _, _ in self.steps)
 
-    def begin(self, at_rest: Mapping[str, Sequence[TipAnswer]]) -> None:
+    def begin(self, at_rest: Mapping[str, Sequence[SlipSample]]) -> None:
         """Learn each fingertip's noise from its answers at rest, just before the lift."""
         share = self._settings.false_alarms_per_hour / max(len(at_rest), 1)
         watched = {serial: TipWatch.resting(answers, share) for serial, answers in at_rest.items()}
@@ -85,9 +85,9 @@ class SlipWatch:
         """Return, by serial, the thresholds of angle since rest (deg) and rate (deg/s) of a slip."""
         return {serial: (GIVES_DEG + tip.angle_deg, tip.rate_deg_s) for serial, tip in self._tips.items()}
 
-    def update(self, serial: str, answer: TipAnswer) -> None:
+    def update(self, serial: str, answer: SlipSample) -> None:
         """Process a fingertip's answer."""
-        self._now_ns = answer.sample.time_ns
+        self._now_ns = answer.time_ns
         tip = self._tips.get(serial)
         if tip is None:
             return

@@ -10,7 +10,7 @@ import numpy as np
 
 from drivers.clock import NS_PER_S
 from drivers.errors import InputError
-from rig.lift.fusion import TipAnswer
+from rig.tactile.sample import SlipSample
 
 AGREES = 0.4
 """Every answering fingertip must show this fraction of a slip, because an object rotates under all of
@@ -55,10 +55,10 @@ class TipWatch:
     _seen: deque[tuple[int, float, float]] = field(default_factory=deque)
 
     @classmethod
-    def resting(cls, answers: Sequence[TipAnswer], false_alarms_per_hour: float) -> "TipWatch | None":
+    def resting(cls, answers: Sequence[SlipSample], false_alarms_per_hour: float) -> "TipWatch | None":
         """Estimate thresholds from answers at rest; None if too few have a rate."""
         known = [
-            (a.sample.time_ns, a.angle_deg, a.rate_deg_s)
+            (a.time_ns, a.angle_deg, a.rate_deg_s)
             for a in answers
             if a.angle_deg is not None and a.rate_deg_s is not None
         ]
@@ -69,18 +69,18 @@ class TipWatch:
         angle = sigmas * max(float(np.std(angles)), LEAST_NOISE_DEG)
         return cls(angle, sigmas * max(float(np.sqrt(np.mean(rates**2))), LEAST_NOISE_DEG_S))
 
-    def update(self, answer: TipAnswer) -> None:
+    def update(self, answer: SlipSample) -> None:
         """Process an answer since the lift began; refused ones are ignored."""
         if answer.angle_deg is None or answer.rate_deg_s is None:
             return
-        time_ns = answer.sample.time_ns
+        time_ns = answer.time_ns
         if self._seen:
             spent_s = (time_ns - self._seen[-1][0]) / NS_PER_S
             self.base_deg += (answer.angle_deg - self.base_deg) * min(spent_s / DRIFTS_S, 1.0)
         self._seen.append((time_ns, answer.angle_deg, answer.rate_deg_s))
         while time_ns - self._seen[0][0] > REST_NS:
             self._seen.popleft()
-        self.sigma_deg = answer.sample.sigma_deg or self.sigma_deg
+        self.sigma_deg = answer.sigma_deg or self.sigma_deg
 
     @property
     def away_deg(self) -> float:

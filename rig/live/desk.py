@@ -24,8 +24,7 @@ from drivers.errors import (
 from drivers.interfaces import FrameSource
 from drivers.types import Frame, Image
 from rig.frames.estimation import require_frames_suffice
-from rig.frames.streaming import AngleSample
-from rig.lift.fusion import FusedAngles, FusedSample
+from rig.lift.fusion import FusedAngles
 from rig.live.actions import ESTIMATOR, RECORD, REFERENCE, TAKE_BACKGROUND
 from rig.live.clip_writer import ClipWriter, clip_folder
 from rig.live.desk_sensor import DeskSensor, Reading
@@ -228,13 +227,14 @@ class Desk:
         if zeros != self._zeros:
             self._zeros = zeros
             self._fusion.restart()
-        fused = self._fusion.update(tracks[now.name].newest(), others)
+        newest = tracks[now.name]
+        fused = self._fusion.update(newest.newest(), others, newest.previous())
         waits = fused.angle_deg is None and fused.state is State.TRACKING
         return Reading(
             OBJECT,
             now.time_ns,
             fused.disagreement or (NO_REFERENCE if waits else fused.state.value),
-            _as_sample(fused, now.sample.time_s, slip),
+            replace(fused, slip=slip),
             now.fps,
             (self._clock.now_ns() - now.time_ns) / NS_PER_S,
             sum(sensor.dropped for sensor in self.sensors.values()),
@@ -274,9 +274,3 @@ class Desk:
                     return
             else:
                 self._frames.put((source.serial, frame))
-
-
-def _as_sample(fused: FusedSample, time_s: float, slip: bool) -> AngleSample:
-    return AngleSample(
-        time_s, fused.angle_deg, fused.sigma_deg, fused.state.value, fused.rate_deg_s, None, 0.0, slip
-    )

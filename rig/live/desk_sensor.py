@@ -10,12 +10,12 @@ from drivers.clock import NS_PER_S, Clock, to_ns
 from drivers.errors import InputError, counted
 from drivers.tally import FrameTally
 from drivers.types import Frame, Image
-from rig.frames.streaming import AngleSample, StreamingEstimator
+from rig.frames.streaming import StreamingEstimator
 from rig.live.clip_writer import ClipWriter
 from rig.live.sensor_background import SensorBackground
 from rig.tactile.contact.finder import ContactFinder
 from rig.tactile.estimators import EstimatorChoice
-from rig.tactile.sample import State, check_frame
+from rig.tactile.sample import SlipSample, State, check_frame
 
 OUTLINE_EVERY_S = 0.05
 OUTLINE_STEP = 4
@@ -40,7 +40,7 @@ class Reading:
     name: str
     time_ns: int
     state: str
-    sample: AngleSample | None = None
+    sample: SlipSample | None = None
     fps: float | None = None
     latency_s: float = 0.0
     dropped: int = 0
@@ -127,7 +127,7 @@ class DeskSensor:
         sample, state = None, TAKING_BACKGROUND
         if not self.background.collecting:
             sample = self._estimated(frame)
-            state, self.slip = sample.state, sample.slip
+            state, self.slip = sample.state.value, bool(sample.slip)
         self.news = self.background.add(frame) or (self.stream.news if self.stream is not None else "")
         self._count(sample, state)
         late_s = (clock.now_ns() - frame.time_ns) / NS_PER_S
@@ -185,13 +185,13 @@ class DeskSensor:
         zero = None if self.stream is None else self.stream.track.zero_sample
         return None if zero is None else zero.time_ns / NS_PER_S
 
-    def _count(self, sample: AngleSample | None, state: str) -> None:
+    def _count(self, sample: SlipSample | None, state: str) -> None:
         if sample is None or sample.angle_deg is None:
             self._states[state] += 1
         else:
             self._answered += 1
 
-    def _estimated(self, frame: Frame) -> AngleSample:
+    def _estimated(self, frame: Frame) -> SlipSample:
         background = frame.image if self.background.image is None else self.background.image
         if self._finder is None:
             check_frame(frame.image, background.shape)
@@ -206,7 +206,7 @@ class DeskSensor:
         estimator = choice.make(background, self._aspect, self._sign)
         return StreamingEstimator(estimator, background.shape, self._sign, each_contact=True)
 
-    def _find_outline(self, frame: Frame, sample: AngleSample, finder: ContactFinder) -> None:
+    def _find_outline(self, frame: Frame, sample: SlipSample, finder: ContactFinder) -> None:
         if sample.state == State.NO_CONTACT:
             self._outline = self._outline[:0]
         elif frame.time_ns - self._outlined_ns >= to_ns(OUTLINE_EVERY_S):

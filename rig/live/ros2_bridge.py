@@ -110,7 +110,7 @@ class Ros2Bridge:
             names = ["angle", "angle_sigma", "angle_rate"]
             state = JointState(header, names, values, [], [])  # type: ignore[arg-type]
             self._write(f"angle/{name}", state)
-            self._write(f"slip/{name}", Bool(sample.slip))
+            self._write(f"slip/{name}", Bool(bool(sample.slip)))
 
     @staticmethod
     def topics(sensors: Sequence[str]) -> list[str]:

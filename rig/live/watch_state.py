@@ -27,7 +27,7 @@ POINTS_APART_S, KEPT_POINTS = 0.05, 600
 SILENT_S = 3.0
 """Images of one process are shown; after this time without an image, those of another process."""
 
-Curve = deque[tuple[float, float | None]]
+Points = deque[tuple[float, float | None]]
 """Times in s from a lift's first frame, angles in degrees, None if refused."""
 
 
@@ -74,8 +74,8 @@ class LiftOnPage:
     """A lift in progress, with its angles so far."""
 
     lift: LiftInView
-    estimate: Curve = field(default_factory=lambda: deque(maxlen=KEPT_POINTS))
-    truth: Curve = field(default_factory=lambda: deque(maxlen=KEPT_POINTS))
+    estimate: Points = field(default_factory=lambda: deque(maxlen=KEPT_POINTS))
+    truth: Points = field(default_factory=lambda: deque(maxlen=KEPT_POINTS))
 
     def take(self, message: Message) -> None:
         """Bring it up to date."""
@@ -97,12 +97,12 @@ class LiftOnPage:
             "truth": list(self.truth),
         }
 
-    def _add(self, curve: Curve, time_ns: int, angle_deg: float | None) -> None:
+    def _add(self, points: Points, time_ns: int, angle_deg: float | None) -> None:
         time_s = round((time_ns - (self.lift.began_ns or 0)) / NS_PER_S, 2)
         answered = angle_deg is not None
-        if curve and time_s < curve[-1][0] + POINTS_APART_S and answered == (curve[-1][1] is not None):
+        if points and time_s < points[-1][0] + POINTS_APART_S and answered == (points[-1][1] is not None):
             return
-        curve.append((time_s, None if angle_deg is None else round(angle_deg, 2)))
+        points.append((time_s, None if angle_deg is None else round(angle_deg, 2)))
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,7 +2,7 @@
 
 import logging
 import warnings
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -21,9 +21,9 @@ from rig.frames.estimation import checked, require_frames_suffice
 from rig.frames.series import FrameSeries, TimedFrame, evenly_spread, find_background
 from rig.frames.streaming import StreamingEstimator, checked_sign
 from rig.frames.times import LEAST_FPS, MAX_FPS, FrameTime, checked_times, sparse_note
-from rig.python.tracks import Angles
-from rig.report.curves import AXIS_DEG, TURN_DEG, Curve, truth_at, unwrapped
+from rig.report.curves import AXIS_DEG, TURN_DEG, unwrapped
 from rig.results.metrics import summarize
+from rig.tactile.angles import Angles
 from rig.tactile.contact.background_check import BackgroundCheck
 from rig.tactile.estimators import ASPECTS, MAX_WINDOW, choose_estimator
 from rig.tactile.foreign import ForeignEstimator
@@ -101,24 +101,21 @@ def estimate(
     series = FrameSeries("frames", lambda: _timed(frames, seconds, fps))
     made = _made("estimate", estimator, background, window, pixel_aspect, 1, gel)
     check = BackgroundCheck(background)
-    answers = estimate_series(checked(series, check), made)
-    if not answers:
+    found = estimate_series(checked(series, check), made)
+    if not found.samples:
         raise InputError("estimate: there are no frames")
-    if faults := faults_of(answer.sample for answer in answers):
+    if faults := faults_of(found.samples):
         raise EstimatorError(str(faults))
     if check.misfit:
-        answers = without_angles(answers)
+        found = without_angles(found)
     if check.doubt:
         warnings.warn(f"{check.doubt}: give a frame without contact as background", stacklevel=2)
-    found = zeroed(answers, None)
-    if frozen := sum(answer.sample.state is State.FROZEN for answer in answers):
+    if frozen := sum(sample.state is State.FROZEN for sample in found.samples):
         warnings.warn(f"{counted(frozen, 'frame')}: {FROZEN}", stacklevel=2)
-    states = tuple(answer.sample.state.value for answer in answers)
-    at_s = np.array([answer.time.time_ns / NS_PER_S for answer in answers])
-    note = sparse_note([answer.time.time_ns for answer in answers])
+    note = sparse_note([time.time_ns for time in found.times])
     for text in notes if note is None else (*notes, note):
         _log.warning("estimate: %s", text)
-    return Angles(at_s, _floats(found.angles_deg), _floats(found.sigmas_deg), states)
+    return zeroed(found, None).angles
 
 
 def estimator(
@@ -158,11 +155,11 @@ def score(estimate: Angles, truth: Angles) -> Score:
     """
     for name, angles in (("estimate", estimate), ("truth", truth)):
         arguments.instance(f"score: {name}", angles, Angles, "a rig.Angles")
-    true, notes = unwrapped("the true angle", _curve(truth), AXIS_DEG)
-    ours, more = unwrapped("the estimate", _curve(estimate), TURN_DEG)
+    true, notes = unwrapped("the true angle", truth, AXIS_DEG)
+    ours, more = unwrapped("the estimate", estimate, TURN_DEG)
     for note in (*notes, *more):
         _log.warning("score: %s", note)
-    known = truth_at(true, estimate.time_s)
+    known = true.at(estimate.time_s)
     off = np.abs(ours.angle_deg - known)
     there, both = np.isfinite(known), np.isfinite(off)
     errors = summarize(off[both])
@@ -172,10 +169,6 @@ def score(estimate: Angles, truth: Angles) -> Score:
     if errors is None:
         return Score(float("nan"), float("nan"), float("nan"), 0, answered, within)
     return Score(errors.mean_deg, errors.std_deg, errors.max_deg, errors.frames, answered, within)
-
-
-def _curve(angles: Angles) -> Curve:
-    return Curve(angles.time_s, angles.angle_deg, angles.sigma_deg)
 
 
 def _made(
@@ -221,7 +214,3 @@ def _seconds(times_s: ArrayLike) -> tuple[np.ndarray, tuple[str, ...]]:
     """Return the capture times, (N,) s, and notes. Raises `InputError`."""
     seconds = arguments.array("estimate: times_s", times_s, (None,), MAX_TIME_S)
     return seconds, checked_times("estimate: times_s", np.rint(seconds * NS_PER_S).astype(np.int64))
-
-
-def _floats(values: Sequence[float | None]) -> np.ndarray:
-    return np.array([np.nan if value is None else value for value in values], np.float64)

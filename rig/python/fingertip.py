@@ -10,10 +10,10 @@ from drivers.errors import DeviceError, DeviceTimeoutError, InputError, NotConne
 from drivers.types import Frame
 from rig.bench.source import unconnected_bench
 from rig.config import load_bench
-from rig.frames.streaming import AngleSample, StreamingEstimator
+from rig.frames.streaming import StreamingEstimator
 from rig.tactile.contact.background import mean_background
 from rig.tactile.estimators import DEFAULT_ESTIMATOR, choose_estimator
-from rig.tactile.sample import State
+from rig.tactile.sample import SlipSample, State
 
 _log = logging.getLogger(__name__)
 BACKGROUND_FRAMES = 10
@@ -24,7 +24,7 @@ FRAME_S, STOP_S = 2.0, 5.0
 """Longest wait for a frame, and for a thread to end."""
 
 
-NO_ANGLE = AngleSample(0.0, None, None, State.NO_CONTACT.value, None, None, 0.0, False)
+NO_ANGLE = SlipSample(0, State.NO_CONTACT, slip=False)
 """Before the first frame."""
 
 
@@ -122,7 +122,7 @@ class LiveFingertip:
             self._unread = False
             return self._frame
 
-    def angle(self) -> AngleSample:
+    def angle(self) -> SlipSample:
         """Return the newest angle since the contact has settled, with the fingertip's sign applied.
 
         Until then it counts from the first angle of the contact.

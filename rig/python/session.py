@@ -17,24 +17,22 @@ from drivers.types import Image
 from drivers.values import short_repr
 from protocols.observer import Phase
 from rig.python.tracks import (
-    Angles,
     ArmTrack,
-    Floats,
     GripperTrack,
     MarkerTrack,
     WrenchTrack,
-    data_frame,
     read_arm,
     read_gripper,
     read_markers,
     read_wrench,
 )
-from rig.report.curves import Curve, LiftCurves, signed_errors, truth_at
+from rig.report.curves import LiftCurves, signed_errors
 from rig.report.session import read_curves
 from rig.sessions.manifest import TrialManifest, read_manifest_of
 from rig.sessions.reading import recorded_frames
 from rig.sessions.records import FinishedLift
 from rig.sessions.rows import read_usable_lifts
+from rig.tactile.angles import Angles, Floats, data_frame
 from rig.tactile.contact.background import mean_background
 
 if TYPE_CHECKING:
@@ -129,12 +127,12 @@ class Lift:
     @property
     def estimate(self) -> Angles:
         """Fused angle of both fingertips."""
-        return _angles(self._curves.estimate)
+        return self._curves.estimate
 
     @property
     def truth(self) -> Angles:
         """Ground truth from the markers, at the times of the camera frames."""
-        return _angles(self._curves.truth)
+        return self._curves.truth
 
     @property
     def error_deg(self) -> Floats:
@@ -166,7 +164,7 @@ class Lift:
     def tip(self, serial: str) -> Angles:
         """Return the angle of one fingertip. Raises `InputError` for an unknown serial."""
         self._require(serial)
-        return _angles(self._curves.tips[serial])
+        return self._curves.tips[serial]
 
     def frames(self, serial: str, masks: str | None = None) -> Iterator[SensorFrame]:
         """Return an iterator over the frames of a fingertip, or for "camera" of the external camera.
@@ -234,7 +232,7 @@ class Lift:
                 "time_s": estimate.time_s,
                 "estimate_deg": estimate.angle_deg,
                 "sigma_deg": estimate.sigma_deg,
-                "truth_deg": truth_at(self._curves.truth, estimate.time_s),
+                "truth_deg": self._curves.truth.at(estimate.time_s),
                 "state": estimate.states,
             }
         )
@@ -332,7 +330,3 @@ def _segmenter(masks: str, background: Image) -> "FrameSegmenter":
     from rig.frames.masks import SegmentChoice, make_segmenter
 
     return make_segmenter(SegmentChoice(masks), background)
-
-
-def _angles(curve: Curve) -> Angles:
-    return Angles(curve.time_s, curve.angle_deg, curve.sigma_deg, curve.states)

@@ -1,9 +1,7 @@
-"""The recorded data of a lift as arrays over time: angles, arm, wrench, gripper and markers."""
+"""The recorded data of a lift as arrays over time: arm, wrench, gripper and markers."""
 
-from dataclasses import dataclass, field
-from importlib import import_module
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
@@ -12,77 +10,13 @@ from numpy.typing import NDArray
 from calibration.markers.tracker import MarkerTracker
 from calibration.poses import pose_matrix
 from calibration.targets.aruco import Refusal
-from drivers import arguments
 from drivers.clock import NS_PER_S
-from drivers.errors import InputError
-from drivers.formats import MAX_TIME_S
 from drivers.types import ArmState
 from drivers.values import short_repr
 from rig.sessions.reading import recorded_arm_states, recorded_frames, recorded_gripper
 from rig.sessions.recorder import GRIPPER_TOPIC
 from rig.sessions.recording_file import recorded_messages
-
-if TYPE_CHECKING:
-    from pandas import DataFrame  # pyright: ignore[reportMissingImports, reportMissingModuleSource]
-
-Floats = NDArray[np.float64]
-MAX_DEG = 1e9
-"""Largest angle that is accepted: thousands of turns; larger ones are no angles."""
-
-
-@dataclass(frozen=True, eq=False)
-class Angles:
-    """An angle over time.
-
-    time_s: (N,) s, not decreasing. angle_deg: (N,) degrees, NaN if refused. sigma_deg: (N,) standard
-    deviation, NaN if unknown; by default all are unknown. states: (N,) states of the estimator, or empty.
-    Lists and other types that numpy can convert are accepted. Raises `InputError` for other shapes.
-    """
-
-    time_s: Floats
-    angle_deg: Floats
-    sigma_deg: Floats = field(default_factory=lambda: np.empty(0))
-    states: tuple[str, ...] = ()
-
-    __repr__ = short_repr
-
-    def __post_init__(self) -> None:
-        time_s = arguments.array("Angles: time_s", self.time_s, (None,), MAX_TIME_S)
-        angle_deg = arguments.array("Angles: angle_deg", self.angle_deg, (None,), MAX_DEG, unknown=True)
-        sigma_deg = arguments.array("Angles: sigma_deg", self.sigma_deg, (None,), np.inf, unknown=True)
-        sigma_deg = sigma_deg if sigma_deg.size else np.full(time_s.shape, np.nan)
-        if not isinstance(self.states, tuple | list) or not all(isinstance(s, str) for s in self.states):
-            raise arguments.refused("Angles: states", self.states, "a tuple of texts")
-        if not time_s.shape == angle_deg.shape == sigma_deg.shape or len(self.states) not in (0, len(time_s)):
-            raise InputError(
-                f"Angles: {len(time_s)} times and {len(angle_deg)} angles: give the same number of each"
-            )
-        if (np.diff(time_s) < 0).any():
-            raise InputError("Angles: time_s must not decrease: sort the rows by time")
-        if (sigma_deg < 0).any():
-            raise InputError("Angles: sigma_deg is negative: give a standard deviation, or NaN if unknown")
-        object.__setattr__(self, "states", tuple(self.states))
-        for name, values in (("time_s", time_s), ("angle_deg", angle_deg), ("sigma_deg", sigma_deg)):
-            object.__setattr__(self, name, values)
-
-    def __len__(self) -> int:
-        return len(self.time_s)
-
-    def to_pandas(self) -> "DataFrame":
-        """Return a pandas DataFrame with the columns time_s, angle_deg, sigma_deg and, if known, state."""
-        columns: dict[str, Any] = {
-            "time_s": self.time_s, "angle_deg": self.angle_deg, "sigma_deg": self.sigma_deg,
-        }  # fmt: skip
-        return data_frame(columns | ({"state": self.states} if self.states else {}))
-
-
-def data_frame(columns: Any) -> "DataFrame":
-    """Return a pandas DataFrame. Raises `InputError` if pandas is not installed."""
-    try:
-        pandas = import_module("pandas")
-    except ImportError as error:
-        raise InputError("a DataFrame needs pandas, which is not installed: pip install pandas") from error
-    return pandas.DataFrame(columns)
+from rig.tactile.angles import Floats
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -10,7 +10,6 @@ from drivers.errors import counted, without_values
 from protocols.reaction import ReactionKind
 from rig.report.calibrations import calibration_notices
 from rig.report.coverage import sigma_notices
-from rig.report.curves import truth_at
 from rig.report.parts import Notice, joined
 from rig.report.session import Lift, Trial, curves_of, lift_name
 from rig.results.metrics import FEWEST_LIFTS
@@ -113,7 +112,7 @@ def _unseen_markers(trial: Trial) -> list[Notice]:
         if lift.curves is None:
             continue
         inside = lift.curves.within("B", "C")
-        truth = truth_at(lift.curves.truth, lift.curves.estimate.time_s[inside])
+        truth = lift.curves.truth.at(lift.curves.estimate.time_s[inside])
         share = float(np.mean(np.isnan(truth))) if truth.size else 1.0
         if share > MOST_UNSEEN:
             missing.append((share, lift))

@@ -11,8 +11,9 @@ from drivers.errors import FormatError, InputError, counted
 from drivers.formats import CsvTable, parse_number, read_csv, shown
 from rig.lift.onset import slip_onset_ns
 from rig.lift.result import FINAL_S
-from rig.report.curves import AXIS_DEG, TURN_DEG, Curve, LiftCurves, signed_errors, unwrapped
+from rig.report.curves import AXIS_DEG, TURN_DEG, LiftCurves, signed_errors, unwrapped
 from rig.results.metrics import ErrorSummary, Floats, summarize
+from rig.tactile.angles import Angles
 
 TIME_COLUMNS = ("t_s", "time_s", "time")
 ESTIMATE_COLUMNS = ("estimate_deg", "pred_deg", "angle_deg")
@@ -84,10 +85,13 @@ def read_table(path: Path) -> CsvLift:
             f"{path}: line {line}: the times do not increase; sort the rows and drop repeated ones"
         )
     time_s = time_s - time_s[0]  # tables may hold the time of day
-    unknown = np.full(time_s.shape, np.nan)
-    truth, notes = unwrapped(f"{path}: the true angle", Curve(time_s, columns["truth"], unknown), AXIS_DEG)
+    try:
+        truth = Angles(time_s, columns["truth"])
+        estimate = Angles(time_s, columns["estimate"], columns.get("sigma", np.empty(0)))
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
+    truth, notes = unwrapped(f"{path}: the true angle", truth, AXIS_DEG)
     phases, onset_s = detected_phases(truth)
-    estimate = Curve(time_s, columns["estimate"], columns.get("sigma", unknown))
     estimate, more = unwrapped(f"{path}: the estimate", estimate, TURN_DEG)
     curves = LiftCurves(
         name=path.stem.replace("_", " "),
@@ -109,13 +113,13 @@ def read_table(path: Path) -> CsvLift:
     )
 
 
-def detected_phases(truth: Curve) -> tuple[dict[str, float], float | None]:
+def detected_phases(truth: Angles) -> tuple[dict[str, float], float | None]:
     """Return the starts of phases A, B and C and the onset, from the reference only; none without a slip.
 
     B begins with the slip, and C when the angle stays near its final value.
     """
     onset_s = _onset_s(truth)
-    known = truth.answered
+    known = truth.known
     if onset_s is None:
         return {}, None
     final = _final_deg(truth) or 0.0
@@ -165,8 +169,8 @@ def _numbers(table: CsvTable, index: int) -> Floats:
     return values
 
 
-def _onset_s(curve: Curve) -> float | None:
-    known = curve.answered
+def _onset_s(curve: Angles) -> float | None:
+    known = curve.known
     times_ns = np.rint(known.time_s * NS_PER_S).astype(np.int64)
     if times_ns.size < 2 or (np.diff(times_ns) <= 0).any():
         return None
@@ -174,7 +178,7 @@ def _onset_s(curve: Curve) -> float | None:
     return None if onset_ns is None else onset_ns / NS_PER_S
 
 
-def _final_deg(curve: Curve) -> float | None:
+def _final_deg(curve: Angles) -> float | None:
     late = curve.angle_deg[curve.time_s >= curve.time_s[-1] - FINAL_S]
     late = late[np.isfinite(late)]
     return float(late.mean()) if late.size else None

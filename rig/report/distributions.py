@@ -11,7 +11,7 @@ from drivers.errors import counted
 from rig.pages.figure import drawing
 from rig.pages.palette import ESTIMATE, INK, MUTED, TRUTH
 from rig.pages.plot_data import Spot
-from rig.report.curves import LiftCurves, rates_deg_s, signed_errors, truth_at
+from rig.report.curves import LiftCurves, rates_deg_s, signed_errors
 from rig.report.parts import Chart
 from rig.results.metrics import Floats
 
@@ -83,7 +83,7 @@ def _draw_boxes(axes: Axes, filled: Sequence[tuple[int, Floats]]) -> None:
 
 def error_against_angle(lifts: Sequence[LiftCurves]) -> Chart:
     """Draw the error over the rotation of the object."""
-    sizes = [np.abs(truth_at(lift.truth, lift.estimate.time_s)) for lift in lifts]
+    sizes = [np.abs(lift.truth.at(lift.estimate.time_s)) for lift in lifts]
     return _against(
         lifts, sizes, ANGLE_EDGES_DEG, "Error against angle", "marker angle, degrees",
         "Absolute error over the rotation of the markers since the zero.",

@@ -15,22 +15,24 @@ from typing import Any
 
 import numpy as np
 
-from drivers.errors import RecordingError
+from drivers.clock import NS_PER_S
+from drivers.errors import InputError, RecordingError
 from drivers.formats import write_whole
+from protocols.observer import Phase
 from rig.experiments.lift_plan import TrialSettings
 from rig.experiments.process_pool import run_tasks
 from rig.experiments.replay import replay_or_problem
-from rig.results.metrics import Floats
 from rig.sessions.codec import json_line
 from rig.sessions.files import MANIFEST, append_line, drop_torn_line, state_folder
 from rig.sessions.records import LIFTS, FinishedLift, LiftFigures
 from rig.sessions.rows import read_usable_lifts, readable_rows
+from rig.tactile.angles import FUSED, Angles
 
 SOURCES = ("rig/tactile", "rig/lift", "rig/models", "rig/sessions", "calibration", "drivers")
 """Folders and files of the code that a replay's results depend on."""
 Progress = Callable[[int, int, FinishedLift], None]
-Replayed = tuple[FinishedLift, Floats]
-"""A lift's row, and its angles as `replay_with_angles` returns them."""
+Replayed = tuple[FinishedLift, Angles]
+"""A lift's row, and its fused angles."""
 
 
 def replayed(
@@ -77,9 +79,9 @@ def _kept(file: Path) -> list[FinishedLift]:
     return [row for row in rows if isinstance(row, FinishedLift)]
 
 
-def _keep(file: Path, row: FinishedLift, angles: Floats) -> None:
+def _keep(file: Path, row: FinishedLift, angles: Angles) -> None:
     data = BytesIO()
-    np.save(data, angles)
+    np.save(data, np.column_stack([angles.time_s, angles.angle_deg, angles.sigma_deg]))
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
         write_whole(_angles_file(file, row), data.getvalue())
@@ -93,12 +95,13 @@ def _angles_file(file: Path, row: FinishedLift) -> Path:
     return file.with_name(f"{file.stem}_{row.number}_{row.attempt}.npy")
 
 
-def _kept_angles(file: Path, row: FinishedLift) -> Floats | None:
+def _kept_angles(file: Path, row: FinishedLift) -> Angles | None:
+    zero_ns = round(row.phases_s[Phase.LIFT] * NS_PER_S)
     try:
-        angles = np.load(_angles_file(file, row), allow_pickle=False)
-    except (OSError, ValueError, EOFError):
+        time_s, angle_deg, sigma_deg = np.load(_angles_file(file, row), allow_pickle=False).T
+        return Angles(time_s, angle_deg, sigma_deg, source=FUSED, zero_ns=zero_ns)
+    except (OSError, ValueError, EOFError, InputError):
         return None
-    return angles if angles.ndim == 2 and angles.shape[1] == 3 else None
 
 
 def _file(folder: Path, settings: TrialSettings) -> Path:

@@ -10,9 +10,10 @@ from matplotlib.ticker import MaxNLocator
 
 from rig.pages.figure import PX_PER_INCH, WIDTH_PX, band, drawing, limits, placed
 from rig.pages.palette import ESTIMATE, FIRST, INK, MUTED, PHASE, SECOND, STATES, TRUTH
-from rig.report.curves import Curve, LiftCurves
+from rig.report.curves import LiftCurves
 from rig.report.parts import Chart
 from rig.results.metrics import Floats
+from rig.tactile.angles import Angles
 
 SIGMAS = 2.0
 """Half width of the band around the estimate, in sigma: 95 % of normally distributed errors."""
@@ -96,7 +97,7 @@ def draw_lift(figure: Figure, lift: LiftCurves, until_s: float = np.inf) -> Axes
     return axes
 
 
-def draw_states(axes: Axes, tips: list[Curve], until_s: float = np.inf) -> None:
+def draw_states(axes: Axes, tips: list[Angles], until_s: float = np.inf) -> None:
     """Draw the states of each fingertip's estimator, one coloured line per fingertip."""
     for row, tip in enumerate(tips):
         for begins, ends, state in runs(tip):
@@ -112,7 +113,7 @@ def draw_states(axes: Axes, tips: list[Curve], until_s: float = np.inf) -> None:
     axes.spines["left"].set_visible(False)
 
 
-def runs(curve: Curve) -> list[tuple[float, float, str]]:
+def runs(curve: Angles) -> list[tuple[float, float, str]]:
     """Return runs of equal state: start and end in s, and the state."""
     found: list[tuple[float, float, str]] = []
     for time_s, state in zip(curve.time_s.tolist(), curve.states, strict=True):
@@ -160,7 +161,7 @@ def before_lift(lift: LiftCurves) -> list[tuple[Floats, Floats]]:
         return []
     found = []
     for tip in lift.tips.values():
-        answered = tip.answered
+        answered = tip.known
         inside = (answered.time_s >= lift.phases_s["A"]) & (answered.time_s < lift.phases_s["B"])
         if inside.any():
             found.append((answered.time_s[inside], answered.angle_deg[inside]))

@@ -9,39 +9,35 @@ from drivers.clock import NS_PER_S
 from drivers.types import Image
 from rig.frames.estimation import EstimatedSeries
 from rig.pages.page import render
-from rig.report.curves import Curve, LiftCurves
+from rig.report.curves import LiftCurves
 from rig.report.lift_chart import key, lift_chart
 from rig.report.parts import Notice, Table
 from rig.report.strips import FRAMES, Still, TipFrames, caption, drawn, still, tip_at_zero
 from rig.report.text import angle_text, made_text
+from rig.tactile.angles import Angles
 from rig.tactile.contact.finder import ContactFinder
 
 
 def estimate_curves(series: EstimatedSeries) -> LiftCurves:
     """Return an estimate as the curves of a lift without ground truth and phases."""
-    found, unknown = series.done.estimate, np.empty(0)
-    curve = Curve(
-        np.array([answer.time.time_ns / NS_PER_S for answer in found.answers]),
-        np.array(found.angles_deg, float),  # None becomes nan
-        np.array(found.sigmas_deg, float),
-        tuple(answer.sample.state.value for answer in found.answers),
-    )
+    angles = series.estimate.angles
     return LiftCurves(
         series.name,
-        curve,
-        Curve(unknown, unknown, unknown),
-        onset_estimate_s=series.done.figures.slip_s,
-        tips={series.name: curve},
+        angles,
+        Angles(np.empty(0), np.empty(0)),
+        onset_estimate_s=series.figures.slip_s,
+        tips={series.name: angles},
         time_label="time, s",
     )
 
 
 def tip_of(series: EstimatedSeries) -> TipFrames:
     """Return the data that are drawn into the frames of a series."""
-    found = series.done.estimate
-    zero = None if found.zero is None else [answer.time for answer in found.answers].index(found.zero)
-    finder = ContactFinder(series.done.untouched)
-    return tip_at_zero(series.name, series.sign, finder, _images(series, [zero]).get(zero))
+    found = series.estimate
+    zero = (
+        None if found.zero is None else _images(series, [place := found.times.index(found.zero)]).get(place)
+    )
+    return tip_at_zero(series.name, series.sign, ContactFinder(series.untouched), zero)
 
 
 def estimate_page(of: Sequence[EstimatedSeries], source: str, about: str, simulated: bool = False) -> str:
@@ -56,7 +52,7 @@ def estimate_page(of: Sequence[EstimatedSeries], source: str, about: str, simula
         about=about,
         simulated=simulated,
         figures=_table(of),
-        warnings=[Notice("warn", f"{one.name}: {text}", "") for one in of for text in one.done.warnings],
+        warnings=[Notice("warn", f"{one.name}: {text}", "") for one in of for text in one.warnings],
         key=key(truth=False),
         shown=[_shown(one) for one in of],
         made=made_text(datetime.now(UTC)),
@@ -76,7 +72,7 @@ def _table(of: Sequence[EstimatedSeries]) -> Table:
     )
     rows = []
     for one in of:
-        found, last = one.done.figures, estimate_curves(one).estimate.answered
+        found, last = one.figures, estimate_curves(one).estimate.known
         refused = ", ".join(f"{count} {state}" for state, count in found.refused.items()) or "none"
         angle, sigma = (
             (float(last.angle_deg[-1]), float(last.sigma_deg[-1])) if found.answered else (None, np.nan)
@@ -98,24 +94,25 @@ def _table(of: Sequence[EstimatedSeries]) -> Table:
 
 def _shown(series: EstimatedSeries) -> dict[str, object]:
     curves = estimate_curves(series)
-    where = f"0 degrees is {series.done.figures.reference}; angles from {series.done.angles_from}"
-    return {"chart": lift_chart(curves, where), "strips": {"": _stills(series, curves)}, "problem": None}
+    where = f"0 degrees is {series.figures.reference}; angles from {series.angles_from}"
+    return {"chart": lift_chart(curves, where), "strips": {"": _stills(series)}, "problem": None}
 
 
-def _stills(series: EstimatedSeries, curves: LiftCurves) -> list[Still]:
+def _stills(series: EstimatedSeries) -> list[Still]:
     """Draw frames evenly spread over the answered ones, over all if none is answered."""
-    curve, tip = curves.estimate, tip_of(series)
-    known = np.flatnonzero(np.isfinite(curve.angle_deg))
-    known = known if known.size else np.arange(curve.time_s.size)
+    estimate, tip = series.estimate, tip_of(series)
+    angles = np.array([sample.angle_deg for sample in estimate.samples], float)  # None becomes NaN
+    known = np.flatnonzero(np.isfinite(angles))
+    known = known if known.size else np.arange(angles.size)
     wanted = known[np.unique(np.linspace(0, known.size - 1, FRAMES).round().astype(int))].tolist()
     stills = []
     for place, image in _images(series, wanted).items():
-        angle = float(curve.angle_deg[place])
-        stills.append(still(drawn(image, tip, angle, np.nan), caption(float(curve.time_s[place]), angle)))
+        angle, time_s = float(angles[place]), estimate.times[place].time_ns / NS_PER_S
+        stills.append(still(drawn(image, tip, angle, np.nan), caption(time_s, angle)))
     return stills
 
 
-def _images(series: EstimatedSeries, wanted: Sequence[int | None]) -> dict[int | None, Image]:
+def _images(series: EstimatedSeries, wanted: Sequence[int]) -> dict[int, Image]:
     return {
         place: frame.image
         for place, frame in enumerate(series.frames)

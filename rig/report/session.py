@@ -6,24 +6,23 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
-import numpy as np
 from google.protobuf.message import DecodeError
 
 from drivers.clock import NS_PER_S
 from drivers.errors import InputError, RigError, SessionError, counted
 from drivers.progress import steps
 from protocols.observer import Phase
-from rig.report.curves import Curve, LiftCurves
+from rig.report.curves import LiftCurves
 from rig.report.parts import Notice, joined
 from rig.sessions.codec import Codec
 from rig.sessions.files import RESULTS, TIMING
 from rig.sessions.manifest import TrialManifest
 from rig.sessions.reading import recorded_angles
-from rig.sessions.recorder import FUSED_TOPIC, TRUTH_TOPIC, RecordedAngle, slip_topic
 from rig.sessions.recording_file import Gaps, recording_gaps
 from rig.sessions.records import LIFTS, FinishedLift, LiftHead, LiftRow, finished
 from rig.sessions.rows import readable_rows
 from rig.sessions.timing import LIFT_TIMINGS, LiftTiming
+from rig.tactile.angles import FUSED, MARKERS
 
 Record = TypeVar("Record")
 UNREADABLE = (
@@ -175,29 +174,18 @@ def read_curves(
     """
     path = folder / row.recording
     zero_s = row.phases_s[Phase.LIFT]
-    tips = {serial: slip_topic(serial) for serial in manifest.signs}
-    angles = recorded_angles(path, FUSED_TOPIC, TRUTH_TOPIC, *tips.values(), gaps=gaps)
-    if not angles[FUSED_TOPIC] or not angles[TRUTH_TOPIC]:
+    angles = recorded_angles(path, FUSED, MARKERS, *manifest.signs, zero_s=zero_s, gaps=gaps)
+    if not len(angles[FUSED]) or not len(angles[MARKERS]):
         raise SessionError(f"{path}: the recording is damaged: it holds no angles")
     return LiftCurves(
         name=lift_name(row),
-        estimate=curve(angles[FUSED_TOPIC], zero_s),
-        truth=curve(angles[TRUTH_TOPIC], zero_s),
+        estimate=angles[FUSED],
+        truth=angles[MARKERS],
         phases_s={phase: time_s - zero_s for phase, time_s in row.phases_s.items()},
         onset_truth_s=row.onset_truth_s,
         onset_estimate_s=row.onset_estimate_s,
-        tips={serial: curve(angles[topic], zero_s) for serial, topic in tips.items()},
+        tips={serial: angles[serial] for serial in manifest.signs},
     )
-
-
-def curve(angles: list[RecordedAngle], zero_s: float) -> Curve:
-    """Return angles as a curve in order of time. zero_s: time 0 of the curve, by the bench's clock."""
-    ordered = sorted(angles, key=lambda angle: angle.time_ns)
-    times = np.array([angle.time_ns / NS_PER_S - zero_s for angle in ordered], float)
-    # None becomes nan
-    angles_deg = np.array([angle.angle_deg for angle in ordered], float)
-    sigmas_deg = np.array([angle.sigma_deg for angle in ordered], float)
-    return Curve(times, angles_deg, sigmas_deg, tuple(angle.state for angle in ordered))
 
 
 def _why(error: BaseException) -> str:

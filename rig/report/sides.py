@@ -6,16 +6,15 @@ from pathlib import Path
 
 from drivers.errors import InputError, SessionError, counted
 from drivers.named_classes import is_class_name
-from protocols.observer import Phase
 from rig.experiments.lift_plan import trial_of
 from rig.report.compare import ComparedLift
-from rig.report.curves import Curve, LiftCurves
+from rig.report.curves import LiftCurves
 from rig.report.kept_replays import replayed
 from rig.report.session import UNREADABLE, read_curves, read_timing, read_usable
-from rig.results.metrics import Floats
 from rig.sessions.files import RESULTS
 from rig.sessions.manifest import TrialManifest, is_session, read_manifest_of
 from rig.sessions.records import LIFTS, FinishedLift, finished
+from rig.tactile.angles import Angles
 from rig.tactile.estimators import ESTIMATORS
 
 Progress = Callable[[int, int, FinishedLift], None]
@@ -83,7 +82,7 @@ def estimator_side(folder: Path, estimator: str, jobs: int, progress: Progress) 
     asked = f"{wanted.name}, window {wanted.window}"
     curves = {(lift.row.number, lift.row.attempt): lift.curves for lift in stored.lifts}
     lifts = [
-        ComparedLift(row, curves=_again(curves.get((row.number, row.attempt)), row, angles))
+        ComparedLift(row, curves=_again(curves.get((row.number, row.attempt)), angles))
         for row, angles in found
     ]
     return Side(estimator, lifts, stored.simulated, asked, notes)
@@ -96,9 +95,6 @@ def _curves(folder: Path, row: FinishedLift, manifest: TrialManifest) -> LiftCur
         return None
 
 
-def _again(stored: LiftCurves | None, row: FinishedLift, angles: Floats) -> LiftCurves | None:
-    """Return a lift's stored curves with the angles of a replay, (N, 3), as the estimate."""
-    if stored is None:
-        return None
-    estimate = Curve(angles[:, 0] - row.phases_s[Phase.LIFT], angles[:, 1], angles[:, 2])
-    return replace(stored, estimate=estimate, tips={})
+def _again(stored: LiftCurves | None, angles: Angles) -> LiftCurves | None:
+    """Return a lift's stored curves with the fused angles of a replay as the estimate."""
+    return None if stored is None else replace(stored, estimate=angles, tips={})

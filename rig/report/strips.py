@@ -17,12 +17,13 @@ from drivers.errors import SessionError
 from drivers.images import decode_stored, encode_jpeg
 from drivers.types import Frame, Image
 from rig.pages.palette import ESTIMATE, TRUTH
-from rig.report.curves import Curve, LiftCurves, truth_at
+from rig.report.curves import LiftCurves
 from rig.report.text import angle_text
 from rig.results.metrics import Floats
 from rig.sessions.reading import recorded_frames, recorded_jpeg
 from rig.sessions.recorder import image_topic
 from rig.sessions.recording_file import recorded_messages
+from rig.tactile.angles import Angles
 from rig.tactile.contact.background import mean_background
 from rig.tactile.contact.finder import Contact, ContactFinder
 from rig.tactile.paper.axis import ellipse_axis
@@ -118,7 +119,7 @@ def moments(lift: LiftCurves, count: int = FRAMES) -> list[float]:
     """Return the times of images, s: the zero, equal steps of the rotation, and the end of C."""
     start, end = lift.phases_s.get("B", 0.0), lift.phases_s.get("lower", 0.0)
     onset = lift.onset_truth_s if lift.onset_truth_s is not None else start
-    turned = lift.truth.answered
+    turned = lift.truth.known
     settled = end
     if turned.time_s.size:
         final = turned.angle_deg[-1]
@@ -163,7 +164,7 @@ def drawn(image: Image, tip: TipFrames, estimate_deg: float, truth_deg: float) -
 
 def angles_at(lift: LiftCurves, serial: str, time_s: float) -> tuple[float, float]:
     """Return a fingertip's angle and the marker angle nearest to a time, deg, NaN if unknown."""
-    truth = truth_at(lift.truth, np.array([time_s]))[0]
+    truth = lift.truth.at(np.array([time_s]))[0]
     return _value_at(lift.tips.get(serial, lift.estimate), time_s), float(truth)
 
 
@@ -190,6 +191,6 @@ def _axis(
     cv2.line(picture, ends[0], ends[1], colour, thick, cv2.LINE_AA)
 
 
-def _value_at(curve: Curve, time_s: float) -> float:
+def _value_at(curve: Angles, time_s: float) -> float:
     times: Floats = curve.time_s
     return float(curve.angle_deg[int(np.abs(times - time_s).argmin())]) if times.size else math.nan

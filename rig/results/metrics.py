@@ -5,12 +5,11 @@ from dataclasses import dataclass
 from math import sqrt
 
 import numpy as np
-from numpy.typing import NDArray
 
 from drivers.errors import counted
 from rig.sessions.records import ErrorSummary
+from rig.tactile.angles import Floats
 
-Floats = NDArray[np.float64]
 FEWEST_LIFTS = 5
 """Smallest number of lifts for an interval or a verdict. The paper lifts each object five times."""
 INTERVAL = "95 % interval of the mean over lifts (Student's t, corrected for skewness)"
@@ -82,13 +81,11 @@ def summarize(errors_deg: Floats) -> ErrorSummary | None:
     )
 
 
-def hold_last(angles_deg: Sequence[float | None]) -> Floats:
+def hold_last(angles_deg: Floats | Sequence[float | None]) -> Floats:
     """Fill refused frames with the last angle (0 before the first), so refusing cannot reduce the error."""
-    held, last = np.empty(len(angles_deg)), 0.0
-    for i, angle in enumerate(angles_deg):
-        last = last if angle is None else angle
-        held[i] = last
-    return held
+    angles = np.array(angles_deg, np.float64)
+    last = np.maximum.accumulate(np.where(np.isfinite(angles), np.arange(angles.size), -1))
+    return np.where(last < 0, 0.0, angles[last])
 
 
 def mare_of(errors: Iterable[ErrorSummary | None]) -> Mare | None:

@@ -2,34 +2,16 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rig.results.metrics import ErrorSummary, Floats, hold_last, summarize
+from rig.tactile.angles import Angles
 
+Values = Floats | Sequence[float | None]
 WRONG_DEG, WRONG_SIGMAS = 10.0, 3.0
 """An answer is confidently wrong if its error exceeds both: degrees, and multiples of its sigma."""
-
-
-class TimedAngle(Protocol):
-    """An angle at a time."""
-
-    @property
-    def time_ns(self) -> int:
-        """Time of the frame."""
-        ...
-
-    @property
-    def angle_deg(self) -> float | None:
-        """Angle; None if the frame was refused."""
-        ...
-
-    @property
-    def sigma_deg(self) -> float | None:
-        """Standard deviation of the angle; None if the method has none."""
-        ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,33 +54,30 @@ def is_confidently_wrong(error_deg: float, sigma_deg: float | None) -> bool:
     return sigma_deg is not None and abs(error_deg) > max(WRONG_DEG, WRONG_SIGMAS * sigma_deg)
 
 
-def score_angles(
-    key: str, angles: Sequence[TimedAngle], true_deg: Sequence[float | None], hold_ns: int
-) -> SeriesScore:
+def score_angles(key: str, angles: Angles, true_deg: Floats, hold_ns: int) -> SeriesScore:
     """Score the angles of phases B and C of a lift as `score_series` does. hold_ns: end of phase B."""
-    in_b = np.array([angle.time_ns < hold_ns for angle in angles], bool)
-    return score_series(key, [a.angle_deg for a in angles], [a.sigma_deg for a in angles], true_deg, in_b)
+    return score_series(key, angles.angle_deg, angles.sigma_deg, true_deg, angles.time_ns < hold_ns)
 
 
 def score_series(
     key: str,
-    angles_deg: Sequence[float | None],
-    sigmas_deg: Sequence[float | None],
-    true_deg: Sequence[float | None],
+    angles_deg: Values,
+    sigmas_deg: Values,
+    true_deg: Values,
     in_b: NDArray[np.bool_] | None = None,
 ) -> SeriesScore:
-    """Compare angles (N), None if refused, with the ground truth (N), None if unknown, in degrees.
+    """Compare angles (N) with the ground truth (N), in degrees; NaN or None if refused or unknown.
 
     in_b: (N), whether a frame is in phase B; None if all are.
     """
-    angles, truth, sigmas = _floats(angles_deg), _floats(true_deg), _floats(sigmas_deg)
+    angles, truth, sigmas = (np.array(v, np.float64) for v in (angles_deg, true_deg, sigmas_deg))
     errors = np.abs(angles - truth)
     sure = np.isfinite(errors) & np.isfinite(sigmas)
     return SeriesScore(
         key=key,
         re=_summary(errors),
         re_b=_summary(errors if in_b is None else errors[in_b]),
-        re_held=_summary(np.abs(hold_last(angles_deg) - truth)),
+        re_held=_summary(np.abs(hold_last(angles) - truth)),
         re_unsigned=_summary(np.abs(np.abs(angles) - np.abs(truth))),
         frames=len(angles),
         answered=float(np.isfinite(angles).mean()) if len(angles) else 0.0,
@@ -106,10 +85,6 @@ def score_series(
         within=int((errors[sure] <= 2.0 * sigmas[sure]).sum()),
         wrong=int(sum(map(is_confidently_wrong, errors[sure], sigmas[sure]))),
     )
-
-
-def _floats(values: Sequence[float | None]) -> Floats:
-    return np.array([np.nan if value is None else value for value in values], np.float64)
 
 
 def _summary(errors_deg: Floats) -> ErrorSummary | None:

@@ -7,12 +7,14 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Annotated, TypeVar
 
+import numpy as np
 from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
 from google.protobuf.message import DecodeError
 from pydantic import Field
 
-from drivers.errors import RecordingError, SessionError
+from drivers.clock import NS_PER_S
+from drivers.errors import InputError, RecordingError, SessionError
 from drivers.images import decode_stored
 from drivers.types import ArmMode, ArmState, Frame, GripperState, Pose, Vector6
 from protocols.observer import LiftEvents, Phase, ReactionStep
@@ -23,10 +25,11 @@ from rig.sessions.recorder import (
     JOINTS_TOPIC,
     PHASE_TOPIC,
     REACTION_TOPIC,
-    RecordedAngle,
+    angle_topic,
     image_topic,
 )
 from rig.sessions.recording_file import Gaps, PhaseTimes, recorded_messages
+from rig.tactile.angles import Angles
 
 Value = TypeVar("Value")
 Message = TypeVar("Message", CompressedImage, PoseInFrame)
@@ -79,7 +82,9 @@ class RecordedGripper:
 
 @strict
 @dataclass(frozen=True)
-class _Angle:
+class RecordedAngle:
+    """A message of an angle topic, deg, None if refused. contact_area_px: only for a fingertip's angle."""
+
     angle_deg: float | None
     sigma_deg: float | None
     state: str
@@ -90,7 +95,7 @@ _PHASE: Codec[_Phase] = Codec(_Phase)
 _REACTION: Codec[RecordedReaction] = Codec(RecordedReaction)
 _JOINTS: Codec[RecordedJoints] = Codec(RecordedJoints)
 _GRIPPER: Codec[RecordedGripper] = Codec(RecordedGripper)
-_ANGLE: Codec[_Angle] = Codec(_Angle)
+_ANGLE: Codec[RecordedAngle] = Codec(RecordedAngle)
 
 
 def show_again(
@@ -179,21 +184,39 @@ def phase_times(path: Path) -> dict[str, int]:
     return phases.complete()
 
 
-def recorded_angles(path: Path, *topics: str, gaps: Gaps | None = None) -> dict[str, list[RecordedAngle]]:
-    """Return the angles of some topics in the order in which they were written.
+def recorded_angles(
+    path: Path, *sources: str, zero_s: float = 0.0, gaps: Gaps | None = None
+) -> dict[str, Angles]:
+    """Return the angles of some sources, see `Angles`, in order of time.
 
-    gaps: see `recorded_messages`. Raises `SessionError`.
+    zero_s: time 0, by the bench's clock. gaps: see `recorded_messages`. Raises `SessionError`.
     """
-    found: dict[str, list[RecordedAngle]] = {topic: [] for topic in topics}
-    for topic, time_ns, _, data in recorded_messages(path, *topics, gaps=gaps):
-        found[topic].append(recorded_angle(data, path, time_ns))
-    return found
+    found: dict[str, list[tuple[int, RecordedAngle]]] = {angle_topic(source): [] for source in sources}
+    for topic, time_ns, _, data in recorded_messages(path, *found, gaps=gaps):
+        found[topic].append((time_ns, recorded_angle(data, path)))
+    try:
+        return {source: _series(source, found[angle_topic(source)], zero_s) for source in sources}
+    except InputError as error:
+        raise SessionError(f"{path}: the recording is damaged ({error})") from error
 
 
-def recorded_angle(data: bytes, path: Path, time_ns: int) -> RecordedAngle:
+def _series(source: str, messages: list[tuple[int, RecordedAngle]], zero_s: float) -> Angles:
+    ordered = sorted(messages, key=lambda message: message[0])
+    angles = [angle for _, angle in ordered]
+    return Angles(
+        np.array([time_ns / NS_PER_S - zero_s for time_ns, _ in ordered], float),
+        np.array([angle.angle_deg for angle in angles], float),  # None becomes NaN
+        np.array([angle.sigma_deg for angle in angles], float),
+        tuple(angle.state for angle in angles),
+        np.array([angle.contact_area_px for angle in angles], float),
+        source,
+        round(zero_s * NS_PER_S),
+    )
+
+
+def recorded_angle(data: bytes, path: Path) -> RecordedAngle:
     """Decode a message of an angle topic. Raises `SessionError`."""
-    angle = _parsed(_ANGLE, data, path)
-    return RecordedAngle(time_ns, angle.angle_deg, angle.sigma_deg, angle.state, angle.contact_area_px)
+    return _parsed(_ANGLE, data, path)
 
 
 def recorded_joints(data: bytes, path: Path) -> RecordedJoints:

@@ -10,6 +10,7 @@ index.
 """
 
 import json
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import IO, Protocol, cast
@@ -35,6 +36,7 @@ from rig.sessions.about import (
     RecordingAbout,
     contact_outline,
 )
+from rig.tactile.angles import FUSED, MARKERS, Angles
 
 ARM_TOPIC = "/arm/tcp"
 JOINTS_TOPIC = "/arm/joints"
@@ -81,20 +83,9 @@ def image_topic(serial: str) -> str:
     return f"{IMAGE_PREFIX}{serial}"
 
 
-def slip_topic(serial: str) -> str:
-    """Return the topic of a fingertip's angle."""
-    return f"{ANGLE_PREFIX}{serial}"
-
-
-@dataclass(frozen=True, slots=True)
-class RecordedAngle:
-    """A recorded angle, deg, None if refused. contact_area_px: only for a fingertip's angle."""
-
-    time_ns: int
-    angle_deg: float | None
-    sigma_deg: float | None
-    state: str
-    contact_area_px: float | None = None
+def angle_topic(source: str) -> str:
+    """Return the topic of the angles of a fingertip's serial, of `FUSED`, or of `MARKERS`."""
+    return {FUSED: FUSED_TOPIC, MARKERS: TRUTH_TOPIC}.get(source, f"{ANGLE_PREFIX}{source}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -185,14 +176,20 @@ class LiftRecorder(LiftEvents):
         """Record a step of a reaction to slip. position: commanded, in steps of the gripper from open."""
         self._json(REACTION_TOPIC, "rig.Reaction", time_ns, {"step": step, "position_steps": position})
 
-    def angle(self, topic: str, angle: RecordedAngle) -> None:
-        """Record an angle of a fingertip, the fused one, or the markers' one."""
-        value = {"angle_deg": angle.angle_deg, "sigma_deg": angle.sigma_deg, "state": angle.state}
-        area = {} if angle.contact_area_px is None else {"contact_area_px": angle.contact_area_px}
-        date = self._date(angle.time_ns)
-        data = _json_bytes({**value, **area})
-        # angles arrive after the lift, one fingertip after the other
-        self._results.append(_Message(self._json_channel(topic, "rig.Angle"), date, date, 0, data))
+    def angles(self, angles: Angles) -> None:
+        """Record the angles of a fingertip, the fused ones, or the markers' ones."""
+        topic = angle_topic(angles.source)
+        columns = [angles.time_ns, angles.angle_deg, angles.sigma_deg]
+        areas = angles.contact_area_px.tolist() or [None] * len(angles)
+        for time_ns, angle, sigma, state, area in zip(
+            *(column.tolist() for column in columns), angles.states, areas, strict=True
+        ):
+            value = {"angle_deg": _or_none(angle), "sigma_deg": _or_none(sigma), "state": state}
+            size = {} if area is None else {"contact_area_px": area}
+            date = self._date(time_ns)
+            # angles arrive after the lift, one fingertip after the other
+            channel = self._json_channel(topic, "rig.Angle")
+            self._results.append(_Message(channel, date, date, 0, _json_bytes({**value, **size})))
 
     def contact(self, serial: str, outline_px: Sequence[NDArray[np.floating]], time_ns: int) -> None:
         """Record the outline of a fingertip's contact, (N, 2) px each; empty without contact."""
@@ -278,6 +275,10 @@ class LiftRecorder(LiftEvents):
 
 def _json_bytes(value: Mapping[str, object]) -> bytes:
     return json.dumps(value, separators=(",", ":")).encode()
+
+
+def _or_none(value: float) -> float | None:
+    return None if math.isnan(value) else value
 
 
 def seconds_text(time_ns: int) -> str:

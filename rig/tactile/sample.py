@@ -50,6 +50,11 @@ class SlipSample:
     that the angle of this frame, if it has one, is a good zero: later angles of this contact differ from it
     by the measured rotation. It stays True until the next contact. If an estimator leaves it None,
     `FreshFrameEstimator` sets it by the default rule, see `SettlingByArea`.
+
+    The rig sets the following in samples that it passes on. slip: whether the slip alarm is on, see
+    `rig.frames.slip_alarm`; None if unknown. cost_s: wall time of the computation; None for a frame that
+    could not be read. disagreement: in a fused sample, why the fingertips rotate differently; None if they
+    agree.
     """
 
     time_ns: int
@@ -65,8 +70,16 @@ class SlipSample:
     fault: str | None = None
     jumped: bool = False
     settled: bool | None = None
+    slip: bool | None = None
+    cost_s: float | None = None
+    disagreement: str | None = None
 
     __repr__ = short_repr
+
+    @property
+    def time_s(self) -> float:
+        """Capture time of the frame, s."""
+        return self.time_ns / NS_PER_S
 
     @property
     def shows_contact(self) -> bool:
@@ -92,15 +105,20 @@ class SlipSample:
             shift_px=None,
         )
 
-    def sigma_since(self, zero: "SlipSample | None") -> float | None:
-        """Return the standard deviation of the rotation since a zero sample, deg; None if sigma_deg is None.
+    def turned(self, sign: int, zero_deg: float | None, zero: "SlipSample | None") -> "SlipSample":
+        """Return the sample with the rotation since a zero as its angle; without `zero_deg` it has no angle.
 
-        Unobserved rotations before both samples cancel; those between them contribute.
+        sign: +1 or -1, from the image angle to the object's. zero: sample at the zero. Unobserved rotations
+        before both samples cancel in sigma_deg; those between them contribute.
         """
-        if self.sigma_deg is None or zero is None:
-            return self.sigma_deg
-        seen = self.sigma_deg**2 - self.unseen_deg**2
-        return math.sqrt(max(seen, 0.0) + abs(self.unseen_deg**2 - zero.unseen_deg**2))
+        angle, sigma = None, None
+        if self.angle_deg is not None and zero_deg is not None:
+            angle, sigma = sign * (self.angle_deg - zero_deg), self.sigma_deg
+            if sigma is not None and zero is not None:
+                seen = sigma**2 - self.unseen_deg**2
+                sigma = math.sqrt(max(seen, 0.0) + abs(self.unseen_deg**2 - zero.unseen_deg**2))
+        rate = None if self.rate_deg_s is None else sign * self.rate_deg_s
+        return replace(self, angle_deg=angle, sigma_deg=sigma, rate_deg_s=rate)
 
 
 class TactileEstimator(Protocol):

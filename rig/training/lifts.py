@@ -12,7 +12,6 @@ from drivers.clock import to_ns
 from drivers.errors import InputError
 from drivers.types import ArmState, Frame, Image, Pose
 from protocols.observer import Phase
-from rig.lift.marker_truth import interpolate
 from rig.lift.object_angle import ZERO_S
 from rig.lift.recording import recorded_truth
 from rig.sessions.manifest import TrialManifest, read_manifest_of
@@ -148,10 +147,7 @@ def stored_lifts(folders: Sequence[Path]) -> list[StoredLift]:
 
 
 def _opened(recording: Path, object_id: str, signs: Mapping[str, int]) -> StoredLift:
-    series = recorded_truth(recording)
-    return StoredLift(
-        object_id, recording, signs, phase_times(recording), lambda time_ns: interpolate(series, time_ns)
-    )
+    return StoredLift(object_id, recording, signs, phase_times(recording), recorded_truth(recording).at_ns)
 
 
 def _thinned(frames: Iterator[Frame]) -> Iterator[Frame]:

@@ -32,9 +32,9 @@ from rig.sessions.about import SIMULATED_EPOCH_NS
 from rig.sessions.files import TRUE_MASKS
 from rig.sessions.manifest import TrialManifest, read_manifest_of
 from rig.sessions.reading import recorded_angles, recorded_arm_states, recorded_frames
-from rig.sessions.recorder import FUSED_TOPIC, TRUTH_TOPIC
 from rig.sessions.rows import read_finished_lifts, read_poses
 from rig.sessions.table_files import read_csv
+from rig.tactile.angles import FUSED, MARKERS
 from rig.tactile.estimators import choose_estimator
 from support.benches import lighter
 from support.recordings import written_again
@@ -69,10 +69,11 @@ def test_csv_and_parquet_contain_the_same_tables(one_lift: Path, tmp_path: Path)
     lift = parquet.read_table(tmp_path / "parquet/lifts.parquet").to_pylist()[0]
     assert (lift["re_mean_deg"], lift["object"]) == (row.re.mean_deg if row.re else None, "t2")
     angles = parquet.read_table(tmp_path / "parquet/angles.parquet").to_pylist()
-    for source, topic in (("fused", FUSED_TOPIC), ("markers", TRUTH_TOPIC)):
-        stored = recorded_angles(one_lift / "lifts/001.mcap", topic)[topic]
+    for source, stored in recorded_angles(one_lift / "lifts/001.mcap", FUSED, MARKERS).items():
         lines = [line for line in angles if line["source"] == source]
-        assert [line["angle_deg"] for line in lines] == [value.angle_deg for value in stored]
+        np.testing.assert_array_equal(
+            np.array([line["angle_deg"] for line in lines], float), stored.angle_deg
+        )
         assert {line["phase"] for line in lines} <= {"A", "B", "C", "lower"}
     in_b = [line["t_lift_s"] for line in angles if line["phase"] == "B"]
     assert 0.0 <= min(in_b) < max(in_b) <= row.phases_s[Phase.HOLD] - row.phases_s[Phase.LIFT]
@@ -332,10 +333,9 @@ def test_bag_has_the_values_of_the_recording_in_units_and_frames_of_ros(one_lift
     opening_m, counts = gripper.position
     assert gripper.name == ["gripper_opening", "gripper_counts"]
     assert opening_m == bench.gripper_spec().opening_at(counts - bench.gripper.limits.min_counts)
-    for topic, name in ((FUSED_TOPIC, "estimate"), (TRUTH_TOPIC, "markers")):
-        stored = sorted(recorded_angles(recording, topic)[topic], key=lambda angle: angle.time_ns)
-        of = [(angle.angle_deg, angle.sigma_deg) for angle in stored]
-        wanted = np.radians(np.array(of, float))
+    for source, name in ((FUSED, "estimate"), (MARKERS, "markers")):
+        stored = recorded_angles(recording, source)[source]
+        wanted = np.radians(np.column_stack([stored.angle_deg, stored.sigma_deg]))
         assert np.isfinite(wanted[:, 0]).any()
         assert {tuple(each.name) for each in messages[f"/angle/{name}"]} == {("angle", "angle_sigma")}
         np.testing.assert_array_equal([each.position for each in messages[f"/angle/{name}"]], wanted)

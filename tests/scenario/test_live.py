@@ -13,8 +13,8 @@ from rig.experiments.trial import run_trial
 from rig.live.feed import Listener, LiveFeed
 from rig.live.session import _viewer
 from rig.sessions.reading import recorded_angles
-from rig.sessions.recorder import FUSED_TOPIC
 from rig.sessions.rows import read_finished_lifts
+from rig.tactile.angles import FUSED
 from rig.tactile.estimators import choose_estimator
 
 pytest.importorskip("rerun", reason="the live view's library is not installed: extra 'live'")
@@ -70,8 +70,7 @@ def test_viewer_gets_images_markers_arm_and_whole_curves(
         rows[chunk.entity_path] = rows.get(chunk.entity_path, 0) + chunk.num_rows
     pictures = {"/camera", "/tactile/SIM-D0001", "/tactile/SIM-D0002"}
     assert pictures | {"/camera/markers", "/arm/tcp", "/events", "/angle/estimate"} <= set(rows)
-    stored = recorded_angles(one_lift / "lifts/001.mcap", FUSED_TOPIC)[FUSED_TOPIC]
-    answered = sum(value.angle_deg is not None for value in stored)
+    answered = len(recorded_angles(one_lift / "lifts/001.mcap", FUSED)[FUSED].known)
     # a further row has the style of the curve; a message may be lost, ten figures at a time
     assert answered // 2 < rows["/angle/estimate"] <= answered + 1
     row = read_finished_lifts(one_lift)[0]

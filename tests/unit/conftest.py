@@ -18,9 +18,10 @@ from rig.results.metrics import summarize
 from rig.sessions.codec import json_line, json_value
 from rig.sessions.files import write_json
 from rig.sessions.manifest import Manifest, RecordManifest, TrialManifest
-from rig.sessions.recorder import FUSED_TOPIC, TRUTH_TOPIC, LiftRecorder, RecordedAngle, slip_topic
+from rig.sessions.recorder import LiftRecorder
 from rig.sessions.records import ErrorSummary, FinishedLift, LiftOutcome, PoseImage, PoseRow
 from rig.sessions.timing import LiftTiming, StageTimes
+from rig.tactile.angles import FUSED, MARKERS, Angles
 
 Press = Callable[..., NDArray[np.uint8]]
 Drawn = Callable[..., Path]
@@ -57,11 +58,10 @@ def _lift(number: int, turn_deg: float, error_deg: float, press: Press) -> tuple
     times = np.arange(PHASES_S["B"], PHASES_S["lower"], 1 / 60)
     noise = np.random.default_rng(number).normal(0.0, 0.1, times.size)
     estimate = true_angle(times, turn_deg) + error_deg * np.clip(times - 11.5, 0.0, 1.0) + noise
-    for serial in TIPS:
-        _values(recorder, slip_topic(serial), times, estimate)
-    _values(recorder, FUSED_TOPIC, times, estimate)
+    for source in (*TIPS, FUSED):
+        _values(recorder, source, times, estimate)
     all_times = np.arange(10.3, 13.8, 1 / 30)
-    _values(recorder, TRUTH_TOPIC, all_times, true_angle(all_times, turn_deg))
+    _values(recorder, MARKERS, all_times, true_angle(all_times, turn_deg))
     recorder.close()
     errors = np.abs(estimate - true_angle(times, turn_deg))
     measured = {
@@ -94,9 +94,9 @@ def lift_row() -> Callable[..., FinishedLift]:
     return a_lift
 
 
-def _values(recorder: LiftRecorder, topic: str, times: Any, angles: Any) -> None:
-    for time_s, angle in zip(times, angles, strict=True):
-        recorder.angle(topic, RecordedAngle(round(float(time_s) * 1e9), float(angle), 0.5, "tracking"))
+def _values(recorder: LiftRecorder, source: str, times: Any, angles: Any) -> None:
+    states = ("tracking",) * times.size
+    recorder.angles(Angles(times, angles, np.full(times.size, 0.5), states, source=source))
 
 
 @pytest.fixture(scope="session")

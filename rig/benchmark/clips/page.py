@@ -13,7 +13,7 @@ from drivers.types import Image
 from rig.benchmark.clips.runs import ClipRun
 from rig.benchmark.clips.scores import JudgedLabel
 from rig.benchmark.harness import Table, machine
-from rig.pages.figure import Floats, band, drawing, legend_above, limits, svg
+from rig.pages.figure import band, drawing, legend_above, limits, svg
 from rig.pages.page import render
 from rig.pages.palette import ESTIMATE, SERIES, TRUTH
 from rig.report.strips import Still, still
@@ -75,13 +75,13 @@ def draw_clip(figure: Figure, names: Sequence[str], runs: Sequence[ClipRun]) -> 
     errors = SIGMAS * np.array([label.sigma_deg for label in labelled])
     shown = np.arange(
         max(first.clip.reference_frame - _BEFORE, 0),
-        min(max(frames) + _AFTER + 1, len(first.estimate.angles_deg)),
+        min(max(frames) + _AFTER + 1, len(first.estimate.samples)),
     )
-    curves = [_numbers(run.estimate.angles_deg)[shown] for run in runs]
+    curves = [run.estimate.angles.angle_deg[shown] for run in runs]
     axes.set_xlim(shown[0] - 0.5, shown[-1] + 0.5)
     axes.set_ylim(limits(*curves, angles - errors, angles + errors, room=_ROOM, least=_LEAST_ROOM_DEG))
     if first.has_sigma:
-        spread = SIGMAS * np.nan_to_num(_numbers(first.estimate.sigmas_deg)[shown])
+        spread = SIGMAS * np.nan_to_num(first.estimate.angles.sigma_deg[shown])
         band(axes, shown, curves[0], spread, ESTIMATE.light)
     colours = (ESTIMATE, *SERIES)
     for number, (name, curve) in enumerate(zip(names, curves, strict=True)):
@@ -104,10 +104,6 @@ def stills(run: ClipRun) -> list[Still]:
         for number, frame in enumerate(run.clip.series)
         if number in wanted and frame.image is not None
     ]
-
-
-def _numbers(values: Sequence[float | None]) -> Floats:
-    return np.array(values, float)
 
 
 def _caption(judged: JudgedLabel) -> str:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from rig.benchmark.clips.labelled import ClipVersion, LabelledClip
 from rig.benchmark.clips.scores import ClipScore, JudgedLabel, score
-from rig.frames.estimates import Answer, Estimate, contact_ms, estimate_series, zeroed
+from rig.frames.estimates import Estimate, contact_ms, estimate_series, zeroed
 from rig.tactile.estimators import EstimatorChoice
 from rig.tactile.sample import EstimatorFaults, State, faults_of
 
@@ -50,21 +50,21 @@ class EstimatorRuns:
     @property
     def faults(self) -> EstimatorFaults | None:
         """Faults of a foreign estimator; None without faults."""
-        return faults_of(answer.sample for run in self.runs for answer in run.estimate.answers)
+        return faults_of(sample for run in self.runs for sample in run.estimate.samples)
 
 
 def run_clip(clip: LabelledClip, choice: EstimatorChoice) -> ClipRun:
     """Run one estimator on one clip."""
-    answers = estimate_series(clip.series, choice.make(clip.background))
-    estimate = zeroed(answers, answers[clip.reference_frame].time)
-    has_sigma = any(sigma is not None for sigma in estimate.sigmas_deg)
+    raw = estimate_series(clip.series, choice.make(clip.background))
+    estimate = zeroed(raw, raw.times[clip.reference_frame])
+    has_sigma = any(sample.sigma_deg is not None for sample in estimate.samples)
     return ClipRun(
         clip,
         estimate,
         tuple(_judged(clip, estimate)),
-        tuple(contact_ms(answers)),
+        tuple(contact_ms(estimate.samples)),
         has_sigma,
-        tuple(_reported(clip, answers)),
+        tuple(_reported(clip, estimate)),
     )
 
 
@@ -83,15 +83,16 @@ def _together(runs: Sequence[ClipRun]) -> ClipScore:
 
 
 def _judged(clip: LabelledClip, estimate: Estimate) -> Iterator[JudgedLabel]:
-    angles, sigmas = estimate.angles_deg, estimate.sigmas_deg
+    samples = estimate.samples
     for label in clip.labels:
-        before = reversed(angles[clip.reference_frame : label.frame + 1])
-        held = next((angle for angle in before if angle is not None), 0.0)
-        yield JudgedLabel(clip.name, label, angles[label.frame], sigmas[label.frame], held)
+        before = reversed(samples[clip.reference_frame : label.frame + 1])
+        held = next((sample.angle_deg for sample in before if sample.angle_deg is not None), 0.0)
+        at_label = samples[label.frame]
+        yield JudgedLabel(clip.name, label, at_label.angle_deg, at_label.sigma_deg, held)
 
 
-def _reported(clip: LabelledClip, answers: Sequence[Answer]) -> Iterator[tuple[bool, bool]]:
+def _reported(clip: LabelledClip, estimate: Estimate) -> Iterator[tuple[bool, bool]]:
     """Yield, for each frame of a contact span, whether it is in contact and whether it was reported so."""
     for span in clip.contacts:
-        for answer in answers[span.first : span.last + 1]:
-            yield span.contact, answer.sample.state is not State.NO_CONTACT
+        for sample in estimate.samples[span.first : span.last + 1]:
+            yield span.contact, sample.state is not State.NO_CONTACT

@@ -6,19 +6,20 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import cv2
+import numpy as np
 
 from drivers.clock import NS_PER_S
 from protocols.observer import Phase
 from rig.benchmark.estimators.contenders import WINDOWS, filtered, unfiltered
 from rig.frames.estimates import estimate_together
 from rig.frames.of_session import SessionSeries, recording_frames
-from rig.lift.marker_truth import interpolate
 from rig.lift.object_angle import ObjectAngle, object_angle
 from rig.lift.onset import estimated_onset_ns
 from rig.lift.recording import recorded_truth
 from rig.results.scores import SeriesScore, score_angles
 from rig.sessions.reading import phase_times
 from rig.sessions.records import FinishedLift
+from rig.tactile.angles import FUSED, Angles
 from rig.tactile.estimators import DEFAULT_ESTIMATOR
 from rig.tactile.sample import EstimatorFaults, SlipSample, faults_of
 
@@ -87,7 +88,7 @@ def _passes(lift: RecordedLift, names: Sequence[str]) -> Passes:
     for serial, tip in lift.tips.items():
         estimators = unfiltered(tip.background, tip.aspect, names, tip.sign)
         for name, timed in estimate_together(estimators, tip.frames).items():
-            passes[name][serial] = [of.sample for of in timed]
+            passes[name][serial] = timed
     return passes
 
 
@@ -97,14 +98,15 @@ def _scored(
     """Score the fused angle over phases B and C."""
     lift_ns, end_ns = lift.phases[Phase.LIFT], lift.phases[Phase.LOWER]
     angle = _object_angle(lift, samples)
-    fused = [s for s in angle.fused if s.time_ns < end_ns]
+    fused = Angles.of((s for s in angle.fused if s.time_ns < end_ns), FUSED, lift_ns)
+    true = np.array([truth[time_ns] for time_ns in fused.time_ns.tolist()], float)
     alarm_ns = angle.alarm.raised_ns
     return replace(
-        score_angles(lift.name, fused, [truth[s.time_ns] for s in fused], lift.phases[Phase.HOLD]),
+        score_angles(lift.name, fused, true, lift.phases[Phase.HOLD]),
         onset_truth_s=lift.row.onset_truth_s,
-        onset_estimate_s=_since(estimated_onset_ns((s.time_ns, s.angle_deg) for s in fused), lift_ns),
+        onset_estimate_s=_since(estimated_onset_ns(fused), lift_ns),
         onset_event_s=_since(alarm_ns if alarm_ns is None or alarm_ns < end_ns else None, lift_ns),
-        has_rates=any(sample.rate_deg_s is not None for sample in fused),
+        has_rates=any(sample.rate_deg_s is not None for sample in angle.fused),
     )
 
 
@@ -120,4 +122,4 @@ def _object_angle(lift: RecordedLift, samples: Mapping[str, list[SlipSample]]) -
 def truth_at(lift: RecordedLift, samples: Mapping[str, list[SlipSample]]) -> dict[int, float | None]:
     """Return the true angle in degrees at the time of every tactile frame; None if it is unknown."""
     series = recorded_truth(lift.recording)
-    return {s.time_ns: interpolate(series, s.time_ns) for tip in samples.values() for s in tip}
+    return {s.time_ns: series.at_ns(s.time_ns) for tip in samples.values() for s in tip}

@@ -113,7 +113,7 @@ def stress_rows(scores: Sequence[StressedClip]) -> list[StressRow]:
 def _scored(condition: Condition, task: StressTask, scene: Scene, name: str, clip: Clip) -> StressedClip:
     estimator = unfiltered(clip.background, clip.aspect, (name,))[name]
     shown = [Frame(*of, 0, "") for of in zip(clip.frames, clip.time_ns, strict=True)]
-    samples = [of.sample for of in estimate_frames(estimator, shown)]
+    samples = list(estimate_frames(estimator, shown))
     key = f"{task.contact.partition(':')[0]}/{task.contact} {scene.angle_deg:+.0f} deg"
     return StressedClip(condition.name, name, _series_score(key, samples, clip))
 

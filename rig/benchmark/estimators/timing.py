@@ -13,13 +13,13 @@ from drivers.types import Image
 from rig.benchmark.estimators.contenders import CONTENDERS, complete
 from rig.benchmark.estimators.lifts import open_lift
 from rig.benchmark.harness import column
-from rig.frames.estimates import TimedSample, estimate_frames
+from rig.frames.estimates import estimate_frames
 from rig.frames.of_session import SessionSeries
 from rig.sessions.records import FinishedLift
 from rig.tactile.contact.finder import ContactFinder
 from rig.tactile.paper.axis import largest_contour
 from rig.tactile.paper.published import stretched
-from rig.tactile.sample import State
+from rig.tactile.sample import SlipSample, State
 
 PERCENTILES = (50, 90, 95, 99)
 FRAMES_PER_LIFT = 600
@@ -80,7 +80,7 @@ def time_lifts(
     before = cv2.getNumThreads()
     cv2.setNumThreads(1)
     try:
-        samples: dict[str, list[TimedSample]] = {name: [] for name in names}
+        samples: dict[str, list[SlipSample]] = {name: [] for name in names}
         published: list[float] = []
         lift = open_lift(folder, rows[0])
         for number, row in enumerate(rows):
@@ -104,7 +104,7 @@ def spread(durations_s: Sequence[float]) -> Spread:
 
 def _time_tip(
     tip: SessionSeries,
-    samples: Mapping[str, list[TimedSample]],
+    samples: Mapping[str, list[SlipSample]],
     published: list[float],
 ) -> None:
     names = list(samples)
@@ -141,9 +141,9 @@ def _time_published(mask: Image | None, published: list[float]) -> None:
     published.append(time.perf_counter() - began)
 
 
-def _timing(timed: Sequence[TimedSample]) -> Timing:
-    touching = [of for of in timed if of.sample.state is not State.NO_CONTACT]
-    stages = [of.sample.stage_s for of in touching]
+def _timing(timed: Sequence[SlipSample]) -> Timing:
+    touching = [of for of in timed if of.state is not State.NO_CONTACT]
+    stages = [of.stage_s for of in touching]
     names = dict.fromkeys(name for of in stages for name in of)
     return Timing(
         contact=spread([of.cost_s or 0.0 for of in touching]),

@@ -25,6 +25,7 @@ from rig.benchmark.renderer.shapes import KIND_NAMES
 from rig.frames.estimates import FRAME_MS, contact_ms, estimate_together, frame_ms
 from rig.lift.object_angle import object_angle
 from rig.results.scores import SeriesScore, score_angles
+from rig.tactile.angles import FUSED, Angles
 from rig.tactile.contact.background import mean_background
 from rig.tactile.estimators import EstimatorChoice, choose_estimator
 from rig.tactile.sample import EstimatorFaults, SlipSample, faults_of, together
@@ -113,7 +114,7 @@ def answer_lift(choices: Sequence[EstimatorChoice], lift: int) -> dict[str, Draw
         background = mean_background([frame.image for frame in islice(drawn, BACKGROUND_FRAMES)])
         estimators = {choice.name: choice.make(background, 1.0, sign) for choice in choices}
         for name, timed in estimate_together(estimators, drawn).items():
-            samples[name][tip] = [of.sample for of in timed]
+            samples[name][tip] = timed
             spent_ms[name] += contact_ms(timed)
     return {name: _scored(lift, of, spent_ms[name]) for name, of in samples.items()}
 
@@ -140,11 +141,11 @@ def judge_lifts(lifts: Sequence[DrawnLift]) -> tuple[Measured, ...]:
 
 
 def _scored(lift: int, samples: Mapping[str, list[SlipSample]], ms: list[float]) -> DrawnLift:
-    fused = object_angle(TIPS, samples, LIFT_NS).fused
+    fused = Angles.of(object_angle(TIPS, samples, LIFT_NS).fused, FUSED)
     course, kind = draw_course(lift), KIND_NAMES[kind_of(lift)]
     times = np.array([course.time_ns(i) for i in range(len(course.turn_deg))])
-    truth = np.interp([s.time_ns for s in fused], times, course.turn_deg) - course.turn_deg[0]
-    score = score_angles(f"{kind}/{lift}", fused, truth.tolist(), HOLD_NS)
+    truth = np.interp(fused.time_ns, times, course.turn_deg) - course.turn_deg[0]
+    score = score_angles(f"{kind}/{lift}", fused, truth, HOLD_NS)
     faults = faults_of(sample for tip in samples.values() for sample in tip)
     return DrawnLift(kind, score, tuple(ms), faults)
 

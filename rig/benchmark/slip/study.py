@@ -12,7 +12,6 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from drivers.clock import NS_PER_S
 from rig.benchmark.clips.augmented import clip_version
 from rig.benchmark.clips.labelled import ClipVersion, read_clips
 from rig.benchmark.clips.public import PACKAGED
@@ -190,8 +189,8 @@ def _answers(
 
 def largest_change_deg_s(estimate: Estimate) -> float:
     """Return the largest change of the angle between successive frames, per time between them."""
-    times_s = np.array([answer.time.time_ns for answer in estimate.answers]) / NS_PER_S
-    changes = np.abs(np.diff(np.array(estimate.angles_deg, float))) / np.diff(times_s)
+    angles = estimate.angles
+    changes = np.abs(np.diff(angles.angle_deg)) / np.diff(angles.time_s)
     return round(float(np.nanmax(changes, initial=0.0)), 1)
 
 

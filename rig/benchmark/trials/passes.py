@@ -14,7 +14,7 @@ from drivers.types import Image
 from protocols.observer import Phase
 from rig.benchmark.estimators.contenders import SharedContact, filtered
 from rig.benchmark.estimators.lifts import RecordedLift, open_lift, truth_at
-from rig.frames.estimates import TimedSample, contact_ms, estimate_frames, estimate_together
+from rig.frames.estimates import contact_ms, estimate_frames, estimate_together
 from rig.frames.of_session import SessionSeries
 from rig.frames.series import TimedFrame
 from rig.lift.object_angle import ZERO_S, object_angle
@@ -57,7 +57,7 @@ TITLES = {
     STILL: "none: always 0",
 }
 
-Passes = dict[str, list[TimedSample]]
+Passes = dict[str, list[SlipSample]]
 """Samples by system."""
 
 
@@ -122,11 +122,10 @@ def pass_lift(
     late = [f for f in frames if f.time_ns >= lift.phases[Phase.LIFT] - to_ns(ZERO_S)]
     for title, file in networks.items():
         passes |= _network_passes(title, Segmenter(load_network(file), tip.background), late)
-    samples = {name: [of.sample for of in timed] for name, timed in passes.items()}
-    truth = truth_at(lift, samples)
+    truth = truth_at(lift, passes)
     scores = {
         (name, window): _scored(lift, tip.sign, filtered(name, of, window), truth)
-        for name, of in samples.items()
+        for name, of in passes.items()
         for window in WINDOWS
     }
     in_b = sum(f.time_ns >= lift.phases[Phase.LIFT] for f in frames)

@@ -18,7 +18,7 @@ from rig.benchmark.measured import Measured
 from rig.benchmark.slip.side_by_side import Contender, contact_ms, store
 from rig.benchmark.slip.study import SlipOptions, _size, largest_change_deg_s, measure
 from rig.cli.main import app
-from rig.frames.estimates import Answer, zeroed
+from rig.frames.estimates import Estimate, zeroed
 from rig.frames.times import FrameTime
 from rig.tactile.sample import SlipSample, State
 from support.angle_clips import FIRST_CONTACT, TURN_DEG, write_clip
@@ -133,9 +133,9 @@ def test_failing_version_is_named(tmp_path: Path) -> None:
 def test_largest_change_ignores_refused_frames() -> None:
     angles = [0.0, 1.0, None, 50.0, 46.0]
     samples = [SlipSample(round(i * 1e8), State.TRACKING, angle) for i, angle in enumerate(angles)]
-    answers = [Answer(FrameTime(str(of.time_ns / 1e9), of.time_ns), of) for of in samples]
-    assert largest_change_deg_s(zeroed(answers, None)) == pytest.approx(40.0)
-    assert largest_change_deg_s(zeroed(answers[2:3], None)) == 0.0
+    times = [FrameTime(str(of.time_s), of.time_ns) for of in samples]
+    assert largest_change_deg_s(zeroed(Estimate(tuple(times), tuple(samples)), None)) == pytest.approx(40.0)
+    assert largest_change_deg_s(zeroed(Estimate((times[2],), (samples[2],)), None)) == 0.0
 
 
 def test_size_counts_lines_constants_and_parameters(tmp_path: Path) -> None:

@@ -45,14 +45,15 @@ def test_arm_states_are_passed_before_later_frames() -> None:
 def test_unreadable_frame_is_lost_and_has_no_cost() -> None:
     calls: list[tuple[str, int]] = []
     series = FrameSeries("clip", lambda: iter(frames(1, 2, 3, unreadable=2)))
-    answers = estimate_series(series, Recorder("a", calls))
+    found = estimate_series(series, Recorder("a", calls))
     assert calls == [("a", 1), ("a", 3)]
-    assert [(of.time.time_ns, of.sample.state) for of in answers] == [
+    assert [(time.time_ns, of.state) for time, of in zip(found.times, found.samples, strict=True)] == [
         (1, State.TRACKING),
         (2, State.LOST),
         (3, State.TRACKING),
     ]
-    assert [of.cost_s is None for of in answers] == [False, True, False]
+    assert [of.cost_s is None for of in found.samples] == [False, True, False]
+    assert found.unreadable == 1
 
 
 def test_each_frame_is_estimated_by_all_estimators_before_the_next() -> None:
@@ -60,7 +61,7 @@ def test_each_frame_is_estimated_by_all_estimators_before_the_next() -> None:
     made = {name: Recorder(name, calls) for name in ("a", "b")}
     samples = estimate_together(made, iter(frames(1, 2)))
     assert calls == [("a", 1), ("b", 1), ("a", 2), ("b", 2)]
-    assert {name: [of.sample.time_ns for of in timed] for name, timed in samples.items()} == {
+    assert {name: [of.time_ns for of in timed] for name, timed in samples.items()} == {
         "a": [1, 2],
         "b": [1, 2],
     }

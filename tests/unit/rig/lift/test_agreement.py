@@ -12,8 +12,7 @@ from drivers.types import ArmState, Frame
 from fakes.clock import SimulatedClock
 from protocols.observer import LiftEvents, Phase
 from rig.experiments.lift_plan import new_measurement, stored_trial
-from rig.lift.agreement import MOST_LAG_S, Answers, clock_lag, turns_against
-from rig.lift.marker_truth import TruthSeries
+from rig.lift.agreement import MOST_LAG_S, clock_lag, turns_against
 from rig.lift.measurement import LiftMeasurement
 from rig.lift.recording import StampRates
 from rig.lift.result import lift_result
@@ -25,6 +24,7 @@ from rig.sessions.reading import show_again
 from rig.sessions.records import FinishedLift
 from rig.sessions.rows import read_finished_lifts
 from rig.sessions.session import read_manifest
+from rig.tactile.angles import Angles
 
 TURN_DEG = 16.0
 
@@ -35,20 +35,17 @@ def angle_deg(time_s: np.ndarray, turn_deg: float = TURN_DEG) -> np.ndarray:
     return turn_deg * share**2 * (3.0 - 2.0 * share)
 
 
-def truth(late_s: float = 0.0, turn_deg: float = TURN_DEG) -> TruthSeries:
+def truth(late_s: float = 0.0, turn_deg: float = TURN_DEG) -> Angles:
     time_s = np.arange(-1.0, 2.7, 1 / 30)
     noise = np.random.default_rng(0).normal(0.0, 0.03, len(time_s))
-    times_ns = np.rint((time_s + 5.0 + late_s) * NS_PER_S).astype(np.int64)
-    return TruthSeries(
-        times_ns, angle_deg(time_s, turn_deg) + noise, np.full(len(time_s), 0.03), 0.0, None, {}
-    )
+    return Angles(time_s + 5.0 + late_s, angle_deg(time_s, turn_deg) + noise)
 
 
-def answers(factor: float = 1.0, seed: int = 1, turn_deg: float = TURN_DEG) -> Answers:
+def answers(factor: float = 1.0, seed: int = 1, turn_deg: float = TURN_DEG) -> Angles:
     time_s = np.arange(0.0, 2.7, 1 / 60)
     drift = np.cumsum(np.random.default_rng(seed).normal(0.0, 0.03, len(time_s)))
     angles = factor * angle_deg(time_s, turn_deg) + drift
-    return [(round((t + 5.0) * NS_PER_S), float(a)) for t, a in zip(time_s, angles, strict=True)]
+    return Angles(time_s + 5.0, angles)
 
 
 def test_both_fingertips_against_the_truth_may_be_exchanged() -> None:
@@ -70,11 +67,14 @@ def test_one_fingertip_against_the_truth_has_a_wrong_sign() -> None:
     [
         {"D1": answers(), "D2": answers(0.7)},
         {"D1": answers(0.0), "D2": answers(-0.2)},
-        {"D1": [(t, None) for t, _ in answers()], "D2": answers(-1.0)[:10]},
+        {
+            "D1": replace(answers(), angle_deg=np.full(162, np.nan)),
+            "D2": answers(-1.0).between(0, to_ns(5.15)),
+        },
     ],
     ids=["right", "resting", "without angles"],
 )
-def test_fingertips_that_do_not_turn_against_the_truth_are_not_named(tips: dict[str, Answers]) -> None:
+def test_fingertips_that_do_not_turn_against_the_truth_are_not_named(tips: dict[str, Angles]) -> None:
     assert turns_against(tips, truth()) is None
 
 

@@ -7,16 +7,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rig.lift.fusion import MAX_SKEW_NS, Disagreement, FusedAngles, TipAnswer, fuse
+from rig.lift.fusion import MAX_SKEW_NS, Disagreement, FusedAngles, fuse
 from rig.tactile.sample import SlipSample, State
 
 angles = st.floats(-180.0, 180.0)
 sigmas = st.floats(0.01, 10.0)
 
 
-def answer(angle: float | None, sigma: float | None = None, time_ns: int = 0) -> TipAnswer:
+def answer(angle: float | None, sigma: float | None = None, time_ns: int = 0) -> SlipSample:
     state = State.TRACKING if angle is not None else State.UNOBSERVABLE
-    return TipAnswer(SlipSample(time_ns, state, angle, sigma), angle, sigma)
+    return SlipSample(time_ns, state, angle, sigma)
 
 
 @given(angles, sigmas, angles, sigmas)
@@ -61,8 +61,8 @@ def test_fused_rate_uses_only_the_accepted_fingertips() -> None:
 
 
 def test_both_fingertips_count_at_ten_frames_per_second() -> None:
-    now = replace(answer(20.0, 1.0, time_ns=100_000_000), before=(0, 18.0))
-    fused = fuse(now, [answer(19.2, 1.0, time_ns=50_000_000)])
+    now = answer(20.0, 1.0, time_ns=100_000_000)
+    fused = fuse(now, [answer(19.2, 1.0, time_ns=50_000_000)], answer(18.0))
     assert fused.angle_deg == pytest.approx(20.1)
 
 
@@ -78,7 +78,7 @@ def test_old_answer_is_not_fused() -> None:
 
 
 def test_older_answer_is_extrapolated_to_the_newer_time() -> None:
-    moving = TipAnswer(SlipSample(0, State.TRACKING, 5.0, 0.1), 5.0, 0.1, rate_deg_s=60.0)
+    moving = replace(answer(5.0, 0.1), rate_deg_s=60.0)
     fused = fuse(answer(None, time_ns=10_000_000), [moving])
     assert fused.angle_deg == pytest.approx(5.6)
 
@@ -103,8 +103,8 @@ def test_uncertain_fingertips_are_not_reported_as_disagreeing() -> None:
 
 
 def test_noise_of_an_uncertain_fingertip_does_not_change_the_fused_angle() -> None:
-    unsure = replace(answer(12.0, 20.0, time_ns=16_000_000), before=(0, 2.0))
-    fused = fuse(unsure, [replace(answer(15.0, 1.0, time_ns=8_000_000), rate_deg_s=0.0)])
+    unsure = answer(12.0, 20.0, time_ns=16_000_000)
+    fused = fuse(unsure, [replace(answer(15.0, 1.0, time_ns=8_000_000), rate_deg_s=0.0)], answer(2.0))
     assert fused.angle_deg == pytest.approx(15.0, abs=0.1)
 
 

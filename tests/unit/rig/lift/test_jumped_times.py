@@ -79,9 +79,9 @@ def test_frames_of_other_sources_continue_and_the_jumped_frame_is_reported(
     ]
     series = FrameSeries("drawn", lambda: iter(frames))
     estimate = zeroed(estimate_series(series, choose_estimator(name, None).make(blank, None)), None)
-    assert [answer.sample.jumped for answer in estimate.answers] == [i == 26 for i in range(len(images))]
-    assert estimate.answers[26].sample.state is State.LOST
-    assert estimate.angles_deg[-1] == pytest.approx(16.0, abs=1.5)
+    assert [sample.jumped for sample in estimate.samples] == [i == 26 for i in range(len(images))]
+    assert estimate.samples[26].state is State.LOST
+    assert estimate.samples[-1].angle_deg == pytest.approx(16.0, abs=1.5)
     found = figures(estimate)
     assert (found.jumped, found.unreadable) == (1, 0)
 

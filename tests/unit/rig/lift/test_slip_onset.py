@@ -6,8 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.errors import InputError
-from rig.lift.marker_truth import slip_onset_ns
-from rig.lift.onset import departure_ns
+from rig.lift.onset import departure_ns, slip_onset_ns
 
 MS = 1_000_000
 

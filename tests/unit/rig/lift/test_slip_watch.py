@@ -5,7 +5,6 @@ import pytest
 
 from drivers.errors import InputError
 from protocols.observer import ReactionStep
-from rig.lift.fusion import TipAnswer
 from rig.lift.slip_watch import SlipSettings, SlipWatch
 from rig.lift.tip_watch import AGREES, GIVES_DEG, sigmas_for
 from rig.tactile.sample import SlipSample, State
@@ -14,12 +13,11 @@ FRAME_NS = 16_000_000
 TIP = "tip"
 
 
-def answer(frame: int, angle_deg: float | None, rate_deg_s: float | None) -> TipAnswer:
-    sample = SlipSample(frame * FRAME_NS, State.TRACKING, angle_deg, None, rate_deg_s=rate_deg_s)
-    return TipAnswer(sample, angle_deg, None, rate_deg_s)
+def answer(frame: int, angle_deg: float | None, rate_deg_s: float | None) -> SlipSample:
+    return SlipSample(frame * FRAME_NS, State.TRACKING, angle_deg, None, rate_deg_s=rate_deg_s)
 
 
-def resting(angle_deg: float, rate_deg_s: float, frames: int = 50, seed: int = 0) -> list[TipAnswer]:
+def resting(angle_deg: float, rate_deg_s: float, frames: int = 50, seed: int = 0) -> list[SlipSample]:
     rng = np.random.default_rng(seed)
     noise = rng.normal(0.0, (angle_deg, rate_deg_s), (frames, 2))
     return [answer(i, float(a), float(r)) for i, (a, r) in enumerate(noise)]

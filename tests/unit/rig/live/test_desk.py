@@ -107,7 +107,7 @@ def test_clip_has_the_frames_unchanged_and_gives_the_angles_of_the_live_view(
     assert "SIMULATED frames" in series.notes
     recorded = [frame.image for frame in series.read()]
     assert np.array_equal(recorded, [frame.image for frame in frames[BACKGROUND_FRAMES:]])  # type: ignore[arg-type]
-    again = Estimation(SLIP).of_series(series).estimate.angles_deg
+    again = [sample.angle_deg for sample in Estimation(SLIP).of_series(series).estimate.samples]
     seen = [None if r.sample is None else r.sample.angle_deg for r in live[BACKGROUND_FRAMES:]]
     assert [a is None for a in again] == [a is None for a in seen]
     turns = [s - a for s, a in zip(seen, again, strict=True) if s is not None and a is not None]

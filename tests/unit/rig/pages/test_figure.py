@@ -13,8 +13,9 @@ from matplotlib.collections import LineCollection
 
 from rig.benchmark.clips.page import draw_clip
 from rig.pages.figure import drawing, svg
-from rig.report.curves import Curve, LiftCurves
+from rig.report.curves import LiftCurves
 from rig.report.lift_chart import draw_lift
+from rig.tactile.angles import Angles
 
 ANGLES = st.lists(st.floats(-180.0, 180.0) | st.just(float("nan")), min_size=40, max_size=40).map(np.array)
 SIGMAS = st.lists(st.floats(0.0, 90.0) | st.just(float("nan")), min_size=40, max_size=40).map(np.array)
@@ -48,8 +49,8 @@ def outside(axes: Axes) -> list[str]:
 def test_lift_chart_stays_inside_its_axes(estimate: Any, sigma: Any, truth: Any, tip: Any) -> None:
     known = np.full(40, np.nan)
     lift = LiftCurves(
-        "lift", Curve(TIMES, estimate, sigma), Curve(TIMES, truth, known),
-        {"A": -0.8, "B": 0.0, "C": 1.5, "lower": 2.5}, tips={"T1": Curve(TIMES, tip, known)},
+        "lift", Angles(TIMES, estimate, sigma), Angles(TIMES, truth, known),
+        {"A": -0.8, "B": 0.0, "C": 1.5, "lower": 2.5}, tips={"T1": Angles(TIMES, tip, known)},
     )  # fmt: skip
     with drawing(230, arranged=False) as figure:
         assert outside(draw_lift(figure, lift)) == []

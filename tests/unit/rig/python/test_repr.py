@@ -7,18 +7,17 @@ import pytest
 
 import rig
 from drivers.types import Frame
-from rig.tactile.sample import SlipSample, State
+from rig.tactile.sample import State
 
 IMAGE = np.zeros((320, 240, 3), np.uint8)
 CURVE = np.linspace(0.0, 1.0, 500)
 EXAMPLES = {
     "Frame": Frame(IMAGE, 1_000, 3, "D20001", b"\xff" * 5_000),
-    "SlipSample": SlipSample(
+    "SlipSample": rig.SlipSample(
         1_000, State.TRACKING, 1 / 3, 0.1, stage_s={f"{i}": i / 7 for i in range(12)}, skipped=("a",) * 12
     ),
     "SensorFrame": rig.SensorFrame(0.25, IMAGE, IMAGE[:, :, 0]),
     "Angles": rig.Angles(CURVE, CURVE, CURVE, ("tracking",) * 500),
-    "AngleSample": rig.AngleSample(1 / 3, 1 / 7, 2 / 3, "tracking", 1 / 3, (1.5, -0.25), 9000.0, False),
     "ArmTrack": rig.ArmTrack(CURVE, np.zeros((500, 4, 4)), np.zeros((500, 6))),
     "WrenchTrack": rig.WrenchTrack(CURVE, np.zeros((500, 3)), np.zeros((500, 3))),
     "GripperTrack": rig.GripperTrack(CURVE, CURVE, CURVE, CURVE > 0.5),

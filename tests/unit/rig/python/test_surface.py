@@ -14,7 +14,8 @@ import rig
 
 ROOT = Path(__file__).parents[4]
 SIGNATURES = {
-    "Angles": "(time_s, angle_deg, sigma_deg=<factory>, states=())",
+    "Angles": "(time_s, angle_deg, sigma_deg=<factory>, states=(), contact_area_px=<factory>, source='', "
+    "zero_ns=0)",
     "open_session": "(folder)",
     "estimate": "(frames, background=None, *, times_s=None, fps=60.0, estimator='slip', window=None, "
     "pixel_aspect=None, gel=None)",
@@ -24,8 +25,8 @@ SIGNATURES = {
     "solve_hand_eye": "(base_T_tcp, camera_T_target, setup='eye-to-hand')",
 }
 PARTS = {
-    "AngleSample": "angle_deg contact_area_px fault rate_deg_s shift_px sigma_deg slip state time_s",
-    "Angles": "angle_deg sigma_deg states time_s to_pandas",
+    "Angles": "angle_deg at at_ns between contact_area_px known of picked sigma_deg source states time_ns "
+    "time_s to_pandas zero_ns",
     "ArmTrack": "base_T_tcp joints_rad time_s",
     "CameraSolution": "distortion held_out_rms_px matrix reasons rejected rms_px sigma size_px verdict",
     "GripperTrack": "current_a moving opening_m time_s",
@@ -36,6 +37,9 @@ PARTS = {
     "Score": "answered frames max_deg mean_deg std_deg within_two_sigma",
     "SensorFrame": "image mask time_s",
     "Session": "bench complete estimator folder lifts problems simulated started to_pandas",
+    "SlipSample": "angle_deg contact_area_px cost_s disagreement estimated fault jumped rate_deg_s settled "
+    "shift_px shows_contact sigma_deg skipped slip stage_s state time_ns time_s turned unseen_deg "
+    "without_angle",
     "StreamingEstimator": "check_background set_reference settled slips_s track update update_at",
     "WrenchTrack": "force_n time_s torque_nm",
 }

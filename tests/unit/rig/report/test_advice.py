@@ -13,11 +13,11 @@ from protocols.reaction import ReactionKind
 from rig.config.in_use import FileInUse
 from rig.report.advice import trial_notices
 from rig.report.counts import onset_table
-from rig.report.curves import Curve
 from rig.report.session import Lift, Trial, read_trial
 from rig.sessions.manifest import TrialManifest, read_manifest_of
 from rig.sessions.records import FailedLift, LiftHead, LiftOutcome, ReactionRecord
 from rig.sessions.timing import LiftTiming, StageTimes
+from rig.tactile.angles import Angles
 
 TURNS_DEG = (12.0, -20.0, 9.0, 15.0, -11.0)
 NOW = datetime(2026, 11, 21, 12, 0, tzinfo=UTC)
@@ -65,7 +65,7 @@ def markers_hidden(trial: Trial) -> Trial:
         truth = lift.curves.truth
         seen = (truth.time_s < 0.5) | (truth.time_s > 1.2)
         states = tuple(np.array(truth.states)[seen])
-        gappy = Curve(truth.time_s[seen], truth.angle_deg[seen], truth.sigma_deg[seen], states)
+        gappy = Angles(truth.time_s[seen], truth.angle_deg[seen], truth.sigma_deg[seen], states)
         return Lift(lift.row, replace(lift.curves, truth=gappy))
 
     return replace(trial, lifts=[hidden(lift) for lift in trial.lifts])

@@ -14,7 +14,7 @@ import pytest
 from drivers.errors import InputError
 from rig.pages.page import asset
 from rig.report import lift_films
-from rig.report.curves import Curve, signed_errors
+from rig.report.curves import signed_errors
 from rig.report.lift_chart import angle_range, before_lift, shown_range
 from rig.report.parts import linked
 from rig.report.recording import read_recording
@@ -25,6 +25,7 @@ from rig.report.write import write_report
 from rig.results.summary import summarize_trial
 from rig.sessions.manifest import RecordManifest, TrialManifest, read_manifest_of
 from rig.sessions.rows import read_finished_lifts
+from rig.tactile.angles import Angles
 
 UPLOT_SHA256 = "19c8d4c6ad88929a79f4ae49d6f7161566dfd0ba3d15cc495e974f787eb78f1f"
 """Of dist/uPlot.iife.min.js in uplot-1.6.32.tgz of the npm registry."""
@@ -102,7 +103,7 @@ def test_lifts_are_shown_from_the_beginning_of_phase_a(trial: Path) -> None:
     curves = read_trial(trial, manifest).lifts[0].curves
     assert curves is not None
     times = np.arange(-3.0, 0.0, 0.1)
-    tip = Curve(times, np.full(times.size, 0.5), np.full(times.size, 0.1), ("tracking",) * times.size)
+    tip = Angles(times, np.full(times.size, 0.5), np.full(times.size, 0.1), ("tracking",) * times.size)
     early = replace(curves, phases_s={**curves.phases_s, "A": -2.95}, tips={"T1": tip})
     assert shown_range(early)[0] == -2.95
     ((shown_s, angles_deg),) = before_lift(early)

@@ -182,7 +182,9 @@ class LiftMeasurement(LiftObserver):
         tip.touch.update(sample.state not in (State.NO_CONTACT, State.FROZEN))
         self.angle.add(frame.serial, sample)
         if Phase.LIFT in self.phases and self.watch is not None:
-            self.watch.update(frame.serial, self.angle.tips[frame.serial].newest())
+            # The watch weights the fingertips by their own sigma, not by that of the rotation since the zero.
+            newest = self.angle.tips[frame.serial].newest()
+            self.watch.update(frame.serial, replace(newest, sigma_deg=sample.sigma_deg))
 
     def _make_estimators(self) -> None:
         for serial, tip in self._tips.items():

@@ -72,8 +72,8 @@ def _run(angles: Any, sigma: Any, labels: list[float], label_sigma: float) -> An
         SimpleNamespace(label=SimpleNamespace(frame=frame, angle_deg=angle, sigma_deg=label_sigma))
         for frame, angle in zip((12, 20, 38), labels, strict=True)
     ]
-    values = [[None if np.isnan(v) else float(v) for v in part] for part in (angles, sigma)]
-    estimate = SimpleNamespace(angles_deg=values[0], sigmas_deg=values[1])
+    series = Angles(np.arange(len(angles)) / 60.0, angles, sigma)
+    estimate = SimpleNamespace(samples=series.time_s, angles=series)
     return SimpleNamespace(
         clip=SimpleNamespace(reference_frame=4), labels=marked, estimate=estimate, has_sigma=True
     )

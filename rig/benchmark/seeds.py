@@ -22,7 +22,7 @@ from rig.lift.recording import recorded_truth
 from rig.results.metrics import HEADING, Mare, mare_text
 from rig.results.scores import SeriesScore, score_angles
 from rig.sessions.reading import phase_times, recorded_angles
-from rig.sessions.records import FinishedLift
+from rig.sessions.records import Lift
 from rig.tactile.angles import FUSED
 from rig.tactile.estimators import EstimatorChoice, choose_estimator
 
@@ -132,7 +132,7 @@ def carry_out(bench: BenchConfig, case: LiftCase) -> SeedLift:
 @contextmanager
 def recorded_lift(
     bench: BenchConfig, case: LiftCase, choice: EstimatorChoice | None = None
-) -> Iterator[tuple[Path, FinishedLift]]:
+) -> Iterator[tuple[Path, Lift]]:
     """Carry out one lift and yield its recording, which is deleted afterwards, and its row.
 
     choice: the estimator, by default slip. Raises `RigError` if every attempt ends with a fault.
@@ -143,7 +143,7 @@ def recorded_lift(
             task = LiftTask(1, case.object_id, case.lift, attempt)
             done = attempt_lift(settings, task, folder=Path(folder))
             recording, fault = done.files.get(task.recording), done.fault
-            if isinstance(done.row, FinishedLift) and isinstance(recording, Path):
+            if done.row.accepted and isinstance(recording, Path):
                 yield recording, done.row
                 return
     raise RigError(
@@ -151,7 +151,7 @@ def recorded_lift(
     )
 
 
-def scored_lift(recording: Path, seed: int, row: FinishedLift) -> SeedLift:
+def scored_lift(recording: Path, seed: int, row: Lift) -> SeedLift:
     """Return the score of the angles that were reported during a recorded lift, over phases B and C."""
     phases, truth = phase_times(recording), recorded_truth(recording)
     fused = recorded_angles(recording, FUSED)[FUSED].between(phases[Phase.LIFT], phases[Phase.LOWER])

@@ -64,7 +64,7 @@ def compare(options: CompareOptions) -> None:
     said = verdict(found) if found.judged else None
     print_result(options.json, {"report": str(page), "verdict": said, **found.as_json()}, page)
     if options.on is not None:
-        rows = [lift.row for side in sides for lift in side.lifts]
+        rows = [lift for side in sides for lift in side.lifts]
         report_faults(row.estimator_faults for row in rows if row.estimator_faults)
 
 

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from rig.frames.estimation import EstimatedSeries
-    from rig.report.film import FilmedLift
+    from rig.report.film import Filmed
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,7 +80,7 @@ def play(of: SourceOptions, film: FilmOptions, json: JsonOption = False) -> None
 
     """
     from rig.live.screen import begin_phase
-    from rig.report.film import FilmedLift, write_film
+    from rig.report.film import write_film
     from rig.report.film_file import film_place
     from rig.sessions.recording_file import gaps_text
 
@@ -97,11 +97,12 @@ def play(of: SourceOptions, film: FilmOptions, json: JsonOption = False) -> None
         say(f"note: the installed OpenCV has no H.264 encoder for .mp4: {place} is written instead")
     figures = {"frames": done.frames, "codec": done.codec, "size_px": [width, height]}
     print_result(json, {"film": str(done.path), **figures}, done.path)
-    lifts = [each for each in shown if isinstance(each, FilmedLift) and each.lift.gaps]
-    report_broken([gaps_text(f.folder / f.lift.recording, list(f.lift.gaps)) for f in lifts])
+    lifts = [(each[0], each[2]) for each in shown if isinstance(each, tuple)]
+    read = [(folder / lift.recording, lift.curves.gaps) for folder, lift in lifts if lift.curves]
+    report_broken([gaps_text(recording, list(gaps)) for recording, gaps in read if gaps])
 
 
-def _shown(of: SourceOptions) -> "tuple[str, Path, Sequence[FilmedLift | EstimatedSeries]]":
+def _shown(of: SourceOptions) -> "tuple[str, Path, Sequence[Filmed | EstimatedSeries]]":
     """Return the name, the default file, and the lifts or frames of a film. Raises `InputError`."""
     from rig.sessions.manifest import is_session
 
@@ -110,26 +111,25 @@ def _shown(of: SourceOptions) -> "tuple[str, Path, Sequence[FilmedLift | Estimat
         if (of.background, of.rate, of.topic) != (None, None, None):
             raise InputError(f"{source} is a session: leave --background, --rate and --topic out")
         lifts = _lifts(source, of.lift, of.beside)
-        recording = Path(lifts[0].lift.recording).stem
-        return lifts[0].lift.name, Path(f"{source.resolve().name}_{recording}.webm"), lifts
+        recording = Path(lifts[0][2].recording).stem
+        return lifts[0][2].title, Path(f"{source.resolve().name}_{recording}.webm"), lifts
     if of.lift is not None or of.beside is not None:
         raise InputError(f"{source} is not a session: leave --lift and --beside out")
     return source.name, Path(f"{source.resolve().stem}_film.webm"), [_frames(of)]
 
 
-def _lifts(session: Path, lift: str | None, beside: Path | None) -> "list[FilmedLift]":
+def _lifts(session: Path, lift: str | None, beside: Path | None) -> "list[Filmed]":
     """Return a lift and, with --beside, the lift of the same object and number of the second session."""
-    from rig.report.film import FilmedLift
     from rig.report.session import find_lift
     from rig.sessions.manifest import TrialManifest, read_manifest_of
 
     manifest = read_manifest_of(session, TrialManifest, "only trials have lifts")
     chosen = find_lift(session, manifest, lift)
-    shown = [FilmedLift(session, manifest, chosen)]
+    shown: list[Filmed] = [(session, manifest, chosen)]
     if beside is not None:
         other = read_manifest_of(beside, TrialManifest, "only trials have lifts")
-        same = find_lift(beside, other, f"{chosen.row.object}/{chosen.row.lift}")
-        shown.append(FilmedLift(beside, other, same))
+        same = find_lift(beside, other, f"{chosen.object}/{chosen.lift}")
+        shown.append((beside, other, same))
     return shown
 
 

@@ -126,16 +126,16 @@ def _replay_all(paths: list[Path], folder: Path, options: ReplayOptions) -> None
     say(f"{folder}/results.csv: {counted(len(rows), 'line')}, {wall_s:.1f} s")
     if options.json:
         emit_json({"out": str(folder), **results_json(rows), "wall_s": wall_s})
-    report_broken([row.problem for row in rows if row.problem])
-    if faults := [row.estimator_fault for row in rows if row.estimator_fault]:
+    report_broken([str(row["problem"]) for row in rows if row["problem"]])
+    if faults := [row["estimator_fault"] for row in rows if row["estimator_fault"]]:
         raise EstimatorError(f"done, but in {counted(len(faults), 'lift')} {faults[0]}")
 
 
 def _print_partial(folder: Path, json: bool) -> None:
     """Print the table of the lifts that were replayed before the command ended early."""
+    from rig.results.table import REPLAYS
     from rig.sessions.files import RESULTS
     from rig.sessions.rows import read_rows
-    from rig.sessions.table_files import REPLAYS
 
     print_results(read_rows(folder / RESULTS["replay"], REPLAYS), by="session", to_stderr=json)
 

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from rig.results.summary import TrialSummary
-    from rig.sessions.table_files import ReplayRow
+    from rig.sessions.table_files import Line
 
 
 By = Literal["object", "session"]
@@ -43,24 +43,26 @@ def results(
         emit_json({"table": str(table), **results_json(rows)})
 
 
-def print_results(rows: "list[ReplayRow]", by: By, to_stderr: bool) -> None:
+def print_results(rows: "list[Line]", by: By, to_stderr: bool) -> None:
     """Print the summary of a table's rows by object or by session, then the broken sessions."""
     from rig.live.tables import table_console
-    from rig.results.table import by_reaction, summarize_table
+    from rig.results.table import by_reaction, measured, summarize_table
 
     console = table_console(to_stderr)
-    good = [row for row in rows if row.measured]
+    good = [row for row in rows if measured(row)]
     if by == "object" and good:
         for react, own in by_reaction(good).items():
-            console.print(object_table(summarize_table(own), mark(any(row.simulated for row in own)), react))
+            console.print(
+                object_table(summarize_table(own), mark(any(row["simulated"] for row in own)), react)
+            )
     elif good:
         console.print(_session_table(good))
-    estimators = ", ".join(sorted({str(row.estimator) for row in good})) or "none"
-    asked = [row.identical for row in good if row.identical is not None]
+    estimators = ", ".join(sorted({str(row["estimator"]) for row in good})) or "none"
+    asked = [bool(row["identical"]) for row in good if row["identical"] is not None]
     same = f"; {sum(asked)} of {counted(len(asked), 'lift')} exactly as stored" if asked else ""
     console.print(f"estimator {estimators}{same}", highlight=False)
-    lines = [f"broken: {row.problem}" for row in rows if row.problem]
-    if failed := [row.estimator_fault for row in good if row.estimator_fault]:
+    lines = [f"broken: {row['problem']}" for row in rows if row["problem"]]
+    if failed := [row["estimator_fault"] for row in good if row["estimator_fault"]]:
         lines.insert(0, f"WARNING: in {counted(len(failed), 'lift')} {failed[0]}")
     for line in lines:
         console.print(line, highlight=False, soft_wrap=True)
@@ -117,18 +119,18 @@ def object_table(summary: "TrialSummary", simulated: str, react: str = "none") -
     return table
 
 
-def _session_table(rows: "list[ReplayRow]") -> "Table":
+def _session_table(rows: "list[Line]") -> "Table":
     from rig.live.tables import console_table
     from rig.results.metrics import HEADING, mare_text
     from rig.results.table import by_reaction, summarize_table
 
     columns = ("session", "estimator", "reaction", "lifts", "phase B", "phases B and C", "answered")
     lines = []
-    for session in dict.fromkeys(row.session for row in rows):
-        own = [row for row in rows if row.session == session]
-        summary, estimators = summarize_table(own), {str(row.estimator) for row in own}
+    for session in dict.fromkeys(str(row["session"]) for row in rows):
+        own = [row for row in rows if row["session"] == session]
+        summary, estimators = summarize_table(own), {str(row["estimator"]) for row in own}
         figures = mare_text(summary.mare_b), mare_text(summary.mare), f"{summary.answered:.1%}"
         about = Path(session).name, ", ".join(estimators), ", ".join(by_reaction(own))
         lines.append((*about, str(len(own)), *figures))
-    title = f"{mark(any(row.simulated for row in rows))}MARE per session, degrees: {HEADING}"
+    title = f"{mark(any(row['simulated'] for row in rows))}MARE per session, degrees: {HEADING}"
     return console_table(columns, lines, range(3), title)

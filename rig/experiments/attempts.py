@@ -43,7 +43,7 @@ class Task(Protocol):
 
 
 class AttemptRow(Protocol):
-    """The stored result of an attempt, such as `LiftRow` and `PoseRow`."""
+    """The stored result of an attempt, such as `Lift` and `PoseRow`."""
 
     @property
     def accepted(self) -> bool:

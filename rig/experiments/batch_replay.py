@@ -13,12 +13,12 @@ from drivers.errors import InputError
 from rig.experiments.lift_plan import StoredTrial, trial_of
 from rig.experiments.replay import replay_around_gaps
 from rig.results.listing import find_sessions
-from rig.results.table import COLUMNS, TableHead, broken_row, table_lines, table_row, unread_row
+from rig.results.table import COLUMNS, REPLAYS, broken_row, session_cells, table_row, unread_row
 from rig.sessions.manifest import ReplayManifest, TrialManifest, begun, read_manifest
-from rig.sessions.records import FinishedLift
+from rig.sessions.records import Lift
 from rig.sessions.rows import read_usable_lifts
 from rig.sessions.session import Session, open_session
-from rig.sessions.table_files import REPLAYS, ReplayRow, csv_bytes, has_parquet, parquet_bytes
+from rig.sessions.table_files import Line, csv_bytes, has_parquet, parquet_bytes
 from rig.sessions.timing import ReplayTiming
 from rig.tactile.estimators import choose_estimator
 
@@ -31,7 +31,7 @@ class ReplayTask:
     """A recorded lift to replay, in any process or on any machine that can read its folder."""
 
     trial: StoredTrial
-    row: FinishedLift
+    row: Lift
 
     @property
     def key(self) -> Key:
@@ -51,7 +51,7 @@ class ReplayPlan:
     left_out: tuple[tuple[Path, str], ...]
 
 
-Runner = Callable[[Callable[[ReplayTask], ReplayRow], list[ReplayTask]], Iterable[ReplayRow]]
+Runner = Callable[[Callable[[ReplayTask], Line], list[ReplayTask]], Iterable[Line]]
 """Executes tasks and yields their rows as they finish."""
 
 
@@ -92,8 +92,8 @@ def run_replays(
     manifest: ReplayManifest,
     run: Runner,
     resume: bool = False,
-    progress: Callable[[int, int, ReplayRow], None] = lambda done, total, row: None,
-) -> list[ReplayRow]:
+    progress: Callable[[int, int, Line], None] = lambda done, total, row: None,
+) -> list[Line]:
     """Replay the unfinished lifts of a plan, and return the rows of the whole table.
 
     manifest: identifies the work; it must be the same to continue it. Rows with a problem are retried on
@@ -101,16 +101,16 @@ def run_replays(
     """
     with open_session(out, manifest, REPLAYS, resume) as session:
         session.keep()
-        done = {_key(row): row for row in session.rows if not row.problem}
+        done = {_key(row): row for row in session.rows if not row["problem"]}
         todo = [task for task in plan.tasks if task.key not in done]
         for row in run(replay_task, todo):
-            session.add(row, ReplayTiming(session=row.session, number=row.number))
+            session.add(row, ReplayTiming(session=_key(row)[0], number=_key(row)[1]))
             done[_key(row)] = row
             progress(len(done), len(plan.tasks), row)
         rows = sorted(done.values(), key=_key)
         rows += [broken_row(str(folder), problem) for folder, problem in plan.broken]
         _write_tables(session, rows)
-        if not any(row.problem for row in rows) and not session.complete:
+        if not any(row["problem"] for row in rows) and not session.complete:
             session.rows[:] = rows
             session.finish(order=_key)
         return rows
@@ -122,24 +122,22 @@ def replay_manifest(folders: list[Path], estimator: str | None, window: int | No
     return ReplayManifest(**vars(begun("replay")), sessions=sessions, estimator=estimator, window=window)
 
 
-def replay_task(task: ReplayTask) -> ReplayRow:
+def replay_task(task: ReplayTask) -> Line:
     """Replay one lift; return its row of the table, with the problem if it cannot be read completely."""
     trial, choice = task.trial, task.trial.settings.estimator
-    head = TableHead(
-        str(trial.folder), trial.manifest.started, trial.manifest.config.name, choice.name, choice.window
-    )
+    about = session_cells(str(trial.folder), trial.manifest, choice.name, choice.window)
     row, problem = replay_around_gaps(trial.folder, trial.settings, task.row)
     if row is None:
-        return unread_row(head, task.row, problem or "")
-    return table_row(head, row, row == task.row if trial.own_estimator else None, problem)
+        return unread_row(about, task.row, problem or "")
+    return table_row(about, row, row == task.row if trial.own_estimator else None, problem)
 
 
-def _write_tables(session: Session[ReplayRow], rows: list[ReplayRow]) -> None:
-    lines = table_lines(rows)
-    session.write(TABLES[0], csv_bytes(COLUMNS, lines))
+def _write_tables(session: Session[Line], rows: list[Line]) -> None:
+    session.write(TABLES[0], csv_bytes(COLUMNS, rows))
     if has_parquet():
-        session.write(TABLES[1], parquet_bytes(COLUMNS, lines))
+        session.write(TABLES[1], parquet_bytes(COLUMNS, rows))
 
 
-def _key(row: ReplayRow) -> Key:
-    return row.session, row.number, row.attempt
+def _key(row: Line) -> Key:
+    session, number, attempt = (row[name] for name in ("session", "number", "attempt"))
+    return str(session), number, attempt  # type: ignore[return-value]

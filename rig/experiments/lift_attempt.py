@@ -3,7 +3,7 @@
 import time
 from collections.abc import Iterable
 from contextlib import closing, nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from drivers.clock import NS_PER_S, Clock, SystemClock
@@ -17,7 +17,7 @@ from protocols.slip_trial import LiftPlan, run_lift
 from rig.bench.source import BenchSource, FreshBenches
 from rig.experiments.attempts import Attempt, fault_text
 from rig.experiments.grasp_plans import derived_seed
-from rig.experiments.lift_plan import LiftTask, TrialSettings, lift_head, new_measurement, plan_lift
+from rig.experiments.lift_plan import LiftTask, TrialSettings, new_measurement, plan_lift, planned_lift
 from rig.lift.measurement import LiftMeasurement
 from rig.lift.recording import LatencyProbe, LiftObservers, OutlineObserver, StampRates
 from rig.lift.result import lift_result, stage_times
@@ -26,7 +26,7 @@ from rig.live.observer import LiveObserver
 from rig.sessions.about import SIMULATED_EPOCH_NS, RecordingAbout
 from rig.sessions.manifest import SCHEMA_VERSION
 from rig.sessions.recorder import LiftRecorder
-from rig.sessions.records import FailedLift, FinishedLift, LiftHead, LiftOutcome, LiftRow
+from rig.sessions.records import Lift, LiftOutcome
 from rig.sessions.timing import LatencyTimes, LiftTiming
 from rig.sessions.unfinished import completed, new_recording
 from rig.tactile.angles import Angles
@@ -35,7 +35,7 @@ from rig.version import VERSION
 HEAD_IN_METADATA = (
     "object", "name", "lift", "number", "attempt", "position", "grip_counts", "lift_height_m", "seed",
 )  # fmt: skip
-"""Fields of a lift's head that its recording's metadata repeat."""
+"""Fields of a lift that its recording's metadata repeat."""
 
 
 def attempt_lift(
@@ -44,7 +44,7 @@ def attempt_lift(
     benches: BenchSource | None = None,
     live: LiveFeed = NOBODY,
     folder: Path | None = None,
-) -> Attempt[LiftRow]:
+) -> Attempt[Lift]:
     """Execute one lift and evaluate it.
 
     A device failure becomes the outcome "fault" with the error's text; no other error is caught. benches:
@@ -57,19 +57,19 @@ def attempt_lift(
     benches = benches or FreshBenches(settings.bench, settings.realtime)
     seed = derived_seed(settings.seed, task.object_id, task.lift, attempt=task.attempt)
     plan = plan_lift(settings, task, Pose(settings.bench.table.position_m))
-    head = lift_head(task, plan, seed, settings)
+    lift = planned_lift(task, plan, seed, settings)
     file = None if folder is None else new_recording(folder, task.recording)
-    recorder = None if file is None else LiftRecorder(file, _about(settings, head))
+    recorder = None if file is None else LiftRecorder(file, _about(settings, lift))
     measurement = new_measurement(settings)
     reaction = _reaction(settings, task, measurement)
-    shown = LiveObserver(measurement, live, head) if live.listeners else None
+    shown = LiveObserver(measurement, live, lift) if live.listeners else None
     outlines = None if recorder is None else OutlineObserver(measurement, recorder)
     observers = [each for each in (recorder, measurement, outlines, shown) if each is not None]
     with completed(recorder, file) if recorder and file else nullcontext():
         with closing(shown) if shown else nullcontext():
             course = _carry_out(benches, task, seed, plan, LiftObservers(measurement, observers), reaction)
         fault = None if course.error is None else fault_text(course.error)
-        row, angles = _row(head, measurement, fault, course)
+        row, angles = _row(lift, measurement, fault, course)
         if recorder is not None:
             for series in angles:
                 recorder.angles(series)
@@ -82,13 +82,15 @@ def attempt_lift(
         stages=stage_times(measurement),
         capture_to_angle=course.latency or None,
     )
-    return Attempt(row, timing, fault, {task.recording: file.path} if file else {}, _warning(row))
+    return Attempt(
+        row, timing, fault, {task.recording: file.path} if file else {}, "; ".join(row.warnings) or None
+    )
 
 
-def _about(settings: TrialSettings, head: LiftHead) -> RecordingAbout:
+def _about(settings: TrialSettings, lift: Lift) -> RecordingAbout:
     """Return the metadata of a lift's recording; those of a simulated lift depend only on its seed."""
     bench = settings.bench
-    values = {key: str(getattr(head, key)) for key in HEAD_IN_METADATA} | {
+    values = {key: str(getattr(lift, key)) for key in HEAD_IN_METADATA} | {
         "bench": bench.name,
         "simulated": "SIMULATED" if bench.simulated else "no",
         "session_seed": str(settings.seed),
@@ -109,17 +111,14 @@ def _about(settings: TrialSettings, head: LiftHead) -> RecordingAbout:
 
 
 def _row(
-    head: LiftHead, measurement: LiftMeasurement, fault: str | None, course: "_Course"
-) -> tuple[LiftRow, Iterable[Angles]]:
-    """Return the row of a lift and its angles; for a lift that ended in a fault, the fault and no angles."""
-    seen = {"bench_s": round(course.bench_s, 6), "speed_fraction": course.speed_fraction}
+    lift: Lift, measurement: LiftMeasurement, fault: str | None, course: "_Course"
+) -> tuple[Lift, Iterable[Angles]]:
+    """Return a lift that was carried out and its angles; without figures and angles if a fault ended it."""
+    lift = replace(lift, bench_s=round(course.bench_s, 6), speed_fraction=course.speed_fraction)
     if fault is not None:
-        return FailedLift(**vars(head), accepted=False, outcome=LiftOutcome.FAULT, fault=fault, **seen), ()
-    figures, angles = lift_result(measurement)
-    row = FinishedLift(
-        **vars(head), **vars(figures), accepted=True, clock_rates=course.clock_rates or None, **seen
-    )
-    return row, angles.values()
+        return replace(lift, fault=fault), ()
+    lift, angles = lift_result(measurement, lift)
+    return replace(lift, clock_rates=course.clock_rates or None), angles.values()
 
 
 def _reaction(settings: TrialSettings, task: LiftTask, measurement: LiftMeasurement) -> Reaction | None:
@@ -132,18 +131,12 @@ def _reaction(settings: TrialSettings, task: LiftTask, measurement: LiftMeasurem
     return Reaction(settings.react, measurement, largest)
 
 
-def _warning(row: LiftRow) -> str | None:
-    if not isinstance(row, FinishedLift):
-        return None
-    return "; ".join(row.warnings) or None
-
-
 @dataclass(frozen=True, slots=True)
 class _Course:
     """Course of a lift: its fault, if any, its duration by the bench's clock, and the latency of its angles.
 
     A simulated clock does not advance while angles are computed, so there is no latency. clock_rates: see
-    `FinishedLift`.
+    `Lift`.
     """
 
     error: DeviceError | CalibrationError | None

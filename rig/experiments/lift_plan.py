@@ -24,7 +24,7 @@ from rig.lift.slip_watch import SlipSettings, SlipWatch
 from rig.lift.tip_watch import sigmas_for
 from rig.sessions.files import recording_file
 from rig.sessions.manifest import TrialManifest, read_manifest_of
-from rig.sessions.records import LiftHead
+from rig.sessions.records import Lift, LiftOutcome
 from rig.tactile.estimators import WITH_RATE, EstimatorChoice, choose_estimator, stored_choice
 
 LEAST_LIFT = 0.4
@@ -100,17 +100,21 @@ def plan_lift(settings: TrialSettings, task: LiftTask, base_T_table: Pose) -> Li
     )
 
 
-def lift_head(task: LiftTask, plan: LiftPlan, seed: int, settings: TrialSettings) -> LiftHead:
-    """Return the fields of a lift's row that are known before it begins."""
-    return LiftHead(
+def planned_lift(task: LiftTask, plan: LiftPlan, seed: int, settings: TrialSettings) -> Lift:
+    """Return a lift that has not been carried out."""
+    return Lift(
         number=task.number,
         attempt=task.attempt,
         object=task.object_id,
         name=plan.object_name,
         lift=task.lift,
         position=plan.position,
+        accepted=False,
+        outcome=LiftOutcome.FAULT,
+        fault="not carried out",
         grip_counts=plan.grip_steps,
         lift_height_m=plan.lift_height_m,
+        bench_s=0.0,
         seed=seed,
         simulated=settings.bench.simulated,
         recording=task.recording,

@@ -14,7 +14,7 @@ from rig.lift.result import lift_result
 from rig.results.summary import TrialSummary, summarize_trial
 from rig.sessions.reading import show_again
 from rig.sessions.recording_file import Gaps, gaps_text
-from rig.sessions.records import FinishedLift
+from rig.sessions.records import Lift
 from rig.sessions.rows import read_usable_lifts
 from rig.tactile.angles import FUSED, Angles
 
@@ -28,7 +28,7 @@ class Replay:
     """
 
     summary: TrialSummary
-    rows: list[FinishedLift]
+    rows: list[Lift]
     identical: int | None
     problems: tuple[str, ...] = ()
 
@@ -36,7 +36,7 @@ class Replay:
 def run_replay(
     trial: StoredTrial,
     jobs: int,
-    progress: Callable[[int, int, FinishedLift], None] = lambda done, total, row: None,
+    progress: Callable[[int, int, Lift], None] = lambda done, total, row: None,
 ) -> Replay:
     """Replay all accepted lifts of a trial; nothing in its session changes.
 
@@ -47,7 +47,7 @@ def run_replay(
     settings.estimator.require_named()
     usable = read_usable_lifts(folder)
     stored, problems = {row.number: row for row in usable.lifts}, list(usable.problems)
-    rows: dict[int, FinishedLift] = {}
+    rows: dict[int, Lift] = {}
     work = partial(replay_around_gaps, folder, settings)
     for _, (row, problem) in run_tasks(work, list(stored.values()), jobs):
         if problem is not None:
@@ -62,9 +62,7 @@ def run_replay(
     return Replay(summarize_trial(in_order), in_order, identical, tuple(problems))
 
 
-def replay_around_gaps(
-    folder: Path, settings: TrialSettings, row: FinishedLift
-) -> tuple[FinishedLift | None, str | None]:
+def replay_around_gaps(folder: Path, settings: TrialSettings, row: Lift) -> tuple[Lift | None, str | None]:
     """Replay one recorded lift; return its row, and the unreadable part of its recording, if any."""
     gaps, path = Gaps(), folder / row.recording
     try:
@@ -74,9 +72,7 @@ def replay_around_gaps(
     return again, gaps_text(path, gaps) if gaps else None
 
 
-def replay_or_problem(
-    folder: Path, settings: TrialSettings, row: FinishedLift
-) -> tuple[FinishedLift, Angles] | str:
+def replay_or_problem(folder: Path, settings: TrialSettings, row: Lift) -> tuple[Lift, Angles] | str:
     """Replay one lift as `replay_with_angles`; return the reason if its recording is damaged."""
     try:
         return replay_with_angles(folder, settings, row)
@@ -85,8 +81,8 @@ def replay_or_problem(
 
 
 def replay_with_angles(
-    folder: Path, settings: TrialSettings, row: FinishedLift, gaps: Gaps | None = None
-) -> tuple[FinishedLift, Angles]:
+    folder: Path, settings: TrialSettings, row: Lift, gaps: Gaps | None = None
+) -> tuple[Lift, Angles]:
     """Replay one recorded lift; return its row with the measured part computed again, and its fused angles.
 
     gaps: list to which damaged parts of the recording are added; they are then skipped. Raises
@@ -96,6 +92,6 @@ def replay_with_angles(
     measurement = new_measurement(settings)
     known_ns = {name: round(time_s * NS_PER_S) for name, time_s in row.phases_s.items()}
     phases_ns = show_again(folder / row.recording, measurement, known_ns, gaps)
-    figures, angles = lift_result(measurement)
+    again, angles = lift_result(measurement, row)
     phases_s = {name: time_ns / NS_PER_S for name, time_ns in phases_ns.items()}
-    return replace(row, **{**vars(figures), "phases_s": phases_s}), angles[FUSED]
+    return replace(again, phases_s=phases_s), angles[FUSED]

@@ -30,7 +30,7 @@ from rig.results.summary import TrialSummary, summarize_trial
 from rig.results.table import lifts_csv
 from rig.sessions.about import NO_REMARKS, Remarks
 from rig.sessions.manifest import TrialManifest, begun_on
-from rig.sessions.records import LIFTS, LiftRow
+from rig.sessions.records import LIFTS, Lift
 from rig.sessions.session import open_session
 
 WORDING = Wording("trial", "lift")
@@ -107,7 +107,7 @@ def run_trial(
     jobs: int = 1,
     resume: bool = False,
     benches: BenchSource | None = None,
-    progress: Progress[LiftRow] = lambda done, total, row: None,
+    progress: Progress[Lift] = lambda done, total, row: None,
     live: LiveFeed = NOBODY,
     remarks: Remarks = NO_REMARKS,
 ) -> TrialSummary:

@@ -16,7 +16,7 @@ from protocols.observer import Phase
 from rig.export.result import Exported, ExportRequest, simulated_mark
 from rig.export.rotations import ContinuousPoses
 from rig.results.table import COLUMNS as LIFT_COLUMNS
-from rig.results.table import TableHead, table_lines, table_row
+from rig.results.table import session_cells, table_row
 from rig.sessions.manifest import TrialManifest
 from rig.sessions.reading import (
     phase_times,
@@ -35,7 +35,7 @@ from rig.sessions.recorder import (
     TRUTH_TOPIC,
 )
 from rig.sessions.recording_file import recorded_messages
-from rig.sessions.records import FinishedLift
+from rig.sessions.records import Lift
 from rig.sessions.table_files import Columns, Line, csv_bytes, parquet_bytes
 from rig.tactile.angles import FUSED, MARKERS
 
@@ -112,10 +112,8 @@ def _export(request: ExportRequest, suffix: str, written: Callable[[Columns, lis
 
 
 def _trial_tables(request: ExportRequest, manifest: TrialManifest) -> list[ExportTable]:
-    head = TableHead(
-        request.session.name, manifest.started, manifest.bench, manifest.estimator, manifest.window
-    )
-    lifts = [table_row(head, row, problem=getattr(row, "fault", None)) for row in request.lifts]
+    about = session_cells(request.session.name, manifest, manifest.estimator, manifest.window)
+    lifts = [table_row(about, lift, problem=lift.fault) for lift in request.lifts]
     angles, arm = ExportTable("angles", ANGLE_COLUMNS), ExportTable("arm", ARM_COLUMNS)
     gripper, frames = ExportTable("gripper", GRIPPER_COLUMNS), ExportTable("frames", FRAME_COLUMNS)
     for row in request.finished_lifts:
@@ -128,10 +126,10 @@ def _trial_tables(request: ExportRequest, manifest: TrialManifest) -> list[Expor
                 frames.lines.append(line)
             elif topic.startswith(ANGLE_PREFIX):
                 angles.lines.append(line)
-    return [ExportTable("lifts", LIFT_COLUMNS, table_lines(lifts)), angles, arm, gripper, frames]
+    return [ExportTable("lifts", LIFT_COLUMNS, lifts), angles, arm, gripper, frames]
 
 
-def _lines_of(request: ExportRequest, row: FinishedLift) -> Iterator[tuple[str, Line]]:
+def _lines_of(request: ExportRequest, row: Lift) -> Iterator[tuple[str, Line]]:
     """Yield each message of a lift as a row of a table, with its topic."""
     path = request.session / row.recording
     phases = sorted((time_ns, phase) for phase, time_ns in phase_times(path).items())

@@ -28,7 +28,7 @@ from rig.export.lerobot_meta import (
 )
 from rig.export.result import Exported, ExportRequest, simulated_mark, source_name
 from rig.sessions.manifest import TrialManifest, require_kind
-from rig.sessions.records import FinishedLift
+from rig.sessions.records import Lift
 from rig.sessions.table_files import Line, pyarrow_modules
 
 ANGLE_NAMES = ["angle_deg", "sigma_deg", "known"]
@@ -75,7 +75,7 @@ def export_lerobot(request: ExportRequest) -> Exported:
     return Exported({"episodes": len(episodes), "frames": first, "tasks": len(tasks)}, (note,))
 
 
-def _task(lift: FinishedLift) -> str:
+def _task(lift: Lift) -> str:
     return f"lift the {lift.name} and feel it turn"
 
 

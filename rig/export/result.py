@@ -7,7 +7,7 @@ from pathlib import Path
 from drivers.errors import SessionError
 from rig.config import BenchConfig
 from rig.sessions.manifest import BenchManifest, RecordManifest, TrialManifest, read_manifest_of
-from rig.sessions.records import FinishedLift, LiftRow, PoseRow, finished
+from rig.sessions.records import Lift, PoseRow, finished
 from rig.sessions.rows import read_usable_lifts, read_usable_poses
 
 CAMERA = "camera"
@@ -24,13 +24,13 @@ class ExportRequest:
     session: Path
     out: Path
     manifest: TrialManifest | RecordManifest
-    lifts: tuple[LiftRow, ...] = ()
+    lifts: tuple[Lift, ...] = ()
     poses: tuple[PoseRow, ...] = ()
     every: int = 10
     left_out: tuple[str, ...] = ()
 
     @property
-    def finished_lifts(self) -> list[FinishedLift]:
+    def finished_lifts(self) -> list[Lift]:
         """The lifts that were completed."""
         return finished(self.lifts)
 

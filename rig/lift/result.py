@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -15,7 +16,7 @@ from rig.lift.object_angle import ZERO_S
 from rig.lift.onset import departure_ns, estimated_onset_ns, slip_onset_ns
 from rig.lift.slip_watch import CAUGHT_DEG, SlipEvent, SlipWatch
 from rig.results.scores import score_angles
-from rig.sessions.records import LiftFigures, LiftOutcome, ReactionRecord, SlipThreshold
+from rig.sessions.records import Lift, LiftOutcome, ReactionRecord, SlipThreshold
 from rig.sessions.timing import StageTimes
 from rig.tactile.angles import FUSED, MARKERS, Angles
 from rig.tactile.sample import SlipSample, State, faults_of
@@ -100,12 +101,12 @@ FINAL_S = 0.3
 """Length of the interval at the end over which final angles are averaged, s."""
 
 
-def lift_result(measurement: LiftMeasurement) -> tuple[LiftFigures, dict[str, Angles]]:
+def lift_result(measurement: LiftMeasurement, lift: Lift) -> tuple[Lift, dict[str, Angles]]:
     """Evaluate a lift that reached its end: errors, angles, onset, counts (contract, metrics).
 
-    Returns the measured part of the row, and the angles by source: of each fingertip, fused, of the markers.
-    If the object falls, the measured part and the true angle end at the fall, because after it the camera
-    sees an object that lies somewhere.
+    Returns the lift with its figures, and the angles by source: of each fingertip, fused, of the markers. If
+    the object falls, the figures and the true angle end at the fall, because after it the camera sees an
+    object that lies somewhere.
     """
     lift_ns, hold_ns = measurement.phases[Phase.LIFT], measurement.phases[Phase.HOLD]
     end_ns = measurement.phases[Phase.LOWER]
@@ -126,7 +127,10 @@ def lift_result(measurement: LiftMeasurement) -> tuple[LiftFigures, dict[str, An
     watch = measurement.watch
     reactions = None if watch is None else reaction_records(watch, since_zero, lift_ns)
     final_truth = _final(truth, held_ns)
-    figures = LiftFigures(
+    evaluated = replace(
+        lift,
+        accepted=True,
+        fault=None,
         outcome=_outcome(measurement, onset, fall_ns, reactions or (), final_truth),
         re_b=score.re_b,
         re=score.re,
@@ -152,7 +156,7 @@ def lift_result(measurement: LiftMeasurement) -> tuple[LiftFigures, dict[str, An
         slip_thresholds=None if watch is None else slip_thresholds(watch),
         estimator_faults=faults_of(samples),
     )
-    return figures, {**tips, FUSED: whole, MARKERS: truth}
+    return evaluated, {**tips, FUSED: whole, MARKERS: truth}
 
 
 def _states(samples: Sequence[SlipSample]) -> dict[str, int]:

@@ -13,7 +13,7 @@ from drivers.types import ArmState, Frame, Image
 from protocols.observer import LiftEvents, Phase
 from rig.lift.measurement import LiftMeasurement
 from rig.live.feed import LiveFeed, Sender
-from rig.sessions.records import LiftHead
+from rig.sessions.records import Lift
 
 MOST_PER_S = 10.0
 """Images of one source, and sets of figures, per second of real time."""
@@ -75,7 +75,7 @@ class LiveObserver(LiftEvents):
     simulated bench runs faster.
     """
 
-    def __init__(self, measurement: LiftMeasurement, feed: LiveFeed, head: LiftHead) -> None:
+    def __init__(self, measurement: LiftMeasurement, feed: LiveFeed, head: Lift) -> None:
         self._measurement = measurement
         self._sender = Sender(feed)
         self._pictures = feed.pictures

@@ -27,7 +27,7 @@ from rig.live.feed import Inbox
 from rig.live.lift_in_view import LiftInView
 from rig.live.screen import begin_phase, end_phase, shown
 from rig.live.time_left import TimeLeft, left_text
-from rig.sessions.records import LiftRow
+from rig.sessions.records import Lift
 
 Row = TypeVar("Row")
 
@@ -120,7 +120,7 @@ class TrialView:
         self,
         total: int,
         inbox: Inbox,
-        note: Callable[[LiftRow], str],
+        note: Callable[[Lift], str],
         done: int = 0,
         usual_s: float | None = None,
     ) -> None:
@@ -146,7 +146,7 @@ class TrialView:
     def __exit__(self, *_: object) -> None:
         self._shown.stop()
 
-    def __call__(self, done: int, total: int, row: LiftRow) -> None:
+    def __call__(self, done: int, total: int, row: Lift) -> None:
         """Show a finished lift."""
         self._read()
         with self._lock:

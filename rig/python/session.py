@@ -26,11 +26,11 @@ from rig.python.tracks import (
     read_markers,
     read_wrench,
 )
-from rig.report.curves import LiftCurves, signed_errors
-from rig.report.session import read_curves
+from rig.report.curves import signed_errors
+from rig.sessions import records
+from rig.sessions.lift_curves import LiftCurves
 from rig.sessions.manifest import TrialManifest, read_manifest_of
-from rig.sessions.reading import recorded_frames
-from rig.sessions.records import FinishedLift
+from rig.sessions.reading import read_curves, recorded_frames
 from rig.sessions.rows import read_usable_lifts
 from rig.tactile.angles import Angles, Floats, data_frame
 from rig.tactile.contact.background import mean_background
@@ -68,7 +68,7 @@ class Lift:
     `SessionError` then.
     """
 
-    def __init__(self, folder: Path, manifest: TrialManifest, row: FinishedLift) -> None:
+    def __init__(self, folder: Path, manifest: TrialManifest, row: records.Lift) -> None:
         self._folder, self._manifest, self._row = folder, manifest, row
 
     def __repr__(self) -> str:
@@ -239,7 +239,7 @@ class Lift:
 
     @cached_property
     def _curves(self) -> LiftCurves:
-        return read_curves(self._folder, self._row, self._manifest)
+        return read_curves(self._folder, self._row, self._manifest.signs)
 
     @property
     def _recording(self) -> Path:

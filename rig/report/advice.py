@@ -11,10 +11,10 @@ from protocols.reaction import ReactionKind
 from rig.report.calibrations import calibration_notices
 from rig.report.coverage import sigma_notices
 from rig.report.parts import Notice, joined
-from rig.report.session import Lift, Trial, curves_of, lift_name
+from rig.report.session import Trial, curves_of
 from rig.results.metrics import FEWEST_LIFTS
 from rig.results.summary import ADVICE, main_refusal
-from rig.sessions.records import FailedLift, FinishedLift, LiftOutcome
+from rig.sessions.records import Lift, LiftOutcome
 
 LEAST_ANSWERED = 0.95
 MOST_DROPPED, MOST_UNSEEN = 0.001, 0.05
@@ -45,20 +45,20 @@ def _unfinished(trial: Trial) -> list[Notice]:
 
 
 def _faults(trial: Trial) -> list[Notice]:
-    failed = [row for row in trial.rows if isinstance(row, FailedLift)]
+    failed = [(row.title, row.fault) for row in trial.rows if row.fault is not None]
     if not failed:
         return []
-    causes = Counter(without_values(row.fault) for row in failed)
+    causes = Counter(without_values(fault) for _, fault in failed)
     (often, times), *others = causes.most_common()
-    fault = next(row.fault for row in failed if without_values(row.fault) == often)
-    names = joined(list(dict.fromkeys(lift_name(row) for row in failed)))
+    fault = next(fault for _, fault in failed if without_values(fault) == often)
+    names = joined(list(dict.fromkeys(title for title, _ in failed)))
     which = f"The most frequent of {len(causes)} causes ({times} times)" if others else "The cause of all"
     advice = f"They were repeated and are not in any figure. {which}: {fault}"
     return [Notice("warn", f"{counted(len(failed), 'attempt')} ended in a rig fault: {names}.", advice)]
 
 
 def _fallen(trial: Trial) -> list[Notice]:
-    names = [lift.name for lift in trial.lifts if lift.row.outcome is LiftOutcome.FALLEN]
+    names = [lift.title for lift in trial.lifts if lift.outcome is LiftOutcome.FALLEN]
     advice = (
         "Grip more firmly (grip_mm in the object's file) or lift less high, to measure the whole rotation."
     )
@@ -66,7 +66,7 @@ def _fallen(trial: Trial) -> list[Notice]:
 
 
 def _few_lifts(trial: Trial) -> list[Notice]:
-    counts = Counter(lift.row.name for lift in trial.lifts)
+    counts = Counter(lift.name for lift in trial.lifts)
     few = [f"{name} ({count})" for name, count in counts.items() if count < FEWEST_LIFTS]
     if not few:
         return []
@@ -77,7 +77,7 @@ def _few_lifts(trial: Trial) -> list[Notice]:
 def _small_turns(trial: Trial) -> list[Notice]:
     if trial.manifest.react is not ReactionKind.NONE:  # reactions keep rotations small on purpose
         return []
-    turns = [abs(t) for lift in trial.lifts if (t := lift.row.final_truth_deg) is not None]
+    turns = [abs(t) for lift in trial.lifts if (t := lift.final_truth_deg) is not None]
     big = sum(turn >= BIG_TURN_DEG for turn in turns)
     if not turns or big >= FEW_BIG_TURNS * len(turns):
         return []
@@ -90,14 +90,14 @@ def _small_turns(trial: Trial) -> list[Notice]:
 
 
 def _refused(trial: Trial) -> list[Notice]:
-    bad = [lift for lift in trial.lifts if lift.row.answered < LEAST_ANSWERED]
+    bad = [lift for lift in trial.lifts if lift.answered < LEAST_ANSWERED]
     if not bad:
         return []
-    why = main_refusal(lift.row.states for lift in bad)
-    worst = min(bad, key=lambda lift: lift.row.answered)
+    why = main_refusal(lift.states for lift in bad)
+    worst = min(bad, key=lambda lift: lift.answered)
     what = (
         f"Angles for less than {LEAST_ANSWERED:.0%} of the frames in {counted(len(bad), 'lift')}, least in "
-        f"{worst.name} with {worst.row.answered:.0%}; most often '{why}'."
+        f"{worst.title} with {worst.answered:.0%}; most often '{why}'."
     )
     return [Notice("warn", what, ADVICE[why])]
 
@@ -121,7 +121,7 @@ def _unseen_markers(trial: Trial) -> list[Notice]:
     share, worst = max(missing, key=lambda pair: pair[0])
     what = (
         f"The markers were lost for more than {MOST_UNSEEN:.0%} of {counted(len(missing), 'lift')}, most in "
-        f"{worst.name} ({share:.0%})."
+        f"{worst.title} ({share:.0%})."
     )
     advice = (
         "These frames have no error. Check that hand and object hide no marker, and that the light is even."
@@ -130,13 +130,12 @@ def _unseen_markers(trial: Trial) -> list[Notice]:
 
 
 def _against_truth(trial: Trial) -> list[Notice]:
-    found = [(lift, turned) for lift in trial.lifts if (turned := lift.row.turns_against)]
+    found = [(lift, turned) for lift in trial.lifts if (turned := lift.turns_against)]
     if not found:
         return []
     worst, turned = max(found, key=lambda pair: abs(pair[1].truth_deg))
-    what = (
-        f"The estimate turns against the markers in {counted(len(found), 'lift')}. In {worst.name}, {turned}."
-    )
+    many = counted(len(found), "lift")
+    what = f"The estimate turns against the markers in {many}. In {worst.title}, {turned}."
     advice = (
         "Compare the serial printed on each sensor with finger and sign of its [[tactile]] in the bench file."
     )
@@ -144,27 +143,29 @@ def _against_truth(trial: Trial) -> list[Notice]:
 
 
 def _clocks(trial: Trial) -> list[Notice]:
-    lags = [(lift, lag) for lift in trial.lifts if (lag := lift.row.lag)]
-    rates = [lift for lift in trial.lifts if lift.row.clock_rates]
+    lags = [(lift, lag) for lift in trial.lifts if (lag := lift.lag)]
+    rates = [lift for lift in trial.lifts if lift.clock_rates]
     advice = "In rig doctor, capture time must be 'kernel'. rig calibrate sync measures a constant delay."
     found = []
     if lags:
         worst, lag = max(lags, key=lambda pair: abs(pair[1].lag_s))
         what = f"Estimate and markers do not turn at the same time in {counted(len(lags), 'lift')}"
-        found.append(Notice("bad", f"{what}, most in {worst.name}: {lag}.", advice))
+        found.append(Notice("bad", f"{what}, most in {worst.title}: {lag}.", advice))
     if rates:
-        warning = rates[0].row.warnings[0]
-        what = f"Clocks run at a wrong speed in {counted(len(rates), 'lift')}. In {rates[0].name}: {warning}."
+        warning = rates[0].warnings[0]
+        what = (
+            f"Clocks run at a wrong speed in {counted(len(rates), 'lift')}. In {rates[0].title}: {warning}."
+        )
         found.append(Notice("bad", what, advice))
     return found
 
 
 def _marker_distance(trial: Trial) -> list[Notice]:
-    found = [(lift, off) for lift in trial.lifts if (off := lift.row.marker_distance)]
+    found = [(lift, off) for lift in trial.lifts if (off := lift.marker_distance)]
     if not found:
         return []
     worst, off = max(found, key=lambda pair: abs(pair[1].seen_m / pair[1].placed_m - 1.0))
-    where = f"{counted(len(found), 'lift')}; most in {worst.name}"
+    where = f"{counted(len(found), 'lift')}; most in {worst.title}"
     what = f"Size and position of the markers are inconsistent in {where}: {off}."
     advice = (
         "Check marker_side_m and position_m of [camera] and position_m of [table] in the bench file, or run "
@@ -174,17 +175,17 @@ def _marker_distance(trial: Trial) -> list[Notice]:
 
 
 def _estimator_faults(trial: Trial) -> list[Notice]:
-    found = [(lift, faults) for lift in trial.lifts if (faults := lift.row.estimator_faults)]
+    found = [(lift, faults) for lift in trial.lifts if (faults := lift.estimator_faults)]
     if not found:
         return []
     worst, faults = max(found, key=lambda pair: pair[1].frames)
-    what = f"The estimator itself failed in {counted(len(found), 'lift')}, most in {worst.name}: {faults}."
+    what = f"The estimator itself failed in {counted(len(found), 'lift')}, most in {worst.title}: {faults}."
     advice = "The frames are stored: correct the estimator's code, then run rig replay with --estimator."
     return [Notice("bad", what, advice)]
 
 
 def _frozen(trial: Trial) -> list[Notice]:
-    found = [lift.name for lift in trial.lifts if lift.row.states.get("frozen")]
+    found = [lift.title for lift in trial.lifts if lift.states.get("frozen")]
     what = f"A fingertip repeated its picture in {joined(found)}."
     return [Notice("bad", what, ADVICE["frozen"])] if found else []
 
@@ -193,8 +194,8 @@ def _drops(trial: Trial) -> list[Notice]:
     frames: Counter[str] = Counter()
     dropped: Counter[str] = Counter()
     for lift in trial.lifts:
-        frames.update(lift.row.frames)
-        dropped.update(lift.row.dropped)
+        frames.update(lift.frames)
+        dropped.update(lift.dropped)
     bad = [
         f"{source} {count} of {count + frames[source]}"
         for source, count in dropped.items()
@@ -209,7 +210,7 @@ def _drops(trial: Trial) -> list[Notice]:
 def _jumps(trial: Trial) -> list[Notice]:
     jumped: Counter[str] = Counter()
     for lift in trial.lifts:
-        jumped.update(lift.row.jumped or {})
+        jumped.update(lift.jumped or {})
     if not jumped:
         return []
     counted = joined([f"{count} of {source}" for source, count in jumped.items()])
@@ -237,9 +238,9 @@ def _slow(trial: Trial) -> list[Notice]:
 
 def _one_sided(trial: Trial) -> list[Notice]:
     many = [
-        lift.name
+        lift.title
         for lift in trial.lifts
-        if lift.row.disagreements.get("one pad slips", 0) > 0.2 * _tactile_frames(lift.row)
+        if lift.disagreements.get("one pad slips", 0) > 0.2 * _tactile_frames(lift)
     ]
     if not many:
         return []
@@ -250,9 +251,9 @@ def _one_sided(trial: Trial) -> list[Notice]:
 def _false_alarms(trial: Trial) -> list[Notice]:
     """Return a notice about slip events without a slip. After a reaction it is unknown whether one began."""
     early = [
-        lift.name
+        lift.title
         for lift in trial.lifts
-        if lift.row.onset_alarm_s is not None and lift.row.slip_start_s is None and not lift.row.reactions
+        if lift.onset_alarm_s is not None and lift.slip_start_s is None and not lift.reactions
     ]
     if not early:
         return []
@@ -262,5 +263,5 @@ def _false_alarms(trial: Trial) -> list[Notice]:
     return [Notice("warn", f"A slip event was reported although nothing slipped in {joined(early)}.", advice)]
 
 
-def _tactile_frames(row: FinishedLift) -> int:
+def _tactile_frames(row: Lift) -> int:
     return sum(count for source, count in row.frames.items() if source != "camera")

@@ -7,26 +7,10 @@ import numpy as np
 
 from drivers.errors import InputError, counted
 from protocols.reaction import ReactionKind
-from rig.report.curves import LiftCurves
-from rig.report.session import lift_name, object_label
 from rig.results.metrics import FEWEST_LIFTS, Floats, Mare, mare_of, mare_text, mean_interval, over_lifts
-from rig.sessions.records import ErrorSummary, FinishedLift
+from rig.sessions.records import ErrorSummary, Lift
 
-
-@dataclass(frozen=True, slots=True)
-class ComparedLift:
-    """A lift on one side.
-
-    frame_ms: median wall time per tactile frame with contact, None if it was not timed. curves: None if its
-    recording cannot be read.
-    """
-
-    row: FinishedLift
-    frame_ms: float | None = None
-    curves: LiftCurves | None = None
-
-
-Pair = tuple[ComparedLift, ComparedLift]
+Pair = tuple[Lift, Lift]
 Key = tuple[str, int]
 
 
@@ -40,7 +24,7 @@ class Figure:
 
     name: str
     unit: str
-    value: Callable[[ComparedLift], float | None]
+    value: Callable[[Lift], float | None]
     smaller: bool | None = True
     of_turn: bool = False
 
@@ -151,34 +135,34 @@ def _most(error: ErrorSummary | None) -> float | None:
     return None if error is None else error.max_deg
 
 
-def _onset_delay_s(row: FinishedLift) -> float | None:
-    seen, true = row.onset_estimate_s, row.onset_truth_s
-    return None if seen is None or true is None else abs(seen - true)
-
-
-ERROR = Figure("mean error in B and C", "°", lambda lift: _mean(lift.row.re), of_turn=True)
+ERROR = Figure("mean error in B and C", "°", lambda lift: _mean(lift.re), of_turn=True)
 TIME = Figure("time per tactile frame with contact, median", "ms", lambda lift: lift.frame_ms)
 FIGURES = (
     ERROR,
-    Figure("mean error in B", "°", lambda lift: _mean(lift.row.re_b), of_turn=True),
+    Figure("mean error in B", "°", lambda lift: _mean(lift.re_b), of_turn=True),
     Figure(
         "mean error if refused frames keep the last angle",
         "°",
-        lambda lift: _mean(lift.row.re_held),
+        lambda lift: _mean(lift.re_held),
         of_turn=True,
     ),
-    Figure("largest error in B and C", "°", lambda lift: _most(lift.row.re), of_turn=True),
-    Figure("frames with an angle", "%", lambda lift: 100.0 * lift.row.answered, smaller=False),
-    Figure("error of the slip's start", "s", lambda lift: _onset_delay_s(lift.row), of_turn=True),
+    Figure("largest error in B and C", "°", lambda lift: _most(lift.re), of_turn=True),
+    Figure("frames with an angle", "%", lambda lift: 100.0 * lift.answered, smaller=False),
+    Figure(
+        "error of the slip's start",
+        "s",
+        lambda lift: None if lift.onset_delay_s is None else abs(lift.onset_delay_s),
+        of_turn=True,
+    ),
     TIME,
-    Figure("true turn", "°", lambda lift: lift.row.final_truth_deg, smaller=None),
+    Figure("true turn", "°", lambda lift: lift.final_truth_deg, smaller=None),
 )
 
 
 def compare_lifts(
     names: tuple[str, str],
-    first: Iterable[ComparedLift],
-    second: Iterable[ComparedLift],
+    first: Iterable[Lift],
+    second: Iterable[Lift],
     same_estimator: bool = False,
 ) -> Comparison:
     """Compare lifts, paired by object and number. Raises `InputError` if they have no lift in common.
@@ -191,12 +175,12 @@ def compare_lifts(
     if not keys:
         raise InputError(f"{names[0]} and {names[1]} have no lift in common (same object, same number)")
     pairs = tuple((left[key], right[key]) for key in keys)
-    alike = tuple(pair for pair in pairs if pair[0].row.react is pair[1].row.react)
+    alike = tuple(pair for pair in pairs if pair[0].react is pair[1].react)
     figures = [replace(f, smaller=None) if same_estimator and f is TIME else f for f in FIGURES]
     overall = (paired(figure, alike if figure.of_turn else pairs) for figure in figures)
     objects: dict[str, list[Pair]] = {}
     for pair in alike:
-        objects.setdefault(object_label(pair[0].row), []).append(pair)
+        objects.setdefault(pair[0].label, []).append(pair)
     found = {name: paired(ERROR, own) for name, own in objects.items()}
     return Comparison(
         names,
@@ -204,7 +188,7 @@ def compare_lifts(
         {name: p for name, p in found.items() if p is not None},
         pairs,
         (_alone(left, right), _alone(right, left)),
-        _apart(names, [pair for pair in pairs if pair[0].row.react is not pair[1].row.react]),
+        _apart(names, [pair for pair in pairs if pair[0].react is not pair[1].react]),
     )
 
 
@@ -213,12 +197,12 @@ def _apart(names: tuple[str, str], pairs: Sequence[Pair]) -> tuple[OwnError, ...
     found: dict[tuple[str, ReactionKind], list[ErrorSummary | None]] = {}
     for pair in pairs:
         for name, lift in zip(names, pair, strict=True):
-            found.setdefault((name, lift.row.react), []).append(lift.row.re)
+            found.setdefault((name, lift.react), []).append(lift.re)
     return tuple(OwnError(*key, mare_of(errors)) for key, errors in found.items())
 
 
-def _alone(mine: Mapping[Key, ComparedLift], others: Mapping[Key, ComparedLift]) -> tuple[str, ...]:
-    return tuple(lift_name(lift.row) for key, lift in mine.items() if key not in others)
+def _alone(mine: Mapping[Key, Lift], others: Mapping[Key, Lift]) -> tuple[str, ...]:
+    return tuple(lift.title for key, lift in mine.items() if key not in others)
 
 
 def differences(figure: Figure, pairs: Iterable[Pair]) -> tuple[Floats, Floats]:
@@ -279,5 +263,5 @@ def verdict(comparison: Comparison) -> str:
     )
 
 
-def _by_lift(lifts: Iterable[ComparedLift]) -> dict[Key, ComparedLift]:
-    return {(lift.row.object, lift.row.lift): lift for lift in lifts}
+def _by_lift(lifts: Iterable[Lift]) -> dict[Key, Lift]:
+    return {(lift.object, lift.lift): lift for lift in lifts}

@@ -16,7 +16,6 @@ from rig.report.compare import ERROR, Comparison, Paired, differences, verdict
 from rig.report.explored import explored, pair_panels
 from rig.report.lift_chart import pair_chart
 from rig.report.parts import Chart, Table
-from rig.report.session import lift_name, object_label
 from rig.report.text import made_text
 from rig.results.metrics import FEWEST_LIFTS, INTERVAL
 
@@ -89,7 +88,7 @@ def lift_charts(comparison: Comparison) -> list[Chart]:
     for first, second in comparison.pairs:
         if first.curves is None or second.curves is None:
             continue
-        errors = [lift.row.re for lift in (first, second)]
+        errors = [lift.re for lift in (first, second)]
         apart = [error.mean_deg for error in errors if error is not None]
         rank = abs(apart[1] - apart[0]) if len(apart) == 2 else -1.0
         parts = [
@@ -151,15 +150,15 @@ def _cells(name: str, p: Paired, comparison: Comparison) -> list[str]:
 
 def _dots(axes: Axes, row: int, comparison: Comparison, name: str) -> list[Spot]:
     """Draw a dot per lift of an object; return the values of each."""
-    own = [pair for pair in comparison.pairs if object_label(pair[0].row) == name]
-    known = [pair[0].row for pair in own if None not in map(ERROR.value, pair)]
+    own = [pair for pair in comparison.pairs if pair[0].label == name]
+    known = [pair[0] for pair in own if None not in map(ERROR.value, pair)]
     first, second = differences(ERROR, own)
     away = second - first
     places = row + np.linspace(-_JITTER, _JITTER, len(away)) if len(away) > 1 else np.array([row], float)
     for side, colour, marker in ((away > 0, FIRST, "o"), (away < 0, SECOND, "D"), (away == 0, MUTED, "x")):
         axes.plot(away[side], places[side], marker, color=colour.light, markersize=4.5, alpha=0.8)
     return [
-        Spot(float(x), float(y), f"{lift_name(row)}: {one:.2f}° and {two:.2f}°, difference {x:+.2f}°")
+        Spot(float(x), float(y), f"{row.title}: {one:.2f}° and {two:.2f}°, difference {x:+.2f}°")
         for row, x, y, one, two in zip(known, away, places, first, second, strict=True)
     ]
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from rig.report.parts import Table
 from rig.results.metrics import FEWEST_LIFTS, Floats
-from rig.sessions.records import FinishedLift
+from rig.sessions.records import Lift
 from rig.sessions.timing import LiftTiming, StageTimes
 
 
@@ -35,7 +35,7 @@ def stage_table(timing: Sequence[LiftTiming]) -> Table | None:
     return Table(columns, rows, total=True)
 
 
-def counts_table(rows: Sequence[FinishedLift]) -> Table | None:
+def counts_table(rows: Sequence[Lift]) -> Table | None:
     """Return a table of received and dropped frames per source."""
     frames: Counter[str] = Counter()
     dropped: Counter[str] = Counter()
@@ -48,7 +48,7 @@ def counts_table(rows: Sequence[FinishedLift]) -> Table | None:
     return Table(("source", "frames", "dropped"), cells)
 
 
-def onset_delays_ms(rows: Sequence[FinishedLift]) -> dict[str, Floats]:
+def onset_delays_ms(rows: Sequence[Lift]) -> dict[str, Floats]:
     """Return the delays of the estimated onset and of the slip event after the true onset, (N,) ms.
 
     The slip event is compared with `slip_start_s`, which also exists if a reaction stops the rotation early.
@@ -63,7 +63,7 @@ def onset_delays_ms(rows: Sequence[FinishedLift]) -> dict[str, Floats]:
     }
 
 
-def onset_table(rows: Sequence[FinishedLift]) -> Table | None:
+def onset_table(rows: Sequence[Lift]) -> Table | None:
     """Return a table of medians and 90 % ranges of `onset_delays_ms`; None if no lift has a true slip.
 
     Below `FEWEST_LIFTS` delays there is no range.
@@ -92,7 +92,7 @@ def onset_table(rows: Sequence[FinishedLift]) -> Table | None:
     return Table(columns, cells)
 
 
-def state_table(rows: Sequence[FinishedLift]) -> Table | None:
+def state_table(rows: Sequence[Lift]) -> Table | None:
     """Return a table of the estimator's states, its skipped stages, and disagreements of the fingertips."""
     states: Counter[str] = Counter()
     skipped: Counter[str] = Counter()

@@ -4,10 +4,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from rig.report.curves import LiftCurves
 from rig.report.distributions import FEWEST_FRAMES
 from rig.report.parts import Notice, joined
 from rig.report.trial_charts import sigma_ratios
+from rig.sessions.lift_curves import LiftCurves
 
 LEAST_COVERED = 0.90
 MOST_BEYOND = 0.3

@@ -11,8 +11,9 @@ from drivers.errors import FormatError, InputError, counted
 from drivers.formats import CsvTable, parse_number, read_csv, shown
 from rig.lift.onset import slip_onset_ns
 from rig.lift.result import FINAL_S
-from rig.report.curves import AXIS_DEG, TURN_DEG, LiftCurves, signed_errors, unwrapped
+from rig.report.curves import AXIS_DEG, TURN_DEG, signed_errors, unwrapped
 from rig.results.metrics import ErrorSummary, Floats, summarize
+from rig.sessions.lift_curves import LiftCurves
 from rig.tactile.angles import Angles
 
 TIME_COLUMNS = ("t_s", "time_s", "time")

@@ -8,9 +8,9 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from drivers.types import Image
 from rig.pages.figure import PX_PER_INCH, drawing
 from rig.pages.palette import INK, PAPER
-from rig.report.curves import LiftCurves
 from rig.report.lift_chart import draw_lift
 from rig.report.strips import rgb
+from rig.sessions.lift_curves import LiftCurves
 
 _SCALE = 1.25
 """Scale relative to a chart on a page, because films are watched from a larger distance."""

@@ -11,9 +11,10 @@ from drivers.errors import counted
 from rig.pages.figure import drawing
 from rig.pages.palette import ESTIMATE, INK, MUTED, TRUTH
 from rig.pages.plot_data import Spot
-from rig.report.curves import LiftCurves, rates_deg_s, signed_errors
+from rig.report.curves import rates_deg_s, signed_errors
 from rig.report.parts import Chart
 from rig.results.metrics import Floats
+from rig.sessions.lift_curves import LiftCurves
 
 FEWEST_FRAMES = 30
 """Fewest frames for which percentiles are drawn."""

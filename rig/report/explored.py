@@ -17,10 +17,11 @@ from drivers.clock import NS_PER_S
 from drivers.types import Image
 from rig.pages.page import data_uri
 from rig.pages.palette import ESTIMATE, FIRST, INK, SECOND, TRUTH, Colour
-from rig.report.curves import LiftCurves, signed_errors
+from rig.report.curves import signed_errors
 from rig.report.lift_chart import SIGMAS, angle_range, shown_range
 from rig.report.strips import pictures
 from rig.results.metrics import Floats
+from rig.sessions.lift_curves import LiftCurves
 from rig.sessions.manifest import TrialManifest
 from rig.sessions.reading import recorded_gripper, recorded_joints
 from rig.sessions.recorder import GRIPPER_TOPIC, JOINTS_TOPIC

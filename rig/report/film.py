@@ -16,14 +16,14 @@ from protocols.reaction import ReactionKind
 from rig.frames.estimation import EstimatedSeries
 from rig.pages.palette import ESTIMATE, INK, MUTED, PAPER, PHASE, TRUTH
 from rig.report.curve_panel import CurvePanel, draw_panel
-from rig.report.curves import LiftCurves
 from rig.report.film_file import Film, film_place, save_film
 from rig.report.lift_chart import on_one_scale, shown_range
 from rig.report.own_frames import estimate_curves, tip_of
-from rig.report.session import Lift
 from rig.report.strips import TipFrames, angles_at, caption, drawn, read_tip, rgb
+from rig.sessions.lift_curves import LiftCurves
 from rig.sessions.manifest import TrialManifest
 from rig.sessions.reading import recorded_frames
+from rig.sessions.records import Lift
 
 HEIGHT_PX, CURVE_PX, BAND_PX, LEGEND_PX, GAP_PX = 360, 240, 36, 30, 8
 """Heights of pictures, curve, line of text and line of the legend, and the gap between pictures."""
@@ -47,17 +47,12 @@ _ImageAt = Callable[[float], Image | None]
 """Returns the newest image at a time, s; None if there is no image. Times must not decrease."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class FilmedLift:
-    """A lift of a session's folder."""
-
-    folder: Path
-    manifest: TrialManifest
-    lift: Lift
+Filmed = tuple[Path, TrialManifest, Lift]
+"""A lift with its session's folder and manifest."""
 
 
 def write_film(
-    filmed: Sequence[FilmedLift | EstimatedSeries],
+    filmed: Sequence[Filmed | EstimatedSeries],
     out: Path,
     fps: float = DEFAULT_FPS,
     speed: float = 1.0,
@@ -71,15 +66,14 @@ def write_film(
     `RecordingError` if the film cannot be written.
     """
     out = film_place(out)
-    scenes = [_read(each) if isinstance(each, FilmedLift) else _own_frames(each) for each in filmed]
+    scenes = [_own_frames(each) if isinstance(each, EstimatedSeries) else _read(*each) for each in filmed]
     shared = on_one_scale([scene.curves for scene in scenes])
     scenes = [replace(scene, curves=curves) for scene, curves in zip(scenes, shared, strict=True)]
     pictures = _pictures(scenes, speed / fps)
     return save_film(out, (_of_width(picture, width_px) for picture in pictures), fps)
 
 
-def _read(filmed: FilmedLift) -> _Scene:
-    folder, manifest, lift = filmed.folder, filmed.manifest, filmed.lift
+def _read(folder: Path, manifest: TrialManifest, lift: Lift) -> _Scene:
     if lift.curves is None:
         raise SessionError(f"{folder / lift.recording}: the recording cannot be read; choose another --lift")
     path = folder / lift.recording
@@ -96,7 +90,7 @@ def _read(filmed: FilmedLift) -> _Scene:
     )
     mark = "SIMULATED, " if manifest.simulated else ""
     reaction = "" if manifest.react is ReactionKind.NONE else f", on a slip: {manifest.react}"
-    return _Scene(f"{mark}{lift.name}{reaction}", lift.curves, tuple(tips), _newest(camera))
+    return _Scene(f"{mark}{lift.title}{reaction}", lift.curves, tuple(tips), _newest(camera))
 
 
 def _own_frames(series: EstimatedSeries) -> _Scene:

@@ -10,8 +10,8 @@ from protocols.grasps import GraspFile, find_grasp_file
 from rig.report.curves import signed_errors
 from rig.report.distributions import boxes
 from rig.report.parts import Chart
-from rig.report.session import Lift, object_label
 from rig.results.metrics import Floats
+from rig.sessions.records import Lift
 
 PAPER_MARE_DEG = 1.85
 """Castano-Amoros and Gil 2023, Table III: MARE of 45 lifts of its nine objects."""
@@ -32,7 +32,7 @@ def errors_by(lifts: Sequence[Lift], group: Callable[[Lift], str]) -> dict[str, 
 def object_chart(lifts: Sequence[Lift]) -> Chart:
     """Draw the paper's box plot: a box per object over all frames of phase B."""
     return boxes(
-        errors_by(lifts, lambda lift: object_label(lift.row)),
+        errors_by(lifts, lambda lift: lift.label),
         "Rotational error per object",
         "All frames of phase B, as in the paper's figure: median, quartiles, whiskers from least to most. "
         f"Dashed: {PAPER_MARE_DEG}°, the paper's mean over all objects on its real bench; it prints no "
@@ -61,8 +61,8 @@ def surface_chart(lifts: Sequence[Lift], own: Sequence[GraspFile] = ()) -> Chart
 def surface(lift: Lift, own: Sequence[GraspFile] = ()) -> str:
     """Return the surface at the lift's grasp position in the object file; "" if it is not given."""
     try:
-        grasps = find_grasp_file(lift.row.object, own)
+        grasps = find_grasp_file(lift.object, own)
     except InputError:
         return ""
-    place = next((p for p in grasps.position if p.name == lift.row.position), None)
+    place = next((p for p in grasps.position if p.name == lift.position), None)
     return (place.surface or "") if place else ""

@@ -7,11 +7,10 @@ may change. If the cache cannot be written, the comparison continues without it.
 
 import hashlib
 from collections.abc import Callable
-from dataclasses import fields, replace
+from dataclasses import replace
 from functools import cache, partial
 from io import BytesIO
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -24,14 +23,14 @@ from rig.experiments.process_pool import run_tasks
 from rig.experiments.replay import replay_or_problem
 from rig.sessions.codec import json_line
 from rig.sessions.files import MANIFEST, append_line, drop_torn_line, state_folder
-from rig.sessions.records import LIFTS, FinishedLift, LiftFigures
+from rig.sessions.records import FIGURES, LIFTS, Lift, finished
 from rig.sessions.rows import read_usable_lifts, readable_rows
 from rig.tactile.angles import FUSED, Angles
 
 SOURCES = ("rig/tactile", "rig/lift", "rig/models", "rig/sessions", "calibration", "drivers")
 """Folders and files of the code that a replay's results depend on."""
-Progress = Callable[[int, int, FinishedLift], None]
-Replayed = tuple[FinishedLift, Angles]
+Progress = Callable[[int, int, Lift], None]
+Replayed = tuple[Lift, Angles]
 """A lift's row, and its fused angles."""
 
 
@@ -51,7 +50,7 @@ def replayed(
         before = kept.get((row.number, row.attempt))
         angles = None if file is None or before is None else _kept_angles(file, row)
         if before is not None and angles is not None:
-            found[row.number] = replace(row, **_measured(before)), angles
+            found[row.number] = replace(row, **{name: getattr(before, name) for name in FIGURES}), angles
     count, problems = len(found), list(usable.problems)
     left = [row for row in usable.lifts if row.number not in found]
     for _, again in run_tasks(partial(replay_or_problem, folder, settings), left, jobs):
@@ -66,20 +65,15 @@ def replayed(
     return [found[number] for number in sorted(found)], tuple(problems), count
 
 
-def _measured(row: FinishedLift) -> dict[str, Any]:
-    """Return the fields of a row that a replay computes again."""
-    return {field.name: getattr(row, field.name) for field in fields(LiftFigures)}
-
-
-def _kept(file: Path) -> list[FinishedLift]:
+def _kept(file: Path) -> list[Lift]:
     try:
         rows, _ = readable_rows(file, LIFTS)
     except OSError:
         return []
-    return [row for row in rows if isinstance(row, FinishedLift)]
+    return finished(rows)
 
 
-def _keep(file: Path, row: FinishedLift, angles: Angles) -> None:
+def _keep(file: Path, row: Lift, angles: Angles) -> None:
     data = BytesIO()
     np.save(data, np.column_stack([angles.time_s, angles.angle_deg, angles.sigma_deg]))
     try:
@@ -91,11 +85,11 @@ def _keep(file: Path, row: FinishedLift, angles: Angles) -> None:
         return  # the comparison does not need the cache
 
 
-def _angles_file(file: Path, row: FinishedLift) -> Path:
+def _angles_file(file: Path, row: Lift) -> Path:
     return file.with_name(f"{file.stem}_{row.number}_{row.attempt}.npy")
 
 
-def _kept_angles(file: Path, row: FinishedLift) -> Angles | None:
+def _kept_angles(file: Path, row: Lift) -> Angles | None:
     zero_ns = round(row.phases_s[Phase.LIFT] * NS_PER_S)
     try:
         time_s, angle_deg, sigma_deg = np.load(_angles_file(file, row), allow_pickle=False).T

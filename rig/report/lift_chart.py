@@ -10,9 +10,9 @@ from matplotlib.ticker import MaxNLocator
 
 from rig.pages.figure import PX_PER_INCH, WIDTH_PX, band, drawing, limits, placed
 from rig.pages.palette import ESTIMATE, FIRST, INK, MUTED, PHASE, SECOND, STATES, TRUTH
-from rig.report.curves import LiftCurves
 from rig.report.parts import Chart
 from rig.results.metrics import Floats
+from rig.sessions.lift_curves import LiftCurves
 from rig.tactile.angles import Angles
 
 SIGMAS = 2.0

@@ -6,7 +6,8 @@ from jinja2.utils import htmlsafe_json_dumps
 
 from rig.report.explored import lift_film
 from rig.report.lift_rows import anchor
-from rig.report.session import UNREADABLE, Lift, Trial
+from rig.report.session import UNREADABLE, Trial
+from rig.sessions.records import Lift
 
 MOST_BYTES, LEAST_FILM_BYTES = 5_900_000, 6_000
 """Size limit of a page, and least size reserved for a film, even if the page then exceeds its limit."""
@@ -32,7 +33,7 @@ def with_films(page: str, trial: Trial) -> str:
 def _film_of(trial: Trial, lift: Lift, most_bytes: int) -> dict[str, object] | None:
     if lift.curves is None:
         return None
-    path = trial.folder / lift.row.recording
+    path = trial.folder / lift.recording
     try:
         return lift_film(path, lift.curves, lift.zero_ns, trial.manifest, most_bytes)
     except UNREADABLE:  # the page has a notice about the damaged recording

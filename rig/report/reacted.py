@@ -6,11 +6,11 @@ from pathlib import Path
 
 from drivers.errors import InputError, counted
 from protocols.reaction import ReactionKind
-from rig.report.curves import LiftCurves
 from rig.report.lift_chart import lift_chart, on_one_scale
 from rig.report.parts import Chart, Table
-from rig.report.session import Lift, Trial
-from rig.sessions.records import FinishedLift, LiftOutcome
+from rig.report.session import Trial
+from rig.sessions.lift_curves import LiftCurves
+from rig.sessions.records import Lift, LiftOutcome
 
 MOST_SHOWN = 3
 
@@ -32,8 +32,8 @@ class Beside:
 def beside(trial: Trial, other: Trial) -> Beside:
     """Pair lifts of equal object, number and seed. Raises `InputError` if there is no pair."""
     without, reacted = _in_order(trial, other)
-    kept = {_same(lift.row): lift for lift in without.lifts}
-    both = [(kept[_same(lift.row)], lift) for lift in reacted.lifts if _same(lift.row) in kept]
+    kept = {_same(lift): lift for lift in without.lifts}
+    both = [(kept[_same(lift)], lift) for lift in reacted.lifts if _same(lift) in kept]
     if not both:
         raise InputError(
             f"{other.folder}: no lift of the same object, number and seed as in {trial.folder}; repeat them "
@@ -53,7 +53,7 @@ def _in_order(trial: Trial, other: Trial) -> tuple[Trial, Trial]:
     return (other, trial) if reacts[0] else (trial, other)
 
 
-def _same(row: FinishedLift) -> tuple[str, int, int]:
+def _same(row: Lift) -> tuple[str, int, int]:
     return row.object, row.lift, row.seed
 
 
@@ -61,12 +61,12 @@ def _table(both: Sequence[tuple[Lift, Lift]]) -> Table:
     columns = ("lift", "true end turn without, °", "with, °", "reactions", "grip steps added", "outcome")
     rows = [
         [
-            lift.name,
-            _turn(before.row),
-            _turn(lift.row),
-            str(len(lift.row.reactions or ())),
-            str(_added(lift.row)),
-            lift.row.outcome.value,
+            lift.title,
+            _turn(before),
+            _turn(lift),
+            str(len(lift.reactions or ())),
+            str(_added(lift)),
+            lift.outcome.value,
         ]
         for before, lift in both
     ]
@@ -75,16 +75,14 @@ def _table(both: Sequence[tuple[Lift, Lift]]) -> Table:
 
 def _pairs(both: Sequence[tuple[Lift, Lift]]) -> list[list[Chart]]:
     """Return the charts of caught lifts with the largest reduction of the final rotation."""
-    caught = [pair for pair in both if pair[1].row.outcome is LiftOutcome.CAUGHT]
-    caught.sort(
-        key=lambda pair: abs(pair[1].row.final_truth_deg or 0.0) - abs(pair[0].row.final_truth_deg or 0.0)
-    )
+    caught = [pair for pair in both if pair[1].outcome is LiftOutcome.CAUGHT]
+    caught.sort(key=lambda pair: abs(pair[1].final_truth_deg or 0.0) - abs(pair[0].final_truth_deg or 0.0))
     curves = [(pair, [lift.curves for lift in pair if lift.curves is not None]) for pair in caught]
     drawn = [(pair, on_one_scale(both)) for pair, both in curves if len(both) == len(pair)]
-    return [[_chart(lift.row, own) for lift, own in zip(*each, strict=True)] for each in drawn[:MOST_SHOWN]]
+    return [[_chart(lift, own) for lift, own in zip(*each, strict=True)] for each in drawn[:MOST_SHOWN]]
 
 
-def _chart(row: FinishedLift, curves: LiftCurves) -> Chart:
+def _chart(row: Lift, curves: LiftCurves) -> Chart:
     if not row.reactions:
         return lift_chart(curves, f"without a reaction: turned {_turn(row)}°, {row.outcome.value}")
     first = row.reactions[0].command_s
@@ -95,9 +93,9 @@ def _chart(row: FinishedLift, curves: LiftCurves) -> Chart:
     return lift_chart(curves, f"with '{row.react.value}': turned {_turn(row)}°; {reactions}")
 
 
-def _turn(row: FinishedLift) -> str:
+def _turn(row: Lift) -> str:
     return "-" if row.final_truth_deg is None else f"{row.final_truth_deg:+.1f}"
 
 
-def _added(row: FinishedLift) -> int:
+def _added(row: Lift) -> int:
     return sum(reaction.counts_added for reaction in row.reactions or ())

@@ -2,27 +2,24 @@
 
 import struct
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeVar
 
 from google.protobuf.message import DecodeError
 
-from drivers.clock import NS_PER_S
 from drivers.errors import InputError, RigError, SessionError, counted
 from drivers.progress import steps
-from protocols.observer import Phase
-from rig.report.curves import LiftCurves
 from rig.report.parts import Notice, joined
 from rig.sessions.codec import Codec
 from rig.sessions.files import RESULTS, TIMING
+from rig.sessions.lift_curves import LiftCurves
 from rig.sessions.manifest import TrialManifest
-from rig.sessions.reading import recorded_angles
-from rig.sessions.recording_file import Gaps, recording_gaps
-from rig.sessions.records import LIFTS, FinishedLift, LiftHead, LiftRow, finished
+from rig.sessions.reading import read_curves
+from rig.sessions.recording_file import recording_gaps
+from rig.sessions.records import LIFTS, Lift, finished
 from rig.sessions.rows import readable_rows
 from rig.sessions.timing import LIFT_TIMINGS, LiftTiming
-from rig.tactile.angles import FUSED, MARKERS
 
 Record = TypeVar("Record")
 UNREADABLE = (
@@ -33,52 +30,15 @@ UNREADABLE = (
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Lift:
-    """An accepted lift: its row of `lifts.jsonl`, and its curves if the recording can be read.
-
-    gaps: damaged parts of the recording, which are skipped in the curves.
-    """
-
-    row: FinishedLift
-    curves: LiftCurves | None
-    gaps: tuple[str, ...] = ()
-
-    @property
-    def name(self) -> str:
-        """Name for display, such as "wrench, lift 3"."""
-        return lift_name(self.row)
-
-    @property
-    def recording(self) -> str:
-        """File of its recording in the session."""
-        return self.row.recording
-
-    @property
-    def zero_ns(self) -> int:
-        """Start of phase B by the recording's clock."""
-        return round(self.row.phases_s[Phase.LIFT] * NS_PER_S)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class Trial:
     """The readable parts of a trial. rows: all attempts. problems: notices about unreadable parts."""
 
     folder: Path
     manifest: TrialManifest
-    rows: list[LiftRow]
+    rows: list[Lift]
     lifts: list[Lift]
     timing: list[LiftTiming]
     problems: list[Notice]
-
-
-def lift_name(row: LiftHead) -> str:
-    """Return the name of a lift for display."""
-    return f"{row.name}, lift {row.lift}"
-
-
-def object_label(row: LiftHead) -> str:
-    """Return id and name of a lift's object."""
-    return f"{row.object} {row.name}"
 
 
 def read_trial(folder: Path, manifest: TrialManifest) -> Trial:
@@ -90,8 +50,8 @@ def read_trial(folder: Path, manifest: TrialManifest) -> Trial:
         try:
             lifts.append(_read_lift(folder, row, manifest))
         except UNREADABLE as error:
-            lifts.append(Lift(row, None))
-            damaged.append(f"{lift_name(row)} ({row.recording}: {_why(error)})")
+            lifts.append(row)
+            damaged.append(f"{row.title} ({row.recording}: {_why(error)})")
     if damaged:
         what = f"{len(damaged)} of {counted(len(lifts), 'recording')} cannot be read: {joined(damaged)}."
         advice = (
@@ -99,19 +59,20 @@ def read_trial(folder: Path, manifest: TrialManifest) -> Trial:
             "from the rig's disk, or repeat these lifts."
         )
         problems.append(Notice("bad", what, advice))
-    if partly := [lift for lift in lifts if lift.gaps]:
+    if partly := [lift for lift in lifts if lift.curves and lift.curves.gaps]:
         problems.append(_gaps_notice(partly, len(lifts)))
     return Trial(folder, manifest, rows, lifts, timing, problems)
 
 
-def _read_lift(folder: Path, row: FinishedLift, manifest: TrialManifest) -> Lift:
-    """Read a lift, skipping gaps of its recording. Raises `SessionError` and other errors of `UNREADABLE`."""
-    gaps = recording_gaps(folder / row.recording)
-    return Lift(row, read_curves(folder, row, manifest, []), tuple(gaps))
+def _read_lift(folder: Path, lift: Lift, manifest: TrialManifest) -> Lift:
+    """Read a lift's curves, skipping gaps. Raises `SessionError` and other errors of `UNREADABLE`."""
+    gaps = tuple(recording_gaps(folder / lift.recording))
+    return replace(lift, curves=replace(read_curves(folder, lift, manifest.signs, []), gaps=gaps))
 
 
 def _gaps_notice(lifts: Sequence[Lift], of: int) -> Notice:
-    named = joined([f"{lift.name} ({lift.row.recording}: {joined(list(lift.gaps))})" for lift in lifts])
+    gaps = [(lift, lift.curves.gaps) for lift in lifts if lift.curves]
+    named = joined([f"{lift.title} ({lift.recording}: {joined(list(of))})" for lift, of in gaps])
     advice = (
         "Their results are in the tables; curves and frames are shown without the damaged parts. Copy the "
         "session again from the rig's disk, or repeat these lifts."
@@ -163,29 +124,6 @@ def read_usable(path: Path, codec: Codec[Record]) -> tuple[list[Record], list[No
 def read_timing(folder: Path) -> list[LiftTiming]:
     """Return the readable rows of a trial's `timing.jsonl`; none if it is missing."""
     return readable_rows(folder / TIMING, LIFT_TIMINGS)[0]
-
-
-def read_curves(
-    folder: Path, row: FinishedLift, manifest: TrialManifest, gaps: Gaps | None = None
-) -> LiftCurves:
-    """Read a lift's curves from its recording.
-
-    gaps: see `recorded_messages`. Raises `SessionError` and other errors of `UNREADABLE`.
-    """
-    path = folder / row.recording
-    zero_s = row.phases_s[Phase.LIFT]
-    angles = recorded_angles(path, FUSED, MARKERS, *manifest.signs, zero_s=zero_s, gaps=gaps)
-    if not len(angles[FUSED]) or not len(angles[MARKERS]):
-        raise SessionError(f"{path}: the recording is damaged: it holds no angles")
-    return LiftCurves(
-        name=lift_name(row),
-        estimate=angles[FUSED],
-        truth=angles[MARKERS],
-        phases_s={phase: time_s - zero_s for phase, time_s in row.phases_s.items()},
-        onset_truth_s=row.onset_truth_s,
-        onset_estimate_s=row.onset_estimate_s,
-        tips={serial: angles[serial] for serial in manifest.signs},
-    )
 
 
 def _why(error: BaseException) -> str:

@@ -7,17 +7,17 @@ from pathlib import Path
 from drivers.errors import InputError, SessionError, counted
 from drivers.named_classes import is_class_name
 from rig.experiments.lift_plan import trial_of
-from rig.report.compare import ComparedLift
-from rig.report.curves import LiftCurves
 from rig.report.kept_replays import replayed
-from rig.report.session import UNREADABLE, read_curves, read_timing, read_usable
+from rig.report.session import UNREADABLE, read_timing, read_usable
 from rig.sessions.files import RESULTS
+from rig.sessions.lift_curves import LiftCurves
 from rig.sessions.manifest import TrialManifest, is_session, read_manifest_of
-from rig.sessions.records import LIFTS, FinishedLift, finished
+from rig.sessions.reading import read_curves
+from rig.sessions.records import LIFTS, Lift, finished
 from rig.tactile.angles import Angles
 from rig.tactile.estimators import ESTIMATORS
 
-Progress = Callable[[int, int, FinishedLift], None]
+Progress = Callable[[int, int, Lift], None]
 ONLY_TRIALS = "only trials have lifts to compare"
 
 
@@ -29,7 +29,7 @@ class Side:
     """
 
     name: str
-    lifts: list[ComparedLift]
+    lifts: list[Lift]
     simulated: bool
     estimator: str
     notes: tuple[str, ...] = ()
@@ -52,8 +52,8 @@ def _stored_side(folder: Path, name: str | None, manifest: TrialManifest) -> Sid
     timed = [timing for timing in read_timing(folder) if "total" in timing.stages]
     took = {(timing.number, timing.attempt): timing.stages["total"].p50_ms for timing in timed}
     lifts = [
-        ComparedLift(row, took.get((row.number, row.attempt)), _curves(folder, row, manifest))
-        for row in finished(rows)
+        replace(_with_curves(folder, lift, manifest), frame_ms=took.get((lift.number, lift.attempt)))
+        for lift in finished(rows)
     ]
     if not lifts:
         raise SessionError(f"{folder}: no finished lift to compare; run the trial with --resume first")
@@ -80,19 +80,18 @@ def estimator_side(folder: Path, estimator: str, jobs: int, progress: Progress) 
     amiss = (f"{row.object}/{row.lift}: {row.estimator_faults}" for row in rows if row.estimator_faults)
     notes = (*stored.notes, *problems, *kept, *amiss)
     asked = f"{wanted.name}, window {wanted.window}"
-    curves = {(lift.row.number, lift.row.attempt): lift.curves for lift in stored.lifts}
+    curves = {(lift.number, lift.attempt): lift.curves for lift in stored.lifts}
     lifts = [
-        ComparedLift(row, curves=_again(curves.get((row.number, row.attempt)), angles))
-        for row, angles in found
+        replace(row, curves=_again(curves.get((row.number, row.attempt)), angles)) for row, angles in found
     ]
     return Side(estimator, lifts, stored.simulated, asked, notes)
 
 
-def _curves(folder: Path, row: FinishedLift, manifest: TrialManifest) -> LiftCurves | None:
+def _with_curves(folder: Path, lift: Lift, manifest: TrialManifest) -> Lift:
     try:
-        return read_curves(folder, row, manifest)
+        return replace(lift, curves=read_curves(folder, lift, manifest.signs))
     except UNREADABLE:
-        return None
+        return lift
 
 
 def _again(stored: LiftCurves | None, angles: Angles) -> LiftCurves | None:

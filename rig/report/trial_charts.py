@@ -9,13 +9,13 @@ from matplotlib.ticker import MaxNLocator
 from rig.pages.figure import drawing, legend_above
 from rig.pages.palette import BAD, ESTIMATE, GOOD, MUTED, SECOND, TRUTH
 from rig.pages.plot_data import Spot
-from rig.report.curves import LiftCurves, signed_errors
+from rig.report.curves import signed_errors
 from rig.report.distributions import FEWEST_FRAMES
 from rig.report.lift_rows import anchor
 from rig.report.parts import Chart
-from rig.report.session import Lift
 from rig.results.metrics import Floats
-from rig.sessions.records import LiftOutcome
+from rig.sessions.lift_curves import LiftCurves
+from rig.sessions.records import Lift, LiftOutcome
 
 _OUTCOMES = {
     LiftOutcome.SLIPPED: ESTIMATE,
@@ -27,13 +27,13 @@ _OUTCOMES = {
 
 def grip_chart(lifts: Sequence[Lift]) -> Chart | None:
     """Draw the true final rotation of each lift over its grip, by outcome; None without ground truth."""
-    known = [(lift, abs(turn)) for lift in lifts if (turn := lift.row.final_truth_deg)]
+    known = [(lift, abs(turn)) for lift in lifts if (turn := lift.final_truth_deg)]
     if not known:
         return None
     with drawing(250) as figure:
         axes = figure.subplots()
         for (outcome, colour), marker in zip(_OUTCOMES.items(), "osD^", strict=True):
-            own = [(lift.row.grip_counts, turn) for lift, turn in known if lift.row.outcome is outcome]
+            own = [(lift.grip_counts, turn) for lift, turn in known if lift.outcome is outcome]
             if own:
                 axes.plot(*zip(*own, strict=True), marker, color=colour.light, markersize=5, alpha=0.75,
                           label=outcome.value)  # fmt: skip
@@ -42,8 +42,8 @@ def grip_chart(lifts: Sequence[Lift]) -> Chart | None:
         legend_above(axes, 4)
         caption = "One symbol per lift: the absolute true turn at its end."
         spots = [
-            Spot(lift.row.grip_counts, turn, f"{lift.name}: grip {lift.row.grip_counts}, turned {turn:.1f}°, "
-                 f"{lift.row.outcome.value}", anchor(lift))
+            Spot(lift.grip_counts, turn, f"{lift.title}: grip {lift.grip_counts}, turned {turn:.1f}°, "
+                 f"{lift.outcome.value}", anchor(lift))
             for lift, turn in known
         ]  # fmt: skip
         return Chart("Grip and outcome", figure, caption, spots=spots)

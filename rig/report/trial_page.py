@@ -12,7 +12,7 @@ from rig.pages.page import render
 from rig.report.advice import trial_notices
 from rig.report.calibrations import calibration_table
 from rig.report.counts import counts_table, onset_delays_ms, onset_table, stage_table, state_table
-from rig.report.curves import LiftCurves, signed_errors
+from rig.report.curves import signed_errors
 from rig.report.distributions import boxes, error_against_angle, error_against_rate, error_over_time
 from rig.report.explored import angle_panels, explored, recorded_lift
 from rig.report.groups import object_chart, surface_chart
@@ -21,13 +21,14 @@ from rig.report.lift_films import film_mark, with_films
 from rig.report.lift_rows import anchor, lift_caption, lift_table
 from rig.report.parts import Chart, Notice, ReportPage, Table, linked
 from rig.report.reacted import beside
-from rig.report.session import UNREADABLE, Lift, Trial, curves_of
+from rig.report.session import UNREADABLE, Trial, curves_of
 from rig.report.strips import Still, strip
 from rig.report.text import header, made_text, mare_tile
 from rig.report.trial_charts import Final, coverage_chart, finals_chart, grip_chart, sigma_ratios
 from rig.results.metrics import INTERVAL, mare_of, mare_text, summarize
 from rig.results.summary import ObjectSummary, TrialSummary, summarize_trial
-from rig.sessions.records import ErrorSummary, FinishedLift
+from rig.sessions.lift_curves import LiftCurves
+from rig.sessions.records import ErrorSummary, Lift
 
 WORST_LIFTS = 3
 
@@ -39,7 +40,7 @@ def trial_page(trial: Trial, now: datetime | None = None, other: Trial | None = 
     """
     now = now or datetime.now(UTC)
     summary = summarize_trial(trial.rows)
-    anchors = {lift.name: anchor(lift) for lift in trial.lifts if lift.curves is not None}
+    anchors = {lift.title: anchor(lift) for lift in trial.lifts if lift.curves is not None}
     charts, lifts = _charts(trial), _charts_of_lifts(trial)
     objects = object_table(summary) if summary.objects else None
     page = render(
@@ -63,9 +64,9 @@ def trial_page(trial: Trial, now: datetime | None = None, other: Trial | None = 
         key=key(),
         interval=INTERVAL,
         stages=stage_table(trial.timing),
-        counts=counts_table([lift.row for lift in trial.lifts]),
-        onsets=onset_table([lift.row for lift in trial.lifts]),
-        states=state_table([lift.row for lift in trial.lifts]),
+        counts=counts_table(trial.lifts),
+        onsets=onset_table(trial.lifts),
+        states=state_table(trial.lifts),
         calibrations=calibration_table(trial.manifest, now),
         made=made_text(now),
     )
@@ -124,10 +125,9 @@ def _charts(trial: Trial) -> list[Chart]:
     lifts = curves_of(trial.lifts)
     if not lifts:
         return []
-    rows = [lift.row for lift in trial.lifts]
+    rows = trial.lifts
     finals = [
-        Final(lift.name, anchor(lift), lift.row.final_estimate_deg, lift.row.final_truth_deg)
-        for lift in trial.lifts
+        Final(lift.title, anchor(lift), lift.final_estimate_deg, lift.final_truth_deg) for lift in trial.lifts
     ]
     charts = [
         object_chart(trial.lifts),
@@ -143,7 +143,7 @@ def _charts(trial: Trial) -> list[Chart]:
     return [chart for chart in charts if chart is not None]
 
 
-def _onset_chart(rows: Sequence[FinishedLift]) -> Chart | None:
+def _onset_chart(rows: Sequence[Lift]) -> Chart | None:
     delays = onset_delays_ms(rows)
     if not any(late_ms.size for late_ms in delays.values()):
         return None
@@ -173,7 +173,7 @@ def _errors(lift: LiftCurves, phases: str) -> ErrorSummary | None:
 
 def _worst(trial: Trial) -> list[dict[str, object]]:
     """Return the lifts with the largest mean error, with their frames."""
-    known = [(lift.row.re.mean_deg, lift, lift.curves) for lift in trial.lifts if lift.row.re and lift.curves]
+    known = [(lift.re.mean_deg, lift, lift.curves) for lift in trial.lifts if lift.re and lift.curves]
     ranked = sorted(known, key=lambda entry: -entry[0])
     return [_with_strips(trial, lift, curves) for _, lift, curves in ranked[:WORST_LIFTS]]
 
@@ -181,7 +181,7 @@ def _worst(trial: Trial) -> list[dict[str, object]]:
 def _with_strips(trial: Trial, lift: Lift, curves: LiftCurves) -> dict[str, object]:
     strips: dict[str, list[Still]] = {}
     problem: Notice | None = None
-    path, signs = trial.folder / lift.row.recording, trial.manifest.signs
+    path, signs = trial.folder / lift.recording, trial.manifest.signs
     for serial in trial.manifest.serials:
         name = serial if serial in signs else f"camera {serial}, marker angle"
         try:
@@ -199,7 +199,7 @@ def _charts_of_lifts(trial: Trial) -> list[Chart]:
 
 def _chart_of_lift(trial: Trial, lift: Lift, curves: LiftCurves) -> Chart:
     try:
-        path = trial.folder / lift.row.recording
+        path = trial.folder / lift.recording
         data = recorded_lift(path, curves, lift.zero_ns, film_mark(lift))
     except UNREADABLE:  # the page has a notice about the damaged recording
         data = explored(curves, angle_panels(curves))

@@ -13,6 +13,7 @@ from drivers.images import image_flaw
 from protocols.grasps import find_grasp_file
 from protocols.reaction import ReactionKind
 from rig.results.metrics import Mare, mare_of
+from rig.results.table import REPLAYS
 from rig.sessions.about import NO_REMARKS, Remarks
 from rig.sessions.files import MANIFEST, RECORDINGS, RESULTS
 from rig.sessions.manifest import (
@@ -26,7 +27,6 @@ from rig.sessions.recording_file import check_recording
 from rig.sessions.records import LIFTS, finished
 from rig.sessions.rows import read_poses, read_rows, readable_rows
 from rig.sessions.session import in_use
-from rig.sessions.table_files import REPLAYS
 
 
 class SessionState(StrEnum):
@@ -206,7 +206,7 @@ def _entry(folder: Path, sizes: Mapping[str, int], manifest: AnyManifest, quick:
             _damage(folder, image.file, sizes, quick, _image_flaw) for pose in poses for image in pose.images
         ]
     else:
-        done = sum(row.accepted for row in read_rows(folder / RESULTS[manifest.kind], REPLAYS))
+        done = sum(row["accepted"] is True for row in read_rows(folder / RESULTS[manifest.kind], REPLAYS))
         problems = []
     problem = _first(list(filter(None, problems)))
     state = SessionState.COMPLETE if manifest.status == "complete" else SessionState.UNFINISHED

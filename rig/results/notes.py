@@ -5,47 +5,46 @@ from statistics import median
 
 from drivers.errors import counted
 from rig.results.summary import ADVICE, ReactingSummary, TrialSummary, main_refusal
-from rig.results.table import TableLift, table_lift
-from rig.sessions.records import FailedLift, FinishedLift, LiftRow
-from rig.sessions.table_files import ReplayRow
+from rig.results.table import table_lift
+from rig.sessions.records import Lift
+from rig.sessions.table_files import Line
 
 
-def lift_fault(row: LiftRow) -> str | None:
+def lift_fault(lift: Lift) -> str | None:
     """Return the fault that ended a lift; None without a fault."""
-    return row.fault if isinstance(row, FailedLift) else None
+    return lift.fault
 
 
-def lift_note(row: LiftRow | TableLift) -> str:
+def lift_note(lift: Lift) -> str:
     """Return a one-line summary of a lift's outcome."""
-    head = f"{row.object} {row.name} lift {row.lift}: {row.outcome}"
-    if isinstance(row, FailedLift):
-        return f"{head}: {row.fault}"
-    turn = row.final_truth_deg
+    head = f"{lift.object} {lift.name} lift {lift.lift}: {lift.outcome}"
+    if not lift.accepted:
+        return f"{head}: {lift.fault}"
+    turn = lift.final_truth_deg
     parts = [] if turn is None else [f"turned {turn:+.1f} deg"]
-    parts.append(_without_error(row) if row.re is None else f"mean error {row.re.mean_deg:.2f} deg")
-    if isinstance(row, FinishedLift):
-        if row.reactions:
-            parts.append(counted(len(row.reactions), "reaction"))
-        parts += [f"WARNING: {warning}" for warning in row.warnings]
+    parts.append(_without_error(lift) if lift.re is None else f"mean error {lift.re.mean_deg:.2f} deg")
+    if lift.reactions:
+        parts.append(counted(len(lift.reactions), "reaction"))
+    parts += [f"WARNING: {warning}" for warning in lift.warnings]
     return f"{head}, {', '.join(parts)}"
 
 
-def _without_error(row: FinishedLift | TableLift) -> str:
+def _without_error(lift: Lift) -> str:
     """Return why a lift has no error. A results table does not contain the states of the frames."""
-    if row.answered:
+    if lift.answered:
         return "no error: no frame has both an estimate and a marker angle"
-    if isinstance(row, TableLift):
+    if not lift.states:
         return "no answer"
-    why = main_refusal([row.states])
+    why = main_refusal([lift.states])
     return f"no answer, most frames are '{why}': {ADVICE[why]}"
 
 
-def row_note(row: ReplayRow) -> str:
+def row_note(row: Line) -> str:
     """Return a one-line summary of a replayed lift, with its session."""
-    where = Path(row.session).name
-    if row.problem:
-        return f"{where}: {row.problem}"
-    warning = f", WARNING: {row.estimator_fault}" if row.estimator_fault else ""
+    where = Path(str(row["session"])).name
+    if row["problem"]:
+        return f"{where}: {row['problem']}"
+    warning = f", WARNING: {row['estimator_fault']}" if row["estimator_fault"] else ""
     return f"{where}: {lift_note(table_lift(row))}{warning}"
 
 

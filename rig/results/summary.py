@@ -5,7 +5,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from rig.results.metrics import Mare, mare_of
-from rig.sessions.records import ErrorSummary, FinishedLift, LiftOutcome, LiftRow, finished
+from rig.sessions.records import Lift, LiftOutcome, finished
 
 ADVICE = {
     "unobservable": "The contact looks the same at every angle: grasp the object elsewhere or at an edge.",
@@ -26,24 +26,6 @@ def main_refusal(states: Iterable[Mapping[str, int]]) -> str:
     for lift in states:
         counts.update({state: n for state, n in lift.items() if state in ADVICE and n})
     return counts.most_common(1)[0][0] if counts else "lost"
-
-
-@dataclass(frozen=True, slots=True)
-class TableLift:
-    """A lift as read from a table, with the fields that a summary needs; see `LiftFigures`."""
-
-    object: str
-    name: str
-    lift: int
-    outcome: str
-    re_b: ErrorSummary | None
-    re: ErrorSummary | None
-    re_held: ErrorSummary | None
-    answered: float
-    final_truth_deg: float | None
-
-
-MeasuredLift = FinishedLift | TableLift
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,7 +101,7 @@ class TrialSummary:
         }
 
 
-def summarize_trial(rows: Sequence[LiftRow]) -> TrialSummary:
+def summarize_trial(rows: Sequence[Lift]) -> TrialSummary:
     """Summarize the accepted lifts among the rows of a session; attempts that a fault ended are ignored."""
     lifts = finished(rows)
     summary = summarize_lifts(lifts, sum(row.bench_s for row in rows))
@@ -128,7 +110,7 @@ def summarize_trial(rows: Sequence[LiftRow]) -> TrialSummary:
     )
 
 
-def summarize_lifts(lifts: Sequence[MeasuredLift], bench_s: float) -> TrialSummary:
+def summarize_lifts(lifts: Sequence[Lift], bench_s: float) -> TrialSummary:
     """Summarize lifts. bench_s: total duration by the bench's clock, including failed attempts."""
     ids = list(dict.fromkeys(lift.object for lift in lifts))
     return TrialSummary(
@@ -143,7 +125,7 @@ def summarize_lifts(lifts: Sequence[MeasuredLift], bench_s: float) -> TrialSumma
     )
 
 
-def _reacting_summary(lifts: Sequence[FinishedLift]) -> ReactingSummary | None:
+def _reacting_summary(lifts: Sequence[Lift]) -> ReactingSummary | None:
     if not lifts:
         return None
     taken = [lift.reactions or () for lift in lifts]
@@ -158,7 +140,7 @@ def _reacting_summary(lifts: Sequence[FinishedLift]) -> ReactingSummary | None:
     )
 
 
-def _object_summary(lifts: Sequence[MeasuredLift]) -> ObjectSummary:
+def _object_summary(lifts: Sequence[Lift]) -> ObjectSummary:
     turns = _turns(lifts)
     return ObjectSummary(
         object_id=lifts[0].object,
@@ -172,7 +154,7 @@ def _object_summary(lifts: Sequence[MeasuredLift]) -> ObjectSummary:
     )
 
 
-def _turns(lifts: Sequence[MeasuredLift]) -> tuple[float, ...]:
+def _turns(lifts: Sequence[Lift]) -> tuple[float, ...]:
     """Return the final true angles, deg, of the lifts that have one."""
     return tuple(lift.final_truth_deg for lift in lifts if lift.final_truth_deg is not None)
 

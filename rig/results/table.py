@@ -1,164 +1,178 @@
 """Write and read tables with a row per lift: of one session (`lifts.csv`) and of many (`results.csv`).
 
-A row has the values of the lift's row in `lifts.jsonl`. `rig.sessions.table_files.ReplayRow` declares the
-columns.
+`rig.sessions.records.Lift` declares the columns of a lift. A row is a dict by column, None if unknown.
 """
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import fields
+from math import isfinite
 from pathlib import Path
-from typing import Any, get_args, get_type_hints
 
 from drivers.errors import FormatError, InputError
-from drivers.formats import reason
+from drivers.formats import reason, shown
 from protocols.reaction import ReactionKind
-from rig.results.summary import TableLift, TrialSummary, summarize_lifts
-from rig.sessions.records import ErrorSummary, FinishedLift, LiftRow, ReactionRecord
-from rig.sessions.table_files import (
+from rig.results.summary import TrialSummary, summarize_lifts
+from rig.sessions.codec import Codec
+from rig.sessions.manifest import TrialManifest
+from rig.sessions.records import (
     IF_REACTING,
     IN_CSV,
-    REPLAYS,
-    Line,
-    ReplayRow,
-    csv_bytes,
-    has_parquet,
-    read_csv,
-    read_parquet,
+    ErrorSummary,
+    Lift,
+    LiftOutcome,
+    lift_columns,
 )
+from rig.sessions.table_files import Columns, Line, csv_bytes, has_parquet, read_csv, read_parquet
+
+_OF_LIFT = {column.name: column for column in lift_columns()}
+_OF_SESSION: Columns = {
+    "session": str, "started": str, "bench": str, "simulated": bool, "estimator": str, "window": int,
+}  # fmt: skip
+_OF_REPLAY: Columns = {"identical": bool, "problem": str}
 
 
-def _plain(hint: Any) -> type:
-    """Return a column's type without the None for an empty cell."""
-    return next(kind for kind in (get_args(hint) or (hint,)) if kind is not type(None))
+def _columns() -> Columns:
+    found = dict(_OF_SESSION)
+    for name, column in _OF_LIFT.items():
+        found[name] = column.kind
+        if name == "recording":
+            found |= _OF_REPLAY
+    return found
 
 
-COLUMNS = {name: _plain(hint) for name, hint in get_type_hints(ReplayRow).items() if name[0] != "_"}
-"""Columns in order, with their types."""
+COLUMNS = _columns()
+"""Columns of tables of many lifts in order, with their types: `session` is its folder, `identical` whether a
+replay gave exactly the stored lift, `problem` why the lift, a part of it, or its session cannot be read."""
 NEEDED = ("session", "object", "accepted", "re_mean_deg")
 """Columns that a results table must have."""
 ERRORS = ("re_b", "re", "re_held")
 """Errors of a lift: over phase B, over phases B and C, over both with refused frames held."""
-_REACTION_TIMES = ("onset_s", "event_s", "command_s", "standstill_s")
 
 
-@dataclass(frozen=True, slots=True)
-class TableHead:
-    """First columns of a lift's row: its session and its estimator."""
+class _LineCodec(Codec[Line]):
+    """Reads the rows of tables of many lifts."""
 
-    session: str
-    started: str
-    bench: str
-    estimator: str
-    window: int
+    def parsed(self, text: bytes) -> Line:
+        """Return the row of a line of JSON. Raises `ValueError` naming the invalid column."""
+        return self.checked(super().parsed(text))
 
-
-def table_row(
-    head: TableHead, row: LiftRow, identical: bool | None = None, problem: str | None = None
-) -> ReplayRow:
-    """Return a lift's row as a row of a table. identical, problem: see `ReplayRow`."""
-    return replace(_line(row), **asdict(head), identical=identical, problem=problem)
-
-
-def lifts_csv(rows: Sequence[LiftRow]) -> bytes:
-    """Return the lifts of one session as CSV, with a row per attempt."""
-    reacts = any(row.react is not ReactionKind.NONE for row in rows)
-    columns = {
-        each.name: COLUMNS[each.name]
-        for each in fields(ReplayRow)
-        if each.metadata.get("in_csv") in ((IN_CSV, IF_REACTING) if reacts else (IN_CSV,))
-    }
-    return csv_bytes(columns, [{**asdict(_line(row)), "accepted": str(row.accepted)} for row in rows])
+    def checked(self, values: Line) -> Line:
+        """Return the row of some values. Raises `ValueError` naming the invalid column."""
+        for name, value in values.items():
+            kind = COLUMNS.get(name)
+            if kind is None:
+                raise ValueError(f"'{name}' is a key that this version does not know")
+            fits = isinstance(value, (int, float) if kind is float else kind)
+            if value is not None and (not fits or isinstance(value, bool) != (kind is bool)):
+                raise ValueError(f"'{name}' should be of type {kind.__name__}, found {shown(value)}")
+            if isinstance(value, float) and not isfinite(value):
+                raise ValueError(f"'{name}' should be finite, found {value}")
+        if missing := [name for name in ("session", "accepted") if values.get(name) is None]:
+            raise ValueError(f"'{missing[0]}' is missing")
+        return {name: values.get(name) for name in COLUMNS}
 
 
-def _line(row: LiftRow) -> ReplayRow:
-    """Return a lift's row as a row of a table, without the columns of its session."""
-    values: dict[str, Any] = {name: getattr(row, name) for name in COLUMNS if hasattr(row, name)}
-    for part in ERRORS:
-        if (error := getattr(row, part, None)) is not None:
-            values |= {f"{part}_{key}": value for key, value in asdict(error).items()}
-    if isinstance(row, FinishedLift):
-        values["warnings"] = "; ".join(row.warnings) or None
-        values["estimator_fault"] = str(row.estimator_faults) if row.estimator_faults else None
-        values |= _reaction_cells(row.reactions)
-    return ReplayRow(**{**values, "session": "", "react": row.react.value})
+REPLAYS: Codec[Line] = _LineCodec(dict[str, str | bool | int | float | None])
 
 
-def _reaction_cells(reactions: tuple[ReactionRecord, ...] | None) -> dict[str, object]:
-    """Return the number of reactions, the steps that they added to the grip, and the times of the first."""
-    if reactions is None:
-        return {"reactions": None}
-    first = reactions[0] if reactions else None
-    return {
-        "reactions": len(reactions),
-        "counts_added": sum(reaction.counts_added for reaction in reactions),
-        **{f"reaction_{key}": getattr(first, key, None) for key in _REACTION_TIMES},
-    }
+def session_cells(folder: str, manifest: TrialManifest, estimator: str, window: int) -> Line:
+    """Return the cells of a lift's session and of its estimator. folder: of the session."""
+    about = {"session": folder, "started": manifest.started, "bench": manifest.bench}
+    return {**about, "estimator": estimator, "window": window}
 
 
-def unread_row(head: TableHead, row: LiftRow, problem: str) -> ReplayRow:
+def table_row(about: Line, lift: Lift, identical: bool | None = None, problem: str | None = None) -> Line:
+    """Return a lift as a row. about: see `session_cells`. identical, problem: see `COLUMNS`."""
+    cells = {name: column.value(lift) for name, column in _OF_LIFT.items()}
+    return dict.fromkeys(COLUMNS) | about | cells | {"identical": identical, "problem": problem}
+
+
+def unread_row(about: Line, lift: Lift, problem: str) -> Line:
     """Return the row of a lift whose recording cannot be read. problem: the reason."""
     named = {
-        name: getattr(row, name) for name in ("number", "attempt", "object", "name", "lift", "simulated")
+        name: getattr(lift, name) for name in ("number", "attempt", "object", "name", "lift", "simulated")
     }
-    return ReplayRow(**asdict(head), **named, accepted=False, problem=problem)
+    return dict.fromkeys(COLUMNS) | about | named | {"accepted": False, "problem": problem}
 
 
-def broken_row(session: str, problem: str) -> ReplayRow:
+def broken_row(session: str, problem: str) -> Line:
     """Return the row of a session that cannot be read at all. problem: the reason."""
-    return ReplayRow(session=session, number=0, attempt=0, accepted=False, problem=problem)
+    found = {"session": session, "number": 0, "attempt": 0, "accepted": False, "problem": problem}
+    return dict.fromkeys(COLUMNS) | found
 
 
-def table_lines(rows: Sequence[ReplayRow]) -> list[Line]:
-    """Return rows as the lines of a table."""
-    return [asdict(row) for row in rows]
+def measured(row: Line) -> bool:
+    """Return whether the row has figures, even if `problem` names a gap."""
+    return not row["problem"] or row["outcome"] is not None
 
 
-def table_lift(row: ReplayRow) -> TableLift:
-    """Return the fields of a row that a summary needs. Raises `InputError` if one of them is empty."""
-    needed: dict[str, Any] = {
-        key: getattr(row, key) for key in ("object", "name", "lift", "outcome", "answered")
-    }
-    empty = [key for key, value in needed.items() if value is None]
+def lifts_csv(lifts: Sequence[Lift]) -> bytes:
+    """Return the lifts of one session as CSV, with a row per attempt."""
+    tables = {IN_CSV, IF_REACTING} if any(of.react is not ReactionKind.NONE for of in lifts) else {IN_CSV}
+    columns = [column for column in _OF_LIFT.values() if column.tables in tables]
+    rows = [{column.name: column.value(lift) for column in columns} for lift in lifts]
+    return csv_bytes(
+        {column.name: column.kind for column in columns},
+        [{**row, "accepted": str(row["accepted"])} for row in rows],
+    )
+
+
+def table_lift(row: Line) -> Lift:
+    """Return the lift of a row, with the values that tables have. Raises `InputError` if one is missing."""
+    empty = [key for key in ("object", "name", "lift", "outcome", "answered") if row[key] is None]
+    where = f"session {row['session']}, lift {row['number']}"
     if empty:
-        raise InputError(
-            f"session {row.session}, lift {row.number}: {', '.join(empty)} is empty in the table"
-        )
-    needed |= {part: _error(row, part) for part in ERRORS}
-    return TableLift(**needed, final_truth_deg=row.final_truth_deg)
+        raise InputError(f"{where}: {', '.join(empty)} is empty in the table")
+    plain = {of.name for of in fields(Lift)} & _OF_LIFT.keys() - {"reactions", "react", "outcome"}
+    values = {name: value for name in plain if (value := row[name]) is not None}
+    errors = {part: _error(row, part) for part in ERRORS}
+    try:
+        outcome = LiftOutcome(str(row["outcome"]))
+    except ValueError as error:
+        raise InputError(f"{where}: outcome {shown(row['outcome'])} is not known in the table") from error
+    return Lift(**{**_NOT_IN_TABLE, **values, **errors, "outcome": outcome})
 
 
-def summarize_table(rows: Sequence[ReplayRow]) -> TrialSummary:
+_NOT_IN_TABLE: Line = {
+    "number": 0, "attempt": 0, "position": "", "grip_counts": 0, "lift_height_m": 0.0, "bench_s": 0.0,
+    "recording": "", "seed": 0, "simulated": False,
+}  # fmt: skip
+"""Values of a lift from a table without these columns."""
+
+
+def summarize_table(rows: Sequence[Line]) -> TrialSummary:
     """Summarize the lifts of a table. Raises `InputError` as `table_lift` does."""
-    return summarize_lifts([table_lift(row) for row in rows], sum(row.bench_s or 0.0 for row in rows))
+    lifts = [table_lift(row) for row in rows]
+    return summarize_lifts(lifts, sum(lift.bench_s for lift in lifts))
 
 
-def by_reaction(rows: Sequence[ReplayRow]) -> dict[str, list[ReplayRow]]:
+def by_reaction(rows: Sequence[Line]) -> dict[str, list[Line]]:
     """Return the rows by reaction to slip; those without reaction come first."""
-    kinds = sorted({row.react or "none" for row in rows}, key=lambda kind: (kind != "none", kind))
-    return {kind: [row for row in rows if (row.react or "none") == kind] for kind in kinds}
+    kinds = sorted({str(row["react"] or "none") for row in rows}, key=lambda kind: (kind != "none", kind))
+    return {kind: [row for row in rows if (row["react"] or "none") == kind] for kind in kinds}
 
 
-def results_json(rows: Sequence[ReplayRow]) -> dict[str, object]:
+def results_json(rows: Sequence[Line]) -> dict[str, object]:
     """Return the figures of a table for JSON output.
 
     Lifts that react to slip turn less. If a table has lifts with and without reaction, the figures are those
     of lifts without reaction, and `by_reaction` has the figures of each reaction.
     """
-    good = [row for row in rows if row.measured]
-    asked = [row.identical for row in good if row.identical is not None]
+    good = [row for row in rows if measured(row)]
+    asked = [bool(row["identical"]) for row in good if row["identical"] is not None]
     apart = {kind: summarize_table(own).as_json() for kind, own in by_reaction(good).items()}
     return {
-        "simulated": any(row.simulated for row in good),
-        "estimators": sorted({str(row.estimator) for row in good}),
-        "sessions": len({row.session for row in good}),
-        "broken": [{"session": row.session, "problem": row.problem} for row in rows if row.problem],
+        "simulated": any(row["simulated"] for row in good),
+        "estimators": sorted({str(row["estimator"]) for row in good}),
+        "sessions": len({row["session"] for row in good}),
+        "broken": [{key: row[key] for key in ("session", "problem")} for row in rows if row["problem"]],
         "identical": sum(asked) if asked else None,
         **next(iter(apart.values()), summarize_table(()).as_json()),
         **({"by_reaction": apart} if len(apart) > 1 else {}),
     }
 
 
-def read_results(path: Path) -> list[ReplayRow]:
+def read_results(path: Path) -> list[Line]:
     """Read a results table, `.csv` or `.parquet`. path: the file, or the folder that holds it.
 
     Raises `InputError` for another file, or for a table without the columns that a summary needs.
@@ -179,16 +193,18 @@ def read_results(path: Path) -> list[ReplayRow]:
     return [_row(line, f"{file}: row {number}") for number, line in enumerate(raw, start=1)]
 
 
-def _row(line: Line, where: str) -> ReplayRow:
+def _row(line: Line, where: str) -> Line:
     try:
         return REPLAYS.checked({column: line.get(column) for column in COLUMNS})
     except ValueError as error:
         raise InputError(f"{where}: {error}") from error
 
 
-def _error(row: ReplayRow, part: str) -> ErrorSummary | None:
-    values = [getattr(row, f"{part}_{field.name}") for field in fields(ErrorSummary)]
-    return None if None in values else ErrorSummary(*values)
+def _error(row: Line, part: str) -> ErrorSummary | None:
+    mean, std, most, count = (row[f"{part}_{of.name}"] for of in fields(ErrorSummary))
+    if None in (mean, std, most, count):
+        return None
+    return ErrorSummary(float(mean), float(std), float(most), int(count))  # type: ignore[arg-type]
 
 
 def _table_in(folder: Path) -> Path:

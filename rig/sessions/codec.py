@@ -5,7 +5,8 @@ key, a missing key or a value of another type is an error that names the key.
 """
 
 import json
-from dataclasses import fields
+from collections.abc import Mapping
+from dataclasses import Field, fields
 from functools import cache, cached_property
 from typing import Any, Generic, TypeVar
 
@@ -15,7 +16,7 @@ from drivers.errors import FormatError
 from drivers.formats import check_numbers, shown
 
 Record = TypeVar("Record")
-MEMBERS = ("finished", "failed", "trial", "record", "replay")
+MEMBERS = ("trial", "record", "replay")
 """Tags of union members: parts of an error's location that are not keys."""
 _REASONS = {
     "missing": "is missing",
@@ -57,15 +58,24 @@ class Codec(Generic[Record]):
 
 
 def json_line(record: Any) -> bytes:
-    """Return a record as a line of JSON, keys sorted."""
+    """Return a record, or a row of a table, as a line of JSON, keys sorted."""
     return (json.dumps(json_value(record), sort_keys=True) + "\n").encode()
 
 
 def json_value(record: Any) -> dict[str, Any]:
-    """Return a record as JSON values, without fields that equal their default."""
+    """Return a record as JSON values, without fields that equal their default.
+
+    A field whose metadata have a predicate of the record, "stored", is left out where that is False.
+    """
+    if isinstance(record, Mapping):
+        return {key: value for key, value in record.items() if value is not None}
     values = _adapter_of(type(record)).dump_python(record, mode="json")
-    same = {field.name for field in fields(record) if getattr(record, field.name) == field.default}
-    return {key: value for key, value in values.items() if key not in same}
+    return {field.name: values[field.name] for field in fields(record) if _is_stored(record, field)}
+
+
+def _is_stored(record: Any, field: Field[Any]) -> bool:
+    stored = field.metadata.get("stored")
+    return stored(record) if stored else getattr(record, field.name) != field.default
 
 
 @cache

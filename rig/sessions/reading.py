@@ -1,7 +1,7 @@
 """Read the lifts of a session."""
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
@@ -19,6 +19,7 @@ from drivers.images import decode_stored
 from drivers.types import ArmMode, ArmState, Frame, GripperState, Pose, Vector6
 from protocols.observer import LiftEvents, Phase, ReactionStep
 from rig.sessions.codec import Codec, strict
+from rig.sessions.lift_curves import LiftCurves
 from rig.sessions.recorder import (
     ARM_TOPIC,
     GRIPPER_TOPIC,
@@ -29,7 +30,8 @@ from rig.sessions.recorder import (
     image_topic,
 )
 from rig.sessions.recording_file import Gaps, PhaseTimes, recorded_messages
-from rig.tactile.angles import Angles
+from rig.sessions.records import Lift
+from rig.tactile.angles import FUSED, MARKERS, Angles
 
 Value = TypeVar("Value")
 Message = TypeVar("Message", CompressedImage, PoseInFrame)
@@ -211,6 +213,27 @@ def _series(source: str, messages: list[tuple[int, RecordedAngle]], zero_s: floa
         np.array([angle.contact_area_px for angle in angles], float),
         source,
         round(zero_s * NS_PER_S),
+    )
+
+
+def read_curves(folder: Path, lift: Lift, serials: Iterable[str], gaps: Gaps | None = None) -> LiftCurves:
+    """Read the angles of a lift over time from its recording.
+
+    folder: the session. serials: of the fingertips. gaps: see `recorded_messages`. Raises `SessionError`, and
+    other errors for a damaged recording.
+    """
+    path, zero_s, serials = folder / lift.recording, lift.phases_s[Phase.LIFT], tuple(serials)
+    angles = recorded_angles(path, FUSED, MARKERS, *serials, zero_s=zero_s, gaps=gaps)
+    if not len(angles[FUSED]) or not len(angles[MARKERS]):
+        raise SessionError(f"{path}: the recording is damaged: it holds no angles")
+    return LiftCurves(
+        name=lift.title,
+        estimate=angles[FUSED],
+        truth=angles[MARKERS],
+        phases_s={phase: time_s - zero_s for phase, time_s in lift.phases_s.items()},
+        onset_truth_s=lift.onset_truth_s,
+        onset_estimate_s=lift.onset_estimate_s,
+        tips={serial: angles[serial] for serial in serials},
     )
 
 

@@ -5,18 +5,25 @@ the external camera's view. The schema version is in the session's manifest (`ma
 change of a key requires a new version.
 """
 
-from collections.abc import Iterable
-from dataclasses import dataclass
+import json
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field, fields
 from enum import StrEnum
-from typing import Annotated, Literal
+from functools import partial
+from operator import attrgetter
+from typing import Annotated, Any, NamedTuple, get_args, get_type_hints
 
-from pydantic import AfterValidator, Discriminator, Field, Tag
+from pydantic import AfterValidator, Field
+from pydantic_core import CoreSchema
+from pydantic_core.core_schema import none_schema
 
+from drivers.clock import NS_PER_S
 from drivers.errors import counted
 from protocols.observer import Phase
 from protocols.reaction import ReactionKind
 from rig.config.fields import FileName, InnerPath
 from rig.sessions.codec import Codec, strict
+from rig.sessions.lift_curves import LiftCurves
 from rig.tactile.sample import EstimatorFaults
 
 
@@ -141,75 +148,205 @@ class ReactionRecord:
     rest_turn_deg: float | None
 
 
+IN_RESULTS, IN_CSV, IF_REACTING = "results", "always", "reacting"
+"""Tables that have a column: those of many lifts; these and a session's `lifts.csv`; these and `lifts.csv` of
+sessions with reactions to slip."""
+
+
+class Column(NamedTuple):
+    """A column of the tables with a row per lift; the suffix of its name is its unit."""
+
+    name: str
+    tables: str
+    kind: type
+    value: Callable[["Lift"], object]
+
+
+class Shown(NamedTuple):
+    """A column of the report's table of lifts. rank: its place. filter: as in `rig.report.parts.Table`."""
+
+    rank: int
+    heading: str
+    text: Callable[["Lift"], str]
+    filter: str = ""
+
+
+def known(doc: str, tables: str = "", *shown: Shown, **default: Any) -> Any:
+    """Declare a value of a lift that is known without its measurement; arguments as for `figure`."""
+    return field(**default, metadata={"doc": doc, "tables": tables, "shown": shown})
+
+
+def figure(
+    doc: str,
+    tables: str = "",
+    *shown: Shown,
+    columns: Sequence[Column] = (),
+    optional: bool = False,
+    **default: Any,
+) -> Any:
+    """Declare a measured value of a lift, once for the line of JSON, the tables, the report and CSV.
+
+    `rig.lift.result` computes it; lifts that ended in a fault do not have it. doc: its meaning; the suffix of
+    its name is its unit. tables: `IN_RESULTS`, `IN_CSV` or `IF_REACTING` for a column with the value, or with
+    each number of an `ErrorSummary`. shown: columns of the report. columns: columns that are computed from
+    the value. optional: whether the line leaves it out at its default. default: as for a dataclass field, by
+    default None.
+    """
+    stored = {} if optional else {"stored": lambda lift: lift.accepted}
+    about = {"doc": doc, "tables": tables, "shown": shown, "columns": columns, "figure": True, **stored}
+    return field(**(default or {"default": None}), metadata=about)
+
+
+def _signed(value: float | None, digits: int, factor: float = 1.0) -> str:
+    return "" if value is None else f"{value * factor:+.{digits}f}"
+
+
+def _first_reaction(key: str, lift: "Lift") -> object:
+    return getattr(lift.reactions[0], key) if lift.reactions else None
+
+
+_REACTIONS = (
+    Column("reactions", IF_REACTING, int, lambda of: None if of.reactions is None else len(of.reactions)),
+    Column("counts_added", IF_REACTING, int, lambda of: of.counts_added),
+    *(
+        Column(f"reaction_{key}", IF_REACTING, float, partial(_first_reaction, key))
+        for key in ("onset_s", "event_s", "command_s", "standstill_s")
+    ),
+)
+_WARNINGS = (
+    Column("warnings", IN_CSV, str, lambda of: "; ".join(of.warnings) or None),
+    Column("estimator_fault", IN_RESULTS, str, lambda of: of.estimator_faults and str(of.estimator_faults)),
+)
+
+
+class _NotStored:
+    """Marks a field of a record that a line never has."""
+
+    def __get_pydantic_core_schema__(self, source: object, handler: object) -> CoreSchema:
+        return none_schema()
+
+
 @strict
 @dataclass(frozen=True, kw_only=True)
-class LiftHead:
-    """Identity of a lift, and its parameters.
+class Lift:
+    """One attempt at a lift: its plan, its course and, if it counts, its figures (contract, metrics).
 
-    number: in the session, from 1. lift: of its object, from 1. attempt: from 0. position: its name in the
-    object file. grip_counts: beyond first contact. recording: file in the session. react: the configured
-    reaction to slip.
+    This is a line of `lifts.jsonl`. Until it has been carried out, it is a lift that ended in a fault. The
+    order of the fields is that of the columns of tables.
     """
 
-    number: int
-    attempt: int
-    object: FileName
-    name: FileName
-    lift: int
-    position: str
-    grip_counts: int
-    lift_height_m: float
-    seed: int
-    simulated: bool
-    recording: InnerPath
-    react: ReactionKind = ReactionKind.NONE
+    number: int = known("number in the session, from 1; 0: session cannot be read", IN_CSV)
+    attempt: int = known("repetition of the lift, from 0", IN_CSV)
+    object: FileName = known("id of the object", IN_CSV)
+    name: FileName = known("name of the object", IN_CSV)
+    lift: int = known("number of the lift for its object, from 1", IN_CSV)
+    position: str = known(
+        "grasp position, as the object's file names it", IN_CSV, Shown(2, "grasp", lambda of: of.position)
+    )
+    accepted: bool = known("whether the lift counts", IN_CSV)
+    outcome: LiftOutcome = known(
+        "how the lift ended", IN_CSV, Shown(1, "outcome", lambda of: of.outcome.value, "choose")
+    )
+    fault: str | None = known(
+        "fault that ended the lift: the error's text, and the bench's state afterwards", IN_CSV, default=None
+    )
+    grip_counts: int = known(
+        "grip beyond first contact, in steps of the gripper", IN_CSV,
+        Shown(3, "grip", lambda of: str(of.grip_counts)),
+    )  # fmt: skip
+    lift_height_m: float = known("height of the lift", IN_CSV)
+    final_estimate_deg: float | None = figure("mean estimate over the last 0.3 s of phase C", IN_CSV)
+    final_truth_deg: float | None = figure(
+        "mean true angle over the last 0.3 s of phase C", IN_CSV,
+        Shown(6, "true turn, °", lambda of: _signed(of.final_truth_deg, 1)),
+    )  # fmt: skip
+    onset_truth_s: float | None = figure("true onset of slip, since the start of phase B", IN_CSV)
+    onset_estimate_s: float | None = figure(
+        "onset found afterwards in the estimate", IN_CSV,
+        Shown(8, "onset seen, ms later", lambda of: _signed(of.onset_delay_s, 0, 1e3)),
+    )  # fmt: skip
+    onset_alarm_s: float | None = figure("onset reported during the lift", IN_RESULTS)
+    answered: float = figure(
+        "share of frames with an angle",
+        IN_CSV,
+        Shown(7, "answered", lambda of: f"{of.answered:.0%}"),
+        default=0.0,
+    )
+    bench_s: float = known("duration by the bench's clock", IN_CSV)
+    recording: InnerPath = known("recording in the session's folder", IN_CSV)
+    re_b: ErrorSummary | None = figure("absolute error over phase B", IN_CSV)
+    re: ErrorSummary | None = figure(
+        "absolute error over phases B and C; without an answer there is none", IN_CSV,
+        Shown(4, "mean error, °", lambda of: f"{of.re.mean_deg:.2f}" if of.re else "no answer", "least"),
+        Shown(5, "largest, °", lambda of: f"{of.re.max_deg:.1f}" if of.re else ""),
+    )  # fmt: skip
+    re_held: ErrorSummary | None = figure(
+        "absolute error with refused frames held at the last answer", IN_CSV
+    )
+    react: ReactionKind = known("configured reaction to slip", IF_REACTING, default=ReactionKind.NONE)
+    reactions: tuple[ReactionRecord, ...] | None = figure(
+        "reactions, only in lifts with reactions to slip", columns=_REACTIONS, optional=True
+    )
+    estimator_faults: EstimatorFaults | None = figure(
+        "failures of a user-defined estimator", columns=_WARNINGS, optional=True
+    )
+    speed_fraction: float | None = known(
+        "position of the arm's speed slider, 0 to 1; None if unknown", IN_CSV, default=None
+    )
+    seed: int = known("seed of the plan and of a simulated lift")
+    simulated: bool = known("whether the bench was simulated", IN_RESULTS)
+    contact_area_px: dict[str, float] = figure(
+        "contact area at the end of phase A by serial", default_factory=dict
+    )
+    phases_s: Annotated[dict[str, Seconds], AfterValidator(_all_phases)] = figure(
+        "start of each phase by the bench's clock", default_factory=dict
+    )
+    frames: dict[str, int] = figure('frames by serial, "camera" for the camera', default_factory=dict)
+    dropped: dict[str, int] = figure("dropped frames, likewise", default_factory=dict)
+    states: dict[str, int] = figure("tactile frames by state", default_factory=dict)
+    skipped: dict[str, int] = figure("tactile frames by skipped stage", default_factory=dict)
+    disagreements: dict[str, int] = figure(
+        "tactile frames by kind of disagreement between the fingertips", default_factory=dict
+    )
+    marker_distance: MarkerDistance | None = figure("only as a warning", optional=True)
+    turns_against: TurnsAgainst | None = figure("only as a warning", optional=True)
+    lag: ClockLag | None = figure("only as a warning", optional=True)
+    jumped: dict[str, int] | None = figure("frames left out for an invalid time, by source", optional=True)
+    slip_thresholds: dict[str, SlipThreshold] | None = figure(
+        "by serial, with reactions to slip", optional=True
+    )
+    clock_rates: dict[str, float] | None = known(
+        "speed of the time stamps of sources divided by that of the clock, by name; only warnings",
+        default=None,
+    )
+    curves: Annotated[LiftCurves | None, _NotStored()] = field(default=None, compare=False)
+    """The angles over time, once `rig.sessions.reading.read_curves` has read them from the recording."""
+    frame_ms: Annotated[float | None, _NotStored()] = field(default=None, compare=False)
+    """Median wall time per tactile frame with contact, if read from the session's timing."""
 
+    @property
+    def zero_ns(self) -> int:
+        """Start of phase B by the recording's clock."""
+        return round(self.phases_s[Phase.LIFT] * NS_PER_S)
 
-@dataclass(frozen=True, kw_only=True)
-class LiftFigures:
-    """The measured values of a lift that reached its end (contract, metrics).
+    @property
+    def label(self) -> str:
+        """Id and name of the object."""
+        return f"{self.object} {self.name}"
 
-    re, re_b, re_held: errors over phases B and C, over B, and over B and C with refused frames held at the
-    last answer; None without an answer. contact_area_px: by serial. onset_truth_s, onset_estimate_s,
-    onset_alarm_s: since the start of phase B, None without an onset. phases_s: start of each phase by the
-    bench's clock. frames, dropped: by serial, "camera" for the camera. states, skipped, disagreements: number
-    of tactile frames by state, by skipped stage, and by kind of disagreement between the fingertips.
-    marker_distance, turns_against, lag: only if they are warnings. jumped: frames left out because of an
-    invalid time, by source; only if there are any. reactions, slip_thresholds (by serial): only in lifts with
-    reactions to slip. estimator_faults: failures of a user-defined estimator.
-    """
-
-    outcome: LiftOutcome
-    re_b: ErrorSummary | None
-    re: ErrorSummary | None
-    re_held: ErrorSummary | None
-    contact_area_px: dict[str, float]
-    answered: float
-    final_estimate_deg: float | None
-    final_truth_deg: float | None
-    onset_truth_s: float | None
-    onset_estimate_s: float | None
-    onset_alarm_s: float | None
-    phases_s: Annotated[dict[str, Seconds], AfterValidator(_all_phases)]
-    frames: dict[str, int]
-    dropped: dict[str, int]
-    states: dict[str, int]
-    skipped: dict[str, int]
-    disagreements: dict[str, int]
-    marker_distance: MarkerDistance | None = None
-    turns_against: TurnsAgainst | None = None
-    lag: ClockLag | None = None
-    jumped: dict[str, int] | None = None
-    reactions: tuple[ReactionRecord, ...] | None = None
-    slip_thresholds: dict[str, SlipThreshold] | None = None
-    estimator_faults: EstimatorFaults | None = None
+    @property
+    def title(self) -> str:
+        """Name for display, such as "wrench, lift 3"."""
+        return f"{self.name}, lift {self.lift}"
 
     @property
     def warnings(self) -> tuple[str, ...]:
         """The reasons to doubt the figures of the lift, for a person."""
+        rates = ", ".join(f"{name} at {rate:.2f}" for name, rate in (self.clock_rates or {}).items())
         frozen = self.states.get("frozen", 0)
         repeats = f"a fingertip repeats its picture in {counted(frozen, 'frame')}: check its cable"
         found = (
+            f"time stamps at another speed than this computer's clock: {rates}" if rates else None,
             repeats if frozen else None,
             self.turns_against,
             self.lag,
@@ -228,42 +365,42 @@ class LiftFigures:
         starts = [self.onset_truth_s, *(reaction.onset_s for reaction in self.reactions or ())]
         return min((start for start in starts if start is not None), default=None)
 
-
-@dataclass(frozen=True, kw_only=True)
-class FinishedLift(LiftHead, LiftFigures):
-    """A lift that counts. bench_s: its duration by the bench's clock.
-
-    speed_fraction: fraction of their speed at which motions ran (the speed slider), None if unknown.
-    clock_rates: of sources whose time stamps advance at another speed than the bench's clock, by name: their
-    speed divided by that of the clock; only if there are any.
-    """
-
-    accepted: Literal[True]
-    bench_s: float
-    speed_fraction: float | None = None
-    clock_rates: dict[str, float] | None = None
+    @property
+    def onset_delay_s(self) -> float | None:
+        """The delay of the estimated onset after that of the markers, s; None if either is missing."""
+        seen, true = self.onset_estimate_s, self.onset_truth_s
+        return None if seen is None or true is None else seen - true
 
     @property
-    def warnings(self) -> tuple[str, ...]:
-        """The reasons to doubt the figures of the lift, for a person."""
-        rates = [f"{name} at {rate:.2f}" for name, rate in (self.clock_rates or {}).items()]
-        text = f"time stamps at another speed than this computer's clock: {', '.join(rates)}"
-        return (*((text,) if rates else ()), *super().warnings)
+    def counts_added(self) -> int | None:
+        """The steps that reactions added to the grip; None for a lift without reactions to slip."""
+        return None if self.reactions is None else sum(of.counts_added for of in self.reactions)
 
 
-@dataclass(frozen=True, kw_only=True)
-class FailedLift(LiftHead):
-    """An attempt that ended in a rig fault. fault: the error's text, and the bench's state afterwards."""
-
-    accepted: Literal[False]
-    outcome: Literal[LiftOutcome.FAULT]
-    fault: str
-    bench_s: float
-    speed_fraction: float | None = None
+FIGURES = ("outcome", *(of.name for of in fields(Lift) if "figure" in of.metadata))
+"""Names of the measured values of a lift."""
+SHOWN = tuple(sorted(shown for of in fields(Lift) for shown in of.metadata.get("shown", ())))
+"""Columns of the report's table of lifts."""
 
 
-LiftRow = FinishedLift | FailedLift
-"""A line of `lifts.jsonl`."""
+def lift_columns() -> Iterator[Column]:
+    """Yield the columns of the tables with a row per lift, in order."""
+    hints = get_type_hints(Lift)
+    for of in fields(Lift):
+        kind = next(k for k in (get_args(hints[of.name]) or (hints[of.name],)) if k is not type(None))
+        tables = of.metadata.get("tables", "")
+        if kind is ErrorSummary:
+            for part in ("mean_deg", "std_deg", "max_deg"):
+                yield Column(f"{of.name}_{part}", tables, float, partial(_error_part, of.name, part))
+            yield Column(f"{of.name}_frames", IN_RESULTS, int, partial(_error_part, of.name, "frames"))
+        elif tables:
+            plain = next(k for k in (bool, int, float, str) if issubclass(kind, k))
+            yield Column(of.name, tables, plain, attrgetter(of.name))
+        yield from of.metadata.get("columns", ())
+
+
+def _error_part(name: str, part: str, lift: Lift) -> object:
+    return getattr(getattr(lift, name), part, None)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -297,19 +434,26 @@ class PoseRow:
     simulated: bool
 
 
-def _member(values: object) -> str:
-    """Return the union member of a line; a line without `accepted` counts as a finished lift."""
-    accepted = values.get("accepted", True) if isinstance(values, dict) else True
-    return "finished" if accepted is True else "failed"
+class _LiftCodec(Codec[Lift]):
+    """Reads a lift; one that counts has all figures that are not optional, one that does not has none."""
+
+    def parsed(self, text: bytes) -> Lift:
+        """Return the lift of a JSON text. Raises `ValueError` naming the invalid key."""
+        lift, keys = super().parsed(text), json.loads(text).keys()
+        needed = [of.name for of in fields(Lift) if "stored" in of.metadata]
+        if lift.accepted and (missing := [name for name in needed if name not in keys]):
+            raise ValueError(f"'{missing[0]}' is missing")
+        if lift.accepted == (lift.outcome is LiftOutcome.FAULT) or lift.accepted != (lift.fault is None):
+            raise ValueError(f"'outcome' {lift.outcome} contradicts 'accepted' or 'fault'")
+        if not lift.accepted and (more := [name for name in FIGURES[1:] if name in keys]):
+            raise ValueError(f"'{more[0]}' is a key that a lift without result does not have")
+        return lift
 
 
-_LIFT = Annotated[
-    Annotated[FinishedLift, Tag("finished")] | Annotated[FailedLift, Tag("failed")], Discriminator(_member)
-]
-LIFTS: Codec[LiftRow] = Codec(_LIFT)
+LIFTS: Codec[Lift] = _LiftCodec(Lift)
 POSES: Codec[PoseRow] = Codec(PoseRow)
 
 
-def finished(rows: Iterable[LiftRow]) -> list[FinishedLift]:
+def finished(lifts: Iterable[Lift]) -> list[Lift]:
     """Return the lifts that count."""
-    return [row for row in rows if isinstance(row, FinishedLift)]
+    return [lift for lift in lifts if lift.accepted]

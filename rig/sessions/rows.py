@@ -9,7 +9,7 @@ from drivers.images import image_flaw
 from rig.sessions.codec import Codec
 from rig.sessions.files import RESULTS, complete_lines
 from rig.sessions.recording_file import check_recording
-from rig.sessions.records import LIFTS, POSES, FinishedLift, LiftRow, PoseRow, finished
+from rig.sessions.records import LIFTS, POSES, Lift, PoseRow, finished
 
 Record = TypeVar("Record")
 
@@ -31,11 +31,11 @@ class DamagedLine:
 class UsableLifts:
     """The readable attempts at a trial's lifts, and the problems of the others."""
 
-    rows: tuple[LiftRow, ...]
+    rows: tuple[Lift, ...]
     problems: tuple[str, ...]
 
     @property
-    def lifts(self) -> list[FinishedLift]:
+    def lifts(self) -> list[Lift]:
         """The accepted lifts."""
         return finished(self.rows)
 
@@ -63,12 +63,12 @@ def readable_rows(path: Path, codec: Codec[Record]) -> tuple[list[Record], list[
     return rows, damaged
 
 
-def read_lifts(folder: Path) -> list[LiftRow]:
+def read_lifts(folder: Path) -> list[Lift]:
     """Read all attempts at a trial's lifts. Raises `SessionError`."""
     return read_rows(folder / RESULTS["trial"], LIFTS)
 
 
-def read_finished_lifts(folder: Path) -> list[FinishedLift]:
+def read_finished_lifts(folder: Path) -> list[Lift]:
     """Read the accepted lifts of a trial. Raises `SessionError`, also if there is none."""
     usable = read_usable_lifts(folder)
     if usable.problems:

@@ -3,7 +3,7 @@
 import json
 import shutil
 import tomllib
-from dataclasses import fields
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +15,7 @@ from rig.live.terminal import OneMessage
 from rig.results.notes import lift_fault, lift_note
 from rig.sessions.codec import json_value
 from rig.sessions.manifest import begun_on, read_manifest
-from rig.sessions.records import FailedLift, LiftHead, LiftOutcome
+from rig.sessions.records import LiftOutcome
 from rig.sessions.rows import read_lifts
 from support.benches import real_bench, real_bench_file
 from support.command_line import rig
@@ -229,9 +229,8 @@ def test_ctrl_c_in_the_first_lift_keeps_the_session_for_resume(
 
 def test_cause_of_a_fault_is_printed_once(one_lift: Path) -> None:
     (row,) = read_lifts(one_lift)
-    head = {field.name: getattr(row, field.name) for field in fields(LiftHead)}
     failed = [
-        FailedLift(**head, accepted=False, outcome=LiftOutcome.FAULT, fault=fault, bench_s=1.0)
+        replace(row, accepted=False, outcome=LiftOutcome.FAULT, fault=fault)
         for fault in ("camera silent for 0.41 s", "camera silent for 0.52 s", "arm lost")
     ]
     note = OneMessage(lift_note, lift_fault)

@@ -15,11 +15,11 @@ from rig.config import BenchConfig
 from rig.experiments.lift_plan import TrialSettings
 from rig.experiments.trial import trial_manifest
 from rig.results.listing import SessionState, list_session
-from rig.results.table import read_results
+from rig.results.table import REPLAYS, read_results
 from rig.sessions.records import LIFTS
 from rig.sessions.rows import read_finished_lifts, read_rows
 from rig.sessions.session import open_session
-from rig.sessions.table_files import REPLAYS, ReplayRow
+from rig.sessions.table_files import Line
 from rig.tactile.estimators import choose_estimator
 from support.command_line import rig
 from support.own_estimators import MODULE, own_estimators
@@ -63,14 +63,14 @@ def test_many_sessions_give_one_table_and_the_broken_ones_their_problem(
     assert [Path(b["session"]).name for b in figures["broken"]] == ["c", "d"]
     lines = read_results(out / "results.csv")
     assert read_results(out / "results.parquet") == lines
-    good = [line for line in lines if not line.problem]
+    good = [line for line in lines if not line["problem"]]
     stored = read_finished_lifts(sessions / "a")
-    assert [line.re_mean_deg for line in good[:2]] == [row.re.mean_deg for row in stored if row.re]
+    assert [line["re_mean_deg"] for line in good[:2]] == [row.re.mean_deg for row in stored if row.re]
     summed = json.loads(rig("results", str(out), "--json").stdout)
     assert summed["mare_deg"] == figures["mare_deg"]
 
 
-def kept_rows(out: Path) -> list[ReplayRow]:
+def kept_rows(out: Path) -> list[Line]:
     return read_rows(out / "replays.jsonl", REPLAYS)
 
 
@@ -91,7 +91,7 @@ def test_killed_replay_resumes_after_its_last_lift(sessions: Path, tmp_path: Pat
     assert (figures["lifts_accepted"], figures["identical"]) == (2, 2)
     lines = kept_rows(out)
     assert [line for line in lines if line in kept] == kept
-    assert len({(line.session, line.number) for line in lines}) == len(lines) == 2
+    assert len({(line["session"], line["number"]) for line in lines}) == len(lines) == 2
     other = rig(*command, "--estimator", "ellipse")
     assert other.returncode == 2
     assert "estimator nothing, not ellipse" in other.stderr

@@ -25,7 +25,7 @@ from rig.experiments.trial import run_trial
 from rig.lift.slip_watch import SlipSettings
 from rig.results.summary import TrialSummary
 from rig.sessions.manifest import TrialManifest, read_manifest
-from rig.sessions.records import FinishedLift, LiftOutcome
+from rig.sessions.records import Lift, LiftOutcome
 from rig.sessions.rows import read_finished_lifts
 from rig.tactile.estimators import choose_estimator
 from support.benches import lighter
@@ -38,9 +38,9 @@ def settings(react: str, max_turn_deg: float | None = None) -> TrialSettings:
     return TrialSettings(lighter(), 0, choose_estimator(), react=ReactionKind(react), slip=slip)
 
 
-def lifted(react: str, max_turn_deg: float | None = None) -> FinishedLift:
+def lifted(react: str, max_turn_deg: float | None = None) -> Lift:
     row = attempt_lift(settings(react, max_turn_deg), LiftTask(1, "t2", 1)).row
-    assert isinstance(row, FinishedLift)
+    assert row.accepted
     return row
 
 
@@ -56,11 +56,11 @@ def summary(folder: Path) -> TrialSummary:
 
 
 @pytest.fixture(scope="module")
-def caught(folder: Path, summary: TrialSummary) -> FinishedLift:
+def caught(folder: Path, summary: TrialSummary) -> Lift:
     return read_finished_lifts(folder)[0]
 
 
-def test_tightening_catches_an_object_that_slips_otherwise(caught: FinishedLift, one_lift: Path) -> None:
+def test_tightening_catches_an_object_that_slips_otherwise(caught: Lift, one_lift: Path) -> None:
     (without,) = read_finished_lifts(one_lift)
     assert without.outcome is LiftOutcome.SLIPPED
     assert without.final_truth_deg is not None
@@ -72,7 +72,7 @@ def test_tightening_catches_an_object_that_slips_otherwise(caught: FinishedLift,
     assert caught.lift_height_m == without.lift_height_m
 
 
-def test_reaction_times_are_read_from_a_session(folder: Path, caught: FinishedLift) -> None:
+def test_reaction_times_are_read_from_a_session(folder: Path, caught: Lift) -> None:
     soon, *still = times_of(folder, ReactionKind.TIGHTEN)
     assert caught.reactions
     first = caught.reactions[0]
@@ -86,7 +86,7 @@ def test_reaction_times_are_read_from_a_session(folder: Path, caught: FinishedLi
     assert len(times_of(folder, ReactionKind.STOP)) == 3
 
 
-def test_row_has_times_angles_and_counts_of_the_reaction(caught: FinishedLift) -> None:
+def test_row_has_times_angles_and_counts_of_the_reaction(caught: Lift) -> None:
     assert caught.reactions
     first = caught.reactions[0]
     assert first.onset_s is not None
@@ -102,15 +102,13 @@ def test_row_has_times_angles_and_counts_of_the_reaction(caught: FinishedLift) -
     assert set(caught.slip_thresholds or {}) == set(caught.contact_area_px)
 
 
-def test_replay_of_a_reaction_is_identical(folder: Path, caught: FinishedLift) -> None:
+def test_replay_of_a_reaction_is_identical(folder: Path, caught: Lift) -> None:
     replay = run_replay(stored_trial(folder), jobs=1)
     assert replay.identical == 1
     assert replay.rows == [caught]
 
 
-def test_replay_with_other_estimator_has_the_commands_and_no_event(
-    folder: Path, caught: FinishedLift
-) -> None:
+def test_replay_with_other_estimator_has_the_commands_and_no_event(folder: Path, caught: Lift) -> None:
     replay = run_replay(stored_trial(folder, "pca"), jobs=1)
     assert replay.identical is None
     row = replay.rows[0]

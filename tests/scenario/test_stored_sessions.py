@@ -10,7 +10,7 @@ from rig.experiments.lift_plan import stored_trial
 from rig.experiments.replay import run_replay
 from rig.experiments.trial import run_trial
 from rig.export.formats import export_session
-from rig.report.film import FilmedLift, write_film
+from rig.report.film import write_film
 from rig.report.session import find_lift
 from rig.report.write import write_report
 from rig.results.listing import SessionState, find_sessions, list_session
@@ -74,9 +74,7 @@ def test_stored_sessions_have_reports_and_a_film(trial: Path, tmp_path: Path) ->
         assert written.problems == ()
         assert said in written.path.read_text()
     manifest = read_manifest_of(trial, TrialManifest, "no trial")
-    film = write_film(
-        [FilmedLift(trial, manifest, find_lift(trial, manifest, "t2/1"))], tmp_path / "lift.avi", fps=5.0
-    )
+    film = write_film([(trial, manifest, find_lift(trial, manifest, "t2/1"))], tmp_path / "lift.avi", fps=5.0)
     assert film.frames > 5
 
 

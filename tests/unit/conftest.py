@@ -1,7 +1,7 @@
 """Drawn sessions: small folders as a trial or a recording leaves them, with curves that are known."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -19,7 +19,7 @@ from rig.sessions.codec import json_line, json_value
 from rig.sessions.files import write_json
 from rig.sessions.manifest import Manifest, RecordManifest, TrialManifest
 from rig.sessions.recorder import LiftRecorder
-from rig.sessions.records import ErrorSummary, FinishedLift, LiftOutcome, PoseImage, PoseRow
+from rig.sessions.records import ErrorSummary, Lift, LiftOutcome, PoseImage, PoseRow
 from rig.sessions.timing import LiftTiming, StageTimes
 from rig.tactile.angles import FUSED, MARKERS, Angles
 
@@ -41,7 +41,7 @@ def true_angle(time_s: NDArray[np.float64], turn_deg: float) -> NDArray[np.float
 
 
 @cache
-def _lift(number: int, turn_deg: float, error_deg: float, press: Press) -> tuple[FinishedLift, bytes]:
+def _lift(number: int, turn_deg: float, error_deg: float, press: Press) -> tuple[Lift, bytes]:
     import io
 
     stream = io.BytesIO()
@@ -71,10 +71,10 @@ def _lift(number: int, turn_deg: float, error_deg: float, press: Press) -> tuple
     return a_lift(number, final_truth_deg=turn_deg, **measured), stream.getvalue()
 
 
-def a_lift(number: int = 1, **changes: Any) -> FinishedLift:
-    """A lift's row as a trial writes it."""
+def a_lift(number: int = 1, fault: str | None = None, **changes: Any) -> Lift:
+    """A lift as a trial stores it. fault: that ended it."""
     error = ErrorSummary(0.5, 0.1, 1.0, 150)
-    row = FinishedLift(
+    row = Lift(
         number=number, attempt=0, object="t1", name="wrench", lift=number, position="left", accepted=True,
         outcome=LiftOutcome.SLIPPED, bench_s=4.0, recording=f"lifts/{number:03d}.mcap",
         re=error, re_b=error, re_held=error, answered=1.0, grip_counts=4, lift_height_m=0.05,
@@ -85,11 +85,15 @@ def a_lift(number: int = 1, **changes: Any) -> FinishedLift:
         states={"tracking": 300, "lost": 0}, skipped={"alignment": 10}, disagreements={"tilt": 0},
         seed=number, simulated=True,
     )  # fmt: skip
-    return replace(row, **changes)
+    row = replace(row, **changes)
+    if fault is None:
+        return row
+    plan = {of.name: getattr(row, of.name) for of in fields(Lift) if "figure" not in of.metadata}
+    return Lift(**{**plan, "accepted": False, "outcome": LiftOutcome.FAULT, "fault": fault})
 
 
 @pytest.fixture(scope="session")
-def lift_row() -> Callable[..., FinishedLift]:
+def lift_row() -> Callable[..., Lift]:
     """Makes a lift's row: `lift_row(number, **changes)`."""
     return a_lift
 

@@ -18,7 +18,7 @@ from rig.lift.onset import estimated_onset_ns
 from rig.lift.recording import recorded_truth
 from rig.results.scores import SeriesScore, score_angles
 from rig.sessions.reading import phase_times
-from rig.sessions.records import FinishedLift
+from rig.sessions.records import Lift
 from rig.tactile.angles import FUSED, Angles
 from rig.tactile.estimators import DEFAULT_ESTIMATOR
 from rig.tactile.sample import EstimatorFaults, SlipSample, faults_of
@@ -31,7 +31,7 @@ Passes = dict[str, dict[str, list[SlipSample]]]
 class RecordedLift:
     """One stored lift: its row in the session, its recording, and its fingertips by serial."""
 
-    row: FinishedLift
+    row: Lift
     recording: Path
     phases: Mapping[str, int]
     tips: Mapping[str, SessionSeries]
@@ -56,14 +56,14 @@ class LiftScores:
     faults: dict[str, EstimatorFaults] = field(default_factory=dict)
 
 
-def open_lift(folder: Path, row: FinishedLift) -> RecordedLift:
+def open_lift(folder: Path, row: Lift) -> RecordedLift:
     """Open the recording of a lift. Raises `SessionError` if it is missing or damaged."""
     recording = folder / row.recording
     tips = {tip.serial: tip for tip in recording_frames(recording)}
     return RecordedLift(row, recording, phase_times(recording), tips)
 
 
-def score_lift(folder: Path, names: Sequence[str], row: FinishedLift) -> LiftScores:
+def score_lift(folder: Path, names: Sequence[str], row: Lift) -> LiftScores:
     """Run every estimator on the frames of one lift, in a worker process. names: of the estimators."""
     cv2.setNumThreads(1)
     lift = open_lift(folder, row)

@@ -26,7 +26,7 @@ from rig.config import BenchConfig, load_bench
 from rig.experiments.lift_plan import TrialSettings, stored_trial
 from rig.experiments.trial import run_trial
 from rig.sessions.manifest import is_session
-from rig.sessions.records import FinishedLift, LiftRow
+from rig.sessions.records import Lift
 from rig.sessions.rows import read_finished_lifts
 from rig.tactile.estimators import DEFAULT_ESTIMATOR, EstimatorChoice, choose_estimator
 from rig.tactile.sample import EstimatorFaults, together
@@ -141,7 +141,7 @@ def record(
     folder = (run.folder or Path()) / name
     trial = TrialSettings(bench, run.seed, estimator)
 
-    def show(done: int, total: int, row: LiftRow) -> None:
+    def show(done: int, total: int, row: Lift) -> None:
         run.progress(done, total, f"{name}: {row.object}/{row.lift} {row.outcome}")
 
     run_trial(folder, trial, list(objects), lifts, run.workers, is_session(folder), progress=show)
@@ -153,7 +153,7 @@ def _faults(lifts: Sequence[LiftScores]) -> dict[str, EstimatorFaults]:
     return {name: together([lift.faults[name] for lift in lifts if name in lift.faults]) for name in names}
 
 
-def _spread_out(rows: Sequence[FinishedLift], wanted: int) -> list[FinishedLift]:
+def _spread_out(rows: Sequence[Lift], wanted: int) -> list[Lift]:
     """Return evenly spread lifts, so that they include all kinds of objects. wanted: their number."""
     wanted = min(wanted, len(rows))
     return [rows[i * len(rows) // wanted + (i % 2) * (len(rows) // wanted // 2)] for i in range(wanted)]

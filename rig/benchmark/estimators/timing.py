@@ -15,7 +15,7 @@ from rig.benchmark.estimators.lifts import open_lift
 from rig.benchmark.harness import column
 from rig.frames.estimates import estimate_frames
 from rig.frames.of_session import SessionSeries
-from rig.sessions.records import FinishedLift
+from rig.sessions.records import Lift
 from rig.tactile.contact.finder import ContactFinder
 from rig.tactile.paper.axis import largest_contour
 from rig.tactile.paper.published import stretched
@@ -68,7 +68,7 @@ class TimingReport:
 
 def time_lifts(
     folder: Path,
-    rows: Sequence[FinishedLift],
+    rows: Sequence[Lift],
     progress: Callable[[int, int, str], None] = lambda done, total, note: None,
     names: Sequence[str] = CONTENDERS,
 ) -> TimingReport:

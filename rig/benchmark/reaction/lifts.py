@@ -25,7 +25,7 @@ from rig.experiments.lift_plan import LiftTask, TrialSettings
 from rig.experiments.trial import run_trial
 from rig.lift.slip_watch import CAUGHT_DEG
 from rig.sessions.reading import recorded_reactions
-from rig.sessions.records import FinishedLift, LiftOutcome, LiftRow
+from rig.sessions.records import Lift, LiftOutcome
 from rig.sessions.rows import read_finished_lifts
 
 GRIPPER_PERIOD_S = 0.01
@@ -106,7 +106,7 @@ def lift_once(settings: TrialSettings, task: LiftTask) -> ReactedLift:
     offset_m = next(p.offset_m for p in grasps.position if p.name == row.position)
     (world,) = worlds
     furthest = settings.bench.gripper_spec().steps_for(grasps.largest_grip_m or max(grasps.grip_m))
-    finished = row if isinstance(row, FinishedLift) else None
+    finished = row if row.accepted else None
     reactions = _reactions(finished, world.slipped_between) if finished else ()
     turn_deg = finished.final_truth_deg if finished else None
     return ReactedLift(
@@ -121,7 +121,7 @@ def lift_once(settings: TrialSettings, task: LiftTask) -> ReactedLift:
     )
 
 
-def _reactions(row: FinishedLift, slipped: Callable[[int, int], bool]) -> tuple[Reaction, ...]:
+def _reactions(row: Lift, slipped: Callable[[int, int], bool]) -> tuple[Reaction, ...]:
     """Return a lift's reactions with ground truth. slipped: returns whether it slipped between times, ns."""
     lift_ns = to_ns(row.phases_s[Phase.LIFT])
     reactions, since_s = [], 0.0
@@ -149,7 +149,7 @@ def times_over_wire(
     SIMULATED devices, in real time. Raises the errors of `run_trial`.
     """
 
-    def show(done: int, total: int, row: LiftRow) -> None:
+    def show(done: int, total: int, row: Lift) -> None:
         progress(done, total, f"over the wire protocols, {row.object}/{row.lift}")
 
     with (

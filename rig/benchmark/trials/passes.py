@@ -20,7 +20,7 @@ from rig.frames.series import TimedFrame
 from rig.lift.object_angle import ZERO_S, object_angle
 from rig.results.scores import SeriesScore, score_series
 from rig.sessions.reading import recorded_arm_states
-from rig.sessions.records import FinishedLift
+from rig.sessions.records import Lift
 from rig.tactile.contact.network import load_network
 from rig.tactile.contact.segmenter import Segmenter
 from rig.tactile.estimators import ANGLENET, DEFAULT_ESTIMATOR, KOLAMURI, TOSKOV, choose_estimator
@@ -105,7 +105,7 @@ def pass_lift(
     networks: Mapping[str, str],
     systems: Sequence[str],
     files: Mapping[str, Path],
-    row: FinishedLift,
+    row: Lift,
 ) -> TrialPass:
     """Run networks and systems over one stored lift of the first fingertip.
 

@@ -25,7 +25,7 @@ from rig.benchmark.trials.passes import (
 from rig.config import load_bench
 from rig.config.models import BenchConfig
 from rig.experiments.trial import resolve_objects
-from rig.sessions.records import FinishedLift
+from rig.sessions.records import Lift
 from rig.sessions.rows import read_finished_lifts
 from rig.tactile.estimators import DEFAULT_ESTIMATOR, KOLAMURI, choose_estimator
 
@@ -96,7 +96,7 @@ def with_markers(bench: BenchConfig) -> BenchConfig:
     return bench.model_copy(update={"tactile": tactile})
 
 
-def _name(row: FinishedLift) -> str:
+def _name(row: Lift) -> str:
     return f"{row.object}/{row.lift}"
 
 

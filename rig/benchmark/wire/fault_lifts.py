@@ -27,7 +27,7 @@ from rig.benchmark.wire.world import Moment, Stage, bench_ns, dropped, read_trac
 from rig.config import BenchConfig, load_bench
 from rig.experiments.lift_plan import TrialSettings
 from rig.experiments.trial import run_trial
-from rig.sessions.records import FinishedLift, LiftRow
+from rig.sessions.records import Lift
 from rig.sessions.rows import read_usable_lifts
 from rig.tactile.estimators import choose_estimator
 
@@ -133,13 +133,13 @@ def run_faults(
     lifts = [FaultyLift(case) for case in cases]
     attempts: list[FaultyLift] = []
 
-    def note(done: int, total: int, row: LiftRow) -> None:
+    def note(done: int, total: int, row: Lift) -> None:
         lift = lifts[row.lift - 1]
         attempts.append(lift)
-        if isinstance(row, FinishedLift):
+        if row.accepted:
             lift.recovered = bool(lift.injected_ns) and not lift.given_up
             progress(row_of(row.lift, lift))
-        elif lift.injected_ns:
+        elif lift.injected_ns and row.fault is not None:
             lift.faults.append(row.fault)
 
     with (

@@ -29,7 +29,7 @@ from rig.experiments.trial import run_trial
 from rig.live.screen import begin_phase
 from rig.sessions.files import TIMING
 from rig.sessions.reading import recorded_frames
-from rig.sessions.records import FinishedLift, finished
+from rig.sessions.records import Lift, finished
 from rig.sessions.rows import read_finished_lifts, read_rows
 from rig.sessions.timing import LIFT_TIMINGS
 from rig.tactile.estimators import choose_estimator
@@ -74,8 +74,8 @@ class WireLift:
     state_hz: float
     controller_core: float
     wall_s: float
-    row: FinishedLift
-    seeds: tuple[FinishedLift, ...]
+    row: Lift
+    seeds: tuple[Lift, ...]
 
     @property
     def errors_deg(self) -> list[float]:
@@ -200,7 +200,7 @@ class _CountedBench(StandingBench):
 
 
 def _streams(
-    folder: Path, row: FinishedLift, config: BenchConfig, devices: Mapping[str, Any]
+    folder: Path, row: Lift, config: BenchConfig, devices: Mapping[str, Any]
 ) -> tuple[StreamRow, ...]:
     """Compare the recorded frames of each source with the ranges of frame numbers that its device served."""
     timings = read_rows(folder / TIMING, LIFT_TIMINGS)

@@ -6,8 +6,7 @@ from dataclasses import fields
 import rig.sessions.about
 import rig.sessions.recorder
 from rig.results.table import ERRORS
-from rig.sessions.records import FailedLift, FinishedLift, LiftOutcome
-from rig.sessions.table_files import IF_REACTING, IN_CSV, ReplayRow
+from rig.sessions.records import IF_REACTING, IN_CSV, Lift, LiftOutcome, lift_columns
 from support.documentation import ROOT
 
 PAGE = (ROOT / "docs" / "formats.md").read_text(encoding="utf-8")
@@ -32,13 +31,13 @@ BOTH_TABLES = first_cells(KEYS)
 
 
 def test_keys_and_outcomes_of_a_lift_are_named() -> None:
-    keys = {field.name for kind in (FinishedLift, FailedLift) for field in fields(kind)}
+    keys = {field.name for field in fields(Lift) if "doc" in field.metadata}
     assert keys | {outcome.value for outcome in LiftOutcome} == BOTH_TABLES
 
 
 def test_columns_of_the_table_of_lifts_are_named() -> None:
     after = " ".join(KEYS.split("`lifts.csv` has")[1].split())
-    columns = {of.name for of in fields(ReplayRow) if of.metadata.get("in_csv") in (IN_CSV, IF_REACTING)}
+    columns = {column.name for column in lift_columns() if column.tables in (IN_CSV, IF_REACTING)}
     errors = {name for name in columns if name.startswith("re_") and not name.startswith("re_b_")}
     assert columns - errors <= set(re.findall("`([^`]+)`", after))
 

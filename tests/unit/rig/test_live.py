@@ -18,7 +18,7 @@ from rig.live.session import check_viewer, viewer_environment
 from rig.live.terminal import LiftInView, TrialView
 from rig.live.time_left import TimeLeft, left_text
 from rig.results.notes import lift_note
-from rig.sessions.records import FinishedLift
+from rig.sessions.records import Lift
 
 LIFT = {"number": 3, "attempt": 0, "object": "t1", "name": "wrench", "lift": 2, "sender": 7}
 FIGURES = {
@@ -165,7 +165,7 @@ def test_progress_is_printed_as_lines_without_a_terminal(
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
-    lift_row: Callable[..., FinishedLift],
+    lift_row: Callable[..., Lift],
 ) -> None:
     monkeypatch.setattr("rig.live.terminal.PLAIN_EVERY_S", 0.02)
     inbox = Inbox(str(tmp_path / "a"))

@@ -1,7 +1,7 @@
 """The loop of trials and recordings repeats faults, stores results at once, ends after repeated faults."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import pytest
@@ -10,12 +10,12 @@ from drivers.errors import DeviceError
 from rig.config import load_bench
 from rig.experiments.attempts import Attempt, Wording, left_to_do, repeat_until_accepted
 from rig.sessions.manifest import TrialManifest, begun_on
-from rig.sessions.records import LIFTS, FailedLift, FinishedLift, LiftHead, LiftOutcome, LiftRow
+from rig.sessions.records import LIFTS, Lift
 from rig.sessions.rows import read_lifts
 from rig.sessions.session import Session, open_session
 from rig.sessions.timing import LiftTiming
 
-MakeRow = Callable[..., FinishedLift]
+MakeRow = Callable[..., Lift]
 WORDING = Wording("trial", "lift")
 
 
@@ -38,18 +38,16 @@ class Bench:
     make: MakeRow
     failing: set[tuple[int, int]]
 
-    def attempt(self, piece: Piece) -> Attempt[LiftRow]:
-        row: LiftRow = self.make(piece.number, attempt=piece.attempt)
+    def attempt(self, piece: Piece) -> Attempt[Lift]:
+        row: Lift = self.make(piece.number, attempt=piece.attempt)
         timing = LiftTiming(number=piece.number, attempt=piece.attempt, wall_s=0.0, stages={})
         files = {f"lifts/{piece.number}-{piece.attempt}": b"frames"}
         if (piece.number, piece.attempt) not in self.failing:
             return Attempt(row, timing, None, files)
-        head = {field.name: getattr(row, field.name) for field in fields(LiftHead)}
-        failed = FailedLift(**head, accepted=False, outcome=LiftOutcome.FAULT, fault="lost", bench_s=1.0)
-        return Attempt(failed, timing, "lost", files)
+        return Attempt(self.make(piece.number, "lost", attempt=piece.attempt), timing, "lost", files)
 
 
-def session(folder: Path, resume: bool = False) -> Session[LiftRow]:
+def session(folder: Path, resume: bool = False) -> Session[Lift]:
     asked = begun_on(load_bench("fake"), "trial", 0, ["t1"])
     manifest = TrialManifest(
         **vars(asked), lifts_per_object=3, estimator="slip", window=1, skip=True, truth="edges"
@@ -60,7 +58,7 @@ def session(folder: Path, resume: bool = False) -> Session[LiftRow]:
 def test_fault_is_stored_and_the_attempt_is_repeated_at_once(tmp_path: Path, lift_row: MakeRow) -> None:
     seen: list[tuple[int, int, int, bool]] = []
 
-    def progress(done: int, total: int, row: LiftRow) -> None:
+    def progress(done: int, total: int, row: Lift) -> None:
         assert (tmp_path / "s" / f"lifts/{row.number}-{row.attempt}").exists()
         assert read_lifts(tmp_path / "s")[-1] == row
         seen.append((done, total, row.number, row.accepted))
@@ -93,7 +91,7 @@ def test_three_faults_in_a_row_end_the_trial_which_can_be_resumed(tmp_path: Path
 def test_faults_that_differ_in_a_measured_value_are_the_same(tmp_path: Path, lift_row: MakeRow) -> None:
     bench, late_s = Bench(lift_row, {(1, 0), (1, 1), (1, 2)}), iter((0.41, 0.52, 0.63))
 
-    def attempt(piece: Piece) -> Attempt[LiftRow]:
+    def attempt(piece: Piece) -> Attempt[Lift]:
         return replace(bench.attempt(piece), fault=f"camera: silent for {next(late_s)} s")
 
     with (

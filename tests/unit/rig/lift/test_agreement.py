@@ -21,7 +21,7 @@ from rig.report.session import read_trial
 from rig.results.notes import lift_note
 from rig.results.table import lifts_csv
 from rig.sessions.reading import show_again
-from rig.sessions.records import FinishedLift
+from rig.sessions.records import Lift
 from rig.sessions.rows import read_finished_lifts
 from rig.sessions.session import read_manifest
 from rig.tactile.angles import Angles
@@ -123,7 +123,7 @@ def measured(
     session: Path,
     time_of: Callable[[Frame], int] = lambda frame: frame.time_ns,
     flipped: tuple[int, ...] = (),
-) -> FinishedLift:
+) -> Lift:
     """The stored row of a session's lift, measured with other times and signs of these fingertips."""
     (row,) = read_finished_lifts(session)
     measurement = new_measurement(stored_trial(session).settings)
@@ -131,7 +131,7 @@ def measured(
         tip.sign = -tip.sign if number in flipped else tip.sign
     phases_ns = {name: round(time_s * NS_PER_S) for name, time_s in row.phases_s.items()}
     show_again(session / row.recording, Changed(measurement, time_of), phases_ns)
-    return replace(row, **vars(lift_result(measurement)[0]))
+    return lift_result(measurement, row)[0]
 
 
 def test_normal_lift_has_no_warning(one_lift: Path) -> None:
@@ -146,7 +146,7 @@ def test_lift_with_exchanged_fingertips_is_named_in_row_note_and_table(one_lift:
     assert "WARNING: the fingertips may be exchanged" in lift_note(row)
     assert b"the fingertips may be exchanged" in lifts_csv([row])
     trial = read_trial(one_lift, read_manifest(one_lift))
-    changed = replace(trial, lifts=tuple(replace(lift, row=row) for lift in trial.lifts))
+    changed = replace(trial, lifts=tuple(row for lift in trial.lifts))
     notice = trial_notices(changed)[0]
     assert notice.level == "bad"
     assert "turns against the markers" in notice.what
@@ -162,7 +162,7 @@ def test_lift_with_late_frames_is_named_in_row_table_and_page(
     assert "the markers (clocks of camera and fingertips)" in lift_note(row)
     assert b"clocks of camera and fingertips" in lifts_csv([row])
     trial = read_trial(one_lift, read_manifest(one_lift))
-    changed = replace(trial, lifts=tuple(replace(lift, row=row) for lift in trial.lifts))
+    changed = replace(trial, lifts=tuple(row for lift in trial.lifts))
     assert any("do not turn at the same time" in notice.what for notice in trial_notices(changed))
 
 

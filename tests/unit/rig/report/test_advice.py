@@ -1,7 +1,7 @@
 """Warnings appear only in their case and contain advice."""
 
 from collections.abc import Callable
-from dataclasses import fields, replace
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -13,9 +13,9 @@ from protocols.reaction import ReactionKind
 from rig.config.in_use import FileInUse
 from rig.report.advice import trial_notices
 from rig.report.counts import onset_table
-from rig.report.session import Lift, Trial, read_trial
+from rig.report.session import Trial, read_trial
 from rig.sessions.manifest import TrialManifest, read_manifest_of
-from rig.sessions.records import FailedLift, LiftHead, LiftOutcome, ReactionRecord
+from rig.sessions.records import Lift, LiftOutcome, ReactionRecord
 from rig.sessions.timing import LiftTiming, StageTimes
 from rig.tactile.angles import Angles
 
@@ -37,8 +37,8 @@ def texts(trial: Trial) -> str:
 
 
 def rows_with(trial: Trial, **changes: Any) -> Trial:
-    lifts = [Lift(replace(lift.row, **changes), lift.curves) for lift in trial.lifts]
-    return replace(trial, lifts=lifts, rows=[lift.row for lift in lifts])
+    lifts = [replace(lift, **changes) for lift in trial.lifts]
+    return replace(trial, lifts=lifts, rows=lifts)
 
 
 def manifest_with(trial: Trial, **changes: Any) -> Trial:
@@ -49,7 +49,7 @@ def sigma_divided(trial: Trial, by: float) -> Trial:
     def thinner(lift: Lift) -> Lift:
         assert lift.curves is not None
         estimate = replace(lift.curves.estimate, sigma_deg=lift.curves.estimate.sigma_deg / by)
-        return Lift(lift.row, replace(lift.curves, estimate=estimate))
+        return replace(lift, curves=replace(lift.curves, estimate=estimate))
 
     return replace(trial, lifts=[thinner(lift) for lift in trial.lifts])
 
@@ -66,7 +66,7 @@ def markers_hidden(trial: Trial) -> Trial:
         seen = (truth.time_s < 0.5) | (truth.time_s > 1.2)
         states = tuple(np.array(truth.states)[seen])
         gappy = Angles(truth.time_s[seen], truth.angle_deg[seen], truth.sigma_deg[seen], states)
-        return Lift(lift.row, replace(lift.curves, truth=gappy))
+        return replace(lift, curves=replace(lift.curves, truth=gappy))
 
     return replace(trial, lifts=[hidden(lift) for lift in trial.lifts])
 
@@ -77,16 +77,14 @@ def slow(trial: Trial) -> Trial:
 
 
 def with_a_fault(trial: Trial) -> Trial:
-    head = {field.name: getattr(trial.rows[0], field.name) for field in fields(LiftHead)}
     fault = "DeviceTimeoutError: gripper: no answer"
-    failed = FailedLift(**head, accepted=False, outcome=LiftOutcome.FAULT, fault=fault, bench_s=1.0)
+    failed = replace(trial.rows[0], accepted=False, outcome=LiftOutcome.FAULT, fault=fault)
     return replace(trial, rows=[*trial.rows, failed])
 
 
 def test_cause_of_repeated_faults_is_reported_once(sound: Trial) -> None:
     once = with_a_fault(sound)
     failed = once.rows[-1]
-    assert isinstance(failed, FailedLift)
     silent = [replace(failed, fault=f"arm: no state for {late} s, again") for late in (0.41, 0.52)]
     said = texts(replace(once, rows=[*once.rows, *silent]))
     assert "3 attempts ended in a rig fault: wrench, lift 1." in said
@@ -162,7 +160,7 @@ def test_caught_slip_is_no_false_alarm(sound: Trial) -> None:
             sound, onset_truth_s=None, onset_alarm_s=0.14, reactions=reactions, outcome=LiftOutcome.CAUGHT,
         )  # fmt: skip
         assert "although nothing slipped" not in texts(caught)
-        rows = [lift.row for lift in caught.lifts]
+        rows = caught.lifts
         assert {row.slip_start_s for row in rows} == {start_s}
         table = onset_table(rows)
         assert (table is None) == (start_s is None)

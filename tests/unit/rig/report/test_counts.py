@@ -5,12 +5,12 @@ from collections.abc import Callable
 import pytest
 
 from rig.report.counts import onset_table
-from rig.sessions.records import FinishedLift
+from rig.sessions.records import Lift
 
 
 @pytest.mark.parametrize(("lifts", "ends"), [(4, ["-", "-"]), (5, ["+12", "+48"])])
 def test_range_of_onset_delays_needs_five_lifts(
-    lift_row: Callable[..., FinishedLift], lifts: int, ends: list[str]
+    lift_row: Callable[..., Lift], lifts: int, ends: list[str]
 ) -> None:
     rows = [
         lift_row(n, onset_truth_s=0.3, onset_estimate_s=0.31 + 0.01 * n, onset_alarm_s=None)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from drivers.errors import InputError, SessionError
-from rig.report.film import CURVE_PX, HEIGHT_PX, LEGEND_PX, FilmedLift, write_film
+from rig.report.film import CURVE_PX, HEIGHT_PX, LEGEND_PX, write_film
 from rig.report.film_file import Film, has_h264
 from rig.report.session import find_lift
 from rig.sessions.manifest import TrialManifest, read_manifest_of
@@ -25,9 +25,7 @@ def trial(drawn_trial: Any, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def film(session: Path, out: Path, speed: float = 1.0) -> Film:
     manifest = read_manifest_of(session, TrialManifest, "no trial")
-    return write_film(
-        [FilmedLift(session, manifest, find_lift(session, manifest, "1"))], out, fps=10.0, speed=speed
-    )
+    return write_film([(session, manifest, find_lift(session, manifest, "1"))], out, fps=10.0, speed=speed)
 
 
 @pytest.mark.parametrize("ending", [".webm", ".mp4", *long(".avi")])
@@ -56,7 +54,7 @@ def test_film_has_the_length_of_the_lift_and_its_curve_grows(
 def test_animated_image_has_the_requested_length_and_width(trial: Path, tmp_path: Path) -> None:
     manifest = read_manifest_of(trial, TrialManifest, "no trial")
     chosen, out = find_lift(trial, manifest, "1"), tmp_path / "lift.webp"
-    made = write_film([FilmedLift(trial, manifest, chosen)], out, fps=5.0, width_px=640)
+    made = write_film([(trial, manifest, chosen)], out, fps=5.0, width_px=640)
     read, animation = cv2.imreadanimation(str(out))
     assert read
     assert len(animation.frames) == made.frames == pytest.approx(18, abs=2)
@@ -64,7 +62,7 @@ def test_animated_image_has_the_requested_length_and_width(trial: Path, tmp_path
     assert made.size_px[0] == 640
     assert np.abs(animation.frames[5].astype(int) - animation.frames[-1]).mean() > 1.0
     with pytest.raises(InputError, match=r"ends in \.webm"):
-        write_film([FilmedLift(trial, manifest, chosen)], out, fps=500.0)
+        write_film([(trial, manifest, chosen)], out, fps=500.0)
     assert [path.name for path in tmp_path.iterdir()] == ["lift.webp"]
 
 
@@ -86,7 +84,7 @@ def test_a_film_plays_in_a_browser(trial: Path, tmp_path: Path) -> None:
 
 def test_lifts_are_found_by_number_object_and_name(trial: Path) -> None:
     manifest = read_manifest_of(trial, TrialManifest, "no trial")
-    numbers = {find_lift(trial, manifest, name).row.number for name in ("1", "t1/1", "wrench/1")}
+    numbers = {find_lift(trial, manifest, name).number for name in ("1", "t1/1", "wrench/1")}
     assert numbers == {1}
     with pytest.raises(InputError, match=r"there are 1 \(t1/1 wrench\)"):
         find_lift(trial, manifest, "7")
@@ -110,7 +108,7 @@ def test_missing_camera_leaves_an_empty_panel(drawn_trial: Any, tmp_path: Path) 
 
 def test_a_lift_beside_another_is_shown_below_it(trial: Path, tmp_path: Path) -> None:
     manifest = read_manifest_of(trial, TrialManifest, "")
-    filmed = FilmedLift(trial, manifest, find_lift(trial, manifest, "1"))
+    filmed = (trial, manifest, find_lift(trial, manifest, "1"))
     one = write_film([filmed], tmp_path / "one.webm", fps=5.0)
     both = write_film([filmed, filmed], tmp_path / "both.webm", fps=5.0)
     assert both.frames == one.frames

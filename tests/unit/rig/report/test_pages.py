@@ -189,14 +189,14 @@ def test_errors_from_the_curves_are_those_of_the_rows(trial: Path) -> None:
     for lift in read_trial(trial, read_manifest_of(trial, TrialManifest, "no trial")).lifts:
         assert lift.curves is not None
         errors = np.abs(signed_errors(lift.curves))[lift.curves.within("B", "C")]
-        assert np.nanmean(errors) == pytest.approx(lift.row.re.mean_deg, abs=0.01)
+        assert np.nanmean(errors) == pytest.approx(lift.re.mean_deg, abs=0.01)
 
 
 def test_fingertip_table_agrees_with_the_recorded_curves(trial: Path) -> None:
     lifts = read_trial(trial, read_manifest_of(trial, TrialManifest, "no trial")).lifts
     table = fingertip_table(lifts)
     assert [row[0] for row in table.rows] == ["both, fused", *lifts[0].curves.tips]
-    fused = np.mean([lift.row.re.mean_deg for lift in lifts])
+    fused = np.mean([lift.re.mean_deg for lift in lifts])
     assert table.rows[0][2].startswith(f"{fused:.2f} ±")
     for serial, row in zip(lifts[0].curves.tips, table.rows[1:], strict=True):
         own = [replace(lift.curves, estimate=lift.curves.tips[serial]) for lift in lifts]

@@ -6,12 +6,12 @@ import pytest
 
 from rig.results.notes import lift_note
 from rig.results.summary import summarize_trial
-from rig.sessions.records import ErrorSummary, FinishedLift
+from rig.sessions.records import ErrorSummary, Lift
 
-MakeRow = Callable[..., FinishedLift]
+MakeRow = Callable[..., Lift]
 
 
-def row(make: MakeRow, number: int, error_deg: float | None) -> FinishedLift:
+def row(make: MakeRow, number: int, error_deg: float | None) -> Lift:
     error = None if error_deg is None else ErrorSummary(error_deg, 0.1, 2 * error_deg, 300)
     return make(number, object="t1", name="wrench", re=error, re_b=error, re_held=error)
 

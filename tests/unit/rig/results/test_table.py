@@ -2,34 +2,38 @@
 
 import random
 from collections.abc import Callable
+from dataclasses import fields
 from pathlib import Path
 
 import pytest
 
 from drivers.errors import InputError
+from rig.report.lift_rows import lift_table
 from rig.results.summary import summarize_trial
 from rig.results.table import (
     COLUMNS,
-    TableHead,
     broken_row,
+    lifts_csv,
     read_results,
     summarize_table,
-    table_lines,
     table_row,
 )
-from rig.sessions.records import ErrorSummary, FinishedLift
-from rig.sessions.table_files import ReplayRow, csv_bytes, parquet_bytes
+from rig.sessions.codec import json_value
+from rig.sessions.records import IN_CSV, ErrorSummary, Lift
+from rig.sessions.table_files import Line, csv_bytes, parquet_bytes
 
-HEAD = TableHead("/s/one", "2026-11-21", "fake", "slip", 1)
-MakeRow = Callable[..., FinishedLift]
+HEAD: Line = {
+    "session": "/s/one", "started": "2026-11-21", "bench": "fake", "estimator": "slip", "window": 1,
+}  # fmt: skip
+MakeRow = Callable[..., Lift]
 
 
-def row(make: MakeRow, number: int, error_deg: float | None) -> FinishedLift:
+def row(make: MakeRow, number: int, error_deg: float | None) -> Lift:
     error = None if error_deg is None else ErrorSummary(error_deg, 0.1, 2 * error_deg, 300)
     return make(number, object=f"t{number % 3}", name="tool, long", re=error, re_b=error, re_held=error)
 
 
-def table(make: MakeRow, count: int) -> list[ReplayRow]:
+def table(make: MakeRow, count: int) -> list[Line]:
     chance = random.Random(0)
     rows = [row(make, n, chance.uniform(0.1, 3.0) if n % 7 else None) for n in range(count)]
     return [table_row(HEAD, r, identical=bool(r.number % 2)) for r in rows]
@@ -40,9 +44,8 @@ def test_written_table_is_read_back_unchanged(kind: str, tmp_path: Path, lift_ro
     if kind == "parquet":
         pytest.importorskip("pyarrow")
     rows = [*table(lift_row, 20), broken_row("/s/two", 'no, "x"')]
-    lines = table_lines(rows)
     path = tmp_path / f"results.{kind}"
-    path.write_bytes(csv_bytes(COLUMNS, lines) if kind == "csv" else parquet_bytes(COLUMNS, lines))
+    path.write_bytes(csv_bytes(COLUMNS, rows) if kind == "csv" else parquet_bytes(COLUMNS, rows))
     assert read_results(path) == rows
     assert read_results(tmp_path) == rows
 
@@ -53,7 +56,7 @@ def test_summary_of_a_table_equals_that_of_its_rows(lift_row: MakeRow) -> None:
 
 
 def test_empty_or_invalid_cell_is_named(tmp_path: Path, lift_row: MakeRow) -> None:
-    lines = table_lines(table(lift_row, 3))
+    lines = table(lift_row, 3)
     path = tmp_path / "results.csv"
     path.write_bytes(csv_bytes(COLUMNS, [lines[0], {**lines[1], "session": None}]))
     with pytest.raises(InputError, match=r"results\.csv: row 2: 'session'"):
@@ -75,3 +78,19 @@ def test_file_without_a_results_table_is_rejected(tmp_path: Path) -> None:
         read_results(tmp_path)
     with pytest.raises(InputError, match="cannot be read"):
         read_results(tmp_path / "nothing.csv")
+
+
+def test_declared_values_of_a_lift_are_in_line_tables_and_report(lift_row: MakeRow) -> None:
+    lift = row(lift_row, 1, 0.5)
+    line, report = json_value(lift), lift_table([lift])
+    table = lifts_csv([lift]).decode().splitlines()[0].split(",")
+    for value in fields(Lift):
+        if tables := value.metadata.get("tables"):
+            columns = [name for name in COLUMNS if name == value.name or name.startswith(f"{value.name}_")]
+            assert columns, value.name
+            assert bool(set(columns) & set(table)) == (tables == IN_CSV), value.name
+        if "stored" in value.metadata:
+            assert value.name in line
+        for shown in value.metadata.get("shown", ()):
+            assert report.rows[0][list(report.columns).index(shown.heading)] == shown.text(lift)
+    assert report.columns[2:5] == ("outcome", "grasp", "grip")

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Callable
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,33 +14,20 @@ from drivers.errors import SessionError
 from rig.config import load_bench
 from rig.sessions.codec import json_line, json_value
 from rig.sessions.manifest import RecordManifest, TrialManifest, begun_on, read_manifest, read_manifest_of
-from rig.sessions.records import (
-    LIFTS,
-    POSES,
-    FailedLift,
-    FinishedLift,
-    LiftHead,
-    LiftOutcome,
-    PoseRow,
-)
+from rig.sessions.records import LIFTS, POSES, Lift, PoseRow
 from rig.sessions.rows import read_lifts, readable_rows
 from rig.sessions.timing import LIFT_TIMINGS, LatencyTimes, LiftTiming, StageTimes
 
-MakeRow = Callable[..., FinishedLift]
+MakeRow = Callable[..., Lift]
 POSE = PoseRow(
     pose=1, attempt=0, position="left", orientation_deg=-30.0, accepted=True, fault=None, rejected_frames=0,
     images=(), seed=0, simulated=True,
 )  # fmt: skip
 
 
-def failed(row: FinishedLift) -> FailedLift:
-    head = {field.name: getattr(row, field.name) for field in fields(LiftHead)}
-    return FailedLift(**head, accepted=False, outcome=LiftOutcome.FAULT, fault="lost", bench_s=1.5)
-
-
 def test_written_rows_are_read_back_unchanged(lift_row: MakeRow) -> None:
     whole = lift_row(3, re=None, onset_truth_s=None)
-    for row in (whole, failed(whole)):
+    for row in (whole, lift_row(3, fault="lost")):
         assert LIFTS.parsed(json_line(row)) == row
     assert POSES.parsed(json_line(POSE)) == POSE
     timing = LiftTiming(number=1, attempt=0, wall_s=2.0, stages={"total": StageTimes(1.0, 2.0, 3.0)})
@@ -79,8 +66,14 @@ def test_optional_keys_are_absent_at_their_default(lift_row: MakeRow) -> None:
         (lambda row: row.update(outcome="flown"), "'outcome' Input should be 'slipped'"),
         (lambda row: row.update(frames={"D1": 3.5}), "'frames.D1' Input should be a valid integer"),
         (lambda row: row.update(phases_s={"D": 1.0}), "has no phase reference, A, B, C, lower"),
-        (lambda row: row.update(accepted=False), "'outcome' Input should be <LiftOutcome.FAULT"),
-        (lambda row: row.update(accepted=1), "'accepted' Input should be False, found 1"),
+        (lambda row: row.update(accepted=False), "'outcome' slipped contradicts 'accepted' or 'fault'"),
+        (lambda row: row.update(fault="lost"), "'outcome' slipped contradicts 'accepted' or 'fault'"),
+        (
+            lambda row: row.update(accepted=False, outcome="fault", fault="lost"),
+            "'final_estimate_deg' is a key that",
+        ),
+        (lambda row: row.update(accepted=1), "'accepted' Input should be a valid boolean, found 1"),
+        (lambda row: row.update(curves={}), "'curves' Input should be null"),
     ],
 )
 def test_invalid_row_is_reported_with_file_line_and_key(

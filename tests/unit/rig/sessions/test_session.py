@@ -12,16 +12,16 @@ from drivers.errors import InputError, OperatorStopError, RecordingError
 from rig.config import load_bench
 from rig.sessions.files import MANIFEST, append_line, write_file
 from rig.sessions.manifest import TrialManifest, begun_on, is_session, read_manifest
-from rig.sessions.records import LIFTS, FinishedLift, LiftRow
+from rig.sessions.records import LIFTS, Lift
 from rig.sessions.rows import read_lifts
 from rig.sessions.session import Session, SessionLog, newest_unfinished, open_session
 from rig.sessions.timing import LiftTiming
 
-MakeRow = Callable[..., FinishedLift]
+MakeRow = Callable[..., Lift]
 TIMING = LiftTiming(number=1, attempt=0, wall_s=0.1, stages={})
 
 
-def start(folder: Path, resume: bool = False, seed: int = 0) -> Session[LiftRow]:
+def start(folder: Path, resume: bool = False, seed: int = 0) -> Session[Lift]:
     asked = begun_on(load_bench("fake"), "trial", seed, ["t1"])
     manifest = TrialManifest(
         **vars(asked), lifts_per_object=3, estimator="slip", window=1, skip=True, truth="edges"
@@ -73,7 +73,7 @@ def test_refused_resume_names_the_value_that_differs(tmp_path: Path) -> None:
 
 
 def test_start_without_any_result_leaves_no_session(tmp_path: Path, lift_row: MakeRow) -> None:
-    def stopped(name: str, work: Callable[[Session[LiftRow]], object], resume: bool = False) -> None:
+    def stopped(name: str, work: Callable[[Session[Lift]], object], resume: bool = False) -> None:
         with start(tmp_path / name, resume) as session:
             work(session)
             raise OperatorStopError("no")

@@ -17,7 +17,7 @@ from rig.config import load_bench
 from rig.sessions import unfinished
 from rig.sessions.manifest import TrialManifest, begun_on
 from rig.sessions.recorder import LiftRecorder
-from rig.sessions.records import LIFTS, FinishedLift
+from rig.sessions.records import LIFTS, Lift
 from rig.sessions.session import open_session
 from rig.sessions.unfinished import BackgroundFile, completed, new_recording
 from support.recordings import unfinished_recordings
@@ -147,7 +147,7 @@ def manifest() -> TrialManifest:
 
 
 def test_finished_recording_gets_its_name_and_an_unlisted_one_is_kept(
-    tmp_path: Path, lift_row: Callable[..., FinishedLift]
+    tmp_path: Path, lift_row: Callable[..., Lift]
 ) -> None:
     """The state after a crash between renaming a recording and appending its line."""
     with open_session(tmp_path / "s", manifest(), LIFTS, resume=False) as session:

@@ -1,0 +1,41 @@
+"""The angles of a lift over time, from its recording or from a plain table."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.tactile.angles import Angles
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LiftCurves:
+    """All curves of one lift; times in s from the start of phase B (in a table: as given), angles in deg.
+
+    estimate: the fused angle. truth: the marker angle. tips: the angle of each fingertip, by serial.
+    phases_s: start times of phases, "A", "B", "C" and "lower" among them; empty if unknown. onset_truth_s,
+    onset_estimate_s: None without a slip. gaps: damaged parts of the recording, which are left out. axes:
+    ranges of the chart's axes, s and deg; None: from the curves (`rig.report.lift_chart.on_one_scale`).
+    """
+
+    name: str
+    estimate: Angles
+    truth: Angles
+    phases_s: dict[str, float] = field(default_factory=dict)
+    onset_truth_s: float | None = None
+    onset_estimate_s: float | None = None
+    tips: dict[str, Angles] = field(default_factory=dict)
+    time_label: str = "time from the start of the lift, s"
+    gaps: tuple[str, ...] = ()
+    axes: tuple[tuple[float, float], tuple[float, float]] | None = None
+
+    def within(self, *phases: str) -> NDArray[np.bool_]:
+        """Return which frames of the estimate, (N,) bool, are in these phases; all if phases are unknown."""
+        times = self.estimate.time_s
+        inside = np.zeros(times.shape, bool)
+        for phase in phases:
+            if phase in self.phases_s:
+                begins = self.phases_s[phase]
+                ends = min((t for t in self.phases_s.values() if t > begins), default=np.inf)
+                inside |= (times >= begins) & (times < ends)
+        return inside if self.phases_s else np.ones(times.shape, bool)

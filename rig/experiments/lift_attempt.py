@@ -32,7 +32,7 @@ from rig.sessions.unfinished import completed, new_recording
 from rig.tactile.angles import Angles
 from rig.version import VERSION
 
-HEAD_IN_METADATA = (
+IN_METADATA = (
     "object", "name", "lift", "number", "attempt", "position", "grip_counts", "lift_height_m", "seed",
 )  # fmt: skip
 """Fields of a lift that its recording's metadata repeat."""
@@ -90,7 +90,7 @@ def attempt_lift(
 def _about(settings: TrialSettings, lift: Lift) -> RecordingAbout:
     """Return the metadata of a lift's recording; those of a simulated lift depend only on its seed."""
     bench = settings.bench
-    values = {key: str(getattr(lift, key)) for key in HEAD_IN_METADATA} | {
+    values = {key: str(getattr(lift, key)) for key in IN_METADATA} | {
         "bench": bench.name,
         "simulated": "SIMULATED" if bench.simulated else "no",
         "session_seed": str(settings.seed),

@@ -1,9 +1,9 @@
 """One harness for all benchmarks: cases, resumption, rows, limits and tables.
 
-A benchmark is a `Study`. Its options are a frozen dataclass whose fields are the options of its command. Its
-function `measure` calls `Run.each` with the cases that it measures and returns a `Report`. Everything else is
-done here and in `rig.cli.benchmark`: worker processes, progress, resumption, tables on the terminal, JSON,
-sections of Markdown files and exit codes.
+A benchmark is a `Study`. Its options are a frozen dataclass (`rig.declared`). Its function `measure` calls
+`Run.each` with the cases that it measures and returns a `Report`. Everything else is done here and in
+`rig.cli.benchmark`: worker processes, progress, resumption, tables on the terminal, JSON, sections of
+Markdown files and exit codes.
 """
 
 import os
@@ -11,13 +11,11 @@ import platform
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, SupportsFloat, TypeVar
 
 import cv2
-import typer
 
 from drivers.errors import InputError, counted
-from rig.benchmark.measured import Measured, markdown_table
 from rig.experiments.process_pool import run_tasks
 from rig.frames.masks import make_folder
 from rig.sessions.codec import Codec, json_line, json_value
@@ -29,12 +27,63 @@ RESULTS = "results.jsonl"
 """File of a study's folder: a line per finished case."""
 NONE = "-"
 """A cell without a value."""
+ALL = "all"
+"""Name of the group of all cases."""
 SCHEMA = 4
 """Version of a study's JSON."""
+DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
+"""Folder of real recordings, unless RIG_TEST_DATA names another one."""
 
 Options = TypeVar("Options")
 Case = TypeVar("Case")
 Result = TypeVar("Result")
+
+
+def data_folder() -> Path | None:
+    """Return the folder of real recordings, or None if it does not exist."""
+    folder = Path(os.environ.get("RIG_TEST_DATA", DATA))
+    return folder if folder.is_dir() else None
+
+
+@dataclass(frozen=True, slots=True)
+class Measured:
+    """A measured value and its limit: a row of a table. met: None without a limit or without data."""
+
+    name: str
+    value: float | None
+    asked: str
+    met: bool | None
+
+    @property
+    def shown(self) -> str:
+        """The value with three digits, or as a whole number; "-" without a value."""
+        if self.value is None:
+            return NONE
+        return f"{self.value:.0f}" if abs(self.value) >= 1000.0 else f"{self.value:.3g}"
+
+
+def between(name: str, value: SupportsFloat | None, low: float, high: float, asked: str = "") -> Measured:
+    """Return a value with two limits; None, if there were no data, misses them."""
+    asked = asked or f"{low:g} to {high:g}"
+    if value is None:
+        return Measured(name, None, asked, False)
+    return Measured(name, float(value), asked, low <= float(value) <= high)
+
+
+def at_most(name: str, value: SupportsFloat | None, limit: float) -> Measured:
+    return between(name, value, float("-inf"), limit, f"at most {limit:g}")
+
+
+def at_least(name: str, value: SupportsFloat | None, limit: float) -> Measured:
+    return between(name, value, limit, float("inf"), f"at least {limit:g}")
+
+
+def informative(name: str, value: SupportsFloat) -> Measured:
+    return Measured(name, float(value), "", None)
+
+
+def not_there(name: str) -> Measured:
+    return Measured(name, None, "no recordings here (RIG_TEST_DATA)", None)
 
 
 def column(heading: str, show: str | Callable[[Any], str] = "", doc: str = "", optional: bool = False) -> Any:
@@ -47,14 +96,6 @@ def column(heading: str, show: str | Callable[[Any], str] = "", doc: str = "", o
     return field(metadata={"heading": heading, "show": show, "doc": doc, "optional": optional})
 
 
-def option(default: Any, text: str, *flags: str, **settings: Any) -> Any:
-    """Declare a field of a study's options, as `rig.cli.declared.option` does. text: its help.
-
-    flags: its names; by default the field's. settings: those of `typer.Option`.
-    """
-    return field(default=default, metadata={"typer": [typer.Option, flags, {"help": text, **settings}]})
-
-
 def columns_of(kind: type[Any]) -> Any:
     """Declare a field of a row whose value is a dataclass that declares columns."""
     return field(metadata={"columns": kind})
@@ -64,7 +105,8 @@ def columns_of(kind: type[Any]) -> Any:
 class Table:
     """A title, headings, and rows with one cell per heading.
 
-    left: number of left-aligned columns. legend: headings that need an explanation, and the explanations.
+    left: number of left-aligned columns. records: the rows for JSON. legend: headings that need an
+    explanation, and the explanations.
     """
 
     title: str
@@ -75,36 +117,47 @@ class Table:
     legend: tuple[tuple[str, str], ...] = ()
 
     def markdown(self) -> str:
-        """Return the columns and rows in Markdown, without the title."""
-        return markdown_table(self.columns, self.rows)
+        """Return the columns and rows in Markdown, without the title. A "|" in a cell is written as "/"."""
+        lines = [self.columns, ("---",) * len(self.columns), *self.rows]
+        return "\n".join("| " + " | ".join(cell.replace("|", "/") for cell in of) + " |" for of in lines)
 
 
 def table_of(title: str, kind: type[Any], rows: Sequence[Any], left: int = 1) -> Table:
     """Return a table of rows. kind: their dataclass; the fields declared with `column` are shown."""
+    values = {path: [_value(row, path) for row in rows] for path, _ in _columns(kind)}
     shown = [
-        (place, of) for place, of in _columns(kind)
-        if not of["optional"] or any(_value(row, place) is not None for row in rows)
+        (path, of) for path, of in _columns(kind)
+        if not of["optional"] or any(value is not None for value in values[path])
     ]  # fmt: skip
-    cells = [tuple(_cell(_value(row, place), of["show"]) for place, of in shown) for row in rows]
+    cells = [[_cell(value, of["show"]) for value in values[path]] for path, of in shown]
     legend = tuple((of["heading"], of["doc"]) for _, of in shown if of["doc"])
-    return Table(title, tuple(of["heading"] for _, of in shown), cells, left, tuple(rows), legend)
+    headings = tuple(of["heading"] for _, of in shown)
+    return Table(title, headings, list(zip(*cells, strict=True)), left, tuple(rows), legend)
 
 
 def _columns(
-    kind: type[Any], place: tuple[str, ...] = ()
+    kind: type[Any], path: tuple[str, ...] = ()
 ) -> Iterator[tuple[tuple[str, ...], Mapping[str, Any]]]:
     """Yield the fields that lead to each column of a row, and what `column` declared."""
     for each in fields(kind):
         if "columns" in each.metadata:
-            yield from _columns(each.metadata["columns"], (*place, each.name))
+            yield from _columns(each.metadata["columns"], (*path, each.name))
         elif "heading" in each.metadata:
-            yield (*place, each.name), each.metadata
+            yield (*path, each.name), each.metadata
 
 
-def _value(row: Any, place: tuple[str, ...]) -> Any:
-    for name in place:
+def _value(row: Any, path: tuple[str, ...]) -> Any:
+    for name in path:
         row = getattr(row, name)
     return row
+
+
+def _cell(value: Any, show: str | Callable[[Any], str]) -> str:
+    if callable(show):
+        return show(value)
+    if isinstance(value, tuple):
+        return ", ".join(format(each, show) for each in value)
+    return NONE if value is None else format(value, show)
 
 
 def limit_table(limits: Sequence[Measured], whose: str) -> Table:
@@ -139,11 +192,11 @@ class Report:
 class Study(Generic[Options]):
     """A benchmark: `rig benchmark NAME`.
 
-    options: its own options, a frozen dataclass. shared: which of the options "out", "resume", "readme",
-    "jobs" and "seed" it has. measure: carries out the study; its docstring is the command's help. cases: name
-    of the cases in the progress, in the plural. section: name of its section in a document; None: the study's
-    name. keeps_results: results are stored, in a default folder if --out is not given. simulated: marks the
-    JSON.
+    options: its own options, a frozen dataclass. measure: carries out the study; its docstring is the
+    command's help. cases: name of the cases in the progress, in the plural. shared: which of the options
+    "out", "resume", "readme", "jobs" and "seed" it has. section: name of its section in a document; None: the
+    study's name. keeps_results: results are stored, in a default folder if --out is not given. simulated:
+    marks the JSON.
     """
 
     name: str
@@ -154,6 +207,14 @@ class Study(Generic[Options]):
     section: Callable[[Options], str] | None = None
     keeps_results: bool = False
     simulated: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class _StoredCase:
+    """A line of `RESULTS`."""
+
+    case: str
+    result: dict[str, Any]
 
 
 @dataclass(frozen=True, slots=True)
@@ -250,22 +311,20 @@ class Run:
             ) from error
 
 
-@dataclass(frozen=True, slots=True)
-class _StoredCase:
-    """A line of `RESULTS`."""
-
-    case: str
-    result: dict[str, Any]
-
-
 def as_json(study: Study[Any], options: Any, run: Run, report: Report, wall_s: float) -> dict[str, Any]:
     """Return a report as JSON values, with the options and the machine."""
+
+    def plain(option: Any) -> Any:
+        if isinstance(option, list):
+            return list(map(plain, option))
+        return str(option) if isinstance(option, Path) else option
+
     tables = [{"title": of.title, "rows": [asdict(row) for row in of.records]} for of in report.tables]
     return {
         "schema": SCHEMA,
         "benchmark": study.name,
         "simulated": study.simulated,
-        "options": {name: _plain(value) for name, value in asdict(options).items()},
+        "options": {name: plain(value) for name, value in asdict(options).items()},
         **({"seed": run.seed} if "seed" in study.shared else {}),
         **({"out": str(run.folder)} if run.folder else {}),
         "machine": machine(),
@@ -275,13 +334,6 @@ def as_json(study: Study[Any], options: Any, run: Run, report: Report, wall_s: f
         "limits": [asdict(limit) for limit in report.limits],
         "wall_s": round(wall_s, 1),
     }
-
-
-def _plain(option: Any) -> Any:
-    """Return the value of an option for JSON: paths as text, also those in a list."""
-    if isinstance(option, list):
-        return list(map(_plain, option))
-    return str(option) if isinstance(option, Path) else option
 
 
 def machine() -> dict[str, object]:
@@ -296,9 +348,22 @@ def machine() -> dict[str, object]:
     }
 
 
-def _cell(value: Any, show: str | Callable[[Any], str]) -> str:
-    if callable(show):
-        return show(value)
-    if isinstance(value, tuple):
-        return ", ".join(format(each, show) for each in value)
-    return NONE if value is None else format(value, show)
+def markers(name: str) -> tuple[str, str]:
+    """Return the two lines that enclose the table of `rig benchmark NAME` in a document."""
+    return f"<!-- rig benchmark {name}: begin -->", f"<!-- rig benchmark {name}: end -->"
+
+
+def check_readme(path: Path, name: str) -> None:
+    """Raise `InputError` unless a file has the two marker lines, once each and in order."""
+    begin, end = markers(name)
+    text = path.read_text(encoding="utf-8") if path.is_file() else ""
+    if not (text.count(begin) == text.count(end) == 1 and text.index(begin) < text.index(end)):
+        raise InputError(f"{path}: put these two lines where the table belongs: {begin} and {end}")
+
+
+def write_section(path: Path, name: str, section: str) -> None:
+    """Replace the lines between the two markers. Raises `InputError` if the markers are missing."""
+    check_readme(path, name)
+    begin, end = markers(name)
+    head, _, rest = path.read_text(encoding="utf-8").partition(begin)
+    path.write_text(f"{head}{begin}\n{section}\n{end}{rest.partition(end)[2]}", encoding="utf-8")

@@ -29,8 +29,7 @@ from calibration.targets.aruco import (
 from drivers.images import read_image
 from drivers.types import Image
 from fakes.studio.calibration_scenes import MarkerPictures
-from rig.benchmark.harness import column
-from rig.benchmark.measured import Measured, at_most, informative, not_there
+from rig.benchmark.harness import Measured, at_most, column, informative, not_there
 
 _FRAMES, _AT_REST, _REFERENCE = 120, 40, 12
 _FURTHEST_DEG = 25.0

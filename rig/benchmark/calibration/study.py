@@ -22,8 +22,19 @@ from rig.benchmark.calibration import board_scenes
 from rig.benchmark.calibration.board_scenes import BOARD, board_pose, render_target
 from rig.benchmark.calibration.markers import AngleRow, angle_rows, marker_limits
 from rig.benchmark.calibration.motion_scenes import CAMERA, Truth, general_scene, wiggle_scene
-from rig.benchmark.harness import Report, Run, Study, option, table_of
-from rig.benchmark.measured import Measured, at_most, between, data_folder, informative, not_there
+from rig.benchmark.harness import (
+    Measured,
+    Report,
+    Run,
+    Study,
+    at_most,
+    between,
+    data_folder,
+    informative,
+    not_there,
+    table_of,
+)
+from rig.declared import option
 
 _FURTHER_TRIALS = 60
 """Number of trials with flipped views, and with the camera on the hand."""

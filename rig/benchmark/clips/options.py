@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from rig.benchmark.clips.public import SETS
-from rig.benchmark.harness import option
+from rig.declared import option
 
 ESTIMATORS = ("slip", "ecc", "ellipse", "pca", "anglenet")
 """Estimators that are compared by default."""

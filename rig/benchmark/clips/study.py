@@ -21,17 +21,19 @@ from rig.benchmark.clips.public import PublicSet, find_set, make_clips
 from rig.benchmark.clips.runs import ALL, ClipRun, EstimatorRuns, run_clip, summed
 from rig.benchmark.clips.scores import ClipScore
 from rig.benchmark.harness import (
+    Measured,
     Report,
     Run,
     Study,
     Table,
+    at_least,
+    at_most,
     column,
     columns_of,
     limit_table,
     machine,
     table_of,
 )
-from rig.benchmark.measured import Measured, at_least, at_most
 from rig.tactile.estimators import choose_estimator
 
 

@@ -59,6 +59,15 @@ class ContenderScore:
     event: OnsetScore | None
 
     @property
+    def mare_deg(self) -> float | None:
+        return self.mare and self.mare.mean_deg
+
+    @property
+    def wrong_if_sigma(self) -> int | None:
+        """Number of lifts with a confidently wrong angle; None for an estimator without sigma."""
+        return None if self.within_two_sigma is None else self.wrong_lifts
+
+    @property
     def worst_text(self) -> str:
         """The largest mean error with the key of its lift or clip."""
         return "-" if self.worst_deg is None else f"{self.worst_deg:.2f} ({self.worst})"

@@ -13,10 +13,22 @@ from drivers.errors import InputError
 from drivers.images import read_image
 from drivers.types import Image
 from fakes.studio.training_frames import hard_frames
-from rig.benchmark.harness import Report, Run, Study, column, option, table_of
-from rig.benchmark.measured import Measured, at_least, at_most, data_folder, informative, not_there
+from rig.benchmark.harness import (
+    Measured,
+    Report,
+    Run,
+    Study,
+    at_least,
+    at_most,
+    column,
+    data_folder,
+    informative,
+    not_there,
+    table_of,
+)
 from rig.benchmark.segmentation.paper_table import NETWORKS, OURS, MeanStd, table_two
 from rig.calibrate.press_folder import read_circled
+from rig.declared import option
 from rig.frames.masks import CLASSICAL, FrameSegmenter, SegmentChoice, make_segmenter, segmenter_maker
 from rig.labels.polygons import agreement
 from rig.tactile.contact.background import auto_background

@@ -19,12 +19,23 @@ from rig.benchmark.clips.public import PACKAGED
 from rig.benchmark.clips.runs import run_clip
 from rig.benchmark.clips.scores import JudgedLabel, score
 from rig.benchmark.estimators.scores import score_all
-from rig.benchmark.harness import Report, Run, Study, limit_table, machine, option
-from rig.benchmark.measured import Measured, at_least, at_most, between, informative
-from rig.benchmark.renderer.study import LIFTS_PER_SEED, answer_lift
+from rig.benchmark.harness import (
+    Measured,
+    Report,
+    Run,
+    Study,
+    at_least,
+    at_most,
+    between,
+    informative,
+    limit_table,
+    machine,
+)
+from rig.benchmark.renderer import LIFTS_PER_SEED, answer_lift
 from rig.benchmark.seeds import LiftCase, SeedLift, recorded_lift, scored_lift
 from rig.benchmark.slip.side_by_side import OWN, Contender, contact_ms, store
 from rig.config import BenchConfig, load_bench
+from rig.declared import option
 from rig.experiments.trial import resolve_objects
 from rig.frames.estimates import Estimate, frame_ms
 from rig.frames.of_session import recording_frames

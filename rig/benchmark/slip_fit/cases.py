@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from drivers.types import Image
 from protocols.observer import Phase
 from rig.benchmark.clips.labelled import LabelledClip
-from rig.benchmark.renderer.lifts import BACKGROUND_FRAMES, LIFT_NS, SIGNS, draw_course, frames
+from rig.benchmark.renderer import BACKGROUND_FRAMES, LIFT_NS, SIGNS, draw_course, frames
 from rig.benchmark.seeds import LiftCase, recorded_lift
 from rig.config import BenchConfig
 from rig.frames.of_session import recording_frames

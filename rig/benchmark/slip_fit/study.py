@@ -16,7 +16,7 @@ import typer
 from drivers.errors import InputError, unknown_name
 from rig.benchmark.clips.augmented import clip_version
 from rig.benchmark.clips.labelled import ClipVersion, read_clips
-from rig.benchmark.harness import Report, Run, Study, column, option, table_of
+from rig.benchmark.harness import Report, Run, Study, column, table_of
 from rig.benchmark.seeds import LiftCase
 from rig.benchmark.slip_fit.cases import (
     Case,
@@ -28,6 +28,7 @@ from rig.benchmark.slip_fit.cases import (
 )
 from rig.config import BenchConfig
 from rig.config.calibrations import load_calibrated_bench
+from rig.declared import option
 from rig.experiments.process_pool import run_tasks
 from rig.experiments.trial import resolve_objects
 from rig.sessions.codec import Codec, json_line

@@ -12,8 +12,7 @@ import cv2
 from drivers.clock import to_ns
 from drivers.types import Image
 from protocols.observer import Phase
-from rig.benchmark.estimators.contenders import SharedContact, filtered
-from rig.benchmark.estimators.lifts import RecordedLift, open_lift, truth_at
+from rig.benchmark.estimators.contenders import RecordedLift, SharedContact, filtered, open_lift, truth_at
 from rig.frames.estimates import TimedSample, contact_ms, estimate_frames, estimate_together
 from rig.frames.of_session import SessionSeries
 from rig.frames.series import TimedFrame

@@ -6,7 +6,7 @@ from functools import partial
 from pathlib import Path
 
 from rig.benchmark.estimators.study import record
-from rig.benchmark.harness import Report, Run, Study, option
+from rig.benchmark.harness import Report, Run, Study
 from rig.benchmark.segmentation.paper_table import NETWORKS, OURS
 from rig.benchmark.segmentation.study import parse_models
 from rig.benchmark.trials.paper_tables import (
@@ -24,6 +24,7 @@ from rig.benchmark.trials.passes import (
 )
 from rig.config import load_bench
 from rig.config.models import BenchConfig
+from rig.declared import option
 from rig.experiments.trial import resolve_objects
 from rig.sessions.records import FinishedLift
 from rig.sessions.rows import read_finished_lifts

@@ -12,6 +12,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import closing
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,12 +24,10 @@ from protocols.readiness import make_ready
 from protocols.safe_end import safe_end
 from protocols.slip_trial import REFERENCE_S, SETTLE_S
 from protocols.steps import approach, close_to_contact, open_and_rise, start_watching, tighten
-from rig.bench.fakes_process import started_fakes
-from rig.bench.operators import ConsoleOperator
-from rig.bench.source import StandingBench
-from rig.benchmark.harness import Report, Run, Study, option
-from rig.benchmark.measured import Measured, at_least, at_most, informative
+from rig.benchmark.harness import Measured, Report, Run, Study, at_least, at_most, informative
+from rig.benchmark.wire.campaign import WireBench, served
 from rig.config import BenchConfig, load_bench
+from rig.declared import option
 from rig.experiments.lift_plan import LiftTask, TrialSettings, new_measurement, plan_lift
 from rig.lift.measurement import LiftMeasurement
 from rig.sessions.recorder import LiftRecorder
@@ -102,7 +101,6 @@ class MinuteRecordings:
         return size
 
     def close(self) -> None:
-        """Complete and delete the last file."""
         try:
             self.next_file()
         finally:
@@ -128,27 +126,22 @@ class StillContact(LiftObserver):
         self._counted = (0, 0, 0)
 
     def phase(self, phase: Phase, time_ns: int) -> None:
-        """Record and begin a phase."""
         self._recordings.recorder.phase(phase, time_ns)
         self._measurement.phase(phase, time_ns)
 
     def frame(self, frame: Frame) -> None:
-        """Record a frame and estimate its angle."""
         self._recordings.recorder.frame(frame)
         self._measurement.frame(frame)
         if frame.serial in self._tips and self._tips[frame.serial].samples:
             self._late_ns[frame.serial].append(self._clock.now_ns() - frame.time_ns)
 
     def arm(self, state: ArmState) -> None:
-        """Record the arm's state. The measurement does not get it, so that it does not search for markers."""
-        self._recordings.recorder.arm(state)
+        self._recordings.recorder.arm(state)  # not for the measurement, which would search for markers
 
     def gripper(self, state: GripperState) -> None:
-        """Record the gripper's state."""
         self._recordings.recorder.gripper(state)
 
     def touching(self, serial: str) -> bool:
-        """Return whether a fingertip has shown contact in its last frames."""
         return self._measurement.touching(serial)
 
     def begin_minute(self) -> int:
@@ -168,19 +161,11 @@ class StillContact(LiftObserver):
         resources = _resources()
         frames, dropped, jumped = np.subtract(self._counts(), self._counted).tolist()
         late_ms = [np.percentile(late, (50, 99)) * 1e3 / NS_PER_S for late in self._late_ns.values()]
+        p50_ms, p99_ms = (float(max(values)) for values in zip(*late_ms, strict=True))
         off_deg = np.concatenate([self._off_deg(serial) for serial in self._tips])
-        recorded = self.begin_minute()
-        known = np.isfinite(off_deg)
-        return Minute(
-            frames,
-            dropped,
-            jumped,
-            *(float(max(values)) for values in zip(*late_ms, strict=True)),
-            wander_deg=float(np.nanmax(off_deg)) if known.any() else float("nan"),
-            answered=float(known.mean()),
-            recorded_mb=recorded / 1e6,
-            **resources,
-        )
+        known, recorded_mb = np.isfinite(off_deg), self.begin_minute() / 1e6
+        wander_deg, answered = float(np.nanmax(off_deg)) if known.any() else float("nan"), float(known.mean())
+        return Minute(frames, dropped, jumped, p50_ms, p99_ms, wander_deg, answered, recorded_mb, **resources)
 
     def _counts(self) -> tuple[int, int, int]:
         """Return the numbers of frames so far: all, dropped, and tactile ones whose time jumped."""
@@ -196,7 +181,7 @@ class StillContact(LiftObserver):
         return np.abs(angles - self._zero_deg.get(serial, np.nan))
 
 
-def _resources() -> dict[str, float | int]:
+def _resources() -> dict[str, Any]:
     """Return memory, threads and open files of this program and of its drivers' processes."""
     processes = [Path("/proc/self")]
     for children in Path("/proc/self/task").glob("*/children"):
@@ -243,7 +228,6 @@ def measure(options: EnduranceOptions, run: Run) -> Report:
 
 
 def judge_endurance(minutes: Sequence[Minute]) -> tuple[Measured, ...]:
-    """Compare with the limits."""
     first, last = minutes[0], minutes[-1]
     wander_deg = [minute.wander_deg for minute in minutes]
     return (
@@ -263,10 +247,7 @@ def judge_endurance(minutes: Sequence[Minute]) -> tuple[Measured, ...]:
 
 
 def measure_endurance(
-    minutes: int,
-    progress: Callable[[int, Minute], None],
-    wanted: BenchConfig,
-    minute_s: float = MINUTE_S,
+    minutes: int, progress: Callable[[int, Minute], None], wanted: BenchConfig, minute_s: float = MINUTE_S
 ) -> list[Minute]:
     """Grasp an object that stands on its support, as a lift does, and return the measurements of each minute.
 
@@ -278,13 +259,12 @@ def measure_endurance(
     with (
         tempfile.TemporaryDirectory(prefix="endurance-") as folder,
         closing(MinuteRecordings(Path(folder))) as recordings,
-        started_fakes(wanted) as config,
-        closing(StandingBench(config, ConsoleOperator(lambda _: True), "")) as benches,
+        served(WireBench, wanted) as benches,
         benches.for_lift(0, "endurance") as (bench, operator),
     ):
         make_ready(bench, operator)
-        settings = TrialSettings(config, 0, choose_estimator())
-        plan = plan_lift(settings, LiftTask(1, OBJECT, 1), Pose(config.table.position_m))
+        settings = TrialSettings(benches.config, 0, choose_estimator())
+        plan = plan_lift(settings, LiftTask(1, OBJECT, 1), Pose(benches.config.table.position_m))
         operator.place(plan.object_id, plan.object_name)
         observer = StillContact(new_measurement(settings), bench.clock, recordings)
         with safe_end(bench):

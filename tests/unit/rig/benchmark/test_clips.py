@@ -19,8 +19,7 @@ from rig.benchmark.clips.labelled import ClipLabel, ClipVersion, ContactSpan, re
 from rig.benchmark.clips.runs import run_clip
 from rig.benchmark.clips.scores import JudgedLabel, score
 from rig.benchmark.clips.study import ClipsOptions, measure
-from rig.benchmark.harness import Run
-from rig.benchmark.measured import markers
+from rig.benchmark.harness import Run, markers
 from rig.cli.main import app
 from rig.tactile.estimators import choose_estimator
 from support.ros_bags import TOPIC, write_bag

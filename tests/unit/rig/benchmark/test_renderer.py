@@ -4,9 +4,17 @@ import cv2
 import numpy as np
 import pytest
 
-from rig.benchmark.renderer.lifts import LIFT_NS, GelCamera, draw_course, frames
-from rig.benchmark.renderer.shapes import KIND_NAMES, draw_face
-from rig.benchmark.renderer.study import DrawnLift, answer_lift, face_table
+from rig.benchmark.renderer import (
+    KIND_NAMES,
+    LIFT_NS,
+    DrawnLift,
+    GelCamera,
+    answer_lift,
+    draw_course,
+    draw_face,
+    face_table,
+    frames,
+)
 from rig.tactile.estimators import choose_estimator
 
 BLADE = KIND_NAMES.index("blade")

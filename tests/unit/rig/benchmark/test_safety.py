@@ -17,9 +17,18 @@ from drivers.clock import to_ns
 from drivers.errors import InputError
 from rig.benchmark.harness import Run
 from rig.benchmark.wire import safety
-from rig.benchmark.wire.safety import SafetyOptions, SafetyRun, judge_runs, measure, run_safety, safety_table
-from rig.benchmark.wire.safety_events import BY_NAME, EVENTS, PlannedRun, judge, plan_runs, wait_for_end
-from rig.benchmark.wire.world import Stage, TrueState
+from rig.benchmark.wire.campaign import PlannedRun, Stage, TrueState, judge, wait_for_end
+from rig.benchmark.wire.safety import (
+    BY_NAME,
+    EVENTS,
+    SafetyOptions,
+    SafetyRun,
+    judge_runs,
+    measure,
+    plan_runs,
+    run_safety,
+    safety_table,
+)
 
 GRASP_M = 0.06
 
@@ -181,7 +190,7 @@ def starts(monkeypatch: pytest.MonkeyPatch) -> list[Path]:
         served.append(folder)
         yield Place()
 
-    monkeypatch.setattr(safety, "_served", serve)
+    monkeypatch.setattr(safety, "safety_place", serve)
     return served
 
 

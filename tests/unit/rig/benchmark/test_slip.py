@@ -13,8 +13,7 @@ from typer.testing import CliRunner
 
 from drivers.errors import InputError, RigError
 from rig.benchmark.clips.labelled import read_clips
-from rig.benchmark.harness import Run
-from rig.benchmark.measured import Measured
+from rig.benchmark.harness import Measured, Run
 from rig.benchmark.slip.side_by_side import Contender, contact_ms, store
 from rig.benchmark.slip.study import SlipOptions, _size, largest_change_deg_s, measure
 from rig.cli.main import app

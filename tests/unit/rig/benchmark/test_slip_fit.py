@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from drivers.errors import InputError
 from rig.benchmark.clips.labelled import ClipLabel, ClipVersion, LabelledClip
 from rig.benchmark.harness import Run
-from rig.benchmark.renderer.lifts import BACKGROUND_FRAMES, LIFT_NS, draw_course, frames
+from rig.benchmark.renderer import BACKGROUND_FRAMES, LIFT_NS, draw_course, frames
 from rig.benchmark.slip_fit import study
 from rig.benchmark.slip_fit.cases import Case, Kind, penalty, store_clip, store_rendered, surprise
 from rig.benchmark.slip_fit.study import FitOptions, gain_of, measure, stepped

@@ -5,7 +5,7 @@ import pytest
 
 from drivers.errors import InputError
 from fakes.studio.clips import Clip, Scene, opposite, render_clip
-from rig.benchmark.estimators import disturbances as d
+from rig.benchmark.estimators import stress as d
 from rig.benchmark.estimators.stress import (
     CONDITIONS,
     NAMES,

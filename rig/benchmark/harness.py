@@ -11,11 +11,12 @@ import platform
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
-from typing import Any, Generic, SupportsFloat, TypeVar
+from typing import Any, Generic, TypeVar
 
 import cv2
 
 from drivers.errors import InputError, counted
+from rig.benchmark.measured import NONE, Measured
 from rig.experiments.process_pool import run_tasks
 from rig.frames.masks import make_folder
 from rig.sessions.codec import Codec, json_line, json_value
@@ -25,65 +26,14 @@ from rig.tactile.sample import EstimatorFaults
 
 RESULTS = "results.jsonl"
 """File of a study's folder: a line per finished case."""
-NONE = "-"
-"""A cell without a value."""
 ALL = "all"
 """Name of the group of all cases."""
 SCHEMA = 4
 """Version of a study's JSON."""
-DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
-"""Folder of real recordings, unless RIG_TEST_DATA names another one."""
 
 Options = TypeVar("Options")
 Case = TypeVar("Case")
 Result = TypeVar("Result")
-
-
-def data_folder() -> Path | None:
-    """Return the folder of real recordings, or None if it does not exist."""
-    folder = Path(os.environ.get("RIG_TEST_DATA", DATA))
-    return folder if folder.is_dir() else None
-
-
-@dataclass(frozen=True, slots=True)
-class Measured:
-    """A measured value and its limit: a row of a table. met: None without a limit or without data."""
-
-    name: str
-    value: float | None
-    asked: str
-    met: bool | None
-
-    @property
-    def shown(self) -> str:
-        """The value with three digits, or as a whole number; "-" without a value."""
-        if self.value is None:
-            return NONE
-        return f"{self.value:.0f}" if abs(self.value) >= 1000.0 else f"{self.value:.3g}"
-
-
-def between(name: str, value: SupportsFloat | None, low: float, high: float, asked: str = "") -> Measured:
-    """Return a value with two limits; None, if there were no data, misses them."""
-    asked = asked or f"{low:g} to {high:g}"
-    if value is None:
-        return Measured(name, None, asked, False)
-    return Measured(name, float(value), asked, low <= float(value) <= high)
-
-
-def at_most(name: str, value: SupportsFloat | None, limit: float) -> Measured:
-    return between(name, value, float("-inf"), limit, f"at most {limit:g}")
-
-
-def at_least(name: str, value: SupportsFloat | None, limit: float) -> Measured:
-    return between(name, value, limit, float("inf"), f"at least {limit:g}")
-
-
-def informative(name: str, value: SupportsFloat) -> Measured:
-    return Measured(name, float(value), "", None)
-
-
-def not_there(name: str) -> Measured:
-    return Measured(name, None, "no recordings here (RIG_TEST_DATA)", None)
 
 
 def column(heading: str, show: str | Callable[[Any], str] = "", doc: str = "", optional: bool = False) -> Any:
@@ -161,7 +111,6 @@ def _cell(value: Any, show: str | Callable[[Any], str]) -> str:
 
 
 def limit_table(limits: Sequence[Measured], whose: str) -> Table:
-    """Return a row for each limit: measured value, limit, and verdict. whose: the subject of the limits."""
     verdicts = {True: "kept", False: "MISSED", None: ""}
     rows = [(of.name, of.shown, of.asked, verdicts[of.met]) for of in limits]
     return Table(f"Limits for {whose}", ("limit", "measured", "asked", ""), rows)
@@ -312,8 +261,6 @@ class Run:
 
 
 def as_json(study: Study[Any], options: Any, run: Run, report: Report, wall_s: float) -> dict[str, Any]:
-    """Return a report as JSON values, with the options and the machine."""
-
     def plain(option: Any) -> Any:
         if isinstance(option, list):
             return list(map(plain, option))
@@ -337,7 +284,6 @@ def as_json(study: Study[Any], options: Any, run: Run, report: Report, wall_s: f
 
 
 def machine() -> dict[str, object]:
-    """Return processor, number of cores, and the versions of Python and OpenCV."""
     info = Path("/proc/cpuinfo")
     names = [line for line in info.read_text().splitlines() if "model name" in line] if info.exists() else []
     return {

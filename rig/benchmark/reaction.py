@@ -20,19 +20,8 @@ from protocols.grasps import find_grasp_file
 from protocols.observer import Phase, ReactionStep
 from protocols.reaction import ReactionKind
 from rig.bench.source import FreshBenches
-from rig.benchmark.harness import (
-    ALL,
-    Measured,
-    Report,
-    Run,
-    Study,
-    Table,
-    at_least,
-    at_most,
-    column,
-    informative,
-    table_of,
-)
+from rig.benchmark.harness import ALL, Report, Run, Study, Table, column, table_of
+from rig.benchmark.measured import Measured, at_least, at_most, informative
 from rig.benchmark.wire.campaign import WireBench, served
 from rig.config import BenchConfig, load_bench
 from rig.declared import option
@@ -109,7 +98,6 @@ class ReactedLift:
 
     @property
     def counts_added(self) -> int:
-        """Sum of the counts by which the fingers closed further."""
         return sum(reaction.counts_added for reaction in self.reactions)
 
     @property
@@ -273,7 +261,6 @@ def times_of(session: Path, react: ReactionKind) -> list[Measured]:
 
 
 def reaction_table(kind: ReactionKind, pairs: Sequence[Pair]) -> Table:
-    """Return a row per object, all first."""
     rows = []
     for name in (ALL, *dict.fromkeys(without.object_id for without, _ in pairs)):
         of = [pair for pair in pairs if name in (ALL, pair[0].object_id)]
@@ -308,7 +295,6 @@ def _median_turn(lifts: Sequence[ReactedLift]) -> float | None:
 
 
 def judge_lifts(pairs: Sequence[Pair]) -> list[Measured]:
-    """Return the limits on lifts without and with a reaction."""
     slipping = [after for before, after in pairs if before.slips]
     held = [after for before, after in pairs if abs(before.turn_deg or 0.0) <= HELD_DEG and not before.slips]
     reactions = [reaction for _, after in pairs for reaction in after.reactions]

@@ -20,19 +20,8 @@ from numpy.typing import NDArray
 from drivers.clock import NS_PER_S
 from drivers.types import Frame, Image
 from rig.benchmark.estimators.scores import score_all
-from rig.benchmark.harness import (
-    ALL,
-    Measured,
-    Report,
-    Run,
-    Study,
-    Table,
-    at_least,
-    at_most,
-    between,
-    column,
-    table_of,
-)
+from rig.benchmark.harness import ALL, Report, Run, Study, Table, column, table_of
+from rig.benchmark.measured import Measured, at_least, at_most, between
 from rig.declared import option
 from rig.frames.estimates import FRAME_MS, contact_ms, estimate_together, frame_ms
 from rig.lift.object_angle import object_angle
@@ -166,7 +155,6 @@ KINDS = len(KIND_NAMES)
 
 
 def kind_of(seed: int) -> str:
-    """Return the name of the kind of face of a lift."""
     return KIND_NAMES[seed % KINDS]
 
 
@@ -313,7 +301,6 @@ def _lamps(rng: Random) -> list[list[tuple[float, float, float]]]:
 
 
 def _patches(shape: tuple[int, int], rng: Random) -> NDArray[np.float64]:
-    """Return a smoothly varying factor, (h, w, 3), for the unevenness of paint and gel."""
     coarse = rng.normal(0.0, 0.12, (5, 4, 3)).astype(np.float32)
     return np.exp(cv2.resize(coarse, shape[::-1], interpolation=cv2.INTER_CUBIC)).astype(np.float64)
 
@@ -497,7 +484,6 @@ def answer_lift(choices: Sequence[EstimatorChoice], lift: int) -> dict[str, Draw
 
 
 def face_table(by_estimator: Mapping[str, Sequence[DrawnLift]]) -> Table:
-    """Return a row per estimator and kind of face, all kinds first."""
     rows = []
     for name, lifts in by_estimator.items():
         for face in (ALL, *KIND_NAMES):
@@ -519,7 +505,6 @@ def face_table(by_estimator: Mapping[str, Sequence[DrawnLift]]) -> Table:
 
 
 def judge_lifts(lifts: Sequence[DrawnLift]) -> tuple[Measured, ...]:
-    """Return the limits on the lifts of one estimator."""
     overall = score_all([lift.score for lift in lifts])
     return (
         at_most("MARE, degrees", overall.mare_deg, MOST_MARE_DEG),

@@ -10,18 +10,8 @@ from pathlib import Path
 from drivers.errors import InputError, RigError
 from protocols.observer import Phase
 from rig.benchmark.estimators.scores import score_all
-from rig.benchmark.harness import (
-    ALL,
-    Measured,
-    Report,
-    Run,
-    Study,
-    Table,
-    at_least,
-    at_most,
-    column,
-    table_of,
-)
+from rig.benchmark.harness import ALL, Report, Run, Study, Table, column, table_of
+from rig.benchmark.measured import Measured, at_least, at_most
 from rig.config import BenchConfig
 from rig.config.calibrations import load_calibrated_bench
 from rig.declared import option
@@ -126,7 +116,6 @@ def measure(options: SeedsOptions, run: Run) -> Report:
 
 
 def lift_cases(bench: str, seeds: Sequence[int], objects: Sequence[str], lifts: int) -> list[LiftCase]:
-    """Return the lifts of each object with each seed."""
     return [
         LiftCase(bench, seed, of, number)
         for seed in seeds
@@ -164,7 +153,6 @@ def recorded_lift(
 
 
 def scored_lift(recording: Path, seed: int, row: FinishedLift) -> SeedLift:
-    """Return the score of the angles that were reported during a recorded lift, over phases B and C."""
     phases, truth = phase_times(recording), recorded_truth(recording)
     fused = recorded_angles(recording, FUSED_TOPIC)[FUSED_TOPIC]
     fused = [angle for angle in fused if phases[Phase.LIFT] <= angle.time_ns < phases[Phase.LOWER]]
@@ -174,7 +162,6 @@ def scored_lift(recording: Path, seed: int, row: FinishedLift) -> SeedLift:
 
 
 def seeds_table(bench: str, lifts: Sequence[SeedLift]) -> Table:
-    """Return a row for each seed, and one for all."""
     seeds = dict.fromkeys(lift.seed for lift in lifts)
     by_seed = {str(seed): [lift for lift in lifts if lift.seed == seed] for seed in seeds}
     title = f"SIMULATED on bench '{bench}': rotational error in degrees, {HEADING}"
@@ -197,7 +184,6 @@ def seeds_table(bench: str, lifts: Sequence[SeedLift]) -> Table:
 
 
 def judge_lifts(difficulty: str, lifts: Sequence[SeedLift]) -> tuple[Measured, ...]:
-    """Return the limits on the lifts of a bench, easy or hard."""
     overall = score_all([lift.score for lift in lifts])
     return (
         at_most("MARE, degrees", overall.mare_deg, MARE_DEG[difficulty]),

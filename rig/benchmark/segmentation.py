@@ -15,20 +15,8 @@ from drivers.errors import InputError
 from drivers.images import read_image
 from drivers.types import Image
 from fakes.studio.training_frames import hard_frames
-from rig.benchmark.harness import (
-    Measured,
-    Report,
-    Run,
-    Study,
-    Table,
-    at_least,
-    at_most,
-    column,
-    data_folder,
-    informative,
-    not_there,
-    table_of,
-)
+from rig.benchmark.harness import Report, Run, Study, Table, column, table_of
+from rig.benchmark.measured import Measured, at_least, at_most, data_folder, informative, not_there
 from rig.calibrate.press_folder import read_circled
 from rig.declared import option
 from rig.frames.masks import CLASSICAL, FrameSegmenter, SegmentChoice, make_segmenter, segmenter_maker
@@ -203,12 +191,10 @@ def measure(options: SegmentationOptions, run: Run) -> Report:
 
 
 def trained_models() -> list[dict[str, Any]]:
-    """Return the stored results of `rig train` (network, fold, Dice, IoU, time, settings)."""
     return json.loads((files("rig") / "models" / "table2.json").read_text(encoding="utf-8"))["models"]
 
 
 def table_two() -> Table:
-    """Return the stored results of `rig train --all` beside the paper's, by network and fold."""
     rows, by = [], {(row["title"], row["fold"]): row for row in trained_models()}
     for key in ((network, fold) for network in ("UNet++", "DeepLabV3+", "PSPNet", OURS) for fold in FOLDS):
         paper = PAPER.get(key, (None, None))
@@ -251,7 +237,6 @@ def read_presses(folder: Path) -> Panels:
 
 
 def parse_models(texts: Sequence[str], known: Sequence[str]) -> dict[str, Path]:
-    """Return files by network from texts as "unetplusplus=FILE". Raises `InputError`."""
     models = {}
     for text in texts:
         name, _, file = text.partition("=")

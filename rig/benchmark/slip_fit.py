@@ -111,7 +111,6 @@ class Case:
 
     @property
     def stored(self) -> bool:
-        """Whether the folder is complete."""
         return (self.folder / TRUTH).exists()
 
 
@@ -225,7 +224,6 @@ def measure(options: FitOptions, run: Run) -> Report:
 
 
 def _tried_before(run: Run) -> list[Tried]:
-    """Return the changes that the run in the folder has tried."""
     if run.folder is None:
         return []
     file = run.folder / TRIED
@@ -237,7 +235,6 @@ def _tried_before(run: Run) -> list[Tried]:
 
 
 def _stored_cases(options: FitOptions, run: Run, folder: Path) -> list[Case]:
-    """Store the images of all cases that are not in the folder."""
     clips = read_clips(options.folder, options.groups)
     names = sorted({clip.group for clip in clips})
     if options.group is not None and options.group not in names:
@@ -351,7 +348,6 @@ def penalty(values: Values, case: Case) -> float:
 def surprise(
     angle_deg: float | None, sigma_deg: float | None, true_deg: float, true_sigma_deg: float
 ) -> float:
-    """Return the negative log likelihood of a true angle, given an answer and its sigma."""
     outlier = 1.0 / ANY_DEG
     if angle_deg is None or sigma_deg is None:
         return -math.log(outlier)
@@ -455,7 +451,6 @@ class _Search:
                 return
 
     def close(self) -> None:
-        """End the workers, which have no tasks any more."""
         for _ in self._done:
             pass
 
@@ -464,7 +459,6 @@ class _Search:
         return float(np.mean([penalties[case.folder] for case in cases]))
 
     def _scored(self, values: Values, cases: Sequence[Case]) -> dict[Path, float]:
-        """Return the penalty of each case, by its folder."""
         self._tasks += [(values, case) for case in cases]
         return {task[1].folder: result for task, result in islice(self._done, len(cases))}
 
@@ -514,7 +508,6 @@ def _row(name: str, search: _Search) -> ParameterRow | None:
 def _card(
     search: _Search, options: FitOptions, data: Sequence[DataRow], rows: Sequence[ParameterRow]
 ) -> dict[str, object]:
-    """Return the parameters and a description of the data that they were fitted to."""
     lifts = {"seed": FIRST_SEED, "first_of_renderer": FIRST_LIFT, "of_each_object": options.lifts}
     return {
         "title": "parameters of the estimator slip",

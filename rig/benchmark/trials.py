@@ -149,7 +149,6 @@ class TrialsResult:
 
     @property
     def title(self) -> str:
-        """Beginning of the tables' titles."""
         return f"SIMULATED, {counted(self.lifts, 'lift')}, one fingertip, phase B: the paper's Table"
 
     def time(self, system: str) -> str:
@@ -230,7 +229,6 @@ def _make_system(name: str, files: Mapping[str, Path], tip: SessionSeries) -> Ta
 
 
 def combination(network: str, method: str) -> str:
-    """Return the name of a network with an angle method."""
     return f"{network} and {method}"
 
 
@@ -274,7 +272,6 @@ def pass_lift(
 
 
 def thinned(frames: Iterable[TimedFrame]) -> Iterator[TimedFrame]:
-    """Yield frames that are at least about a thirtieth of a second apart."""
     last_ns: int | None = None
     for frame in frames:
         if last_ns is None or frame.time_ns - last_ns >= to_ns(PERIOD_S - JITTER_S):
@@ -352,7 +349,6 @@ def table_four(result: TrialsResult) -> Table:
 
 
 def _notes(result: TrialsResult) -> list[str]:
-    """Return the conditions of the measurement, a sentence or two each."""
     return [
         "SIMULATED: the paper's figures are of its real bench and objects and cannot be compared with these.",
         f"One fingertip at 30 frames per second, {result.frames} frames of phase B; times in one process "

@@ -21,7 +21,8 @@ from rig.cli.options import JsonOption, SeedOption
 from rig.declared import file_place, folder_place, option, option_parameters, set_signature
 
 if TYPE_CHECKING:
-    from rig.benchmark.harness import Measured, Report, Study
+    from rig.benchmark.harness import Report, Study
+from rig.benchmark.measured import Measured
 
 STUDIES = {
     "estimators": "Measure run time and error of every estimator, on 45 lifts and on disturbed clips.",

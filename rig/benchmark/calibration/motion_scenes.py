@@ -116,7 +116,6 @@ def _turned(pose: Pose, rng: np.random.Generator, low_deg: float, high_deg: floa
 
 
 def _seen(camera_T_target: Pose) -> Array:  # noqa: N803
-    """Return the corners of the marker in the image, (4, 2) px."""
     at = camera_T_target.rotation.apply(MARKER.places_m) + np.asarray(camera_T_target.position_m)
     return CAMERA.project(at)
 

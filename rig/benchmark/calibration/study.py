@@ -43,19 +43,8 @@ from fakes.studio.calibration_scenes import MarkerPictures
 from rig.benchmark.calibration import board_scenes
 from rig.benchmark.calibration.board_scenes import BOARD, board_pose, render_target
 from rig.benchmark.calibration.motion_scenes import CAMERA, Truth, general_scene, wiggle_scene
-from rig.benchmark.harness import (
-    Measured,
-    Report,
-    Run,
-    Study,
-    at_most,
-    between,
-    column,
-    data_folder,
-    informative,
-    not_there,
-    table_of,
-)
+from rig.benchmark.harness import Report, Run, Study, column, table_of
+from rig.benchmark.measured import Measured, at_most, between, data_folder, informative, not_there
 from rig.declared import option
 
 _FRAMES, _AT_REST, _REFERENCE = 120, 40, 12
@@ -110,7 +99,6 @@ class AngleRow:
 
 
 def score_scene(scene: AngleScene, seed: tuple[int, ...]) -> AngleRow:
-    """Measure the angle in the images of one scene."""
     pictures = MarkerPictures(scene.side_px, scene.tilt_deg, scene.blur_px, scene.noise_grey)
     rng = np.random.default_rng(seed)
     camera = CameraModel(pictures.size, pictures.camera_matrix, pictures.distortion)
@@ -381,7 +369,6 @@ def real_photos(data: Path | None) -> list[Measured]:
 
 
 def _from_published(result: CameraFit) -> float:
-    """Return the largest difference of fx, fy, cx, cy from the published values, px."""
     m = result.fit.camera.matrix
     f, cx, cy = _PUBLISHED_CHESSBOARD
     return float(np.abs([m[0, 0] - f, m[1, 1] - f, m[0, 2] - cx, m[1, 2] - cy]).max())
@@ -393,7 +380,6 @@ def _found(target: Target, photos: list[Path]) -> list[View]:
 
 
 def gel_limits(data: Path | None) -> list[Measured]:
-    """Fit the colour map by cross-validation, and measure the ball's radius in the held-out presses."""
     if data is None:
         return [not_there("tactile map: radius of held-out balls")]
     presses = gelsight_presses(data / "gelsight_ball")

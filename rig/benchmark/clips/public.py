@@ -45,7 +45,6 @@ class PublicSet:
 
     @property
     def sources(self) -> Path:
-        """File with the paths and hashes of the labelled files."""
         return self.folder / f"{self.name}_sources.csv"
 
 
@@ -92,7 +91,6 @@ class Source:
 
 
 def find_set(name: str) -> PublicSet:
-    """Return a set by name. Raises `InputError`."""
     if name not in SETS:
         raise unknown_name("set", name, SETS)
     return SETS[name]
@@ -134,7 +132,6 @@ def make_clips(of: PublicSet, clone: Path) -> Path:
 
 
 def _write_frames(clip: Path, sources: Sequence[Source], files: Mapping[str, bytes]) -> None:
-    """Write background, and the video or the frames with their times."""
     parts = [_image(row, files[row.path]) for row in sources if row.use == "background"]
     background = np.rint(np.median(parts, axis=0)).astype(np.uint8)
     (clip / f"{BACKGROUND}.png").write_bytes(encode_png(background))

@@ -48,7 +48,6 @@ class JudgedLabel:
 
     @property
     def useful(self) -> bool:
-        """Whether there is an angle with a sigma of at most 5 degrees."""
         return self.sigma_deg is not None and self.sigma_deg <= USEFUL_SIGMA_DEG
 
     @property
@@ -58,18 +57,15 @@ class JudgedLabel:
 
     @property
     def sigmas_off(self) -> float | None:
-        """Error divided by the combined sigma of estimate and label; None without a sigma of the estimate."""
         sigma = self.joint_sigma_deg
         return None if sigma is None else self.error_deg / max(sigma, 1e-9)
 
     @property
     def confidently_wrong(self) -> bool:
-        """Whether the estimate is confidently wrong, by the combined sigma of estimate and label."""
         return is_confidently_wrong(self.error_deg, self.joint_sigma_deg)
 
     @property
     def turned(self) -> bool:
-        """Whether the object has turned by at least 10 degrees."""
         return abs(self.label.angle_deg) >= TURNED_DEG
 
     @property
@@ -126,7 +122,6 @@ class ClipScore:
 
     @property
     def p99_ms(self) -> float | None:
-        """Time per frame with contact, 99th percentile, ms; None without such a frame."""
         return None if self.frame_ms is None else self.frame_ms[-1]
 
 
@@ -208,7 +203,6 @@ class EstimatorRuns:
     groups: Mapping[str, ClipScore]
 
     def of_version(self, version: ClipVersion) -> "EstimatorRuns":
-        """Return the runs on the clips of one version."""
         return summed(self.name, [run for run in self.runs if run.clip.version is version])
 
     @property
@@ -218,7 +212,6 @@ class EstimatorRuns:
 
 
 def run_clip(clip: LabelledClip, choice: EstimatorChoice) -> ClipRun:
-    """Run one estimator on one clip."""
     answers = estimate_series(clip.series, choice.make(clip.background))
     estimate = zeroed(answers, answers[clip.reference_frame].time)
     has_sigma = any(sigma is not None for sigma in estimate.sigmas_deg)
@@ -237,7 +230,6 @@ def run_clip(clip: LabelledClip, choice: EstimatorChoice) -> ClipRun:
 
 
 def summed(name: str, runs: Sequence[ClipRun]) -> EstimatorRuns:
-    """Summarize the runs of an estimator over all clips and by group."""
     groups = {}
     for group in (ALL, *sorted({run.clip.group for run in runs})):
         of = [run for run in runs if group in (ALL, run.clip.group)]

@@ -23,19 +23,17 @@ from rig.benchmark.clips.public import SETS, PublicSet, find_set, make_clips
 from rig.benchmark.clips.scores import ClipRun, ClipScore, EstimatorRuns, run_clip, summed
 from rig.benchmark.harness import (
     ALL,
-    Measured,
     Report,
     Run,
     Study,
     Table,
-    at_least,
-    at_most,
     column,
     columns_of,
     limit_table,
     machine,
     table_of,
 )
+from rig.benchmark.measured import Measured, at_least, at_most
 from rig.declared import argument, option
 from rig.pages.figure import band, drawing, legend_above, limits, svg
 from rig.pages.page import render
@@ -226,7 +224,6 @@ def measure(options: ClipsOptions, run: Run) -> Report:
 
 
 def judge(of: ClipScore, options: ClipsOptions) -> tuple[Measured, ...]:
-    """Return the requested limits with the measured values."""
     rows = (
         ("within", at_least, "share of labels within max(3 degrees, 2 label sigmas)", of.within),
         ("confidently_wrong", at_most, "share of labels confidently wrong", of.confidently_wrong),
@@ -243,7 +240,6 @@ def judge(of: ClipScore, options: ClipsOptions) -> tuple[Measured, ...]:
 
 
 def verdict(limits: Sequence[Measured]) -> str:
-    """Return a sentence with the missed limits; "" without limits."""
     missed = [f"{limit.name} {limit.shown}, required {limit.asked}" for limit in limits if not limit.met]
     kept = "All limits were kept." if limits else ""
     return f"Limits missed: {'; '.join(missed)}." if missed else kept
@@ -326,7 +322,6 @@ def _estimator_json(of: EstimatorRuns) -> dict[str, Any]:
 
 
 def page(title: str, estimators: Sequence[EstimatorRuns], verdict: str, tables: Sequence[Table]) -> str:
-    """Return the HTML page: each clip's curve, sigma band, labels and frames, worst first."""
     names, clips = [of.name for of in estimators], []
     for runs in sorted(
         zip(*(of.runs for of in estimators), strict=True), key=lambda of: -of[0].score.mean_deg
@@ -378,7 +373,6 @@ def draw_clip(figure: Figure, names: Sequence[str], runs: Sequence[ClipRun]) -> 
 
 
 def _stills(run: ClipRun) -> list[Still]:
-    """Return the reference frame and the labelled frames as small images."""
     captions = {run.clip.reference_frame: "reference"}
     for judged in run.labels:
         sigma = "" if judged.sigma_deg is None else f" ± {judged.sigma_deg:.1f}"

@@ -63,7 +63,6 @@ def unfiltered(
 
 
 def filtered(name: str, samples: Sequence[SlipSample], window: int) -> list[SlipSample]:
-    """Apply a window of n angles to the samples of an unfiltered run."""
     if name in PAPER and name.endswith(PUBLISHED):
         script = ScriptFilter(window)
         return [_published(sample, script) for sample in samples]
@@ -142,7 +141,6 @@ class RecordedLift:
 
     @property
     def name(self) -> str:
-        """Object and number of the lift, as "t1/3"."""
         return f"{self.row.object}/{self.row.lift}"
 
 
@@ -193,7 +191,6 @@ def score_lift(folder: Path, names: Sequence[str], row: FinishedLift) -> LiftSco
 def _scored(
     lift: RecordedLift, truth: Mapping[int, float | None], samples: Mapping[str, list[SlipSample]]
 ) -> SeriesScore:
-    """Score the fused angle over phases B and C."""
     lift_ns, end_ns = lift.phases[Phase.LIFT], lift.phases[Phase.LOWER]
     angle = object_angle({serial: tip.sign for serial, tip in lift.tips.items()}, samples, lift_ns)
     fused = [s for s in angle.fused if s.time_ns < end_ns]
@@ -285,7 +282,6 @@ def time_lifts(
 
 
 def spread(durations_s: Sequence[float]) -> Spread:
-    """Return the percentiles of durations in s, in ms; zeros if there are none."""
     values = np.asarray(durations_s if len(durations_s) else [0.0], float) * 1e3
     p50, p90, p95, p99 = (float(p) for p in np.percentile(values, (50, 90, 95, 99)))
     return Spread(float(values.max()), p50, p90, p95, p99, len(durations_s))

@@ -69,7 +69,6 @@ class ContenderScore:
 
     @property
     def worst_text(self) -> str:
-        """The largest mean error with the key of its lift or clip."""
         return "-" if self.worst_deg is None else f"{self.worst_deg:.2f} ({self.worst})"
 
 

@@ -71,7 +71,6 @@ def resized(width: int, height: int) -> Disturbance:
 
 
 def landscape(clip: Clip, rng: np.random.Generator) -> Clip:
-    """Rotate frames and background by 90 degrees, as of a sensor mounted on its side."""
     lying = _each(lambda image: np.ascontiguousarray(np.rot90(image)))(clip, rng)
     return replace(lying, aspect=None if clip.aspect is None else 1.0 / clip.aspect)
 
@@ -96,7 +95,6 @@ def drift(
 
 
 def dropped(clip: Clip, rng: np.random.Generator) -> Clip:
-    """Drop half of the frames at random."""
     return _in_order(clip, np.flatnonzero(rng.random(len(clip.frames)) < 0.5))
 
 
@@ -107,7 +105,6 @@ def gap(clip: Clip, rng: np.random.Generator) -> Clip:
 
 
 def every(step: int) -> Disturbance:
-    """Keep every Nth frame, as of a slower camera."""
     return lambda clip, rng: _in_order(clip, np.arange(0, len(clip.frames), step))
 
 
@@ -129,7 +126,6 @@ def torn(clip: Clip, rng: np.random.Generator) -> Clip:
 
 
 def late(clip: Clip, rng: np.random.Generator) -> Clip:
-    """Swap every tenth frame with the next one, as if it were delivered late."""
     order = np.arange(len(clip.frames))
     for i in range(5, len(order) - 1, 10):
         order[i], order[i + 1] = order[i + 1], order[i]
@@ -329,7 +325,6 @@ def _series_score(key: str, samples: Sequence[SlipSample], clip: Clip) -> Series
 
 
 def stress_rows(scores: Sequence[StressedClip]) -> list[StressRow]:
-    """Combine clips by condition, in the order of the table."""
     rows, names = [], dict.fromkeys(score.estimator for score in scores)
     for c in CONDITIONS:
         for name in names:

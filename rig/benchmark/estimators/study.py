@@ -18,22 +18,8 @@ from rig.benchmark.estimators.contenders import (
 )
 from rig.benchmark.estimators.scores import ContenderScore, score_all
 from rig.benchmark.estimators.stress import NAMES, StressRow, run_stress, stress_rows, stress_tasks
-from rig.benchmark.harness import (
-    NONE,
-    Measured,
-    Report,
-    Run,
-    Study,
-    Table,
-    at_least,
-    at_most,
-    between,
-    column,
-    columns_of,
-    informative,
-    machine,
-    table_of,
-)
+from rig.benchmark.harness import NONE, Report, Run, Study, Table, column, columns_of, machine, table_of
+from rig.benchmark.measured import Measured, at_least, at_most, between, informative
 from rig.config import BenchConfig, load_bench
 from rig.declared import option
 from rig.experiments.lift_plan import TrialSettings, stored_trial
@@ -91,7 +77,6 @@ class EstimatorsResult:
 
     @property
     def mark(self) -> str:
-        """Prefix of titles: "SIMULATED " if the lifts are simulated, else ""."""
         return "SIMULATED " if self.simulated else ""
 
     @property
@@ -223,7 +208,6 @@ def record(
 
 
 def report_of(result: EstimatorsResult) -> Report:
-    """Return tables, limits and files; the figures are the JSON values that the tables do not show."""
     limits, best = judge(result), result.closest_of_paper
     section, costs = readme_section(result, limits), result.timing.contenders
     failed = dict.fromkeys(name for lift in result.lifts for name in lift.faults)
@@ -256,7 +240,6 @@ def report_of(result: EstimatorsResult) -> Report:
 
 
 def judge(result: EstimatorsResult) -> list[Measured]:
-    """Return all limits in the order of the table."""
     ours, timing = result.scores[DEFAULT_ESTIMATOR, 1], result.timing
     theirs_deg = result.scores[PAPER_BEST].mare_deg
     better = theirs_deg / ours.mare_deg if theirs_deg and ours.mare_deg else None
@@ -310,7 +293,6 @@ def estimator_table(result: EstimatorsResult) -> Table:
 
 
 def time_table(result: EstimatorsResult) -> Table:
-    """Return the percentiles of the run time of each stage, and of the published second stage."""
     rows = []
     for name, timing in result.timing.contenders.items():
         rows.append(TimeRow(name, "frame in to angle out", timing.contact))
@@ -350,7 +332,6 @@ def _mean(value_deg: float | None) -> str:
 
 
 def _notes(result: EstimatorsResult) -> list[str]:
-    """Return further results, one sentence each."""
     shares = ", ".join(f"{stage} {share:.0%}" for stage, share in result.skipped.items())
     scores = [(name, result.scores[name, window]) for name, window in result.usual]
     onsets = (
@@ -380,7 +361,6 @@ def _notes(result: EstimatorsResult) -> list[str]:
 
 
 def readme_section(result: EstimatorsResult, limits: Sequence[Measured]) -> str:
-    """Return the section for a document in Markdown, without the comments that mark it."""
     table, missed = estimator_table(result), [limit.name for limit in limits if limit.met is False]
     of, rows = machine(), [row[:README_COLUMNS] for row in table.rows]
     head = (

@@ -69,7 +69,6 @@ JOBS = {"contact_times": contact_times, "stream": stream}
 
 
 def main() -> None:
-    """Answer requests on one core until stdin ends."""
     answers, sys.stdout = sys.stdout, sys.stderr
     cv2.setNumThreads(1)
     with suppress(AttributeError):  # not on every operating system

@@ -25,18 +25,8 @@ from rig.benchmark.clips.labelled import ClipVersion, clip_version, read_clips
 from rig.benchmark.clips.public import PACKAGED
 from rig.benchmark.clips.scores import JudgedLabel, run_clip, score
 from rig.benchmark.estimators.scores import score_all
-from rig.benchmark.harness import (
-    Measured,
-    Report,
-    Run,
-    Study,
-    at_least,
-    at_most,
-    between,
-    informative,
-    limit_table,
-    machine,
-)
+from rig.benchmark.harness import Report, Run, Study, limit_table, machine
+from rig.benchmark.measured import Measured, at_least, at_most, between, informative
 from rig.benchmark.renderer import LIFTS_PER_SEED, answer_lift
 from rig.benchmark.seeds import LiftCase, SeedLift, lift_cases, recorded_lift, scored_lift
 from rig.benchmark.slip import contender
@@ -79,7 +69,6 @@ MOST_LINES, MOST_CONSTANTS = 2600, 60
 def store(
     file: Path, background: Image, frames: Iterable[TimedImage], aspect: float | None = None, sign: int = 1
 ) -> None:
-    """Store the first frames of a series, uncompressed, for the processes of all versions."""
     shown = [(of.time_ns, of.image) for of in islice(frames, FRAMES) if of.image is not None]
     times_ns, images = zip(*shown, strict=True)
     sensor = {"background": background, "aspect": aspect or 0.0, "sign": sign}
@@ -126,7 +115,6 @@ class Contender:
         return json.loads(line)
 
     def close(self) -> None:
-        """End the process."""
         self._process.kill()
         self._process.communicate()
 
@@ -236,7 +224,6 @@ def _times(options: SlipOptions, of: Sequence[Contender], folder: Path, run: Run
 
 
 def _time_rows(kind: str, of: Sequence[Contender], times_ms: Sequence[list[float]]) -> Iterator[Measured]:
-    """Yield median and 99 % of each estimator."""
     compared = kind == CLIPS and any(each.other_version for each in of)
     for place, percentile in enumerate(("median", "99 %")):
         found = [ms and ms[2 * place] for ms in map(frame_ms, times_ms)]
@@ -250,7 +237,6 @@ def _time_rows(kind: str, of: Sequence[Contender], times_ms: Sequence[list[float
 
 
 def _labels(options: SlipOptions, choice: EstimatorChoice, run: Run) -> Iterator[Measured]:
-    """Yield the figures of all groups of clips, and the largest change of an angle."""
     cases = [(options.clips, options.groups, version) for version in ClipVersion if options.clips]
     cases += [(folder, None, ClipVersion.PLAIN) for folder in options.turns or ()]
     answers = run.each(partial(_answers, choice), cases, lambda case: ", ".join(map(str, case)))
@@ -324,7 +310,6 @@ def _sample(bench: str, lifts: Sequence[SeedLift]) -> Iterator[Measured]:
 
 
 def _drawn(lifts: int, choice: EstimatorChoice, run: Run) -> Iterator[Measured]:
-    """Yield the figures of the second renderer."""
     numbers = [LIFTS_PER_SEED * seed + number for seed in SEEDS for number in range(lifts)]
     answers = run.each(partial(answer_lift, [choice]), numbers, "second renderer, lift {}".format)
     drawn = [of[choice.name].score for of in answers]

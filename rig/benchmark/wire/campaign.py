@@ -222,7 +222,6 @@ def bench_ns(call: Call) -> int:
 
 
 def let_pass(call: Call, duration_s: float) -> None:
-    """Wait for a time of the clock of running fakes."""
     end_ns = bench_ns(call) + to_ns(duration_s)
     while bench_ns(call) < end_ns:
         time.sleep(POLL_S)
@@ -265,7 +264,6 @@ def strike(event: Event, call: Call, program: "subprocess.Popen[str] | None" = N
 
 
 def read_track(call: Call, since_ns: int) -> list[TrueState]:
-    """Read the states since a time from running fakes, oldest first; each holds until the next."""
     return [
         TrueState(time_ns, (x, y, z), counts, held)
         for time_ns, x, y, z, counts, held in call("track", since_ns=since_ns)["samples"]
@@ -273,12 +271,10 @@ def read_track(call: Call, since_ns: int) -> list[TrueState]:
 
 
 def at(track: Sequence[TrueState], time_ns: int) -> TrueState:
-    """Return the state at a time."""
     return next((state for state in reversed(track) if state.time_ns <= time_ns), track[0])
 
 
 def standstill(track: Sequence[TrueState], event_ns: int) -> Standstill:
-    """Return when the tool first stood after an event, and how far it had moved."""
     there = stood = at(track, event_ns)
     for before, after in pairwise(track):
         if after.time_ns <= event_ns:

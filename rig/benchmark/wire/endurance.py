@@ -24,7 +24,8 @@ from protocols.readiness import make_ready
 from protocols.safe_end import safe_end
 from protocols.slip_trial import REFERENCE_S, SETTLE_S
 from protocols.steps import approach, close_to_contact, open_and_rise, start_watching, tighten
-from rig.benchmark.harness import Measured, Report, Run, Study, at_least, at_most, informative
+from rig.benchmark.harness import Report, Run, Study
+from rig.benchmark.measured import Measured, at_least, at_most, informative
 from rig.benchmark.wire.campaign import WireBench, served
 from rig.config import BenchConfig, load_bench
 from rig.declared import option
@@ -157,7 +158,6 @@ class StillContact(LiftObserver):
         return self._recordings.next_file()
 
     def minute(self) -> Minute:
-        """Return the measurements since `begin_minute`, and begin the next minute."""
         resources = _resources()
         frames, dropped, jumped = np.subtract(self._counts(), self._counted).tolist()
         late_ms = [np.percentile(late, (50, 99)) * 1e3 / NS_PER_S for late in self._late_ns.values()]
@@ -168,7 +168,6 @@ class StillContact(LiftObserver):
         return Minute(frames, dropped, jumped, p50_ms, p99_ms, wander_deg, answered, recorded_mb, **resources)
 
     def _counts(self) -> tuple[int, int, int]:
-        """Return the numbers of frames so far: all, dropped, and tactile ones whose time jumped."""
         tallies = self._measurement.tallies
         jumped = sum(tallies[serial].jumped for serial in self._tips)
         return sum(of.frames for of in tallies.values()), sum(of.dropped for of in tallies.values()), jumped

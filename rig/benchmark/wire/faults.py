@@ -17,7 +17,8 @@ from drivers.clock import NS_PER_S
 from drivers.errors import DeviceError, InputError
 from drivers.interfaces import Arm
 from protocols.operator import Operator
-from rig.benchmark.harness import Measured, Report, Run, Study, at_most, column, table_of
+from rig.benchmark.harness import Report, Run, Study, column, table_of
+from rig.benchmark.measured import Measured, at_most
 from rig.benchmark.wire.campaign import (
     Event,
     Moment,
@@ -47,7 +48,6 @@ LATE = (Stage.HOLD, Stage.LOWER, Stage.RELEASE)
 
 
 def _case(name: str, device: str, kind: str, named: str = "", **arguments: Any) -> Event:
-    """Return a fault. named: by default the device."""
     return Event(name, faults=((device, kind, arguments),), named=named or device)
 
 

@@ -17,7 +17,8 @@ from drivers.bench import Bench
 from drivers.clock import NS_PER_S
 from protocols.grasps import find_grasp_file
 from protocols.operator import Operator
-from rig.benchmark.harness import Measured, Report, Run, Study, at_least, at_most, column, table_of
+from rig.benchmark.harness import Report, Run, Study, column, table_of
+from rig.benchmark.measured import Measured, at_least, at_most
 from rig.benchmark.wire.campaign import WireBench, served
 from rig.config import BenchConfig, load_bench
 from rig.declared import option
@@ -76,12 +77,10 @@ class WireLift:
 
     @property
     def errors_deg(self) -> list[float]:
-        """Mean error over phase B of each seed's lift in this process."""
         return [row.re_b.mean_deg for row in self.seeds if row.re_b]
 
     @property
     def spread_deg(self) -> tuple[float, float]:
-        """Mean and standard deviation of `errors_deg`."""
         return float(np.mean(self.errors_deg)), float(np.std(self.errors_deg, ddof=1))
 
 
@@ -128,7 +127,6 @@ def measure(options: WireOptions, run: Run) -> Report:
 
 
 def judge_wire(lift: WireLift) -> tuple[Measured, ...]:
-    """Return the limits. The first seed's lift in this process is the same lift."""
     row, same, (mean_deg, spread_deg) = lift.row, lift.seeds[0], lift.spread_deg
     turns = row.final_truth_deg, same.final_truth_deg
     turn_deg = None if turns[0] is None or turns[1] is None else abs(turns[0] - turns[1])

@@ -19,7 +19,8 @@ from pathlib import Path
 
 from drivers.errors import DeviceError, InputError, RigError
 from protocols.readiness import make_ready
-from rig.benchmark.harness import NONE, Measured, Report, Run, Study, Table, at_most, informative
+from rig.benchmark.harness import NONE, Report, Run, Study, Table
+from rig.benchmark.measured import Measured, at_most, informative
 from rig.benchmark.wire.campaign import (
     After,
     Event,
@@ -132,7 +133,6 @@ class SafetyRun:
 
     @property
     def line(self) -> str:
-        """A line for the progress."""
         stood = f"stood after {self.still_s:.2f} s, {self.way_mm:.1f} mm"
         wrong = {
             "DROPPED": self.dropped,
@@ -191,7 +191,6 @@ class _Place:
         write_bench(self._real, as_real(self._config))
 
     def finish_a_lift(self) -> None:
-        """Make the session that every run continues: one lift of two is done."""
         shutil.rmtree(self._one, ignore_errors=True)
         with self._trial(self._one) as program:
             while not finished(read_lifts(self._one)):
@@ -250,7 +249,6 @@ class _Place:
                 program.kill()
 
     def _kept(self) -> bool:
-        """Whether the first lift can be read, its recording by its checksums."""
         try:
             usable = read_usable_lifts(self._session, checked=True)
         except RigError:
@@ -324,7 +322,6 @@ def judge_runs(runs: Sequence[SafetyRun]) -> tuple[Measured, ...]:
 
 
 def safety_table(runs: Sequence[SafetyRun]) -> Table:
-    """Return a row for each event: how often, and by stage the longest time and way to standstill."""
     title = "SIMULATED bench 'wire': longest time and way from the event to standstill"
     columns = ("event", "runs", *(f"{stage}: s, mm" for stage in Stage), "dropped", "unasked", "lift lost")
     rows = []

@@ -10,7 +10,8 @@ import typer
 from typer.testing import CliRunner
 
 from drivers.errors import InputError
-from rig.benchmark.harness import RESULTS, Report, Run, Study, at_most, column, table_of
+from rig.benchmark.harness import RESULTS, Report, Run, Study, column, table_of
+from rig.benchmark.measured import at_most
 from rig.cli.benchmark import STUDIES, benchmark, command_of
 
 

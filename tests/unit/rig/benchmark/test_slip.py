@@ -13,7 +13,8 @@ from typer.testing import CliRunner
 
 from drivers.errors import InputError, RigError
 from rig.benchmark.clips.labelled import read_clips
-from rig.benchmark.harness import Measured, Run
+from rig.benchmark.harness import Run
+from rig.benchmark.measured import Measured
 from rig.benchmark.slip.study import (
     Contender,
     SlipOptions,

@@ -22,7 +22,7 @@ from rig.declared import file_place, folder_place, option, option_parameters, se
 
 if TYPE_CHECKING:
     from rig.benchmark.harness import Report, Study
-from rig.benchmark.measured import Measured
+    from rig.benchmark.measured import Measured
 
 STUDIES = {
     "estimators": "Measure run time and error of every estimator, on 45 lifts and on disturbed clips.",
@@ -185,8 +185,7 @@ class Benchmarks(Group):
 
 
 benchmark = Commands(
-    cls=Benchmarks,
-    help="Measure the rig, and print the results as tables. Without a command: estimators.",
+    cls=Benchmarks, help="Measure the rig, and print the results as tables. Without a command: estimators."
 )
 
 

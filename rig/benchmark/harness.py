@@ -24,12 +24,9 @@ from rig.sessions.files import append_line, drop_torn_line
 from rig.sessions.rows import read_rows
 from rig.tactile.sample import EstimatorFaults
 
-RESULTS = "results.jsonl"
-"""File of a study's folder: a line per finished case."""
-ALL = "all"
-"""Name of the group of all cases."""
-SCHEMA = 4
-"""Version of a study's JSON."""
+RESULTS = "results.jsonl"  # file of a study's folder: a line per finished case
+ALL = "all"  # name of the group of all cases
+SCHEMA = 4  # version of a study's JSON
 
 Options = TypeVar("Options")
 Case = TypeVar("Case")

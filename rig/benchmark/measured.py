@@ -5,8 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import SupportsFloat
 
-NONE = "-"
-"""A cell without a value."""
+NONE = "-"  # a cell without a value
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
 """Folder of real recordings, unless RIG_TEST_DATA names another one."""
 

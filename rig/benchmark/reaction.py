@@ -37,12 +37,9 @@ from rig.tactile.estimators import choose_estimator
 GRIPPER_PERIOD_S = 0.01
 """Period at which the real gripper's driver reads its state; the registers are refreshed every 5 ms."""
 LEAST_CAUGHT, MOST_LATENCY_MS = 0.95, 50.0
-MOST_FALSE = 1.0 / 45.0
-"""Largest share of lifts with a reaction among those that hold."""
-HELD_DEG = 0.5
-"""The grip of a lift holds if the final rotation without a reaction is smaller than this."""
-WIRE_OBJECT = "t1"
-"""The wrench: it slips at any grip, so that each of its lifts has several reactions."""
+MOST_FALSE = 1.0 / 45.0  # largest share of lifts with a reaction among those that hold
+HELD_DEG = 0.5  # the grip of a lift holds if the final rotation without a reaction is smaller than this
+WIRE_OBJECT = "t1"  # the wrench: it slips at any grip, so that each of its lifts has several reactions
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,8 +110,7 @@ class ReactedLift:
         return bool(self.reactions) and kept and risen and self.outcome is not LiftOutcome.FALLEN
 
 
-Pair = tuple[ReactedLift, ReactedLift]
-"""One lift without and with a reaction."""
+Pair = tuple[ReactedLift, ReactedLift]  # one lift without and with a reaction
 
 
 @dataclass(frozen=True, slots=True)

@@ -32,8 +32,7 @@ from rig.tactile.sample import EstimatorFaults, SlipSample, faults_of, together
 
 Plane = NDArray[np.float32]
 Random = np.random.Generator
-PATCH_MM, PATCH_PX_MM = 16.0, 0.1
-"""Half the width of the square of a height map, and size of its pixels."""
+PATCH_MM, PATCH_PX_MM = 16.0, 0.1  # half the width of the square of a height map, and size of its pixels
 AWAY_MM = 5.0
 
 
@@ -160,15 +159,12 @@ def kind_of(seed: int) -> str:
 
 SIZE_PX = (240, 320)
 PITCH_MM = 0.058
-COARSE = 2
-"""Pixels of the image per grid point of the film."""
+COARSE = 2  # pixels of the image per grid point of the film
 STRETCH_PX, STRETCHES = 2.6, 14
 """Stiffness of the film: width of its smoothing, and number of repetitions. Each is followed by contact with
 the face."""
-SINKS = 0.985
-"""Fraction of the film's depth that remains after each smoothing, due to the elastic foundation."""
-LAMPS = 5
-"""Number of point lights that represent a row of lamps."""
+SINKS = 0.985  # fraction of the film's depth that remains after each smoothing, due to the elastic foundation
+LAMPS = 5  # number of point lights that represent a row of lamps
 HEIGHT_MM, AWAY_FROM_MIDDLE_MM = 3.0, 15.0
 GLOSS, GLOSS_POWER = 0.10, 12.0
 SPREAD_PX, SPREAD_SHARE = 9.0, 0.18
@@ -321,10 +317,8 @@ RATE_HZ = 60.0
 REST_S, TURN_S, END_S = 1.0, 1.6, 0.6
 BACKGROUND_FRAMES = 8
 MOST_TURN_DEG, LEAST_TURN_DEG = 45.0, 5.0
-STILL_SHARE = 0.1
-"""Fraction of the lifts without rotation."""
-SIGNS = (1, -1)
-"""Signs of the fingertips, which are on opposite sides of the object."""
+STILL_SHARE = 0.1  # fraction of the lifts without rotation
+SIGNS = (1, -1)  # signs of the fingertips, which are on opposite sides of the object
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -343,8 +337,7 @@ class Course:
         return round((1.0 + frame / RATE_HZ) * NS_PER_S)
 
 
-LIFT_NS = round((1.0 + REST_S) * NS_PER_S)
-"""Start of the lift: the zero of the angles is the mean before it."""
+LIFT_NS = round((1.0 + REST_S) * NS_PER_S)  # start of the lift: the zero of the angles is the mean before it
 
 
 def draw_course(seed: int) -> Course:
@@ -391,11 +384,9 @@ def _stick_slip(since_s: NDArray[np.float64], rng: Random) -> NDArray[np.float64
 
 MOST_MARE_DEG, MOST_WORST_DEG, LEAST_ANSWERED = 0.5, 3.0, 0.95
 LEAST_WITHIN, MOST_WITHIN = 0.90, 0.98
-TIPS = {str(tip): sign for tip, sign in enumerate(SIGNS)}
-"""The fingertips' signs by name."""
+TIPS = {str(tip): sign for tip, sign in enumerate(SIGNS)}  # the fingertips' signs by name
 HOLD_NS = LIFT_NS + round(TURN_S * NS_PER_S)
-LIFTS_PER_SEED = 1000
-"""Seed n draws the lifts from 1000 n on."""
+LIFTS_PER_SEED = 1000  # seed n draws the lifts from 1000 n on
 
 
 @dataclass(frozen=True, slots=True)

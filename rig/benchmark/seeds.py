@@ -28,13 +28,11 @@ from rig.sessions.recorder import FUSED_TOPIC
 from rig.sessions.records import FinishedLift
 from rig.tactile.estimators import EstimatorChoice, choose_estimator
 
-FEW, MANY = 2, 20
-"""Number of seeds, without and with --full."""
+FEW, MANY = 2, 20  # number of seeds, without and with --full
 MARE_DEG, WORST_DEG = {"easy": 0.32, "hard": 0.6}, {"easy": 2.2, "hard": 4.0}
 """Limits by the difficulty of the bench."""
 ANSWERED = 0.95
-TURNED_DEG = 5.0
-"""A lift whose object turned by more counts as turned."""
+TURNED_DEG = 5.0  # a lift whose object turned by more counts as turned
 
 
 @dataclass(frozen=True, slots=True)

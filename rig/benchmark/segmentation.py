@@ -46,10 +46,8 @@ HELD_OUT = ("2", "12", "t1", "t2", "t3", "t4", "t5", "t6", "t7")
 """The test objects of fold D_s3, and the trial objects; no network of the rig was trained on them."""
 FRAME_SIZE = (240, 320)
 LEAST_DICE, LEAST_IOU = 0.97, 0.94
-LEAST_UNLIKE_DICE = 0.90
-"""Limit for frames that differ from the training data: real frames and hard lifts."""
-LEAST_PRESS_IOU = 0.70
-"""Limit for presses of a ball on a real sensor that no network was trained on."""
+LEAST_UNLIKE_DICE = 0.90  # limit for frames that differ from the training data: real frames and hard lifts
+LEAST_PRESS_IOU = 0.70  # limit for presses of a ball on a real sensor that no network was trained on
 MOST_SHARE, MOST_LOSS = 0.1, 0.005
 TIMED_FRAMES, WARM_UP_FRAMES, TURN_FRAMES, THREADED_FRAMES = 200, 20, 10, 30
 RANDOMISED, FAMILY = "SIMULATED, units unlike one another", "SIMULATED, units of the bench"

@@ -41,34 +41,28 @@ from rig.tactile.sample import SlipSample
 from rig.tactile.slip.estimator import SlipEstimator
 from rig.tactile.slip.parameters import Values, shipped, use
 
-STRIDE = 15
-"""Every 15th frame of a lift counts, because the errors of neighbouring frames are correlated."""
-RESOLUTION_DEG = 0.3
-"""Errors below the one of the markers (contract) do not matter; added to sigma."""
+STRIDE = 15  # every 15th frame of a lift counts, because the errors of neighbouring frames are correlated
+RESOLUTION_DEG = 0.3  # errors below the one of the markers (contract) do not matter; added to sigma
 OUTLIERS, ANY_DEG = 0.01, 120.0
 """Fraction of outliers, as many as may be confidently wrong. Outliers and refused angles are uniformly
 distributed over this range, degrees."""
-STEP = 1.25
-"""A parameter is changed by this factor; for a fraction, its odds are."""
+STEP = 1.25  # a parameter is changed by this factor; for a fraction, its odds are
 FRACTIONS = frozenset(
     "firm kept resting turning least_count sticks anything correlation good_overlap worst_overlap".split()
 )
 """Parameters between 0 and 1, besides those whose name ends with "share"."""
-SURE = 2.0
-"""A gain must exceed this many of its standard errors: by chance one change of 40 does."""
+SURE = 2.0  # a gain must exceed this many of its standard errors: by chance one change of 40 does
 INDEPENDENT = 12.0
 """Number of independent errors that the prior is compared with: those in a clip and its versions are
 correlated. The prior of a parameter is log-normal around the shipped value, with a factor e as its width."""
-PARTS = 4
-"""A change is tried on one part of the cases first, and on the others only if it improves that part."""
+PARTS = 4  # a change is tried on one part of the cases first, and on the others only if it improves that part
 TRUTH, TRIED = "truth.npz", "tried.jsonl"
 """Files: of a case, written last; of the run, with a line per change that was tried."""
 LIFTS_OF_RENDERER = 4
 FIRST_SEED, FIRST_LIFT = 900, 900
 """Seed of the lifts on the benches, and first lift of the second renderer. Benchmarks use lower numbers."""
 
-Known = tuple[float | None, float | None, float, float]
-"""Angle and sigma, true angle and its sigma, degrees."""
+Known = tuple[float | None, float | None, float, float]  # angle and sigma, true angle and its sigma, degrees
 
 
 @dataclass(frozen=True, slots=True)

@@ -58,17 +58,14 @@ from rig.tactile.sample import SlipSample, State, TactileEstimator
 
 PERIOD_S, JITTER_S = 1.0 / 30.0, 0.003
 """Period of the paper's sensors, to which the frames of faster sensors are thinned, and its tolerance."""
-TABLE_WINDOWS = (2, 4, 6, 8, 10)
-"""Of the paper's Table III."""
+TABLE_WINDOWS = (2, 4, 6, 8, 10)  # of the paper's Table III
 WINDOWS = (1, *TABLE_WINDOWS)
 ANGLENET_ON_TEST = "anglenet-on-test"
 """AngleNet trained as in the paper: on the same lifts on which it is tested."""
-STILL = "still"
-"""A baseline that always reports 0."""
+STILL = "still"  # a baseline that always reports 0
 PLAIN = (DEFAULT_ESTIMATOR, *METHODS, ANGLENET, TOSKOV, STILL)
 """Systems that run on the lifts of the gel without markers, beside the networks."""
-PEER_FILES = (ANGLENET, ANGLENET_ON_TEST, TOSKOV)
-"""Systems whose network may be given as a file."""
+PEER_FILES = (ANGLENET, ANGLENET_ON_TEST, TOSKOV)  # systems whose network may be given as a file
 UNFILTERED = (DEFAULT_ESTIMATOR, KOLAMURI, ANGLENET, ANGLENET_ON_TEST, TOSKOV, STILL)
 """Systems without a window by default; the others have the paper's."""
 TITLES = {
@@ -99,11 +96,9 @@ PAPER_FOUR = {
     "PSPNet and skeleton": "1.85 ± 0.96",
 }
 """The same, Table IV."""
-KEPT = "table4.json"
-"""Results of systems whose network is not shipped, as this benchmark measured them once."""
+KEPT = "table4.json"  # results of systems whose network is not shipped, as this benchmark measured them once
 
-Passes = dict[str, list[TimedSample]]
-"""Samples by system."""
+Passes = dict[str, list[TimedSample]]  # samples by system
 
 
 @dataclass(frozen=True, slots=True)

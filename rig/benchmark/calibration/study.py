@@ -247,8 +247,7 @@ def _gold(folder: Path) -> list[Measured]:
     return [at_most(_FOUND[0], missing, 0.0), at_most(_FOUND[1], worst, 2.0)]
 
 
-_FURTHER_TRIALS = 60
-"""Number of trials with flipped views, and with the camera on the hand."""
+_FURTHER_TRIALS = 60  # number of trials with flipped views, and with the camera on the hand
 _SYNC_TRIALS, _OFFSET_S = 40, 0.0473
 _PUBLISHED_CHESSBOARD = (535.92, 342.28, 235.57)
 """Focal length and centre, px, as OpenCV publishes them for its left photos."""

@@ -28,8 +28,7 @@ from rig.frames.times import FrameTime
 
 GROUPS, CONTACTS = "groups.csv", "contacts.csv"
 NO_GROUP = "-"
-LABEL_EVERY_NS = NS_PER_S // 2
-"""Interval of the labels in public sets."""
+LABEL_EVERY_NS = NS_PER_S // 2  # interval of the labels in public sets
 _NEEDED = ("reference_frame", "keyframe", "angle_deg", "sigma_deg")
 
 

@@ -15,10 +15,8 @@ from rig.tactile.sample import EstimatorFaults, State, faults_of
 
 CLOSE_DEG, LABEL_SIGMAS = 3.0, 2.0
 """An error counts as small up to 3 degrees, or up to 2 label sigmas, which the label's error may explain."""
-SMALL_TURN_DEG = 30.0
-"""Largest angle of a label that counts as a small rotation."""
-USEFUL_SIGMA_DEG = 5.0
-"""Largest sigma of a useful angle."""
+SMALL_TURN_DEG = 30.0  # largest angle of a label that counts as a small rotation
+USEFUL_SIGMA_DEG = 5.0  # largest sigma of a useful angle
 TURNED_DEG, MISSED_SHARE = 10.0, 0.5
 """A rest is false if a label is at least 10 degrees and more than half of its angle was missed."""
 

@@ -41,18 +41,15 @@ from rig.pages.palette import ESTIMATE, SERIES, TRUTH
 from rig.report.strips import Still, still
 from rig.tactile.estimators import choose_estimator
 
-ESTIMATORS = ("slip", "ecc", "ellipse", "pca", "anglenet")
-"""Estimators that are compared by default."""
+ESTIMATORS = ("slip", "ecc", "ellipse", "pca", "anglenet")  # estimators that are compared by default
 PROJECT = {"within": 0.5, "confidently_wrong": 0.04, "two_sigma": 0.88}
 """Limits of this project for its own clips, by option."""
 SIGMAS = 2.0
 CHART_PX = (440, 260)
 STILL_WIDTH_PX = 160
 _ROOM, _LEAST_ROOM_DEG = 0.06, 1.0
-_STYLES = ("-", "--", ":", "-.")
-"""Line styles: estimators that share a colour differ in style."""
-_BEFORE, _AFTER = 10, 5
-"""Frames shown before the reference and after the last label."""
+_STYLES = ("-", "--", ":", "-.")  # line styles: estimators that share a colour differ in style
+_BEFORE, _AFTER = 10, 5  # frames shown before the reference and after the last label
 
 
 @dataclass(frozen=True, slots=True)

@@ -35,10 +35,8 @@ from rig.tactile.sample import EstimatorFaults, SlipSample, State, TactileEstima
 
 PAPER = (*METHODS, *(name + PUBLISHED for name in ANGLES))
 CONTENDERS = (DEFAULT_ESTIMATOR, ECC, *PAPER)
-WINDOWS = tuple(range(1, 11))
-"""Windows to compare; 1 is no filter. The paper compares 2 to 10."""
-FRAMES_PER_LIFT = 600
-"""Frames of a fingertip that are timed, from the grasp on, 10 s."""
+WINDOWS = tuple(range(1, 11))  # windows to compare; 1 is no filter. The paper compares 2 to 10.
+FRAMES_PER_LIFT = 600  # frames of a fingertip that are timed, from the grasp on, 10 s
 TURN_FRAMES = 8
 """Frames that an estimator gets in a row; the published second stage, which is slow, gets one of them."""
 

@@ -9,12 +9,9 @@ from rig.results.metrics import Mare, mare_of
 from rig.results.scores import SeriesScore
 from rig.results.shares import Share, share_of
 
-ELONGATED = ("t1", "t2", "t3", "t4", "t6", "t7")
-"""Objects with elongated contacts."""
-ONSET_WITHIN_S = 0.05
-"""Largest error of an onset that counts as within."""
-EARLY_S = 0.1
-"""An onset reported earlier than this before the true one is a false alarm."""
+ELONGATED = ("t1", "t2", "t3", "t4", "t6", "t7")  # objects with elongated contacts
+ONSET_WITHIN_S = 0.05  # largest error of an onset that counts as within
+EARLY_S = 0.1  # an onset reported earlier than this before the true one is a false alarm
 
 
 @dataclass(frozen=True, slots=True)

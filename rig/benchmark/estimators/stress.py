@@ -28,10 +28,8 @@ CONTACTS = ("t1:1", "t3:2", "5:1", "t5:2")
 ROUND_CONTACTS = tuple(f"{name}:{site}" for name in ("3", "16", "12") for site in (0, 1))
 """Smooth balls and a dome, of the objects 3, 12 and 16, whose rotation is unobservable."""
 NAMES = ("slip", "ecc", "skeleton", "ellipse", "pca")
-LED_PATTERN = (1.0, -1.0, 0.5)
-"""Relative error of red, green and blue for a fault of the LEDs."""
-GAP_S = 0.25
-"""Length of the gap in the stream."""
+LED_PATTERN = (1.0, -1.0, 0.5)  # relative error of red, green and blue for a fault of the LEDs
+GAP_S = 0.25  # length of the gap in the stream
 
 
 def noise(sigma_grey: float) -> Disturbance:

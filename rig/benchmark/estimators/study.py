@@ -32,18 +32,15 @@ from rig.sessions.rows import read_finished_lifts
 from rig.tactile.estimators import DEFAULT_ESTIMATOR, ECC, PAPER_WINDOW, EstimatorChoice, choose_estimator
 from rig.tactile.sample import together
 
-LIFTS = 5
-"""Lifts of each object that are recorded."""
+LIFTS = 5  # lifts of each object that are recorded
 TIMED_LIFTS = 5
 TABLE = "table.md"
-README_COLUMNS = 10
-"""Number of columns of the table of estimators in a document."""
+README_COLUMNS = 10  # number of columns of the table of estimators in a document
 MARE_DEG, ELONGATED_DEG, WORST_DEG = 0.5, 0.25, 2.0
 ANSWERED, REFUSED = 0.95, 0.95
 WITHIN_LEAST, WITHIN_MOST = 0.90, 0.98
 TIMES_MORE_ACCURATE, TIMES_FASTER = 5.0, 10.0
-FRAME_SIZE_PX = (240, 320)
-"""Frame size for which the limit on the ratio of run times applies."""
+FRAME_SIZE_PX = (240, 320)  # frame size for which the limit on the ratio of run times applies
 PAPER_BEST = ("skeleton", 2)
 """Best method and window in the paper (1.85 degrees); here the faults of its script are corrected."""
 

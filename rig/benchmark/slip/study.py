@@ -38,14 +38,11 @@ from rig.frames.of_session import recording_frames
 from rig.tactile.contact.dots import is_dotted
 from rig.tactile.estimators import EstimatorChoice, choose_estimator
 
-OWN = Path(__file__).resolve().parents[3]
-"""Folder of this version."""
+OWN = Path(__file__).resolve().parents[3]  # folder of this version
 ROUNDS = 2
 """Each frame is timed this often, and its shortest time counts: other programs can only lengthen it."""
-FRAMES = 600
-"""Largest number of frames per file, 10 s of a lift, as in `rig benchmark estimators`."""
-STREAMS, STREAM_HZ = 2, 60.0
-"""Fingertips of the rig, and the rate of a DIGIT."""
+FRAMES = 600  # largest number of frames per file, 10 s of a lift, as in `rig benchmark estimators`
+STREAMS, STREAM_HZ = 2, 60.0  # fingertips of the rig, and the rate of a DIGIT
 CLIPS, LIFTS, CONTACT_MS = "clips", "SIMULATED lifts", "ms per frame with contact"
 MOST_MS, MOST_OF_OTHER = {CLIPS: (2.0, 4.5), LIFTS: (0.7, 3.0)}, (0.28, 0.25)
 """Limits of median and 99 % of the time per frame with contact; for clips, also as fractions of the times of
@@ -53,10 +50,8 @@ another version."""
 NO_DOTS, DOTS = "turns without printed dots", "turns with printed dots"
 LABELS = {"development": (0.90, 0.90), "validation": (0.85, 0.88), NO_DOTS: (0.95, 0.90), DOTS: (0.95, 0.95)}
 """Limits of the shares of labels that are within 3 degrees or 2 label sigmas, and useful, by group."""
-TWO_SIGMA, MOST_WRONG = (0.92, 0.98), 0.01
-"""Limits of further shares of labels of the first two groups."""
-SEEDS, DRAWN = (0, 32), "SIMULATED by the second renderer"
-"""Seeds of the second renderer."""
+TWO_SIGMA, MOST_WRONG = (0.92, 0.98), 0.01  # limits of further shares of labels of the first two groups
+SEEDS, DRAWN = (0, 32), "SIMULATED by the second renderer"  # seeds of the second renderer
 MOST_MARE_DEG, MOST_WORST_DEG, MOST_RATE_DEG_S = 0.45, 4.0, 200.0
 ASKED = {
     "fake": "0.27 over 45 lifts: rig benchmark seeds --seeds 1",

@@ -32,24 +32,19 @@ from rig.bench.source import StandingBench
 from rig.config import BenchConfig, load_bench
 
 POLL_S = 0.004
-LEVEL_M = 0.0015
-"""A tool this near the grasp's height is at the grasp."""
+LEVEL_M = 0.0015  # a tool this near the grasp's height is at the grasp
 TRIES = 3
 STILL_M_S, REST_S = 0.001, 0.003
 """A tool slower than this, for this time, has come to a standstill: a safe end moves it on at once."""
-ABOVE_M = 0.003
-"""An object released higher than this above its place falls."""
+ABOVE_M = 0.003  # an object released higher than this above its place falls
 MOVED_M = 0.001
-LINE_M = 0.002
-"""Distance from the line above the grasp beyond which the tool is beside it."""
+LINE_M = 0.002  # distance from the line above the grasp beyond which the tool is beside it
 BOUNDARY_M = 0.005
 """Tolerance around the height above which a hand counts as free; within it both safe ends are accepted."""
-COUNTS = 1.5
-"""Largest difference in counts at which the fingers count as unmoved."""
+COUNTS = 1.5  # largest difference in counts at which the fingers count as unmoved
 FINGERS_REST_S = 0.1
 TABLE_M = 0.02
-TWICE_S = 0.15
-"""Time between two signals, so that the first one has taken effect."""
+TWICE_S = 0.15  # time between two signals, so that the first one has taken effect
 DASHBOARD_PORT = 29999
 POWER_S = 6.0
 

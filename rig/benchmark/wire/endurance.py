@@ -35,8 +35,7 @@ from rig.sessions.recorder import LiftRecorder
 from rig.sessions.unfinished import BackgroundFile
 from rig.tactile.estimators import choose_estimator
 
-CHILDREN = b"drivers."
-"""Part of the command line of every process that a driver starts."""
+CHILDREN = b"drivers."  # part of the command line of every process that a driver starts
 
 
 @dataclass(frozen=True, slots=True)

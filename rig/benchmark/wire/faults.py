@@ -40,8 +40,7 @@ from rig.sessions.rows import read_usable_lifts
 from rig.tactile.estimators import choose_estimator
 
 SAFE_WITHIN_S = 1.0
-LEAST_ATTEMPTS = 2
-"""Number of attempts at the next lift after its case is mended, before it is given up."""
+LEAST_ATTEMPTS = 2  # number of attempts at the next lift after its case is mended, before it is given up
 MID_LIFT = Moment(Stage.LIFT, 0.4)
 LATE = (Stage.HOLD, Stage.LOWER, Stage.RELEASE)
 """Stages in which a lift may be over before a failed device is missed."""

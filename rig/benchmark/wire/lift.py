@@ -36,8 +36,7 @@ from rig.tactile.estimators import choose_estimator
 LEAST_STATE_HZ, MOST_CONTROLLER_CORE = 490.0, 0.25
 TRUTHS_APART_DEG = 1.5
 """Largest difference of the same seed's true turns: creep and slip depend on the exact times of motions."""
-SPREADS = 2.0
-"""Largest difference of the error from its mean over the seeds, in standard deviations."""
+SPREADS = 2.0  # largest difference of the error from its mean over the seeds, in standard deviations
 
 
 @dataclass(frozen=True, slots=True)

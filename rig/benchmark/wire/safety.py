@@ -48,13 +48,10 @@ from rig.sessions.rows import read_lifts, read_usable_lifts
 
 OBJECT = "t1"
 STATE = "XDG_STATE_HOME"
-STOPPED_S = 1.5
-"""Time for which a stopped program stays stopped."""
+STOPPED_S = 1.5  # time for which a stopped program stays stopped
 END_S = 90.0
-SETTLE_S = 0.5
-"""Time after the end of the program within which motions of a killed program end."""
-APPROACH_MM = 20.0
-"""Longest way from an event in the approach to standstill."""
+SETTLE_S = 0.5  # time after the end of the program within which motions of a killed program end
+APPROACH_MM = 20.0  # longest way from an event in the approach to standstill
 
 
 def _signal(name: str, number: signal.Signals, after: After = After.SAFE_END, times: int = 1) -> Event:

@@ -50,18 +50,14 @@ def columns_of(kind: type[Any]) -> Any:
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """A title, headings, and rows with one cell per heading.
-
-    left: number of left-aligned columns. records: the rows for JSON. legend: headings that need an
-    explanation, and the explanations.
-    """
+    """A title, headings, and rows with one cell per heading."""
 
     title: str
     columns: tuple[str, ...]
     rows: Sequence[tuple[str, ...]]
-    left: int = 1
-    records: tuple[Any, ...] = ()
-    legend: tuple[tuple[str, str], ...] = ()
+    left: int = 1  # number of left-aligned columns
+    records: tuple[Any, ...] = ()  # the rows for JSON
+    legend: tuple[tuple[str, str], ...] = ()  # headings that need an explanation, and the explanations
 
     def markdown(self) -> str:
         """Return the columns and rows in Markdown, without the title. A "|" in a cell is written as "/"."""
@@ -117,42 +113,37 @@ def limit_table(limits: Sequence[Measured], whose: str) -> Table:
 class Report:
     """Results of a study.
 
-    tables: for the terminal, in this order; a table of the limits follows. limits_of: the limits' subject.
-    notes: lines below the tables. section: Markdown for the document given with --readme. figures: further
-    JSON values; the rows of the tables are always in the JSON. files: for --out, by name. faults: failures of
-    a lab's own estimators, by estimator. binding: whether a missed limit ends the command with exit code 4.
+    figures: further JSON values; the rows of the tables are always in the JSON. faults: failures of a lab's
+    own estimators, by estimator.
     """
 
-    tables: Sequence[Table]
+    tables: Sequence[Table]  # for the terminal, in this order; a table of the limits follows
     limits: Sequence[Measured] = ()
-    limits_of: str = ""
-    notes: Sequence[str] = ()
-    section: str = ""
+    limits_of: str = ""  # the limits' subject
+    notes: Sequence[str] = ()  # lines below the tables
+    section: str = ""  # Markdown for the document given with --readme
     figures: Mapping[str, Any] = field(default_factory=dict)
-    files: Mapping[str, str | bytes] = field(default_factory=dict)
+    files: Mapping[str, str | bytes] = field(default_factory=dict)  # for --out, by name
     faults: Mapping[str, EstimatorFaults] = field(default_factory=dict)
-    binding: bool = True
+    binding: bool = True  # whether a missed limit ends the command with exit code 4
 
 
 @dataclass(frozen=True, slots=True)
 class Study(Generic[Options]):
     """A benchmark: `rig benchmark NAME`.
 
-    options: its own options, a frozen dataclass. measure: carries out the study; its docstring is the
-    command's help. cases: name of the cases in the progress, in the plural. shared: which of the options
-    "out", "resume", "readme", "jobs" and "seed" it has. section: name of its section in a document; None: the
-    study's name. keeps_results: results are stored, in a default folder if --out is not given. simulated:
-    marks the JSON.
+    shared: which of the options "out", "resume", "readme", "jobs" and "seed" it has. section: name of its
+    section in a document; None: the study's name.
     """
 
     name: str
-    options: type[Options]
-    measure: "Callable[[Options, Run], Report]"
-    cases: str
+    options: type[Options]  # its own options, a frozen dataclass
+    measure: "Callable[[Options, Run], Report]"  # carries out the study; its docstring is the command's help
+    cases: str  # name of the cases in the progress, in the plural
     shared: tuple[str, ...] = ("jobs", "seed")
     section: Callable[[Options], str] | None = None
-    keeps_results: bool = False
-    simulated: bool = True
+    keeps_results: bool = False  # results are stored, in a default folder if --out is not given
+    simulated: bool = True  # marks the JSON
 
 
 @dataclass(frozen=True, slots=True)

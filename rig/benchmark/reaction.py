@@ -77,21 +77,16 @@ class Reaction:
 
 @dataclass(frozen=True, slots=True)
 class ReactedLift:
-    """One lift.
-
-    turn_deg: final rotation; None if no marker was detected or a fault ended the lift. damaged: whether the
-    fingers left a mark on the object. would_hold: whether friction carries the object's torque at an allowed
-    grip. late: whether the object turned by half a degree without an event.
-    """
+    """One lift."""
 
     object_id: str
     lift: int
     outcome: LiftOutcome
-    turn_deg: float | None
+    turn_deg: float | None  # final rotation; None if no marker was detected or a fault ended the lift
     reactions: tuple[Reaction, ...]
-    damaged: bool
-    would_hold: bool
-    late: bool
+    damaged: bool  # whether the fingers left a mark on the object
+    would_hold: bool  # whether friction carries the object's torque at an allowed grip
+    late: bool  # whether the object turned by half a degree without an event
 
     @property
     def counts_added(self) -> int:

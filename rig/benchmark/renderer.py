@@ -40,12 +40,11 @@ AWAY_MM = 5.0
 class Face:
     """The face at one fingertip.
 
-    relief_mm: (N, N) float32, distance below the face's highest point; it turns with the object. bulge_mm:
-    radii of curvature of a soft broad body behind it, along and across `bulge_deg`, which presses the gel and
-    does not turn; None without one.
+    bulge_mm: radii of curvature of a soft broad body behind it, along and across `bulge_deg`, which presses
+    the gel and does not turn; None without one.
     """
 
-    relief_mm: Plane
+    relief_mm: Plane  # (N, N) float32, distance below the face's highest point; it turns with the object
     bulge_mm: tuple[float, float] | None = None
     bulge_deg: float = 0.0
 
@@ -323,15 +322,11 @@ SIGNS = (1, -1)  # signs of the fingertips, which are on opposite sides of the o
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Course:
-    """The motion of a lift, at each frame.
+    """The motion of a lift, at each frame."""
 
-    turn_deg: (N,) rotation of the object. shift_mm: (N, 2) position of the face's middle, right and up.
-    depth_mm: (N,) depth of the face in the gel.
-    """
-
-    turn_deg: NDArray[np.float64]
-    shift_mm: NDArray[np.float64]
-    depth_mm: NDArray[np.float64]
+    turn_deg: NDArray[np.float64]  # (N,) rotation of the object
+    shift_mm: NDArray[np.float64]  # (N, 2) position of the face's middle, right and up
+    depth_mm: NDArray[np.float64]  # (N,) depth of the face in the gel
 
     def time_ns(self, frame: int) -> int:
         return round((1.0 + frame / RATE_HZ) * NS_PER_S)

@@ -132,17 +132,14 @@ class Truth:
 
 @dataclass(frozen=True, slots=True)
 class Tried:
-    """A change of one parameter: its gain of mean log likelihood, the standard error, and the decision.
-
-    complete: whether it was tried on all cases.
-    """
+    """A change of one parameter: its gain of mean log likelihood, the standard error, and the decision."""
 
     parameter: str
     before: float
     value: float
     gain: float
     error: float
-    complete: bool
+    complete: bool  # whether it was tried on all cases
     adopted: bool
 
 

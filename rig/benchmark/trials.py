@@ -116,31 +116,23 @@ class TrialsOptions:
 
 @dataclass(frozen=True, slots=True)
 class TrialPass:
-    """One lift. scores: by method and window, over phase B.
-
-    contact_ms: wall time of each frame with contact, by method. frames: of phase B.
-    """
+    """One lift. scores: by method and window, over phase B."""
 
     scores: dict[tuple[str, int], SeriesScore]
-    contact_ms: dict[str, list[float]]
-    frames: int
+    contact_ms: dict[str, list[float]]  # wall time of each frame with contact, by method
+    frames: int  # of phase B
 
 
 @dataclass(frozen=True, slots=True)
 class TrialsResult:
-    """Everything measured on the simulated lifts.
-
-    scores: by method and window, over phase B. ms: median wall time per frame with contact, by method, one
-    thread. frames: of phase B. missing: the paper's networks that were not given. session: the recorded
-    lifts.
-    """
+    """Everything measured on the simulated lifts."""
 
     lifts: int
-    frames: int
-    scores: dict[tuple[str, int], ContenderScore]
-    ms: dict[str, float]
-    missing: tuple[str, ...]
-    session: Path
+    frames: int  # of phase B
+    scores: dict[tuple[str, int], ContenderScore]  # by method and window, over phase B
+    ms: dict[str, float]  # median wall time per frame with contact, by method, one thread
+    missing: tuple[str, ...]  # the paper's networks that were not given
+    session: Path  # the recorded lifts
 
     @property
     def title(self) -> str:

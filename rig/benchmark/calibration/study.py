@@ -55,15 +55,14 @@ _FURTHEST_DEG = 25.0
 class AngleScene:
     """Conditions of a scene's images.
 
-    jpeg: quality of the compression, None for no compression. hidden: in every other image, this fraction of
-    the marker's side is covered at an edge of one marker.
+    hidden: in every other image, this fraction of the marker's side is covered at an edge of one marker.
     """
 
     side_px: float = 40.0
     tilt_deg: float = 15.0
     noise_grey: float = 4.0
     blur_px: float = 1.0
-    jpeg: int | None = None
+    jpeg: int | None = None  # quality of the compression, None for no compression
     hidden: float = 0.0
 
     def __str__(self) -> str:

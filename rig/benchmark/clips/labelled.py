@@ -61,19 +61,15 @@ class ContactSpan:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LabelledClip:
-    """A clip and its ground truth.
-
-    background: (H, W, 3) uint8 RGB. reference_frame: number of the frame whose angle is 0. labels: in order
-    of frames, without the reference. contacts: frames with known contact state.
-    """
+    """A clip and its ground truth."""
 
     name: str
     group: str
     series: FrameSeries
-    background: Image
-    reference_frame: int
-    labels: tuple[ClipLabel, ...]
-    contacts: tuple[ContactSpan, ...] = ()
+    background: Image  # (H, W, 3) uint8 RGB
+    reference_frame: int  # number of the frame whose angle is 0
+    labels: tuple[ClipLabel, ...]  # in order of frames, without the reference
+    contacts: tuple[ContactSpan, ...] = ()  # frames with known contact state
     version: ClipVersion = ClipVersion.PLAIN
 
 

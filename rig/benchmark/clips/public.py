@@ -26,18 +26,14 @@ PACKAGED = Path(__file__).parent / "sets"
 
 @dataclass(frozen=True, slots=True)
 class PublicSet:
-    """A data set whose labels are in this package, and whose frames are in a public repository.
-
-    data: the sensor and what was recorded, for a reader of the README. repository: owner and name on GitHub.
-    licence: of the frames; the labels have that of this package. folder: of the labels and sources.
-    """
+    """A data set whose labels are in this package, and whose frames are in a public repository."""
 
     name: str
-    data: str
-    repository: str
+    data: str  # the sensor and what was recorded, for a reader of the README
+    repository: str  # owner and name on GitHub
     commit: str
-    licence: str
-    folder: Path = PACKAGED
+    licence: str  # of the frames; the labels have that of this package
+    folder: Path = PACKAGED  # of the labels and sources
 
     @property
     def labels(self) -> Path:

@@ -174,15 +174,14 @@ def _fraction(values: Sequence[bool]) -> float | None:
 class ClipRun:
     """One estimator on one clip.
 
-    estimate: angles relative to the clip's reference. labels: labels with the angles at their frames.
-    contact_ms: run time of each frame with contact. contacts: for each frame of a contact span, whether it is
-    in contact and whether it was reported as contact.
+    contacts: for each frame of a contact span, whether it is in contact and whether it was reported as
+    contact.
     """
 
     clip: LabelledClip
-    estimate: Estimate
-    labels: tuple[JudgedLabel, ...]
-    contact_ms: tuple[float, ...]
+    estimate: Estimate  # angles relative to the clip's reference
+    labels: tuple[JudgedLabel, ...]  # labels with the angles at their frames
+    contact_ms: tuple[float, ...]  # run time of each frame with contact
     has_sigma: bool
     contacts: tuple[tuple[bool, bool], ...] = ()
 

@@ -144,16 +144,12 @@ class RecordedLift:
 
 @dataclass(frozen=True, slots=True)
 class LiftScores:
-    """One lift: a score per estimator and window.
-
-    frames: number of frames of the default estimator. skipped: how often each stage was skipped in these
-    frames. faults: of foreign estimators, by name.
-    """
+    """One lift: a score per estimator and window."""
 
     scores: dict[tuple[str, int], SeriesScore]
-    frames: int
-    skipped: dict[str, int] = field(default_factory=dict)
-    faults: dict[str, EstimatorFaults] = field(default_factory=dict)
+    frames: int  # number of frames of the default estimator
+    skipped: dict[str, int] = field(default_factory=dict)  # how often each stage was skipped in these frames
+    faults: dict[str, EstimatorFaults] = field(default_factory=dict)  # of foreign estimators, by name
 
 
 def open_lift(folder: Path, row: FinishedLift) -> RecordedLift:
@@ -226,28 +222,21 @@ class Spread:
 
 @dataclass(frozen=True, slots=True)
 class Timing:
-    """Run time of one estimator.
+    """Run time of one estimator."""
 
-    contact: from frame to angle, on frames with contact. stages: of each stage on these frames. frames:
-    number of all frames. total_s: sum over all frames, also those without contact.
-    """
-
-    contact: Spread
-    stages: dict[str, Spread]
-    frames: int
-    total_s: float
+    contact: Spread  # from frame to angle, on frames with contact
+    stages: dict[str, Spread]  # of each stage on these frames
+    frames: int  # number of all frames
+    total_s: float  # sum over all frames, also those without contact
 
 
 @dataclass(frozen=True, slots=True)
 class TimingReport:
-    """Everything timed in one pass.
+    """Everything timed in one pass."""
 
-    size_px: width and height of the frames. published: the published second stage, stretched mask to angle.
-    """
-
-    size_px: tuple[int, int]
+    size_px: tuple[int, int]  # width and height of the frames
     contenders: dict[str, Timing]
-    published: Spread
+    published: Spread  # the published second stage, stretched mask to angle
 
 
 def time_lifts(

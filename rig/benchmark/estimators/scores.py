@@ -18,16 +18,13 @@ EARLY_S = 0.1  # an onset reported earlier than this before the true one is a fa
 class OnsetScore:
     """Slip onsets over many lifts.
 
-    true: number of lifts with an onset. error_s: median of |estimated - true|. within: share of the true
-    onsets that were reported with an error of at most 50 ms. missed: number of lifts whose onset was not
-    reported. false_alarms: number of lifts with a report but without an onset, or with a report over 100 ms
-    too early.
+    false_alarms: number of lifts with a report but without an onset, or with a report over 100 ms too early.
     """
 
-    true: int
-    error_s: float | None
-    within: Share | None
-    missed: int
+    true: int  # number of lifts with an onset
+    error_s: float | None  # median of |estimated - true|
+    within: Share | None  # share of the true onsets that were reported with an error of at most 50 ms
+    missed: int  # number of lifts whose onset was not reported
     false_alarms: int
 
 
@@ -35,25 +32,22 @@ class OnsetScore:
 class ContenderScore:
     """Figures of one estimator over many lifts or clips.
 
-    mare, mare_b, mare_held, mare_unsigned: see `SeriesScore`. mare_elongated: over objects with elongated
-    contacts. worst_deg, worst: largest mean error of a lift or clip, and its key. answered: fraction of
-    frames with an angle. within_two_sigma: fraction of these frames, None without sigmas. wrong_lifts: number
-    of lifts with a confidently wrong angle. onset: onsets found afterwards. event: onsets reported during the
-    lift; None for an estimator without rates.
+    mare, mare_b, mare_held, mare_unsigned: see `SeriesScore`. worst_deg, worst: largest mean error of a lift
+    or clip, and its key.
     """
 
     mare: Mare | None
     mare_b: Mare | None
     mare_held: Mare | None
     mare_unsigned: Mare | None
-    mare_elongated: Mare | None
+    mare_elongated: Mare | None  # over objects with elongated contacts
     worst_deg: float | None
     worst: str
-    answered: float
-    within_two_sigma: float | None
-    wrong_lifts: int
-    onset: OnsetScore
-    event: OnsetScore | None
+    answered: float  # fraction of frames with an angle
+    within_two_sigma: float | None  # fraction of these frames, None without sigmas
+    wrong_lifts: int  # number of lifts with a confidently wrong angle
+    onset: OnsetScore  # onsets found afterwards
+    event: OnsetScore | None  # onsets reported during the lift; None for an estimator without rates
 
     @property
     def mare_deg(self) -> float | None:

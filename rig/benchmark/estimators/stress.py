@@ -154,18 +154,14 @@ def _in_order(clip: Clip, order: NDArray[np.intp]) -> Clip:
 
 @dataclass(frozen=True, slots=True)
 class Condition:
-    """One condition: changes to the standard scene, and a disturbance of its images.
-
-    contacts: used instead of the standard contacts. refused: whether frames should be refused. both_signs:
-    also with the opposite rotation.
-    """
+    """One condition: changes to the standard scene, and a disturbance of its images."""
 
     name: str
     change: Disturbance = lambda clip, rng: clip
     scene: Mapping[str, Any] = field(default_factory=dict)
-    contacts: tuple[str, ...] = CONTACTS
-    refused: bool = False
-    both_signs: bool = False
+    contacts: tuple[str, ...] = CONTACTS  # used instead of the standard contacts
+    refused: bool = False  # whether frames should be refused
+    both_signs: bool = False  # also with the opposite rotation
     group: str = ""
 
 

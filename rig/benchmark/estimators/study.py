@@ -57,18 +57,14 @@ class EstimatorsOptions:
 
 @dataclass(frozen=True, slots=True)
 class EstimatorsResult:
-    """All measurements.
+    """All measurements."""
 
-    session: folder of the lifts. more: additional estimators given by the user. scores: by estimator and
-    window, over all lifts.
-    """
-
-    session: Path
+    session: Path  # folder of the lifts
     simulated: bool
     seed: int
-    more: tuple[str, ...]
+    more: tuple[str, ...]  # additional estimators given by the user
     lifts: Sequence[LiftScores]
-    scores: dict[tuple[str, int], ContenderScore]
+    scores: dict[tuple[str, int], ContenderScore]  # by estimator and window, over all lifts
     timing: TimingReport
     stress: Sequence[StressRow]
 

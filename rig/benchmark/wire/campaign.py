@@ -95,17 +95,16 @@ class After(StrEnum):
 class Event:
     """An event.
 
-    faults: (device, kind, arguments) in order. signals: to the program, in order. disk_full: writing fails.
-    named: a word that the outcome of the lift has to contain. mended_after: number of attempts that fail
-    before a person mends it (a cable, a switch); a protective stop is left for the rig to recover from.
+    mended_after: number of attempts that fail before a person mends it (a cable, a switch); a protective stop
+    is left for the rig to recover from.
     """
 
     name: str
     after: After = After.NOTICED
-    signals: tuple[signal.Signals, ...] = ()
-    faults: tuple[tuple[str, str, Mapping[str, Any]], ...] = ()
-    disk_full: bool = False
-    named: str = ""
+    signals: tuple[signal.Signals, ...] = ()  # to the program, in order
+    faults: tuple[tuple[str, str, Mapping[str, Any]], ...] = ()  # (device, kind, arguments) in order
+    disk_full: bool = False  # writing fails
+    named: str = ""  # a word that the outcome of the lift has to contain
     mended_after: int = 1
 
 

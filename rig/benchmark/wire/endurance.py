@@ -42,21 +42,19 @@ CHILDREN = b"drivers."  # part of the command line of every process that a drive
 class Minute:
     """Measurements of one minute.
 
-    frames, dropped: counts over both fingertips and the camera. jumped: tactile frames whose times jumped,
-    which are not estimated. p50_ms, p99_ms: percentiles of the time from capture to angle, of the
-    slower fingertip. wander_deg: largest difference of an angle from the mean of the first minute. answered:
-    share of tactile frames with an angle. recorded_mb: size of the minute's recording. memory_mb, threads,
-    files: of this program and of the drivers' processes, at the end of the minute.
+    frames, dropped: counts over both fingertips and the camera. p50_ms, p99_ms: percentiles of the time from
+    capture to angle, of the slower fingertip. memory_mb, threads, files: of this program and of the drivers'
+    processes, at the end of the minute.
     """
 
     frames: int
     dropped: int
-    jumped: int
+    jumped: int  # tactile frames whose times jumped, which are not estimated
     p50_ms: float
     p99_ms: float
-    wander_deg: float
-    answered: float
-    recorded_mb: float
+    wander_deg: float  # largest difference of an angle from the mean of the first minute
+    answered: float  # share of tactile frames with an angle
+    recorded_mb: float  # size of the minute's recording
     memory_mb: float
     threads: int
     files: int

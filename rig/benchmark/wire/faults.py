@@ -103,12 +103,11 @@ def _seconds(value: float | None) -> str:
 class FaultRow:
     """Result of a fault.
 
-    number: of its lift, from 1. stage: of the lift at the fault. outcomes: of the attempts that the fault
-    ended; none if the lift was over before it was noticed.
+    outcomes: of the attempts that the fault ended; none if the lift was over before it was noticed.
     """
 
-    number: int
-    stage: Stage
+    number: int  # of its lift, from 1
+    stage: Stage  # of the lift at the fault
     dropped: bool
     fault: str = column("fault in mid-lift")
     seen_s: float | None = column("detected, s", _seconds, "from the fault to the rig's stop")
@@ -123,20 +122,18 @@ class FaultyLift:
     """A lift with a fault.
 
     The times are of the bench's clock, in ns: of the fault, of the rig's first stop command to the arm after
-    it, and of the simulated tool's standstill after that; 0 if it has not happened. stage: of the lift at the
-    fault. dropped: whether the object fell. faults: outcomes of failed attempts. given_up: whether the next
-    lift did not run although the fault had been repaired. recovered: whether it ran.
+    it, and of the simulated tool's standstill after that; 0 if it has not happened.
     """
 
     case: Event
-    stage: Stage | None = None
-    dropped: bool = False
+    stage: Stage | None = None  # of the lift at the fault
+    dropped: bool = False  # whether the object fell
     injected_ns: int = 0
     detected_ns: int = 0
     still_ns: int = 0
-    faults: list[str] = field(default_factory=list)
-    given_up: bool = False
-    recovered: bool = False
+    faults: list[str] = field(default_factory=list)  # outcomes of failed attempts
+    given_up: bool = False  # whether the next lift did not run although the fault had been repaired
+    recovered: bool = False  # whether it ran
 
     @property
     def passed(self) -> bool:

@@ -61,18 +61,14 @@ class StreamRow:
 
 @dataclass(frozen=True, slots=True)
 class WireLift:
-    """A lift over the wire protocols.
-
-    state_hz: rate at which the arm's driver received states. controller_core: share of a core that the
-    simulated controller used. seeds: rows of the same lift in this process.
-    """
+    """A lift over the wire protocols."""
 
     streams: tuple[StreamRow, ...]
-    state_hz: float
-    controller_core: float
+    state_hz: float  # rate at which the arm's driver received states
+    controller_core: float  # share of a core that the simulated controller used
     wall_s: float
     row: FinishedLift
-    seeds: tuple[FinishedLift, ...]
+    seeds: tuple[FinishedLift, ...]  # rows of the same lift in this process
 
     @property
     def errors_deg(self) -> list[float]:

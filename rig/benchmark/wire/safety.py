@@ -104,9 +104,7 @@ def plan_runs(seed: int, full: bool) -> list[PlannedRun]:
 class SafetyRun:
     """Result of an event.
 
-    still_s, way_mm: from the event to the first standstill. unasked: see `Judged`. kept: whether the lift
-    finished before is whole on disk. ended: the program's exit code, negative for a signal. said: its last
-    line. ready: why the bench could not be put in order, if so.
+    still_s, way_mm: from the event to the first standstill.
     """
 
     number: int
@@ -115,11 +113,11 @@ class SafetyRun:
     still_s: float
     way_mm: float
     dropped: bool
-    unasked: str
-    kept: bool
-    ended: int
-    said: str
-    ready: str = ""
+    unasked: str  # see `Judged`
+    kept: bool  # whether the lift finished before is whole on disk
+    ended: int  # the program's exit code, negative for a signal
+    said: str  # its last line
+    ready: str = ""  # why the bench could not be put in order, if so
 
     @property
     def ended_well(self) -> bool:

@@ -111,37 +111,29 @@ def limit_table(limits: Sequence[Measured], whose: str) -> Table:
 
 @dataclass(frozen=True, slots=True)
 class Report:
-    """Results of a study.
-
-    figures: further JSON values; the rows of the tables are always in the JSON. faults: failures of a lab's
-    own estimators, by estimator.
-    """
+    """Results of a study."""
 
     tables: Sequence[Table]  # for the terminal, in this order; a table of the limits follows
     limits: Sequence[Measured] = ()
     limits_of: str = ""  # the limits' subject
     notes: Sequence[str] = ()  # lines below the tables
     section: str = ""  # Markdown for the document given with --readme
-    figures: Mapping[str, Any] = field(default_factory=dict)
+    figures: Mapping[str, Any] = field(default_factory=dict)  # further JSON values, beside the tables' rows
     files: Mapping[str, str | bytes] = field(default_factory=dict)  # for --out, by name
-    faults: Mapping[str, EstimatorFaults] = field(default_factory=dict)
+    faults: Mapping[str, EstimatorFaults] = field(default_factory=dict)  # of a lab's own estimators
     binding: bool = True  # whether a missed limit ends the command with exit code 4
 
 
 @dataclass(frozen=True, slots=True)
 class Study(Generic[Options]):
-    """A benchmark: `rig benchmark NAME`.
-
-    shared: which of the options "out", "resume", "readme", "jobs" and "seed" it has. section: name of its
-    section in a document; None: the study's name.
-    """
+    """A benchmark: `rig benchmark NAME`."""
 
     name: str
     options: type[Options]  # its own options, a frozen dataclass
     measure: "Callable[[Options, Run], Report]"  # carries out the study; its docstring is the command's help
     cases: str  # name of the cases in the progress, in the plural
-    shared: tuple[str, ...] = ("jobs", "seed")
-    section: Callable[[Options], str] | None = None
+    shared: tuple[str, ...] = ("jobs", "seed")  # its options, of out, resume, readme, jobs and seed
+    section: Callable[[Options], str] | None = None  # name of its section in a document, if not its name
     keeps_results: bool = False  # results are stored, in a default folder if --out is not given
     simulated: bool = True  # marks the JSON
 

@@ -62,17 +62,12 @@ class ReactionOptions:
 
 @dataclass(frozen=True, slots=True)
 class Reaction:
-    """One reaction.
+    """One reaction."""
 
-    latency_s: time from a true rotation of half a degree to the event's frame; None if the object turned by
-    less. command_s: time from that frame to the command. slipped: whether the object had slipped in the
-    fingers since the start of the lift, or since it was last at rest.
-    """
-
-    latency_s: float | None
-    command_s: float | None
+    latency_s: float | None  # from a true rotation of half a degree to the event's frame; None if it is less
+    command_s: float | None  # from that frame to the command
     counts_added: int
-    slipped: bool = True
+    slipped: bool = True  # whether the object had slipped since the start, or since it was last at rest
 
 
 @dataclass(frozen=True, slots=True)
@@ -214,10 +209,7 @@ def _reactions(row: FinishedLift, slipped: Callable[[int, int], bool]) -> tuple[
 def times_over_wire(
     settings: TrialSettings, lifts: int, progress: Callable[[int, int, str], None] = lambda *_: None
 ) -> list[Measured]:
-    """Carry out lifts that react as soon as a slip is detected; return the times of the reactions.
-
-    SIMULATED devices, in real time. Raises the errors of `run_trial`.
-    """
+    """Carry out SIMULATED lifts in real time that react as soon as a slip is detected; return their times."""
 
     def show(done: int, total: int, row: LiftRow) -> None:
         progress(done, total, f"over the wire protocols, {row.object}/{row.lift}")

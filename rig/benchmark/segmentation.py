@@ -209,10 +209,7 @@ def table_two() -> Table:
 
 
 def read_panels(data: Path) -> Panels | None:
-    """Read the labelled real frames in a folder of recordings; return None if it has none.
-
-    Raises `InputError` if a file is damaged.
-    """
+    """Read the labelled real frames of a folder, None without any. Raises `InputError` for a damaged file."""
     folder = data / PANELS
     if not folder.is_dir():
         return None

@@ -378,10 +378,7 @@ def _in_lift(signs: Sequence[int], samples: Sequence[list[SlipSample]], truth: T
 def gain_of(
     cases: Sequence[Case], before: dict[Path, float], after: dict[Path, float]
 ) -> tuple[float, float]:
-    """Return the gain of mean log likelihood on cases, and its standard error.
-
-    before, after: the penalty of each case by folder. Versions of one clip are one unit.
-    """
+    """Return the gain of mean log likelihood and its standard error. before, after: penalties by folder."""
     gain, square = 0.0, 0.0
     kinds = {case.kind for case in cases}
     for kind in kinds:

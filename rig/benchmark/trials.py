@@ -313,10 +313,7 @@ def _mare(mare: Mare | None) -> str:
 
 
 def table_four(result: TrialsResult) -> Table:
-    """Return every system with its usual window, and the paper's result for it.
-
-    AngleNet trained as in the paper is not shipped; without it, its stored result is shown.
-    """
+    """Return every system with its usual window, and the paper's result for it."""
     rows = []
     for name in dict.fromkeys(name for name, _ in result.scores):
         score = result.scores[name, 1 if name in UNFILTERED else PAPER_WINDOW]

@@ -53,17 +53,14 @@ _FURTHEST_DEG = 25.0
 
 @dataclass(frozen=True, slots=True)
 class AngleScene:
-    """Conditions of a scene's images.
-
-    hidden: in every other image, this fraction of the marker's side is covered at an edge of one marker.
-    """
+    """Conditions of a scene's images."""
 
     side_px: float = 40.0
     tilt_deg: float = 15.0
     noise_grey: float = 4.0
     blur_px: float = 1.0
     jpeg: int | None = None  # quality of the compression, None for no compression
-    hidden: float = 0.0
+    hidden: float = 0.0  # share of a marker's side that is covered at an edge, in every other image
 
     def __str__(self) -> str:
         parts = [f"{self.side_px:g} px, tilt {self.tilt_deg:g}, noise {self.noise_grey:g}"]

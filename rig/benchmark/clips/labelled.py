@@ -201,10 +201,7 @@ _IMAGE_AXIS = {ClipVersion.MIRROR: 1, ClipVersion.FLIP: 0}
 
 
 def chosen_versions(text: str | None) -> tuple[ClipVersion, ...]:
-    """Return the plain version and those of a comma-separated list.
-
-    Raises `InputError` for an unknown name.
-    """
+    """Return the plain version and those of a comma-separated list. Raises `InputError`."""
     versions = [ClipVersion.PLAIN]
     for name in (part.strip() for part in (text or "").split(",")):
         if name and name not in [*ClipVersion]:

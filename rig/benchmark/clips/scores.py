@@ -172,18 +172,14 @@ def _fraction(values: Sequence[bool]) -> float | None:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ClipRun:
-    """One estimator on one clip.
-
-    contacts: for each frame of a contact span, whether it is in contact and whether it was reported as
-    contact.
-    """
+    """One estimator on one clip."""
 
     clip: LabelledClip
     estimate: Estimate  # angles relative to the clip's reference
     labels: tuple[JudgedLabel, ...]  # labels with the angles at their frames
     contact_ms: tuple[float, ...]  # run time of each frame with contact
     has_sigma: bool
-    contacts: tuple[tuple[bool, bool], ...] = ()
+    contacts: tuple[tuple[bool, bool], ...] = ()  # of each labelled frame: in contact, reported as contact
 
     @property
     def score(self) -> ClipScore:

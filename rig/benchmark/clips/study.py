@@ -257,10 +257,7 @@ def _groups(of: EstimatorRuns) -> list[str]:
 
 
 def version_table(estimators: Sequence[EstimatorRuns], versions: Sequence[ClipVersion]) -> Table:
-    """Return a row per estimator, group and version; the rows for all groups and all versions come first.
-
-    Estimator and group are shown only in their first row.
-    """
+    """Return a row per estimator, group and version; estimator and group only in their first row."""
     rows = []
     for of in estimators:
         for group in _groups(of):

@@ -99,10 +99,7 @@ class SharedContact:
 
 @dataclass(slots=True)
 class ScriptPass(TactileEstimator):
-    """Reports the published script's angle of each frame before its filter, with the rig's contact mask.
-
-    The angle is None without contact, and the state is `lost` if the script raises.
-    """
+    """Reports the published script's angle before its filter; the state is `lost` if the script raises."""
 
     finder: FindsContact
     angle: ScriptAngle
@@ -291,10 +288,7 @@ def _time_tip(tip: SessionSeries, samples: Mapping[str, list[TimedSample]], publ
 
 
 def _published_s(mask: Image) -> list[float]:
-    """Return the time of the script's way from a mask to an angle, which thins the full picture, in s.
-
-    Returns no time if the script finds no angle.
-    """
+    """Return the time of the script from a mask to an angle, which thins the full picture, s; [] without."""
     began = time.perf_counter()
     picture = stretched(mask)
     contour = largest_contour(picture)

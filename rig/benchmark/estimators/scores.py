@@ -16,33 +16,26 @@ EARLY_S = 0.1  # an onset reported earlier than this before the true one is a fa
 
 @dataclass(frozen=True, slots=True)
 class OnsetScore:
-    """Slip onsets over many lifts.
-
-    false_alarms: number of lifts with a report but without an onset, or with a report over 100 ms too early.
-    """
+    """Slip onsets over many lifts."""
 
     true: int  # number of lifts with an onset
     error_s: float | None  # median of |estimated - true|
     within: Share | None  # share of the true onsets that were reported with an error of at most 50 ms
     missed: int  # number of lifts whose onset was not reported
-    false_alarms: int
+    false_alarms: int  # lifts with a report but without an onset, or with a report over 100 ms too early
 
 
 @dataclass(frozen=True, slots=True)
 class ContenderScore:
-    """Figures of one estimator over many lifts or clips.
-
-    mare, mare_b, mare_held, mare_unsigned: see `SeriesScore`. worst_deg, worst: largest mean error of a lift
-    or clip, and its key.
-    """
+    """Figures of one estimator over many lifts or clips; the MAREs are those of `SeriesScore`."""
 
     mare: Mare | None
     mare_b: Mare | None
     mare_held: Mare | None
     mare_unsigned: Mare | None
     mare_elongated: Mare | None  # over objects with elongated contacts
-    worst_deg: float | None
-    worst: str
+    worst_deg: float | None  # largest mean error of a lift or clip
+    worst: str  # its key
     answered: float  # fraction of frames with an angle
     within_two_sigma: float | None  # fraction of these frames, None without sigmas
     wrong_lifts: int  # number of lifts with a confidently wrong angle

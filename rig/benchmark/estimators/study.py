@@ -186,10 +186,7 @@ def compare(options: EstimatorsOptions, run: Run) -> EstimatorsResult:
 def record(
     run: Run, name: str, bench: BenchConfig, estimator: EstimatorChoice, objects: Sequence[str], lifts: int
 ) -> Path:
-    """Carry out the missing simulated lifts of a session in the folder of the results; return its folder.
-
-    name: of the session. lifts: per object. Raises the errors of `run_trial`.
-    """
+    """Carry out a session's missing simulated lifts in the folder of the results; return its folder."""
     folder = (run.folder or Path()) / name
     trial = TrialSettings(bench, run.seed, estimator)
 

@@ -93,11 +93,7 @@ class After(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """An event.
-
-    mended_after: number of attempts that fail before a person mends it (a cable, a switch); a protective stop
-    is left for the rig to recover from.
-    """
+    """An event."""
 
     name: str
     after: After = After.NOTICED
@@ -105,7 +101,7 @@ class Event:
     faults: tuple[tuple[str, str, Mapping[str, Any]], ...] = ()  # (device, kind, arguments) in order
     disk_full: bool = False  # writing fails
     named: str = ""  # a word that the outcome of the lift has to contain
-    mended_after: int = 1
+    mended_after: int = 1  # number of attempts that fail before a person mends it (a cable, a switch)
 
 
 @dataclass(frozen=True, slots=True)
@@ -193,10 +189,7 @@ def next_stage(stage: Stage | None, world: Mapping[str, Any], grasp_m: float) ->
 
 
 def wait_for(moment: Moment, grasp_m: float, call: Call, over: Callable[[], bool]) -> Stage | None:
-    """Wait for a moment of the next lift; return the stage at that time, None if the lift ended before it.
-
-    over: whether the lift has ended.
-    """
+    """Wait for a moment of the next lift; return the stage at that time, None if the lift was over before."""
     stage, began_ns = None, 0
     while not over():
         world = call("world")
@@ -237,10 +230,7 @@ def tried(do: Callable[[], Result], before_again: Callable[[], str]) -> Result:
 
 
 def strike(event: Event, call: Call, program: "subprocess.Popen[str] | None" = None) -> int:
-    """Let an event happen to devices and program; return the time of its last part, ns, see `bench_ns`.
-
-    On a full disk the process cannot write another byte to any file.
-    """
+    """Let an event happen to devices and program; return the time of its last part, ns, see `bench_ns`."""
     for number in event.signals[:-1]:
         if program:
             program.send_signal(number)
@@ -291,10 +281,7 @@ def dropped(track: Sequence[TrueState], grasp_m: float) -> bool:
 
 
 def carried(track: Sequence[TrueState], grasp_m: float, set_down: bool = False) -> bool:
-    """Whether the tool rose with the object after it had set the object down at the grasp's height.
-
-    set_down: whether the object was set down when the track begins.
-    """
+    """Whether the tool rose with the object after it had set it down. set_down: whether that was before."""
     was_up = was_down = set_down
     for state in track:
         above_m = state.tool_m[2] - grasp_m
@@ -359,10 +346,7 @@ def _fingers_moved(event: Event, track: Sequence[TrueState], stop: Standstill) -
 
 
 def start_trial(bench: Path, session: Path, object_id: str) -> "subprocess.Popen[str]":
-    """Start a trial of two lifts that continues with the second one.
-
-    bench: file of a bench that counts as real.
-    """
+    """Start a trial that continues with its second lift. bench: file of a bench that counts as real."""
     command = python_command("-m", "rig", "trial", "--lifts", 2, "--object", object_id)
     command += ["--bench", str(bench), "--out", str(session), "--resume", "--yes", "--no-report"]
 

@@ -86,10 +86,7 @@ class MinuteRecordings:
         self.recorder = LiftRecorder(self._file)
 
     def next_file(self) -> int:
-        """Complete the current file, begin the next, and return the size of the completed one in bytes.
-
-        Raises `RecordingError` if this or an earlier file could not be written.
-        """
+        """Begin the next file; return the size of the last one, bytes. Raises `RecordingError`."""
         if self._closing is not None:
             self._closing.result()
         self.recorder.close()
@@ -111,10 +108,7 @@ def _flush_and_delete(file: BackgroundFile) -> None:
 
 
 class StillContact(LiftObserver):
-    """Records and measures a lift until phase B, and keeps the angles of the current minute only.
-
-    clock: of the bench, which also gives the capture times.
-    """
+    """Records and measures a lift until phase B, and keeps the angles of the current minute only."""
 
     def __init__(self, measurement: LiftMeasurement, clock: Clock, recordings: MinuteRecordings) -> None:
         self._measurement, self._tips = measurement, measurement.angle.tips

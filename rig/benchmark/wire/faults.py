@@ -101,10 +101,7 @@ def _seconds(value: float | None) -> str:
 
 @dataclass(frozen=True, slots=True)
 class FaultRow:
-    """Result of a fault.
-
-    outcomes: of the attempts that the fault ended; none if the lift was over before it was noticed.
-    """
+    """Result of a fault."""
 
     number: int  # of its lift, from 1
     stage: Stage  # of the lift at the fault
@@ -112,7 +109,7 @@ class FaultRow:
     fault: str = column("fault in mid-lift")
     seen_s: float | None = column("detected, s", _seconds, "from the fault to the rig's stop")
     safe_s: float | None = column("then still, s", _seconds, "from the rig's stop to standstill")
-    outcomes: tuple[str, ...] = column("outcome", _short)
+    outcomes: tuple[str, ...] = column("outcome", _short)  # of the attempts that the fault ended
     recovered: bool = column("next lift", lambda done: "done" if done else "not done")
     passed: bool = column("", lambda passed: "passed" if passed else "FAILED")
 

@@ -139,10 +139,7 @@ def judge_wire(lift: WireLift) -> tuple[Measured, ...]:
 
 
 def measure_wire(folder: Path, object_id: str, seeds: int = 20, bench: BenchConfig | None = None) -> WireLift:
-    """Do one lift over the wire protocols, and the lifts of the seeds in this process.
-
-    folder: of the first lift's session. bench: whose fakes are started, by default `wire`.
-    """
+    """Do one lift over the wire protocols, stored in a folder, and the lifts of the seeds in this process."""
     choice = choose_estimator()
     with served(_CountedBench, bench) as benches:
         began = time.perf_counter()

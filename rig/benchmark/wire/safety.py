@@ -102,10 +102,7 @@ def plan_runs(seed: int, full: bool) -> list[PlannedRun]:
 
 @dataclass(frozen=True, slots=True)
 class SafetyRun:
-    """Result of an event.
-
-    still_s, way_mm: from the event to the first standstill.
-    """
+    """Result of an event. still_s, way_mm: from the event to the first standstill."""
 
     number: int
     event: str

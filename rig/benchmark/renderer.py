@@ -158,7 +158,7 @@ class GelCamera:
         self._read_noise, self._shot = float(rng.uniform(0.6, 1.6)), float(rng.uniform(0.02, 0.08))
         self._quality = int(rng.integers(60, 92))
         self._blocks, self._taken = np.zeros((*SIZE_PX[::-1], 3), np.float32), 0
-        self._refresh, self._block_levels = int(rng.integers(15, 60)), float(rng.uniform(0.0, 1.0))
+        self.refresh, self._block_levels = int(rng.integers(15, 60)), float(rng.uniform(0.0, 1.0))
         self._level = 1.0
         flat = self._lit(np.zeros_like(self._dome))
         self._level = float(1.0 / np.percentile(flat, 90))
@@ -185,14 +185,14 @@ class GelCamera:
         wide = wide * (1.0 - self._specks * (0.6 + 0.8 * np.minimum(seen, 0.5)))[..., None]
         grey = self._gain * np.maximum(wide, 0.0) ** TONE
         sigma = np.sqrt(self._read_noise**2 + self._shot * grey)
-        grey = grey + sigma * rng.standard_normal(grey.shape, np.float32) + self._coded(rng)
+        grey = grey + sigma * rng.standard_normal(grey.shape, np.float32) + self.coded(rng)
         frame = np.clip(grey, 0, 255).astype(np.uint8)
         _, data = cv2.imencode(".jpg", frame[..., ::-1], (cv2.IMWRITE_JPEG_QUALITY, self._quality))
         return np.asarray(cv2.imdecode(data, cv2.IMREAD_COLOR), np.uint8)[..., ::-1].copy()
 
-    def _coded(self, rng: Random) -> NDArray[np.float32]:
+    def coded(self, rng: Random) -> NDArray[np.float32]:
         """Return the errors of a video codec's blocks until the next refresh, (H, W, 3) grey levels."""
-        if self._taken % self._refresh == 0:
+        if self._taken % self.refresh == 0:
             coarse = (SIZE_PX[1] // BLOCK_PX, SIZE_PX[0] // BLOCK_PX, 3)
             levels = rng.normal(0.0, self._block_levels, coarse).astype(np.float32)
             self._blocks = levels.repeat(BLOCK_PX, axis=0).repeat(BLOCK_PX, axis=1)

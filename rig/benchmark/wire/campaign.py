@@ -128,20 +128,11 @@ class TrueState:
 
 @dataclass(frozen=True, slots=True)
 class Standstill:
-    """The first standstill after an event. after_s: 0 if the tool stood. way_m: distance since the event."""
+    """The first standstill after an event."""
 
     time_ns: int
-    after_s: float
-    way_m: float
-
-
-@dataclass(frozen=True, slots=True)
-class Judged:
-    """Result of an event. unasked: the unconfirmed motion in words; "" without one."""
-
-    stop: Standstill
-    dropped: bool
-    unasked: str
+    after_s: float  # 0 if the tool stood
+    way_m: float  # distance since the event
 
 
 class WireBench(StandingBench):
@@ -296,47 +287,43 @@ def carried(track: Sequence[TrueState], grasp_m: float, set_down: bool = False) 
     return False
 
 
-def judge(event: Event, stage: Stage, track: Sequence[TrueState], event_ns: int, grasp_m: float) -> Judged:
-    """Judge what happened after an event. stage: of the lift at the event. grasp_m: height of the tool."""
-    stop = standstill(track, event_ns)
-    unasked = _unasked(event, track, stop, grasp_m)
-    if not unasked and carried(track, grasp_m, set_down=stage is Stage.RELEASE):
-        unasked = "the object was carried"
-    return Judged(stop, dropped(track, grasp_m), unasked)
+def unasked(event: Event, stage: Stage, track: Sequence[TrueState], event_ns: int, grasp_m: float) -> str:
+    """Return a motion after the standstill that was not allowed, in words; "" without one.
 
-
-def _unasked(event: Event, track: Sequence[TrueState], stop: Standstill, grasp_m: float) -> str:
-    """Return a motion that was not allowed after the standstill in words.
-
-    Below the approach height the tool may only move on one vertical line, and not below the grasp.
+    stage: of the lift at the event. grasp_m: height of the tool that grasps. Below the approach height the
+    tool may only move on one vertical line, and not below the grasp.
     """
-    there, later = at(track, stop.time_ns), [s for s in track if s.time_ns > stop.time_ns]
+    stop_ns = standstill(track, event_ns).time_ns
+    there, later = at(track, stop_ns), [s for s in track if s.time_ns > stop_ns]
     way_m = max((math.dist(state.tool_m, there.tool_m) for state in later), default=0.0)
     arm_moved = f"the arm moved by {1e3 * way_m:.1f} mm" if way_m > MOVED_M else ""
-    if event.after is After.STAYS:
-        return arm_moved or _fingers_moved(event, track, stop)
-    if event.after is After.SAFE_END:
-        if arm_moved and not there.held and there.tool_m[2] - grasp_m - REACH_M > BOUNDARY_M:
-            return arm_moved
-        if any(state.counts > there.counts + COUNTS for state in later):
-            return "fingers closed"
-    low = [state for state in later if state.tool_m[2] < grasp_m + CLEARANCE_M - BOUNDARY_M]
-    if any(math.dist(state.tool_m[:2], low[0].tool_m[:2]) > LINE_M for state in low):
-        return "the arm moved sideways beside the object"
-    return "the arm moved below the grasp" if any(s.tool_m[2] < grasp_m - MOVED_M for s in low) else ""
+    high = not there.held and there.tool_m[2] - grasp_m - REACH_M > BOUNDARY_M
+    if arm_moved and (event.after is After.STAYS or (event.after is After.SAFE_END and high)):
+        return arm_moved
+    if event.after is After.STAYS and (fingers_moved := _fingers_moved(event, track, stop_ns)):
+        return fingers_moved
+    if event.after is After.SAFE_END and any(state.counts > there.counts + COUNTS for state in later):
+        return "fingers closed"
+    if event.after is not After.STAYS:
+        low = [state for state in later if state.tool_m[2] < grasp_m + CLEARANCE_M - BOUNDARY_M]
+        if any(math.dist(state.tool_m[:2], low[0].tool_m[:2]) > LINE_M for state in low):
+            return "the arm moved sideways beside the object"
+        if any(state.tool_m[2] < grasp_m - MOVED_M for state in low):
+            return "the arm moved below the grasp"
+    return "the object was carried" if carried(track, grasp_m, set_down=stage is Stage.RELEASE) else ""
 
 
-def _fingers_moved(event: Event, track: Sequence[TrueState], stop: Standstill) -> str:
+def _fingers_moved(event: Event, track: Sequence[TrueState], stop_ns: int) -> str:
     """Return how far the fingers moved after they had first rested for `FINGERS_REST_S`, in words.
 
     Fingers on their way at the event go on to where they were sent. Those around something that they do not
     hold may open after a fault of the arm.
     """
-    rests = at(track, stop.time_ns)
+    rests = at(track, stop_ns)
     for state in track:
-        if state.time_ns - max(rests.time_ns, stop.time_ns) > FINGERS_REST_S * NS_PER_S:
+        if state.time_ns - max(rests.time_ns, stop_ns) > FINGERS_REST_S * NS_PER_S:
             break
-        if state.time_ns > stop.time_ns and abs(state.counts - rests.counts) > 1e-6:
+        if state.time_ns > stop_ns and abs(state.counts - rests.counts) > 1e-6:
             rests = state
     way = [state.counts - rests.counts for state in track if state.time_ns > rests.time_ns]
     opened = event.faults and not rests.held

@@ -113,7 +113,7 @@ class StillContact(LiftObserver):
     def __init__(self, measurement: LiftMeasurement, clock: Clock, recordings: MinuteRecordings) -> None:
         self._measurement, self._tips = measurement, measurement.angle.tips
         self._clock, self._recordings = clock, recordings
-        self._late_ns: dict[str, list[int]] = {serial: [] for serial in self._tips}
+        self.late_ns: dict[str, list[int]] = {serial: [] for serial in self._tips}
         self._zero_deg: dict[str, float] = {}
         self._counted = (0, 0, 0)
 
@@ -125,7 +125,7 @@ class StillContact(LiftObserver):
         self._recordings.recorder.frame(frame)
         self._measurement.frame(frame)
         if frame.serial in self._tips and self._tips[frame.serial].samples:
-            self._late_ns[frame.serial].append(self._clock.now_ns() - frame.time_ns)
+            self.late_ns[frame.serial].append(self._clock.now_ns() - frame.time_ns)
 
     def arm(self, state: ArmState) -> None:
         self._recordings.recorder.arm(state)  # not for the measurement, which would search for markers
@@ -144,14 +144,14 @@ class StillContact(LiftObserver):
         """
         for serial, tip in self._tips.items():
             tip.samples.clear()
-            self._late_ns[serial].clear()
+            self.late_ns[serial].clear()
         self._counted = self._counts()
         return self._recordings.next_file()
 
     def minute(self) -> Minute:
         resources = _resources()
         frames, dropped, jumped = np.subtract(self._counts(), self._counted).tolist()
-        late_ms = [np.percentile(late, (50, 99)) * 1e3 / NS_PER_S for late in self._late_ns.values()]
+        late_ms = [np.percentile(late, (50, 99)) * 1e3 / NS_PER_S for late in self.late_ns.values()]
         p50_ms, p99_ms = (float(max(values)) for values in zip(*late_ms, strict=True))
         off_deg = np.concatenate([self._off_deg(serial) for serial in self._tips])
         known, recorded_mb = np.isfinite(off_deg), self.begin_minute() / 1e6

@@ -28,15 +28,17 @@ from rig.benchmark.wire.campaign import (
     Stage,
     WireBench,
     as_real,
-    judge,
+    dropped,
     let_pass,
     random_moment,
     read_track,
     served,
+    standstill,
     start_trial,
     strike,
     switch_on,
     tried,
+    unasked,
     wait_for,
     wait_for_end,
 )
@@ -216,15 +218,15 @@ class _Place:
                 said = wait_for_end(program, END_S)
                 let_pass(call, SETTLE_S)
                 track = read_track(call, event_ns)
-        judged = judge(event, stage, track, event_ns, self._grasp_m)
+        stop = standstill(track, event_ns)
         return SafetyRun(
             number=planned.number,
             event=event.name,
             stage=stage,
-            still_s=round(judged.stop.after_s, 4),
-            way_mm=round(1e3 * judged.stop.way_m, 2),
-            dropped=judged.dropped,
-            unasked=judged.unasked,
+            still_s=round(stop.after_s, 4),
+            way_mm=round(1e3 * stop.way_m, 2),
+            dropped=dropped(track, self._grasp_m),
+            unasked=unasked(event, stage, track, event_ns, self._grasp_m),
             kept=self._kept(),
             ended=program.returncode,
             said=said,

@@ -52,7 +52,7 @@ def test_soft_body_does_not_turn_with_its_relief(kind: str) -> None:
 
 def test_codec_blocks_are_constant_until_the_refresh() -> None:
     camera, noise = GelCamera(4), np.random.default_rng(0)
-    shots = [camera._coded(noise).copy() for _ in range(camera._refresh + 1)]
+    shots = [camera.coded(noise).copy() for _ in range(camera.refresh + 1)]
     assert all((shot == shots[0]).all() for shot in shots[:-1])
     assert (shots[-1] != shots[0]).any()
 

@@ -6,16 +6,16 @@ The images are stored once and read as memory maps, because the estimator runs o
 import math
 import tempfile
 import time
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from enum import StrEnum
 from functools import partial
 from itertools import islice
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from drivers.errors import InputError, unknown_name
 from drivers.types import Image
@@ -62,6 +62,9 @@ LIFTS_OF_RENDERER = 4
 FIRST_SEED, FIRST_LIFT = 900, 900
 """Seed of the lifts on the benches, and first lift of the second renderer. Benchmarks use lower numbers."""
 
+Arrays = Mapping[str, Any]
+"""A fingertip: sign, aspect (NaN if unknown), background, images (N, H, W, 3) uint8, and their times_ns (N,).
+The truth: zero_ns, the begin of the lift or the reference, end_ns, times_ns, angles_deg, sigmas_deg (M,)."""
 Known = tuple[float | None, float | None, float, float]  # angle and sigma, true angle and its sigma, degrees
 
 
@@ -106,28 +109,6 @@ class Case:
     @property
     def stored(self) -> bool:
         return (self.folder / TRUTH).exists()
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Tip:
-    """The frames of one fingertip, (N, H, W, 3) uint8, and their times, (N,) ns. aspect: NaN if unknown."""
-
-    sign: int
-    aspect: float
-    background: Image
-    times_ns: NDArray[np.int64]
-    images: Image
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Truth:
-    """The true angles, degrees, with sigmas and times. zero_ns: begin of the lift, or the reference."""
-
-    zero_ns: int
-    end_ns: int
-    times_ns: NDArray[np.int64]
-    angles_deg: NDArray[np.float64]
-    sigmas_deg: NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -245,16 +226,13 @@ def _stored_cases(options: FitOptions, run: Run, folder: Path) -> list[Case]:
 def store_clip(folder: Path, clip: LabelledClip, unit: str) -> Case:
     """Store a clip with its labels, unless it is stored. unit: name of the clip that this is a version of."""
 
-    def read() -> tuple[list[Tip], Truth]:
+    def read() -> tuple[list[Arrays], Arrays]:
         read = list(clip.series.read())
         times = np.array([frame.time.time_ns for frame in read], np.int64)
-        truth = Truth(
-            int(times[clip.reference_frame]),
-            int(times[-1]),
-            times[[label.frame for label in clip.labels]],
-            np.array([label.angle_deg for label in clip.labels]),
-            np.array([label.sigma_deg for label in clip.labels]),
-        )
+        angles = np.array([label.angle_deg for label in clip.labels])
+        sigmas = np.array([label.sigma_deg for label in clip.labels])
+        at_labels = times[[label.frame for label in clip.labels]]
+        truth = _truth(int(times[clip.reference_frame]), int(times[-1]), at_labels, angles, sigmas)
         return [_tip(1, None, clip.background, ((of.time.time_ns, of.image) for of in read))], truth
 
     return _stored(Case(Kind.CLIP, unit, folder), read)
@@ -263,7 +241,7 @@ def store_clip(folder: Path, clip: LabelledClip, unit: str) -> Case:
 def store_rendered(folder: Path, lift: int) -> Case:
     """Draw a lift of the second renderer and store it below a folder, unless it is stored."""
 
-    def read() -> tuple[list[Tip], Truth]:
+    def read() -> tuple[list[Arrays], Arrays]:
         course, tips = draw_course(lift), []
         for tip, sign in enumerate(SIGNS):
             drawn = list(frames(lift, tip))
@@ -271,7 +249,7 @@ def store_rendered(folder: Path, lift: int) -> Case:
             shown = ((frame.time_ns, frame.image) for frame in drawn[BACKGROUND_FRAMES:])
             tips.append(_tip(sign, 1.0, background, shown))
         times = np.array([course.time_ns(number) for number in range(len(course.turn_deg))], np.int64)
-        return tips, Truth(LIFT_NS, int(times[-1]), times, course.turn_deg, np.zeros(len(times)))
+        return tips, _truth(LIFT_NS, int(times[-1]), times, course.turn_deg, np.zeros(len(times)))
 
     name = f"renderer {lift}"
     return _stored(Case(Kind.RENDERER, name, folder / name), read)
@@ -280,7 +258,7 @@ def store_rendered(folder: Path, lift: int) -> Case:
 def store_lift(folder: Path, bench: BenchConfig, lift: LiftCase) -> Case:
     """Carry out a lift on a simulated bench and store it below a folder, unless it is stored."""
 
-    def read() -> tuple[list[Tip], Truth]:
+    def read() -> tuple[list[Arrays], Arrays]:
         with recorded_lift(bench, lift) as (recording, _):
             phases, series = phase_times(recording), recorded_truth(recording)
             tips = [
@@ -288,30 +266,35 @@ def store_lift(folder: Path, bench: BenchConfig, lift: LiftCase) -> Case:
                 for t in recording_frames(recording)
             ]
         span = phases[Phase.LIFT], phases[Phase.LOWER]
-        return tips, Truth(*span, series.time_ns, series.angle_deg, series.sigma_deg)
+        return tips, _truth(*span, series.time_ns, series.angle_deg, series.sigma_deg)
 
     name = str(lift).replace("/", " ")
     return _stored(Case(Kind.HARD if bench.difficulty == "hard" else Kind.EASY, name, folder / name), read)
 
 
+def _truth(zero_ns: int, end_ns: int, times_ns: Any, angles_deg: Any, sigmas_deg: Any) -> Arrays:
+    span = {"zero_ns": zero_ns, "end_ns": end_ns}
+    return {**span, "times_ns": times_ns, "angles_deg": angles_deg, "sigmas_deg": sigmas_deg}
+
+
 def _tip(
     sign: int, aspect: float | None, background: Image, frames: Iterable[tuple[int, Image | None]]
-) -> Tip:
+) -> Arrays:
     shown = [(time_ns, image) for time_ns, image in frames if image is not None]
     times_ns = np.array([time_ns for time_ns, _ in shown], np.int64)
     images = np.stack([image for _, image in shown])
-    return Tip(sign, math.nan if aspect is None else aspect, background, times_ns, images)
+    sensor = {"sign": sign, "aspect": math.nan if aspect is None else aspect, "background": background}
+    return {**sensor, "times_ns": times_ns, "images": images}
 
 
-def _stored(case: Case, read: Callable[[], tuple[list[Tip], Truth]]) -> Case:
+def _stored(case: Case, read: Callable[[], tuple[list[Arrays], Arrays]]) -> Case:
     if not case.stored:
         tips, truth = read()
         case.folder.mkdir(parents=True, exist_ok=True)
         for number, tip in enumerate(tips):
-            values = asdict(tip)
-            np.save(case.folder / f"images_{number}.npy", values.pop("images"))
-            np.savez(case.folder / f"tip_{number}.npz", **values)
-        np.savez(case.folder / TRUTH, **asdict(truth))
+            np.save(case.folder / f"images_{number}.npy", tip["images"])
+            np.savez(case.folder / f"tip_{number}.npz", **{k: v for k, v in tip.items() if k != "images"})
+        np.savez(case.folder / TRUTH, **truth)
     return case
 
 
@@ -322,8 +305,7 @@ def penalty(values: Values, case: Case) -> float:
     """
     cv2.setNumThreads(1)
     use(values)
-    of = np.load(case.folder / TRUTH)
-    truth = Truth(int(of["zero_ns"]), int(of["end_ns"]), of["times_ns"], of["angles_deg"], of["sigmas_deg"])
+    truth = dict(np.load(case.folder / TRUTH))
     signs, samples = [], []
     for number in range(len(list(case.folder.glob("tip_*.npz")))):
         of = np.load(case.folder / f"tip_{number}.npz")
@@ -347,32 +329,39 @@ def surprise(
     return -math.log((1.0 - OUTLIERS) * normal + OUTLIERS * outlier)
 
 
-def _at_labels(samples: Sequence[SlipSample], truth: Truth) -> Iterator[Known]:
+def _at_labels(samples: Sequence[SlipSample], truth: Arrays) -> Iterator[Known]:
     track = TipTrack(1, list(samples))
-    later = [s for s in samples if s.time_ns >= truth.zero_ns and s.angle_deg is not None]
+    later = [s for s in samples if s.time_ns >= truth["zero_ns"] and s.angle_deg is not None]
     track.zero_sample = later[0] if later else None
     track.zero_deg = later[0].angle_deg if later else None
     by_time = {sample.time_ns: sample for sample in samples}
-    for time_ns, angle, sigma in zip(truth.times_ns, truth.angles_deg, truth.sigmas_deg, strict=True):
+    for time_ns, angle, sigma in zip(
+        truth["times_ns"], truth["angles_deg"], truth["sigmas_deg"], strict=True
+    ):
         sample = by_time.get(int(time_ns))
         answer = None if sample is None else track.answer(sample)
         yield answer and answer.angle_deg, answer and answer.sigma_deg, angle, sigma
 
 
-def _in_lift(signs: Sequence[int], samples: Sequence[list[SlipSample]], truth: Truth) -> Iterator[Known]:
+def _in_lift(signs: Sequence[int], samples: Sequence[list[SlipSample]], truth: Arrays) -> Iterator[Known]:
     names = [str(number) for number in range(len(signs))]
     by_name = dict(zip(names, samples, strict=True))
-    angle = object_angle(dict(zip(names, signs, strict=True)), by_name, truth.zero_ns)
+    angle = object_angle(dict(zip(names, signs, strict=True)), by_name, int(truth["zero_ns"]))
     answers = [
         [(s.time_ns, (of := tip.answer(s)).angle_deg, of.sigma_deg) for s in tip.samples]
         for tip in angle.tips.values()
     ]
     answers.append([(s.time_ns, s.angle_deg, s.sigma_deg) for s in angle.fused][:: len(signs)])
     for series in answers:
-        inside = [one for one in series if truth.zero_ns <= one[0] < truth.end_ns]
+        inside = [one for one in series if truth["zero_ns"] <= one[0] < truth["end_ns"]]
         for time_ns, angle_deg, sigma_deg in inside[::STRIDE]:
-            true = float(np.interp(time_ns, truth.times_ns, truth.angles_deg))
-            yield angle_deg, sigma_deg, true, float(np.interp(time_ns, truth.times_ns, truth.sigmas_deg))
+            true = float(np.interp(time_ns, truth["times_ns"], truth["angles_deg"]))
+            yield (
+                angle_deg,
+                sigma_deg,
+                true,
+                float(np.interp(time_ns, truth["times_ns"], truth["sigmas_deg"])),
+            )
 
 
 def gain_of(

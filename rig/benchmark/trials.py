@@ -48,12 +48,7 @@ from rig.tactile.estimators import (
 )
 from rig.tactile.paper.axis import METHODS
 from rig.tactile.paper.estimator import AxisEstimator
-from rig.tactile.peers.learned import (
-    AngleNetEstimator,
-    ToskovEstimator,
-    load_image_network,
-    load_wrench_network,
-)
+from rig.tactile.peers import learned
 from rig.tactile.sample import SlipSample, State, TactileEstimator
 
 PERIOD_S, JITTER_S = 1.0 / 30.0, 0.003
@@ -99,6 +94,9 @@ PAPER_FOUR = {
 KEPT = "table4.json"  # results of systems whose network is not shipped, as this benchmark measured them once
 
 Passes = dict[str, list[TimedSample]]  # samples by system
+TrialPass = tuple[dict[tuple[str, int], SeriesScore], dict[str, list[float]], int]
+"""One lift: scores over phase B by method and window, wall times of the frames with contact by method, ms,
+and the number of frames of phase B."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,15 +110,6 @@ class TrialsOptions:
     )
     lifts: int = option(5, "Lifts of each object.", min=1, max=100)
     objects: list[str] | None = option(None, "Only this object; repeat for more.", "--object")
-
-
-@dataclass(frozen=True, slots=True)
-class TrialPass:
-    """One lift. scores: by method and window, over phase B."""
-
-    scores: dict[tuple[str, int], SeriesScore]
-    contact_ms: dict[str, list[float]]  # wall time of each frame with contact, by method
-    frames: int  # of phase B
 
 
 @dataclass(frozen=True, slots=True)
@@ -180,10 +169,11 @@ def measure(options: TrialsOptions, run: Run) -> Report:
     missing = tuple(name for name, title in NETWORKS.items() if title not in networks)
     scores, ms, of_plain = {}, {}, passes(plain, networks, systems)
     for lifts in (of_plain, passes(marked, {}, (KOLAMURI,))):
-        scores |= {key: score_all([lift.scores[key] for lift in lifts]) for key in lifts[0].scores}
-        spent_ms = {n: [ms for lift in lifts for ms in lift.contact_ms[n]] for n in lifts[0].contact_ms}
+        scored, timed, _ = zip(*lifts, strict=True)
+        scores |= {key: score_all([of[key] for of in scored]) for key in scored[0]}
+        spent_ms = {name: [each for of in timed for each in of[name]] for name in timed[0]}
         ms |= {name: float(np.median(values)) for name, values in spent_ms.items() if values}
-    frames = sum(lift.frames for lift in of_plain)
+    frames = sum(count for *_, count in of_plain)
     result = TrialsResult(len(of_plain), frames, scores, ms, missing, plain)
     rows = [
         {"system": name, "window": window, "ms": result.ms[name], **asdict(score)}
@@ -209,9 +199,9 @@ def _make_system(name: str, files: Mapping[str, Path], tip: SessionSeries) -> Ta
     if name == STILL:
         return _Still()
     if name in (ANGLENET, ANGLENET_ON_TEST):
-        return AngleNetEstimator(tip.background, load_image_network(files.get(name)))
+        return learned.AngleNetEstimator(tip.background, learned.load_image_network(files.get(name)))
     if name == TOSKOV:
-        return ToskovEstimator(tip.background, tip.sign, load_wrench_network(files.get(name)))
+        return learned.ToskovEstimator(tip.background, tip.sign, learned.load_wrench_network(files.get(name)))
     return choose_estimator(name, 1).make(tip.background, tip.aspect, tip.sign)
 
 
@@ -255,7 +245,7 @@ def pass_lift(
             [truth[s.time_ns] for s in lifting],
         )
     in_b = sum(f.time_ns >= lift_ns for f in frames)
-    return TrialPass(scores, {n: contact_ms(timed) for n, timed in passes.items()}, in_b)
+    return scores, {n: contact_ms(timed) for n, timed in passes.items()}, in_b
 
 
 def thinned(frames: Iterable[TimedFrame]) -> Iterator[TimedFrame]:

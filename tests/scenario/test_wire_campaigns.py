@@ -36,7 +36,7 @@ def test_killed_lift_and_blocked_fingers_keep_every_limit(
     tmp_path: Path, unhurried_bench: BenchConfig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     slow_down(monkeypatch, "rig.benchmark.wire.campaign")
-    monkeypatch.setattr("rig.benchmark.wire.safety.start_trial", start_slow_trial)
+    monkeypatch.setattr("rig.benchmark.wire.campaign.start_trial", start_slow_trial)
     monkeypatch.setattr("rig.benchmark.wire.safety.END_S", LIMIT_S)
     plan = [
         PlannedRun(1, BY_NAME["kill -9"], Moment(Stage.LIFT, 0.5)),

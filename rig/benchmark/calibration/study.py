@@ -24,15 +24,8 @@ from calibration.hand_eye.solve import HandEyeResult, calibrate_hand_eye
 from calibration.markers.angle import MarkerAngle
 from calibration.markers.planar import wrapped_deg
 from calibration.markers.tracker import MarkerTracker, Refine
-from calibration.targets.aruco import (
-    Corners,
-    Refusal,
-    detect_all,
-    detector,
-    refine_corners,
-    refine_edges,
-    refine_quick,
-)
+from calibration.targets import aruco
+from calibration.targets.aruco import Refusal
 from calibration.targets.boards import Chessboard, Target, View, parse_target
 from calibration.time_offset import time_offset
 from calibration.verdict import Verdict
@@ -172,7 +165,7 @@ def real_marker_limits(data: Path | None) -> list[Measured]:
     if data is None:
         return [not_there(name) for name in (*_FOUND, *_TURNS)]
     folder = data / "opencv_photos"
-    ours, corners = (printed_turns(folder, refine) for refine in (refine_quick, refine_corners))
+    ours, corners = (printed_turns(folder, refine) for refine in (aruco.refine_quick, aruco.refine_corners))
     return [*_gold(folder), at_most(_TURNS[0], ours, 0.2), informative(_TURNS[1], corners)]
 
 
@@ -190,7 +183,7 @@ def printed_turns(folder: Path, refine: Refine) -> float:
     turns = []
     for path in sorted(folder.glob("charuco_img_*.jpg")):
         grey, seen = read_image(path, grey=True), {}
-        for marker_id, quads in detect_all(detector("DICT_6X6_250"), grey).items():
+        for marker_id, quads in aruco.detect_all(aruco.detector("DICT_6X6_250"), grey).items():
             fine = refine(grey, quads[0][None])
             if len(quads) == 1 and not isinstance(fine, Refusal):
                 seen[marker_id] = camera.undistorted(fine)[0]
@@ -212,7 +205,7 @@ def _turn(printed: dict[int, Array], seen: dict[int, Array], pair: tuple[int, in
     return float(np.degrees(np.angle(turn)))
 
 
-def find_corners(gray: Image, dictionary: str) -> dict[int, Corners]:
+def find_corners(gray: Image, dictionary: str) -> dict[int, aruco.Corners]:
     """Return the corners, (4, 2) px, of each id that is detected exactly once in an (H, W) uint8 image.
 
     dictionary: OpenCV's name, or the path of a dictionary file. Corners are refined with the marker's edges.
@@ -220,9 +213,9 @@ def find_corners(gray: Image, dictionary: str) -> dict[int, Corners]:
     Raises `InputError`.
     """
     found = {}
-    for marker_id, quads in detect_all(detector(dictionary), gray).items():
+    for marker_id, quads in aruco.detect_all(aruco.detector(dictionary), gray).items():
         if len(quads) == 1:
-            fine = refine_edges(gray, quads[0][None])
+            fine = aruco.refine_edges(gray, quads[0][None])
             found[marker_id] = quads[0] if isinstance(fine, Refusal) else fine[0]
     return found
 

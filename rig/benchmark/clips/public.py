@@ -74,18 +74,6 @@ SETS = {
 """Sets by name."""
 
 
-@dataclass(frozen=True, slots=True)
-class Source:
-    """A file of a clip, a row of the table of sources. frame: of a video, used as background."""
-
-    clip: str
-    use: str
-    path: str
-    frame: int
-    t_s: str
-    sha256: str
-
-
 def find_set(name: str) -> PublicSet:
     if name not in SETS:
         raise unknown_name("set", name, SETS)
@@ -99,11 +87,8 @@ def make_clips(of: PublicSet, clone: Path) -> Path:
     in each call. Raises `InputError` for another folder, commit or file, or if the cache cannot be written.
     """
     columns = ("clip", "use", "path", "frame", "t_s", "sha256")
-    rows = [row for _, row in read_csv_rows(of.sources, columns)]
-    sources = [
-        Source(**{**{name: row[name] for name in columns}, "frame": int(row["frame"] or 0)}) for row in rows
-    ]
-    files = read_verified(clone, of, {row.path: row.sha256 for row in sources if row.path})
+    sources = [row for _, row in read_csv_rows(of.sources, columns)]
+    files = read_verified(clone, of, {row["path"]: row["sha256"] for row in sources if row["path"]})
     # A version with other labels or files makes another folder.
     version = hashlib.sha256(of.labels.read_bytes() + of.sources.read_bytes()).hexdigest()[:8]
     folder = cache_folder() / "clips" / f"{of.name}-{version}"
@@ -114,11 +99,11 @@ def make_clips(of: PublicSet, clone: Path) -> Path:
         with tempfile.TemporaryDirectory(dir=folder.parent, prefix=f"{of.name}-") as place:
             made = Path(place) / "made"
             labels = [row for _, row in read_csv_rows(of.labels, ("clip",))]
-            for name in dict.fromkeys(row.clip for row in sources):
+            for name in dict.fromkeys(row["clip"] for row in sources):
                 clip = made / name
                 clip.mkdir(parents=True)
                 _write_csv(clip / LABELS, [row for row in labels if row["clip"] == name])
-                _write_frames(clip, [row for row in sources if row.clip == name], files)
+                _write_frames(clip, [row for row in sources if row["clip"] == name], files)
             made.rename(folder)
     except OSError as error:
         raise InputError(
@@ -127,33 +112,35 @@ def make_clips(of: PublicSet, clone: Path) -> Path:
     return folder
 
 
-def _write_frames(clip: Path, sources: Sequence[Source], files: Mapping[str, bytes]) -> None:
-    parts = [_image(row, files[row.path]) for row in sources if row.use == "background"]
+def _write_frames(clip: Path, sources: Sequence[Mapping[str, str]], files: Mapping[str, bytes]) -> None:
+    parts = [_image(row, files[row["path"]]) for row in sources if row["use"] == "background"]
     background = np.rint(np.median(parts, axis=0)).astype(np.uint8)
     (clip / f"{BACKGROUND}.png").write_bytes(encode_png(background))
     for row in sources:
-        if row.use == "video":
-            (clip / f"clip{Path(row.path).suffix}").write_bytes(files[row.path])
-    frames = [row for row in sources if row.use == "frame"]
+        if row["use"] == "video":
+            (clip / f"clip{Path(row['path']).suffix}").write_bytes(files[row["path"]])
+    frames = [row for row in sources if row["use"] == "frame"]
     if frames:
         (clip / FRAMES).mkdir()
-        times = [{"frame": str(number), "t_s": row.t_s} for number, row in enumerate(frames)]
+        times = [{"frame": str(number), "t_s": row["t_s"]} for number, row in enumerate(frames)]
         _write_csv(clip / TIMES, times)
     for number, row in enumerate(frames):
-        image = _image(row, files[row.path]) if row.path else background
+        image = _image(row, files[row["path"]]) if row["path"] else background
         (clip / FRAMES / f"{number:06d}.png").write_bytes(encode_png(image))
 
 
-def _image(source: Source, data: bytes) -> Image:
+def _image(source: Mapping[str, str], data: bytes) -> Image:
     """Decode an image, or a frame of a video. Raises `FormatError`."""
     image = decode_image(data)
     if image is None:
         with tempfile.TemporaryDirectory() as folder:
-            file = Path(folder) / f"video{Path(source.path).suffix}"
+            file = Path(folder) / f"video{Path(source['path']).suffix}"
             file.write_bytes(data)
-            image = next(islice(read_frames(file).images(), source.frame, None), None)
+            image = next(islice(read_frames(file).images(), int(source["frame"] or 0), None), None)
     if image is None:
-        raise FormatError(f"{source.path}: cannot be decoded: install the version of OpenCV that pip selects")
+        raise FormatError(
+            f"{source['path']}: cannot be decoded: install the version of OpenCV that pip selects"
+        )
     return image
 
 

@@ -63,16 +63,10 @@ class JudgedLabel:
         return is_confidently_wrong(self.error_deg, self.joint_sigma_deg)
 
     @property
-    def turned(self) -> bool:
-        return abs(self.label.angle_deg) >= TURNED_DEG
-
-    @property
     def false_rest(self) -> bool:
         """Whether the object has turned, but more than half of it was missed with a useful sigma."""
-        if not (self.turned and self.useful):
-            return False
         true = self.label.angle_deg
-        return (true - self.held_deg) / true > MISSED_SHARE
+        return self.useful and abs(true) >= TURNED_DEG and (true - self.held_deg) / true > MISSED_SHARE
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,7 +130,7 @@ def score(
     """
     errors = np.array([label.error_deg for label in labels])
     small = np.array([abs(label.label.angle_deg) <= SMALL_TURN_DEG for label in labels])
-    turned = [label for label in labels if label.turned]
+    turned = [label for label in labels if abs(label.label.angle_deg) >= TURNED_DEG]
     sigmas = [label.sigma_deg for label in labels if label.sigma_deg is not None]
     off = [value for label in labels if (value := label.sigmas_off) is not None]
     return ClipScore(

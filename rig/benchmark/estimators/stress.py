@@ -250,13 +250,7 @@ class StressTask:
         return f"stress: {self.group}, {self.contact}, seed {self.seed}"
 
 
-@dataclass(frozen=True, slots=True)
-class StressedClip:
-    """Score of one estimator on one clip under one condition."""
-
-    condition: str
-    estimator: str
-    score: SeriesScore
+StressedClip = tuple[str, str, SeriesScore]  # condition, estimator, and the score on one clip
 
 
 @dataclass(frozen=True, slots=True)
@@ -293,7 +287,7 @@ def run_stress(task: StressTask) -> list[StressedClip]:
                 estimator = unfiltered(clip.background, clip.aspect, (name,))[name]
                 frames = [Frame(*of, 0, "") for of in zip(clip.frames, clip.time_ns, strict=True)]
                 samples = [of.sample for of in estimate_frames(estimator, frames)]
-                scores.append(StressedClip(condition.name, name, _series_score(key, samples, clip)))
+                scores.append((condition.name, name, _series_score(key, samples, clip)))
     return scores
 
 
@@ -319,10 +313,10 @@ def _series_score(key: str, samples: Sequence[SlipSample], clip: Clip) -> Series
 
 
 def stress_rows(scores: Sequence[StressedClip]) -> list[StressRow]:
-    rows, names = [], dict.fromkeys(score.estimator for score in scores)
+    rows, names = [], dict.fromkeys(name for _, name, _ in scores)
     for c in CONDITIONS:
         for name in names:
-            of = [s.score for s in scores if s.condition == c.name and s.estimator == name]
+            of = [score for condition, estimator, score in scores if (condition, estimator) == (c.name, name)]
             if of:
                 rows.append(StressRow(c.group, c.name, name, c.refused, len(of), score_all(of)))
     return rows

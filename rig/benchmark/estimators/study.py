@@ -69,10 +69,6 @@ class EstimatorsResult:
     stress: Sequence[StressRow]
 
     @property
-    def mark(self) -> str:
-        return "SIMULATED " if self.simulated else ""
-
-    @property
     def closest_of_paper(self) -> tuple[str, int] | None:
         """The paper's method and window (2 to 10) with the lowest MARE on these lifts; None without any."""
         known = {
@@ -257,9 +253,8 @@ def judge(result: EstimatorsResult) -> list[Measured]:
 
 def estimator_table(result: EstimatorsResult) -> Table:
     """Return a row per estimator with its usual window, and one for the paper's method that is best here."""
-    title = (
-        f"{result.mark}rotational error in degrees over {counted(len(result.lifts), 'lift')}, and run time"
-    )
+    lifts = counted(len(result.lifts), "lift")
+    title = f"{'SIMULATED ' * result.simulated}rotational error in degrees over {lifts}, and run time"
     rows = []
     for name, window in result.usual:
         score, cost = result.scores[name, window], result.timing.contenders[name].contact
@@ -354,7 +349,7 @@ def readme_section(result: EstimatorsResult, limits: Sequence[Measured]) -> str:
     table, missed = estimator_table(result), [limit.name for limit in limits if limit.met is False]
     of, rows = machine(), [row[:README_COLUMNS] for row in table.rows]
     head = (
-        f"{result.mark}{counted(len(result.lifts), 'lift')}, seed {result.seed}, "
+        f"{'SIMULATED ' * result.simulated}{counted(len(result.lifts), 'lift')}, seed {result.seed}, "
         f"{of['processor']}, {of['cores']} cores, one thread. Errors in degrees, {HEADING}."
     )
     verdict = f"Limits missed: {'; '.join(missed)}." if missed else "All limits were kept."

@@ -19,18 +19,8 @@ from drivers.interfaces import Arm
 from protocols.operator import Operator
 from rig.benchmark.harness import Report, Run, Study, column, table_of
 from rig.benchmark.measured import Measured, at_most
-from rig.benchmark.wire.campaign import (
-    Event,
-    Moment,
-    Stage,
-    WireBench,
-    dropped,
-    read_track,
-    served,
-    standstill,
-    strike,
-    wait_for,
-)
+from rig.benchmark.wire import campaign
+from rig.benchmark.wire.campaign import Event, Moment, Stage, WireBench, standstill, strike
 from rig.config import BenchConfig, load_bench
 from rig.declared import option
 from rig.experiments.lift_plan import TrialSettings
@@ -187,7 +177,7 @@ def run_faults(
         elif lift.injected_ns:
             lift.faults.append(row.fault)
 
-    with served(partial(_FaultyBench, lifts), bench) as benches:
+    with campaign.served(partial(_FaultyBench, lifts), bench) as benches:
         settings = TrialSettings(benches.config, 0, choose_estimator())
         run = partial(run_trial, folder, settings, ["t1"], len(cases), benches=benches, progress=note)
         run_to_the_end(run, attempts)
@@ -250,12 +240,12 @@ class _FaultyBench(WireBench):
                 over.set()
                 injector.join()
                 if faulty.injected_ns:
-                    track = read_track(self.call, faulty.injected_ns)
+                    track = campaign.read_track(self.call, faulty.injected_ns)
                     faulty.still_ns = standstill(track, faulty.detected_ns or faulty.injected_ns).time_ns
-                    faulty.dropped = faulty.dropped or dropped(track, self.grasp_m)
+                    faulty.dropped = faulty.dropped or campaign.dropped(track, self.grasp_m)
 
     def _inject(self, lift: FaultyLift, over: threading.Event) -> None:
-        stage = wait_for(MID_LIFT, self.grasp_m, self.call, over.is_set)
+        stage = campaign.wait_for(MID_LIFT, self.grasp_m, self.call, over.is_set)
         if stage is not None:
             lift.stage, lift.injected_ns = stage, strike(lift.case, self.call)
 

@@ -21,27 +21,8 @@ from drivers.errors import DeviceError, InputError, RigError
 from protocols.readiness import make_ready
 from rig.benchmark.harness import NONE, Report, Run, Study, Table
 from rig.benchmark.measured import Measured, at_most, informative
-from rig.benchmark.wire.campaign import (
-    After,
-    Event,
-    PlannedRun,
-    Stage,
-    WireBench,
-    as_real,
-    dropped,
-    let_pass,
-    random_moment,
-    read_track,
-    served,
-    standstill,
-    start_trial,
-    strike,
-    switch_on,
-    tried,
-    unasked,
-    wait_for,
-    wait_for_end,
-)
+from rig.benchmark.wire import campaign
+from rig.benchmark.wire.campaign import After, Event, PlannedRun, Stage, WireBench
 from rig.config import BenchConfig
 from rig.config.write import write_bench
 from rig.declared import option
@@ -97,7 +78,7 @@ def plan_runs(seed: int, full: bool) -> list[PlannedRun]:
         cells = list(zip(EVENTS, stages, strict=True))
     rng.shuffle(cells)
     return [
-        PlannedRun(number, event, random_moment(stage, rng))
+        PlannedRun(number, event, campaign.random_moment(stage, rng))
         for number, (event, stage) in enumerate(cells, start=1)
     ]
 
@@ -150,7 +131,7 @@ def run_safety(run: Run, plan: Sequence[PlannedRun], bench: BenchConfig | None =
     with ExitStack() as stack:
         place = cache(lambda: stack.enter_context(safety_place(run.results_folder, bench)))
         return run.each(
-            lambda planned: tried(partial(place().run, planned), place().put_in_order),
+            lambda planned: campaign.tried(partial(place().run, planned), place().put_in_order),
             plan,
             lambda planned: common + str(planned),
             SafetyRun,
@@ -166,9 +147,9 @@ def safety_place(folder: Path, bench: BenchConfig | None) -> "Iterator[_Place]":
     before = os.environ.get(STATE)
     os.environ[STATE] = str(folder / "state")
     try:
-        with served(WireBench, bench) as benches:
+        with campaign.served(WireBench, bench) as benches:
             place = _Place(folder, benches)
-            tried(place.finish_a_lift, place.put_in_order)
+            campaign.tried(place.finish_a_lift, place.put_in_order)
             yield place
     finally:
         os.environ.pop(STATE)
@@ -182,17 +163,19 @@ class _Place:
         self._config, self._call, self._grasp_m = benches.config, benches.call, benches.grasp_m
         self._real = folder / "real.toml"
         self._one, self._session = folder / "one", folder / "session"
-        write_bench(self._real, as_real(self._config))
+        write_bench(self._real, campaign.as_real(self._config))
 
     def finish_a_lift(self) -> None:
         shutil.rmtree(self._one, ignore_errors=True)
         with self._trial(self._one) as program:
             while not finished(read_lifts(self._one)):
                 if program.poll() is not None:
-                    raise DeviceError(f"safety: the trial ended too early: {wait_for_end(program, END_S)}")
+                    raise DeviceError(
+                        f"safety: the trial ended too early: {campaign.wait_for_end(program, END_S)}"
+                    )
                 time.sleep(0.1)
             program.send_signal(signal.SIGINT)
-            wait_for_end(program, END_S)
+            campaign.wait_for_end(program, END_S)
         if reason := self.put_in_order():
             raise DeviceError(f"safety: the bench cannot be put in order: {reason}")
 
@@ -205,28 +188,30 @@ class _Place:
         shutil.copytree(self._one, self._session)
         event, call = planned.event, self._call
         with self._trial(self._session) as program:
-            stage = wait_for(planned.moment, self._grasp_m, call, lambda: program.poll() is not None)
+            stage = campaign.wait_for(planned.moment, self._grasp_m, call, lambda: program.poll() is not None)
             if stage is None:
-                raise DeviceError(f"safety: {planned} ended too early: {wait_for_end(program, END_S)}")
-            event_ns = strike(event, call, program)
+                raise DeviceError(
+                    f"safety: {planned} ended too early: {campaign.wait_for_end(program, END_S)}"
+                )
+            event_ns = campaign.strike(event, call, program)
             if signal.SIGSTOP in event.signals:
-                let_pass(call, STOPPED_S)
-                track = read_track(call, event_ns)
+                campaign.let_pass(call, STOPPED_S)
+                track = campaign.read_track(call, event_ns)
                 program.send_signal(signal.SIGCONT)
-                said = wait_for_end(program, END_S)
+                said = campaign.wait_for_end(program, END_S)
             else:
-                said = wait_for_end(program, END_S)
-                let_pass(call, SETTLE_S)
-                track = read_track(call, event_ns)
-        stop = standstill(track, event_ns)
+                said = campaign.wait_for_end(program, END_S)
+                campaign.let_pass(call, SETTLE_S)
+                track = campaign.read_track(call, event_ns)
+        stop = campaign.standstill(track, event_ns)
         return SafetyRun(
             number=planned.number,
             event=event.name,
             stage=stage,
             still_s=round(stop.after_s, 4),
             way_mm=round(1e3 * stop.way_m, 2),
-            dropped=dropped(track, self._grasp_m),
-            unasked=unasked(event, stage, track, event_ns, self._grasp_m),
+            dropped=campaign.dropped(track, self._grasp_m),
+            unasked=campaign.unasked(event, stage, track, event_ns, self._grasp_m),
             kept=self._kept(),
             ended=program.returncode,
             said=said,
@@ -236,7 +221,7 @@ class _Place:
     @contextmanager
     def _trial(self, session: Path) -> "Iterator[subprocess.Popen[str]]":
         self._call("place", object=OBJECT, seed=1)
-        with start_trial(self._real, session, OBJECT) as program:
+        with campaign.start_trial(self._real, session, OBJECT) as program:
             try:
                 yield program
             finally:
@@ -252,7 +237,7 @@ class _Place:
     def put_in_order(self) -> str:
         """Put the bench in order, answering all questions with yes. Return the reason for a failure."""
         self._call("fault", device="all", kind="clear")
-        switch_on(self._config.arm.host or "")
+        campaign.switch_on(self._config.arm.host or "")
         benches = WireBench(self._config)
         try:
             with closing(benches), benches.for_lift(1, "in order") as (bench, operator):

@@ -10,6 +10,7 @@ import os
 import platform
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
+from operator import attrgetter
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
@@ -67,32 +68,23 @@ class Table:
 
 def table_of(title: str, kind: type[Any], rows: Sequence[Any], left: int = 1) -> Table:
     """Return a table of rows. kind: their dataclass; the fields declared with `column` are shown."""
-    values = {path: [_value(row, path) for row in rows] for path, _ in _columns(kind)}
-    shown = [
-        (path, of) for path, of in _columns(kind)
-        if not of["optional"] or any(value is not None for value in values[path])
-    ]  # fmt: skip
-    cells = [[_cell(value, of["show"]) for value in values[path]] for path, of in shown]
-    legend = tuple((of["heading"], of["doc"]) for _, of in shown if of["doc"])
-    headings = tuple(of["heading"] for _, of in shown)
-    return Table(title, headings, list(zip(*cells, strict=True)), left, tuple(rows), legend)
+    shown = []
+    for value_of, of in _columns(kind):
+        values = [value_of(row) for row in rows]
+        if not of["optional"] or any(value is not None for value in values):
+            shown.append((of, [_cell(value, of["show"]) for value in values]))
+    headings = tuple(of["heading"] for of, _ in shown)
+    legend = tuple((of["heading"], of["doc"]) for of, _ in shown if of["doc"])
+    return Table(title, headings, list(zip(*(of for _, of in shown), strict=True)), left, tuple(rows), legend)
 
 
-def _columns(
-    kind: type[Any], path: tuple[str, ...] = ()
-) -> Iterator[tuple[tuple[str, ...], Mapping[str, Any]]]:
-    """Yield the fields that lead to each column of a row, and what `column` declared."""
+def _columns(kind: type[Any], path: str = "") -> Iterator[tuple[Callable[[Any], Any], Mapping[str, Any]]]:
+    """Yield for each column the function that gets its value from a row, and what `column` declared."""
     for each in fields(kind):
         if "columns" in each.metadata:
-            yield from _columns(each.metadata["columns"], (*path, each.name))
+            yield from _columns(each.metadata["columns"], f"{path}{each.name}.")
         elif "heading" in each.metadata:
-            yield (*path, each.name), each.metadata
-
-
-def _value(row: Any, path: tuple[str, ...]) -> Any:
-    for name in path:
-        row = getattr(row, name)
-    return row
+            yield attrgetter(path + each.name), each.metadata
 
 
 def _cell(value: Any, show: str | Callable[[Any], str]) -> str:

@@ -78,12 +78,13 @@ def general_scene(
     truth = draw_truth(rng, setup)
     samples: list[HandEyeSample] = []
     while len(samples) < count:
-        camera_T_target = _any_view(rng)  # noqa: N806
-        if _outside(camera_T_target):
+        place = Pose.from_rotation(rng.uniform((-0.15, -0.12, 0.5), (0.15, 0.12, 0.9)), Rotation.identity())
+        camera_T_target = _turned(place, rng, 10.0, 45.0)  # noqa: N806
+        seen = _seen(camera_T_target)
+        if (seen < _BORDER_PX).any() or (seen > np.subtract(CAMERA.size, 1 + _BORDER_PX)).any():
             continue
-        shown = camera_T_target
-        if len(samples) < flipped:
-            shown = _turned(camera_T_target, rng, 20.0, 40.0)
+        wrong = len(samples) < flipped
+        shown = _turned(camera_T_target, rng, 20.0, 40.0) if wrong else camera_T_target
         samples.append(noisy_sample(len(samples), truth, camera_T_target, shown, rng, noise))
     return truth, samples
 
@@ -104,11 +105,6 @@ def noisy_sample(
     return HandEyeSample(name, said, View(name, np.arange(len(places_m)), places_m, pixels, CAMERA.size))
 
 
-def _any_view(rng: np.random.Generator) -> Pose:
-    place = rng.uniform((-0.15, -0.12, 0.5), (0.15, 0.12, 0.9))
-    return _turned(Pose.from_rotation(place, Rotation.identity()), rng, 10.0, 45.0)
-
-
 def _turned(pose: Pose, rng: np.random.Generator, low_deg: float, high_deg: float) -> Pose:
     axis = rng.normal(0, 1, 3)
     turn = Rotation.from_rotvec(axis / np.linalg.norm(axis) * np.radians(rng.uniform(low_deg, high_deg)))
@@ -118,11 +114,6 @@ def _turned(pose: Pose, rng: np.random.Generator, low_deg: float, high_deg: floa
 def _seen(camera_T_target: Pose) -> Array:  # noqa: N803
     at = camera_T_target.rotation.apply(MARKER.places_m) + np.asarray(camera_T_target.position_m)
     return CAMERA.project(at)
-
-
-def _outside(camera_T_target: Pose) -> bool:  # noqa: N803
-    seen = _seen(camera_T_target)
-    return bool((seen < _BORDER_PX).any() or (seen > np.subtract(CAMERA.size, 1 + _BORDER_PX)).any())
 
 
 def wiggle_scene(

@@ -140,18 +140,14 @@ class _StoredCase:
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """Settings of the run of a study, from the options that studies share.
-
-    folder: of its results; None if it stores none. progress: called with the number of finished cases, the
-    number of all cases, and a note about the last one. say: prints a line for the user.
-    """
+    """Settings of the run of a study, from the options that studies share."""
 
     seed: int = 0
     jobs: int | None = None
-    folder: Path | None = None
+    folder: Path | None = None  # of its results; None if it stores none
     resume: bool = False
-    progress: Callable[[int, int, str], None] = lambda *_: None
-    say: Callable[[str], None] = lambda _: None
+    progress: Callable[[int, int, str], None] = lambda *_: None  # finished cases, all, note on the last one
+    say: Callable[[str], None] = lambda _: None  # prints a line for the user
 
     @property
     def workers(self) -> int:

@@ -244,10 +244,7 @@ def parse_models(texts: Sequence[str], known: Sequence[str]) -> dict[str, Path]:
 
 
 def score_examples(method: str, model: str, title: str, examples: Examples) -> MethodScore:
-    """Segment every frame with its own background, and compare the mask with the label.
-
-    method, title: names of the network and of the frames. model: as in `SegmentChoice`.
-    """
+    """Segment every frame with its own background. method, title: names of network and frames."""
     make = segmenter_maker(SegmentChoice(model))
     pairs = zip(examples.frames, examples.backgrounds, strict=True)
     masks = [_mask(make(background), frame) for frame, background in pairs]

@@ -70,11 +70,7 @@ def general_scene(
     rng: np.random.Generator, count: int = 20, setup: Setup = Setup.EYE_TO_HAND, flipped: int = 0,
     noise: Noise = NOISE,
 ) -> tuple[Truth, list[HandEyeSample]]:  # fmt: skip
-    """Draw views from 0.5 to 0.9 m, rotated by 10 to 45 degrees about random axes.
-
-    The first `flipped` views are wrong. In a flipped view the target is rotated by another 20 to 40 degrees,
-    as after a wrong detection.
-    """
+    """Draw views from 0.5 to 0.9 m, turned by 10 to 45 degrees; the first `flipped` by another 20 to 40."""
     truth = draw_truth(rng, setup)
     samples: list[HandEyeSample] = []
     while len(samples) < count:

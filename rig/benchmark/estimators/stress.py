@@ -33,10 +33,7 @@ GAP_S = 0.25  # length of the gap in the stream
 
 
 def noise(sigma_grey: float) -> Disturbance:
-    """Add white noise to every frame, in addition to the noise of the sensor.
-
-    One noise field larger than the frame is shifted at random, which is much faster than new noise per frame.
-    """
+    """Add white noise to every frame: one larger field, shifted at random, because that is much faster."""
 
     def noisy(clip: Clip, rng: np.random.Generator) -> Clip:
         height, width = clip.background.shape[:2]

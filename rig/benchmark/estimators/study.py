@@ -145,11 +145,7 @@ def measure(options: EstimatorsOptions, run: Run) -> Report:
 
 
 def compare(options: EstimatorsOptions, run: Run) -> EstimatorsResult:
-    """Record or read the lifts; measure run time and error of every estimator on lifts and disturbed clips.
-
-    Raises `SessionError` for a session without lifts, `InputError` for an unknown estimator, and the errors
-    of `run_trial`.
-    """
+    """Measure all estimators on lifts and on disturbed clips. Raises the errors of `run_trial`."""
     more = tuple(options.estimator or ())
     for name in more:
         choose_estimator(name)

@@ -356,11 +356,7 @@ def start_trial(bench: Path, session: Path, object_id: str) -> "subprocess.Popen
 
 
 def wait_for_end(program: "subprocess.Popen[str]", limit_s: float) -> str:
-    """Wait for the end of a program and its children; after the time limit kill them.
-
-    Return its last line on stderr, or everything from a traceback on; after the time limit, a line that
-    reports it. Its few lines fit into the pipe.
-    """
+    """Return a program's last line on stderr, or all from a traceback on; kill it after the time limit."""
     try:
         lines = program.communicate(timeout=limit_s)[1].splitlines()
     except subprocess.TimeoutExpired:

@@ -137,11 +137,7 @@ class StillContact(LiftObserver):
         return self._measurement.touching(serial)
 
     def begin_minute(self) -> int:
-        """Begin a minute and a recording; discard earlier angles. Return the recorded size in bytes.
-
-        A contact that has just been closed still turns a little, so angles before the first minute are
-        not used.
-        """
+        """Begin a minute and a recording, without earlier angles; return the size of the last one, bytes."""
         for serial, tip in self._tips.items():
             tip.samples.clear()
             self.late_ns[serial].clear()
@@ -262,7 +258,7 @@ def measure_endurance(
             pump = start_watching(bench, observer, REFERENCE_S)
             tighten(bench, pump, observer, close_to_contact(bench, pump, observer), plan.grip_steps)
             pump.run_for(SETTLE_S)
-            observer.begin_minute()
+            observer.begin_minute()  # a contact that has just been closed still turns a little
             for number in range(1, minutes + 1):
                 pump.run_for(minute_s)
                 measured.append(observer.minute())

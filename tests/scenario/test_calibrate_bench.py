@@ -23,7 +23,7 @@ from fakes.world.motion import FingerPath, ToolPath
 from fakes.world.state import BenchLayout
 from fakes.world.world import World
 from rig.bench.operators import ConsoleOperator
-from rig.benchmark.wire.safety_events import as_real
+from rig.benchmark.wire.campaign import as_real
 from rig.calibrate.bench import Station, grasp_at
 from rig.calibrate.bench_camera import collect_camera
 from rig.calibrate.bench_clocks import WiggleObserver, collect_streams

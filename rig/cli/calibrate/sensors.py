@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 import typer
 
 from rig.cli.calibrate.options import StationOptions, calibrated
-from rig.cli.declared import argument, is_given, option
 from rig.cli.options import ObjectsOption
+from rig.declared import argument, is_given, option
 
 if TYPE_CHECKING:
     from rig.calibrate.result import CalibrationResult

@@ -47,17 +47,14 @@ class Assessment:
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """All reasons, refusals first."""
         return self.refusals + self.doubts
 
     def __add__(self, other: "Assessment") -> "Assessment":
-        """Combine the reasons and checks of both."""
         return Assessment(
             self.refusals + other.refusals, self.doubts + other.doubts, self.checks + other.checks
         )
 
     def __str__(self) -> str:
-        """Return verdict and reasons in one line."""
         return str(self.verdict) + (": " + "; ".join(self.reasons) if self.reasons else "")
 
 

@@ -38,7 +38,10 @@ def check_way(limits: ArmLimits, way: Sequence[Pose]) -> None:
     """
     for here, there in pairwise(pose.position_m for pose in way):
         for box in limits.keep_out:
-            if meets(box, here, there) and not (_inside(box, here) and _straight_up(here, there)):
+            if meets(box, here, there) and not (
+                all(low < v < high for low, v, high in zip(box.min_m, here, box.max_m, strict=True))
+                and _straight_up(here, there)
+            ):
                 raise OutOfLimitsError(
                     f"arm: the path from {_text(here)} to {_text(there)} m leads the hand into '{box.name}', "
                     "which the bench file keeps it out of; see [[keep_out]], top_m of [table], and the "
@@ -64,10 +67,6 @@ def _straight_up(here: Vector3, there: Vector3) -> bool:
     return across <= UPRIGHT_M and there[2] > here[2]
 
 
-def _inside(box: Box, point: Vector3) -> bool:
-    return all(low < v < high for low, v, high in zip(box.min_m, point, box.max_m, strict=True))
-
-
 def _text(point: Vector3) -> str:
     return "(" + ", ".join(f"{value:.3f}" for value in point) + ")"
 
@@ -88,11 +87,9 @@ class PolledMotion(Motion):
         self._stop = stop
 
     def done(self) -> bool:
-        """Whether the motion has ended, see `drivers.interfaces.Motion`."""
         return self._ended()
 
     def wait(self, timeout_s: float) -> None:
-        """Block until done, see `drivers.interfaces.Motion`."""
         try:
             if not wait_until(self._clock, self.done, timeout_s, POLL_S):
                 raise DeviceTimeoutError(

@@ -150,7 +150,6 @@ class FrameTally:
         self._last: Frame | None = None
 
     def add(self, frame: Frame) -> None:
-        """Count a frame."""
         last, self._last = self._last, frame
         self.frames += 1
         self._out_of_time = not self._times.follows(frame.time_ns)

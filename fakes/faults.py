@@ -38,7 +38,12 @@ class Faults:
                 f"it takes {', '.join(takes)}"
             )
         for name, value in arguments.items():
-            self._check(kind, name, value)
+            numbers = (int,) if name in _WHOLE else (int, float)
+            if name in MOST and (type(value) not in numbers or not 0 <= value <= MOST[name]):
+                what = "whole number" if name in _WHOLE else "number"
+                raise InputError(
+                    f"{self.whose}: {kind}: {name} {value!r}: give a {what} from 0 to {MOST[name]}"
+                )
         settings = {**takes, **arguments}
         duration_s = settings.pop("duration_s")
         with self._lock:
@@ -61,15 +66,8 @@ class Faults:
             return frozenset(kind for kind in list(self._active) if self.get(kind) is not None)
 
     def clear(self) -> None:
-        """End all faults."""
         with self._lock:
             self._active.clear()
-
-    def _check(self, kind: str, name: str, value: Any) -> None:
-        numbers = (int,) if name in _WHOLE else (int, float)
-        if name in MOST and (type(value) not in numbers or not 0 <= value <= MOST[name]):
-            what = "whole number" if name in _WHOLE else "number"
-            raise InputError(f"{self.whose}: {kind}: {name} {value!r}: give a {what} from 0 to {MOST[name]}")
 
 
 OVERSHOOT_COUNTS = 30.0
@@ -115,7 +113,6 @@ class ScriptedFault:
             raise unknown_name(f"fault of device '{self.device}'", self.kind, known)
 
     def concerns(self, lift: str, attempt: int) -> bool:
-        """Whether this fault occurs in an attempt at a lift."""
         return self.lift in (None, lift) and self.attempt in (None, attempt)
 
 

@@ -64,7 +64,6 @@ class CameraFit:
 
     @property
     def held_out_rms_px(self) -> float:
-        """Held-out error of the selected lens model."""
         return self.held_out_px[self.fit.lens.name]
 
     @property
@@ -88,7 +87,12 @@ def calibrate_camera(views: Sequence[View], folds: int = 5, keep_all: bool = Fal
             f"camera: {len(good)} usable distinct views of the board; at least {FEWEST_VIEWS} are needed, 15 "
             f"are good ({why})"
         )
-    _require_inside(good)
+    for view in good:
+        beyond = outside(view)
+        if beyond is not None:
+            swapped = all((other.image_px <= other.size[::-1]).all() for other in good)
+            cure = "are width and height swapped?" if swapped else "is the size of the pictures right?"
+            raise CalibrationError(f"camera: view {view.id}: {beyond}; {cure}")
     if not keep_all:
         good, bad = _without_bad_views(good)
         rejected += bad
@@ -97,16 +101,6 @@ def calibrate_camera(views: Sequence[View], folds: int = 5, keep_all: bool = Fal
     best = fit_camera(good, lens)
     finite = {name: error_px for name, error_px in held_out.items() if np.isfinite(error_px)}
     return CameraFit(best, *lens_covariance(best), finite, tuple(rejected))
-
-
-def _require_inside(views: Sequence[View]) -> None:
-    """Raise `CalibrationError` for a point outside the picture: all views have that size, so it is wrong."""
-    for view in views:
-        beyond = outside(view)
-        if beyond is not None:
-            swapped = all((other.image_px <= other.size[::-1]).all() for other in views)
-            cure = "are width and height swapped?" if swapped else "is the size of the pictures right?"
-            raise CalibrationError(f"camera: view {view.id}: {beyond}; {cure}")
 
 
 def fit_camera(views: Sequence[View], lens: LensModel) -> Fit:

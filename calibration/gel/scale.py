@@ -69,21 +69,13 @@ def fit_scale(moves_mm: Array, centres_px: Array, radii_mm: Array | None = None)
     return _scale(centres_px, moves_mm, radii)
 
 
-def _system(centres_px: Array, radii_mm: Array, bulge_per_mm: float) -> Array:
-    """(N, 3) or (N, 4): centres stretched by the bulge, with an offset for each size of ball.
-
-    radii_mm: (N,), all zero where balls of one size were used.
-    """
-    stretched = centres_px * (1.0 + bulge_per_mm * radii_mm[:, None])
-    zeros = [np.ones(len(radii_mm)), *([radii_mm] if radii_mm.any() else [])]
-    return np.column_stack([stretched, *zeros])
-
-
 def _fit(centres_px: Array, moves_mm: Array, radii_mm: Array) -> tuple[Array, Array]:
     """(2,) mm per px along x and y, and the (N, 2) residuals of the moves in mm."""
 
     def solve(bulge_per_mm: float) -> tuple[Array, Array]:
-        system = _system(centres_px, radii_mm, bulge_per_mm)
+        stretched = centres_px * (1.0 + bulge_per_mm * radii_mm[:, None])
+        zeros = [np.ones(len(radii_mm)), *([radii_mm] if radii_mm.any() else [])]
+        system = np.column_stack([stretched, *zeros])
         weights = np.linalg.lstsq(system, moves_mm, rcond=None)[0]
         return np.linalg.norm(weights[:2], axis=1), moves_mm - system @ weights
 

@@ -137,7 +137,9 @@ def calibrate_pose_pairs(samples: Sequence[PoseSample], setup: Setup) -> PosePai
         return PosePairResult(setup, Assessment((refusal,)), tuple(rejected), motion)
     out = np.setdiff1d(np.arange(len(pairs.ids)), kept)
     rejected += [Rejected(pairs.ids[i], "contradicts the other pairs") for i in out]
-    alike = _alike(fit)
+    white = (np.linalg.cholesky(fit.inverse).transpose(0, 2, 1) @ fit.missed[..., None])[..., 0]
+    found = float(((white[1:] * white[:-1]).sum(axis=0) / np.maximum((white**2).sum(axis=0), 1e-300)).max())
+    alike = found if found > 3.5 / np.sqrt(len(white)) else 0.0
     covariance, count = _spread(fit, alike)
     return PosePairResult(
         setup, gate + _assess(covariance, count, len(out), len(pairs.ids), alike), tuple(rejected), motion,
@@ -274,13 +276,6 @@ def _robust(pairs: PosePairs, start: Transforms) -> tuple[NDArray[np.int64], _Fi
             return again, fit, sigmas
         kept = again
     return kept, _fit(pairs.subset(kept), at, sigmas), sigmas
-
-
-def _alike(fit: _Fit) -> float:
-    """Return the largest of six correlations of neighbours' whitened errors; 0 if it is not significant."""
-    white = (np.linalg.cholesky(fit.inverse).transpose(0, 2, 1) @ fit.missed[..., None])[..., 0]
-    found = float(((white[1:] * white[:-1]).sum(axis=0) / np.maximum((white**2).sum(axis=0), 1e-300)).max())
-    return found if found > 3.5 / np.sqrt(len(white)) else 0.0
 
 
 def _spread(fit: _Fit, alike: float) -> tuple[Array, int]:

@@ -88,7 +88,9 @@ def calibrate_hand_eye(samples: Sequence[HandEyeSample], camera: CameraModel, se
     if gate.refusals:
         return HandEyeResult(setup, gate, tuple(rejected), motion)
     start = _robust_start(problem)
-    kept = _inliers(problem, start)
+    missed = start.sample_rms_px(problem)
+    bound = max(_STANDS_OUT * float(np.median(missed)), _LEAST_OUTLIER_PX)
+    kept = np.flatnonzero(missed <= bound)
     outliers = np.setdiff1d(np.arange(len(problem.ids)), kept)
     sample_px = dict(zip(problem.ids, start.sample_rms_px(problem).tolist(), strict=True))
     if len(outliers) > _MOST_REJECTED * len(problem.ids) or len(kept) < FEWEST_SAMPLES:
@@ -216,13 +218,6 @@ def _closed(name: str, problem: Problem, subset: NDArray[np.int64], turns: Array
     if answer is None or not np.isfinite(answer.x_t).all():
         return Transforms(nearest_rotation(np.eye(3)), np.zeros(3), np.eye(3), np.zeros(3))
     return answer
-
-
-def _inliers(problem: Problem, start: Refined) -> NDArray[np.int64]:
-    """Return consistent samples: rms at most three medians, or at most one pixel."""
-    missed = start.sample_rms_px(problem)
-    bound = max(_STANDS_OUT * float(np.median(missed)), _LEAST_OUTLIER_PX)
-    return np.flatnonzero(missed <= bound)
 
 
 def _finite(found: Refined) -> bool:

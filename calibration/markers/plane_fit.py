@@ -23,7 +23,8 @@ class MarkerPlane:
 
     def __init__(self, ideal_px: Array, camera_matrix: Array | None) -> None:
         self._camera_matrix = camera_matrix
-        first = _first_marker(ideal_px)
+        seen = cv2.getPerspectiveTransform(SQUARE.astype(np.float32), ideal_px[0].astype(np.float32))
+        first = np.asarray(seen, dtype=np.float64)
         if camera_matrix is None:
             guesses = [first.reshape(-1)[:8]]
         else:
@@ -49,12 +50,6 @@ class MarkerPlane:
             return None
         turn, (x, y) = Rotation.from_rotvec(parameters[:3]), _corners_in_plane(parameters[-3:]).mean(axis=0)
         return turn.as_matrix()[:, 2], turn.apply([x, y, 0.0]) + parameters[3:6]
-
-
-def _first_marker(ideal_px: Array) -> Array:
-    """Return the homography (3, 3) from the first marker's square alone."""
-    seen = cv2.getPerspectiveTransform(SQUARE.astype(np.float32), ideal_px[0].astype(np.float32))
-    return np.asarray(seen, dtype=np.float64)
 
 
 def _two_poses(rays_T_plane: Array) -> list[tuple[Rotation, Array]]:  # noqa: N803

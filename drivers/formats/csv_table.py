@@ -84,7 +84,8 @@ def _lines(text: str, where: str) -> tuple[tuple[str, ...], Lines]:
     fields = 0
     try:
         stream = io.StringIO(text, newline="")
-        reader = csv.reader(stream, delimiter=_delimiter(text), skipinitialspace=True)
+        head = next((line for line in text.split("\n", 50) if line.strip() and line[0] != "#"), "")
+        reader = csv.reader(stream, delimiter=max(DELIMITERS, key=head.count), skipinitialspace=True)
         for raw in reader:
             fields += len(raw)
             if len(lines) > MOST_ROWS or fields > MOST_FIELDS:
@@ -110,8 +111,3 @@ def _with_header(comment: tuple[str, ...], lines: Lines) -> tuple[tuple[str, ...
                 parse_number(field)
             return comment, lines
     return first, lines[1:]
-
-
-def _delimiter(text: str) -> str:
-    head = next((line for line in text.split("\n", 50) if line.strip() and line[0] != "#"), "")
-    return max(DELIMITERS, key=head.count)

@@ -55,11 +55,9 @@ class GripperCommands:
         return cls(tuple(fingers), spec, open_counts, effort)
 
     def counts_at(self, opening_m: float) -> int:
-        """Return the counts nearest to an opening in m, within the range."""
         return self.open_counts + self.spec.step_at(opening_m)
 
     def opening_at(self, counts: int) -> float:
-        """Return the opening in m at a position in counts."""
         return self.spec.opening_at(counts - self.open_counts)
 
     def grasping(self, status: Status) -> list[AxisState]:

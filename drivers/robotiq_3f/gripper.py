@@ -100,7 +100,6 @@ class Robotiq3F(Gripper):
 
     @property
     def spec(self) -> GripperSpec:
-        """Range and resolution of the fingers, range of speed and force."""
         return self._commands.spec
 
     def connect(self) -> None:
@@ -174,7 +173,7 @@ class Robotiq3F(Gripper):
         Raises `GripperFaultError` (5: not activated, 6: mode change in progress) and
         `OutOfLimitsError` before anything is sent.
         """
-        status = self._status()
+        status = self._sound(self._connected().sample().status)
         require_ready(status, self._link.name)
         parked = self._parked = self._parked or self._commands.standing(status)
         self._send(self._commands.motion(opening_m, speed_m_s, force_n, status.mode, parked))
@@ -213,9 +212,6 @@ class Robotiq3F(Gripper):
         if line is None:
             raise NotConnectedError(f"{self._link.name}: used before connect; connect the bench first")
         return line
-
-    def _status(self) -> Status:
-        return self._sound(self._connected().sample().status)
 
     def _sound(self, status: Status) -> Status:
         require_sound(status, self._link.name, self._was_ready)

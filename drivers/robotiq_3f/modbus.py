@@ -161,7 +161,7 @@ class StatusClient:
 
         name = self._link.name
         try:
-            self._client = self._client or self._new_client()
+            self._client = self._client or self._link.make_client(host_s(self._clock, self._link.timeout_s))
             if not self._client.connect():
                 raise DeviceError(f"{name}: cannot be opened; check power, cable and address")
             started = self._clock.now_ns()
@@ -176,9 +176,6 @@ class StatusClient:
         except Exception as error:  # invalid data make pymodbus's decoders raise almost anything
             raise DeviceError(f"{name}: the line failed ({error}); check power and cable") from error
         return reply
-
-    def _new_client(self) -> "ModbusClient":
-        return self._link.make_client(host_s(self._clock, self._link.timeout_s))
 
     def _check(self, reply: "ModbusPDU", function: int) -> None:
         if reply.isError():

@@ -145,11 +145,9 @@ class Status:
 
     @property
     def ready(self) -> bool:
-        """Whether motions may be requested."""
         return self.activated and self.stage is Stage.READY
 
     def axis(self, name: str) -> AxisState:
-        """Return the state of axis A, B, C or S."""
         return self.axes[AXES.index(name)]
 
 
@@ -170,7 +168,12 @@ def pack_command(command: Command) -> tuple[int, ...]:
 
 def unpack_status(registers: Sequence[int]) -> Status:
     """Decode the gripper's status image. Raises `DeviceError` unless it is 8 registers of 16 bits."""
-    data = _to_bytes(registers)
+    if len(registers) != REGISTERS or not all(0 <= register <= 0xFFFF for register in registers):
+        raise DeviceError(
+            f"gripper: {len(registers)} registers {list(registers)[:REGISTERS]} are not a register image; "
+            f"expected {REGISTERS} of 16 bits: check the preset (rtu, tcp, tcp-2014)"
+        )
+    data = b"".join(register.to_bytes(2, "big") for register in registers)
     return Status(
         activated=bool(data[0] & 1),
         mode=GraspMode(data[0] >> 1 & 3),
@@ -211,12 +214,3 @@ def _to_registers(values: Sequence[int]) -> tuple[int, ...]:
         raise OutOfLimitsError(f"gripper: a register byte is outside 0 to 255 in {list(values)}")
     padded = [*values, *[0] * (2 * REGISTERS - len(values))]
     return tuple(high << 8 | low for high, low in zip(padded[::2], padded[1::2], strict=True))
-
-
-def _to_bytes(registers: Sequence[int]) -> bytes:
-    if len(registers) != REGISTERS or not all(0 <= register <= 0xFFFF for register in registers):
-        raise DeviceError(
-            f"gripper: {len(registers)} registers {list(registers)[:REGISTERS]} are not a register image; "
-            f"expected {REGISTERS} of 16 bits: check the preset (rtu, tcp, tcp-2014)"
-        )
-    return b"".join(register.to_bytes(2, "big") for register in registers)

@@ -79,7 +79,6 @@ class UR5e(Arm):
 
     @property
     def limits(self) -> ArmLimits:
-        """The limits that motions are checked against."""
         return self._limits
 
     def connect(self) -> None:
@@ -94,7 +93,11 @@ class UR5e(Arm):
         version = probe_controller(self._host, PROBE_S, self._clock)
         try:
             self._dashboard = Dashboard(self._host, clock=self._clock)
-            self._identify(self._dashboard, version)
+            self._reports_remote = version >= REMOTE_SINCE
+            self._require_remote_control()
+            serial = serial_number(self._dashboard.ask("get serial number")) if self._reports_remote else ""
+            known = {"firmware": ".".join(map(str, version)), "model": "UR5e", "serial": serial}
+            self._identity = {what: text for what, text in known.items() if text}
             self._link = ArmLink(self._host, self._rate_hz, version, self._host_clock)
             self._connections += 1
             self._take_over(self._link)
@@ -169,7 +172,9 @@ class UR5e(Arm):
         link = self._link
         if link is not None and not self._stop_motion(link):
             link.end_control()
-            self._end_program(link)
+            with contextlib.suppress(DeviceError):
+                self._require_dashboard().ask("stop")
+                setup.wait_for_arm(lambda: self._stands(link), STOP_LIMIT_S, "stop", self._clock)
 
     def _stop_motion(self, link: ArmLink) -> bool:
         try:
@@ -178,11 +183,6 @@ class UR5e(Arm):
         except DeviceError:
             return False
         return True
-
-    def _end_program(self, link: ArmLink) -> None:
-        with contextlib.suppress(DeviceError):
-            self._require_dashboard().ask("stop")
-            setup.wait_for_arm(lambda: self._stands(link), STOP_LIMIT_S, "stop", self._clock)
 
     def recover(self, confirm: Callable[[str], None]) -> None:
         """Release a protective stop, restart an ended control program, set the tool; nothing moves.
@@ -238,7 +238,6 @@ class UR5e(Arm):
         return sample
 
     def operation(self) -> Operation:
-        """Return the newest operation on the controller."""
         return self._require_link().control.operation()
 
     def _ready(self, link: ArmLink) -> ArmLink:
@@ -282,13 +281,6 @@ class UR5e(Arm):
         """Raise `DeviceError` in local control: a person at the pendant then has control of the arm."""
         if self._reports_remote:
             refuse_local_control(self._require_dashboard().ask("is in remote control"))
-
-    def _identify(self, dashboard: Dashboard, version: Version) -> None:
-        self._reports_remote = version >= REMOTE_SINCE
-        self._require_remote_control()
-        serial = serial_number(dashboard.ask("get serial number")) if self._reports_remote else ""
-        known = {"firmware": ".".join(map(str, version)), "model": "UR5e", "serial": serial}
-        self._identity = {what: text for what, text in known.items() if text}
 
     def _known_to_stand(self, link: ArmLink) -> bool:
         try:

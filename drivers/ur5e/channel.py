@@ -49,7 +49,6 @@ class ChildProcess:
 
     @property
     def alive(self) -> bool:
-        """Whether the process runs."""
         return self._process.poll() is None
 
     def death(self) -> str:
@@ -134,7 +133,12 @@ class Channel:
         try:
             check()
             self._number += 1
-            self._send({"number": self._number, "call": name, "arguments": arguments, "named": named})
+            request = {"number": self._number, "call": name, "arguments": arguments, "named": named}
+            try:
+                self._connection.settimeout(host_s(self._clock, _SEND_S))
+                self._connection.sendall(json.dumps(request).encode() + b"\n")
+            except OSError as error:
+                raise self._lost(name) from error
             return self._receive(timeout_s, name)
         finally:
             self._lock.release()
@@ -142,13 +146,6 @@ class Channel:
     def close(self) -> None:
         """Close the connection. Safe to call twice."""
         self._connection.close()
-
-    def _send(self, request: dict[str, Any]) -> None:
-        try:
-            self._connection.settimeout(host_s(self._clock, _SEND_S))
-            self._connection.sendall(json.dumps(request).encode() + b"\n")
-        except OSError as error:
-            raise self._lost(request["call"]) from error
 
     def _receive(self, timeout_s: float, name: str, check: Check = no_check) -> Any:
         deadline = self._clock.now_ns() + to_ns(timeout_s)

@@ -41,7 +41,6 @@ class Watchdog:
         return started
 
     def kick(self) -> None:
-        """Kick the watchdog if it is time."""
         if self._next_ns is not None and self._clock.now_ns() >= self._next_ns:
             self._next_ns = self._clock.now_ns() + to_ns(KICK_S)
             if self._control.isProgramRunning():
@@ -61,7 +60,6 @@ class ControlCommands:
         self._guided = False
 
     def tcp(self) -> Sequence[float]:
-        """Return the TCP that the controller has."""
         return self._control.getTCPOffset()
 
     def set_tcp(self, flange_tcp: Sequence[float]) -> tuple[bool, Sequence[float]]:
@@ -69,7 +67,6 @@ class ControlCommands:
         return self._control.setTcp(flange_tcp), self._control.getTCPOffset()
 
     def set_payload(self, mass_kg: float, cog_m: Sequence[float]) -> bool:
-        """Set mass and centre of gravity of the load at the flange."""
         return self._control.setPayload(mass_kg, cog_m)
 
     def start_watchdog(self) -> bool:
@@ -95,7 +92,6 @@ class ControlCommands:
         return self._control.moveL(pose, speed_m_s, acceleration_m_s2, True), before
 
     def operation(self) -> Operation:
-        """Return the progress of the newest motion."""
         status = self._control.getAsyncOperationProgressEx()
         return Operation(status.operationId(), status.isAsyncOperationRunning(), self._heartbeat.halted)
 
@@ -123,7 +119,6 @@ class ControlCommands:
         return self._heartbeat.halted
 
     def zero_force_sensor(self) -> bool:
-        """Set the present force and torque as zero."""
         return self._control.zeroFtSensor()
 
     def is_steady(self) -> bool:
@@ -131,5 +126,4 @@ class ControlCommands:
         return self._control.isSteady()
 
     def end_program(self) -> None:
-        """End the program on the controller."""
         self._control.stopScript()

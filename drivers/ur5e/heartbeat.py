@@ -104,11 +104,9 @@ class Heartbeat:
         """Reason if this class stopped the newest motion; otherwise empty."""
 
     def begin(self, speed_m_s: float) -> None:
-        """Supervise a motion that begins now."""
         self._watch(silence_limit_s(speed_m_s), LONGEST_S, guided=False)
 
     def begin_guiding(self) -> None:
-        """Supervise an arm that is led by hand from now on."""
         self._watch(GUIDED_S, GUIDED_S, guided=True)
 
     def _watch(self, limit_s: float, longest_s: float, guided: bool) -> None:

@@ -57,7 +57,6 @@ class ControlClient:
 
     @property
     def alive(self) -> bool:
-        """Whether the process runs."""
         return self._process.alive
 
     def wait_ready(self, timeout_s: float, check: Check) -> None:
@@ -84,7 +83,6 @@ class ControlClient:
         return self._channel.call(command, limit_s, no_check, *arguments, **named)
 
     def operation(self) -> Operation:
-        """Return the progress of the newest motion."""
         return Operation(*self.ask(ControlCommands.operation))
 
     def move_linear(
@@ -110,7 +108,10 @@ class ArmLink:
             "the state process", "drivers.ur5e.state_process", arguments, (self._state.fd,)
         )
         try:
-            self._wait_for_state()
+            if not wait_until(self._clock, self._has_state, STREAM_START_S, _POLL_S):
+                raise DeviceTimeoutError(
+                    f"arm: {self._host} accepts connections but sends no state; restart the controller"
+                )
         except DeviceError:
             self.close()
             raise
@@ -132,7 +133,12 @@ class ArmLink:
         sample = self._state.read()
         age_s = (now_ns - sample.received_ns) / NS_PER_S if sample else float("inf")
         if sample is not None and age_s < STALE_S:
-            _require_finite(sample)
+            # Raise `InvalidStateError` for NaN or infinity. Payload and its centre may be NaN: not
+            # reported.
+            for name in ("joints_rad", "pose", "speed", "wrench"):
+                require_numbers(f"the arm's {name}", getattr(sample, name), 6)
+            require_number("the arm's timestamp_s", sample.timestamp_s)
+            require_fraction("the arm's speed_fraction", sample.speed_fraction)
             return sample
         if sample is not None and not sample.received_ns:
             self._listener.wait(host_s(self._clock, END_S))
@@ -172,7 +178,6 @@ class ArmLink:
 
     @property
     def has_control(self) -> bool:
-        """Whether the command process runs."""
         return self._control is not None and self._control.alive
 
     @property
@@ -183,12 +188,6 @@ class ArmLink:
             raise NotConnectedError("arm: its command process was ended by a stop; recover or connect again")
         return control
 
-    def _wait_for_state(self) -> None:
-        if not wait_until(self._clock, self._has_state, STREAM_START_S, _POLL_S):
-            raise DeviceTimeoutError(
-                f"arm: {self._host} accepts connections but sends no state; restart the controller"
-            )
-
     def _has_state(self) -> bool:
         if self._state.read() is not None:
             return True
@@ -198,14 +197,6 @@ class ArmLink:
                 "make sure that no fieldbus or other client holds its registers, then connect again"
             )
         return False
-
-
-def _require_finite(sample: StateSample) -> None:
-    """Raise `InvalidStateError` for NaN or infinity. Payload and its centre may be NaN: not reported."""
-    for name in ("joints_rad", "pose", "speed", "wrench"):
-        require_numbers(f"the arm's {name}", getattr(sample, name), 6)
-    require_number("the arm's timestamp_s", sample.timestamp_s)
-    require_fraction("the arm's speed_fraction", sample.speed_fraction)
 
 
 def require_ur_rtde() -> None:

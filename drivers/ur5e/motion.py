@@ -54,7 +54,6 @@ def to_ur(pose: Pose) -> Vector6:
 
 
 def from_ur(values: Vector6) -> Pose:
-    """Convert the controller's notation to a pose."""
     return Pose.from_rotation((values[0], values[1], values[2]), Rotation.from_rotvec(values[3:]))
 
 
@@ -160,7 +159,6 @@ class ArmMotion(PolledMotion):
 
 
 def is_still(sample: StateSample) -> bool:
-    """Whether the TCP stands still."""
     return math.hypot(*sample.speed[:3]) < STILL_M_S and math.hypot(*sample.speed[3:]) < STILL_RAD_S
 
 

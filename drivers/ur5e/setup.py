@@ -91,7 +91,6 @@ def zero_force_sensor(link: ArmLink, clock: Clock) -> None:
 
 
 def refusal(link: ArmLink, command: str, clock: Clock) -> DeviceError:
-    """Return the error for a command that returned False."""
     return ended(link, clock) or refused(command)
 
 

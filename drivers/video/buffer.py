@@ -47,12 +47,10 @@ class FrameBuffer:
             self._changed.notify_all()
 
     def withhold(self, remark: str) -> None:
-        """Note why a received image was not delivered as a frame."""
         with self._changed:
             self._remark = remark
 
     def close(self) -> None:
-        """Wake all waiting callers with an error."""
         with self._changed:
             self._closed = True
             self._changed.notify_all()

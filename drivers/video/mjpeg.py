@@ -60,7 +60,6 @@ class MjpegStream(FrameStream):
         self.warm_up = 0 if control is None else WARM_UP_IMAGES
 
     def read(self) -> RawFrame:
-        """Wait for the next part."""
         deadline = self._clock.now_ns() + to_ns(self._timeout_s)
         while not self._ready:
             if self._clock.now_ns() > deadline:
@@ -80,7 +79,6 @@ class MjpegStream(FrameStream):
                 send_settings(self.control_url, setting, host_s(self._clock, READ_TIMEOUT_S))
 
     def interrupt(self) -> None:
-        """Shut down the connection, which ends a read in progress."""
         if self._socket is not None:
             try:
                 self._socket.shutdown(socket.SHUT_RDWR)
@@ -88,7 +86,6 @@ class MjpegStream(FrameStream):
                 return
 
     def close(self) -> None:
-        """Close the connection."""
         if self._response is not None:
             self._response.close()
         self._connection.close()

@@ -86,7 +86,8 @@ class MultipartParser:
                 self._drop(start)
                 return False
             if end is not None and end.start() - start <= MAX_HEADER:
-                self._learn(start, line_end)
+                if self._delimiter == b"--":
+                    self._delimiter = bytes(self._buffer[start:line_end]).rstrip()
                 self._headers = _headers(bytes(self._buffer[line_end + 1 : max(end.start(), line_end + 1)]))
                 self._drop(end.end())
                 return True
@@ -94,15 +95,16 @@ class MultipartParser:
         self._drop(max(len(self._buffer) - len(self._delimiter), 0))
         return False
 
-    def _learn(self, start: int, line_end: int) -> None:
-        if self._delimiter == b"--":
-            self._delimiter = bytes(self._buffer[start:line_end]).rstrip()
-
     def _find_body(self) -> Part | None:
-        announced = _length(self._headers or {})
+        text = (self._headers or {}).get("content-length", "")
+        length = int(text) if text.isascii() and text.isdecimal() and len(text) < 12 else 0
+        announced = length if 0 < length <= MAX_PART else None
         end = announced if announced is not None else self._body_end()
         if end is None or len(self._buffer) < end:
-            return self._give_up_on_endless()
+            if len(self._buffer) > MAX_PART:
+                self._headers = None
+                self._searched = self._coded = 0
+            return None
         part = Part(self._headers or {}, bytes(self._buffer[:end]))
         self._headers = None
         self._drop(end)
@@ -122,11 +124,6 @@ class MultipartParser:
         self._searched = max(len(self._buffer) - len(line), 0)
         return None
 
-    def _give_up_on_endless(self) -> None:
-        if len(self._buffer) > MAX_PART:
-            self._headers = None
-            self._searched = self._coded = 0
-
     def _drop(self, count: int) -> None:
         del self._buffer[:count]
         self._searched = self._coded = 0
@@ -135,12 +132,6 @@ class MultipartParser:
 def _headers(block: bytes) -> dict[str, str]:
     pairs = (line.partition(":") for line in block.decode("latin-1").splitlines())
     return {name.strip().lower(): value.strip() for name, colon, value in pairs if colon}
-
-
-def _length(headers: dict[str, str]) -> int | None:
-    text = headers.get("content-length", "")
-    length = int(text) if text.isascii() and text.isdecimal() and len(text) < 12 else 0
-    return length if 0 < length <= MAX_PART else None
 
 
 def _coded_from(data: bytearray) -> int:

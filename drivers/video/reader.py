@@ -67,17 +67,14 @@ class FrameReader(FrameSource):
 
     @property
     def serial(self) -> str:
-        """Serial number, the same after each reconnect."""
         return self._serial
 
     @property
     def rate_hz(self) -> float:
-        """Requested frame rate."""
         return self._rate_hz
 
     @property
     def waits(self) -> bool:
-        """Whether frames wait until they are read, see `wait_for_reader`."""
         return self._waits
 
     def wait_for_reader(self) -> None:
@@ -124,11 +121,9 @@ class FrameReader(FrameSource):
             run.thread.join(host_s(self._clock, STOP_TIMEOUT_S))
 
     def next_frame(self, timeout_s: float) -> Frame:
-        """Return the oldest frame not read yet, see `drivers.interfaces.FrameSource`."""
         return self._connected().buffer.next(timeout_s)
 
     def newest_frame(self, max_age_s: float) -> Frame:
-        """Return the newest frame, see `drivers.interfaces.FrameSource`."""
         return self._connected().buffer.newest(max_age_s)
 
     def counters(self) -> dict[str, int]:
@@ -177,13 +172,15 @@ class FrameReader(FrameSource):
             run.stopping.wait(host_s(self._clock, pause_s))
 
     def _read_one_stream(self, run: _Run) -> None:
-        """Read until the stream fails or the run is stopped."""
         run.stream = None
         run.stream = stream = self._open_stream()
         times = CaptureTimes(stream.stamp)
         try:
             self._warm_up(run, stream)
-            self._opened(run)
+            failed_before = run.streams > 0
+            run.streams += 1
+            self._counts["reopened"] += failed_before
+            self._count.opened(after_failure=failed_before)
             news = PictureNews()
             while not run.stopping.is_set():
                 self._take(run, stream, times, news)
@@ -197,14 +194,7 @@ class FrameReader(FrameSource):
             stream.read()
             self._counts["warm_up"] += 1
 
-    def _opened(self, run: _Run) -> None:
-        failed_before = run.streams > 0
-        run.streams += 1
-        self._counts["reopened"] += failed_before
-        self._count.opened(after_failure=failed_before)
-
     def _take(self, run: _Run, stream: FrameStream, times: CaptureTimes, news: PictureNews) -> None:
-        """Read, check and deliver one image."""
         raw = stream.read()
         time_ns = times.time_of(raw)
         sequence = self._count.sequence_of(raw.number, time_ns, times.kind != "arrival")

@@ -85,7 +85,10 @@ def open_source(spec: SourceSpec, clock: Clock, discover: Discover, open_device:
     if "://" in address:
         stream = MjpegStream(address, spec.rate_hz, clock)
         try:
-            stream.configure(_settings(spec))
+            settings: list[dict[str, Any]] = [{"rate_hz": spec.rate_hz}]
+            if spec.size_px is not None:
+                settings.insert(0, {"size_px": list(spec.size_px)})
+            stream.configure(settings)
         except DeviceError:
             stream.close()
             raise
@@ -106,14 +109,6 @@ def _node_at(spec: SourceSpec, nodes: Sequence[VideoNode]) -> VideoNode:
     """Return the node at the given address; udev need not list it."""
     known = [node for node in nodes if node.device == spec.address]
     return known[0] if known else VideoNode(spec.address or "", spec.serial)
-
-
-def _settings(spec: SourceSpec) -> list[dict[str, Any]]:
-    """Return the settings in order, size before rate, because a new size resets the rate."""
-    settings: list[dict[str, Any]] = [{"rate_hz": spec.rate_hz}]
-    if spec.size_px is not None:
-        settings.insert(0, {"size_px": list(spec.size_px)})
-    return settings
 
 
 class AddressedSource(FrameReader):

@@ -128,7 +128,11 @@ class MarkerScene:
         window = self._window(self._project(outline, camera_T_plane))
         if window is None:
             return
-        texture = self._texture(float(depth.mean()))
+        # Return the texture blurred for a distance; distances within 5 % share one.
+        step = round(math.log(self.focal_px / float(depth.mean()), _SCALE_STEP))
+        if step not in self._textures:
+            self._textures[step] = self._draw_texture(_SCALE_STEP**step)
+        texture = self._textures[step]
         texel_T_ray = texture.texel_T_plane @ np.linalg.inv(camera_T_plane)  # noqa: N806
         where = cv2.perspectiveTransform(self._rays[window], texel_T_ray)
         _blend(picture[window], cv2.remap(texture.rgba, where, None, cv2.INTER_LINEAR), self._light[window])  # type: ignore[arg-type]
@@ -149,13 +153,6 @@ class MarkerScene:
         if (high <= low).any():
             return None
         return np.s_[low[1] : high[1], low[0] : high[0]]
-
-    def _texture(self, depth_m: float) -> _Texture:
-        """Return the texture blurred for a distance; distances within 5 % share one."""
-        step = round(math.log(self.focal_px / depth_m, _SCALE_STEP))
-        if step not in self._textures:
-            self._textures[step] = self._draw_texture(_SCALE_STEP**step)
-        return self._textures[step]
 
     def _draw_texture(self, px_per_m: float) -> _Texture:
         outline = self._outline_m()

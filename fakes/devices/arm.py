@@ -14,13 +14,20 @@ from drivers.interfaces import Arm
 from drivers.motion import PolledMotion, check_motion, check_way
 from drivers.types import ArmLimits, ArmMode, ArmState, Pose, Vector6
 from fakes.faults import FaultScript
-from fakes.world import kinematics
 from fakes.world.force_torque import FlangeSensor, carried_wrench, table_push_n
+from fakes.world.kinematics import (
+    ELBOW_UP,
+    PHYSICAL_TOOL,
+    Encoders,
+    compose,
+    forward,
+    from_pose,
+    inverse,
+    nearest_inverse,
+    to_pose,
+)
 from fakes.world.motion import ToolPath, TrapezoidProfile, distance
 from fakes.world.world import World
-
-TOOL_LENGTH_M = 0.28
-"""Flange to fingertips: 3-Finger gripper with DIGITs, nominal."""
 
 STOP_DECELERATION_M_S2 = 10.0
 """As the driver of the real arm requests; a protective stop brakes at least as hard."""
@@ -56,28 +63,24 @@ class FakeArm(Arm):
         self._clock = clock
         self._faults = faults
         self._connected = False
-        self._joints: Vector6 = kinematics.ELBOW_UP
+        self._joints = ELBOW_UP
         self._pose: Pose | None = None
         self._released = self._guided = False
-        self._sensor, self._encoders = FlangeSensor(world.seed), kinematics.Encoders(world.seed)
+        self._sensor, self._encoders = FlangeSensor(world.seed), Encoders(world.seed)
 
     @property
     def limits(self) -> ArmLimits:
-        """Limits that every motion is checked against."""
         return self._limits
 
     def connect(self) -> None:
-        """Connect to the arm."""
         self._connected = True
 
     def disconnect(self) -> None:
-        """Stop the motion and disconnect."""
         if self._connected:
             self.stop()
         self._connected = False
 
     def state(self) -> ArmState:
-        """Return the current state."""
         self._require_connected()
         now = self._clock.now_ns()
         pose = self._world.tool.pose_at(now)
@@ -87,14 +90,13 @@ class FakeArm(Arm):
         joints = self._encoders.shown(self._joints, now)
         return ArmState(
             now,
-            kinematics.forward(joints, TOOL_LENGTH_M),
+            to_pose(compose(forward(joints), PHYSICAL_TOOL)),
             joints,
             None if self._limits.max_contact_force_n is None else self._feel(now),
             ArmMode.PROTECTIVE_STOP if stopped else ArmMode.RUNNING,
         )
 
     def move_linear(self, base_T_tcp: Pose, speed_m_s: float, acceleration_m_s2: float) -> PolledMotion:  # noqa: N803
-        """Start a straight motion; see `drivers.interfaces.Arm`."""
         self._require_connected()
         check_motion(self._limits, base_T_tcp, speed_m_s, acceleration_m_s2)
         self._check_joints(self._reach(base_T_tcp))
@@ -107,7 +109,6 @@ class FakeArm(Arm):
         return PolledMotion("arm", self._clock, self._arrived, self.stop)
 
     def begin_guiding(self) -> None:
-        """Let the arm be led by hand, with `lead`."""
         self._require_connected()
         self._check_running()
         self._guided = True
@@ -131,7 +132,6 @@ class FakeArm(Arm):
             )
 
     def stop(self) -> None:
-        """Brake any motion, and end guiding."""
         self._guided = False
         self._world.tool = self._world.tool.braked_at(self._clock.now_ns(), STOP_DECELERATION_M_S2)
 
@@ -181,8 +181,7 @@ class FakeArm(Arm):
                 )
 
     def _reach(self, pose: Pose) -> Vector6:
-        joints = kinematics.inverse(pose, TOOL_LENGTH_M, self._joints)
-        joints = joints or kinematics.inverse(pose, TOOL_LENGTH_M)
+        joints = nearest_inverse(compose(from_pose(pose), inverse(PHYSICAL_TOOL)), self._joints)
         if joints is None:
             raise OutOfLimitsError(f"arm: pose {pose} is out of reach")
         return joints

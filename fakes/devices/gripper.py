@@ -63,29 +63,24 @@ class FakeGripper(Gripper):
 
     @property
     def spec(self) -> GripperSpec:
-        """Range and resolution of the simulated fingers."""
         return self._spec
 
     def connect(self) -> None:
-        """Connect to the gripper; reconnect if it is connected."""
         self.disconnect()
         self._connected = True
 
     def disconnect(self) -> None:
-        """Stop the fingers at their position, and disconnect."""
         if self._connected:
             self.stop()
         self._connected = False
 
     def activate(self) -> None:
-        """Activate the gripper in basic mode and open the fingers."""
         self._require_usable()
         self._clock.sleep_until(self._clock.now_ns() + to_ns(ACTIVATION_S))
         self._activated, self.mode = True, BASIC_MODE
         self.move_to(self._spec.open_m).wait(timeout_s=5.0)
 
     def state(self) -> GripperState:
-        """Return the current state."""
         self._require_usable()
         self._drift()
         now = self._clock.now_ns() - self._period_ns
@@ -132,7 +127,6 @@ class FakeGripper(Gripper):
         return PolledMotion("gripper", self._clock, self._arrived, self.stop)
 
     def stop(self) -> None:
-        """Stop the fingers where they are."""
         self._stalls = False
         self._world.fingers = self._world.fingers.cut_at(self._clock.now_ns() + self._period_ns)
 

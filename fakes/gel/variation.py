@@ -89,7 +89,6 @@ class Codec:
 
 
 def draw_codec(rng: np.random.Generator) -> Codec:
-    """Draw a codec."""
     return Codec(
         int(rng.integers(45, 90)),
         float(rng.uniform(0.4, 1.6)),

@@ -47,7 +47,6 @@ class Station:
     _folders: list[Path] = field(default_factory=list)
 
     def note(self, text: str, done: int, total: int) -> None:
-        """Print a finished step and report the progress."""
         self.say(f"  {text}")
         tell(Event("progress", text, done, total))
 

@@ -125,7 +125,6 @@ class WiggleObserver(TouchObserver):
     _pictures: dict[str, list[tuple[int, NDArray[np.float32]]]] = field(default_factory=dict)
 
     def arm(self, state: ArmState) -> None:
-        """Keep the height."""
         if self.phase_now is Phase.LIFT:
             self._heights[state.time_ns] = state.base_T_tcp.position_m[2]
 

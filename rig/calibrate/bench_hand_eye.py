@@ -71,7 +71,6 @@ def collect_hand_eye(station: Station, target: Target, setup: Setup, count: int)
 
 
 def visits(poses: Sequence[tuple[str, Pose]]) -> list[PlannedMotion]:
-    """The motions to poses with their ids, wherever the arm comes from."""
     return [PlannedMotion(f"{name} visited", pose, (pose,), SPEED_M_S) for name, pose in poses]
 
 
@@ -160,7 +159,6 @@ class _Session:
 
 
 def pose_row(name: str, pose: Pose) -> str:
-    """A row of poses.csv."""
     return ",".join([name, *(f"{v:.12g}" for v in (*pose.position_m, *pose.quaternion_xyzw))])
 
 

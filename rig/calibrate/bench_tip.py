@@ -87,7 +87,11 @@ def collect_tip(station: Station, count: int, accept_change: bool = False) -> Ca
     def keep(capture: PivotCapture) -> Vector3 | None:
         seated.append((capture.id, capture.base_T_tcp))
         station.note(f"{capture.id}: seated, {len(seated)} of {count}", len(seated), count)
-        return _tip(seated)
+        found = calibrate_pivot(seated).tip_m if len(seated) >= FEWEST else None
+        if found is None:
+            return None
+        x, y, z = (float(v) for v in found)
+        return x, y, z
 
     with station.connected(
         f"The arm will take the steps that you choose until a tip in the hand sits in a small hole on the "
@@ -119,12 +123,3 @@ def tilts(count: int) -> list[Rotation]:
         size = np.radians(_LARGEST_TILT_DEG) * (0.5 if i % 2 else 1.0)
         turns.append(Rotation.from_rotvec(size * np.array([np.cos(i * _GOLDEN), np.sin(i * _GOLDEN), 0.0])))
     return turns
-
-
-def _tip(seated: list[tuple[str, Pose]]) -> Vector3 | None:
-    """The tip in the TCP's frame, m, from `base_T_tcp` by id; None if these poses do not determine it."""
-    found = calibrate_pivot(seated).tip_m if len(seated) >= FEWEST else None
-    if found is None:
-        return None
-    x, y, z = (float(v) for v in found)
-    return x, y, z

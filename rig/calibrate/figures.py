@@ -140,13 +140,18 @@ def poses(groups: Mapping[str, Sequence[Pose]]) -> Markup:
             axes.plot(*places.T, "o", markersize=3.5, color=colours[name].light)
         axes.text(0.0, 0.0, f"grid: {step:g} m", transform=axes.transAxes)
         drawn = svg(figure, f"poses in 3D: {', '.join(shown)}")
+
+    def posed(pose: Pose) -> dict[str, list[Any]]:
+        ends = _ends(pose, length)
+        return {"at": np.round(pose.position_m, 5).tolist(), "ends": np.round(ends, 5).tolist()}
+
     data = {
         "low": low.tolist(),
         "high": high.tolist(),
         "step": step,
         "view": [_TURN_RAD, _TILT_RAD],
         "groups": [
-            {"name": name, "colour": colours[name].name, "poses": [_posed(pose, length) for pose in group]}
+            {"name": name, "colour": colours[name].name, "poses": [posed(pose) for pose in group]}
             for name, group in shown.items()
         ],
     }
@@ -169,10 +174,6 @@ def _flat(points: Array) -> Array:
 def _ends(pose: Pose, length: float) -> Array:
     """Ends of a pose's x, y and z axes, (3, 3) m."""
     return pose.position_m + length * _LENGTHS[:, None] * pose.rotation.as_matrix().T
-
-
-def _posed(pose: Pose, length: float) -> dict[str, list[Any]]:
-    return {"at": np.round(pose.position_m, 5).tolist(), "ends": np.round(_ends(pose, length), 5).tolist()}
 
 
 def _floor_lines(low: Array, high: Array, step: float) -> list[Array]:

@@ -70,7 +70,11 @@ def tactile_from_folder(
     except CalibrationError as error:
         return replace(result, assessment=Assessment((str(error),)))
     mapped = not (fit.assessment.refusals and scale)
-    assessment = (fit.assessment if mapped else _without_map(fit.assessment)) + _assess_look(look)
+    assessment = (
+        fit.assessment
+        if mapped
+        else Assessment(doubts=tuple(f"colour map left out: {reason}" for reason in fit.assessment.reasons))
+    ) + _assess_look(look)
     assessment += _dark_or_saturated(fit, presses.background) + _assess_background(
         presses.background, look.look
     )
@@ -208,11 +212,6 @@ def _scale(presses: PressFolder) -> GelScale | None:
     moves = np.array([presses.moves_mm[p.press.id] for p in moved])
     centres = np.array([rim_centre(p.press) for p in moved])
     return fit_scale(moves, centres, np.array([p.radius_mm for p in moved]))
-
-
-def _without_map(assessment: Assessment) -> Assessment:
-    """Return reasons against a colour map as doubts: a scale from known moves is valid without it."""
-    return Assessment(doubts=tuple(f"colour map left out: {reason}" for reason in assessment.reasons))
 
 
 def _value(

@@ -16,7 +16,7 @@ from drivers.errors import DeviceError, InputError
 from drivers.images import read_image
 from drivers.types import ArmState, Frame, Pose
 from fakes.devices.arm import TOOL_LENGTH_M, FakeArm
-from fakes.devices.plan import unit_seed
+from fakes.devices.camera import unit_seed
 from fakes.gel.sensor import GelSensor
 from fakes.world.fixture import tip_m
 from fakes.world.motion import FingerPath, ToolPath

@@ -46,7 +46,6 @@ class FingerMotor:
     contact: int = 0
 
     def moving(self, now_ns: int) -> bool:
-        """Whether it moves."""
         return not self.path.profile.done_at(now_ns)
 
     def go(self, end: float, speed: float, now_ns: int) -> None:
@@ -58,12 +57,10 @@ class FingerMotor:
         self.contact = 0
 
     def stop(self, now_ns: int) -> None:
-        """Stop at the present position."""
         self.path = self.path.cut_at(now_ns)
 
     @property
     def closing(self) -> bool:
-        """Whether its path closes the finger."""
         return self.path.end > self.path.start
 
 
@@ -154,7 +151,10 @@ class GripperModel:
             self._stage_ends_ns = now_ns + to_ns(self._sweep_s)
             self._sweep(CLOSED_COUNTS, now_ns)
         if self._stage == READY and request[0] >> 1 & 3 != self._mode:
-            self._begin_mode_change(request[0] >> 1 & 3, now_ns)
+            self._stop(now_ns)
+            self._stage, self._going, self._mode = CHANGING_MODE, False, request[0] >> 1 & 3
+            self._stage_ends_ns = now_ns + to_ns(MODE_CHANGE_S)
+            self._turn_scissor(now_ns)
 
     def _reset(self, now_ns: int) -> None:
         self._stop(now_ns)
@@ -169,12 +169,6 @@ class GripperModel:
         speed = 1.5 * (CLOSED_COUNTS - self._open) / self._sweep_s
         for name in "ABC":
             self.axes[name].go(end, speed, now_ns)
-
-    def _begin_mode_change(self, mode: int, now_ns: int) -> None:
-        self._stop(now_ns)
-        self._stage, self._going, self._mode = CHANGING_MODE, False, mode
-        self._stage_ends_ns = now_ns + to_ns(MODE_CHANGE_S)
-        self._turn_scissor(now_ns)
 
     def _turn_scissor(self, now_ns: int) -> None:
         self.axes["S"].go(float(SCISSOR_OF_MODE[self._mode]), 300.0, now_ns)

@@ -133,7 +133,6 @@ class _Line(asyncio.Transport):
         self._line = line
 
     def write(self, data: Any) -> None:
-        """Send on the line."""
         os.write(self._line, data)
 
     def close(self) -> None:

@@ -134,7 +134,6 @@ class WireGripper(ABC):
         """Close the line and all connections. Safe to call twice."""
 
     def _device(self) -> SimDevice:
-        """Return the registers of both images for the server."""
         firsts = sorted({self._command, self._status})
         blocks = [SimData(first, count=REGISTERS, datatype=DataType.REGISTERS) for first in firsts]
         return SimDevice(self.unit, simdata=blocks, action=self._access)

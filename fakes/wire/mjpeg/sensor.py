@@ -94,11 +94,20 @@ class MjpegSensor:
             raise InputError(f"sensor: no settings {sorted(unknown)}; there are size_px, rate_hz, light")
         with self._lock:
             if "size_px" in settings:
-                self._set_size(_numbers(settings["size_px"], 2))
+                size = _numbers(settings["size_px"], 2)
+                wanted = next((known for known in self._rates if known == size), None)
+                if wanted is None:
+                    raise InputError(f"sensor: no size {size}; there are {sorted(self._rates)}")
+                self._size = wanted
+                self._set_rate(self._rates[wanted][0])
             if "rate_hz" in settings:
                 self._set_rate(_numbers([settings["rate_hz"]], 1)[0])
             if "light" in settings:
-                self._set_light(_numbers(settings["light"], 3))
+                light = _numbers(settings["light"], 3)
+                if not all(0.0 <= value <= 1.0 for value in light):
+                    raise InputError(f"sensor: light {light}: give each colour from 0 to 1")
+                if self._on_light is not None:
+                    self._on_light(light[0], light[1], light[2])
             return {"size_px": list(self._size), "rate_hz": self._rate_hz}
 
     def inject(self, kind: str, **arguments: Any) -> None:
@@ -109,7 +118,6 @@ class MjpegSensor:
             self._faults.begin(kind, arguments)
 
     def active(self, kind: str) -> bool:
-        """Whether a fault is active."""
         fault = self._faults.get(kind)
         return fault is not None and fault["frames"] != 0
 
@@ -166,13 +174,6 @@ class MjpegSensor:
             image = np.asarray(cv2.resize(image, size), np.uint8)
         return np.roll(image, _SHIFT_PX, axis=1) if shift else image
 
-    def _set_size(self, size: tuple[float, ...]) -> None:
-        wanted = next((known for known in self._rates if known == size), None)
-        if wanted is None:
-            raise InputError(f"sensor: no size {size}; there are {sorted(self._rates)}")
-        self._size = wanted
-        self._set_rate(self._rates[wanted][0])
-
     def _set_rate(self, rate_hz: float) -> None:
         if rate_hz not in self._rates[self._size]:
             raise InputError(f"sensor: no rate {rate_hz:g} Hz at {self._size}; {self._rates[self._size]}")
@@ -181,12 +182,6 @@ class MjpegSensor:
         self._rate_hz = rate_hz
         period_ns = round(NS_PER_S / rate_hz)
         self._due_ns = round(self._phase * period_ns) + period_ns * -(-self._clock.now_ns() // period_ns)
-
-    def _set_light(self, light: tuple[float, ...]) -> None:
-        if not all(0.0 <= value <= 1.0 for value in light):
-            raise InputError(f"sensor: light {light}: give each colour from 0 to 1")
-        if self._on_light is not None:
-            self._on_light(light[0], light[1], light[2])
 
 
 def _numbers(value: Any, count: int) -> tuple[float, ...]:

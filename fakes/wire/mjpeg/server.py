@@ -69,7 +69,6 @@ class MjpegServer:
 
     @property
     def url(self) -> str:
-        """Address of the stream."""
         host, port = self._http.host_port
         return f"http://{host}:{port}/stream.mjpg"
 
@@ -84,14 +83,12 @@ class MjpegServer:
         self._thread.start()
 
     def stop(self) -> None:
-        """Close all connections and the port."""
         self._stopping.set()
         self._http.stop()
         if self._thread.is_alive():
             self._thread.join()
 
     def inject(self, kind: str, **args: Any) -> None:
-        """Start a fault, see `MjpegSensor.inject`. Raises `InputError`."""
         self.sensor.inject(kind, **args)
 
     def snapshot(self) -> dict[str, Any]:

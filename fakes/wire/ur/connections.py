@@ -31,7 +31,6 @@ class Connection:
 
     @property
     def behind(self) -> bool:
-        """Whether the client has not read everything yet."""
         return bool(self.pending)
 
     def receive(self) -> bytes | None:
@@ -71,7 +70,6 @@ class Connection:
             self.socket.shutdown(socket.SHUT_RDWR)
 
     def close(self) -> None:
-        """Close the socket."""
         self.closed = True
         self.socket.close()
 

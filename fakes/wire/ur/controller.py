@@ -25,11 +25,10 @@ from fakes.wire.net import VitalThread
 from fakes.wire.ur.body import Guided
 from fakes.wire.ur.connections import MOST_CLIENTS, Connection, accept, listen
 from fakes.wire.ur.control_loop import ControlLoop
-from fakes.wire.ur.geometry import compose, from_ur, rotation_between
-from fakes.wire.ur.robot import CYCLE_NS, PHYSICAL_TOOL, Robot
+from fakes.wire.ur.robot import CYCLE_NS, Robot
 from fakes.wire.ur.rtde import RtdeSession
 from fakes.wire.ur.script import BANNER, LineReader, ProgramReader, control_program, reply, run_other
-from fakes.wire.ur.variables import Version
+from fakes.world.kinematics import PHYSICAL_TOOL, compose, from_ur, rotation_between
 from fakes.world.world import World
 
 RTDE_PORT, DASHBOARD_PORT, REALTIME_PORT = 30004, 29999, 30003
@@ -82,7 +81,14 @@ class URController:
     ) -> None:
         self.host = host
         self._clock = clock
-        self.robot = Robot(world, _version(version), release_after_s)
+        if not re.fullmatch(r"5\.\d{1,3}\.\d{1,3}", version):
+            raise InputError(
+                f"controller version '{version}': an e-Series arm's is written as 5.11.0 or 5.25.0"
+            )
+        major, minor, bugfix = (int(part) for part in version.split("."))
+        self.robot = Robot(
+            world, (major, minor, bugfix, BUILDS.get((major, minor), 1_000_000 + minor)), release_after_s
+        )
         self.faults = Faults("simulated controller", FAULTS, lambda: self.robot.time_ns)
         self._listeners: dict[int, socket.socket] = {}
         self._selector = selectors.SelectSelector()
@@ -110,7 +116,6 @@ class URController:
         return self._thread.failure if self._thread else None
 
     def stop(self) -> None:
-        """Close everything. Safe to call twice."""
         self._stopping.set()
         if self._thread is not None:
             self._thread.join(JOIN_S)
@@ -162,7 +167,6 @@ class URController:
             self.robot.hand.lead((x, y, z, *rotation_between(here, there)), total_s)
 
     def snapshot(self) -> dict[str, Any]:
-        """Return state and counts as JSON values."""
         with self._lock:
             robot = self.robot
             return {
@@ -192,7 +196,10 @@ class URController:
                 self.robot.heard_ns = now_ns = self._clock.now_ns()
                 # asked again: what arrived while this thread had no core is heard before the missed cycles
                 for key, _ in self._selector.select(0):
-                    self._handle(key.data)
+                    if isinstance(key.data, int):
+                        self._accept(key.data)
+                    elif not key.data.closed:
+                        self._receive(key.data)
                 self._catch_up(now_ns // CYCLE_NS)
 
     def _catch_up(self, due: int) -> None:
@@ -220,12 +227,6 @@ class URController:
                     connection.last = session.data()
                 connection.send(connection.last, self.robot.time_ns, droppable=True)
         self._remove_closed()
-
-    def _handle(self, what: int | Connection) -> None:
-        if isinstance(what, int):
-            self._accept(what)
-        elif not what.closed:
-            self._receive(what)
 
     def _accept(self, port: int) -> None:
         client = accept(self._listeners[port])
@@ -287,10 +288,3 @@ class URController:
             self._sessions.pop(connection, None)
             self._selector.unregister(connection.socket)
             connection.close()
-
-
-def _version(text: str) -> Version:
-    if not re.fullmatch(r"5\.\d{1,3}\.\d{1,3}", text):
-        raise InputError(f"controller version '{text}': an e-Series arm's is written as 5.11.0 or 5.25.0")
-    major, minor, bugfix = (int(part) for part in text.split("."))
-    return major, minor, bugfix, BUILDS.get((major, minor), 1_000_000 + minor)

@@ -8,7 +8,6 @@ from operator import add, sub
 from drivers.clock import NS_PER_S
 from drivers.errors import InputError
 from drivers.types import Vector6
-from fakes.devices.arm import TOOL_LENGTH_M
 from fakes.wire.ur.body import (
     STILL,
     Body,
@@ -20,22 +19,23 @@ from fakes.wire.ur.body import (
     Thread,
     six,
 )
-from fakes.wire.ur.geometry import (
+from fakes.wire.ur.runtime import ProgramError, RobotMode, Runtime, Safety
+from fakes.wire.ur.variables import INPUTS, OutputBank, Value, Version, zero
+from fakes.world.force_torque import NOTHING, FlangeSensor, carried_wrench, table_push_n
+from fakes.world.kinematics import (
+    ELBOW_UP,
+    PHYSICAL_TOOL,
+    Encoders,
     Frame,
     compose,
     forward,
     from_pose,
-    from_quaternion,
     from_ur,
     inverse,
     nearest_inverse,
     to_pose,
     to_ur,
 )
-from fakes.wire.ur.runtime import ProgramError, RobotMode, Runtime, Safety
-from fakes.wire.ur.variables import INPUTS, OutputBank, Value, Version, zero
-from fakes.world.force_torque import NOTHING, FlangeSensor, carried_wrench, table_push_n
-from fakes.world.kinematics import ELBOW_UP, Encoders
 from fakes.world.motion import ToolPath, TrapezoidProfile
 from fakes.world.world import World
 
@@ -47,7 +47,6 @@ SAFETY_BRAKE, PROGRAM_BRAKE = 20.0, 10.0
 STEADY_CYCLES = 250
 STOPPED, PLAYING = 1, 2
 FARTHEST_TCP_M = 10.0
-PHYSICAL_TOOL = from_quaternion((0.0, 0.0, TOOL_LENGTH_M), (0.0, 0.0, 0.0, 1.0))
 INSTALLED_KG, INSTALLED_COG_M = 2.5, (0.0, 0.0, 0.08)
 """Payload in the controller's installation: that of the hand."""
 _LOAD_EVERY = 4
@@ -68,7 +67,6 @@ class ForceSensor:
         self._cycle = 0
 
     def sense(self, time_ns: int, tcp: Frame) -> Vector6:
-        """Return the reading of this control cycle."""
         self._cycle += 1
         if self._cycle % _LOAD_EVERY == 1:
             self._slow = self._sensor.drifted(carried_wrench(self._world, time_ns), time_ns)
@@ -152,7 +150,6 @@ class Robot:
         return self.body.still_cycles >= STEADY_CYCLES
 
     def zero_force_sensor(self) -> None:
-        """Make the present force the new zero."""
         self.force.zero(self._wrench)
 
     def load(self, mass_kg: float, cog_m: tuple[float, ...] | None) -> None:
@@ -178,7 +175,6 @@ class Robot:
     # Events
 
     def write_inputs(self, values: dict[str, Value]) -> None:
-        """Store the values of a client's data package."""
         self.inputs.update(values)
         for name, value in values.items():
             self.runtime.note_written(name, max(self.time_ns, self.heard_ns))
@@ -212,7 +208,6 @@ class Robot:
         return self._slider if self.runtime.running else 1.0
 
     def protective_stop(self) -> None:
-        """Begin a protective stop."""
         self.safety.protective_stop(self.time_ns)
 
     def cycle(self, time_ns: int) -> None:
@@ -228,7 +223,9 @@ class Robot:
         if self.runtime.step():
             self._brake(PROGRAM_BRAKE)
         if self._moved():
-            self._move_world(before, before_ns)
+            start, end = compose(before, PHYSICAL_TOOL), compose(self.body.flange, PHYSICAL_TOOL)
+            travel = TrapezoidProfile(before_ns, 1.0, NS_PER_S / max(self.time_ns - before_ns, 1), 1e9)
+            self._world.tool = ToolPath(to_pose(start), to_pose(end), travel, (_tilt(start), _tilt(end)))
             self._publish_pose()
         self._publish()
 
@@ -248,11 +245,6 @@ class Robot:
             self.protective_stop()
             self.body.mover = None
             return True
-
-    def _move_world(self, before: Frame, before_ns: int) -> None:
-        start, end = compose(before, PHYSICAL_TOOL), compose(self.body.flange, PHYSICAL_TOOL)
-        travel = TrapezoidProfile(before_ns, 1.0, NS_PER_S / max(self.time_ns - before_ns, 1), 1e9)
-        self._world.tool = ToolPath(to_pose(start), to_pose(end), travel, (_tilt(start), _tilt(end)))
 
     def _publish_pose(self) -> None:
         body, put = self.body, self.bank.set

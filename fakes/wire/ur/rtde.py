@@ -33,7 +33,6 @@ class PackageType(IntEnum):
 
 
 def package(kind: int, payload: bytes = b"") -> bytes:
-    """Frame a payload."""
     return HEADER.pack(HEADER.size + len(payload), kind) + payload
 
 
@@ -95,7 +94,6 @@ class RtdeSession:
         return self.started and cycle % self._every == 0
 
     def data(self) -> bytes:
-        """Return the present data package."""
         return package(PackageType.DATA, b"\x01" + self._bank.packed(self._outputs))
 
     def _answer(self, kind: int, payload: bytes) -> bytes:

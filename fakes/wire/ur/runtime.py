@@ -28,7 +28,6 @@ class Runtime:
 
     @property
     def running(self) -> bool:
-        """Whether a program runs."""
         return self._program is not None
 
     def load(self, program: Thread, time_ns: int, characters: int) -> None:
@@ -46,7 +45,6 @@ class Runtime:
         self._written_ns[register] = time_ns
 
     def note_written(self, register: str, time_ns: int) -> None:
-        """Record that a client wrote a register."""
         self._written_ns[register] = time_ns
 
     def stood_still(self, missed_ns: int, time_ns: int) -> None:
@@ -121,7 +119,6 @@ class Safety:
 
     @property
     def may_move(self) -> bool:
-        """Whether programs and motions may run."""
         return self.mode is SafetyMode.NORMAL and self.robot_mode is RobotMode.RUNNING
 
     @property

@@ -121,7 +121,6 @@ _SINCE_5S = (
 
 
 def reply(robot: Robot, line: str) -> str:
-    """Answer one request."""
     text = line.strip()
     answer = _REQUESTS.get(text.lower())
     if answer is None:

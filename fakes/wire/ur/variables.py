@@ -92,7 +92,6 @@ class OutputBank:
         self._values[name] = value
 
     def get(self, name: str) -> Value:
-        """Return the published value."""
         return self._values[name]
 
     def packed(self, names: Iterable[str]) -> bytes:
@@ -101,7 +100,6 @@ class OutputBank:
 
 
 def zero(kind: str) -> Value:
-    """Return zero in a type of the exchange."""
     return _single(STRUCTS[kind].unpack(bytes(STRUCTS[kind].size)))
 
 

@@ -20,7 +20,7 @@ from drivers.types import HandState, Holding, Pose
 from drivers.ur5e.arm import UR5e
 from fakes.devices.arm import TOOL_LENGTH_M
 from fakes.wire.ur.controller import URController
-from fakes.wire.ur.geometry import from_ur
+from fakes.world.kinematics import from_ur
 from protocols.steps import move
 from support.benches import NOISE_M
 from support.slow_motion import CLOCK, SLOWNESS

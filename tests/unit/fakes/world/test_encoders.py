@@ -10,10 +10,10 @@ from scipy.spatial.transform import Rotation
 from drivers.clock import NS_PER_S
 from drivers.types import Pose, Vector6
 from fakes.clock import SimulatedClock
-from fakes.devices.arm import TOOL_LENGTH_M, FakeArm
+from fakes.devices.arm import FakeArm
 from fakes.faults import FaultScript
 from fakes.wire.ur.robot import CYCLE_NS, Robot
-from fakes.world.kinematics import ENCODER_RAD, forward
+from fakes.world.kinematics import ENCODER_RAD, PHYSICAL_TOOL, compose, forward
 from fakes.world.world import BenchLayout, World
 from rig.export.rotations import ContinuousPoses
 from support.benches import NOISE_M
@@ -49,7 +49,7 @@ def over_the_wire(seed: int) -> Samples:
 def test_arm_at_rest_reports_joints_and_pose_with_noise(samples: Callable[[int], Samples]) -> None:
     joints, poses = samples(1)
     assert np.std(joints, axis=0) == pytest.approx(np.full(6, ENCODER_RAD), rel=0.2)
-    assert np.allclose(poses[7].position_m, forward(joints[7], TOOL_LENGTH_M).position_m, atol=1e-6)
+    assert np.allclose(poses[7].position_m, compose(forward(joints[7]), PHYSICAL_TOOL)[:3], atol=1e-9)
     off = np.subtract([pose.position_m for pose in poses], HOME.position_m)
     assert 1e-5 < np.abs(off).max() < NOISE_M
     assert samples(1)[0] == joints

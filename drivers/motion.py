@@ -81,10 +81,7 @@ class PolledMotion(Motion):
     def __init__(
         self, device: str, clock: Clock, ended: Callable[[], bool], stop: Callable[[], None]
     ) -> None:
-        self._device = device
-        self._clock = clock
-        self._ended = ended
-        self._stop = stop
+        self._device, self._clock, self._ended, self._stop = device, clock, ended, stop
 
     def done(self) -> bool:
         return self._ended()

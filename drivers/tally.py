@@ -142,9 +142,7 @@ class FrameTally:
     """
 
     def __init__(self) -> None:
-        self.frames = 0
-        self.dropped = 0
-        self.jumped = 0
+        self.frames = self.dropped = self.jumped = 0
         self._times = StreamTimes()
         self._out_of_time = False
         self._last: Frame | None = None

@@ -49,8 +49,7 @@ class MarkerTracker:
     ) -> None:
         if ids[0] == ids[1]:
             raise InputError(f"markers: two different ids are needed, got {ids}")
-        self._ids = ids
-        self._refine = refine
+        self._ids, self._refine = ids, refine
         self._full = detector(dictionary)
         self._near = region_detector(dictionary)
         self._size: tuple[int, ...] | None = None

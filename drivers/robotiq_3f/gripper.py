@@ -20,26 +20,23 @@ from drivers.clock import Clock, SystemClock, require_full_speed
 from drivers.errors import DeviceError, NotConnectedError
 from drivers.interfaces import Gripper
 from drivers.motion import PolledMotion
-from drivers.robotiq_3f.commands import (
-    ECHO_TIMEOUT_S,
-    GripperCommands,
-    Sent,
-    require_ready,
-    require_sound,
-    under_way,
-)
-from drivers.robotiq_3f.modbus import Link, rtu_link, tcp_link
-from drivers.robotiq_3f.poller import GripperLine, StatusSample
+from drivers.robotiq_3f.modbus import GripperLine, Link, StatusSample, rtu_link, tcp_link
 from drivers.robotiq_3f.registers import (
+    ECHO_TIMEOUT_S,
     MAX_FORCE_N,
     MAX_SPEED_M_S,
     MIN_FORCE_N,
     MIN_SPEED_M_S,
     Command,
+    GripperCommands,
     ObjectStatus,
+    Sent,
     Stage,
     Status,
     pack_command,
+    require_ready,
+    require_sound,
+    under_way,
 )
 from drivers.types import GripperSpec, GripperState
 

@@ -16,14 +16,29 @@ from drivers.interfaces import Arm
 from drivers.motion import check_motion, check_way
 from drivers.types import ArmLimits, ArmMode, ArmState, Pose, Vector3, Vector6
 from drivers.ur5e import setup
-from drivers.ur5e.control_commands import ControlCommands, Operation
-from drivers.ur5e.dashboard import Dashboard, refuse_local_control, serial_number
+from drivers.ur5e.control_process import ControlCommands, Operation
+from drivers.ur5e.controller import (
+    Dashboard,
+    Version,
+    probe_controller,
+    read_speed_fraction,
+    refuse_local_control,
+    serial_number,
+)
 from drivers.ur5e.link import ArmLink
-from drivers.ur5e.motion import JOINT_RANGE_RAD, ArmMotion, check_joints, from_ur, is_still, to_ur
-from drivers.ur5e.probe import Version, probe_controller, read_speed_fraction
+from drivers.ur5e.motion import (
+    JOINT_RANGE_RAD,
+    ArmMotion,
+    arm_mode,
+    check_joints,
+    from_ur,
+    is_still,
+    program_reason,
+    stop_reason,
+    to_ur,
+)
 from drivers.ur5e.setup import Tool, ToolSetting
 from drivers.ur5e.shared_state import StateSample
-from drivers.ur5e.status import arm_mode, program_reason, stop_reason
 
 STOP_DECELERATION_M_S2 = 10.0
 """Deceleration of a commanded stop."""
@@ -68,8 +83,7 @@ class UR5e(Arm):
         self._dashboard: Dashboard | None = None
         self._identity: dict[str, str] = {}
         self._reports_remote = True
-        self._clock_ahead_ns = 0
-        self._stops = self._connections = 0
+        self._clock_ahead_ns = self._stops = self._connections = 0
         if not 0.0 <= payload_kg <= limits.max_payload_kg:
             raise InputError(
                 f"arm: payload {payload_kg} kg is outside 0 to {limits.max_payload_kg} kg; see the bench file"

@@ -98,8 +98,7 @@ class Heartbeat:
         self._control, self._state, self._program, self._clock = control, state, program, clock
         self._limit_ns: int | None = None
         self._guided, self._longest_ns = False, to_ns(LONGEST_S)
-        self._began_ns = self._checked_ns = self._waited_ns = 0
-        self._polled_ns = self._asking_ns = 0
+        self._began_ns = self._checked_ns = self._waited_ns = self._polled_ns = self._asking_ns = 0
         self.halted = ""
         """Reason if this class stopped the newest motion; otherwise empty."""
 

@@ -24,9 +24,7 @@ class RecordedStream(FrameStream):
     ends = True
 
     def __init__(self, path: Path, rate_hz: float, clock: Clock) -> None:
-        self._path = path
-        self._rate_hz = rate_hz
-        self._clock = clock
+        self._path, self._rate_hz, self._clock = path, rate_hz, clock
         self._start_ns: int | None = None
         self._number = 0
         self._stopped = threading.Event()

@@ -117,9 +117,7 @@ class AddressedSource(FrameReader):
     def __init__(self, spec: SourceSpec, clock: Clock, discover: Discover, open_device: OpenCapture) -> None:
         super().__init__(spec.serial, spec.rate_hz, self._open, self._decode, clock)
         require_full_speed(clock, spec.serial, spec.host)
-        self._spec = spec
-        self._clock = clock
-        self._discover = discover
+        self._spec, self._clock, self._discover = spec, clock, discover
         self._open_device = open_device
         self._source: OpenSource | None = None
 

@@ -128,9 +128,7 @@ class V4l2Stream(FrameStream):
         open_device: OpenCapture = open_capture,
         sharing: Sequence[VideoNode] = (),
     ) -> None:
-        self._device = device
-        self._sharing = sharing
-        self._clock = clock
+        self._device, self._sharing, self._clock = device, sharing, clock
         self._capture = open_device(device)
         self._received_any = False
         try:

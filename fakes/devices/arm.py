@@ -57,11 +57,8 @@ class FakeArm(Arm):
         limits: ArmLimits = LIMITS,
         joint_limits_rad: tuple[Vector6, Vector6] | None = None,
     ) -> None:
-        self._limits = limits
-        self._joint_limits = joint_limits_rad
-        self._world = world
-        self._clock = clock
-        self._faults = faults
+        self._limits, self._joint_limits, self._world = limits, joint_limits_rad, world
+        self._clock, self._faults = clock, faults
         self._connected = False
         self._joints = ELBOW_UP
         self._pose: Pose | None = None

@@ -50,13 +50,9 @@ class FakeGripper(Gripper):
     ) -> None:
         self._spec = spec or nominal_spec(world.layout)
         self._period_ns = to_ns(period_s)
-        self._world = world
-        self._clock = clock
-        self._faults = faults
-        self.mode = BASIC_MODE
+        self._world, self._clock, self._faults, self.mode = world, clock, faults, BASIC_MODE
         """Grasp mode; another program or the device's own page may have changed it."""
-        self._connected = False
-        self._activated = False
+        self._connected = self._activated = False
         self._requested = world.layout.open_counts
         self._stalls = self._drifts = False
         self._force_n = STALL_FORCE_N

@@ -91,8 +91,7 @@ class GripperModel:
     def __init__(self, world: World, now_ns: int, fingers: tuple[str, ...], activation_s: float) -> None:
         self.written = bytearray(IMAGE_BYTES)
         self.faults: frozenset[str] = frozenset()
-        self._world = world
-        self._fingers = fingers
+        self._world, self._fingers = world, fingers
         self._sweep_s = max(activation_s, 0.01) / 2
         self._open = float(world.layout.open_counts)
         scissor = float(SCISSOR_OF_MODE[0])

@@ -62,11 +62,9 @@ class MjpegSensor:
         on_light: OnLight | None = None,
         phase: float = 0.0,
     ) -> None:
-        self._render = render
-        self._clock = clock
+        self._render, self._clock = render, clock
         self._kind: Kind = kind
-        self._on_light = on_light
-        self._phase = phase
+        self._on_light, self._phase = on_light, phase
         self._lock = threading.RLock()
         height, width = render(clock.now_ns()).shape[:2]
         self._size = (height, width) if kind == "digit" else (width, height)

@@ -53,8 +53,7 @@ class Body:
         self.q = joints_rad
         self.qd = self.twist = STILL
         self.flange = forward(joints_rad)
-        self.tool = flange_T_tcp
-        self.still_cycles = LONG_STILL_CYCLES
+        self.tool, self.still_cycles = flange_T_tcp, LONG_STILL_CYCLES
         self.mover: ArmMover | None = None
 
     @property

@@ -79,8 +79,7 @@ class URController:
         version: str = POLYSCOPE,
         release_after_s: float = 5.0,
     ) -> None:
-        self.host = host
-        self._clock = clock
+        self.host, self._clock = host, clock
         if not re.fullmatch(r"5\.\d{1,3}\.\d{1,3}", version):
             raise InputError(
                 f"controller version '{version}': an e-Series arm's is written as 5.11.0 or 5.25.0"

@@ -16,12 +16,10 @@ from scipy.spatial.transform import Rotation
 from drivers.clock import SystemClock
 from drivers.errors import DeviceError, InputError, OperatorStopError
 from drivers.types import Pose
-from drivers.ur5e.channel import Channel, no_check
-from drivers.ur5e.control_commands import ControlCommands, Watchdog
-from drivers.ur5e.control_process import answer
-from drivers.ur5e.dashboard import refuse_local_control, serial_number
+from drivers.ur5e.control_process import ControlCommands, Watchdog, answer
+from drivers.ur5e.controller import parse_version, read_package, refuse_local_control, serial_number
 from drivers.ur5e.heartbeat import Heartbeat, Program
-from drivers.ur5e.probe import parse_version, read_package
+from drivers.ur5e.link import Channel, no_check
 from drivers.ur5e.shared_state import SharedState
 from fakes.wire.ur.robot import Robot
 from fakes.wire.ur.script import LineReader, reply

@@ -9,10 +9,18 @@ from drivers.clock import NS_PER_S
 from drivers.errors import DeviceError, OutOfLimitsError, ProtectiveStopError
 from drivers.motion import check_motion
 from drivers.types import ArmLimits, ArmMode, Pose
-from drivers.ur5e.motion import JOINT_RANGE_RAD, check_joints, from_ur, to_ur
+from drivers.ur5e.motion import (
+    JOINT_RANGE_RAD,
+    arm_mode,
+    check_joints,
+    from_ur,
+    program_reason,
+    refused,
+    stop_reason,
+    to_ur,
+)
 from drivers.ur5e.shared_state import SharedState, StateSample
 from drivers.ur5e.state_process import ClockMap
-from drivers.ur5e.status import arm_mode, program_reason, refused, stop_reason
 
 SIX = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6)
 LIMITS = ArmLimits((0.0, -0.5, 0.0), (0.8, 0.5, 0.6), 0.5, 1.5, 5.0)

@@ -30,10 +30,9 @@ from calibration.hand_eye.pose_pairs import (
     repeated_pair,
     sample_fault,
 )
-from calibration.hand_eye.refine import moved
+from calibration.hand_eye.refine import larger_of, moved
 from calibration.hand_eye.samples import Setup
 from calibration.hand_eye.solve import FEWEST_SAMPLES, as_pose
-from calibration.hand_eye.uncertainty import larger_of
 from calibration.verdict import Assessment, Rejected, floor, limit, sift
 from drivers.errors import counted
 from drivers.types import Pose

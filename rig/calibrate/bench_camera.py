@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from calibration.camera.guidance import most_telling
+from calibration.camera.intrinsics import most_telling
 from calibration.targets.boards import Target
 from calibration.targets.sheets import target_picture
 from drivers.errors import InputError

@@ -9,9 +9,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from calibration.camera.model import CameraModel
-from calibration.hand_eye.guidance import next_pose
 from calibration.hand_eye.samples import HandEyeSample, Setup
-from calibration.hand_eye.solve import calibrate_hand_eye
+from calibration.hand_eye.solve import calibrate_hand_eye, next_pose
 from calibration.targets.boards import Target, View
 from calibration.verdict import Rejected
 from drivers.errors import counted

@@ -18,8 +18,7 @@ from rig.bench.assembly import TOOL_DOWN
 from rig.bench.plan import PlannedMotion
 from rig.calibrate.bench import Station, TouchObserver, grasp_at, touch_motions, write_table
 from rig.calibrate.bench_hand_eye import pose_row, write_poses
-from rig.calibrate.clamped_tip import FLANGE, tip_from_folder
-from rig.calibrate.from_tables import gripper_from_folder
+from rig.calibrate.from_tables import FLANGE, gripper_from_folder, tip_from_folder
 from rig.calibrate.result import CalibrationResult
 from rig.config import BenchConfig
 

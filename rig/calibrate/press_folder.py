@@ -9,8 +9,7 @@ from calibration.gel.balls import BALLS_MM, BallPress
 from calibration.gel.presses import find_press
 from calibration.gel.untouched import Circle, Pressed
 from calibration.targets.boards import SAME_VIEW_PX
-from calibration.units import length_guess
-from calibration.verdict import Rejected
+from calibration.verdict import Rejected, length_guess
 from drivers.errors import InputError
 from drivers.formats import number_in, read_csv_rows
 from drivers.images import read_image

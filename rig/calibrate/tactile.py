@@ -7,15 +7,13 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from calibration.gel.balls import NULL_REFUSED, BallFit, BallPress, calibrate_gel
+from calibration.gel.balls import NULL_REFUSED, BallFit, BallPress, GelScale, calibrate_gel, fit_scale
 from calibration.gel.look import GelLook
 from calibration.gel.look_fit import LookFit, fit_look
 from calibration.gel.presses import rim_centre
 from calibration.gel.reference import Reference, assess_reference, drift_since
-from calibration.gel.scale import GelScale, fit_scale
 from calibration.gel.visibility import visibility
-from calibration.units import length_guess
-from calibration.verdict import Assessment, limit
+from calibration.verdict import Assessment, length_guess, limit
 from drivers.errors import CalibrationError
 from drivers.types import Image
 from rig.calibrate import figures

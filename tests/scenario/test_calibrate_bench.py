@@ -30,7 +30,7 @@ from rig.calibrate.bench_clocks import WiggleObserver, collect_streams
 from rig.calibrate.bench_hand_eye import collect_hand_eye
 from rig.calibrate.bench_tactile import collect_presses
 from rig.calibrate.bench_tip import collect_openings, collect_tip
-from rig.calibrate.clamped_tip import tip_from_folder
+from rig.calibrate.from_tables import tip_from_folder
 from rig.calibrate.result import file_result
 from rig.config import BenchConfig, load_bench
 from rig.config.write import write_bench

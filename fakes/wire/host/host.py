@@ -13,8 +13,7 @@ from drivers.errors import DeviceError, InputError, unknown_name
 from fakes.clock import SharedClock
 from fakes.devices.digit import BenchPlan
 from fakes.objects.catalogue import short_id
-from fakes.wire.gripper.server import GripperRtu, GripperServer
-from fakes.wire.gripper.transport import WireGripper
+from fakes.wire.gripper.server import GripperRtu, GripperServer, WireGripper
 from fakes.wire.host.render import Renderer
 from fakes.wire.net import ControlServer, VitalThread
 from fakes.wire.ur.controller import POLYSCOPE, URController

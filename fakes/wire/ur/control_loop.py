@@ -22,8 +22,7 @@ from fakes.wire.ur.body import (
     move_until_done,
     six,
 )
-from fakes.wire.ur.robot import Robot
-from fakes.wire.ur.runtime import ProgramError
+from fakes.wire.ur.robot import ProgramError, Robot
 from fakes.wire.ur.script import run_line
 from fakes.world.kinematics import Frame, from_ur, to_ur
 

@@ -31,7 +31,7 @@ def test_invalid_bytes_end_that_connection_only(controller: URController, connec
 def test_client_that_does_not_read_is_closed_without_delaying_others(
     controller: URController, connect: Connect, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("fakes.wire.ur.connections.GIVE_UP_S", 0.1)
+    monkeypatch.setattr("fakes.wire.ur.controller.GIVE_UP_S", 0.1)
     names = ",".join(f"output_double_register_{i}" for i in range(48))
     connect(controller.host, names)
     client = connect(controller.host)

@@ -8,7 +8,7 @@ from itertools import pairwise
 from drivers.clock import Clock, wait_until
 from drivers.errors import DeviceError, DeviceTimeoutError, OutOfLimitsError
 from drivers.interfaces import Motion
-from drivers.types import ArmLimits, Box, Pose, Vector3
+from drivers.types import ArmLimits, Box, Pose, Vector3, Vector6
 
 UPRIGHT_M = 1e-3
 """A path counts as vertical if its ends are at most this far apart horizontally, m."""
@@ -47,6 +47,18 @@ def check_way(limits: ArmLimits, way: Sequence[Pose]) -> None:
                     "which the bench file keeps it out of; see [[keep_out]], top_m of [table], and the "
                     "position of the object"
                 )
+
+
+def check_joints(joints: Sequence[float] | None, limits: tuple[Vector6, Vector6], target: Pose) -> None:
+    """Raise `OutOfLimitsError` if no joint angles (rad) reach the target, or one is outside its range."""
+    if not joints:
+        raise OutOfLimitsError(f"arm: pose {target} is out of reach or outside the safety limits")
+    for number, (angle, low, high) in enumerate(zip(joints, *limits, strict=True), 1):
+        if not low <= angle <= high:
+            raise OutOfLimitsError(
+                f"arm: joint {number} would go to {math.degrees(angle):.1f} deg, outside "
+                f"{math.degrees(low):.1f} to {math.degrees(high):.1f} deg"
+            )
 
 
 def meets(box: Box, here: Vector3, there: Vector3) -> bool:

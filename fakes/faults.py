@@ -1,5 +1,6 @@
 """Faults of simulated devices: on request while a device is served, or scripted with start and duration."""
 
+import math
 import threading
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -75,6 +76,14 @@ OVERSHOOT_COUNTS = 30.0
 
 DRIFT_COUNTS, DRIFT_COUNTS_S = 13, 20.0
 """Opening of fingers with the fault `drift`, in counts (about 8 mm), and its speed in counts per second."""
+
+
+def overshot(start: float, end: float, lowest: float, highest: float) -> float:
+    """Return where a motion from `start` to `end` ends with the fault `overshoot`, all in counts."""
+    if abs(end - start) < 0.5:
+        return end
+    return min(max(end + math.copysign(OVERSHOOT_COUNTS, end - start), lowest), highest)
+
 
 KINDS = {
     "arm": ("protective_stop", "disconnect"),

@@ -13,7 +13,7 @@ from collections.abc import Callable
 from drivers.clock import NS_PER_S, Clock, SystemClock, require_full_speed, slowness_of
 from drivers.errors import DeviceError, InputError, NotConnectedError
 from drivers.interfaces import Arm
-from drivers.motion import check_motion, check_way
+from drivers.motion import check_joints, check_motion, check_way
 from drivers.types import ArmLimits, ArmMode, ArmState, Pose, Vector3, Vector6
 from drivers.ur5e import setup
 from drivers.ur5e.control_process import ControlCommands, Operation
@@ -30,7 +30,6 @@ from drivers.ur5e.motion import (
     JOINT_RANGE_RAD,
     ArmMotion,
     arm_mode,
-    check_joints,
     from_ur,
     is_still,
     program_reason,
@@ -164,7 +163,10 @@ class UR5e(Arm):
         started, before = link.control.move_linear(pose, speed_m_s, acceleration_m_s2, not_stopped)
         if not started:
             raise setup.refusal(link, "moveL", self._clock)
-        return ArmMotion(self, base_T_tcp, before, sample.pose, self._clock, lambda: self._stops != stops)
+        return ArmMotion(
+            self.moving_sample, self.operation, self.stop, base_T_tcp, before, sample.pose, self._clock,
+            lambda: self._stops != stops,
+        )  # fmt: skip
 
     def begin_guiding(self) -> None:
         """Let a person lead the arm by hand; it carries the tool and payload of the bench file."""

@@ -1,6 +1,6 @@
 """Start, supervise and end the two processes of the arm's driver: one receives states, one sends commands.
 
-A supervised child process of the arm's driver, and calls to it: one JSON line each, with a deadline.
+Calls are one JSON line each, with a deadline.
 """
 
 import contextlib
@@ -217,7 +217,7 @@ STOPS = (ControlCommands.stop_linear, ControlCommands.end_program)
 """Calls with the shorter time limit STOP_CALL_S: if it passes, the arm is stopped over the dashboard."""
 
 
-class ControlClient:
+class ControlClient(Channel):
     """Client of the command process, which executes the methods of `ControlCommands`.
 
     Each call raises `DeviceError` if the process has ended or ur-rtde fails in it. If the process does not
@@ -228,29 +228,22 @@ class ControlClient:
         """Start the process. state_fd: file descriptor of the `SharedState` that it reads."""
         here, there = socket.socketpair()
         with there:
-            self._process = ChildProcess(
+            process = ChildProcess(
                 "the command process",
                 "drivers.ur5e.control_process",
                 (host, there.fileno(), state_fd, os.getpid(), clock.slowness),
                 (state_fd, there.fileno()),
             )
-        self._channel = Channel(here, self._process, clock)
+        super().__init__(here, process, clock)
 
     @property
     def alive(self) -> bool:
         return self._process.alive
 
-    def wait_ready(self, timeout_s: float, check: Check) -> None:
-        """Wait until the control program runs on the controller. Raises `DeviceError` with the reason.
-
-        check: called repeatedly during the wait; raises if further waiting is pointless.
-        """
-        self._channel.wait_ready(timeout_s, check)
-
     def end(self) -> None:
         """End the process now. Safe to call twice."""
         self._process.end()
-        self._channel.close()
+        self.close()
 
     def ask(
         self,
@@ -261,7 +254,7 @@ class ControlClient:
     ) -> Answer:
         """Call a method of `ControlCommands` in the process, and return its result."""
         limit_s = STOP_CALL_S if command in STOPS else CALL_S
-        return self._channel.call(command, limit_s, no_check, *arguments, **named)
+        return self.call(command, limit_s, no_check, *arguments, **named)
 
     def operation(self) -> Operation:
         return Operation(*self.ask(ControlCommands.operation))
@@ -271,7 +264,7 @@ class ControlClient:
     ) -> tuple[bool, int]:
         """Start a straight motion, see `ControlCommands`. check: called just before sending; may raise."""
         command = ControlCommands.move_linear
-        return self._channel.call(command, CALL_S, check, pose, speed_m_s, acceleration_m_s2)
+        return self.call(command, CALL_S, check, pose, speed_m_s, acceleration_m_s2)
 
 
 class ArmLink:

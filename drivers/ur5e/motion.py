@@ -8,13 +8,12 @@ Values and bits: Universal Robots, "RTDE Guide", robot_mode, runtime_state, safe
 """
 
 import math
-from collections.abc import Callable, Sequence
-from typing import Protocol
+from collections.abc import Callable
 
 from scipy.spatial.transform import Rotation
 
 from drivers.clock import Clock, to_ns
-from drivers.errors import DeviceError, OutOfLimitsError, ProtectiveStopError
+from drivers.errors import DeviceError, ProtectiveStopError
 from drivers.motion import PolledMotion
 from drivers.types import ArmMode, Pose, Vector6
 from drivers.ur5e.control_process import Operation
@@ -122,18 +121,6 @@ NEAR_M, NEAR_RAD = 0.001, 0.01
 """Largest distances from the target at which the arm counts as arrived."""
 
 
-def check_joints(joints: Sequence[float] | None, limits: tuple[Vector6, Vector6], target: Pose) -> None:
-    """Raise `OutOfLimitsError` if no joint angles reach the target, or a joint leaves its range."""
-    if not joints:
-        raise OutOfLimitsError(f"arm: pose {target} is out of reach or outside the safety limits")
-    for number, (angle, low, high) in enumerate(zip(joints, *limits, strict=True), 1):
-        if not low <= angle <= high:
-            raise OutOfLimitsError(
-                f"arm: joint {number} would go to {math.degrees(angle):.1f} deg, outside "
-                f"{math.degrees(low):.1f} to {math.degrees(high):.1f} deg"
-            )
-
-
 def to_ur(pose: Pose) -> Vector6:
     """Convert a pose to the controller's notation: x y z in m, rotation vector in rad."""
     x, y, z = pose.position_m
@@ -145,36 +132,23 @@ def from_ur(values: Vector6) -> Pose:
     return Pose.from_rotation((values[0], values[1], values[2]), Rotation.from_rotvec(values[3:]))
 
 
-class MovingArm(Protocol):
-    """The arm as a motion sees it."""
-
-    def moving_sample(self) -> StateSample:
-        """Return the newest state. Raises the arm's error if it can no longer be moving."""
-        ...
-
-    def operation(self) -> Operation:
-        """Return the newest operation on the controller."""
-        ...
-
-    def stop(self) -> None:
-        """Stop the arm."""
-        ...
-
-
 class ArmMotion(PolledMotion):
     """A straight motion to `target`. stopped: returns whether the arm was stopped since the motion began."""
 
     def __init__(
         self,
-        arm: MovingArm,
+        sample: Callable[[], StateSample],
+        operation: Callable[[], Operation],
+        stop: Callable[[], None],
         target: Pose,
         before: int,
         start: Vector6,
         clock: Clock,
         stopped: Callable[[], bool],
     ) -> None:
-        super().__init__("arm", clock, self._has_ended, arm.stop)
-        self._arm, self._target, self._before = arm, target, before
+        super().__init__("arm", clock, self._has_ended, stop)
+        self._sample, self._operation = sample, operation
+        self._target, self._before = target, before
         self._stopped = stopped
         self._began_ns = clock.now_ns()
         self._ended_ns: int | None = None
@@ -186,13 +160,13 @@ class ArmMotion(PolledMotion):
         """Return the fraction of the path that is covered, 0 to 1."""
         if self._done:
             return 1.0
-        left = _distance(self._arm.moving_sample().pose, self._target)
+        left = _distance(self._sample().pose, self._target)
         return min(1.0, max(0.0, 1.0 - left / self._way_m))
 
     def _has_ended(self) -> bool:
         """Whether the arm has arrived, or stands still after a stop. Raises if the motion failed."""
         if not self._done:
-            sample = self._arm.moving_sample()
+            sample = self._sample()
             if self._over(sample):
                 self._done = self._arrived(sample)
         return self._done
@@ -202,7 +176,7 @@ class ArmMotion(PolledMotion):
         if self._ended_ns is None:
             if self._on_its_way(sample):
                 return False
-            number, running, halted = self._arm.operation()
+            number, running, halted = self._operation()
             if halted:
                 raise DeviceError(f"arm: stopped on its way: {halted}")
             if number == self._before:

@@ -1,17 +1,16 @@
 """A simulated UR5e: straight motions with trapezoidal speed, limits and protective stops."""
 
-import math
 from collections.abc import Callable
+from math import inf
 
 from drivers.clock import Clock, wait_until
 from drivers.errors import (
     DeviceError,
     NotConnectedError,
-    OutOfLimitsError,
     ProtectiveStopError,
 )
 from drivers.interfaces import Arm
-from drivers.motion import PolledMotion, check_motion, check_way
+from drivers.motion import PolledMotion, check_joints, check_motion, check_way
 from drivers.types import ArmLimits, ArmMode, ArmState, Pose, Vector6
 from fakes.faults import FaultScript
 from fakes.world.force_torque import FlangeSensor, carried_wrench, table_push_n
@@ -40,6 +39,8 @@ LIMITS = ArmLimits(
     max_payload_kg=5.0,
 )
 
+ANY_JOINTS: tuple[Vector6, Vector6] = (-inf, -inf, -inf, -inf, -inf, -inf), (inf, inf, inf, inf, inf, inf)
+
 
 class FakeArm(Arm):
     """Moves the tool of the world; its joint angles follow from the UR5e's nominal kinematics.
@@ -57,7 +58,7 @@ class FakeArm(Arm):
         limits: ArmLimits = LIMITS,
         joint_limits_rad: tuple[Vector6, Vector6] | None = None,
     ) -> None:
-        self._limits, self._joint_limits, self._world = limits, joint_limits_rad, world
+        self._limits, self._joint_limits, self._world = limits, joint_limits_rad or ANY_JOINTS, world
         self._clock, self._faults = clock, faults
         self._connected = False
         self._joints = ELBOW_UP
@@ -82,7 +83,7 @@ class FakeArm(Arm):
         now = self._clock.now_ns()
         pose = self._world.tool.pose_at(now)
         if pose != self._pose:
-            self._pose, self._joints = pose, self._reach(pose)
+            self._pose, self._joints = pose, self._reach(pose, ANY_JOINTS)
         stopped = self._protective_stop(now)
         joints = self._encoders.shown(self._joints, now)
         return ArmState(
@@ -96,7 +97,7 @@ class FakeArm(Arm):
     def move_linear(self, base_T_tcp: Pose, speed_m_s: float, acceleration_m_s2: float) -> PolledMotion:  # noqa: N803
         self._require_connected()
         check_motion(self._limits, base_T_tcp, speed_m_s, acceleration_m_s2)
-        self._check_joints(self._reach(base_T_tcp))
+        self._reach(base_T_tcp, self._joint_limits)
         now = self._clock.now_ns()
         start = self._world.tool.pose_at(now)
         check_way(self._limits, (start, base_T_tcp))
@@ -165,23 +166,10 @@ class FakeArm(Arm):
         if not self._connected:
             raise NotConnectedError("arm: used before connect; connect the bench first")
 
-    def _check_joints(self, joints_rad: Vector6) -> None:
-        if self._joint_limits is None:
-            return
-        for number, (low, q, high) in enumerate(
-            zip(self._joint_limits[0], joints_rad, self._joint_limits[1], strict=True), start=1
-        ):
-            if not low <= q <= high:
-                raise OutOfLimitsError(
-                    f"arm: joint {number} would end at {math.degrees(q):.1f} degrees, outside "
-                    f"{math.degrees(low):.1f} to {math.degrees(high):.1f}"
-                )
-
-    def _reach(self, pose: Pose) -> Vector6:
+    def _reach(self, pose: Pose, limits_rad: tuple[Vector6, Vector6]) -> Vector6:
         joints = nearest_inverse(compose(from_pose(pose), inverse(PHYSICAL_TOOL)), self._joints)
-        if joints is None:
-            raise OutOfLimitsError(f"arm: pose {pose} is out of reach")
-        return joints
+        check_joints(joints, limits_rad, pose)
+        return joints or self._joints
 
     def _feel(self, time_ns: int) -> Vector6:
         """Return the measured force (N) and torque (N m) at the TCP in the base's axes."""

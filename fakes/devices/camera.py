@@ -16,6 +16,7 @@ from drivers.types import Frame, Image, Pose
 from fakes.camera.marker_scene import MarkerScene
 from fakes.camera.target_scene import render_sheet
 from fakes.faults import FaultScript
+from fakes.gel.variation import encoded
 from fakes.world.fixture import PrintedSheet, camera_T_target, nothing_printed
 from fakes.world.mirror import WorldView
 
@@ -123,20 +124,10 @@ class FakeSource:
             old = self._frozen
             return Frame(old.image, time_ns, index, self.serial, old.jpeg)
         rng = np.random.Generator(np.random.Philox(key=self._seed, counter=index << 64))
-        image = self._render(time_ns, rng)
-        self._frozen = _compressed(image, time_ns, index, self.serial)
+        data = encoded(self._render(time_ns, rng), JPEG_QUALITY)
+        image = np.asarray(cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR_RGB), np.uint8)
+        self._frozen = Frame(image, time_ns, index, self.serial, data)
         return self._frozen
-
-
-def _compressed(image: Image, time_ns: int, sequence: int, serial: str) -> Frame:
-    """Return the frame with its JPEG, encoded as by the device; its image is the decoded JPEG."""
-    ok, encoded = cv2.imencode(
-        ".jpg", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY]
-    )
-    decoded = cv2.imdecode(encoded, cv2.IMREAD_COLOR_RGB) if ok else None
-    if decoded is None:
-        raise DeviceError(f"{serial}: a simulated frame could not be encoded")
-    return Frame(np.asarray(decoded, np.uint8), time_ns, sequence, serial, encoded.tobytes())
 
 
 CAMERA_MISALIGNMENT = Rotation.from_euler("xyz", (0.8, -0.6, 0.4), degrees=True)

@@ -1,7 +1,5 @@
 """A simulated Robotiq 3-Finger gripper: activation, motion in whole counts, contact by object width."""
 
-import math
-
 from drivers.clock import Clock, to_ns
 from drivers.errors import (
     DeviceError,
@@ -11,14 +9,13 @@ from drivers.errors import (
 from drivers.interfaces import Gripper
 from drivers.motion import PolledMotion
 from drivers.types import BASIC_MODE, GripperSpec, GripperState
-from fakes.faults import DRIFT_COUNTS, DRIFT_COUNTS_S, OVERSHOOT_COUNTS, FaultScript
-from fakes.world.motion import FingerPath, TrapezoidProfile
+from fakes.faults import DRIFT_COUNTS, DRIFT_COUNTS_S, FaultScript, overshot
+from fakes.world.motion import FingerPath
 from fakes.world.state import BenchLayout
 from fakes.world.world import FINGER_STIFFNESS_N_M, STALL_FORCE_N, World
 
 SPEED_COUNTS_S = 100.0
 """About 60 mm/s of opening, in the middle of the manual's range of 22 to 110 mm/s."""
-ACCELERATION_COUNTS_S2 = 2000.0
 SPEED_M_S, FORCE_N = (0.022, 0.110), (STALL_FORCE_N, 60.0)
 """Lowest and highest speed and force (manual, SPEED and FORCE registers)."""
 ACTIVATION_S = 3.0
@@ -118,8 +115,7 @@ class FakeGripper(Gripper):
         end = self._end(start, position_counts, now)
         self._requested, self._drifts = position_counts, False
         self._stalls = self._stall_counts(now) <= end < position_counts
-        profile = TrapezoidProfile(now, abs(end - start), speed, ACCELERATION_COUNTS_S2)
-        self._world.fingers = FingerPath(start, end, profile)
+        self._world.fingers = FingerPath.moving(now, start, end, speed)
         return PolledMotion("gripper", self._clock, self._arrived, self.stop)
 
     def stop(self) -> None:
@@ -131,10 +127,8 @@ class FakeGripper(Gripper):
         if any(self._has(kind) for kind in ("blocked", "stuck", "false_success")):
             return start
         end = float(position_counts)
-        if self._has("overshoot") and end != start:
-            layout = self._world.layout
-            end += math.copysign(OVERSHOOT_COUNTS, end - start)
-            end = min(max(end, layout.open_counts), layout.closed_counts)
+        if self._has("overshoot"):
+            end = overshot(start, end, self._world.layout.open_counts, self._world.layout.closed_counts)
         return min(end, max(start, self._stall_counts(now_ns)))
 
     def _drift(self) -> None:
@@ -144,8 +138,7 @@ class FakeGripper(Gripper):
         self._drifts, now = True, self._clock.now_ns()
         start = self._world.fingers.position_at(now)
         end = max(start - DRIFT_COUNTS, float(self._world.layout.open_counts))
-        profile = TrapezoidProfile(now, start - end, DRIFT_COUNTS_S, ACCELERATION_COUNTS_S2)
-        self._world.fingers = FingerPath(start, end, profile)
+        self._world.fingers = FingerPath.moving(now, start, end, DRIFT_COUNTS_S)
 
     def _has(self, kind: str) -> bool:
         return self._faults.active(kind, self._clock.now_ns(), "gripper")

@@ -132,6 +132,10 @@ class ToolPath:
         return replace(self, profile=self.profile.braked_at(time_ns, deceleration_m_s2))
 
 
+FINGER_ACCELERATION = 2000.0
+"""Acceleration of simulated fingers, counts/s^2."""
+
+
 @dataclass(frozen=True, slots=True)
 class FingerPath:
     """A motion of the grasping fingers over time, in counts."""
@@ -139,6 +143,11 @@ class FingerPath:
     start: float
     end: float
     profile: TrapezoidProfile
+
+    @classmethod
+    def moving(cls, now_ns: int, start: float, end: float, speed: float) -> "FingerPath":
+        """Return a motion that begins now. speed: counts per second."""
+        return cls(start, end, TrapezoidProfile(now_ns, abs(end - start), speed, FINGER_ACCELERATION))
 
     @classmethod
     def resting(cls, counts: float) -> "FingerPath":

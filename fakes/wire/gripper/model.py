@@ -6,15 +6,13 @@ our assumptions, because the manual does not give them. Automatic release and in
 scissor are not modelled.
 """
 
-import math
 from dataclasses import dataclass
 
 from drivers.clock import to_ns
-from fakes.faults import DRIFT_COUNTS, DRIFT_COUNTS_S, OVERSHOOT_COUNTS
-from fakes.world.motion import FingerPath, TrapezoidProfile
+from fakes.faults import DRIFT_COUNTS, DRIFT_COUNTS_S, overshot
+from fakes.world.motion import FingerPath
 from fakes.world.world import FINGER_STIFFNESS_N_M, World
 
-ACCELERATION_COUNTS_S2 = 2000.0
 REFRESH_NS = 5_000_000
 """The registers are refreshed at 200 Hz: a status that is read sooner is still the one before."""
 LATEST_NS = 2_000_000_000
@@ -50,10 +48,7 @@ class FingerMotor:
 
     def go(self, end: float, speed: float, now_ns: int) -> None:
         """Start towards `end`, in counts and counts per second."""
-        start = self.path.position_at(now_ns)
-        self.path = FingerPath(
-            start, end, TrapezoidProfile(now_ns, abs(end - start), speed, ACCELERATION_COUNTS_S2)
-        )
+        self.path = FingerPath.moving(now_ns, self.path.position_at(now_ns), end, speed)
         self.contact = 0
 
     def stop(self, now_ns: int) -> None:
@@ -78,7 +73,7 @@ def mean_path(paths: list[FingerPath], now_ns: int) -> FingerPath:
     if longest.start_ns == now_ns:
         return FingerPath(here, end, longest)
     speed = longest.speed * len(moving) / len(paths)
-    return FingerPath(here, end, TrapezoidProfile(now_ns, abs(end - here), speed, ACCELERATION_COUNTS_S2))
+    return FingerPath.moving(now_ns, here, end, speed)
 
 
 class GripperModel:
@@ -225,19 +220,11 @@ class GripperModel:
         if self.faults & MOTIONLESS:
             axis.stop(now_ns)
         elif rearm or not axis.contact or back or force > axis.asked[2]:
-            axis.go(self._overshot(axis, end, now_ns), self._speed(speed), now_ns)
+            if "overshoot" in self.faults:
+                end = overshot(axis.path.position_at(now_ns), end, self._open, CLOSED_COUNTS)
+            metres = SLOWEST_M_S + speed / 255 * (FASTEST_M_S - SLOWEST_M_S)
+            axis.go(end, metres / self._world.layout.opening_per_count_m, now_ns)
         axis.asked = asked
-
-    def _overshot(self, axis: FingerMotor, end: float, now_ns: int) -> float:
-        """Return where a motion to `end` really ends: beyond it with the fault `overshoot`."""
-        way = end - axis.path.position_at(now_ns)
-        if "overshoot" not in self.faults or abs(way) < 0.5:
-            return end
-        return min(max(end + math.copysign(OVERSHOOT_COUNTS, way), self._open), CLOSED_COUNTS)
-
-    def _speed(self, counts: int) -> float:
-        metres = SLOWEST_M_S + counts / 255 * (FASTEST_M_S - SLOWEST_M_S)
-        return metres / self._world.layout.opening_per_count_m
 
     def _stop_at_contact(self, now_ns: int) -> None:
         moving = [(name, axis) for name, axis in self.axes.items() if axis.moving(now_ns)]

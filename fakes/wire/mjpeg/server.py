@@ -29,6 +29,7 @@ from drivers.clock import NS_PER_S, Clock, SystemClock, slowness_of, to_ns
 from drivers.errors import InputError
 from drivers.types import Image
 from fakes.faults import Faults
+from fakes.gel.variation import encoded
 from fakes.wire.net import BackgroundServer, QuietServer, VitalThread
 
 Kind = Literal["digit", "camera"]
@@ -158,7 +159,9 @@ class MjpegSensor:
             self._greens = max(self._greens - 1, 0)
             shift, cut = self._hits("shift"), self._hits("truncate")
         if frozen is None:
-            frozen = self._last = _encoded(_empty(size) if empty else self._raw(time_ns, size, shift))
+            frozen = self._last = encoded(
+                _empty(size) if empty else self._raw(time_ns, size, shift), JPEG_QUALITY
+            )
         return Capture(number, time_ns, frozen[: int(len(frozen) * _CUT_AT)] if cut else frozen)
 
     def _skip_until(self, time_ns: int) -> int:
@@ -204,11 +207,6 @@ def _numbers(value: Any, count: int) -> tuple[float, ...]:
 
 def _empty(size: tuple[int, int]) -> Image:
     return np.full((size[1], size[0], 3), _EMPTY_BUFFER_RGB, np.uint8)
-
-
-def _encoded(image: Image) -> bytes:
-    options = [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY]
-    return cv2.imencode(".jpg", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), options)[1].tobytes()
 
 
 LATENCY_S = 0.004

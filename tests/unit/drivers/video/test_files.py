@@ -10,9 +10,11 @@ import pytest
 from drivers.clock import SystemClock
 from drivers.errors import DeviceError, DeviceTimeoutError, InputError, NotConnectedError, StaleFrameError
 from drivers.images import encode_jpeg
+from drivers.types import Frame
 from drivers.video import reader
 from drivers.video.digit import Digit
 from drivers.video.external_camera import ExternalCamera
+from fakes.clock import SimulatedClock
 from support.frame_files import write_folder, write_video
 from support.waiting import until
 
@@ -87,19 +89,22 @@ def test_file_waits_for_a_late_reader(recording: Path, monkeypatch: pytest.Monke
     assert [frame.sequence for frame in frames] == list(range(len(IMAGES)))
     assert set(np.diff([frame.time_ns for frame in frames])) == {10_000_000}
     assert camera.counters()["unread"] == 0
-    camera.disconnect()
-
-
-def test_file_that_waits_for_its_reader_can_be_disconnected(
-    recording: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(reader, "BACKLOG_S", 5 / RATE_HZ)
-    camera = ExternalCamera("C1", str(recording), RATE_HZ, (64, 48))
-    camera.wait_for_reader()
     camera.connect()
-    until(lambda: camera.counters()["frames"] == 6, 10.0)
-    camera.disconnect()
+    until(lambda: camera.counters()["frames"] == len(IMAGES) + 6, 10.0)
+    camera.disconnect()  # also while a frame waits for room
     until(lambda: "C1" not in {thread.name for thread in threading.enumerate()}, 10.0)
+
+
+def test_frame_older_than_the_limit_is_refused() -> None:
+    clock = SimulatedClock()
+    buffer = reader.FrameBuffer("C1", clock, backlog=2)
+    with pytest.raises(StaleFrameError, match="no frame received yet"):
+        buffer.newest(1.0)
+    buffer.put(Frame(IMAGES[0], 0, 0, "C1"))
+    clock.sleep_until(300_000_000)
+    assert buffer.newest(0.31).sequence == 0
+    with pytest.raises(StaleFrameError, match=r"0\.300 s old, over the limit of 0\.290 s"):
+        buffer.newest(0.29)
 
 
 def test_unconnected_camera_is_an_error(recording: Path) -> None:

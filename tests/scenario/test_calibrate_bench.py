@@ -15,10 +15,11 @@ from calibration.verdict import Verdict
 from drivers.errors import DeviceError, InputError
 from drivers.images import read_image
 from drivers.types import ArmState, Frame, Pose
-from fakes.devices.arm import TOOL_LENGTH_M, FakeArm
+from fakes.devices.arm import FakeArm
 from fakes.devices.camera import unit_seed
 from fakes.gel.sensor import GelSensor
 from fakes.world.fixture import tip_m
+from fakes.world.kinematics import TOOL_LENGTH_M
 from fakes.world.motion import FingerPath, ToolPath
 from fakes.world.state import BenchLayout
 from fakes.world.world import World

@@ -15,8 +15,9 @@ from drivers.ur5e.link import ArmLink
 from drivers.ur5e.motion import PLAYING
 from drivers.ur5e.setup import ToolSetting
 from fakes.wire.ur.controller import URController
-from support.ur5e import HOME, agree, first_error, make_arm, make_controller, stands
+from support.ur5e import agree, first_error, make_arm, make_controller, stands
 from support.waiting import until
+from support.worlds import HOME
 
 pytest.importorskip("rtde_control", reason="ur-rtde is not installed here")
 

@@ -10,10 +10,10 @@ from drivers.clock import SystemClock
 from drivers.errors import DeviceError
 from drivers.robotiq_3f.gripper import Robotiq3F, rtu_link, tcp_link
 from drivers.robotiq_3f.modbus import Link
-from drivers.types import Pose
 from fakes.wire.gripper.server import GripperRtu, GripperServer
-from fakes.world.world import BenchLayout, World
+from fakes.world.world import World
 from support.finger_counts import counts_of
+from support.worlds import empty_world
 
 Wire = GripperServer | GripperRtu
 
@@ -27,7 +27,7 @@ class HurriedClock(SystemClock):
 
 @pytest.fixture
 def world() -> World:
-    return World(BenchLayout(base_T_table=Pose((0.45, 0.0, 0.06)), home=Pose((0.45, 0.0, 0.30))), seed=3)
+    return empty_world()
 
 
 @pytest.fixture(params=["tcp", "rtu"])

@@ -12,13 +12,11 @@ from drivers.clock import SystemClock
 from drivers.errors import DeviceError, GripperFaultError, NotConnectedError, OutOfLimitsError
 from drivers.interfaces import Motion
 from drivers.robotiq_3f.gripper import Robotiq3F, tcp_link
-from drivers.types import Pose
 from fakes.wire.gripper.server import GripperServer
-from fakes.world.world import BenchLayout, World
 from support.finger_counts import opening_m
+from support.worlds import empty_world
 
 OPEN, CLOSED = 6, 255
-LAYOUT = BenchLayout(base_T_table=Pose((0.45, 0, 0.06)), home=Pose((0.45, 0, 0.3), (1, 0, 0, 0)))
 
 
 class HurriedClock(SystemClock):
@@ -37,7 +35,7 @@ class GripperRun(RuleBasedStateMachine):
         self.at: int | None = OPEN
         """Known position of the fingers; None while they are, or may be, moving."""
         self.motion: Motion | None = None
-        self.server = GripperServer(World(LAYOUT, seed=0), HurriedClock(), activation_s=0.1)
+        self.server = GripperServer(empty_world(), HurriedClock(), activation_s=0.1)
         self.server.start()
         self.gripper = Robotiq3F(tcp_link(*self.server.address), speed_m_s=0.11)
 

@@ -11,11 +11,9 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from scipy.spatial.transform import Rotation
 
 from drivers.clock import SystemClock
 from drivers.errors import DeviceError, InputError, OperatorStopError
-from drivers.types import Pose
 from drivers.ur5e.control_process import ControlCommands, Watchdog, answer
 from drivers.ur5e.controller import parse_version, read_package, refuse_local_control, serial_number
 from drivers.ur5e.heartbeat import Heartbeat, Program
@@ -23,20 +21,15 @@ from drivers.ur5e.link import Channel, no_check
 from drivers.ur5e.shared_state import SharedState
 from fakes.wire.ur.robot import Robot
 from fakes.wire.ur.script import LineReader, reply
-from fakes.world.world import BenchLayout, World
+from support.worlds import empty_world
 
 Cases = Callable[[int], int]
-
-
-def make_robot() -> Robot:
-    home = Pose.from_rotation((0.45, 0.0, 0.3), Rotation.from_euler("x", 180, degrees=True))
-    return Robot(World(BenchLayout(Pose((0.45, 0.0, 0.06)), home), seed=1), (5, 25, 0, 0))
 
 
 @pytest.mark.fuzz
 def test_any_dashboard_line_is_parsed_or_rejected(cases: Cases) -> None:
     rng, reader = random.Random(3), LineReader()
-    robot = make_robot()
+    robot = Robot(empty_world(), (5, 25, 0, 0))
     requests = ["running", "robotmode", "stop", "unlock protective stop", "power on", "popup"]
     for _ in range(cases(20_000)):
         known = rng.choice(requests).encode()

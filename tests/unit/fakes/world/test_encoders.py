@@ -14,18 +14,16 @@ from fakes.devices.arm import FakeArm
 from fakes.faults import FaultScript
 from fakes.wire.ur.robot import CYCLE_NS, Robot
 from fakes.world.kinematics import ENCODER_RAD, PHYSICAL_TOOL, compose, forward
-from fakes.world.world import BenchLayout, World
 from rig.export.rotations import ContinuousPoses
 from support.benches import NOISE_M
+from support.worlds import HOME, empty_world
 
-HOME = Pose.from_rotation((0.45, 0.0, 0.3), Rotation.from_euler("x", 180, degrees=True))
-LAYOUT = BenchLayout(Pose((0.45, 0.0, 0.06)), HOME)
 Samples = tuple[list[Vector6], list[Pose]]
 
 
 def in_process(seed: int) -> Samples:
     clock = SimulatedClock()
-    arm = FakeArm(World(LAYOUT, seed=seed), clock, FaultScript())
+    arm = FakeArm(empty_world(seed), clock, FaultScript())
     arm.connect()
     states = []
     for _ in range(400):
@@ -35,7 +33,7 @@ def in_process(seed: int) -> Samples:
 
 
 def over_the_wire(seed: int) -> Samples:
-    robot, joints, poses = Robot(World(LAYOUT, seed=seed), (5, 11, 0, 0)), [], []
+    robot, joints, poses = Robot(empty_world(seed), (5, 11, 0, 0)), [], []
     for _ in range(400):
         robot.cycle(robot.time_ns + CYCLE_NS)
         joints.append(robot.bank.get("actual_q"))

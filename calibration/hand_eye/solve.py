@@ -61,7 +61,10 @@ class HandEyeResult:
     """The estimate and its assessment.
 
     pose: base_T_camera or tcp_T_camera; target: tcp_T_target or base_T_target; both None if refused before
-    solving. rms_px: residual of the used samples; sample_px: the same by id, including rejected samples.
+    solving. From pictures: rms_px, residual of the used samples; sample_px, the same by id, with the rejected
+    samples; spread, problem, refined. From pairs of poses: covariance, (6, 6) of the pose, rotation about its
+    own axes (rad), translation (m); sigmas, (6,) estimated noise in the order of `USUAL_NOISE`; samples,
+    number of used pairs, or of blocks of them.
     """
 
     setup: Setup
@@ -76,6 +79,9 @@ class HandEyeResult:
     used: tuple[str, ...] = ()
     problem: Problem | None = None
     refined: Refined | None = None
+    covariance: Array | None = None
+    sigmas: Array | None = None
+    samples: int = 0
 
 
 def calibrate_hand_eye(samples: Sequence[HandEyeSample], camera: CameraModel, setup: Setup) -> HandEyeResult:

@@ -8,8 +8,9 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import f as f_distribution
 
 from calibration.hand_eye.pose_pairs import PoseSample
-from calibration.hand_eye.pose_solve import PosePairResult, calibrate_pose_pairs
+from calibration.hand_eye.pose_solve import calibrate_pose_pairs
 from calibration.hand_eye.samples import Setup
+from calibration.hand_eye.solve import HandEyeResult
 from calibration.verdict import Verdict
 from drivers.types import Pose
 from rig.benchmark.calibration.motion_scenes import Noise, Truth, general_scene
@@ -45,7 +46,7 @@ def scene(
     return truth, samples
 
 
-def holds(result: PosePairResult, truth: Truth) -> bool:
+def holds(result: HandEyeResult, truth: Truth) -> bool:
     assert result.pose is not None
     assert result.covariance is not None
     error = truth.error_vector(result.pose)

@@ -1,7 +1,4 @@
-"""The verdict on a calibration: good, weak or refused, with its reasons.
-
-Name the unit of a length that is out of range in the unit that its table states.
-"""
+"""The verdict on a calibration: good, weak or refused, with its reasons."""
 
 import math
 import re

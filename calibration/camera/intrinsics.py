@@ -1,9 +1,7 @@
-"""Estimate intrinsics from views of a board; the lens model is chosen by its error on held-out views.
+"""Estimate intrinsics from views of a board, and choose views; held-out views choose the lens model.
 
 The residual of the fit itself is no evidence: fifteen square-on views fit to 0.06 px and project with an
 error of 15 px. So every figure here comes from held-out views or from the covariance.
-
-Choose the views of a board that determine a camera best, before any is taken.
 """
 
 from collections.abc import Sequence

@@ -1,14 +1,12 @@
-"""The gel's colour map from presses of balls of known diameter, checked on held-out presses.
+"""The gel's colour map from presses of balls of known diameter, and its millimetres per pixel.
 
 Inside a ball's contact the gel takes the ball's shape, so the surface normal there is the place
 relative to the centre over the radius: n = (p - c) / R. The centres are not known; they are found
-together with the map, alternately.
+together with the map, alternately. Held-out presses check the map.
 
-Millimetres per pixel on the gel, along x and along y, from a contact moved by known steps.
-
-The two scales differ in real sensors (11.7 and 10.8 px per mm were reported for one), so one
-number does not do for both. A gel is convex: where a ball touches it first lies nearer to the
-gel's top than the ball, by 1 + R / (gel's radius). Balls of two sizes determine it, and the
+The scales along x and y come from a contact moved by known steps. They differ in real sensors (11.7
+and 10.8 px per mm were reported for one). A gel is convex: where a ball touches it first lies nearer
+to the gel's top than the ball, by 1 + R / (gel's radius). Balls of two sizes determine it, and the
 scale is extrapolated to a ball of radius zero.
 """
 

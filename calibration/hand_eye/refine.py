@@ -1,10 +1,8 @@
-"""Least squares on pixels over X and Z together, plain or robust.
+"""Least squares on pixels over X and Z together, plain or robust, and the uncertainty of the estimate.
 
 The pose of one marker is uncertain in depth and tilt but accurate across the view, while pixel errors are
 equal in both axes. Because the robot connects the views, fitting pixels is several times as accurate as
 fitting poses.
-
-Uncertainty of a hand-eye estimate, from the samples and from the camera calibration.
 
 The covariance of the fit ignores the robot's errors, which all points of a picture share. The jackknife
 includes them, but is noisy for few samples. In each direction the larger one is used. Neither includes the

@@ -1,7 +1,4 @@
-"""Calibrate hand-eye from pictures: checks, initial values, robust refinement, outliers, covariance.
-
-Choose the next robot pose: the candidate that most reduces the predicted uncertainty.
-"""
+"""Calibrate hand-eye from pictures: checks, initial values, robust refinement, outliers, next pose."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

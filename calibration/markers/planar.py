@@ -1,11 +1,10 @@
 """The in-plane angle of two markers of equal size: rectify, fit one rotation to all corners, atan2.
 
-Corners of each picture are mapped to the markers' plane by the homography of the averaged static reference.
-In that plane the eight corners rotate as one rigid body at any tilt of the camera. On simulated corners this
-is the most accurate of the known methods at every tilt: the pixel formula is wrong by 1 degree at 15 degrees
-of tilt, and the rotation magnitude of a pose is worst for a frontal camera.
-
-Fit the homography under which two markers are squares of equal side, with its uncertainty.
+Corners of each picture are mapped to the markers' plane by the homography of the averaged static reference,
+under which the markers are squares of equal side. In that plane the eight corners rotate as one rigid body at
+any tilt of the camera. On simulated corners this is the most accurate of the known methods at every tilt: the
+pixel formula is wrong by 1 degree at 15 degrees of tilt, and the rotation magnitude of a pose is worst for a
+frontal camera.
 """
 
 from dataclasses import dataclass, replace

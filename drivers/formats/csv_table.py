@@ -1,15 +1,13 @@
-"""CSV (RFC 4180) with a header: columns by name, rows with their line number, fields as trimmed text.
+"""CSV (RFC 4180) with a header: columns by name, rows with their line number, fields as text or numbers.
 
 Fields are separated by commas, semicolons or tabs, the most frequent one in the header. Empty lines and lines
 that begin with # are skipped. The last of the comments before a table without a header is its header if it
 has as many fields, because `numpy.savetxt` writes it so.
 
-Numbers in text tables: one grammar for every table that the rig reads.
-
-A number consists of a sign, digits with a decimal point, and a decimal exponent; sign, point and exponent may
-be missing: `20`, `-.5`, `2.000e+01`. Python, NumPy, pandas, MATLAB and spreadsheets write this form. Blanks
-around it are ignored. Decimal commas are rejected with the cure, because `1,234` has two meanings. Infinity,
-NaN, control characters, hexadecimal numbers and digits of other scripts are rejected.
+One grammar of numbers holds for every table that the rig reads: a sign, digits with a decimal point, and a
+decimal exponent; sign, point and exponent may be missing: `20`, `-.5`, `2.000e+01`. Python, NumPy, pandas,
+MATLAB and spreadsheets write this form. Decimal commas are rejected with the cure, because `1,234` has two
+meanings. Infinity, NaN, control characters, hexadecimal numbers and digits of other scripts are rejected.
 """
 
 import csv

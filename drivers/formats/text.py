@@ -1,7 +1,4 @@
-"""Read files up to a size limit, write files atomically, and print untrusted bytes in error messages.
-
-Order of numbered files: numbers in their names are compared as numbers, not as text.
-"""
+"""Read files up to a size limit, write them atomically, order their names, print untrusted bytes."""
 
 import codecs
 import os

@@ -1,12 +1,9 @@
-"""Limits on the size of compressed data after decompression, for every reader of compressed files.
+"""Limits on the size of compressed data after decompression, and of the tensors that an ONNX file declares.
 
 A few kilobytes can decompress to gigabytes. Data may become `MOST_UNPACKED`, or `MOST_RATIO` times their size
 in the file if that is more. The size is counted while decompressing, because stated sizes may be wrong.
-
-Size of the tensors that an ONNX file declares, read from its protocol buffers without loading them.
-
-onnxruntime allocates a sparse tensor in full when it opens a file: 200 bytes may declare gigabytes. Field
-numbers are those of onnx.proto (ONNX IR version 8).
+onnxruntime allocates a sparse tensor in full when it opens a file, so declared sizes are read from the
+protocol buffers first. Field numbers are those of onnx.proto (ONNX IR version 8).
 """
 
 import bz2

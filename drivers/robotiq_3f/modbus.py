@@ -1,12 +1,8 @@
-"""Single Modbus requests to a Robotiq 3-Finger gripper: addresses, requests, and checks of the replies.
+"""The thread that owns a gripper's Modbus connection: polls the status and sends commands.
 
-Only this module uses pymodbus. Whatever it raises or returns for a silent or cut line, an exception reply or
-invalid data becomes one `DeviceError` within two attempts.
-
-The thread that owns a gripper's Modbus connection: polls the status and sends commands.
-
-A pymodbus client must not be shared between threads. Other threads read the newest status or queue a command;
-none of them waits longer than `ANSWER_S`, however the connection fails.
+Only this module uses pymodbus, whose client must not be shared between threads. Whatever it raises or returns
+for a silent or cut line, an exception reply or invalid data becomes one `DeviceError` within two attempts.
+Other threads read the newest status or queue a command; none of them waits longer than `ANSWER_S`.
 """
 
 import logging

@@ -1,10 +1,8 @@
-"""The register map of the Robotiq 3-Finger gripper: encode and decode it. Pure functions, no I/O.
+"""The registers of the Robotiq 3-Finger gripper, its status, and its motion commands. Pure functions, no I/O.
 
 Source: Robotiq 3-Finger Adaptive Robot Gripper instruction manual (2014 and 2018 editions),
 section 4, "Robot output registers" and "Robot input registers". Both images are 15 bytes, sent
 as 8 registers of two bytes, the first byte in the high half; the 16th byte is padding.
-
-Interpret a status of the Robotiq 3-Finger, and compose its motion commands. Pure functions, no I/O.
 """
 
 from collections.abc import Mapping, Sequence

@@ -1,4 +1,4 @@
-"""The command process: executes `ControlCommands` with ur-rtde's control interface.
+"""The calls of ur-rtde's control interface, and the process that executes them.
 
 When the interface loses its connection it reconnects, and crashes with a segmentation fault (ur-rtde 1.6.5).
 It therefore runs in a separate process, which exits as soon as the arm's state is too old, before the
@@ -11,11 +11,6 @@ Each line on the socket is {"number": n, "call": name, "arguments": [...], "name
 Between calls the process kicks the controller's watchdog: if this process ends, the program on the
 controller stops the arm within one period of `WATCHDOG_HZ`. If its parent ends, or does not poll the arm
 during a motion (`drivers.ur5e.heartbeat`), this process stops the arm itself.
-
-The calls that the command process executes: ur-rtde's control interface, as methods.
-
-`ControlClient` makes these calls from the driver's process. Arguments and results travel as JSON, so they
-are numbers, lists of numbers, and tuples, which arrive as lists.
 """
 
 import faulthandler

@@ -1,12 +1,10 @@
-"""Check that the controller answers before ur-rtde connects, each step with a deadline.
+"""Check that the controller answers before ur-rtde connects, each step with a deadline; its dashboard.
 
 ur-rtde's constructors wait forever if the peer accepts the connection but sends nothing. This module
 negotiates the protocol and reads the controller's version on the same port, and reports errors.
 
-Client of the dashboard server of the arm's controller: one line per request and answer, port 29999.
-
-ur-rtde's own client waits up to 2.5 s for a line, which is too long for a stop. Wording of requests and
-replies: Universal Robots, "Dashboard Server e-Series".
+The dashboard server on port 29999 answers one line per request. ur-rtde's own client waits up to 2.5 s for a
+line, which is too long for a stop. Wording: Universal Robots, "Dashboard Server e-Series".
 """
 
 import re

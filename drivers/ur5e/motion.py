@@ -1,10 +1,7 @@
-"""A motion of the arm: check its joint limits, and follow its progress by operation number and state stream.
+"""A motion of the arm, followed by operation number and state stream; the controller's status as errors.
 
 The controller writes a pose as x y z in m and a rotation vector in rad; `to_ur` and `from_ur` convert.
-
-Convert the status reported by the arm's controller to text and typed errors.
-
-Values and bits: Universal Robots, "RTDE Guide", robot_mode, runtime_state, safety_status_bits.
+Status values and bits: Universal Robots, "RTDE Guide", robot_mode, runtime_state, safety_status_bits.
 """
 
 import math

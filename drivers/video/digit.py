@@ -6,10 +6,8 @@ and blue (firmware before 2.00: one value for all three). Its users report first
 (its issue 16), reads that hang (17), and glitches and shifted images at 640 x 480 (10). This driver has not
 been tried on a real DIGIT.
 
-Detect images that do not show the gel: a transfer that was aborted, or lines with lost bytes.
-
-Both are reported for DIGITs at 640 x 480 and for a loaded USB bus. The checks cannot reject what an elastomer
-under fixed LEDs shows: its background has neither a step along the image nor a constant colour.
+Images of aborted transfers or with lost bytes are detected. The checks cannot reject what an elastomer under
+fixed LEDs shows: its background has neither a step along the image nor a constant colour.
 """
 
 import cv2

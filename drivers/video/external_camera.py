@@ -1,12 +1,10 @@
-"""The external camera: a video device, an MJPEG URL, a folder of images or a video file.
+"""The external camera (a video device, MJPEG URL, folder of images or video file), and the GelSight Mini.
 
-A GelSight Mini: a USB camera under a gel; frames are the gel alone, 320 x 240 px.
-
-Its camera has one mode, JPEG of 3280 x 2464 px at 25 Hz (`v4l2-ctl --list-formats-ext` in
-github.com/gelsightinc/gsrobotics/issues/36); users of that SDK measured 18 to 25 Hz on Linux (its issue 6).
-The SDK cuts a border of 0.15 off each side and scales to 320 x 240 px (`default_config.json`,
-`utilities/image_processing.py`); earlier versions cut off 1/7 (`examples/gsdevice.py`).
-No GelSight Mini was at hand to try this on.
+A GelSight Mini is a USB camera under a gel with one mode, JPEG of 3280 x 2464 px at 25 Hz (`v4l2-ctl
+--list-formats-ext` in github.com/gelsightinc/gsrobotics/issues/36); users of that SDK measured 18 to 25 Hz on
+Linux (its issue 6). The SDK cuts a border of 0.15 off each side and scales to 320 x 240 px
+(`default_config.json`, `utilities/image_processing.py`); earlier versions cut off 1/7
+(`examples/gsdevice.py`). No GelSight Mini was at hand to try this on.
 """
 
 import cv2

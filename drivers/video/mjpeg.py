@@ -4,15 +4,11 @@ A server may add to each part the number of the image (`X-Sequence`) and its cap
 of the server's clock). A server that simulates a sensor names a control address in the header of its answer
 (`X-Control`); settings are sent there as JSON, and nowhere else.
 
-Motion JPEG over HTTP: parse the parts of a multipart stream from bytes in any portions.
-
 `multipart/x-mixed-replace` is MIME multipart (RFC 2046, 5.1) in which each part replaces the last. Servers
 differ: with or without Content-Length, quoted boundaries, boundaries announced with their leading dashes,
-bare line feeds. Only a stream without any part raises an error.
-
-Existing readers do not fit: OpenCV's video capture returns neither the bytes as received nor the part's
-headers. Parsers of MIME multipart deliver a part only after the next delimiter, which many cameras send with
-the next image, one period later.
+bare line feeds. Only a stream without any part raises an error. Existing readers do not fit: OpenCV's video
+capture returns neither the bytes as received nor the part's headers, and parsers of MIME multipart deliver a
+part only after the next delimiter, which many cameras send with the next image, one period later.
 """
 
 import base64

@@ -3,8 +3,6 @@
 An unread source delivers its oldest image first, and stops for good at the first failure (measured with
 OpenCV: after a pause of 3 s a reader gets the image of 3 s ago). So one thread reads continuously, keeps the
 frames of the last two seconds, and reopens the source after a failure.
-
-Frame buffer of one connection between the reader thread and its users.
 """
 
 import threading

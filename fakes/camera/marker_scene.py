@@ -1,10 +1,9 @@
 """Render the simulated external camera's image: a bench, and a bar-shaped object with two printed markers.
 
-The markers and the bar are in the object's x-z plane and face the camera. They are one texture. The texture
-is blurred as by the lens before it is sampled once per pixel. Because a homography is nearly affine over the
-width of the blur, the result is the blurred image, ten times faster than with supersampling.
-
-Draw the texture of the simulated object's front, with edges accurate to a fraction of a texel.
+The markers and the bar are in the object's x-z plane and face the camera. They are one texture, with edges
+accurate to a fraction of a texel, which is blurred as by the lens before it is sampled once per pixel.
+Because a homography is nearly affine over the width of the blur, the result is the blurred image, ten times
+faster than with supersampling.
 """
 
 import math

@@ -1,9 +1,8 @@
-"""`rig calibrate gripper, sync`: tables and streams from a folder.
+"""`rig calibrate gripper, sync, tcp`: tables and streams from a folder.
 
-`rig calibrate tcp`: the point of a tip clamped in the fingers, seen from the flange.
-
-The clamped tip stands out of the gels, so its point is not the bench file's `tcp_m`, the point between the
-gels. The difference of both, along the tool's axes, is what a calliper measures from the gels to the point.
+The tip clamped for `tcp` stands out of the gels, so its point is not the bench file's `tcp_m`, the point
+between the gels. The difference of both, along the tool's axes, is what a calliper measures from the gels to
+the point.
 """
 
 from dataclasses import replace

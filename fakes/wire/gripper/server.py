@@ -4,8 +4,6 @@ Both are usable by any Modbus client. Not modelled: baud rate, parity and modem 
 wrong baud rate does not fail here), a limit on the number of TCP clients, several requests in one TCP segment
 (only the first is answered).
 
-What the two transports of the simulated gripper share: registers, 200 Hz refresh, faults, the thread.
-
 Requests are decoded and answered by pymodbus's server. The driver uses the same library's client, so that an
 error of its codec would cancel itself out: the tests therefore compare the frames with those printed in the
 manuals, and use a client of another library.
@@ -238,9 +236,8 @@ PAUSE_S = 0.05
 class GripperServer(WireGripper):
     """Modbus TCP; any unit is answered, because the manual and the ROS driver use different ones.
 
-    preset: "tcp" or "tcp-2014". Its port is free at
-    the start, and kept over a disconnect. fingers: the axes
-    that carry the world's fingertips. activation_s: duration of the activation (our assumption).
+    preset: "tcp" or "tcp-2014". Its port is free at the start, and kept over a disconnect. fingers: the
+    axes that carry the world's fingertips. activation_s: duration of the activation (our assumption).
     """
 
     def __init__(

@@ -3,13 +3,9 @@
     GET  /stream.mjpg    the images; any MJPEG client can read them (OpenCV, curl, a browser)
     POST /control        {"size_px": [320, 240]}, {"rate_hz": 60}, {"light": [1, 1, 1]}
 
-Each part carries its number (X-Sequence) and its capture time (X-Timestamp, s of the computer's monotonic
-clock), so that served and recorded images can be compared.
-
-A simulated DIGIT or camera as it appears on its wire: modes, light, numbers, and faults.
-
-It replaces the device and its driver in the kernel: raw images on a schedule, each with a number and a
-capture time. Those of a DIGIT are rotated by 90 degrees, and its first ones are green.
+It replaces the device and its driver in the kernel: raw images on a schedule, each with its number
+(X-Sequence) and its capture time (X-Timestamp, s of the computer's monotonic clock), so that served and
+recorded images can be compared. Those of a DIGIT are rotated by 90 degrees, and its first ones are green.
 """
 
 import json

@@ -1,12 +1,11 @@
 """A simulated UR5e controller on the ports of a real one, for the real client libraries.
 
 30004 is the real-time data exchange, 29999 the dashboard; 30001 to 30003 receive programs. The clients fix
-the ports, so each controller needs its own address: 127.0.0.1, 127.0.0.2, ...
+the ports, so each controller needs its own address: 127.0.0.1, 127.0.0.2, ... Its connections read and write
+without ever waiting for a client.
 
 It must not run in the process of a ur-rtde client: the constructors of that client hold the interpreter lock
 while they wait for the controller's answer.
-
-The controller's connections: reading and writing sockets without ever waiting for a client.
 """
 
 import contextlib

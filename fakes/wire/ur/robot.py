@@ -1,7 +1,4 @@
-"""The state of the simulated controller: arm, safety, program and registers, one control cycle at a time.
-
-Conditions for motion of the simulated arm: running program and watchdog, safety system, and power.
-"""
+"""The state of the simulated controller: arm, safety, program and registers, one control cycle at a time."""
 
 import logging
 import math

@@ -1,13 +1,9 @@
-"""The real-time data exchange, version 2, as the controller speaks it on port 30004.
+"""The real-time data exchange, version 2, as the controller speaks it on port 30004, and its variables.
 
-Packages are `uint16 size (of the whole), uint8 type, payload`, big-endian (Universal Robots,
-RTDE Guide). One `RtdeSession` is one client's connection; it does not read or write sockets.
-
-The variables of the real-time data exchange: names and types.
-
-Universal Robots, "Real-Time Data Exchange (RTDE) Guide", tables of controller outputs and inputs. Outputs
-that the simulated controller does not model read zero. Every version of the controller has all variables,
-also those that the guide introduces later.
+Packages are `uint16 size (of the whole), uint8 type, payload`, big-endian (Universal Robots, "Real-Time Data
+Exchange (RTDE) Guide", also for the variables). One `RtdeSession` is one client's connection; it does not
+read or write sockets. Outputs that the simulated controller does not model read zero. Every version of the
+controller has all variables, also those that the guide introduces later.
 """
 
 import math

@@ -2,7 +2,6 @@
 
 import threading
 import time
-from collections.abc import Callable
 
 import pytest
 from pymodbus.client import ModbusTcpClient
@@ -18,21 +17,15 @@ from drivers.interfaces import Motion
 from drivers.robotiq_3f.gripper import Robotiq3F, tcp_link
 from drivers.robotiq_3f.modbus import Link
 from drivers.robotiq_3f.registers import Command, FaultCode, GraspMode, pack_command, unpack_status
-from fakes.wire.gripper.server import GripperRtu, GripperServer
+from fakes.wire.gripper.server import GripperServer
 from fakes.world.world import World
 from support.finger_counts import counts_of, opening_m
+from support.gripper_on_wire import Wire, raised_by, reach, written
 from support.marks import long
-
-Wire = GripperServer | GripperRtu
-RaisedBy = Callable[[Callable[[], object]], DeviceError]
-Reach = Callable[[Robotiq3F, int], None]
-Written = Callable[[Wire], bytes]
 
 
 @pytest.mark.parametrize("wire", ["tcp", "tcp-2014", "rtu"], indirect=True)
-def test_gripper_activates_moves_and_stops_over_every_transport(
-    wire: tuple[Wire, Link], reach: Reach, written: Written
-) -> None:
+def test_gripper_activates_moves_and_stops_over_every_transport(wire: tuple[Wire, Link]) -> None:
     fake, link = wire
     gripper = Robotiq3F(link, speed_m_s=0.022)
     gripper.connect()
@@ -57,7 +50,7 @@ def test_gripper_activates_moves_and_stops_over_every_transport(
 
 @pytest.mark.parametrize(("fingers", "requests"), [(("A", "B"), (50, 50, 6)), (("A", "B", "C"), (50, 0, 0))])
 def test_only_the_chosen_fingers_move(
-    server: GripperServer, fingers: tuple[str, ...], requests: tuple[int, int, int], written: Written
+    server: GripperServer, fingers: tuple[str, ...], requests: tuple[int, int, int]
 ) -> None:
     gripper = Robotiq3F(tcp_link(*server.address), fingers=fingers, speed_m_s=0.11)
     gripper.connect()
@@ -69,9 +62,7 @@ def test_only_the_chosen_fingers_move(
     gripper.disconnect()
 
 
-def test_status_without_the_echo_of_the_command_is_ignored(
-    gripper: Robotiq3F, server: GripperServer, raised_by: RaisedBy
-) -> None:
+def test_status_without_the_echo_of_the_command_is_ignored(gripper: Robotiq3F, server: GripperServer) -> None:
     """The gripper acknowledges the command, but still reports the previous motion."""
     gripper.move_to(opening_m(gripper, 20)).wait(5.0)
     server.inject("deaf")
@@ -107,7 +98,7 @@ def moved_after_the_change(gripper: Robotiq3F, counts: int) -> Motion:
 
 
 def test_modes_change_only_on_request_and_motions_keep_them(
-    gripper: Robotiq3F, server: GripperServer, written: Written
+    gripper: Robotiq3F, server: GripperServer
 ) -> None:
     set_mode(server, GraspMode.WIDE)
     assert written(server)[0] == 0b0101
@@ -123,7 +114,7 @@ def test_modes_change_only_on_request_and_motions_keep_them(
 
 
 @pytest.mark.parametrize("after_s", [0.0, 0.02, 0.3, *long(0.01, 0.03, 0.05)])
-def test_stop_ends_an_activation_at_any_moment(world: World, after_s: float, written: Written) -> None:
+def test_stop_ends_an_activation_at_any_moment(world: World, after_s: float) -> None:
     slow = GripperServer(world, SystemClock(), activation_s=60.0)
     slow.start()
     gripper = Robotiq3F(tcp_link(*slow.address))

@@ -1,6 +1,7 @@
 """Every parser of the arm with random bytes, truncated or mixed packages: typed errors, never a hang."""
 
 import contextlib
+import io
 import json
 import os
 import random
@@ -53,24 +54,26 @@ def _typed(call: Callable[[], object]) -> None:
         call()
 
 
+def delivered(data: bytes, rng: random.Random) -> Callable[[int], bytes]:
+    """Return a function that reads bytes in pieces until the connection is closed."""
+    stream = io.BytesIO(data)
+
+    def read(most: int) -> bytes:
+        if part := stream.read(rng.randint(1, most) if most else 0):
+            return part
+        raise DeviceError("arm: closed")
+
+    return read
+
+
 @pytest.mark.fuzz
 def test_any_first_package_is_parsed_or_rejected(cases: Cases) -> None:
     rng = random.Random(4)
     for _ in range(cases(25_000)):
         good = struct.pack(">HB", 19, ord("v")) + struct.pack(">4I", 5, 11, 0, 0)
         data = rng.choice((good, good[: rng.randrange(19)], rng.randbytes(rng.randrange(30)), b"\x00\x03v"))
-        at = 0
-
-        def read(most: int, data: bytes = data) -> bytes:
-            nonlocal at
-            part = data[at : at + rng.randint(1, most)] if most else b""
-            at += len(part)
-            if not part:
-                raise DeviceError("arm: closed")
-            return part
-
         try:
-            kind, payload = read_package(read)
+            kind, payload = read_package(delivered(data, rng))
             assert len(kind) == 1
             parse_version(payload)
         except DeviceError:
@@ -167,13 +170,5 @@ def test_late_answer_to_an_interrupted_call_is_not_given_to_the_next() -> None:
 
 @pytest.mark.parametrize("data", [b"", b"\x00", b"\xff" * 3, b"\xff\xff\x56"])
 def test_package_with_an_impossible_size_is_rejected(data: bytes) -> None:
-    stream = iter([data, b""])
-
-    def read(most: int) -> bytes:
-        part = next(stream, b"")
-        if not part:
-            raise DeviceError("arm: closed")
-        return part[:most]
-
     with pytest.raises(DeviceError):
-        read_package(read)
+        read_package(delivered(data, random.Random(0)))

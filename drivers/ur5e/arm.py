@@ -119,7 +119,6 @@ class UR5e(Arm):
             raise
 
     def disconnect(self) -> None:
-        """Stop any motion and close the connection. Safe to call twice."""
         if self._link is not None:
             if not self._known_to_stand(self._link):
                 self.stop()

@@ -112,7 +112,6 @@ class FakeArm(Arm):
         self._guided = True
 
     def end_guiding(self) -> None:
-        """End leading by hand; the arm keeps its position."""
         if self._guided:
             self.stop()
             wait_until(
@@ -134,7 +133,6 @@ class FakeArm(Arm):
         self._world.tool = self._world.tool.braked_at(self._clock.now_ns(), STOP_DECELERATION_M_S2)
 
     def recover(self, confirm: Callable[[str], None]) -> None:
-        """Release a protective stop after the operator has confirmed it."""
         self._require_connected()
         if self._protective_stop(self._clock.now_ns()):
             confirm("The arm is in protective stop. Is it free to move, and shall the stop be released?")

@@ -81,7 +81,6 @@ class FakeDigit(FakeSource, TactileSensor):
         self._light = (red + green + blue) / 3.0
 
     def draw(self, time_ns: int, rng: np.random.Generator) -> Image:
-        """Return the image at `time_ns`, (H, W, 3) uint8 RGB. rng: draws the noise."""
         state = self._world.state_at(time_ns)
         image = self._gel.render(self._imprint(state), time_ns / NS_PER_S, rng)
         if self._conditions.codec is not None:

@@ -36,6 +36,7 @@ def test_park_equals_opencv() -> None:
     ours = park(a_R, a_t, b_R, b_t)
     assert ours.x_R == pytest.approx(turn, abs=1e-9)
     assert ours.x_t == pytest.approx(move.ravel(), abs=1e-9)
+    assert ours.z_t == pytest.approx(shah(a_R, a_t, b_R, b_t).z_t, abs=1e-2)
 
 
 def test_shah_equals_opencv() -> None:

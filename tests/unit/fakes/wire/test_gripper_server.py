@@ -89,6 +89,15 @@ def test_tcp_frames_are_the_manuals(preset: str, command: str, status: str) -> N
     server.stop()
 
 
+def test_status_registers_cannot_be_written() -> None:
+    server = GripperServer(empty_world(), SystemClock(), preset="tcp-2014")
+    server.start()
+    with socket.create_connection(server.address) as stream:
+        write = "33 9A 00 00 00 0D 02 10 07 D0 00 03 06 01 00 00 00 00 00"
+        assert exchange(stream, write) == "33 9A 00 00 00 03 02 90 02"
+    server.stop()
+
+
 def test_another_master_over_tcp(server: GripperServer) -> None:
     """pyModbusTCP: reads, single and block writes, and both at once."""
     client_module = pytest.importorskip(

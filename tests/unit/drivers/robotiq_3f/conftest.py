@@ -9,6 +9,7 @@ from drivers.robotiq_3f.gripper import Robotiq3F, rtu_link, tcp_link
 from drivers.robotiq_3f.modbus import Link
 from fakes.wire.gripper.server import GripperRtu, GripperServer
 from fakes.world.world import World
+from support.connected import connected
 from support.gripper_on_wire import HurriedClock, Wire
 from support.worlds import empty_world
 
@@ -45,8 +46,6 @@ def server(world: World) -> Iterator[GripperServer]:
 @pytest.fixture
 def gripper(server: GripperServer) -> Iterator[Robotiq3F]:
     """A connected and activated gripper over TCP, at full speed."""
-    gripper = Robotiq3F(tcp_link(*server.address), speed_m_s=0.11)
-    gripper.connect()
-    gripper.activate()
-    yield gripper
-    gripper.disconnect()
+    with connected(Robotiq3F(tcp_link(*server.address), speed_m_s=0.11)) as gripper:
+        gripper.activate()
+        yield gripper

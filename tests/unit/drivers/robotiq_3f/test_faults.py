@@ -10,6 +10,7 @@ from drivers.errors import DeviceError, DeviceTimeoutError, GripperFaultError, N
 from drivers.robotiq_3f.gripper import Robotiq3F, rtu_link, tcp_link
 from drivers.robotiq_3f.modbus import Link
 from fakes.wire.gripper.server import GripperServer
+from support.connected import connected
 from support.finger_counts import counts_of, opening_m
 from support.gripper_on_wire import Wire, raised_by, written
 from support.waiting import until
@@ -41,16 +42,14 @@ def test_fault_in_a_motion_is_reported_and_cleared_by_reconnecting(
     message: str,
 ) -> None:
     fake, link = wire
-    gripper = Robotiq3F(link, speed_m_s=0.022)
-    gripper.connect()
-    gripper.activate()
-    motion = gripper.move_to(opening_m(gripper, 255))
-    fake.inject(kind, **arguments)
-    error = raised_by(motion.done)
-    assert isinstance(error, expected)
-    assert re.search(message, str(error))
-    fake.inject("clear")
-    gripper.disconnect()
+    with connected(Robotiq3F(link, speed_m_s=0.022)) as gripper:
+        gripper.activate()
+        motion = gripper.move_to(opening_m(gripper, 255))
+        fake.inject(kind, **arguments)
+        error = raised_by(motion.done)
+        assert isinstance(error, expected)
+        assert re.search(message, str(error))
+        fake.inject("clear")
     time.sleep(0.05)
     gripper.connect()
     gripper.activate()
@@ -76,15 +75,13 @@ def test_lost_activation_is_an_error_until_the_next_activation(
 
 def test_obstacle_during_activation_is_fault_13(server: GripperServer) -> None:
     server.inject("blocked")
-    gripper = Robotiq3F(tcp_link(*server.address))
-    gripper.connect()
-    with pytest.raises(GripperFaultError, match="free the fingers") as raised:
+    with connected(Robotiq3F(tcp_link(*server.address))) as gripper:
+        with pytest.raises(GripperFaultError, match="free the fingers") as raised:
+            gripper.activate()
+        assert raised.value.code == 0x0D
+        server.inject("clear")
         gripper.activate()
-    assert raised.value.code == 0x0D
-    server.inject("clear")
-    gripper.activate()
-    assert gripper.state().activated
-    gripper.disconnect()
+        assert gripper.state().activated
 
 
 def test_reading_resumes_when_the_line_recovers(gripper: Robotiq3F, server: GripperServer) -> None:

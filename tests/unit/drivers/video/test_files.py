@@ -15,6 +15,7 @@ from drivers.video import reader
 from drivers.video.digit import Digit
 from drivers.video.external_camera import ExternalCamera
 from fakes.clock import SimulatedClock
+from support.connected import connected
 from support.frame_files import write_folder, write_video
 from support.waiting import until
 
@@ -40,10 +41,8 @@ def recording(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
 
 @pytest.fixture
 def camera(recording: Path):
-    camera = ExternalCamera("C1", str(recording), RATE_HZ, (64, 48))
-    camera.connect()
-    yield camera
-    camera.disconnect()
+    with connected(ExternalCamera("C1", str(recording), RATE_HZ, (64, 48))) as camera:
+        yield camera
 
 
 def test_frames_equal_the_files_bit_for_bit(camera: ExternalCamera) -> None:
@@ -124,12 +123,10 @@ def test_jpeg_files_keep_their_bytes_and_damaged_ones_are_withheld(tmp_path: Pat
         (tmp_path / f"{number}.jpg").write_bytes(jpeg[:300] if number == 2 else jpeg)
     (tmp_path / "10.png").write_bytes(b"\x89PNG cut short")
     (tmp_path / "notes.txt").write_text("no image")
-    camera = ExternalCamera("C1", str(tmp_path), RATE_HZ)
-    camera.connect()
-    frames = [camera.next_frame(1.0) for _ in range(5)]
-    with pytest.raises(DeviceError, match="all 7 images"):
-        camera.next_frame(1.0)
-    camera.disconnect()
+    with connected(ExternalCamera("C1", str(tmp_path), RATE_HZ)) as camera:
+        frames = [camera.next_frame(1.0) for _ in range(5)]
+        with pytest.raises(DeviceError, match="all 7 images"):
+            camera.next_frame(1.0)
     assert [frame.jpeg for frame in frames] == [jpegs[number] for number in (0, 1, 3, 4, 5)]
     assert [frame.sequence for frame in frames] == [0, 1, 3, 4, 5]
     assert camera.counters()["damaged"] == 2
@@ -137,10 +134,8 @@ def test_jpeg_files_keep_their_bytes_and_damaged_ones_are_withheld(tmp_path: Pat
 
 def test_sideways_files_of_a_digit_are_rotated_upright(tmp_path: Path) -> None:
     write_folder(tmp_path, lambda time_ns: np.ascontiguousarray(drawn(time_ns)), RATE_HZ, 20)
-    digit = Digit("D1", RATE_HZ, (48, 64), str(tmp_path))
-    digit.connect()
-    frame = digit.next_frame(1.0)
-    digit.disconnect()
+    with connected(Digit("D1", RATE_HZ, (48, 64), str(tmp_path))) as digit:
+        frame = digit.next_frame(1.0)
     assert np.array_equal(frame.image, np.rot90(IMAGES[frame.sequence]))
 
 

@@ -11,16 +11,15 @@ from drivers.clock import SystemClock
 from drivers.errors import NotConnectedError
 from drivers.types import Frame
 from drivers.video.external_camera import ExternalCamera
+from support.connected import connected
 from support.mjpeg_servers import JPEGS, SERVERS, SIZE, Behaviour, plain, silent_after, stamped
 from support.waiting import LIMIT_S
 
 
 def read(serve, behaviour: Behaviour, count: int, size=None) -> tuple[ExternalCamera, list[Frame]]:
     """Frames of a server, and the camera that read them, which is disconnected."""
-    camera = ExternalCamera("C1", serve(behaviour).url, 30.0, size)
-    camera.connect()
-    frames = [camera.next_frame(2.0) for _ in range(count)]
-    camera.disconnect()
+    with connected(ExternalCamera("C1", serve(behaviour).url, 30.0, size)) as camera:
+        frames = [camera.next_frame(2.0) for _ in range(count)]
     return camera, frames
 
 
@@ -41,10 +40,8 @@ def test_stopped_server_is_reopened_and_the_gap_is_counted(serve) -> None:
 
 
 def test_server_times_of_this_computers_clock_are_used(serve) -> None:
-    camera = ExternalCamera("C1", serve(stamped(0.0, list(range(30)))).url, 30.0)
-    camera.connect()
-    times_ns = [(camera.next_frame(1.0).time_ns, SystemClock().now_ns()) for _ in range(20)]
-    camera.disconnect()
+    with connected(ExternalCamera("C1", serve(stamped(0.0, list(range(30)))).url, 30.0)) as camera:
+        times_ns = [(camera.next_frame(1.0).time_ns, SystemClock().now_ns()) for _ in range(20)]
     assert camera.time_kind == "peer"
     assert min(now - time_ns for time_ns, now in times_ns) >= 20_000_000
 

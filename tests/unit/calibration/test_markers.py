@@ -100,6 +100,16 @@ def test_duplicate_marker_alone_is_refused_as_a_jump(scene):
     assert tracker.detect(phantom) is Refusal.JUMP
 
 
+def test_two_copies_as_near_as_each_other_are_refused(scene):
+    gray, (first, _) = picture(scene, seen_from()), scene.exact_corners_px(seen_from())
+    tracker = MarkerTracker((0, 1))
+    tracker.detect(gray)
+    x, y = first.min(axis=0).astype(int) - 8
+    above = copied(gray, first, (x, y - 30))
+    above[y + 30 :] = copied(gray, first, (x, y + 30))[y + 30 :]
+    assert tracker.detect(above) is Refusal.DUPLICATE
+
+
 def test_markers_are_found_at_a_new_position_after_missed_frames(scene):
     tracker = MarkerTracker((0, 1))
     tracker.detect(picture(scene, seen_from(x=-0.1)))

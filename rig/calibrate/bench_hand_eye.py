@@ -88,7 +88,7 @@ def facing_poses(
 
 
 def looking_poses(config: BenchConfig, seed: int) -> list[Pose]:
-    """Poses from which a camera that looks along the tool sees the table's mark.
+    """Return poses from which a camera that looks along the tool sees the table's mark.
 
     From 0.26 to 0.36 m, tilted by up to 28 degrees any way, turned by up to 50 about the tool's axis.
     """
@@ -121,7 +121,7 @@ class _Session:
         self._visited = 0
 
     def next(self) -> tuple[str, Pose] | None:
-        """The next pose: the first ones as drawn, then the one that lowers the predicted sigma most."""
+        """Return the next pose: first those as drawn, then the one that lowers the predicted sigma most."""
         if len(self.samples) >= self._count or not self._left:
             return None
         self._visited += 1

@@ -106,7 +106,7 @@ def collect_tip(station: Station, count: int, accept_change: bool = False) -> Ca
 
 
 def _tilted(config: BenchConfig, count: int) -> list[PlannedMotion]:
-    """The tilts above the mark, as far as they are known: the tool as it stands, taken to point down."""
+    """Return the tilted poses above the mark, assuming that the tool now points down."""
     above = Pose(config.table.position_m).translated(z_m=FIRST_ABOVE_M).position_m
     poses = [Pose.from_rotation(above, turn * TOOL_DOWN) for turn in tilts(count)]
     return [
@@ -116,7 +116,7 @@ def _tilted(config: BenchConfig, count: int) -> list[PlannedMotion]:
 
 
 def tilts(count: int) -> list[Rotation]:
-    """Turns about level axes all round, the first one none, then alternately half and fully tilted."""
+    """Return rotations about horizontal axes: none, then half and full tilt in turn."""
     turns = [Rotation.identity()]
     for i in range(1, count):
         size = np.radians(_LARGEST_TILT_DEG) * (0.5 if i % 2 else 1.0)

@@ -1,8 +1,7 @@
 """`rig calibrate gripper, sync, tcp`: tables and streams from a folder.
 
 The tip clamped for `tcp` stands out of the gels, so its point is not the bench file's `tcp_m`, the point
-between the gels. The difference of both, along the tool's axes, is what a calliper measures from the gels to
-the point.
+between the gels. A calliper checks the difference: measure from the gels to the point along the tool's axes.
 """
 
 from dataclasses import replace
@@ -75,7 +74,7 @@ def gripper_from_folder(folder: Path, serial: str, step_m: float = STEP_M) -> Ca
 
 
 def sync_from_folder(folder: Path, first: str, second: str, search_s: float) -> CalibrationResult:
-    """Two CSV files of one motion, `<name>.csv` with time_ns (or t_s) and value."""
+    """Find the offset of two CSV files of one motion, `<name>.csv` with time_ns (or t_s) and value."""
     paths = [folder / f"{name}.csv" for name in (first, second)]
     one, other = (read_stream(path) for path in paths)
     found = time_offset(one, other, search_s)
@@ -222,7 +221,7 @@ def _change(apart_m: float, accepted: bool) -> Assessment:
 
 
 def _flange_poses(path: Path, flange_T_tcp: Pose | None) -> tuple[dict[str, Pose], list[Rejected]]:  # noqa: N803
-    """`base_T_flange` by id, and the invalid rows. Raises `InputError` if their frame is unknown."""
+    """Return `base_T_flange` by id, and the invalid rows. Raises `InputError` if their frame is unknown."""
     frames = {row.get("child_frame", "") for _, row in read_csv_rows(path)}
     poses, rejected = read_poses(path)
     if frames <= {FLANGE}:

@@ -124,7 +124,7 @@ def _transform(parent: str, child: str, pose: Pose) -> dict[str, object]:
 
 
 def _value(setup: Setup, pose: Pose | None, target: Pose | None) -> dict[str, object]:
-    """The value of a hand-eye file; nothing where there is no answer."""
+    """Return the value of a hand-eye file; nothing without an answer."""
     if pose is None or target is None:
         return {}
     parent, child, holder = FRAMES[setup]
@@ -188,7 +188,7 @@ def _numbers(result: HandEyeResult) -> dict[str, str]:
 
 
 def _pair_figures(result: HandEyeResult) -> tuple[dict[str, object], dict[str, str]]:
-    """Quality and numbers of an answer from pairs of poses; nothing without one."""
+    """Return quality and numbers of an answer from pairs of poses; nothing without one."""
     if result.pose is None or result.covariance is None or result.sigmas is None:
         return {}, {}
     quality = {

@@ -153,7 +153,7 @@ def _diameter_mm(value: float, where: str) -> float:
 
 
 def _circles(path: Path) -> dict[str, Circle]:
-    """Circles by the name of their picture, without leading zeros."""
+    """Read circles by the name of their picture, without leading zeros."""
     found: dict[str, Circle] = {}
     for line, row in read_csv_rows(path, ("center_x", "center_y", "radius")):
         where = f"{path} line {line}"

@@ -42,11 +42,11 @@ def tactile_from_folder(
     circles: Path | None = None,
     untouched: Path | None = None,
 ) -> CalibrationResult:
-    """The gel's scale, colour map and look from a folder of presses, as `read_press_folder` reads it.
+    """Fit a gel's scale, colour map and look to a folder of presses, as `read_press_folder` reads it.
 
-    mm_per_px: along x and y if known; else it is fitted to the known moves of the presses
-    (columns x_mm, y_mm), or taken as a DIGIT's, with a doubt. A map that fails its own test is left
-    out where there is a fitted scale to keep.
+    mm_per_px: along x and y if known; else it is fitted to the known moves of the presses (columns x_mm,
+    y_mm), or that of a DIGIT, reported as a doubt. If the colour map fails its test, only the fitted scale is
+    kept.
     """
     presses = read_press_folder(folder, ball_mm, background, circles, untouched)
     result = CalibrationResult(
@@ -116,7 +116,7 @@ def _require_gel(background: Image, mm_per_px: tuple[float, float]) -> None:
 
 
 def _assess_look(fit: LookFit) -> Assessment:
-    """By the colour errors of held-out presses, and by the fields of the gel that no press covers."""
+    """Assess the look by held-out colour errors and by the fields without a press."""
     assessment = limit(
         100.0 * fit.error_share, 60.0, 90.0,
         "presses left out are rendered with {value:.0f} % of their colour change wrong: press more places",
@@ -131,7 +131,7 @@ def _assess_look(fit: LookFit) -> Assessment:
 def unpressed_fields(
     circles: Sequence[tuple[float, float, float]], shape: tuple[int, int]
 ) -> list[tuple[float, float]]:
-    """Middles (x, y) px of the fields of a gel that no contact reaches. shape: rows, columns."""
+    """Return the middles (x, y) px of the fields of a gel that no contact reaches. shape: rows, columns."""
     (across, down), (rows, columns) = _GRID, shape
     middles = [
         ((i + 0.5) * columns / across, (j + 0.5) * rows / down) for j in range(down) for i in range(across)
@@ -142,7 +142,7 @@ def unpressed_fields(
 
 
 def _dark_or_saturated(fit: BallFit, background: Image) -> Assessment:
-    """The physical reason if the map fails or is doubtful: colours that are dark or saturated in places."""
+    """Return dark or saturated colours as the reason for a failed or doubtful map."""
     dark = float((background.min(axis=2) < _DARK_GREY).mean())
     bright = float((background.max(axis=2) >= 250).mean())
     text = (
@@ -157,7 +157,7 @@ def _dark_or_saturated(fit: BallFit, background: Image) -> Assessment:
 
 
 def _assess_background(background: Image, look: GelLook) -> Assessment:
-    """The background against the untouched parts of all presses: a contact in it would show."""
+    """Compare the background with the untouched parts of all presses, to find a contact in it."""
     still = Reference(background.astype(np.float32), 0.0, float((background >= 250).mean()), 0)
     assessment = assess_reference(still, drift_since(still, look.background))
     if assessment.reasons:
@@ -203,7 +203,7 @@ def _look_numbers(fit: LookFit) -> dict[str, str]:
 
 
 def _scale(presses: PressFolder) -> GelScale | None:
-    """The scale from known moves; None where the catalog has none. Raises `CalibrationError`."""
+    """Fit the scale to known moves; None if the catalog has none. Raises `CalibrationError`."""
     moved = [p for p in presses.found if p.press.id in presses.moves_mm]
     if not moved:
         return None

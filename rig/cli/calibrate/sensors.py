@@ -170,7 +170,7 @@ def tcp(context: typer.Context, common: StationOptions, options: TcpOptions) -> 
 
     """
     from rig.calibrate.bench_tip import collect_tip
-    from rig.calibrate.clamped_tip import tip_from_folder
+    from rig.calibrate.from_tables import tip_from_folder
     from rig.config import load_bench
 
     flange = is_given(context, "bench")

@@ -347,21 +347,15 @@ def _in_lift(signs: Sequence[int], samples: Sequence[list[SlipSample]], truth: A
     names = [str(number) for number in range(len(signs))]
     by_name = dict(zip(names, samples, strict=True))
     angle = object_angle(dict(zip(names, signs, strict=True)), by_name, int(truth["zero_ns"]))
-    answers = [
-        [(s.time_ns, (of := tip.answer(s)).angle_deg, of.sigma_deg) for s in tip.samples]
-        for tip in angle.tips.values()
-    ]
-    answers.append([(s.time_ns, s.angle_deg, s.sigma_deg) for s in angle.fused][:: len(signs)])
-    for series in answers:
-        inside = [one for one in series if truth["zero_ns"] <= one[0] < truth["end_ns"]]
-        for time_ns, angle_deg, sigma_deg in inside[::STRIDE]:
-            true = float(np.interp(time_ns, truth["times_ns"], truth["angles_deg"]))
-            yield (
-                angle_deg,
-                sigma_deg,
-                true,
-                float(np.interp(time_ns, truth["times_ns"], truth["sigmas_deg"])),
+    answers = [[tip.answer(s) for s in tip.samples] for tip in angle.tips.values()]
+    for series in (*answers, angle.fused[:: len(signs)]):
+        inside = [s for s in series if truth["zero_ns"] <= s.time_ns < truth["end_ns"]]
+        for s in inside[::STRIDE]:
+            true, sigma = (
+                float(np.interp(s.time_ns, truth["times_ns"], truth[of]))
+                for of in ("angles_deg", "sigmas_deg")
             )
+            yield s.angle_deg, s.sigma_deg, true, sigma
 
 
 def gain_of(

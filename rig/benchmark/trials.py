@@ -17,7 +17,7 @@ from drivers.clock import to_ns
 from drivers.errors import counted
 from drivers.types import Image
 from protocols.observer import Phase
-from rig.benchmark.estimators.contenders import SharedContact, filtered, open_lift, truth_at
+from rig.benchmark.estimators.contenders import SharedContact, filtered, open_lift
 from rig.benchmark.estimators.scores import ContenderScore, score_all
 from rig.benchmark.estimators.study import record
 from rig.benchmark.harness import NONE, Report, Run, Study, Table
@@ -30,11 +30,13 @@ from rig.frames.estimates import contact_ms, estimate_frames, estimate_together
 from rig.frames.of_session import SessionSeries
 from rig.frames.series import TimedFrame
 from rig.lift.object_angle import ZERO_S, object_angle
+from rig.lift.recording import recorded_truth
 from rig.results.metrics import Mare
 from rig.results.scores import SeriesScore, score_series
 from rig.sessions.reading import recorded_arm_states
 from rig.sessions.records import Lift
 from rig.sessions.rows import read_finished_lifts
+from rig.tactile.angles import Angles
 from rig.tactile.contact.model_files import MODELS
 from rig.tactile.contact.network import load_network
 from rig.tactile.contact.segmenter import Segmenter
@@ -231,18 +233,13 @@ def pass_lift(
     late = [f for f in frames if f.time_ns >= lift_ns - to_ns(ZERO_S)]
     for title, file in networks.items():
         passes |= _network_passes(title, Segmenter(load_network(file), tip.background), late)
-    truth, scores = truth_at(lift, passes), {}
+    truth, scores = recorded_truth(lift.recording), {}
     for name, window in ((name, window) for name in passes for window in WINDOWS):
         samples = filtered(name, passes[name], window)
         track = object_angle({"": tip.sign}, {"": samples}, lift_ns).tips[""]
-        lifting = [s for s in samples if s.time_ns >= lift_ns]
-        answers = [track.answer(s) for s in lifting]
-        scores[name, window] = score_series(
-            lift.name,
-            [a.angle_deg for a in answers],
-            [a.sigma_deg for a in answers],
-            [truth[s.time_ns] for s in lifting],
-        )
+        angles = Angles.of(track.answer(s) for s in samples if s.time_ns >= lift_ns)
+        true_deg = truth.at(angles.time_s)
+        scores[name, window] = score_series(lift.name, angles.angle_deg, angles.sigma_deg, true_deg)
     in_b = sum(f.time_ns >= lift_ns for f in frames)
     return scores, {n: contact_ms(timed) for n, timed in passes.items()}, in_b
 

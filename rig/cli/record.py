@@ -2,6 +2,7 @@
 
 import time
 from dataclasses import dataclass
+from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -167,7 +168,7 @@ def _record_all(
 
     simulated, config = mark(settings.bench.simulated), settings.bench
     question = f"{recording_plan(settings).text()}\nBegin?"
-    person, message = ConsoleOperator(ask, agreed=consent), OneMessage(_note, _fault)
+    person, message = ConsoleOperator(ask, agreed=consent), OneMessage(_note, attrgetter("fault"))
     person.feeder = config.feeder
     work = Work(f"{simulated}recording on bench '{config.name}', {folder}", "poses", settings.poses)
     with (
@@ -176,7 +177,7 @@ def _record_all(
         session_bench(config, person, question, variation_seed=settings.variation_seed) as benches,
         WorkProgress(settings.poses, "poses") as bar,
     ):
-        progress = telling(bar.showing(message), _note, _fault)
+        progress = telling(bar.showing(message), _note, attrgetter("fault"))
         return run_record(folder, settings, session.resume, benches, progress, remarks, LiveFeed(listeners))
 
 
@@ -194,10 +195,6 @@ def _images_text(rows: "list[PoseRow]") -> str:
         f"{counted(figures['images_accepted'], 'image')} in {counted(figures['poses_accepted'], 'pose')}, "
         f"{counted(figures['images_rejected'], 'frame')} without contact rejected"
     )
-
-
-def _fault(row: "PoseRow") -> str | None:
-    return row.fault
 
 
 def _note(row: "PoseRow") -> str:

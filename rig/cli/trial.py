@@ -2,6 +2,7 @@
 
 import time
 from dataclasses import dataclass, replace
+from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -268,13 +269,13 @@ def _lift_all(
     from rig.experiments.trial import run_trial
     from rig.live.session import live_session
     from rig.live.terminal import OneMessage, TrialView
-    from rig.results.notes import lift_fault, lift_note
+    from rig.results.notes import lift_note
 
     folder, settings = trial.folder, trial.settings
     title = f"{trial.simulated}trial on bench '{settings.bench.name}', {folder}"
     work = Work(title, "lifts", trial.wanted, trial.done)
     question = f"{trial.plan().text()}\nBegin?"
-    person, message = ConsoleOperator(ask, agreed=consent), OneMessage(lift_note, lift_fault)
+    person, message = ConsoleOperator(ask, agreed=consent), OneMessage(lift_note, attrgetter("fault"))
     person.feeder = settings.bench.feeder
     with (
         may_be_continued(folder, session, lambda: _show_partial(trial, session.json)),
@@ -291,7 +292,7 @@ def _lift_all(
             jobs=trial.jobs,
             resume=session.resume,
             benches=benches,
-            progress=telling(view, lift_note, lift_fault),
+            progress=telling(view, lift_note, attrgetter("fault")),
             live=feed,
             remarks=trial.remarks,
         )

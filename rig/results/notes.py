@@ -10,11 +10,6 @@ from rig.sessions.records import Lift
 from rig.sessions.table_files import Line
 
 
-def lift_fault(lift: Lift) -> str | None:
-    """Return the fault that ended a lift; None without a fault."""
-    return lift.fault
-
-
 def lift_note(lift: Lift) -> str:
     """Return a one-line summary of a lift's outcome."""
     head = f"{lift.object} {lift.name} lift {lift.lift}: {lift.outcome}"

@@ -4,6 +4,7 @@ import json
 import shutil
 import tomllib
 from dataclasses import replace
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ import pytest
 from drivers.errors import OperatorStopError
 from rig.config import BenchConfig, load_bench
 from rig.live.terminal import OneMessage
-from rig.results.notes import lift_fault, lift_note
+from rig.results.notes import lift_note
 from rig.sessions.codec import json_value
 from rig.sessions.manifest import begun_on, read_manifest
 from rig.sessions.records import LiftOutcome
@@ -233,7 +234,7 @@ def test_cause_of_a_fault_is_printed_once(one_lift: Path) -> None:
         replace(row, accepted=False, outcome=LiftOutcome.FAULT, fault=fault)
         for fault in ("camera silent for 0.41 s", "camera silent for 0.52 s", "arm lost")
     ]
-    note = OneMessage(lift_note, lift_fault)
+    note = OneMessage(lift_note, attrgetter("fault"))
     said = [note(row) for row in (failed[0], failed[1], row, failed[1], failed[2])]
     assert [text.split("fault: ")[-1] for text in said if "fault" in text] == [
         "camera silent for 0.41 s", "the same fault again", "the same fault again", "arm lost",

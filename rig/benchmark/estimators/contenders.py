@@ -165,7 +165,7 @@ def score_lift(folder: Path, names: Sequence[str], row: Lift) -> LiftScores:
         estimators = unfiltered(tip.background, tip.aspect, names, tip.sign)
         for name, timed in estimate_together(estimators, tip.frames).items():
             passes[name][serial] = timed
-    truth = truth_at(lift, passes[DEFAULT_ESTIMATOR])
+    truth = recorded_truth(lift.recording)
     scores = {
         (name, window): _scored(lift, truth, {s: filtered(name, p, window) for s, p in passes[name].items()})
         for name in names
@@ -179,16 +179,13 @@ def score_lift(folder: Path, names: Sequence[str], row: Lift) -> LiftScores:
     return LiftScores(scores, len(ours), skipped, faults)
 
 
-def _scored(
-    lift: RecordedLift, truth: Mapping[int, float | None], samples: Mapping[str, list[SlipSample]]
-) -> SeriesScore:
+def _scored(lift: RecordedLift, truth: Angles, samples: Mapping[str, list[SlipSample]]) -> SeriesScore:
     lift_ns, end_ns = lift.phases[Phase.LIFT], lift.phases[Phase.LOWER]
     angle = object_angle({serial: tip.sign for serial, tip in lift.tips.items()}, samples, lift_ns)
-    fused = Angles.of((s for s in angle.fused if s.time_ns < end_ns), FUSED, lift_ns)
-    true_deg = np.array([truth[time_ns] for time_ns in fused.time_ns.tolist()], float)
+    fused = Angles.of((s for s in angle.fused if s.time_ns < end_ns), FUSED)
     alarm_ns = angle.alarm.raised_ns
     return replace(
-        score_angles(lift.name, fused, true_deg, lift.phases[Phase.HOLD]),
+        score_angles(lift.name, fused, truth.at(fused.time_s), lift.phases[Phase.HOLD]),
         onset_truth_s=lift.row.onset_truth_s,
         onset_estimate_s=_since(estimated_onset_ns(fused), lift_ns),
         onset_event_s=_since(alarm_ns if alarm_ns is None or alarm_ns < end_ns else None, lift_ns),
@@ -198,12 +195,6 @@ def _scored(
 
 def _since(time_ns: int | None, start_ns: int) -> float | None:
     return None if time_ns is None else (time_ns - start_ns) / NS_PER_S
-
-
-def truth_at(lift: RecordedLift, samples: Mapping[str, list[SlipSample]]) -> dict[int, float | None]:
-    """Return the true angle in degrees at the time of every tactile frame; None if it is unknown."""
-    series = recorded_truth(lift.recording)
-    return {s.time_ns: series.at_ns(s.time_ns) for tip in samples.values() for s in tip}
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,7 +7,7 @@ from itertools import combinations
 
 from drivers.clock import NS_PER_S
 from rig.tactile.sample import SlipSample, State
-from rig.tactile.slip.fused_angle import MOST_RATE_RAD_S
+from rig.tactile.slip.kalman import MOST_RATE_RAD_S
 from rig.tactile.slip.parameters import FUSION
 
 MAX_SKEW_NS = 40_000_000

@@ -47,10 +47,20 @@ class RelativeDifference:
         work = self.reduced(background).astype(np.float32)
         self._weight = 1.0 / (work + DARK_OFFSET)
         self._relative = work * self._weight
-        self._sample = _sample(work)
+        self._sample = block_means(work)
         self._light_terms = np.concatenate([self._sample, self._sample**2])
         self._sample_weight = 1.0 / (self._sample + DARK_OFFSET)
         self._trusted = max(1, int(GAIN_TRUSTED * self._sample.shape[1]))
+
+    @property
+    def terms(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """The factor of a frame's pixels, (h, w, 3), and what is subtracted then."""
+        return self._weight, self._relative
+
+    @property
+    def blocks(self) -> tuple[NDArray[np.float64], NDArray[np.float64], int]:
+        """Means of the background's blocks, (3, N), their weights, and how many are trusted."""
+        return self._sample, self._sample_weight, self._trusted
 
     def reduced(self, image: Image) -> Image:
         """Return the reduced copy, (h, w, 3) uint8."""
@@ -58,6 +68,8 @@ class RelativeDifference:
         while min(image.shape[0] / self.size[1], image.shape[1] / self.size[0]) >= 2.0 and _even(image):
             half = (image.shape[1] // 2, image.shape[0] // 2)
             image = np.asarray(cv2.resize(image, half, interpolation=cv2.INTER_AREA), np.uint8)
+        if image.shape[1::-1] == self.size:
+            return image
         return np.asarray(cv2.resize(image, self.size, interpolation=cv2.INTER_AREA), np.uint8)
 
     def of(self, work: Image, light: Light | None = None) -> NDArray[np.float32]:
@@ -73,7 +85,7 @@ class RelativeDifference:
 
     def light_of(self, work: Image) -> Light:
         """Return gain and offset per channel of a reduced copy against the background's light."""
-        seen = _sample(work)
+        seen = block_means(work)
         seen_terms = np.concatenate([seen, seen * self._sample])
         gain = upper_median(((seen + 1.0) / (self._sample + 1.0)).T)
         offset = np.zeros(CHANNELS)
@@ -90,7 +102,7 @@ def _even(image: Image) -> bool:
     return image.shape[0] % 2 == 0 and image.shape[1] % 2 == 0
 
 
-def _sample(work: NDArray[Any]) -> NDArray[np.float64]:
+def block_means(work: NDArray[Any]) -> NDArray[np.float64]:
     """Return the means of blocks of pixels, (3, N)."""
     size = (max(work.shape[1] // GAIN_BLOCK_PX, 1), max(work.shape[0] // GAIN_BLOCK_PX, 1))
     blocks = cv2.resize(work.astype(np.float32), size, interpolation=cv2.INTER_AREA)

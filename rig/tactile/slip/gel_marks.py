@@ -26,6 +26,10 @@ REACH_PX, RIM_PX, FILL_PX = 3, 3, 2.5
 LEVEL = 0.01
 # Largest fraction of marks in the background. A gel with more is patterned, and its marks are not filled.
 MOST_SHARE = 0.05
+# Smaller weights of a rim are left out of the compiled loop.
+LEAST_WEIGHT = 2e-3
+Places = NDArray[np.int32]
+"""Rows and columns, (2, N)."""
 
 
 class GelMarks:
@@ -37,10 +41,25 @@ class GelMarks:
     def __init__(self, marked: Image, size: tuple[int, int]) -> None:
         inside = cv2.resize(marked, size, interpolation=cv2.INTER_AREA) > 0
         rim = cv2.dilate(inside.astype(np.uint8), np.ones((2 * RIM_PX + 1, 2 * RIM_PX + 1), np.uint8)) > 0
+        self._width = size[0]
         self._marked, self._rim = np.flatnonzero(inside), np.flatnonzero(rim & ~inside)
         weights = _weights(self._marked, self._rim, size[0])
         # Negligible weights are dropped, because a dense product takes ten times as long.
         self._weights = csr_array(weights * (np.abs(weights) > np.finfo(np.float32).eps))
+
+    @property
+    def table(self) -> tuple[Places, NDArray[np.int32], Places, NDArray[np.float32]]:
+        """Return the places of the marks, where the rim of each begins, places of the rims, their weights."""
+        of, width = self._weights, self._width
+        heavy = csr_array(of.multiply(np.abs(of) > LEAST_WEIGHT))
+        places = (
+            np.stack(np.divmod(found, width)).astype(np.int32)
+            for found in (self._marked, self._rim[heavy.indices])
+        )
+        marks, rims = places
+        sums = np.maximum(np.asarray(heavy.sum(axis=1)).reshape(-1), np.float32(0.1))
+        data = heavy.data / np.repeat(sums, np.diff(heavy.indptr))
+        return marks, heavy.indptr.astype(np.int32), rims, data.astype(np.float32)
 
     def mended(self, difference: Field) -> Field:
         """Return a difference (h, w, 3) with its marks filled from their surroundings."""

@@ -17,6 +17,8 @@ Covariance = tuple[float, float, float]
 # A manoeuvre is detected by the sum of at most this number of normalised innovations.
 MOST_SURPRISES = 4
 # Largest standard deviation: all angles within a half turn to either side are equally likely.
+# Highest rotation rate of an object in a gripper.
+MOST_RATE_RAD_S = math.radians(200.0)
 ANY_TURN_RAD = math.pi / math.sqrt(12.0)
 
 

@@ -16,6 +16,8 @@ from drivers.progress import steps
 
 Array = NDArray[np.floating]
 
+WORST_MS = 5.0
+"""Largest standard deviation of an offset that is used, ms."""
 _LEAST_EXPLAINED = 0.5
 _WELL_EXPLAINED = 0.85
 """Fractions of explained variance: below the first the result is refused; see `_NOT_NOISE` for the second."""
@@ -59,12 +61,14 @@ class TimeOffset:
     used: int = 0
 
 
-def time_offset(first: TimedSignal, second: TimedSignal, search_s: float = 0.5) -> TimeOffset:
+def time_offset(
+    first: TimedSignal, second: TimedSignal, search_s: float = 0.5, worst_ms: float = WORST_MS
+) -> TimeOffset:
     """Find the offset within +- `search_s`, or report why these streams do not determine it.
 
     Least squares of the second signal against the interpolated first one, with free gain and level. A grid
     search finds the minima, Gauss-Newton refines each of them, and the lowest one is the result. The result
-    is refused if another minimum is equally likely.
+    is refused if another minimum is equally likely, or its standard deviation exceeds `worst_ms`.
     """
     zero = first.time_ns[0]
     t1, t2 = ((s.time_ns - zero).astype(np.float64) / 1e9 for s in (first, second))
@@ -79,7 +83,7 @@ def time_offset(first: TimedSignal, second: TimedSignal, search_s: float = 0.5) 
     grid = np.arange(-search_s, search_s + _GRID_S / 2, _GRID_S)
     costs = np.array([_explained(t1, first.values, t2 + g, wanted)[0] for g in steps(grid)])
     minima = sorted((_refined(streams, float(grid[i])) for i in _valleys(costs)), key=lambda m: m.cost)
-    return _result(streams, minima, search_s)
+    return _result(streams, minima, search_s, worst_ms)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -143,7 +147,7 @@ def _minimum(streams: _Streams, offset_s: float, drift: float) -> _Minimum:
     return _Minimum(offset_s, drift, *fit)
 
 
-def _result(streams: _Streams, minima: list[_Minimum], search_s: float) -> TimeOffset:
+def _result(streams: _Streams, minima: list[_Minimum], search_s: float, worst_ms: float) -> TimeOffset:
     best, count = minima[0], len(streams.t2)
     system, rest = streams.linearised(best.offset_s, best.drift)
     alike = _autocorrelation(rest)
@@ -151,7 +155,9 @@ def _result(streams: _Streams, minima: list[_Minimum], search_s: float) -> TimeO
     sigma = best.noise * _unit_sigmas(system) * fewer
     explained = 1.0 - best.cost / float(((streams.wanted - streams.wanted.mean()) ** 2).sum())
     period_s = _period_s(streams, minima, count / fewer**2)
-    assessment = _assess(explained, alike, float(sigma[0]), best.offset_s, search_s, period_s)
+    assessment = _assess(
+        explained, alike, (float(sigma[0]), worst_ms / 1e3), best.offset_s, search_s, period_s
+    )
     if assessment.refusals:
         return TimeOffset(assessment, explained=explained, used=count)
     drifts = (1e6 * best.drift, 1e6 * float(sigma[3])) if streams.with_drift else (None, None)
@@ -180,11 +186,12 @@ def _period_s(streams: _Streams, minima: list[_Minimum], independent: float) -> 
 def _assess(
     explained: float,
     autocorrelation: float,
-    sigma_s: float,
+    sigma_and_worst_s: tuple[float, float],
     offset_s: float,
     search_s: float,
     period_s: float | None,
 ) -> Assessment:
+    sigma_s, worst_s = sigma_and_worst_s
     if not explained >= _LEAST_EXPLAINED or not np.isfinite(sigma_s):
         share = f"the signals share only {max(explained, 0.0):.0%} of their motion"
         reason = f"{share}: wiggle by several degrees"
@@ -196,7 +203,10 @@ def _assess(
         reason = f"the offset lies at the end of the search (+-{search_s:g} s): search wider"
     else:
         return limit(
-            1e3 * sigma_s, 1.0, 5.0, "the offset is known to {value:.2f} ms only: wiggle faster or longer"
+            1e3 * sigma_s,
+            1.0,
+            1e3 * worst_s,
+            "the offset is known to {value:.2f} ms only: wiggle faster or longer",
         )
     return Assessment((reason,))
 

@@ -1,17 +1,41 @@
 """Frame statistics of a source: received, dropped, repeated, frozen, and frames with an invalid time."""
 
+from collections import deque
+
+import cv2
 import numpy as np
 
 from drivers.clock import NS_PER_S
-from drivers.types import Frame
+from drivers.types import Frame, Image
 
 LONGEST_STEP_NS, MOST_STEPS = NS_PER_S // 2, 20
 """A frame time is valid if it is at most this far, or MOST_STEPS frame intervals, from the previous one."""
 AGREEING_NS = 2 * NS_PER_S
 """Two successive outliers agree if they are at most this far, or MOST_STEPS frame intervals, apart."""
 
-FROZEN_FRAMES = 20
-"""A live sensor has noise: this many identical frames in a row mean that it has frozen."""
+FROZEN_NS, FROZEN_REPEATS = LONGEST_STEP_NS, 3
+"""A source has frozen if its last new picture is older than this, and at least this many repeats followed it.
+A video that was converted to a higher rate repeats each picture for a shorter time; across a longer one, no
+rotation can be followed. The number of repeats is for streams with few frames per second."""
+FEW_SHARE = 0.015
+"""A picture of which fewer pixels differ from an earlier one is its copy, also in a stream without noise. One
+changed pixel changes up to 0.7 % of a JPEG of 320 x 240 px. In rotation_clips and marker_slip_clips, from
+which a video codec has removed the noise, fewer differ for 0.1 s at most."""
+NOISE_SHARE = 0.8
+"""A picture that differs by less than this share of the usual noise is a copy. Live SIMULATED pictures, as
+JPEG of quality 80 to 100, differ by 1.05 to 1.6 of it; one picture encoded again by 0.1 (quality 96) to 0.77
+(quality 90)."""
+LEARNT_PICTURES, MOST_UNSTEADY = 16, 1.5
+"""The usual noise is the lower quartile over this many new pictures, because the first copies of one may
+be among them. It is unknown if the largest is more than MOST_UNSTEADY times as large, as after video
+compression or while the light changes."""
+COMPARED_PICTURES = 3
+"""A picture is compared with this many earlier ones, to recognise a few encodings of one picture in turn."""
+SAMPLES, BLOCK = 80, 8
+"""About this many pixels are compared along the long side of a picture, in blocks with this side."""
+QUIET, BUSY = 0.25, 0.9
+"""The noise is that of the quietest quarter of the blocks. A copy differs by less than the noise in 90 % of
+the blocks, so that a motion in a tenth of the picture makes it new."""
 
 
 class StreamTimes:
@@ -54,8 +78,64 @@ class StreamTimes:
         return abs(time_ns - from_ns) > furthest
 
 
+class PictureNews:
+    """Whether the pictures of a stream are new, or copies of earlier ones; the only definition of frozen.
+
+    The noise of a live sensor changes nearly every pixel of each picture. A frozen source delivers one
+    picture again: bit for bit, with a few other pixels, or encoded again. So a new picture differs from the
+    earlier ones by the usual noise of its stream.
+    """
+
+    def __init__(self) -> None:
+        self.repeated = False
+        """Whether the newest picture is a copy of an earlier one."""
+        self.frozen = False
+        """Whether the source has frozen: see `FROZEN_NS`."""
+        self._earlier = deque[Image](maxlen=COMPARED_PICTURES)
+        self._noise = deque[float](maxlen=LEARNT_PICTURES)
+        self._repeats, self._new_ns = 0, 0
+
+    def add(self, image: Image, time_ns: int) -> None:
+        """Process the next picture, (H, W, 3) uint8 RGB, and its capture time."""
+        seen = _sampled(image)
+        changes = [_change(seen, old) for old in self._earlier if old.shape == seen.shape]
+        least = NOISE_SHARE * self._usual_noise()
+        self.repeated = any(share < FEW_SHARE or busy < least for share, _, busy in changes)
+        self._repeats = self._repeats + 1 if self.repeated else 0
+        if not self.repeated:
+            self._new_ns = time_ns
+            self._earlier.append(seen)
+            self._noise.extend([min(quiet for _, quiet, _ in changes)] if changes else [])
+        self.frozen = self._repeats >= FROZEN_REPEATS and time_ns - self._new_ns > FROZEN_NS
+
+    def _usual_noise(self) -> float:
+        """Return the usual noise of the stream, grey levels; 0 if it is unknown."""
+        if len(self._noise) < LEARNT_PICTURES:
+            return 0.0
+        noise = sorted(self._noise)
+        quartile = noise[LEARNT_PICTURES // 4]
+        return quartile if noise[-1] <= MOST_UNSTEADY * quartile else 0.0
+
+
+def _sampled(image: Image) -> Image:
+    """Return single pixels of a picture on a grid, whose sides are multiples of `BLOCK`."""
+    step = max(image.shape[:2]) / SAMPLES
+    height, width = (BLOCK * max(1, round(side / step / BLOCK)) for side in image.shape[:2])
+    return np.asarray(cv2.resize(image, (width, height), interpolation=cv2.INTER_NEAREST), np.uint8)
+
+
+def _change(image: Image, earlier: Image) -> tuple[float, float, float]:
+    """Return the share of changed values, and the mean change of a quiet and of a busy block, grey levels."""
+    change = np.asarray(cv2.absdiff(image, earlier), np.uint8)
+    height, _, channels = change.shape
+    lines = change.reshape(height // BLOCK, BLOCK, -1).sum(axis=1, dtype=np.uint32)
+    sums = np.sort(lines.reshape(-1, BLOCK * channels).sum(axis=1))
+    quiet, busy = (sums[round(share * (sums.size - 1))] / (BLOCK**2 * channels) for share in (QUIET, BUSY))
+    return np.count_nonzero(change) / change.size, float(quiet), float(busy)
+
+
 class FrameTally:
-    """Counts the frames of one source, in order; the only definition of dropped, repeated, frozen, jumped.
+    """Counts the frames of one source, in order; the only definition of dropped and jumped.
 
     frames: number received. dropped: number missing between the first and the newest frame, from gaps in
     `Frame.sequence`. jumped: number with an invalid time, see `StreamTimes`.
@@ -67,7 +147,6 @@ class FrameTally:
         self.jumped = 0
         self._times = StreamTimes()
         self._out_of_time = False
-        self._repeats = 0
         self._last: Frame | None = None
 
     def add(self, frame: Frame) -> None:
@@ -78,26 +157,8 @@ class FrameTally:
         self.jumped += self._out_of_time
         if last is not None:
             self.dropped += frame.sequence - last.sequence - 1
-            self._repeats = self._repeats + 1 if _same_image(frame, last) else 0
 
     @property
     def out_of_time(self) -> bool:
         """Whether the newest frame's time jumped, so that it is not the time at which the image was taken."""
         return self._out_of_time
-
-    @property
-    def repeated(self) -> bool:
-        """Whether the newest frame shows the same image as the frame before."""
-        return self._repeats > 0
-
-    @property
-    def frozen(self) -> bool:
-        """Whether the source has repeated its image `FROZEN_FRAMES` times, so that it must have frozen."""
-        return self._repeats >= FROZEN_FRAMES
-
-
-def _same_image(one: Frame, other: Frame) -> bool:
-    """Whether two images are bitwise equal; encoded bytes, if both have them, are faster to compare."""
-    if one.jpeg is not None and other.jpeg is not None:
-        return one.jpeg == other.jpeg
-    return np.array_equal(one.image, other.image)

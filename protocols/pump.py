@@ -17,7 +17,7 @@ from drivers.errors import (
 )
 from drivers.images import with_jpeg
 from drivers.interfaces import FrameSource
-from drivers.tally import FROZEN_FRAMES, FrameTally
+from drivers.tally import FROZEN_NS, PictureNews
 from drivers.types import ArmMode, ArmState, Frame, GripperState
 from protocols.observer import LiftEvents
 from protocols.release import Contact, Imprint, imprint
@@ -178,7 +178,7 @@ class _Stream:
         self.waiting: Frame | None = None
         self._earliest_ns = 0
         self._last: Frame | None = None
-        self._tally = FrameTally()
+        self._news = PictureNews()
         self._first: list[Imprint] = []
         self._newest: deque[Frame] = deque(maxlen=NEWEST_FRAMES)
 
@@ -236,11 +236,16 @@ class _Stream:
         return np.mean(self._first, axis=0)
 
     def _accept(self, frame: Frame) -> None:
-        self._tally.add(frame)
-        if self._tally.frozen:
+        if frame.serial != self.source.serial:
+            raise DeviceError(
+                f"{self.source.serial}: it delivers frames of {frame.serial}: the sensors were exchanged; "
+                "check their cables and the bench file, then start again"
+            )
+        self._news.add(frame.image, frame.time_ns)
+        if self._news.frozen:
             raise StaleFrameError(
-                f"{self.source.serial}: {FROZEN_FRAMES} identical frames in a row, the sensor froze; "
-                "replug it, then start again"
+                f"{self.source.serial}: it has repeated its picture for {FROZEN_NS / NS_PER_S:g} s, it has "
+                "frozen; check its cable, replug it, then start again"
             )
         self._last = frame
         self._earliest_ns = frame.time_ns + round((1.0 - JITTER) * NS_PER_S / self.source.rate_hz)

@@ -28,6 +28,8 @@ _ACROSS, _DOWN = (0.3, 0.7), (0.2, 0.4, 0.6, 0.8)
 """Places of the presses of a second ball, as shares of the image's width and height."""
 NULL_REFUSED = 0.2
 """Slope of the map where nothing touches from which it is refused, mm/mm."""
+BALLS_MM = (1.0, 100.0)
+"""Smallest and largest diameter of a ball: smaller ones vanish in a gel, larger ones are flat on it."""
 _THIN = 5
 """Every fifth pixel is used: after smoothing, neighbours carry the same information."""
 
@@ -215,8 +217,9 @@ def _pixels(shape: tuple[int, int], step: int) -> tuple[NDArray[np.int64], NDArr
 
 
 def _fault(press: BallPress, mm_per_px: tuple[float, float]) -> str | None:
-    if not (np.isfinite(press.radius_mm) and press.radius_mm > 0.0):
-        return f"a ball radius of {press.radius_mm} mm"
+    low, high = BALLS_MM
+    if not low <= 2.0 * press.radius_mm <= high:
+        return f"a ball of {2.0 * press.radius_mm:g} mm; {low:g} to {high:g} mm fit a gel"
     if press.press.rim_px * _CORE * max(mm_per_px) >= press.radius_mm:
         return f"its contact is wider than a ball of {press.radius_mm:.2f} mm radius; is it given as radius?"
     if len(core_pixels(press.press)[0]) < _LEAST_PIXELS:

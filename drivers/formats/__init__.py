@@ -14,16 +14,19 @@ from drivers.formats.numbers import (
     time_ns_in,
     whole_in,
 )
+from drivers.formats.onnx_sizes import check_onnx
 from drivers.formats.picture import MOST_PIXELS, jpeg_header, picture_count, picture_flaw
 from drivers.formats.structured import check_numbers, parse_json, parse_toml, read_json, read_toml, read_yaml
 from drivers.formats.text import read_bounded, read_text, reason, shown, without_passwords, write_whole
-from drivers.formats.unpacking import check_pieces, check_unpacked, check_zip
+from drivers.formats.unpacking import MOST_NETWORK, check_pieces, check_unpacked, check_zip
 
 __all__ = [
     "MAX_TIME_S",
+    "MOST_NETWORK",
     "MOST_PIXELS",
     "CsvTable",
     "check_numbers",
+    "check_onnx",
     "check_pieces",
     "check_unpacked",
     "check_zip",

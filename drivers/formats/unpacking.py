@@ -18,6 +18,8 @@ MOST_UNPACKED = 256_000_000
 """Decompressed size that is always permitted, bytes."""
 MOST_RATIO = 50
 """Largest ratio of decompressed size to size in the file beyond that; raw tactile images reach about 10."""
+MOST_NETWORK = 4_000_000_000
+"""Memory for intermediate results of all networks in a process, bytes; those of the rig need 0.02 GB."""
 _STEP = 1 << 20
 """Bytes decompressed at once while counting."""
 
@@ -28,7 +30,7 @@ def check_unpacked(where: str, packed: int, unpacked: int) -> None:
     if unpacked > most:
         raise FormatError(
             f"{where}: {packed / 1e6:.2f} MB become {unpacked / 1e6:.0f} MB or more when decompressed, and "
-            f"the limit is {most / 1e6:.0f} MB: if the data are real, record them again without compression"
+            f"the limit is {most / 1e6:.0f} MB: if the data are real, store them without compression"
         )
 
 

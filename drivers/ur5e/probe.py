@@ -19,6 +19,9 @@ PROTOCOL_VERSION = 2
 """Version of the RTDE protocol that is requested (RTDE guide)."""
 SERIES = 5
 """Major version of PolyScope on an e-Series arm such as the UR5e."""
+LEAST = 5, 4
+"""Oldest PolyScope. For an older one ur-rtde 1.6.5 requests no output registers, and then crashes with a
+segmentation fault when it reads them (measured with 5.0 to 5.3 on the simulated controller)."""
 _HEADER = struct.Struct(">HB")
 _VERSION, _CONTROLLER, _OUTPUTS, _START, _DATA, _TEXT = b"V", b"v", b"O", b"S", b"U", b"M"
 """Package types (Universal Robots, "RTDE Guide")."""
@@ -50,7 +53,8 @@ def probe_controller(host: str, timeout_s: float, clock: Clock | None = None) ->
     """Read the controller's version, and check that its time advances and that it accepts scripts.
 
     Returns major, minor, bugfix and build. Raises `DeviceTimeoutError` if the controller sends nothing within
-    `timeout_s`, `DeviceError` if it cannot be reached, is not an e-Series controller, or sends invalid data.
+    `timeout_s`, `DeviceError` if it cannot be reached, is not an e-Series controller, is too old, or sends
+    invalid data.
     """
     deadline = Deadline.after(timeout_s, clock or SystemClock())
     with connect(host, RTDE_PORT, deadline) as connection:
@@ -60,6 +64,11 @@ def probe_controller(host: str, timeout_s: float, clock: Clock | None = None) ->
     if version[0] != SERIES:
         raise DeviceError(
             f"arm: {host} runs software {version[0]}.{version[1]}; this driver is for e-Series ({SERIES}.x)"
+        )
+    if version[:2] < LEAST:
+        raise DeviceError(
+            f"arm: {host} runs PolyScope {version[0]}.{version[1]}, which is too old for ur-rtde: update the "
+            f"controller to {LEAST[0]}.{LEAST[1]} or later"
         )
     connect(host, SCRIPT_PORT, deadline).close()
     return version

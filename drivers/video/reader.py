@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from drivers.clock import Clock, host_s
 from drivers.errors import DamagedFrameError, DeviceError, NotConnectedError, RigError
 from drivers.interfaces import FrameSource
-from drivers.tally import FrameTally
+from drivers.tally import PictureNews
 from drivers.types import Frame
 from drivers.video.buffer import FrameBuffer
 from drivers.video.decode import DecodedFrame
@@ -135,7 +135,7 @@ class FrameReader(FrameSource):
         """Return event counts since the driver was created.
 
         frames: delivered; unread: delivered, but lost because they were not read in time; dropped: never
-        received; frozen: identical to the previous one (delivered nevertheless); green, shifted, damaged: not
+        received; frozen: copies of an earlier picture (delivered nevertheless); green, shifted, damaged: not
         delivered; warm_up: discarded after opening; reopened: after failures.
         """
         return {"dropped": self._count.dropped} | {kind: self._counts[kind] for kind in KINDS}
@@ -184,9 +184,9 @@ class FrameReader(FrameSource):
         try:
             self._warm_up(run, stream)
             self._opened(run)
-            tally = FrameTally()
+            news = PictureNews()
             while not run.stopping.is_set():
-                self._take(run, stream, times, tally)
+                self._take(run, stream, times, news)
         finally:
             stream.close()
 
@@ -203,7 +203,7 @@ class FrameReader(FrameSource):
         self._counts["reopened"] += failed_before
         self._count.opened(after_failure=failed_before)
 
-    def _take(self, run: _Run, stream: FrameStream, times: CaptureTimes, tally: FrameTally) -> None:
+    def _take(self, run: _Run, stream: FrameStream, times: CaptureTimes, news: PictureNews) -> None:
         """Read, check and deliver one image."""
         raw = stream.read()
         time_ns = times.time_of(raw)
@@ -217,8 +217,8 @@ class FrameReader(FrameSource):
             self._withhold(run, decoded.flaw, f"its images are {decoded.flaw}; check its cable")
             return
         frame = Frame(decoded.image, time_ns, sequence, self._serial, decoded.jpeg)
-        tally.add(frame)
-        self._counts["frozen"] += tally.repeated
+        news.add(frame.image, time_ns)
+        self._counts["frozen"] += news.repeated
         self._times = times
         self._counts["frames"] += 1
         self._counts["unread"] += run.buffer.put(frame)

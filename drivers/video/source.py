@@ -152,9 +152,21 @@ class AddressedSource(FrameReader):
     def _open(self) -> FrameStream:
         source = open_source(self._spec, self._clock, self._discover, self._open_device)
         try:
+            self._require_same_device(source)
             self._prepare(source)
         except DeviceError:
             source.stream.close()
             raise
         self._source = source
         return source.stream
+
+    def _require_same_device(self, source: OpenSource) -> None:
+        """Raise `DeviceError` if another device is at the address than when it was last opened."""
+        before = self._source.node if self._source is not None else None
+        if before is None or source.node is None or not before.serial or not source.node.serial:
+            return
+        if source.node.serial != before.serial:
+            raise DeviceError(
+                f"{self.serial}: the device at {source.address} has the serial {source.node.serial}, it had "
+                f"{before.serial}: the sensors were exchanged; check their cables, then start again"
+            )

@@ -37,6 +37,8 @@ LIMITS = ArmLimits(
 class FakeArm(Arm):
     """Moves the tool of the world; its joint angles follow from the UR5e's nominal kinematics.
 
+    Reported joint angles have the noise of encoders, and the reported pose follows from them.
+
     joint_limits_rad: lowest and highest joint angles at the end of a motion; None for no check.
     """
 
@@ -57,7 +59,7 @@ class FakeArm(Arm):
         self._joints: Vector6 = kinematics.ELBOW_UP
         self._pose: Pose | None = None
         self._released = self._guided = False
-        self._sensor = FlangeSensor(world.seed)
+        self._sensor, self._encoders = FlangeSensor(world.seed), kinematics.Encoders(world.seed)
 
     @property
     def limits(self) -> ArmLimits:
@@ -82,10 +84,11 @@ class FakeArm(Arm):
         if pose != self._pose:
             self._pose, self._joints = pose, self._reach(pose)
         stopped = self._protective_stop(now)
+        joints = self._encoders.shown(self._joints, now)
         return ArmState(
             now,
-            pose,
-            self._joints,
+            kinematics.forward(joints, TOOL_LENGTH_M),
+            joints,
             None if self._limits.max_contact_force_n is None else self._feel(now),
             ArmMode.PROTECTIVE_STOP if stopped else ArmMode.RUNNING,
         )

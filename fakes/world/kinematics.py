@@ -12,6 +12,24 @@ _ALPHA = (np.pi / 2, 0.0, 0.0, np.pi / 2, -np.pi / 2, 0.0)
 _COS_ALPHA, _SIN_ALPHA = np.cos(_ALPHA).tolist(), np.sin(_ALPHA).tolist()
 ELBOW_UP: Vector6 = (0.0, -1.75, -1.9, -1.05, 1.57, 0.0)
 _REACHED, _ITERATIONS = 1e-6, 60
+ENCODER_RAD = 3e-5
+"""Standard deviation of the joint angles that a UR5e at rest reports (measured on a real arm)."""
+_CYCLE_NS = 2_000_000
+_NOISE_CYCLES = 9973
+
+
+class Encoders:
+    """Adds the noise of the encoders to joint angles; a new reading every 2 ms. seed: of the noise."""
+
+    def __init__(self, seed: int) -> None:
+        rng = np.random.default_rng((seed, 47))
+        self._noise = rng.normal(0.0, ENCODER_RAD, (_NOISE_CYCLES, 6)).tolist()
+
+    def shown(self, joints_rad: Vector6, time_ns: int) -> Vector6:
+        """Return the reported joint angles."""
+        noise = self._noise[time_ns // _CYCLE_NS % _NOISE_CYCLES]
+        a, b, c, d, e, f = (q + n for q, n in zip(joints_rad, noise, strict=True))
+        return a, b, c, d, e, f
 
 
 def forward(joints_rad: Vector6 | NDArray[np.float64], tool_length_m: float) -> Pose:

@@ -1,11 +1,11 @@
 """Store the state of a bench's hand in files that survive a killed program."""
 
 import logging
-import re
 from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 from drivers.bench import Bench
 from drivers.errors import DeviceError, FormatError, InvalidStateError, RecordingError
@@ -30,7 +30,7 @@ class HandMemory:
 
     def __init__(self, arm: str) -> None:
         self._folder = state_folder() / "hands"
-        self._name = _file_name(arm)
+        self._name = quote(arm, safe="")
         self._file = self._folder / f"{self._name}.json"
 
     def recall(self) -> HandState:
@@ -86,7 +86,7 @@ class HandMemory:
             return HandState(Holding.UNKNOWN, f"{self._file} is damaged")
 
     def _picture(self, sensor: FrameSource) -> Path:
-        return self._folder / f"{self._name}-{_file_name(sensor.serial)}.png"
+        return self._folder / f"{self._name}-{quote(sensor.serial, safe='')}.png"
 
 
 def _packed(state: HandState) -> dict[str, Any]:
@@ -100,7 +100,3 @@ def _unpacked(values: dict[str, Any]) -> HandState:
     if holding is Holding.FREE and values.get("finger_counts") is not None:
         return HandState(Holding.UNKNOWN, "stored by an earlier version, which gave the fingers in counts")
     return HandState(holding, str(values["what"]), pose, float(values["width_m"]), opening_m)
-
-
-def _file_name(text: str) -> str:
-    return re.sub(r"[^\w.-]", "_", text)

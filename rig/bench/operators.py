@@ -1,5 +1,6 @@
 """The operator at the bench: a person at a terminal, or a simulated one."""
 
+import logging
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
@@ -10,6 +11,7 @@ from drivers.types import Pose, Vector3
 from protocols.operator import Guidance
 from protocols.teach import STEPS_DEG, STEPS_M
 
+_log = logging.getLogger("rig.bench.operators")
 _EYE_M = 1e-4
 """Accuracy with which a person sees whether a tip sits in its hole, one sigma."""
 _SEATED_M = 3e-4
@@ -112,9 +114,10 @@ class SimulatedOperator:
 class ConsoleOperator:
     """A person at a terminal; `ask` prints a question and returns whether they agree.
 
-    agreed: whether the person has agreed in advance to all questions that need no check of the bench. tell:
-    prints a question and returns the typed line. wait: prints a question and returns a function that is
-    polled for the answer. press: prints a question and returns the pressed key.
+    agreed: whether the person has agreed in advance to all questions that need no check of the bench, and has
+    placed the first object. tell: prints a question and returns the typed line. wait: prints a question and
+    returns a function that is polled for the answer. press: prints a question and returns the pressed key.
+    feeder: name of the machine that places objects; None if a person places them.
     """
 
     def __init__(
@@ -125,14 +128,18 @@ class ConsoleOperator:
         wait: Callable[[str], Guidance] | None = None,
         press: Callable[[str], str] | None = None,
     ) -> None:
+        self.feeder: str | None = None
         self._ask, self._tell, self._wait, self._press = ask, tell, wait, press
         self._agreed = agreed
         self._in_place: str | None = None
+        self._before = ""
 
     def confirm(self, question: str) -> None:
         """Ask, unless agreed in advance, and stop unless they agree."""
         if not self._agreed and not self._ask(question):
-            raise OperatorStopError("stopped: the operator did not agree; nothing was moved")
+            raise OperatorStopError(
+                "stopped: the operator did not agree; nothing was moved (scripts agree by --bench FILE --yes)"
+            )
 
     def look(self, question: str) -> None:
         """Ask in any case, and stop unless they agree."""
@@ -140,10 +147,23 @@ class ConsoleOperator:
             raise OperatorStopError("stopped: the person at the bench did not agree; nothing was moved")
 
     def place(self, object_id: str, name: str) -> None:
-        """Ask for the object to be placed, unless the last lift set it down in its place."""
-        if self._in_place != object_id:
-            self.confirm(f"Place object {object_id} ({name}) on its mark. Ready?")
-        self._in_place = object_id
+        """Ask for the object to be placed, unless the last lift set it down in its place.
+
+        Agreement in advance covers only the first object: another one, or one that fell, needs a person or
+        the feeder.
+        """
+        if self._in_place == object_id:
+            return
+        what = f"object {object_id} ({name})"
+        if self.feeder is not None:
+            _log.info("%s was placed by the feeder '%s'", what, self.feeder)
+        elif not self._before:
+            self.confirm(f"Place {what} on its mark. Ready?")
+        elif not self._ask(f"Place {what} on its mark: {self._before}. Ready?"):
+            raise OperatorStopError(
+                f"stopped: {self._before}: a person has to place {what}, or a feeder named in the bench file"
+            )
+        self._in_place, self._before = object_id, f"{what} may still be there"
 
     def hold(
         self,
@@ -159,7 +179,7 @@ class ConsoleOperator:
 
     def displaced(self) -> None:
         """Ask again before the next lift."""
-        self._in_place = None
+        self._in_place, self._before = None, "the last object fell or may lie anywhere"
 
     def nudge(self, question: str) -> Vector3 | None:
         """Ask for a small motion in mm; an empty line means that the tip sits in its hole."""

@@ -110,7 +110,7 @@ def _value(row: Any, place: tuple[str, ...]) -> Any:
 def limit_table(limits: Sequence[Measured], whose: str) -> Table:
     """Return a row for each limit: measured value, limit, and verdict. whose: the subject of the limits."""
     verdicts = {True: "kept", False: "MISSED", None: ""}
-    rows = [(of.name, _cell(of.value, ".3g"), of.asked, verdicts[of.met]) for of in limits]
+    rows = [(of.name, of.shown, of.asked, verdicts[of.met]) for of in limits]
     return Table(f"Limits for {whose}", ("limit", "measured", "asked", ""), rows)
 
 
@@ -121,7 +121,7 @@ class Report:
     tables: for the terminal, in this order; a table of the limits follows. limits_of: the limits' subject.
     notes: lines below the tables. section: Markdown for the document given with --readme. figures: further
     JSON values; the rows of the tables are always in the JSON. files: for --out, by name. faults: failures of
-    a lab's own estimators, by estimator.
+    a lab's own estimators, by estimator. binding: whether a missed limit ends the command with exit code 4.
     """
 
     tables: Sequence[Table]
@@ -132,6 +132,7 @@ class Report:
     figures: Mapping[str, Any] = field(default_factory=dict)
     files: Mapping[str, str | bytes] = field(default_factory=dict)
     faults: Mapping[str, EstimatorFaults] = field(default_factory=dict)
+    binding: bool = True
 
 
 @dataclass(frozen=True, slots=True)
@@ -264,9 +265,7 @@ def as_json(study: Study[Any], options: Any, run: Run, report: Report, wall_s: f
         "schema": SCHEMA,
         "benchmark": study.name,
         "simulated": study.simulated,
-        "options": {
-            name: str(value) if isinstance(value, Path) else value for name, value in asdict(options).items()
-        },
+        "options": {name: _plain(value) for name, value in asdict(options).items()},
         **({"seed": run.seed} if "seed" in study.shared else {}),
         **({"out": str(run.folder)} if run.folder else {}),
         "machine": machine(),
@@ -276,6 +275,13 @@ def as_json(study: Study[Any], options: Any, run: Run, report: Report, wall_s: f
         "limits": [asdict(limit) for limit in report.limits],
         "wall_s": round(wall_s, 1),
     }
+
+
+def _plain(option: Any) -> Any:
+    """Return the value of an option for JSON: paths as text, also those in a list."""
+    if isinstance(option, list):
+        return list(map(_plain, option))
+    return str(option) if isinstance(option, Path) else option
 
 
 def machine() -> dict[str, object]:

@@ -28,10 +28,16 @@ class Measured:
     met: bool | None
 
     @property
+    def shown(self) -> str:
+        """The value with three digits, or as a whole number; "-" without a value."""
+        if self.value is None:
+            return "-"
+        return f"{self.value:.0f}" if abs(self.value) >= 1000.0 else f"{self.value:.3g}"
+
+    @property
     def line(self) -> str:
         """A line of Markdown."""
-        value = "-" if self.value is None else f"{self.value:.3g}"
-        return f"- {self.name}: {value}{f' ({self.asked})' if self.asked else ''}"
+        return f"- {self.name}: {self.shown}{f' ({self.asked})' if self.asked else ''}"
 
 
 def at_most(name: str, value: SupportsFloat | None, limit: float) -> Measured:

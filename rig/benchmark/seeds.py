@@ -25,7 +25,7 @@ from rig.results.scores import SeriesScore, score_angles
 from rig.sessions.reading import phase_times, recorded_angles
 from rig.sessions.recorder import FUSED_TOPIC
 from rig.sessions.records import FinishedLift
-from rig.tactile.estimators import choose_estimator
+from rig.tactile.estimators import EstimatorChoice, choose_estimator
 
 FEW, MANY = 2, 20
 """Number of seeds, without and with --full."""
@@ -127,16 +127,18 @@ def measure(options: SeedsOptions, run: Run) -> Report:
 def carry_out(bench: BenchConfig, case: LiftCase) -> SeedLift:
     """Carry out one lift and score its online angles. Runs in a worker process."""
     with recorded_lift(bench, case) as (recording, row):
-        return _scored(recording, case.seed, row)
+        return scored_lift(recording, case.seed, row)
 
 
 @contextmanager
-def recorded_lift(bench: BenchConfig, case: LiftCase) -> Iterator[tuple[Path, FinishedLift]]:
+def recorded_lift(
+    bench: BenchConfig, case: LiftCase, choice: EstimatorChoice | None = None
+) -> Iterator[tuple[Path, FinishedLift]]:
     """Carry out one lift and yield its recording, which is deleted afterwards, and its row.
 
-    Raises `RigError` if every attempt ends with a fault.
+    choice: the estimator, by default slip. Raises `RigError` if every attempt ends with a fault.
     """
-    settings, fault = TrialSettings(bench, case.seed, choose_estimator()), None
+    settings, fault = TrialSettings(bench, case.seed, choice or choose_estimator()), None
     for attempt in range(MAX_FAULTS_IN_A_ROW):
         with tempfile.TemporaryDirectory(prefix="rig_seeds_") as folder:
             task = LiftTask(1, case.object_id, case.lift, attempt)
@@ -148,6 +150,16 @@ def recorded_lift(bench: BenchConfig, case: LiftCase) -> Iterator[tuple[Path, Fi
     raise RigError(
         f"{case}: each of {MAX_FAULTS_IN_A_ROW} attempts ended with a fault; the last one: {fault}"
     )
+
+
+def scored_lift(recording: Path, seed: int, row: FinishedLift) -> SeedLift:
+    """Return the score of the angles that were reported during a recorded lift, over phases B and C."""
+    phases, truth = phase_times(recording), recorded_truth(recording)
+    fused = recorded_angles(recording, FUSED_TOPIC)[FUSED_TOPIC]
+    fused = [angle for angle in fused if phases[Phase.LIFT] <= angle.time_ns < phases[Phase.LOWER]]
+    true = [interpolate(truth, angle.time_ns) for angle in fused]
+    score = score_angles(f"{row.object}/{row.lift}", fused, true, phases[Phase.HOLD])
+    return SeedLift(seed, score, row.final_truth_deg or 0.0)
 
 
 def seeds_table(bench: str, lifts: Sequence[SeedLift]) -> Table:
@@ -168,16 +180,6 @@ def judge_lifts(difficulty: str, lifts: Sequence[SeedLift]) -> tuple[Measured, .
         at_least("share of frames answered", overall.answered, ANSWERED),
         at_most("lifts with an answer that is confidently wrong", overall.wrong_lifts, 0),
     )
-
-
-def _scored(recording: Path, seed: int, row: FinishedLift) -> SeedLift:
-    """Score the angles of a recorded lift over phases B and C."""
-    phases, truth = phase_times(recording), recorded_truth(recording)
-    fused = recorded_angles(recording, FUSED_TOPIC)[FUSED_TOPIC]
-    fused = [angle for angle in fused if phases[Phase.LIFT] <= angle.time_ns < phases[Phase.LOWER]]
-    true = [interpolate(truth, angle.time_ns) for angle in fused]
-    score = score_angles(f"{row.object}/{row.lift}", fused, true, phases[Phase.HOLD])
-    return SeedLift(seed, score, row.final_truth_deg or 0.0)
 
 
 def _row(name: str, lifts: Sequence[SeedLift]) -> SeedRow:

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from calibration.gel.balls import BallPress
+from calibration.gel.balls import BALLS_MM, BallPress
 from calibration.gel.presses import find_press
 from calibration.gel.untouched import Circle, Pressed
 from calibration.targets.boards import SAME_VIEW_PX
@@ -17,8 +17,6 @@ from drivers.images import read_image
 from drivers.types import Image
 from rig.calibrate.sources import picture_files
 
-BALLS_MM = (1.0, 100.0)
-"""Smallest and largest diameter of a ball: smaller ones vanish in a gel, larger ones are flat on it."""
 Row = tuple[str, float, Path | None, tuple[float, float] | None]
 """Picture, ball diameter in mm, its own background, place of the ball in mm (x right, y down)."""
 

@@ -83,8 +83,8 @@ class LiveViewOptions:
     browser: bool = option(True, "Open the page in the browser.", "--browser/--no-browser")
     watch_at: str | None = option(
         None,
-        "HOST:PORT of the page. With 0.0.0.0:8080 other computers can open it and press its buttons. "
-        "Default: a free port that only this computer can reach.",
+        "HOST:PORT of the page. With 0.0.0.0:8080 other computers can open it and press its buttons, at the "
+        "address with a key that the command prints. Default: a free port that only this computer can reach.",
     )
     foxglove: bool = option(False, "Serve the same data to Foxglove on this computer (extra 'foxglove').")
     foxglove_at: str | None = option(None, "As --foxglove, at HOST:PORT. Default: 127.0.0.1:8765.")
@@ -146,7 +146,7 @@ def _show_live(
     shown_at = "" if page is None else f" at {page.address}"
     say(f"{_name(source)}{shown_at}; press Ctrl-C to end")
     if page is not None and view.browser:
-        _open(page.address)
+        _open(page, stack)
     compute_in_one_thread()
     desk = stack.enter_context(desk_of(sources, settings, stack, listeners))
     run_desk(desk, _shown(view, stack, stopped), view.seconds, stopped, page)
@@ -173,20 +173,28 @@ def _page(
 ) -> "WatchPage":
     """Start the process that serves the page; it starts up while this process imports the rest."""
     from rig.live.watch import WatchPage, watch_address
-    from rig.tactile.estimators import DEFAULT_ESTIMATOR, ESTIMATORS, TOSKOV
 
-    names = dict.fromkeys([estimator or DEFAULT_ESTIMATOR, *ESTIMATORS])
-    choices = [name for name in names if name != TOSKOV]
-    page = WatchPage(watch_address(view.watch_at), _name(source), estimators=choices)
+    page = WatchPage(watch_address(view.watch_at), _name(source), estimators=_offered(estimator))
     stack.callback(page.close)
     return page
 
 
-def _open(address: str) -> None:
+def _offered(estimator: str | None) -> tuple[str, ...]:
+    """Return the estimators that the user can choose from. estimator: named on the command line."""
+    from rig.tactile.estimators import DEFAULT_ESTIMATOR, ESTIMATORS, TOSKOV
+
+    names = dict.fromkeys([estimator or DEFAULT_ESTIMATOR, *ESTIMATORS])
+    return tuple(name for name in names if name != TOSKOV)
+
+
+def _open(page: "WatchPage", stack: ExitStack) -> None:
     """Open the page in the browser."""
     import webbrowser
 
-    if not webbrowser.open(address):
+    from rig.pages.redirect import way_to
+
+    secret = bool(page.process.access.key)
+    if not webbrowser.open(stack.enter_context(way_to(page.address)) if secret else page.address):
         say("no browser could be started: open the address above in a browser on this computer")
 
 
@@ -229,7 +237,14 @@ def settings_of(source: LiveSourceOptions, how: LiveAngleOptions, clips: Path = 
     signs = (1, 1) if source.same_side else (1, -1)
     serials = tuple(serial_of(text) for text in source.sources)
     return DeskSettings(
-        choice, signs, background, how.pixel_aspect, clips, serials, is_simulated(source.sources)
+        choice,
+        signs,
+        background,
+        how.pixel_aspect,
+        clips,
+        serials,
+        is_simulated(source.sources),
+        _offered(how.estimator),
     )
 
 

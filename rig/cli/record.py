@@ -168,6 +168,7 @@ def _record_all(
     simulated, config = mark(settings.bench.simulated), settings.bench
     question = f"{recording_plan(settings).text()}\nBegin?"
     person, message = ConsoleOperator(ask, agreed=consent), OneMessage(_note, _fault)
+    person.feeder = config.feeder
     work = Work(f"{simulated}recording on bench '{config.name}', {folder}", "poses", settings.poses)
     with (
         may_be_continued(folder, session, lambda: say(simulated + _images_text(read_poses(folder)))),

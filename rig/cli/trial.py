@@ -298,6 +298,7 @@ def _lift_all(
     work = Work(title, "lifts", trial.wanted, trial.done)
     question = f"{trial.plan().text()}\nBegin?"
     person, message = ConsoleOperator(ask, agreed=consent), OneMessage(lift_note, lift_fault)
+    person.feeder = settings.bench.feeder
     with (
         may_be_continued(folder, session, lambda: _show_partial(trial, session.json)),
         watched(context, work, watch) as others,

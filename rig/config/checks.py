@@ -273,6 +273,9 @@ def unused_keys(config: BenchConfig) -> Iterator[KeyFault]:
     if not config.simulated:
         why = "is only for simulated lifts: remove it"
         yield from _written(config, (), ["difficulty"], why)
+    elif config.has("table"):
+        why = "is only for real objects; simulated ones are placed by the simulation: remove it"
+        yield from _written(config.table, ("table",), ["feeder"], why)
     if not config.has("arm"):
         why = "is for benches with an arm; this one has no [arm]: remove it"
         yield from _written(config, (), ["keep_out", "reactions_allowed"], why)

@@ -150,9 +150,11 @@ class CameraConfig(BenchSection):
 class TableConfig(BenchSection):
     """Where the operator places objects, and the height of the table top."""
 
-    later = frozenset({"top_m"})
+    later = frozenset({"top_m", "feeder"})
     position_m: Point
     top_m: Coordinate | None = None
+    feeder: FileName | None = Field(default=None, min_length=1)
+    """Name of a machine that places each object before its lift, also one that fell; no person is asked."""
 
 
 class KeepOutConfig(BenchSection):
@@ -324,6 +326,11 @@ class BenchConfig(BenchParts):
     def reacts(self) -> bool:
         """Whether arm and fingers may react to slip automatically."""
         return self.simulated if self.reactions_allowed is None else self.reactions_allowed
+
+    @property
+    def feeder(self) -> str | None:
+        """Name of the machine that places objects, None if a person places them."""
+        return self.table.feeder if self.has("table") else None
 
     @property
     def simulated(self) -> bool:

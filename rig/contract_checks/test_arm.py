@@ -68,7 +68,7 @@ def test_limits_are_checked_before_anything_moves(bench: Bench) -> None:
         bench.arm.move_linear(start, 0.1, 2 * limits.max_acceleration_m_s2)
     with pytest.raises(OutOfLimitsError, match="speed"):
         bench.arm.move_linear(start, float("nan"), 0.5)
-    assert np.allclose(bench.arm.state().base_T_tcp.position_m, start.position_m, atol=1e-4)
+    assert np.allclose(bench.arm.state().base_T_tcp.position_m, start.position_m, atol=2e-4)
 
 
 def test_state_before_connect_raises_not_connected(bench: Bench) -> None:
@@ -87,7 +87,7 @@ def test_motion_beyond_its_timeout_is_stopped(bench: Bench) -> None:
     bench.clock.sleep_until(bench.clock.now_ns() + 300_000_000)
     there = bench.arm.state().base_T_tcp.position_m[2]
     bench.clock.sleep_until(bench.clock.now_ns() + 300_000_000)
-    assert bench.arm.state().base_T_tcp.position_m[2] == pytest.approx(there, abs=1e-4)
+    assert bench.arm.state().base_T_tcp.position_m[2] == pytest.approx(there, abs=2e-4)
     assert there > start.position_m[2] - 0.1
 
 

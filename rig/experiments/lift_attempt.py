@@ -19,7 +19,7 @@ from rig.experiments.attempts import Attempt, fault_text
 from rig.experiments.grasp_plans import derived_seed
 from rig.experiments.lift_plan import LiftTask, TrialSettings, lift_head, new_measurement, plan_lift
 from rig.lift.measurement import LiftMeasurement
-from rig.lift.recording import LatencyProbe, LiftObservers, OutlineObserver, lift_angles
+from rig.lift.recording import LatencyProbe, LiftObservers, OutlineObserver, StampRates, lift_angles
 from rig.lift.result import lift_result, stage_times
 from rig.live.feed import NOBODY, LiveFeed
 from rig.live.observer import LiveObserver
@@ -115,7 +115,9 @@ def _row(
     if fault is not None:
         return FailedLift(**vars(head), accepted=False, outcome=LiftOutcome.FAULT, fault=fault, **seen), ()
     figures, series = lift_result(measurement)
-    row = FinishedLift(**vars(head), **vars(figures), accepted=True, **seen)
+    row = FinishedLift(
+        **vars(head), **vars(figures), accepted=True, clock_rates=course.clock_rates or None, **seen
+    )
     return row, lift_angles(measurement, series)
 
 
@@ -132,20 +134,22 @@ def _reaction(settings: TrialSettings, task: LiftTask, measurement: LiftMeasurem
 def _warning(row: LiftRow) -> str | None:
     if not isinstance(row, FinishedLift):
         return None
-    return "; ".join(str(what) for what in (row.marker_distance, row.estimator_faults) if what) or None
+    return "; ".join(row.warnings) or None
 
 
 @dataclass(frozen=True, slots=True)
 class _Course:
     """Course of a lift: its fault, if any, its duration by the bench's clock, and the latency of its angles.
 
-    A simulated clock does not advance while angles are computed, so there is no latency.
+    A simulated clock does not advance while angles are computed, so there is no latency. clock_rates: see
+    `FinishedLift`.
     """
 
     error: DeviceError | CalibrationError | None
     bench_s: float
     latency: dict[str, LatencyTimes]
     speed_fraction: float | None
+    clock_rates: dict[str, float]
 
 
 def _carry_out(
@@ -158,6 +162,7 @@ def _carry_out(
 ) -> _Course:
     clock: Clock | None = None
     timed: LatencyProbe | None = None
+    stamps: StampRates | None = None
     began_ns = 0
     speed_fraction: float | None = None
     fault: DeviceError | CalibrationError | None = None
@@ -167,6 +172,8 @@ def _carry_out(
             make_ready(bench, operator, benches.after_fault)
             speed_fraction = bench.arm.state().speed_fraction
             operator.place(plan.object_id, plan.object_name)
+            stamps = StampRates(clock)
+            observers = observers.followed_by(stamps)
             if isinstance(clock, SystemClock):
                 timed = LatencyProbe(clock)
                 observers = observers.followed_by(timed)
@@ -174,4 +181,5 @@ def _carry_out(
     except (DeviceError, CalibrationError) as error:
         fault = error
     bench_s = (clock.now_ns() - began_ns) / NS_PER_S if clock else 0.0
-    return _Course(fault, bench_s, timed.times() if timed else {}, speed_fraction)
+    latency, clock_rates = timed.times() if timed else {}, stamps.amiss() if stamps else {}
+    return _Course(fault, bench_s, latency, speed_fraction, clock_rates)

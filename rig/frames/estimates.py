@@ -2,7 +2,7 @@
 
 from collections import Counter, deque
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import tee
 from time import perf_counter
 from typing import Protocol
@@ -141,6 +141,11 @@ def estimate_series(
     return tuple(Answer(frame.time, timed.sample, timed.cost_s) for frame, timed in pairs)
 
 
+def without_angles(answers: Iterable[Answer]) -> tuple[Answer, ...]:
+    """Return the answers without their angles, for frames that do not fit the background."""
+    return tuple(replace(answer, sample=answer.sample.without_angle()) for answer in answers)
+
+
 class Timed(Protocol):
     """A sample with the wall time in s of its computation, None for a frame that could not be read."""
 
@@ -157,11 +162,7 @@ class Timed(Protocol):
 
 def contact_ms(timed: Iterable[Timed]) -> list[float]:
     """Return the run times of the frames with contact, ms; a frame without contact needs nearly no time."""
-    return [
-        1e3 * of.cost_s
-        for of in timed
-        if of.cost_s is not None and of.sample.state is not State.NO_CONTACT and not of.sample.jumped
-    ]
+    return [1e3 * of.cost_s for of in timed if of.cost_s is not None and of.sample.estimated]
 
 
 def frame_ms(times_ms: Sequence[float]) -> tuple[float, float, float] | None:

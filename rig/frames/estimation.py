@@ -8,14 +8,30 @@ import numpy as np
 
 from drivers.errors import FormatError, InputError, counted
 from drivers.types import Image
-from rig.frames.estimates import Estimate, EstimateFigures, estimate_series, figures, lift_time, zeroed
+from rig.frames.estimates import (
+    Estimate,
+    EstimateFigures,
+    estimate_series,
+    figures,
+    lift_time,
+    without_angles,
+    zeroed,
+)
 from rig.frames.of_session import SessionSeries
 from rig.frames.series import FrameSeries, TimedFrame, make_background
 from rig.frames.times import FrameTime, parse_time, sparse_note
 from rig.tactile.contact.background_check import LOOKS_LIKE_CONTACT, BackgroundCheck
 from rig.tactile.contact.untouched import Comparison
 from rig.tactile.estimators import ESTIMATORS, PUBLISHED, TOSKOV, EstimatorChoice
-from rig.tactile.sample import NO_COLOUR, EstimatorFaults, TactileEstimator, faults_of, has_colour
+from rig.tactile.sample import (
+    FROZEN,
+    NO_COLOUR,
+    EstimatorFaults,
+    State,
+    TactileEstimator,
+    faults_of,
+    has_colour,
+)
 
 # The first frame is compared with this many later ones. It counts as dark if its mean brightness is below
 # this share of theirs.
@@ -118,6 +134,8 @@ class SeriesEstimate:
                 f"{counted(found.jumped, 'frame')} with a time far from those around it, or not after that "
                 "of the frame before: 'lost' in the table"
             )
+        if frozen := found.refused.get(State.FROZEN.value):
+            more.append(f"{counted(frozen, 'frame')}: {FROZEN}")
         if found.refused == {"no_contact": found.frames}:
             more.append("no frame shows a contact; if one should, the background shows the same contact")
         return more
@@ -198,11 +216,22 @@ class Estimation:
         answers = estimate_series(checked(series, check), estimator, series.count)
         if not answers:
             raise InputError(f"{series.name}: holds no frames to estimate: give another clip or recording")
+        if check.misfit:
+            answers = without_angles(answers)
         lift_ns = lift_time(answers, self.lift) if lift_ns is None else lift_ns
         sign = 1 if self._published else sign
         estimate = zeroed(answers, self._reference, self._published, sign, lift_ns)
-        doubts = [*doubts, *([CONTACT_IN_BACKGROUND] if check.doubtful else []), *frame_doubts(series)]
+        doubts = [*doubts, *_check_doubts(check), *frame_doubts(series)]
         return SeriesEstimate(estimate, background, note, tuple(doubts), self.choice.sees(background))
+
+
+def _check_doubts(check: BackgroundCheck) -> list[str]:
+    """Return a warning if the background is doubtful, with the remedy for recorded frames."""
+    if check.misfit:
+        return [
+            f"{check.misfit}; no angles: give a background of the same camera position, or --background auto"
+        ]
+    return [CONTACT_IN_BACKGROUND] if check.doubt else []
 
 
 def checked(series: FrameSeries, check: BackgroundCheck) -> Iterator[TimedFrame]:

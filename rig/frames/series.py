@@ -36,6 +36,7 @@ from rig.frames.ros_bags import bag_images, bag_times, find_topic, rest_of_bag
 from rig.frames.times import (
     FrameTime,
     checked_times,
+    clip_times,
     container_times,
     stamped_times,
     times_at_rate,
@@ -257,7 +258,7 @@ def _video_series(path: Path, timestamps: Path | None, fps: float | None) -> Fra
         times, notes = container_times(str(path), facts.shown_ns, facts.fps)
         notes = (f"times: {facts.fps:g} frames per second assumed, as {NO_TIMES}",) if facts.raw else notes
     else:
-        times, notes = _times([str(i) for i in range(count)], timestamps, fps or 0.0)
+        times, notes = _times([str(i) for i in range(count)], timestamps, FOLDER_FPS if fps is None else fps)
     if facts.is_cut:
         cut = f"{path}: {counted(facts.announced, 'frame')} announced, {count} can be read"
         notes = (f"{cut}: is the file complete?", *notes)
@@ -335,11 +336,14 @@ def _bag_series(path: Path, finger: str, timestamps: Path | None, fps: float | N
 
 
 def _times(names: list[str], table: Path | None, fps: float) -> tuple[list[FrameTime], tuple[str, ...]]:
-    """Return the times of frames, and notes on those of a table."""
+    """Return the times of frames, and notes on those of a table; a clip's own table may be incomplete."""
     if table is None:
         return times_at_rate(len(names), fps), ()
-    times = times_from_table(table, names)
-    return times, checked_times(str(table), [time.time_ns for time in times])
+    if table.name == TIMES and (table.parent / FRAMES).is_dir():
+        times, notes = clip_times(table, names, fps)
+    else:
+        times, notes = times_from_table(table, names), []
+    return times, (*notes, *checked_times(str(table), [time.time_ns for time in times]))
 
 
 @dataclass(frozen=True, slots=True)

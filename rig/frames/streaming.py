@@ -1,9 +1,11 @@
 """Angles of one sensor frame by frame, as the frames are captured."""
 
-import math
 import warnings
 from dataclasses import dataclass
 
+import numpy as np
+
+from drivers import arguments
 from drivers.clock import NS_PER_S, to_ns
 from drivers.errors import InputError
 from drivers.formats import MAX_TIME_S
@@ -11,8 +13,10 @@ from drivers.types import Image
 from drivers.values import short_repr
 from rig.frames.slip_alarm import SlipAlarm
 from rig.lift.object_angle import ZERO_S, TipTrack
-from rig.tactile.contact.background_check import CHECK_EVERY_NS, LOOKS_LIKE_CONTACT, BackgroundCheck
-from rig.tactile.sample import SlipSample, TactileEstimator, check_frame
+from rig.tactile.contact.background_check import CHECK_EVERY_NS, TAKE_AGAIN, BackgroundCheck
+from rig.tactile.sample import FROZEN, MAX_SIDE_PX, SlipSample, State, TactileEstimator, check_frame
+
+_MAX_NS = round(MAX_TIME_S * NS_PER_S)
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,10 +26,10 @@ class AngleSample:
     time_s: the frame's time. angle_deg: rotation since the reference, counter-clockwise positive as seen,
     times the sign; None if the estimator refuses. Before a reference is set, the zero is the estimator's own,
     for `slip` the first contact. sigma_deg: one standard deviation, None if the estimator reports none.
-    state: "no_contact", "tracking", "rekeyed", "unobservable" or "lost". rate_deg_s: None if unknown.
-    shift_px: x right, y down, since the estimator's own reference, None if unknown. contact_area_px: 0
-    without contact. slip: whether the slip alarm is on, see `rig.frames.slip_alarm`. fault: error raised by a
-    lab's own estimator.
+    state: "no_contact", "tracking", "rekeyed", "unobservable", "lost" or "frozen". rate_deg_s: None if
+    unknown. shift_px: x right, y down, since the estimator's own reference, None if unknown. contact_area_px:
+    0 without contact. slip: whether the slip alarm is on, see `rig.frames.slip_alarm`. fault: error raised by
+    a lab's own estimator.
     """
 
     time_s: float
@@ -53,15 +57,19 @@ class StreamingEstimator:
     def __init__(
         self, estimator: TactileEstimator, shape: tuple[int, ...], sign: int = 1, each_contact: bool = False
     ) -> None:
-        if sign not in (1, -1):
-            raise InputError(
-                f"sign is {sign!r}: give 1, or -1 for a fingertip that sees the object from behind"
-            )
+        if isinstance(estimator, type) or not callable(getattr(estimator, "update", None)):
+            raise arguments.refused("StreamingEstimator: estimator", estimator, "one with a method update")
+        check_frame(np.empty(_frame_shape(shape), np.uint8))
         self._estimator, self._shape = estimator, shape
-        self._track, self._alarm = TipTrack(sign), SlipAlarm()
-        self._each_contact, self._settled = each_contact, False
+        self._track, self._alarm = TipTrack(checked_sign("sign", sign)), SlipAlarm()
+        self._each_contact, self._settled = arguments.flag("each_contact", each_contact), False
         self._newest_ns: int | None = None
         self._check: BackgroundCheck | None = None
+        self._warned: set[bool] = set()
+        self.misfit = False
+        """Whether the frames do not fit the background, so that they have no angle."""
+        self.news = ""
+        """A text for the user if the sensor has frozen since the frame before."""
 
     @property
     def track(self) -> TipTrack:
@@ -84,19 +92,33 @@ class StreamingEstimator:
         image: (H, W, 3) uint8 RGB, of the background's size; it is copied. time_s: capture time in s of any
         clock. A frame with the time of the previous frame is not estimated: its state is "lost". Raises
         `InputError` for another shape or type and for a time that is not finite or goes back; the estimator
-        can be used afterwards as if the call had not been made.
+        can be used afterwards as if the call had not been made. Warns (`UserWarning`) if the sensor has
+        frozen.
         """
         check_frame(image, self._shape)
-        return self.update_at(image.copy(), self._time_ns(time_s))
+        answer = self._next(image.copy(), self._time_ns(time_s))
+        if self.news:
+            warnings.warn(self.news, stacklevel=2)
+        return answer
 
     def update_at(self, image: Image, time_ns: int) -> AngleSample:
-        """Do the same as `update` for a time in ns, without copying the image: do not modify it later."""
+        """Do the same as `update` for a time in ns, without copying the image: do not modify it later.
+
+        A time that goes back is accepted: the clock of a live stream may be set back.
+        """
+        check_frame(image, self._shape)
+        return self._next(image, arguments.whole("update_at: time_ns", time_ns, -_MAX_NS, _MAX_NS))
+
+    def _next(self, image: Image, time_ns: int) -> AngleSample:
         if self._check is not None:
             self._check.add(image, time_ns)
-            self._warn()
+            self._warn(self._check)
         self._newest_ns = time_ns
         sample = self._estimator.update(image, time_ns)
+        sample = sample.without_angle() if self.misfit else sample
         kept = self._track.samples
+        froze = sample.state is State.FROZEN and not (kept and kept[-1].state is State.FROZEN)
+        self.news = FROZEN if froze else ""
         kept.append(sample)
         while kept[0].time_ns < time_ns - to_ns(2 * ZERO_S):
             del kept[0]
@@ -105,9 +127,14 @@ class StreamingEstimator:
         return self._answer(sample, slip)
 
     def check_background(self, background: Image) -> None:
-        """Warn once, by `warnings.warn`, if the background looks like a contact, now or in a later frame."""
+        """Check the background, now and in later frames.
+
+        Warns once (`UserWarning`) if it looks like a contact, and once if it does not fit the frames; these
+        then have no angle.
+        """
+        check_frame(background, self._shape)
         self._check = BackgroundCheck(background, CHECK_EVERY_NS)
-        self._warn()
+        self._warn(self._check)
 
     def set_reference(self, time_s: float | None = None) -> None:
         """Set the zero to the mean angle of the last 0.4 s before a time, and arm the slip alarm.
@@ -115,7 +142,7 @@ class StreamingEstimator:
         time_s: at most 0.4 s before the newest frame; by default just after it. Raises `InputError` if no
         frame in these 0.4 s has an angle; the old reference is kept in that case.
         """
-        now_ns = (self._newest_ns or 0) + 1 if time_s is None else _finite_ns(time_s)
+        now_ns = (self._newest_ns or 0) + 1 if time_s is None else _as_ns("set_reference", time_s)
         before = self._track.zero_deg, self._track.zero_sample
         self._track.set_zero(now_ns)
         if self._track.zero_deg is None:
@@ -126,10 +153,11 @@ class StreamingEstimator:
             )
         self._alarm.arm()
 
-    def _warn(self) -> None:
-        if self._check is not None and self._check.doubtful:
-            self._check = None
-            warnings.warn(f"{LOOKS_LIKE_CONTACT}: lift the object, take another background", stacklevel=4)
+    def _warn(self, check: BackgroundCheck) -> None:
+        self.misfit = bool(check.misfit)
+        if check.doubt and self.misfit not in self._warned:
+            self._warned.add(self.misfit)
+            warnings.warn(f"{check.doubt}: {TAKE_AGAIN}", stacklevel=4)
 
     def _settle(self, sample: SlipSample) -> None:
         """Note whether the contact has settled, and set the reference if one is due."""
@@ -164,7 +192,7 @@ class StreamingEstimator:
         )
 
     def _time_ns(self, time_s: float) -> int:
-        time_ns = _finite_ns(time_s)
+        time_ns = _as_ns("update", time_s)
         if self._newest_ns is not None and time_ns < self._newest_ns:
             newest_s = self._newest_ns / NS_PER_S
             raise InputError(
@@ -174,11 +202,20 @@ class StreamingEstimator:
         return time_ns
 
 
-def _finite_ns(time_s: float) -> int:
-    try:
-        seconds = float(time_s)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"the time {time_s!r} is not a number: give a time in s") from error
-    if not (math.isfinite(seconds) and abs(seconds) < MAX_TIME_S):
-        raise InputError(f"the time is {seconds} s: give a finite time in s, below {MAX_TIME_S:g}")
-    return round(seconds * NS_PER_S)
+def checked_sign(name: str, sign: int) -> int:
+    """Return +1 or -1. Raises `InputError`."""
+    plain = arguments.whole(name, sign, -1, 1)
+    if plain == 0:
+        raise arguments.refused(name, sign, "1, or -1 for a fingertip that sees the object from behind")
+    return plain
+
+
+def _frame_shape(shape: object) -> tuple[int, ...]:
+    """Return the shape of frames, (H, W, 3). Raises `InputError`."""
+    if not isinstance(shape, tuple) or len(shape) != 3:
+        raise arguments.refused("StreamingEstimator: shape", shape, "(H, W, 3)")
+    return tuple(arguments.whole("StreamingEstimator: shape", size, 1, MAX_SIDE_PX) for size in shape)
+
+
+def _as_ns(where: str, time_s: float) -> int:
+    return round(arguments.number(f"{where}: time_s", time_s, -MAX_TIME_S, MAX_TIME_S) * NS_PER_S)

@@ -16,8 +16,19 @@ from numpy.typing import NDArray
 
 from drivers.clock import NS_PER_S
 from drivers.errors import FormatError, InputError, counted
-from drivers.formats import parse_time_ns, parse_whole, read_csv_rows, shown, time_ns_in
+from drivers.formats import (
+    CsvTable,
+    parse_csv,
+    parse_time_ns,
+    parse_whole,
+    read_csv,
+    read_text,
+    shown,
+    time_ns_in,
+)
+from drivers.formats.csv_table import MOST_BYTES
 from drivers.tally import LONGEST_STEP_NS
+from rig.frames.clips import ABOUT
 
 LEAST_FPS, MAX_FPS = 0.02, 2000.0
 """Frame rates in Hz of a tactile sensor; times with another rate are in another unit than s."""
@@ -139,15 +150,22 @@ def container_times(
     notes = [f"times: of the video's container, which are not those of {fps:g} frames per second"]
     if missing := int((~given).sum()):
         notes.append(f"times: {counted(missing, 'frame')} without a time, interpolated")
-    found = [FrameTime(f"{time / NS_PER_S:.6f}", round(time)) for time in _filled(shown_at, given).tolist()]
+    found = [
+        FrameTime(f"{time / NS_PER_S:.6f}", round(time))
+        for time in _filled(shown_at, given, NS_PER_S / max(fps, 1e-9)).tolist()
+    ]
     return found, (*notes, *checked_times(where, [time.time_ns for time in found]))
 
 
-def _filled(times: Times, given: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """Return times with the missing ones interpolated, and continued after the last at the median step."""
+def _filled(times: Times, given: NDArray[np.bool_], step_ns: float) -> NDArray[np.float64]:
+    """Return times with the missing ones interpolated, and continued after the last at the median step.
+
+    step_ns: used in place of the median step if only the first time is given.
+    """
     places, known = np.arange(len(times)), np.flatnonzero(given)
     found = np.interp(places, known, times[given])
-    return found + np.maximum(places - known[-1], 0) * np.median(np.diff(found[: known[-1] + 1]))
+    steps = np.diff(found[: known[-1] + 1])
+    return found + np.maximum(places - known[-1], 0) * (np.median(steps) if steps.size else step_ns)
 
 
 def _repeated_note(repeated: NDArray[np.intp]) -> str:
@@ -171,18 +189,57 @@ def times_from_table(table: Path, names: Sequence[str]) -> list[FrameTime]:
     in all rows or in none. Each frame needs exactly one row; rows are in the frames' order, and times never
     go back. Raises `InputError` naming the line otherwise.
     """
-    rows = _rows(table)
+    rows = _rows(table, read_csv(table, ("frame", "t_s")))
+    if not rows:
+        raise InputError(f"{table}: line 2 is missing: give one row per frame")
     places = _places(table, rows, names)
-    for (place, row), (next_place, next_row) in pairwise(zip(places, rows, strict=True)):
-        if next_place < place or next_row.time.time_ns < row.time.time_ns:
-            later, line = f"{table}: line {next_row.line}", row.line
-            raise InputError(
-                f"{later} comes before line {line} in time or in the frames' order: sort the rows"
-            )
     if len(places) < len(names):
         missing = names[min(set(range(len(names))) - set(places))]
         raise InputError(f"{table}: line {rows[-1].line} is the last and '{missing}' has no row: add one")
     return [row.time for row in rows]
+
+
+def clip_times(table: Path, names: Sequence[str], fps: float) -> tuple[list[FrameTime], list[str]]:
+    """Return the times of a clip's frames from its own table, and notes; a recording may be interrupted.
+
+    names: of the frames, see `times_from_table`. Rows without a frame are ignored. Frames without a row get
+    interpolated times, and after the last row times at the median step; without rows, times at `fps` in Hz.
+    Raises `InputError` for a table that is invalid otherwise, and if the first frame has no row.
+    """
+    rows, known = _recorded_rows(table), _by_name(names)
+    if not rows:
+        return times_at_rate(len(names), fps), [f"{table}: has no times: {fps:g} frames per second assumed"]
+    kept = [row for row in rows if row.frame in known] or rows
+    places = _places(table, kept, names)
+    gone = len(rows) - len(kept)
+    notes = [f"{table}: {counted(gone, 'row')} without a frame, ignored"] if gone else []
+    if len(places) == len(names):
+        return [row.time for row in kept], notes
+    if places[0] != 0:
+        raise InputError(f"{table}: line {kept[0].line} is the first and '{names[0]}' has no row: add one")
+    given, times = np.zeros(len(names), bool), np.zeros(len(names), np.int64)
+    given[places], times[places] = True, [row.time.time_ns for row in kept]
+    filled = _filled(times, given, NS_PER_S / fps).tolist()
+    found = [FrameTime(f"{time / NS_PER_S:.9f}", round(time)) for time in filled]
+    for place, row in zip(places, kept, strict=True):
+        found[place] = row.time
+    missing = f"{len(names) - len(kept)} of {counted(len(names), 'frame')} have no time"
+    return found, [*notes, f"{table}: {missing} (interrupted?): it is computed from the times of the others"]
+
+
+def _recorded_rows(table: Path) -> list[_Row]:
+    """Return the rows of a clip's table; none for a table without a complete header.
+
+    The last line of a table that `rig live` has written is not complete if it has no end.
+    """
+    text = read_text(table, MOST_BYTES)
+    if table.with_name(ABOUT).exists():
+        text = text[: text.rfind("\n") + 1]
+    if not text.strip():
+        return []
+    found = parse_csv(text, str(table))
+    found.require("frame", "t_s")
+    return _rows(table, found)
 
 
 def parse_time(text: str) -> FrameTime:
@@ -190,11 +247,8 @@ def parse_time(text: str) -> FrameTime:
     return FrameTime(text.strip(), parse_time_ns(text))
 
 
-def _rows(table: Path) -> list[_Row]:
-    rows = [_row(table, line, fields) for line, fields in read_csv_rows(table, ("frame", "t_s"))]
-    if not rows:
-        raise InputError(f"{table}: line 2 is missing: give one row per frame")
-    return rows
+def _rows(table: Path, found: CsvTable) -> list[_Row]:
+    return [_row(table, line, fields) for line, fields in found.rows()]
 
 
 def _row(table: Path, line: int, fields: dict[str, str]) -> _Row:
@@ -205,7 +259,7 @@ def _row(table: Path, line: int, fields: dict[str, str]) -> _Row:
 
 
 def _places(table: Path, rows: Sequence[_Row], names: Sequence[str]) -> list[int]:
-    """Return the index of the frame that each row names."""
+    """Return the index of the frame that each row names. Raises `InputError` unless rows are in order."""
     known = _by_name(names)
     numbered = not any(row.frame in known for row in rows)
     seen: dict[int, int] = {}
@@ -220,6 +274,12 @@ def _places(table: Path, rows: Sequence[_Row], names: Sequence[str]) -> list[int
                 f"{table}: line {row.line}: {shown(row.frame)} is on line {seen[place]} already: keep one"
             )
         seen[place] = row.line
+    for (place, row), (next_place, next_row) in pairwise(zip(seen, rows, strict=True)):
+        if next_place < place or next_row.time.time_ns < row.time.time_ns:
+            later, line = f"{table}: line {next_row.line}", row.line
+            raise InputError(
+                f"{later} comes before line {line} in time or in the frames' order: sort the rows"
+            )
     return list(seen)
 
 

@@ -2,12 +2,8 @@
 
 import json
 import secrets
-import tempfile
-from collections.abc import Iterator
-from contextlib import contextmanager
 from functools import partial
 from http import HTTPStatus
-from pathlib import Path
 from typing import Any
 
 from drivers.errors import InputError, RigError
@@ -17,7 +13,8 @@ from rig.frames.clips import LABELS
 from rig.labels.angle_clip import ClipToLabel, difference
 from rig.labels.angle_lines import PASSES, Click, LineLog, angle_labels, ends_in, labels_csv
 from rig.pages.page import render
-from rig.pages.serving import FORBIDDEN, LOOPBACK, NOT_FOUND, Answer, PageProcess, Request
+from rig.pages.requests import FORBIDDEN, LOOPBACK, NOT_FOUND, Answer, Request
+from rig.pages.serving import PageProcess
 from rig.sessions.files import write_file
 
 MOST_BYTES = 1000
@@ -48,19 +45,6 @@ class AngleServer:
         """Wait for labels; return their number, or None after the timeout. Raises `RigError`."""
         report = self._process.receive(timeout_s)
         return None if report is None else int(report)
-
-
-@contextmanager
-def way_to(address: str) -> Iterator[str]:
-    """Give the address of a file that redirects a browser to `address`; only this user can read the file.
-
-    Otherwise `ps` would show the token to every user of the computer, on the browser's command line.
-    """
-    with tempfile.TemporaryDirectory(prefix="rig-label-angle-") as folder:  # made with mode 0700
-        file = Path(folder) / "page.html"
-        file.touch(mode=0o600)
-        file.write_text(f'<!doctype html><meta http-equiv="refresh" content="0; url={address}">')
-        yield file.as_uri()
 
 
 class AnglePage:

@@ -179,7 +179,7 @@ class LiftMeasurement(LiftObserver):
         if Phase.LOWER in self.phases:
             return  # the rotation of an object that is set down is not slip
         sample = tip.estimator.update(frame.image, frame.time_ns)
-        tip.touch.update(sample.state is not State.NO_CONTACT)
+        tip.touch.update(sample.state not in (State.NO_CONTACT, State.FROZEN))
         self.angle.add(frame.serial, sample)
         if Phase.LIFT in self.phases and self.watch is not None:
             self.watch.update(frame.serial, self.angle.tips[frame.serial].newest())

@@ -129,6 +129,50 @@ def recorded_truth(recording: Path) -> TruthSeries:
     )
 
 
+MOST_OFF_RATE = 0.05
+"""Largest relative difference without a warning. Clocks of cameras are off by 1e-4; a delay that varies by
+0.05 s over the 5 s of a lift is 0.01."""
+LEAST_FRAMES, LEAST_SPAN_S = 30, 2.0
+"""Fewest frames, and shortest time, from which a rate is computed."""
+
+
+class StampRates(LiftEvents):
+    """Compares the speed of each source's time stamps with the bench's clock, from the frames' delays."""
+
+    def __init__(self, clock: Clock) -> None:
+        self._clock = clock
+        self._times_ns: dict[str, list[tuple[int, int]]] = {}
+
+    def frame(self, frame: Frame) -> None:
+        """Note when a frame was delivered."""
+        self._times_ns.setdefault(frame.serial, []).append((frame.time_ns, self._clock.now_ns()))
+
+    def amiss(self) -> dict[str, float]:
+        """Return the speed of the stamps divided by that of the clock, by serial, where it is not about 1.
+
+        A loaded computer delivers the frames of all sources later and later: what they have in common is not
+        due to their clocks.
+        """
+        growth = {serial: g for serial, times in self._times_ns.items() if (g := _growth(times)) is not None}
+        common = max(0.0, min(growth.values(), default=0.0)) if len(growth) > 1 else 0.0
+        rates = {serial: 1.0 - (g - common) for serial, g in growth.items()}
+        return {serial: round(rate, 3) for serial, rate in rates.items() if abs(rate - 1.0) > MOST_OFF_RATE}
+
+
+def _growth(times_ns: Sequence[tuple[int, int]]) -> float | None:
+    """Return by how much the delay of the frames grows per time; None for too few frames."""
+    stamps, received = np.array(times_ns, np.int64).reshape(-1, 2).T
+    third = len(times_ns) // 3
+    first, last = np.s_[:third], np.s_[-third:]
+    if len(times_ns) < LEAST_FRAMES or np.ptp(received) < to_ns(LEAST_SPAN_S):
+        return None
+    late = received - stamps
+    return float(
+        (np.median(late[last]) - np.median(late[first]))
+        / (np.median(received[last]) - np.median(received[first]))
+    )
+
+
 class LatencyProbe(LiftEvents):
     """Measures when each frame has been recorded and estimated. It must be the last observer.
 

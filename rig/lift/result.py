@@ -8,6 +8,7 @@ import numpy as np
 
 from drivers.clock import NS_PER_S, to_ns
 from protocols.observer import Phase, ReactionStep
+from rig.lift.agreement import Answers, clock_lag, turns_against
 from rig.lift.fusion import Disagreement
 from rig.lift.marker_truth import TruthSeries, interpolate
 from rig.lift.measurement import LiftMeasurement
@@ -17,7 +18,7 @@ from rig.lift.slip_watch import CAUGHT_DEG, SlipEvent, SlipWatch
 from rig.results.scores import score_angles
 from rig.sessions.records import LiftFigures, LiftOutcome, ReactionRecord, SlipThreshold
 from rig.sessions.timing import StageTimes
-from rig.tactile.sample import State, faults_of
+from rig.tactile.sample import SlipSample, State, faults_of
 
 Step = tuple[ReactionStep, int, int]
 LAST = (ReactionStep.REST, ReactionStep.ENDS)
@@ -140,10 +141,12 @@ def lift_result(measurement: LiftMeasurement) -> tuple[LiftFigures, TruthSeries]
         frames={name: tally.frames for name, tally in measurement.tallies.items()},
         dropped={name: tally.dropped for name, tally in measurement.tallies.items()},
         jumped={name: tally.jumped for name, tally in measurement.tallies.items() if tally.jumped} or None,
-        states={state.value: sum(s.state is state for s in samples) for state in State},
+        states=_states(samples),
         skipped=dict(Counter(stage for sample in samples for stage in sample.skipped)),
         disagreements={why.value: sum(s.disagreement is why for s in angle.fused) for why in Disagreement},
         marker_distance=measurement.marker_distance(),
+        turns_against=turns_against(_answers(measurement, lift_ns, held_ns), series),
+        lag=clock_lag([(s.time_ns, s.angle_deg) for s in fused if s.time_ns < held_ns], series),
         reactions=reactions,
         slip_thresholds=None if watch is None else slip_thresholds(watch),
         estimator_faults=faults_of(samples),
@@ -151,17 +154,31 @@ def lift_result(measurement: LiftMeasurement) -> tuple[LiftFigures, TruthSeries]
     return figures, series
 
 
+def _states(samples: Sequence[SlipSample]) -> dict[str, int]:
+    """Return the number of samples by state; `frozen` only if there are any, as in earlier versions."""
+    counts = Counter(sample.state for sample in samples)
+    return {state.value: counts[state] for state in State if counts[state] or state is not State.FROZEN}
+
+
 def stage_times(measurement: LiftMeasurement) -> dict[str, StageTimes]:
     """Return the computing time per stage and frame with contact, ms: median, 95th and 99th percentile."""
     stages: dict[str, list[float]] = {}
     for sample in measurement.angle.samples:
-        if sample.state is State.NO_CONTACT or sample.jumped:
+        if not sample.estimated:
             continue
         for stage, spent_s in sample.stage_s.items():
             stages.setdefault(stage, []).append(spent_s * 1e3)
         stages.setdefault("total", []).append(sum(sample.stage_s.values()) * 1e3)
     return {
         name: StageTimes(*np.percentile(spent_ms, [50, 95, 99]).tolist()) for name, spent_ms in stages.items()
+    }
+
+
+def _answers(measurement: LiftMeasurement, from_ns: int, until_ns: int) -> dict[str, Answers]:
+    """Return the signed angles of each fingertip between two times, by serial."""
+    return {
+        serial: [(s.time_ns, tip.answer(s).angle_deg) for s in tip.samples if from_ns <= s.time_ns < until_ns]
+        for serial, tip in measurement.angle.tips.items()
     }
 
 

@@ -1,6 +1,13 @@
-"""Write a clip of one sensor as its frames arrive: frames, their times, metadata, and the background."""
+"""Write a clip of one sensor as its frames arrive: frames, their times, metadata, and the background.
 
+Each frame on disk is complete and has its time, however the program ends: its row is written before it, and
+it gets its name when it is complete.
+"""
+
+import errno
+import os
 from collections.abc import Mapping
+from contextlib import suppress
 from datetime import datetime
 from pathlib import Path
 
@@ -26,25 +33,36 @@ class ClipWriter:
             (folder / FRAMES).mkdir(parents=True)
             (folder / f"{BACKGROUND}.png").write_bytes(encode_png(background))
             write_json(folder / ABOUT, dict(about))
-            self._times = (folder / TIMES).open("w", encoding="utf-8")
-            self._times.write("frame,t_s\n")
+            self._times = (folder / TIMES).open("wb", buffering=0)
+            self._append("frame,t_s")
         except OSError as error:
             raise self._failed(error) from error
 
     def add(self, frame: Frame) -> None:
-        """Write a frame: its JPEG as received, or a PNG if the source sends no JPEG."""
+        """Write a frame: its JPEG as received, or a PNG if the source sends none. Raises `RecordingError`."""
         name = f"{self.count:06d}.{'png' if frame.jpeg is None else 'jpg'}"
         self._first_ns = frame.time_ns if self.count == 0 else self._first_ns
+        begun = self.folder / FRAMES / f".{name}"
         try:
-            (self.folder / FRAMES / name).write_bytes(frame.jpeg or encode_png(frame.image))
-            self._times.write(f"{name},{(frame.time_ns - self._first_ns) / NS_PER_S:.9f}\n")
+            self._append(f"{name},{(frame.time_ns - self._first_ns) / NS_PER_S:.9f}")
+            begun.write_bytes(frame.jpeg or encode_png(frame.image))
+            begun.rename(begun.with_name(name))
         except OSError as error:
+            with suppress(OSError):
+                begun.unlink(missing_ok=True)
             raise self._failed(error) from error
         self.count += 1
 
     def close(self) -> None:
-        """Complete the table of times."""
+        """Close the table of times, which is complete at any time."""
         self._times.close()
+
+    def _append(self, row: str) -> None:
+        """Write a row of the table with one system call; remove it if the disk has space for a part only."""
+        line, end = f"{row}\n".encode(), os.fstat(self._times.fileno()).st_size
+        if self._times.write(line) != len(line):
+            self._times.truncate(end)
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), self._times.name)
 
     def _failed(self, error: OSError) -> RecordingError:
         return RecordingError(

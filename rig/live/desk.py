@@ -13,24 +13,31 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from drivers.clock import NS_PER_S, Clock, SystemClock, to_ns
-from drivers.errors import DeviceError, DeviceTimeoutError, InputError, RigError, StaleFrameError, counted
+from drivers.errors import (
+    DeviceError,
+    DeviceTimeoutError,
+    InputError,
+    RecordingError,
+    RigError,
+    StaleFrameError,
+    counted,
+)
 from drivers.interfaces import FrameSource
 from drivers.types import Frame, Image
 from rig.frames.estimation import require_frames_suffice
 from rig.frames.streaming import AngleSample
 from rig.lift.fusion import FusedAngles, FusedSample
+from rig.live.actions import ESTIMATOR, RECORD, REFERENCE, TAKE_BACKGROUND
 from rig.live.clip_writer import ClipWriter, clip_folder
 from rig.live.desk_sensor import DeskSensor, Reading
 from rig.live.feed import OBJECT, Sender
 from rig.live.observer import PICTURE_LONG_SIDE_PX, small_jpeg
-from rig.tactile.estimators import EstimatorChoice, choose_estimator
+from rig.tactile.estimators import ESTIMATORS, EstimatorChoice, choose_estimator
 from rig.tactile.sample import SlipSample, State
 
 LATEST_S = 0.3
 """Frames that wait longer are skipped and counted as dropped, so that the angle is never late."""
 FRAME_TIMEOUT_S = 1.0
-REFERENCE, TAKE_BACKGROUND, RECORD, ESTIMATOR = "reference", "background", "record", "estimator"
-"""Actions that the user can request; `estimator` is followed by a name."""
 NO_REFERENCE = "no reference yet"
 """State of the object while its sensors track a contact that has no reference."""
 
@@ -41,7 +48,8 @@ class DeskSettings:
 
     signs: factor from each sensor's image angle to the object angle, +1 or -1. background, aspect: see
     `DeskSensor`. clips: folder in which clips are recorded. serials: of the sensors, in the order of the
-    sources; None for a source without one. simulated: whether a source is simulated.
+    sources; None for a source without one. simulated: whether a source is simulated. estimators: names that
+    the user can choose from; others are refused, because a foreign name would be imported.
     """
 
     choice: EstimatorChoice
@@ -51,6 +59,7 @@ class DeskSettings:
     clips: Path = Path("clips")
     serials: tuple[str | None, ...] = (None, None)
     simulated: bool = False
+    estimators: tuple[str, ...] = ESTIMATORS
 
 
 class Desk:
@@ -67,6 +76,8 @@ class Desk:
         sender: Sender,
         clock: Clock | None = None,
     ) -> None:
+        if len(sources) > 1 and OBJECT in (source.serial for source in sources):
+            raise InputError(f"source '{OBJECT}': this name is that of both sensors' angle: rename it")
         self._sources, self._settings, self._sender = sources, settings, sender
         self._clock = clock or SystemClock()
         self.sensors = {
@@ -137,6 +148,8 @@ class Desk:
             self._say(f"{frame}; {self.sensors[name].summary}")
             return []
         sensor = self.sensors[name]
+        if sensor.clip is not None:
+            self._record(sensor.clip, frame)
         reading = sensor.take(frame, self._clock)
         if sensor.news:
             self._say(f"{name}: {sensor.news}")
@@ -151,14 +164,14 @@ class Desk:
         return [reading, fused]
 
     def act(self, text: str) -> None:
-        """Carry out an action of the user, see `REFERENCE`; `notice` then has the result or the error."""
-        what, _, name = text.partition(" ")
+        """Carry out an action of the user, see `rig.live.actions`; `notice` then has the result or error."""
         try:
-            self._say(self._done(what, name))
+            self._say(self._done(text))
         except RigError as error:
             self._say(str(error))
 
-    def _done(self, what: str, name: str) -> str:
+    def _done(self, text: str) -> str:
+        what, _, name = text.partition(" ")
         sensors = self.sensors.values()
         if what == REFERENCE:
             for sensor in sensors:
@@ -168,15 +181,16 @@ class Desk:
             for sensor in sensors:
                 sensor.take_background()
             return "taking the background: nothing may touch the gel"
-        if what == ESTIMATOR:
+        if what == ESTIMATOR and name in self._settings.estimators:
             choice = replace(choose_estimator(name), gel=self._settings.choice.gel)
             require_frames_suffice(choice)
-            for sensor in sensors:
-                sensor.choose(choice)
+            made = [sensor.made(choice) for sensor in sensors]  # for all sensors before one changes
+            for sensor, stream in zip(sensors, made, strict=True):
+                sensor.choose(choice, stream)
             return f"estimator {name}"
         if what == RECORD:
             return self._end_clips() if self.recording else self._begin_clips()
-        raise InputError(f"'{what}' is not known: reload the page")
+        raise InputError(f"'{text}' is not known: reload the page")
 
     def _begin_clips(self) -> str:
         for name, sensor in self.sensors.items():
@@ -186,6 +200,13 @@ class Desk:
             about = {"sensor": name, "simulated": self._settings.simulated, "background": background.origin}
             sensor.clip = ClipWriter(clip_folder(self._settings.clips, name), background.image, about)
         return f"recording to {', '.join(str(s.clip.folder) for s in self.sensors.values() if s.clip)}"
+
+    def _record(self, clip: ClipWriter, frame: Frame) -> None:
+        """Write a frame to a clip; if that fails, end the clips and go on."""
+        try:
+            clip.add(frame)
+        except RecordingError as error:
+            self._say(f"{error}; {self._end_clips()}")
 
     def _end_clips(self) -> str:
         done = []

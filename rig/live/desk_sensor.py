@@ -94,7 +94,7 @@ class DeskSensor:
         self.clip: ClipWriter | None = None
         self.background = SensorBackground(background, serial)
         self.news = ""
-        """News about the background in the newest frame, for the user."""
+        """News about the background, or that the sensor has frozen, in the newest frame, for the user."""
         self.slip = False
         """Whether the slip alarm was on at the newest frame."""
         self._choice, self._sign, self._aspect = choice, sign, aspect
@@ -121,16 +121,14 @@ class DeskSensor:
         return self._tally.dropped
 
     def take(self, frame: Frame, clock: Clock) -> Reading:
-        """Estimate the angle in a frame and write the frame to the clip. Raises `InputError`."""
+        """Estimate the angle in a frame. Raises `InputError`."""
         self._tally.add(frame)
         self._times.append(frame.time_ns)
-        if self.clip is not None:
-            self.clip.add(frame)
         sample, state = None, TAKING_BACKGROUND
         if not self.background.collecting:
             sample = self._estimated(frame)
             state, self.slip = sample.state, sample.slip
-        self.news = self.background.add(frame)
+        self.news = self.background.add(frame) or (self.stream.news if self.stream is not None else "")
         self._count(sample, state)
         late_s = (clock.now_ns() - frame.time_ns) / NS_PER_S
         span_s = (self._times[-1] - self._times[0]) / NS_PER_S
@@ -152,14 +150,28 @@ class DeskSensor:
             slips_s,
         )
 
-    def choose(self, choice: EstimatorChoice) -> None:
-        """Change the estimator; the reference is set again when the contact has settled."""
-        self._choice, self.stream = choice, None
+    def made(self, choice: EstimatorChoice) -> StreamingEstimator | None:
+        """Make an estimator for this sensor, to `choose` it; return None while the background is taken.
+
+        Raises `EstimatorError` or `InputError` if it cannot be made.
+        """
+        background = self.background.image
+        if background is None or self.background.collecting:
+            choice.try_making()
+            return None
+        return self._made(choice, background)
+
+    def choose(self, choice: EstimatorChoice, stream: StreamingEstimator | None) -> None:
+        """Change the estimator; the reference is set again when the contact has settled.
+
+        stream: from `made`.
+        """
+        self._choice, self.stream = choice, stream
 
     def take_background(self) -> None:
         """Take the background from the next frames."""
         self.background.take()
-        self.stream = None
+        self.stream = self._finder = None
         self._outline = self._outline[:0]
 
     def set_reference(self) -> None:
@@ -180,22 +192,23 @@ class DeskSensor:
             self._answered += 1
 
     def _estimated(self, frame: Frame) -> AngleSample:
-        stream = self.stream or self._made(frame)
-        sample = stream.update_at(frame.image, frame.time_ns)
-        self._find_outline(frame, sample)
+        background = frame.image if self.background.image is None else self.background.image
+        if self._finder is None:
+            check_frame(frame.image, background.shape)
+            self._finder = ContactFinder(background)
+        self.stream = self.stream or self._made(self._choice, background)
+        self.stream.misfit = self.background.misfit
+        sample = self.stream.update_at(frame.image, frame.time_ns)
+        self._find_outline(frame, sample, self._finder)
         return sample
 
-    def _made(self, frame: Frame) -> StreamingEstimator:
-        background = frame.image if self.background.image is None else self.background.image
-        check_frame(frame.image, background.shape)
-        estimator = self._choice.make(background, self._aspect, self._sign)
-        self.stream = StreamingEstimator(estimator, background.shape, self._sign, each_contact=True)
-        self._finder = ContactFinder(background)
-        return self.stream
+    def _made(self, choice: EstimatorChoice, background: Image) -> StreamingEstimator:
+        estimator = choice.make(background, self._aspect, self._sign)
+        return StreamingEstimator(estimator, background.shape, self._sign, each_contact=True)
 
-    def _find_outline(self, frame: Frame, sample: AngleSample) -> None:
-        if sample.state == State.NO_CONTACT or self._finder is None:
+    def _find_outline(self, frame: Frame, sample: AngleSample, finder: ContactFinder) -> None:
+        if sample.state == State.NO_CONTACT:
             self._outline = self._outline[:0]
         elif frame.time_ns - self._outlined_ns >= to_ns(OUTLINE_EVERY_S):
             self._outlined_ns = frame.time_ns
-            self._outline = self._finder.find(frame.image).contour.reshape(-1, 2)[::OUTLINE_STEP]
+            self._outline = finder.find(frame.image).contour.reshape(-1, 2)[::OUTLINE_STEP]

@@ -16,7 +16,7 @@ from rig.live.onlookers import asked
 def ask(question: str) -> bool:
     """Ask a yes-or-no question; without a terminal the answer is no."""
     if not _terminal():
-        _show(f"{question} [no terminal to ask and answer at: no; use --yes to agree beforehand]")
+        _show(f"{question} [no terminal to ask and answer at: no]")
         return False
     while (answer := _typed(f"{question} [y/N]:")) not in ("", "n", "no", "y", "yes"):
         _show(f"'{answer}' is neither y nor n")

@@ -10,6 +10,7 @@ import re
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import combinations
 
 from cyclonedds.core import Policy, Qos
 from cyclonedds.domain import DomainParticipant
@@ -21,6 +22,7 @@ from cyclonedds.util import duration
 from rosbags.typesys import Stores, get_typestore
 
 from drivers.clock import NS_PER_S, Clock
+from drivers.errors import InputError
 from drivers.images import with_jpeg
 from rig.live.desk_sensor import Reading
 from rig.live.feed import OBJECT
@@ -112,7 +114,17 @@ class Ros2Bridge:
 
     @staticmethod
     def topics(sensors: Sequence[str]) -> list[str]:
-        """Return the topics of sensors, and of their object if there are two, as ROS names them."""
+        """Return the topics of sensors, and of their object if there are two, as ROS names them.
+
+        Raises `InputError` if two of them would share their topics.
+        """
+        named = [*sensors, *([OBJECT] if len(sensors) > 1 else [])]
+        for one, other in combinations(named, 2):
+            if ros_name(one) == ros_name(other):
+                raise InputError(
+                    f"sources '{one}' and '{other}' would share the ROS 2 topics of '{ros_name(one)}' (only "
+                    "letters, digits and underscores are allowed): rename the source, or give a serial"
+                )
         names = [ros_name(sensor) for sensor in sensors]
         images = [f"/{name}/image_raw/compressed" for name in names]
         names += [OBJECT] if len(names) > 1 else []

@@ -13,7 +13,6 @@ from rig.live.stored_backgrounds import (
 from rig.tactile.contact.background import mean_background
 from rig.tactile.contact.background_check import (
     CHECK_EVERY_NS,
-    LOOKS_LIKE_CONTACT,
     BackgroundCheck,
     gel_change,
 )
@@ -21,7 +20,6 @@ from rig.tactile.sample import NO_COLOUR, has_colour
 
 BACKGROUND_FRAMES = 15
 """Number of frames that are averaged for the background."""
-DOUBT = f"{LOOKS_LIKE_CONTACT}: lift the object, press Take background"
 PRESS = "press an object on the gel"
 
 
@@ -50,8 +48,14 @@ class SensorBackground:
 
     @property
     def doubt(self) -> str:
-        """Text of the doubt if the background looks like a contact, else an empty text."""
-        return DOUBT if self._check is not None and self._check.doubtful else ""
+        """Why the background is doubtful, with the remedy; else an empty text."""
+        doubt = "" if self._check is None else self._check.doubt
+        return f"{doubt}: lift the object, press Take background" if doubt else ""
+
+    @property
+    def misfit(self) -> bool:
+        """Whether the frames do not fit the background, so that they have no angle."""
+        return self._check is not None and bool(self._check.misfit)
 
     def take(self) -> None:
         """Take the background from the next frames, whether or not one is stored."""

@@ -1,9 +1,9 @@
 """The background of each sensor with a serial, stored when it is taken and offered at the next start."""
 
-import re
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
+from urllib.parse import quote
 
 from drivers.errors import RecordingError
 from drivers.images import encode_png, load_image
@@ -45,5 +45,4 @@ def forget_background(serial: str) -> None:
 
 
 def _file(serial: str) -> Path:
-    name = re.sub(r"[^\w.-]", "_", serial)
-    return state_folder() / "backgrounds" / f"{name}.png"
+    return state_folder() / "backgrounds" / f"{quote(serial, safe='')}.png"

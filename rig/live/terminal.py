@@ -99,8 +99,6 @@ class TrainingView:
     def __call__(self, text: str, share: float) -> None:
         """Show the step and the finished fraction of the training."""
         percent = round(100.0 * share)
-        if percent < self._left.done:  # another part of the training begins
-            self._left = TimeLeft(100, percent)
         self._left.piece_done(percent, 100)
         if "loss" in text:
             end_phase()

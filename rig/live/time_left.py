@@ -43,9 +43,12 @@ class TimeLeft:
         return pace_s * max(self.total - self.done - in_progress, 0.0)
 
     def piece_done(self, done: int, total: int) -> None:
-        """Count a finished piece, `done` in total. Time is measured from the end of the first, slower one."""
+        """Count a finished piece, `done` in total. Time is measured from the end of the first, slower one.
+
+        If fewer pieces are done than before, another part of the work has begun: its pace is measured again.
+        """
         now_ns = self._clock.now_ns()
-        if self._newest_ns is None:
+        if self._newest_ns is None or done < self.done:
             self._before, self._began_ns = done, now_ns
         self.done, self.total, self._newest_ns = done, total, now_ns
 

@@ -17,23 +17,16 @@ from pathlib import Path
 from urllib.parse import unquote
 
 from drivers.errors import InputError, RigError
+from rig.live.actions import offered_actions
 from rig.live.feed import Inbox, Listener
 from rig.live.onlookers import Event
 from rig.live.watch_state import Progress, StateNews, WatchState
 from rig.pages.page import render
-from rig.pages.serving import (
-    FORBIDDEN,
-    LOOPBACK,
-    NOT_ALLOWED,
-    NOT_FOUND,
-    Answer,
-    PageProcess,
-    Request,
-)
+from rig.pages.requests import FORBIDDEN, LOOPBACK, NOT_ALLOWED, NOT_FOUND, Answer, Request
+from rig.pages.serving import PageProcess
 
 TOKEN = "x-rig-token"  # noqa: S105 - its name
 """Header of requests that change something; its token is contained only in the page."""
-MOST_ACTION_BYTES = 200
 REPORT_WAIT_S = 1.5
 """Time that a connected browser gets to fetch the report before the server stops."""
 LOOKING, REPORT_SHOWN = b"looking", b"report shown"
@@ -58,8 +51,8 @@ class WatchPage:
     """Serves the page at `address` until it is closed. Lifts and poses send their messages to `listener`.
 
     at: host and port. title, what, done, total: see `Progress`. estimators: names to choose from on a page
-    with buttons, see `asked`; without them the page is read-only. Raises `InputError` for an address that
-    cannot be served.
+    with buttons, see `asked`; without them the page is read-only. If other computers can reach the page,
+    `address` contains its key. Raises `InputError` for an address that cannot be served.
     """
 
     def __init__(
@@ -84,7 +77,8 @@ class WatchPage:
                 f"--watch-at {at[0]}:{at[1]}: nothing can be served there ({why}); choose another address"
             ) from error
         host = socket.gethostname() if ip_address(self.process.host).is_unspecified else at[0]
-        self.address = f"http://{host}:{self.process.port}/"
+        query = self.process.access.query
+        self.address = f"http://{host}:{self.process.port}/{query and f'?{query}'}"
 
     def tell(self, event: Event) -> None:
         """Show an event; never blocks. Each message has the complete progress, so a lost one does no harm."""
@@ -126,7 +120,8 @@ class Watched:
     """
 
     def __init__(self, progress: Progress, address: str, estimators: tuple[str, ...] = ()) -> None:
-        self._acting, self._token = bool(estimators), secrets.token_urlsafe(16)
+        self._token = secrets.token_urlsafe(16)
+        self._actions = offered_actions(estimators) if estimators else frozenset[str]()
         self._html = render(
             "rig.live", "watch.html", title=progress.title, estimators=estimators, token=self._token
         ).encode()
@@ -139,7 +134,7 @@ class Watched:
 
     def answer(self, request: Request) -> Answer:
         """Answer a request."""
-        if request.method == "POST" and request.path == "/do" and self._acting:
+        if request.method == "POST" and request.path == "/do" and self._actions:
             return self._passed_on(request)
         if request.method != "GET":
             return NOT_ALLOWED
@@ -160,9 +155,9 @@ class Watched:
         self._inbox.close()
 
     def _passed_on(self, request: Request) -> Answer:
-        """Pass on the action of a button, as text."""
+        """Pass on the action of a button, as text, if the page offers it."""
         known = secrets.compare_digest(request.header(TOKEN).encode(), self._token.encode())
-        if not known or not 0 < len(request.body) <= MOST_ACTION_BYTES:
+        if not known or request.body.decode(errors="replace") not in self._actions:
             return FORBIDDEN
         return Answer(b"{}", "application/json", report=request.body)
 

@@ -45,6 +45,7 @@ STATES = {
     "rekeyed": Colour("rekeyed", "#0746ae", "#b8d9ee"),
     "unobservable": Colour("unobservable", "#efaf2b", "#e6be4d"),
     "lost": Colour("lost", "#a20f4c", "#ca56a4"),
+    "frozen": Colour("frozen", "#4b2e83", "#8f7fe0"),
     "no_contact": Colour("nocontact", "#7d828a", "#5c5c5c"),
 }
 """Colour of each state of the estimator, by the names of `rig.tactile.sample.State`."""

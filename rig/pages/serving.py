@@ -1,25 +1,22 @@
 """Serve a local page over HTTP, in one thread and at a limited rate; validate each request.
 
 An idle or slow client occupies a socket for at most `WAIT_S`, and no thread. A response with news continues
-until its browser disconnects.
+until its browser disconnects. A page that other computers can reach needs a key, see `Access`.
 """
 
 import asyncio
-import ipaddress
 import os
 import select
 import socket
 from collections.abc import Callable
-from dataclasses import dataclass
-from http import HTTPStatus
 from typing import Protocol
 from urllib.parse import urlsplit
 
 from drivers.children import leave_signals_to_parent, spawn_context
 from drivers.errors import RigError
 from drivers.realtime import ordinary
+from rig.pages.requests import UNREADABLE, Access, Answer, News, Request
 
-LOOPBACK = "127.0.0.1"
 WAIT_S = 5.0
 """Longest time from a connection to the end of its response, s."""
 MOST_AT_ONCE = 64
@@ -44,59 +41,6 @@ STOP_S = 2.0
 BACKLOG = 64
 
 
-@dataclass(frozen=True, slots=True)
-class Request:
-    """A request of a browser. headers: by lower-case name."""
-
-    method: str
-    path: str
-    headers: dict[str, str]
-    body: bytes = b""
-
-    def header(self, name: str) -> str:
-        """Return a header's value, "" without one."""
-        return self.headers.get(name, "")
-
-
-News = Callable[[], bytes]
-"""Returns the data that a browser has not received yet, b"" if there is nothing new. It must not block."""
-
-
-@dataclass(frozen=True, slots=True)
-class Answer:
-    """The response to a request. report: sent to the program after the browser has received the response.
-
-    news: if given, its data follow the body until the browser disconnects or the program ends. A slow browser
-    gets news less often.
-    """
-
-    body: bytes
-    kind: str = "text/plain"
-    status: HTTPStatus = HTTPStatus.OK
-    report: bytes = b""
-    news: News | None = None
-
-    def packed(self) -> bytes:
-        """Return the bytes of the response."""
-        lines = [
-            f"HTTP/1.1 {self.status.value} {self.status.phrase}",
-            f"Content-Type: {self.kind}",
-            *([] if self.news else [f"Content-Length: {len(self.body)}"]),
-            "Cache-Control: no-store",
-            "X-Content-Type-Options: nosniff",
-            "Cross-Origin-Resource-Policy: same-origin",
-            "X-Frame-Options: DENY",  # against clickjacking by another site
-            "Connection: close",
-        ]
-        return "\r\n".join([*lines, "", ""]).encode() + self.body
-
-
-NOT_FOUND = Answer(b"not found", status=HTTPStatus.NOT_FOUND)
-NOT_ALLOWED = Answer(b"method not allowed", status=HTTPStatus.METHOD_NOT_ALLOWED)
-FORBIDDEN = Answer(b"request to another host name, or from another site", status=HTTPStatus.FORBIDDEN)
-UNREADABLE = Answer(b"invalid request", status=HTTPStatus.BAD_REQUEST)
-
-
 class Page(Protocol):
     """The page that a server shows. Its methods are called from one thread and must not block."""
 
@@ -113,7 +57,7 @@ class Page(Protocol):
         ...
 
 
-async def serve(page: Page, listening: socket.socket, program: socket.socket) -> None:
+async def serve(page: Page, listening: socket.socket, program: socket.socket, access: Access) -> None:
     """Serve browsers until the program closes its end of the socket or ends.
 
     listening: socket for browsers. program: SOCK_SEQPACKET socket, with messages to the page and reports from
@@ -123,7 +67,7 @@ async def serve(page: Page, listening: socket.socket, program: socket.socket) ->
     listening.setblocking(False)
     program.setblocking(False)
     asyncio.get_running_loop().add_reader(program, _hear, page, program, over.set)
-    accepting = asyncio.create_task(_accept(page, listening, program))
+    accepting = asyncio.create_task(_accept(page, listening, program, access))
     await over.wait()
     accepting.cancel()
 
@@ -139,7 +83,7 @@ def _hear(page: Page, program: socket.socket, end: Callable[[], None]) -> None:
         end()
 
 
-async def _accept(page: Page, listening: socket.socket, program: socket.socket) -> None:
+async def _accept(page: Page, listening: socket.socket, program: socket.socket, access: Access) -> None:
     loop, pace = asyncio.get_running_loop(), _Pace()
     open_now: dict[asyncio.Task[None], None] = {}
     while True:
@@ -153,7 +97,7 @@ async def _accept(page: Page, listening: socket.socket, program: socket.socket) 
             oldest = next(iter(open_now))
             del open_now[oldest]
             oldest.cancel()
-        task = loop.create_task(_converse(page, connection, _names(listening), program))
+        task = loop.create_task(_converse(page, connection, access, program))
         open_now[task] = None
         task.add_done_callback(lambda done: open_now.pop(done, None))
 
@@ -171,14 +115,12 @@ class _Pace:
         await asyncio.sleep(max(0.0, self._next_s - now_s))
 
 
-async def _converse(
-    page: Page, connection: socket.socket, names: frozenset[str], program: socket.socket
-) -> None:
+async def _converse(page: Page, connection: socket.socket, access: Access, program: socket.socket) -> None:
     """Read one request and respond; a client that is too slow is disconnected."""
     reader, writer = await asyncio.open_connection(sock=connection, limit=MOST_HEAD_BYTES)
     try:
         async with asyncio.timeout(WAIT_S):
-            answer = _answer(page, await _read(reader), names)
+            answer = _answer(page, await _read(reader), access)
             writer.write(answer.packed())
             if answer.news is None:
                 writer.close()
@@ -204,44 +146,10 @@ async def _keep_sending(writer: asyncio.StreamWriter, news: News) -> None:
         await asyncio.sleep(NEWS_EVERY_S)
 
 
-def _answer(page: Page, request: Request | None, names: frozenset[str]) -> Answer:
+def _answer(page: Page, request: Request | None, access: Access) -> Answer:
     if request is None:
         return UNREADABLE
-    return page.answer(request) if is_from_here(request, names) else FORBIDDEN
-
-
-def is_from_here(request: Request, names: frozenset[str]) -> bool:
-    """Whether a request is addressed to this computer, and was sent by its page or by a person.
-
-    names: accepted host names; empty for all, but changes then need a host that `is_this_computer`. Another
-    site can resolve its own name to the address of this computer, which the header Host shows, and can send
-    requests to it, which the header Origin shows.
-    """
-    try:
-        host = urlsplit(f"//{request.header('host')}").hostname or ""
-    except ValueError:
-        return False
-    known = host in names if names else request.method == "GET" or is_this_computer(host)
-    return known and request.header("origin") in ("", f"http://{request.header('host')}")
-
-
-def is_this_computer(host: str) -> bool:
-    """Whether a host is an IP address or the name of this computer; the host of another site is neither."""
-    name = socket.gethostname().lower()
-    if host in ("localhost", name, f"{name}.local"):
-        return True
-    try:
-        ipaddress.ip_address(host)
-    except ValueError:
-        return False
-    return True
-
-
-def _names(listening: socket.socket) -> frozenset[str]:
-    """Return the accepted host names; empty if the page is not on a loopback address."""
-    address = str(listening.getsockname()[0])
-    loopback = ipaddress.ip_address(address).is_loopback
-    return frozenset({"localhost", LOOPBACK, address}) if loopback else frozenset()
+    return access.refusal(request) or access.admitted(request, page.answer(request))
 
 
 async def _read(reader: asyncio.StreamReader) -> Request | None:
@@ -250,31 +158,32 @@ async def _read(reader: asyncio.StreamReader) -> Request | None:
         head = await reader.readuntil(b"\r\n\r\n")
         first, *fields = head[:-4].decode("latin-1").split("\r\n")
         method, target, _ = f"{first}  ".split(" ", 2)
-        path = urlsplit(target).path
+        address = urlsplit(target)
         headers = {name.lower(): value.strip() for name, _, value in (f.partition(":") for f in fields)}
         length = int(headers.get("content-length", "0"))
     except (asyncio.LimitOverrunError, ValueError):
         return None
     if not 0 <= length <= MOST_BODY_BYTES:
         return None
-    return Request(method, path, headers, await reader.readexactly(length))
+    return Request(method, address.path, headers, await reader.readexactly(length), address.query)
 
 
 class PageProcess:
     """Serves a page at `host` and `port` in another process until it is closed.
 
-    make: makes the `Page` in that process; must be picklable. at: host and port, 0 for a free port. Raises
-    `OSError` or `UnicodeError` if the address cannot be used.
+    make: makes the `Page` in that process; must be picklable. at: host and port, 0 for a free port. access:
+    who may use the page. Raises `OSError` or `UnicodeError` if the address cannot be used.
     """
 
     def __init__(self, make: Callable[[], Page], at: tuple[str, int]) -> None:
         with socket.create_server(at, backlog=BACKLOG) as listening:
             self.host, self.port = listening.getsockname()
+            self.access = Access.of(listening)
             self._program, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
             self._program.setblocking(False)
             with theirs:
                 self._process = spawn_context().Process(
-                    target=_run, args=(make, listening, theirs), name="page"
+                    target=_run, args=(make, listening, theirs, self.access), name="page"
                 )
                 self._process.start()
 
@@ -309,12 +218,12 @@ class PageProcess:
             self._process.join()
 
 
-def _run(make: Callable[[], Page], listening: socket.socket, program: socket.socket) -> None:
+def _run(make: Callable[[], Page], listening: socket.socket, program: socket.socket, access: Access) -> None:
     leave_signals_to_parent()
     os.nice(GIVE_WAY)
     with ordinary():  # a child process inherits real-time priority
         page = make()
         try:
-            asyncio.run(serve(page, listening, program))
+            asyncio.run(serve(page, listening, program, access))
         finally:
             page.close()

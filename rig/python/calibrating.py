@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,12 +15,16 @@ from calibration.hand_eye.pose_solve import calibrate_pose_pairs
 from calibration.hand_eye.samples import Setup
 from calibration.poses import pose_from_matrix, pose_matrix
 from calibration.targets.boards import View
+from drivers import arguments
 from drivers.errors import InputError
 from drivers.types import Pose
 from drivers.values import short_repr
 
 Array = NDArray[np.float64]
 EYE_TO_HAND = Setup.EYE_TO_HAND.value
+MAX_SIDE_PX, MAX_PX = 100_000, 1e6
+MAX_BOARD_M, MAX_MATRIX = 100.0, 1e6
+"""Limits of arguments, far beyond any camera, board (m) and pose (m)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -77,11 +82,17 @@ def solve_camera(
     Outliers among the views are rejected. Raises `InputError` for other shapes, `CalibrationError` if the
     views do not determine the camera.
     """
-    if len(board_m) != len(image_px):
+    boards, pictures = _items("board_m", board_m), _items("image_px", image_px)
+    if len(boards) != len(pictures):
         raise InputError(
-            f"solve_camera: {len(board_m)} boards and {len(image_px)} pictures: give the same number of each"
+            f"solve_camera: {len(boards)} boards and {len(pictures)} pictures: give the same number of each"
         )
-    views = [_view(i, *pair, size_px) for i, pair in enumerate(zip(board_m, image_px, strict=True))]
+    size = tuple(
+        arguments.whole("solve_camera: size_px", n, 1, MAX_SIDE_PX) for n in _items("size_px", size_px)
+    )
+    if len(size) != 2:
+        raise arguments.refused("solve_camera: size_px", size_px, "(width, height)")
+    views = [_view(i, *pair, size) for i, pair in enumerate(zip(boards, pictures, strict=True))]
     result = calibrate_camera(views)
     camera, assessment = result.fit.camera, assess_camera(result)
     return CameraSolution(
@@ -108,8 +119,7 @@ def solve_hand_eye(
     (fixed camera, target on the tool) or "eye-in-hand" (camera on the tool, fixed target). The pairs are in
     order of time. Outliers among them are rejected. Raises `InputError` for an invalid pose or setup.
     """
-    if setup not in list(Setup):
-        raise InputError(f"solve_hand_eye: setup '{setup}': give one of {', '.join(Setup)}")
+    setup = arguments.choice("solve_hand_eye: setup", setup, [each.value for each in Setup])
     robot, seen = _poses("base_T_tcp", base_T_tcp), _poses("camera_T_target", camera_T_target)
     if len(robot) != len(seen):
         raise InputError(
@@ -129,24 +139,26 @@ def solve_hand_eye(
     )
 
 
+def _items(name: str, values: object) -> list[Any]:
+    """Return the items of an argument of `solve_camera`. Raises `InputError` if it has none."""
+    try:
+        return list(values)  # type: ignore[call-overload]
+    except TypeError:
+        raise arguments.refused(f"solve_camera: {name}", values, "a list") from None
+
+
 def _view(number: int, board_m: ArrayLike, image_px: ArrayLike, size_px: tuple[int, int]) -> View:
-    board, seen = np.asarray(board_m, np.float64), np.asarray(image_px, np.float64)
-    if board.ndim != 2 or board.shape[1] not in (2, 3) or seen.shape != (len(board), 2):
-        raise InputError(
-            f"solve_camera: view {number} has points of shape {board.shape} and {seen.shape}: give (N, 3) "
-            "and (N, 2), a row per point"
-        )
+    three = np.ndim(board_m) == 2 and np.shape(board_m)[1] == 3
+    board = arguments.array(
+        f"solve_camera: board_m[{number}]", board_m, (None, 3 if three else 2), MAX_BOARD_M
+    )
+    seen = arguments.array(f"solve_camera: image_px[{number}]", image_px, (len(board), 2), MAX_PX)
     flat = np.column_stack([board[:, :2], np.zeros(len(board))])
-    if board.shape[1] == 3 and np.abs(board[:, 2]).max(initial=0.0) > 0.0:
+    if three and np.abs(board[:, 2]).max(initial=0.0) > 0.0:
         raise InputError(f"solve_camera: view {number}: points of a flat board have z = 0")
     return View(str(number), np.arange(len(board)), flat, seen, size_px)
 
 
 def _poses(name: str, matrices: ArrayLike) -> list[Pose]:
-    try:
-        stack = np.asarray(matrices, np.float64)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"solve_hand_eye: {name} are not numbers: {error}") from error
-    if stack.ndim != 3:
-        raise InputError(f"solve_hand_eye: {name} has shape {stack.shape}: give (N, 4, 4)")
+    stack = arguments.array(f"solve_hand_eye: {name}", matrices, (None, 4, 4), MAX_MATRIX)
     return [pose_from_matrix(matrix, f"{name}[{i}]") for i, matrix in enumerate(stack)]

@@ -9,25 +9,26 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
+from drivers import arguments
 from drivers.clock import NS_PER_S
-from drivers.errors import EstimatorError, InputError
+from drivers.errors import EstimatorError, InputError, counted
 from drivers.formats import MAX_TIME_S
 from drivers.realtime import compute_in_one_thread
 from drivers.types import Image
 from drivers.values import short_repr
-from rig.frames.estimates import estimate_series, zeroed
+from rig.frames.estimates import estimate_series, without_angles, zeroed
 from rig.frames.estimation import checked, require_frames_suffice
 from rig.frames.series import FrameSeries, TimedFrame, evenly_spread, find_background
-from rig.frames.streaming import StreamingEstimator
-from rig.frames.times import FrameTime, checked_times, sparse_note, times_at_rate
+from rig.frames.streaming import StreamingEstimator, checked_sign
+from rig.frames.times import LEAST_FPS, MAX_FPS, FrameTime, checked_times, sparse_note
 from rig.python.tracks import Angles
 from rig.report.curves import AXIS_DEG, TURN_DEG, Curve, truth_at, unwrapped
 from rig.results.metrics import summarize
-from rig.tactile.contact.background_check import LOOKS_LIKE_CONTACT, BackgroundCheck
-from rig.tactile.estimators import choose_estimator
+from rig.tactile.contact.background_check import BackgroundCheck
+from rig.tactile.estimators import ASPECTS, MAX_WINDOW, choose_estimator
 from rig.tactile.foreign import ForeignEstimator
 from rig.tactile.paper.estimator import WindowMean
-from rig.tactile.sample import TactileEstimator, check_frame, faults_of
+from rig.tactile.sample import FROZEN, State, TactileEstimator, check_frame, faults_of
 
 RATE_HZ = 60.0
 _log = logging.getLogger(__name__)
@@ -76,13 +77,19 @@ def estimate(
     Returns image angles as `rig estimate` does: counter-clockwise positive, relative to the first frame in
     which the contact has settled. Raises `InputError` for invalid frames or times, or if no background is
     given and no frames without contact are found; `EstimatorError` if the estimator cannot be made, or a
-    class of your own fails on a frame. Warns (`UserWarning`) if the background looks like a contact;
-    doubtful times are logged.
+    class of your own fails on a frame. Warns (`UserWarning`) if the background looks like a contact
+    or does not fit the frames, or the camera had frozen; doubtful times are logged.
     """
     if isinstance(frames, (str, Path)):
         raise InputError(
             f"estimate: {frames} is a path: give frames as arrays, or read files with rig estimate {frames}"
         )
+    try:
+        iter(frames)
+    except TypeError:
+        raise arguments.refused("estimate: frames", frames, "images in order") from None
+    fps = arguments.number("estimate: fps", fps, LEAST_FPS, MAX_FPS)
+    seconds, notes = (None, ()) if times_s is None else _seconds(times_s)
     if background is None:
         frames = list(frames)
         if not frames:
@@ -90,18 +97,22 @@ def estimate(
         for image in frames:
             check_frame(image, getattr(frames[0], "shape", None))
         background, _ = find_background("estimate", frames, evenly_spread(frames))
-    times_at_rate(0, fps)  # checks the rate
-    seconds, notes = (None, ()) if times_s is None else _seconds(times_s)
+    check_frame(background)
     series = FrameSeries("frames", lambda: _timed(frames, seconds, fps))
-    made, check = _made(estimator, background, window, pixel_aspect, gel=gel), BackgroundCheck(background)
+    made = _made("estimate", estimator, background, window, pixel_aspect, 1, gel)
+    check = BackgroundCheck(background)
     answers = estimate_series(checked(series, check), made)
     if not answers:
         raise InputError("estimate: there are no frames")
     if faults := faults_of(answer.sample for answer in answers):
         raise EstimatorError(str(faults))
-    if check.doubtful:
-        warnings.warn(f"{LOOKS_LIKE_CONTACT}: give a frame without contact as background", stacklevel=2)
+    if check.misfit:
+        answers = without_angles(answers)
+    if check.doubt:
+        warnings.warn(f"{check.doubt}: give a frame without contact as background", stacklevel=2)
     found = zeroed(answers, None)
+    if frozen := sum(answer.sample.state is State.FROZEN for answer in answers):
+        warnings.warn(f"{counted(frozen, 'frame')}: {FROZEN}", stacklevel=2)
     states = tuple(answer.sample.state.value for answer in answers)
     at_s = np.array([answer.time.time_ns / NS_PER_S for answer in answers])
     note = sparse_note([answer.time.time_ns for answer in answers])
@@ -133,7 +144,8 @@ def estimator(
     check_frame(background)
     compute_in_one_thread()
     background = background.copy()
-    made = _made(name, background, window, pixel_aspect, sign, gel)
+    sign = checked_sign("estimator: sign", sign)
+    made = _made("estimator", name, background, window, pixel_aspect, sign, gel)
     stream = StreamingEstimator(made, background.shape, sign)
     stream.check_background(background)
     return stream
@@ -144,11 +156,13 @@ def score(estimate: Angles, truth: Angles) -> Score:
 
     A true angle with steps of more than 90 degrees is unwrapped, with a warning in the log.
     """
+    for name, angles in (("estimate", estimate), ("truth", truth)):
+        arguments.instance(f"score: {name}", angles, Angles, "a rig.Angles")
     true, notes = unwrapped("the true angle", _curve(truth), AXIS_DEG)
     ours, more = unwrapped("the estimate", _curve(estimate), TURN_DEG)
     for note in (*notes, *more):
         _log.warning("score: %s", note)
-    known = truth_at(true, np.asarray(estimate.time_s, np.float64))
+    known = truth_at(true, estimate.time_s)
     off = np.abs(ours.angle_deg - known)
     there, both = np.isfinite(known), np.isfinite(off)
     errors = summarize(off[both])
@@ -165,20 +179,27 @@ def _curve(angles: Angles) -> Curve:
 
 
 def _made(
+    where: str,
     estimator: str | type[TactileEstimator],
     background: Image,
     window: int | None,
     aspect: float | None,
-    sign: int = 1,
-    gel: str | Path | None = None,
+    sign: int,
+    gel: str | Path | None,
 ) -> TactileEstimator:
+    """Validate the arguments of an estimator and make it. where: the function they were given to."""
+    if window is not None:
+        window = arguments.whole(f"{where}: window", window, 1, MAX_WINDOW)
+    if aspect is not None:
+        aspect = arguments.number(f"{where}: pixel_aspect", aspect, *ASPECTS)
+    look = None if gel is None else arguments.path(f"{where}: gel", gel)
     if isinstance(estimator, str):
-        choice = choose_estimator(estimator, window, gel=None if gel is None else Path(gel))
+        choice = choose_estimator(estimator, window, gel=look)
         require_frames_suffice(choice)
         return choice.make(background, aspect, sign)
     if not isinstance(estimator, type):
         raise InputError(f"the estimator is a {type(estimator).__name__}: give a name or a class")
-    choice = choose_estimator(None, window)  # checks the window
+    choice = choose_estimator(None, window)
     made = ForeignEstimator(estimator.__name__, background, aspect, sign, estimator)
     return WindowMean(made, choice.window) if choice.window > 1 else made
 
@@ -198,9 +219,7 @@ def _timed(frames: Iterable[Image], seconds: np.ndarray | None, fps: float) -> I
 
 def _seconds(times_s: ArrayLike) -> tuple[np.ndarray, tuple[str, ...]]:
     """Return the capture times, (N,) s, and notes. Raises `InputError`."""
-    seconds = np.asarray(times_s, np.float64)
-    if seconds.ndim != 1 or not (np.abs(seconds) < MAX_TIME_S).all():
-        raise InputError("estimate: times_s must be (N,) s and finite")
+    seconds = arguments.array("estimate: times_s", times_s, (None,), MAX_TIME_S)
     return seconds, checked_times("estimate: times_s", np.rint(seconds * NS_PER_S).astype(np.int64))
 
 

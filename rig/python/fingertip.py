@@ -1,5 +1,6 @@
 """Read a tactile sensor of a bench and estimate its angle in threads, for programs with their own loop."""
 
+import logging
 import threading
 from contextlib import ExitStack
 
@@ -11,9 +12,10 @@ from rig.bench.source import unconnected_bench
 from rig.config import load_bench
 from rig.frames.streaming import AngleSample, StreamingEstimator
 from rig.tactile.contact.background import mean_background
-from rig.tactile.estimators import DEFAULT_ESTIMATOR, EstimatorChoice
+from rig.tactile.estimators import DEFAULT_ESTIMATOR, choose_estimator
 from rig.tactile.sample import State
 
+_log = logging.getLogger(__name__)
 BACKGROUND_FRAMES = 10
 """Number of frames after connecting whose mean is the background."""
 LATE_NS = NS_PER_S // 10
@@ -30,7 +32,7 @@ class LiveFingertip:
     """A live tactile sensor of a bench file; no other device of the bench is connected.
 
     bench: as for `--bench`. finger: name as in the bench file. estimator: a name; None for frames without
-    angles. Raises `InputError` for an invalid bench or a finger without a sensor.
+    angles. Raises `InputError` for an invalid bench, estimator or finger.
     """
 
     def __init__(self, bench: str, finger: str, estimator: str | None = DEFAULT_ESTIMATOR) -> None:
@@ -42,7 +44,8 @@ class LiveFingertip:
             )
         self.serial, self.rate_hz = sensors[finger].serial, sensors[finger].rate_hz
         self.size_px = sensors[finger].size_px
-        self._finger, self._estimator = finger, estimator
+        self._finger = finger
+        self._choice = None if estimator is None else choose_estimator(estimator, window=1)
         self._opened: ExitStack | None = None
         self._changed = threading.Condition()
         self._frame: Frame | None = None
@@ -73,10 +76,9 @@ class LiveFingertip:
             )
             stopping = threading.Event()
             work = [threading.Thread(target=self._read, args=(tip, stopping), daemon=True)]
-            if self._estimator is not None:
-                choice = EstimatorChoice(self._estimator, window=1)
-                choice.try_making()
-                estimator = choice.make(untouched, sign=tip.sign)
+            if self._choice is not None:
+                self._choice.try_making()
+                estimator = self._choice.make(untouched, sign=tip.sign)
                 stream = StreamingEstimator(estimator, untouched.shape, tip.sign, each_contact=True)
                 stream.check_background(untouched)
                 work.append(threading.Thread(target=self._estimate, args=(stream, stopping), daemon=True))
@@ -163,5 +165,7 @@ class LiveFingertip:
                 continue
             done = frame
             sample = stream.update_at(frame.image, frame.time_ns)
+            if stream.news:
+                _log.warning("%s: %s", self.serial, stream.news)
             with self._changed:
                 self._angle = sample

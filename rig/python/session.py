@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from calibration.markers.tracker import MarkerTracker
+from drivers import arguments
 from drivers.clock import NS_PER_S
 from drivers.errors import counted, unknown_name
 from drivers.realtime import compute_in_one_thread
@@ -168,16 +169,21 @@ class Lift:
         return _angles(self._curves.tips[serial])
 
     def frames(self, serial: str, masks: str | None = None) -> Iterator[SensorFrame]:
-        """Yield the frames of a fingertip in order, or for "camera" those of the external camera.
+        """Return an iterator over the frames of a fingertip, or for "camera" of the external camera.
 
         masks: method of the contact masks, "classical" (difference from the frame without contact), "ours",
         "pspnet" or an ONNX file; None for no masks. Raises `InputError`, `SessionError`.
         """
+        serial = arguments.instance("frames: serial", serial, str, "a serial or 'camera'")
         if serial == CAMERA:
             serial = self._manifest.config.camera.serial
         else:
             self._require(serial)
-        segmenter = None if masks is None else _segmenter(masks, self.background(serial))
+        if masks is not None:
+            masks = str(arguments.path("frames: masks", masks))
+        return self._frames(serial, None if masks is None else _segmenter(masks, self.background(serial)))
+
+    def _frames(self, serial: str, segmenter: "FrameSegmenter | None") -> Iterator[SensorFrame]:
         for frame in recorded_frames(self._recording, serial):
             mask = None
             if segmenter is not None:
@@ -246,6 +252,7 @@ class Lift:
         return self._row.phases_s[Phase.LIFT]
 
     def _require(self, serial: str) -> None:
+        serial = arguments.instance("serial", serial, str, f"one of {', '.join(self.serials)}")
         if serial not in self._manifest.signs:
             raise unknown_name(f"fingertip of {self!r}", serial, self.serials)
 
@@ -256,8 +263,8 @@ class Session:
     lifts: the finished lifts that can be read, in order. problems: messages about lifts that cannot be read.
     """
 
-    def __init__(self, folder: Path) -> None:
-        self._folder = folder
+    def __init__(self, folder: str | Path) -> None:
+        self._folder = folder = arguments.path("open_session: folder", folder)
         self._manifest = read_manifest_of(folder, TrialManifest, "rig.open_session opens trials")
         usable = read_usable_lifts(folder)
         rows = sorted(usable.lifts, key=lambda row: row.number)
@@ -317,7 +324,7 @@ def open_session(folder: str | Path) -> Session:
 
     Raises `SessionError` if the folder is not a trial, or has no finished lift.
     """
-    return Session(Path(folder))
+    return Session(folder)
 
 
 def _segmenter(masks: str, background: Image) -> "FrameSegmenter":

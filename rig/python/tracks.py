@@ -7,13 +7,15 @@ from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from calibration.markers.tracker import MarkerTracker
 from calibration.poses import pose_matrix
 from calibration.targets.aruco import Refusal
+from drivers import arguments
 from drivers.clock import NS_PER_S
 from drivers.errors import InputError
+from drivers.formats import MAX_TIME_S
 from drivers.types import ArmState
 from drivers.values import short_repr
 from rig.sessions.reading import recorded_arm_states, recorded_frames, recorded_gripper
@@ -24,6 +26,8 @@ if TYPE_CHECKING:
     from pandas import DataFrame  # pyright: ignore[reportMissingImports, reportMissingModuleSource]
 
 Floats = NDArray[np.float64]
+MAX_DEG = 1e9
+"""Largest angle that is accepted: thousands of turns; larger ones are no angles."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,15 +47,21 @@ class Angles:
     __repr__ = short_repr
 
     def __post_init__(self) -> None:
-        time_s, angle_deg = _row("time_s", self.time_s), _row("angle_deg", self.angle_deg)
-        sigma_deg = _row("sigma_deg", self.sigma_deg)
+        time_s = arguments.array("Angles: time_s", self.time_s, (None,), MAX_TIME_S)
+        angle_deg = arguments.array("Angles: angle_deg", self.angle_deg, (None,), MAX_DEG, unknown=True)
+        sigma_deg = arguments.array("Angles: sigma_deg", self.sigma_deg, (None,), np.inf, unknown=True)
         sigma_deg = sigma_deg if sigma_deg.size else np.full(time_s.shape, np.nan)
+        if not isinstance(self.states, tuple | list) or not all(isinstance(s, str) for s in self.states):
+            raise arguments.refused("Angles: states", self.states, "a tuple of texts")
         if not time_s.shape == angle_deg.shape == sigma_deg.shape or len(self.states) not in (0, len(time_s)):
             raise InputError(
                 f"Angles: {len(time_s)} times and {len(angle_deg)} angles: give the same number of each"
             )
-        if not np.isfinite(time_s).all() or (np.diff(time_s) < 0).any():
-            raise InputError("Angles: time_s must be finite and not decrease: sort the rows by time")
+        if (np.diff(time_s) < 0).any():
+            raise InputError("Angles: time_s must not decrease: sort the rows by time")
+        if (sigma_deg < 0).any():
+            raise InputError("Angles: sigma_deg is negative: give a standard deviation, or NaN if unknown")
+        object.__setattr__(self, "states", tuple(self.states))
         for name, values in (("time_s", time_s), ("angle_deg", angle_deg), ("sigma_deg", sigma_deg)):
             object.__setattr__(self, name, values)
 
@@ -73,16 +83,6 @@ def data_frame(columns: Any) -> "DataFrame":
     except ImportError as error:
         raise InputError("a DataFrame needs pandas, which is not installed: pip install pandas") from error
     return pandas.DataFrame(columns)
-
-
-def _row(name: str, values: ArrayLike) -> Floats:
-    try:
-        row = np.asarray(values, np.float64)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"Angles: {name} are not numbers: {error}") from error
-    if row.ndim != 1:
-        raise InputError(f"Angles: {name} has shape {row.shape}: give (N,)")
-    return row
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -26,7 +26,8 @@ def trial_notices(trial: Trial, now: datetime | None = None) -> list[Notice]:
     """Return all notices about a trial, the most serious first."""
     checks: tuple[Callable[[Trial], list[Notice]], ...] = (
         _unfinished, _faults, _fallen, _few_lifts, _small_turns, _refused, _sigma, _unseen_markers,
-        _marker_distance, _estimator_faults, _drops, _jumps, _slow, _one_sided, _false_alarms,
+        _against_truth, _clocks, _marker_distance, _estimator_faults, _frozen, _drops, _jumps, _slow,
+        _one_sided, _false_alarms,
     )  # fmt: skip
     found = [*trial.problems, *(notice for check in checks for notice in check(trial))]
     found += calibration_notices(trial.manifest, now or datetime.now(UTC))
@@ -129,6 +130,36 @@ def _unseen_markers(trial: Trial) -> list[Notice]:
     return [Notice("warn", what, advice)]
 
 
+def _against_truth(trial: Trial) -> list[Notice]:
+    found = [(lift, turned) for lift in trial.lifts if (turned := lift.row.turns_against)]
+    if not found:
+        return []
+    worst, turned = max(found, key=lambda pair: abs(pair[1].truth_deg))
+    what = (
+        f"The estimate turns against the markers in {counted(len(found), 'lift')}. In {worst.name}, {turned}."
+    )
+    advice = (
+        "Compare the serial printed on each sensor with finger and sign of its [[tactile]] in the bench file."
+    )
+    return [Notice("bad", what, advice)]
+
+
+def _clocks(trial: Trial) -> list[Notice]:
+    lags = [(lift, lag) for lift in trial.lifts if (lag := lift.row.lag)]
+    rates = [lift for lift in trial.lifts if lift.row.clock_rates]
+    advice = "In rig doctor, capture time must be 'kernel'. rig calibrate sync measures a constant delay."
+    found = []
+    if lags:
+        worst, lag = max(lags, key=lambda pair: abs(pair[1].lag_s))
+        what = f"Estimate and markers do not turn at the same time in {counted(len(lags), 'lift')}"
+        found.append(Notice("bad", f"{what}, most in {worst.name}: {lag}.", advice))
+    if rates:
+        warning = rates[0].row.warnings[0]
+        what = f"Clocks run at a wrong speed in {counted(len(rates), 'lift')}. In {rates[0].name}: {warning}."
+        found.append(Notice("bad", what, advice))
+    return found
+
+
 def _marker_distance(trial: Trial) -> list[Notice]:
     found = [(lift, off) for lift in trial.lifts if (off := lift.row.marker_distance)]
     if not found:
@@ -151,6 +182,12 @@ def _estimator_faults(trial: Trial) -> list[Notice]:
     what = f"The estimator itself failed in {counted(len(found), 'lift')}, most in {worst.name}: {faults}."
     advice = "The frames are stored: correct the estimator's code, then run rig replay with --estimator."
     return [Notice("bad", what, advice)]
+
+
+def _frozen(trial: Trial) -> list[Notice]:
+    found = [lift.name for lift in trial.lifts if lift.row.states.get("frozen")]
+    what = f"A fingertip repeated its picture in {joined(found)}."
+    return [Notice("bad", what, ADVICE["frozen"])] if found else []
 
 
 def _drops(trial: Trial) -> list[Notice]:

@@ -26,8 +26,7 @@ def lift_note(row: LiftRow | TableLift) -> str:
     if isinstance(row, FinishedLift):
         if row.reactions:
             parts.append(counted(len(row.reactions), "reaction"))
-        warnings = (row.marker_distance, row.estimator_faults)
-        parts += [f"WARNING: {warning}" for warning in warnings if warning]
+        parts += [f"WARNING: {warning}" for warning in row.warnings]
     return f"{head}, {', '.join(parts)}"
 
 

@@ -11,6 +11,7 @@ ADVICE = {
     "unobservable": "The contact looks the same at every angle: grasp the object elsewhere or at an edge.",
     "lost": "The image changed more than by a rotation: check the frames for stray light, a new contact or "
     "a finger that moved.",
+    "frozen": "The fingertip repeated its picture: check its cable, replug it.",
     "no_contact": "The fingertip detected no contact: grip more firmly, or check if the object slid out.",
 }
 """Advice for each state without an angle."""

@@ -77,6 +77,7 @@ def _line(row: LiftRow) -> ReplayRow:
         if (error := getattr(row, part, None)) is not None:
             values |= {f"{part}_{key}": value for key, value in asdict(error).items()}
     if isinstance(row, FinishedLift):
+        values["warnings"] = "; ".join(row.warnings) or None
         values["estimator_fault"] = str(row.estimator_faults) if row.estimator_faults else None
         values |= _reaction_cells(row.reactions)
     return ReplayRow(**{**values, "session": "", "react": row.react.value})

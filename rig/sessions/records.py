@@ -13,6 +13,7 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Discriminator, Field, Tag
 
+from drivers.errors import counted
 from protocols.observer import REQUIRED
 from protocols.reaction import ReactionKind
 from rig.config.fields import FileName, InnerPath
@@ -69,6 +70,44 @@ class MarkerDistance:
 
     def __str__(self) -> str:
         return f"the markers appear {self.seen_m:.3f} m away instead of {self.placed_m:.3f} m (camera's pose)"
+
+
+@dataclass(frozen=True, slots=True)
+class TurnsAgainst:
+    """Fingertips whose angle turns against the true angle over a lift.
+
+    serials: of these fingertips. exchanged: whether these are all, as if they were exchanged. estimate_deg,
+    truth_deg: last angle of one of them, and true angle then.
+    """
+
+    serials: tuple[str, ...]
+    exchanged: bool
+    estimate_deg: float
+    truth_deg: float
+
+    def __str__(self) -> str:
+        turned = f"turned {self.estimate_deg:+.1f} degrees, the markers {self.truth_deg:+.1f}"
+        if self.exchanged:
+            return f"the fingertips may be exchanged: the estimate {turned} (fingers in the bench file)"
+        return f"the sign of {', '.join(self.serials)} may be wrong: the estimate {turned}"
+
+
+@dataclass(frozen=True, slots=True)
+class ClockLag:
+    """By how much the estimate follows the true angle too late; negative if it is too early.
+
+    sigma_s: one standard deviation.
+    """
+
+    lag_s: float
+    sigma_s: float
+
+    def __str__(self) -> str:
+        late = "after" if self.lag_s > 0.0 else "before"
+        return (
+            f"the estimate turns {abs(self.lag_s):.2f} +- {self.sigma_s:.2f} s {late} the markers (clocks of "
+            "camera and fingertips)"
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,9 +185,9 @@ class LiftFigures:
     onset_alarm_s: since the start of phase B, None without an onset. phases_s: start of each phase by the
     bench's clock. frames, dropped: by serial, "camera" for the camera. states, skipped, disagreements: number
     of tactile frames by state, by skipped stage, and by kind of disagreement between the fingertips.
-    marker_distance: only if it is a warning. jumped: frames left out because of an invalid time, by source;
-    only if there are any. reactions, slip_thresholds (by serial): only in lifts with reactions to slip.
-    estimator_faults: failures of a user-defined estimator.
+    marker_distance, turns_against, lag: only if they are warnings. jumped: frames left out because of an
+    invalid time, by source; only if there are any. reactions, slip_thresholds (by serial): only in lifts with
+    reactions to slip. estimator_faults: failures of a user-defined estimator.
     """
 
     outcome: LiftOutcome
@@ -169,10 +208,26 @@ class LiftFigures:
     skipped: dict[str, int]
     disagreements: dict[str, int]
     marker_distance: MarkerDistance | None = None
+    turns_against: TurnsAgainst | None = None
+    lag: ClockLag | None = None
     jumped: dict[str, int] | None = None
     reactions: tuple[ReactionRecord, ...] | None = None
     slip_thresholds: dict[str, SlipThreshold] | None = None
     estimator_faults: EstimatorFaults | None = None
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """The reasons to doubt the figures of the lift, for a person."""
+        frozen = self.states.get("frozen", 0)
+        repeats = f"a fingertip repeats its picture in {counted(frozen, 'frame')}: check its cable"
+        found = (
+            repeats if frozen else None,
+            self.turns_against,
+            self.lag,
+            self.marker_distance,
+            self.estimator_faults,
+        )
+        return tuple(str(what) for what in found if what)
 
     @property
     def slip_start_s(self) -> float | None:
@@ -190,11 +245,21 @@ class FinishedLift(LiftHead, LiftFigures):
     """A lift that counts. bench_s: its duration by the bench's clock.
 
     speed_fraction: fraction of their speed at which motions ran (the speed slider), None if unknown.
+    clock_rates: of sources whose time stamps advance at another speed than the bench's clock, by name: their
+    speed divided by that of the clock; only if there are any.
     """
 
     accepted: Literal[True]
     bench_s: float
     speed_fraction: float | None = None
+    clock_rates: dict[str, float] | None = None
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """The reasons to doubt the figures of the lift, for a person."""
+        rates = [f"{name} at {rate:.2f}" for name, rate in (self.clock_rates or {}).items()]
+        text = f"time stamps at another speed than this computer's clock: {', '.join(rates)}"
+        return (*((text,) if rates else ()), *super().warnings)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -160,6 +160,7 @@ class ReplayRow:
     reaction_event_s: float | None = lift_column("capture of the frame that caused it", IF_REACTING)
     reaction_command_s: float | None = lift_column("command to stop the arm", IF_REACTING)
     reaction_standstill_s: float | None = lift_column("arm and fingers at standstill", IF_REACTING)
+    warnings: str | None = lift_column("reasons to doubt the figures of the lift", IN_CSV)
     estimator_fault: str | None = lift_column("failures of an estimator of another package")
     speed_fraction: float | None = lift_column("position of the arm's speed slider, 0 to 1", IN_CSV)
 

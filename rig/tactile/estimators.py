@@ -33,6 +33,8 @@ ESTIMATORS = (DEFAULT_ESTIMATOR, *METHODS, *(name + PUBLISHED for name in ANGLES
 WITH_RATE = (DEFAULT_ESTIMATOR,)
 """Estimators that report the rotation rate, which the reaction to slip needs."""
 PAPER_WINDOW, MAX_WINDOW = 2, 100
+ASPECTS = 0.5, 2.0
+"""Smallest and largest pixel aspect, as in a bench file."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,7 +140,7 @@ def choose_estimator(
     is imported here. Raises `InputError` for an unknown name, a class that cannot be imported or is not an
     estimator, or a window out of range, and `CalibrationError` for the file.
     """
-    name = name or DEFAULT_ESTIMATOR
+    name = DEFAULT_ESTIMATOR if name is None else name
     if is_foreign(name):
         _require_known(name)
         require_estimator(name)

@@ -11,7 +11,7 @@ import numpy as np
 
 from drivers.clock import NS_PER_S
 from drivers.errors import InputError, counted
-from drivers.tally import LONGEST_STEP_NS, StreamTimes
+from drivers.tally import LONGEST_STEP_NS, PictureNews, StreamTimes
 from drivers.types import ArmState, Image
 from drivers.values import short_repr
 from rig.tactile.settling import SettlingByArea
@@ -30,6 +30,7 @@ class State(StrEnum):
     REKEYED = "rekeyed"
     UNOBSERVABLE = "unobservable"
     LOST = "lost"
+    FROZEN = "frozen"
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,6 +72,25 @@ class SlipSample:
     def shows_contact(self) -> bool:
         """Whether the frame shows a contact; an estimator need not report its area."""
         return self.contact_area_px > 0.0 or self.angle_deg is not None
+
+    @property
+    def estimated(self) -> bool:
+        """Whether the frame was processed with a contact; other frames need nearly no time."""
+        return not (self.jumped or self.state in (State.NO_CONTACT, State.FROZEN))
+
+    def without_angle(self) -> "SlipSample":
+        """Return the sample without its angle, in the state `lost`; a sample without one is unchanged."""
+        if self.angle_deg is None:
+            return self
+        return replace(
+            self,
+            state=State.LOST,
+            angle_deg=None,
+            sigma_deg=None,
+            unseen_deg=0.0,
+            rate_deg_s=None,
+            shift_px=None,
+        )
 
     def sigma_since(self, zero: "SlipSample | None") -> float | None:
         """Return the standard deviation of the rotation since a zero sample, deg; None if sigma_deg is None.
@@ -116,6 +136,8 @@ def check_frame(image: Image, shape: tuple[int, ...] | None = None) -> None:
         raise InputError(f"tactile frame has shape {image.shape}, its background {shape}: use one size")
 
 
+FROZEN = "the sensor repeats its picture: it has frozen, and there is no angle; check its cable, replug it"
+"""Text for the user about frames with the state `frozen`."""
 ROUNDING = 3
 """Largest difference of the colours of a grey pixel after JPEG or video compression, grey levels."""
 NO_COLOUR = (
@@ -140,7 +162,8 @@ class FreshFrameEstimator(TactileEstimator):
     (`drivers.tally.StreamTimes`), is not processed and gets the state `lost` without an angle. If the next
     frame agrees with a jumped time, the stream continues from there: after a pause or, if its clock was set
     back, as if `SET_BACK_STEP_NS` had passed. In a stream of frames far apart (`StreamTimes.sparse`) an
-    estimator that follows the motion loses the contact, except in its first frame. shape: of the frames,
+    estimator that follows the motion loses the contact, except in its first frame. A frame of a frozen source
+    (`drivers.tally.PictureNews`) is not processed either; its state is `frozen`. shape: of the frames,
     (H, W, 3); None for any.
     """
 
@@ -153,7 +176,7 @@ class FreshFrameEstimator(TactileEstimator):
     def __init__(self, shape: tuple[int, ...] | None = None) -> None:
         self._shape = shape
         self._last: SlipSample | None = None
-        self._times, self._settling = StreamTimes(), SettlingByArea()
+        self._times, self._settling, self._news = StreamTimes(), SettlingByArea(), PictureNews()
         self._set_back_ns = 0
 
     def update(self, image: Image, time_ns: int) -> SlipSample:
@@ -168,6 +191,11 @@ class FreshFrameEstimator(TactileEstimator):
         if last is not None and now_ns <= last.time_ns:
             state = State.NO_CONTACT if last.state is State.NO_CONTACT else State.LOST
             return SlipSample(last.time_ns - self._set_back_ns, state, skipped=self.stages, jumped=True)
+        self._news.add(image, now_ns)
+        if self._news.frozen:
+            settled = None if last is None else last.settled
+            self._last = SlipSample(now_ns, State.FROZEN, skipped=self.stages, settled=settled)
+            return replace(self._last, time_ns=time_ns)
         held = last is not None and last.state is not State.NO_CONTACT
         sample = self._estimate(image, now_ns)
         if held and self.follows_motion and self._times.sparse and sample.angle_deg is not None:

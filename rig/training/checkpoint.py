@@ -8,7 +8,7 @@ import torch
 from torch import nn
 
 from drivers.errors import InputError, RigError
-from drivers.formats import reason
+from drivers.formats import check_zip, reason
 from rig.sessions.files import write_json
 from rig.tactile.contact.network import Recipe
 from rig.training.export import export_onnx, file_facts
@@ -16,8 +16,6 @@ from rig.training.networks import Architecture, build_network
 
 _WRAPPERS = ("module.", "model.", "net.")
 """Prefixes that DataParallel and Lightning add to the names of weights."""
-_MOST_RATIO = 20
-"""Largest accepted ratio of an archive's unpacked to its packed size."""
 STRIDE = 32
 """Image sides must be multiples of this: the encoders halve them five times."""
 
@@ -30,7 +28,9 @@ def read_checkpoint(path: Path) -> dict[str, Any]:
     if not path.is_file():
         raise InputError(f"{path}: there is no such checkpoint: check the path")
     try:
-        _refuse_packed(path)
+        if zipfile.is_zipfile(path):
+            with zipfile.ZipFile(path) as archive:
+                check_zip(str(path), archive)
         state = torch.load(path, map_location="cpu", weights_only=True)
     except RigError:  # the user interrupted the command
         raise
@@ -43,16 +43,6 @@ def read_checkpoint(path: Path) -> dict[str, Any]:
     if not isinstance(state, dict):
         raise InputError(f"{path}: holds a {type(state).__name__}, not a dictionary with 'state_dict'")
     return state
-
-
-def _refuse_packed(path: Path) -> None:
-    """Raise `ValueError` for a decompression bomb; real weights are not compressed."""
-    if not zipfile.is_zipfile(path):
-        return
-    with zipfile.ZipFile(path) as archive:
-        unpacked = sum(entry.file_size for entry in archive.infolist())
-    if unpacked > _MOST_RATIO * path.stat().st_size:
-        raise ValueError(f"{unpacked / 1e6:.0f} MB unpacked, which is above the limit")
 
 
 def read_state(path: Path) -> dict[str, torch.Tensor]:

@@ -10,6 +10,7 @@ import subprocess
 import sys
 from contextlib import suppress
 from pathlib import Path
+from urllib.request import Request, urlopen
 
 import pytest
 
@@ -19,7 +20,7 @@ from support.command_line import rig
 from support.desk_frames import desk_frames
 from support.foxglove_client import first_message
 from support.marks import long
-from support.waiting import LIMIT_S
+from support.waiting import LIMIT_S, until
 
 
 @pytest.fixture(scope="module")
@@ -146,6 +147,43 @@ def test_wrong_source_opens_no_page() -> None:
     done = rig("live", "nowhere.avi")
     assert done.returncode == 2
     assert "http://127" not in done.stderr
+
+
+def press(address: str, action: str) -> None:
+    """Press a button of the page."""
+    with urlopen(address) as page:
+        found = re.search(r"'x-rig-token': \"([\w-]+)\"", page.read().decode())
+    assert found
+    headers = {"x-rig-token": found[1]}
+    with urlopen(Request(f"{address}do", action.encode(), headers)) as answer:
+        assert answer.status == 200
+
+
+@pytest.mark.parametrize("signals", [(signal.SIGKILL,), (signal.SIGINT, signal.SIGTERM)])
+def test_clip_of_a_live_view_that_is_killed_is_complete(
+    tmp_path: Path, signals: tuple[signal.Signals, ...]
+) -> None:
+    command = [sys.executable, "-P", "-u", "-m", "rig", "live", "fake", "--no-browser", "--clips", tmp_path]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stderr is not None
+        lines = iter(process.stderr.readline, "")
+        address = next(found[0] for line in lines if (found := re.search(r"http://\S+/(?=;)", line)))
+        assert any("background taken" in line for line in lines)
+        press(address, "record")
+        until(lambda: len(list(tmp_path.glob("*/frames/*.jpg"))) > 20)
+        for number in signals:
+            process.send_signal(number)
+        process.wait(LIMIT_S)
+    (clip,) = tmp_path.iterdir()
+    frames = {file.name for file in (clip / "frames").glob("*.jpg")}
+    header, *rows = (clip / "timestamps.csv").read_text().splitlines()
+    assert header == "frame,t_s"
+    assert frames <= {row.split(",")[0] for row in rows}
+    done = rig("estimate", clip, "--out", tmp_path / "angles.csv")
+    assert done.returncode == 0, done.stderr
+    times_s = [float(row.split(",")[0]) for row in (tmp_path / "angles.csv").read_text().splitlines()[1:]]
+    assert len(times_s) == len(frames)
+    assert times_s[-1] > times_s[0] == 0.0
 
 
 def test_foxglove_server_gets_the_readings() -> None:

@@ -20,6 +20,7 @@ from rig.bench.fakes_process import hosted_fakes
 from rig.benchmark.wire.safety_events import as_real
 from rig.config import BenchConfig
 from rig.config.write import write_bench
+from rig.sessions.rows import read_lifts
 from support.command_line import SHORT_PHASES
 from support.slow_motion import SLOWNESS, pause
 from support.waiting import LIMIT_S
@@ -59,9 +60,9 @@ def served(tmp_path: Path, unhurried_bench: BenchConfig) -> Iterator[Served]:
                 program.kill()
 
 
-def trial(served: Served, bench: Path, out: Path) -> "subprocess.Popen[str]":
+def trial(served: Served, bench: Path, out: Path, *more: str) -> "subprocess.Popen[str]":
     """A trial in a script: with --yes and without a terminal."""
-    words = ["trial", "--lifts", "1", "--object", "wrench", "--no-report", "--yes"]
+    words = ["trial", "--lifts", "1", "--object", "wrench", "--no-report", "--yes", *more]
     program = subprocess.Popen(
         [sys.executable, "-c", SHORT_PHASES, *words, "--bench", str(bench), "--out", str(out)],
         stdin=subprocess.DEVNULL, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True,
@@ -123,3 +124,18 @@ def test_object_held_after_a_kill_is_neither_dropped_nor_moved_unasked(
     last.send_signal(signal.SIGINT)
     _, error = last.communicate(timeout=LIMIT_S)
     assert last.returncode == 3, error
+
+
+@pytest.mark.long
+def test_second_object_is_not_grasped_before_a_person_has_placed_it(served: Served, tmp_path: Path) -> None:
+    served.control.call("place", object="wrench", seed=3)
+    process = trial(served, served.real, tmp_path / "s", "--object", "toothbrush")
+    _, error = process.communicate(timeout=2 * LIMIT_S)
+    assert process.returncode == 3, error
+    assert "a person has to place object t2 (toothbrush), or a feeder named in the bench file" in error
+    assert "use --yes" not in error
+    assert "continue with: rig trial" in error
+    assert [row.object for row in read_lifts(tmp_path / "s")] == ["t1"]
+    left = served.world()
+    assert (left["held"], left["tool_moving"]) == (False, False)
+    assert served.height_m() > ABOVE_M

@@ -28,6 +28,7 @@ from rig.experiments.pose_attempt import RecordSettings
 from rig.experiments.record import run_record
 from rig.experiments.trial import run_trial
 from rig.export.formats import export_session
+from rig.export.rotations import ContinuousPoses
 from rig.frames.series import read_frames
 from rig.sessions.about import SIMULATED_EPOCH_NS
 from rig.sessions.files import TRUE_MASKS
@@ -318,13 +319,13 @@ def test_bag_has_the_values_of_the_recording_in_units_and_frames_of_ros(one_lift
     assert (hand_eye.header.frame_id, hand_eye.child_frame_id) == ("base", "camera_optical_frame")
     assert pose_of(hand_eye) == bench.base_T_camera()
     assert table.child_frame_id == "table"
-    states = list(recorded_arm_states(recording))
+    states, continuous = list(recorded_arm_states(recording)), ContinuousPoses()
     for state, tf, joints, wrench in zip(
         states, messages["/tf"], messages["/joint_states"], messages["/wrench"], strict=True
     ):
         (tool,) = tf.transforms
         assert (tool.header.frame_id, tool.child_frame_id) == ("base", "tool")
-        assert pose_of(tool) == state.base_T_tcp
+        assert pose_of(tool) == continuous.next(state.base_T_tcp)
         assert (joints.name[0], tuple(joints.position)) == ("shoulder_pan_joint", state.joints_rad)
         assert wrench.header.frame_id == "tool"
         parts = (wrench.wrench.force, wrench.wrench.torque)

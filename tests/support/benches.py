@@ -1,12 +1,17 @@
 """Benches that take less computing than the ones they are made of, and the template of a real one."""
 
+import math
 import re
 from pathlib import Path
 
+from fakes.world.kinematics import ENCODER_RAD
 from rig.config import BENCHES, BenchConfig, load_bench
 
 TIP_HZ, WIRE_TIP_HZ = 20.0, 30.0
 """Frames of a fingertip per second: few; and the fewest that a DIGIT offers, as over the wire protocol."""
+NOISE_RAD = 10 * ENCODER_RAD
+NOISE_M, NOISE_DEG = 0.9 * NOISE_RAD, math.degrees(NOISE_RAD)
+"""Largest noise of a simulated arm's reported joint angles and pose: its reach is 0.9 m."""
 
 TEMPLATE = BENCHES.parent / "config" / "new_bench.toml"
 ENTERED = (

@@ -26,6 +26,10 @@ MAX_JOINT_SPEED = math.pi
 """180 degrees per second, every joint of a UR5e (data sheet)."""
 MAX_STEP_RAD = 4 * MAX_JOINT_SPEED * 0.002
 """A larger step in one cycle stops the arm: it is far beyond what the joints can do."""
+SERVO_ACCELERATION = 40.0
+"""Highest joint acceleration of servoj, rad/s^2 (our choice; the controller's is not documented)."""
+SERVO_GAIN = 300.0
+"""Default gain of servoj (script manual)."""
 _LEAST = 1e-4
 _NS = 1_000_000_000
 
@@ -123,6 +127,82 @@ class LinearMove:
         shift = tuple(f * (b - a) for a, b in zip(self._start[:3], self._target[:3], strict=True))
         body.follow(moved(self._start, shift, tuple(f * r for r in self._turn)))
         return False
+
+
+class JointMove:
+    """movej: all joints start and end together; the joint with the longest way reaches the speed, rad/s."""
+
+    def __init__(self, start: Vector6, target: Vector6, speed: float, acceleration: float) -> None:
+        self._start, self._way = start, six(b - a for a, b in zip(start, target, strict=True))
+        longest = max(map(abs, self._way))
+        self._travel = TrapezoidProfile(0, longest, max(speed, _LEAST), max(acceleration, _LEAST))
+        self._elapsed_s = 0.0
+
+    def step(self, body: Body, dt_s: float) -> bool:
+        """See `ArmMover`."""
+        self._elapsed_s += dt_s
+        f = self._travel.fraction_at(round(self._elapsed_s * _NS))
+        body.bend(six(a + f * w for a, w in zip(self._start, self._way, strict=True)))
+        return f >= 1.0
+
+
+class SpeedMove:
+    """speedj and speedl: accelerate to a velocity and keep it until another motion replaces this one.
+
+    velocity: at the start, of the joints (`joint`, rad/s) or of the TCP (m/s and rad/s, base axes).
+    """
+
+    def __init__(self, velocity: Vector6, joint: bool) -> None:
+        self._velocity, self.joint = velocity, joint
+        self.target, self.acceleration = velocity, 0.0
+
+    def step(self, body: Body, dt_s: float) -> bool:
+        """See `ArmMover`."""
+        gaps = [b - a for a, b in zip(self._velocity, self.target, strict=True)]
+        share = min(1.0, max(self.acceleration, _LEAST) * dt_s / (max(map(abs, gaps)) or 1.0))
+        self._velocity = six(a + share * gap for a, gap in zip(self._velocity, gaps, strict=True))
+        way = six(v * dt_s for v in self._velocity)
+        if self.joint:
+            body.bend(six(q + w for q, w in zip(body.q, way, strict=True)))
+        elif any(way):
+            body.follow(moved(body.tcp, way[:3], way[3:]))
+        return False
+
+
+class ServoMove:
+    """servoj: follow target joints that are replaced as often as the client likes, with a first-order lag.
+
+    As in the control program, a new target is read only when the time of the last one has passed.
+    """
+
+    def __init__(self, speeds: Vector6) -> None:
+        self._speeds = speeds
+        self._newest: tuple[Vector6, float, float] | None = None
+        self._target: Vector6 | None = None
+        self._pull = self._left_s = 0.0
+
+    def aim(self, joints_rad: Vector6, time_s: float, lookahead_s: float, gain: float) -> None:
+        """Set the newest target. time_s: how long it is kept. lookahead_s: lag at the default gain."""
+        self._newest = joints_rad, time_s, gain / SERVO_GAIN / max(lookahead_s, 0.03)
+
+    def step(self, body: Body, dt_s: float) -> bool:
+        """See `ArmMover`."""
+        self._left_s -= dt_s
+        if self._left_s <= 0.0 and self._newest is not None:
+            self._target, self._left_s, self._pull = self._newest
+        if self._target is None or dt_s <= 0.0:
+            return False
+        gaps = [b - a for a, b in zip(body.q, self._target, strict=True)]
+        self._speeds = six(self._speed(v, gap, dt_s) for v, gap in zip(self._speeds, gaps, strict=True))
+        body.bend(six(q + v * dt_s for q, v in zip(body.q, self._speeds, strict=True)))
+        return False
+
+    def _speed(self, speed: float, gap: float, dt_s: float) -> float:
+        """Return a joint's next speed, from which it can still brake before its target."""
+        pull = min(self._pull, 0.5 / dt_s)
+        wanted = min(pull * abs(gap), 0.9 * math.sqrt(2.0 * SERVO_ACCELERATION * abs(gap)), MAX_JOINT_SPEED)
+        most = SERVO_ACCELERATION * dt_s
+        return speed + max(-most, min(most, math.copysign(wanted, gap) - speed))
 
 
 class JointStop:

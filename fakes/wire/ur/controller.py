@@ -28,7 +28,7 @@ from fakes.wire.ur.control_loop import ControlLoop
 from fakes.wire.ur.geometry import compose, from_ur, rotation_between
 from fakes.wire.ur.robot import CYCLE_NS, PHYSICAL_TOOL, Robot
 from fakes.wire.ur.rtde import RtdeSession
-from fakes.wire.ur.script import BANNER, LineReader, ProgramReader, register_offset, reply, run_other
+from fakes.wire.ur.script import BANNER, LineReader, ProgramReader, control_program, reply, run_other
 from fakes.wire.ur.variables import Version
 from fakes.world.world import World
 
@@ -264,8 +264,8 @@ class URController:
     def _feed_script(self, reader: ProgramReader, data: bytes) -> bytes:
         for text in reader.feed(data):
             if self.robot.safety.remote_control:
-                offset, robot = register_offset(text), self.robot
-                program = run_other(robot, text) if offset is None else ControlLoop(robot, offset).run()
+                ours, robot = control_program(text), self.robot
+                program = run_other(robot, text) if ours is None else ControlLoop(robot, *ours).run()
                 robot.run(program, len(text))
         return b""
 

@@ -1,5 +1,6 @@
 """The state of the simulated controller: arm, safety, program and registers, one control cycle at a time."""
 
+import logging
 import math
 from collections import Counter
 from operator import add, sub
@@ -8,12 +9,24 @@ from drivers.clock import NS_PER_S
 from drivers.errors import InputError
 from drivers.types import Vector6
 from fakes.devices.arm import TOOL_LENGTH_M
-from fakes.wire.ur.body import STILL, Body, GuidingHand, JointStop, OutOfReachError, Thread, six
+from fakes.wire.ur.body import (
+    STILL,
+    Body,
+    GuidingHand,
+    JointMove,
+    JointStop,
+    LinearMove,
+    OutOfReachError,
+    Thread,
+    six,
+)
 from fakes.wire.ur.geometry import (
     Frame,
     compose,
+    forward,
     from_pose,
     from_quaternion,
+    from_ur,
     inverse,
     nearest_inverse,
     to_pose,
@@ -22,7 +35,7 @@ from fakes.wire.ur.geometry import (
 from fakes.wire.ur.runtime import ProgramError, RobotMode, Runtime, Safety
 from fakes.wire.ur.variables import INPUTS, OutputBank, Value, Version, zero
 from fakes.world.force_torque import NOTHING, FlangeSensor, carried_wrench, table_push_n
-from fakes.world.kinematics import ELBOW_UP
+from fakes.world.kinematics import ELBOW_UP, Encoders
 from fakes.world.motion import ToolPath, TrapezoidProfile
 from fakes.world.world import World
 
@@ -39,6 +52,7 @@ INSTALLED_KG, INSTALLED_COG_M = 2.5, (0.0, 0.0, 0.08)
 """Payload in the controller's installation: that of the hand."""
 _LOAD_EVERY = 4
 """The load changes slowly: it is computed every fourth cycle."""
+_log = logging.getLogger(__name__)
 
 
 class ForceSensor:
@@ -90,19 +104,21 @@ class Robot:
         """Time of the newest cycle, and of the newest client data, which is later if cycles are late."""
         self.force = ForceSensor(world)
         self.hand = GuidingHand()
-        self._world = world
+        self._world, self._encoders = world, Encoders(world.seed)
+        self._ignored: set[str] = set()
         self._wrench: Vector6 = STILL
         self.runtime = Runtime()
         self._set_slider(1.0)
         self.load(INSTALLED_KG, INSTALLED_COG_M)
         self._publish_pose()
+        self._publish()
 
     # Functions of the control program
 
     def solution(self, base_T_tcp: Frame, near: Vector6 | None = None) -> Vector6 | None:  # noqa: N803
         """Return the inverse kinematics within the joints' range, None for a pose out of reach."""
         joints = self.body.reach(base_T_tcp, near)
-        return joints if joints is not None and all(abs(q) <= JOINT_LIMIT_RAD for q in joints) else None
+        return joints if joints is not None and _in_range(joints) else None
 
     def solved(self, base_T_tcp: Frame, near: Vector6 | None = None) -> Vector6:  # noqa: N803
         """Return the inverse kinematics. Raises `ProgramError` for a pose out of reach."""
@@ -110,6 +126,26 @@ class Robot:
         if joints is None:
             raise ProgramError("no inverse kinematics solution")
         return joints
+
+    def in_range(self, joints_rad: Vector6) -> Vector6:
+        """Return joint angles. Raises `ProgramError` if one is beyond the joints' range."""
+        if not _in_range(joints_rad):
+            raise ProgramError(f"joints {joints_rad} rad: the range is +-{JOINT_LIMIT_RAD:.2f} rad")
+        return joints_rad
+
+    def move(
+        self, kind: str, pose: str, target: Vector6, speed: float, acceleration: float
+    ) -> JointMove | LinearMove:
+        """Return a motion from here. kind: "j" for movej, "l" for movel. Raises `ProgramError`.
+
+        pose: "p" if the target is a pose in the controller's notation, "" if it is joint angles in rad.
+        """
+        if kind == "j":
+            joints = self.solved(from_ur(target)) if pose else self.in_range(target)
+            return JointMove(self.body.q, joints, speed, acceleration)
+        end = from_ur(target) if pose else compose(forward(target), self.body.tool)
+        self.solved(end)
+        return LinearMove(self.body.tcp, end, speed, acceleration)
 
     def steady(self) -> bool:
         """Whether the arm has stood still for half a second."""
@@ -148,6 +184,9 @@ class Robot:
             self.runtime.note_written(name, max(self.time_ns, self.heard_ns))
             if "_register" in name:
                 self.bank.set(name, value)
+            elif value and not name.startswith("speed_slider") and name not in self._ignored:
+                self._ignored.add(name)
+                _log.warning("simulated controller: input '%s' is not simulated and has no effect", name)
         if values.get("speed_slider_mask"):
             self._set_slider(float(self.inputs["speed_slider_fraction"]))  # type: ignore[arg-type]
 
@@ -217,15 +256,17 @@ class Robot:
 
     def _publish_pose(self) -> None:
         body, put = self.body, self.bank.set
-        pose = to_ur(body.tcp)
+        put("target_q", body.q)
+        put("target_TCP_pose", to_ur(body.tcp))
         for kind in ("actual", "target"):
-            put(f"{kind}_q", body.q)
             put(f"{kind}_qd", body.qd)
-            put(f"{kind}_TCP_pose", pose)
             put(f"{kind}_TCP_speed", body.twist)
 
     def _publish(self) -> None:
         put = self.bank.set
+        joints = self._encoders.shown(self.body.q, self.time_ns)
+        put("actual_q", joints)
+        put("actual_TCP_pose", to_ur(compose(forward(joints), self.body.tool)))
         self._wrench = self.force.sense(self.time_ns, self.body.tcp)
         put("timestamp", self.time_ns / NS_PER_S)
         put("actual_TCP_force", self._wrench)
@@ -237,6 +278,10 @@ class Robot:
         put("robot_status_bits", (self.safety.robot_mode >= RobotMode.IDLE) | self.runtime.running << 1)
         put("speed_scaling", self.speed_scale)
         put("runtime_state", PLAYING if self.runtime.running else STOPPED)
+
+
+def _in_range(joints_rad: Vector6) -> bool:
+    return all(abs(q) <= JOINT_LIMIT_RAD for q in joints_rad)
 
 
 def _tilt(tool_frame: Frame) -> float:

@@ -1,5 +1,6 @@
 """Conditions for motion of the simulated arm: running program and watchdog, safety system, and power."""
 
+import logging
 from dataclasses import dataclass
 from enum import IntEnum
 
@@ -8,6 +9,7 @@ from fakes.wire.ur.body import Thread, ended
 
 READING_NS = 1_000
 """Time to read a character of a program (our assumption): the program of ur-rtde takes 0.04 s."""
+_log = logging.getLogger(__name__)
 
 
 class ProgramError(Exception):
@@ -74,10 +76,9 @@ class Runtime:
             if not ended(self._program):
                 return False
             self._end("ended")
-        except ProgramError as error:
+        except (ProgramError, ValueError, ArithmeticError) as error:
+            _log.warning("simulated controller: its program ends: %s", error)
             self._end(str(error))
-        except (ValueError, ArithmeticError) as error:
-            self._end(f"a calculation failed: {error}")
         return True
 
     def _end(self, reason: str) -> None:

@@ -1,28 +1,30 @@
 """Programs on the script ports, and requests to the dashboard on port 29999.
 
 ur-rtde's control program is recognised here and emulated in `control_loop.py`. Any other program belongs to
-another user of the arm, which the driver must notice and not disturb: of its lines, only `movel(p[...])` and
-`sleep(...)` run.
+another user of the arm, which the driver must notice and not disturb. It ends at its first line that is not
+`movel(...)`, `movej(...)` or `sleep(...)` with numbers.
 
 The dashboard: one line in, one line out (Universal Robots, "Dashboard Server e-Series"; the replies are
 worded as on that page).
 """
 
+import logging
 import math
 import re
 from collections.abc import Callable
 
 from drivers.errors import InputError
-from fakes.wire.ur.body import LinearMove, Thread, move_until_done
-from fakes.wire.ur.geometry import from_ur
+from fakes.wire.ur.body import Thread, move_until_done, six
 from fakes.wire.ur.robot import CYCLE_S, Robot
 from fakes.wire.ur.runtime import ProgramError, RobotMode
 
+_log = logging.getLogger(__name__)
 LONGEST_PROGRAM = 1_000_000
 LONGEST_SLEEP_S = 3600.0
 _OPENING = re.compile(r"(def|thread|sec|if|while|for)\b.*:\s*(#.*)?$")
 _OFFSET = re.compile(r"reg_offset_float\s*=\s*#[^\n]*\n\s*(\d+)")
-_MOVE = re.compile(r"movel\(p\[([^\]]*)\]\s*,\s*a=([^,]+),\s*v=([^,)]+)\)$")
+_PATH = re.compile(r"def exec_move_path\(\):\n(.*?)\n\s*end\b", re.DOTALL)
+_MOVE = re.compile(r"move([jl])\((p?)\[([^\]]*)\]\s*,\s*a=([^,]+),\s*v=([^,)]+)(?:,\s*r=[^)]+)?\)$")
 _SLEEP = re.compile(r"sleep\(([^)]*)\)$")
 
 
@@ -66,31 +68,40 @@ class ProgramReader:
         return program
 
 
-def register_offset(text: str) -> int | None:
-    """Return the first register that ur-rtde's control program uses, None for any other program."""
-    offset = _OFFSET.search(text)
-    return None if offset is None else int(offset[1])
+def control_program(text: str) -> tuple[int, tuple[str, ...]] | None:
+    """Return the first register and the path's motions of ur-rtde's control program, None for any other."""
+    offset, path = _OFFSET.search(text), _PATH.search(text)
+    if offset is None:
+        return None
+    lines = (line.split("#")[0].strip() for line in (path[1] if path else "").split("\n"))
+    return int(offset[1]), tuple(x for x in lines if x and not x.startswith(("textmsg(", "signal_")))
 
 
 def run_other(robot: Robot, text: str) -> Thread:
-    """Run the lines `movel(p[x, y, z, rx, ry, rz], a=..., v=...)` and `sleep(s)` of any other program."""
+    """Run any other program: its motions and pauses. Raises `ProgramError` for any other line."""
     for line in (line.split("#")[0].strip() for line in text.split("\n")):
-        try:
-            yield from _run_line(robot, line)
-        except (ValueError, ArithmeticError) as error:
-            raise ProgramError(f"'{line}': {error}") from error
+        if line and line != "end" and not _OPENING.match(line):
+            yield from run_line(robot, line)
 
 
-def _run_line(robot: Robot, line: str) -> Thread:
-    if match := _MOVE.match(line):
-        pose, acceleration, speed = _numbers(match[1], 6), float(match[2]), float(match[3])
-        target = from_ur(pose)
-        robot.solved(target)
-        yield from move_until_done(robot.body, LinearMove(robot.body.tcp, target, speed, acceleration))
-    elif match := _SLEEP.match(line):
-        (duration_s,) = _numbers(match[1], 1)
-        for _ in range(round(min(max(duration_s, 0.0), LONGEST_SLEEP_S) / CYCLE_S)):
-            yield
+def run_line(robot: Robot, line: str) -> Thread:
+    """Run `movel`, `movej` (of a pose p[...] or of joints [...]) or `sleep`. Raises `ProgramError`.
+
+    Blend radii are ignored: the arm stops at each target.
+    """
+    try:
+        if match := _MOVE.match(line):
+            kind, pose, target, acceleration, speed = match.groups()
+            move = robot.move(kind, pose, six(_numbers(target, 6)), float(speed), float(acceleration))
+            yield from move_until_done(robot.body, move)
+        elif match := _SLEEP.match(line):
+            (duration_s,) = _numbers(match[1], 1)
+            for _ in range(round(min(max(duration_s, 0.0), LONGEST_SLEEP_S) / CYCLE_S)):
+                yield
+        else:
+            raise ProgramError(f"'{line}' is not simulated")
+    except (ValueError, ArithmeticError) as error:
+        raise ProgramError(f"'{line}': {error}") from error
 
 
 def _numbers(text: str, count: int) -> tuple[float, ...]:
@@ -113,7 +124,10 @@ def reply(robot: Robot, line: str) -> str:
     """Answer one request."""
     text = line.strip()
     answer = _REQUESTS.get(text.lower())
-    return f'could not understand: "{text}"' if answer is None else answer(robot)
+    if answer is None:
+        _log.warning("simulated controller: dashboard request '%s' is not simulated", text)
+        return f'could not understand: "{text}"'
+    return answer(robot)
 
 
 def _stop(robot: Robot) -> str:

@@ -145,11 +145,7 @@ def judge(of: ClipScore, options: ClipsOptions) -> tuple[Measured, ...]:
 
 def verdict(limits: Sequence[Measured]) -> str:
     """Return a sentence with the missed limits; "" without limits."""
-    missed = [
-        f"{limit.name} {'-' if limit.value is None else f'{limit.value:.3g}'}, required {limit.asked}"
-        for limit in limits
-        if not limit.met
-    ]
+    missed = [f"{limit.name} {limit.shown}, required {limit.asked}" for limit in limits if not limit.met]
     kept = "All limits were kept." if limits else ""
     return f"Limits missed: {'; '.join(missed)}." if missed else kept
 

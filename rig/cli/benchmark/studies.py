@@ -72,7 +72,8 @@ def _carry_out(study: "Study[Any]", options: Any, shared: SharedOptions) -> None
         write_section(shared.readme, section, report.section)
     if shared.json:
         emit_json(result)
-    exit_if_missed(report.limits)
+    if report.binding:
+        exit_if_missed(report.limits)
     report_faults(report.faults.values())
 
 
@@ -121,7 +122,7 @@ def exit_if_missed(limits: "Iterable[Measured]") -> None:
     """Print every missed limit; if there is one, end the command with exit code 4."""
     missed = [limit for limit in limits if limit.met is False]
     for limit in missed:
-        value = "no value" if limit.value is None else f"{limit.value:.3g}"
+        value = "no value" if limit.value is None else limit.shown
         say(f"rig: limit missed: {limit.name}: {value}, required {limit.asked}")
     if missed:
         raise typer.Exit(Exit.LIMIT_MISSED)

@@ -13,13 +13,18 @@ import numpy as np
 
 from drivers.clock import NS_PER_S
 from drivers.types import Image
+from rig.tactile.contact.misfit import Misfit
 from rig.tactile.contact.untouched import Comparison
 from rig.tactile.sample import check_frame
 
+TAKE_AGAIN = "lift the object, take another background"
+"""Remedy for the doubts in a live stream."""
 LOOKS_LIKE_CONTACT = "this background looks like a contact"
 """Text of the doubt; the caller adds the remedy."""
 CHECK_EVERY_NS = NS_PER_S // 10
 """Interval of the checked frames of a live sensor."""
+FIT_EVERY_NS = NS_PER_S // 100
+"""Interval of the frames that are searched for a shift, times the number of those before: 8 ms each."""
 BORDER_PX = 5
 """Border of the reduced copy that is not checked for clear edges: the rim of the gel is dark."""
 CLEAR_EDGES = 0.09
@@ -50,11 +55,17 @@ class BackgroundCheck:
         self._edged = bool(inner.size) and float(np.percentile(inner, 99.0)) > CLEAR_EDGES
         self._evidence = 0.0
         self._checked_ns: int | None = None
+        self._fit, self._compared, self._fit_ns = Misfit(background, self._comparison), 0, 0
 
     @property
-    def doubtful(self) -> bool:
-        """Whether the background looks like a contact."""
-        return self._edged or self._evidence >= ENOUGH
+    def doubt(self) -> str:
+        """Why the background is doubtful: it does not fit the frames, or looks like a contact; else ""."""
+        return self.misfit or (LOOKS_LIKE_CONTACT if self._edged or self._evidence >= ENOUGH else "")
+
+    @property
+    def misfit(self) -> str:
+        """Why the frames do not fit the background, so that angles are wrong; else ""."""
+        return self._fit.text
 
     def add(self, image: Image, time_ns: int) -> None:
         """Compare a frame with the background, unless the last checked frame is too close in time.
@@ -68,6 +79,9 @@ class BackgroundCheck:
         ratio = self._comparison.edge_ratio(image, self._slopes)
         if ratio is None:
             return
+        if self._compared == 0 or time_ns - self._fit_ns >= FIT_EVERY_NS * self._compared:
+            self._compared, self._fit_ns = self._compared + 1, time_ns
+            self._fit.add(image)
         self._edged = self._edged and ratio > CLEARLY_WEAKER
         if self._evidence < ENOUGH:
             self._evidence = max(0.0, self._evidence + min(ratio - STRONGER, MOST_PER_FRAME))

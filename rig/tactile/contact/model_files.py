@@ -1,6 +1,7 @@
 """Open and run the networks in ONNX files."""
 
 from collections.abc import Mapping
+from functools import cache
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -10,10 +11,12 @@ import onnxruntime
 from numpy.typing import NDArray
 
 from drivers.errors import InputError, RigError
-from drivers.formats import read_bounded, reason
+from drivers.formats import MOST_NETWORK, check_onnx, read_bounded, reason
 
 MOST_BYTES = 1_000_000_000
 """Largest size of an ONNX file that is read."""
+_ARENA = "bfc_arena.cc"
+"""Part of onnxruntime's message if the memory limit is reached."""
 MODELS = files("rig") / "models"
 """Folder of the rig's own networks."""
 
@@ -23,14 +26,17 @@ def run_model(
 ) -> list[NDArray[np.float32]]:
     """Return the outputs of a network.
 
-    name: of the network, for messages. fed: inputs by name. Raises `InputError` if the network fails, or if
-    an output is NaN or infinite.
+    name: of the network, for messages. fed: inputs by name. Raises `InputError` if the network fails or needs
+    more memory than `MOST_NETWORK`, or if an output is NaN or infinite.
     """
     try:
         answers = [np.asarray(answer, np.float32) for answer in session.run(None, dict(fed))]
     except RigError:  # a stop by the operator
         raise
     except Exception as error:  # the exceptions of onnxruntime have no common base class
+        if _ARENA in str(error):
+            most = f"{MOST_NETWORK / 1e9:.0f} GB"
+            raise InputError(f"{name}: needs more than {most} of memory: use smaller images") from error
         raise InputError(f"{name}: fails when it is run ({reason(error)}): export it again") from error
     if not all(np.isfinite(answer).all() for answer in answers):
         raise InputError(f"{name}: its output has NaN or infinite values: export it again")
@@ -41,14 +47,19 @@ def open_model(path: Path, threads: int, how: str) -> onnxruntime.InferenceSessi
     """Open an ONNX file for inference on the CPU.
 
     threads: threads per inference; the output does not depend on it. how: command that makes such a
-    file, for messages. Raises `InputError` if the file is damaged or not an ONNX network.
+    file, for messages. Raises `InputError` if the file is damaged, not an ONNX network, or declares tensors
+    that are too large.
     """
+    _limit_memory()
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = threads
     options.inter_op_num_threads = 1
     # errors are raised as exceptions; without this onnxruntime would also print them on stderr
     options.log_severity_level = 4
+    options.add_session_config_entry("session.use_env_allocators", "1")
+    options.add_session_config_entry("session.load_model_format", "ONNX")  # no other format is checked
     data = read_bounded(path, MOST_BYTES)
+    check_onnx(str(path), data)
     try:
         return onnxruntime.InferenceSession(data, options, providers=["CPUExecutionProvider"])
     except RigError:  # a stop by the operator
@@ -57,3 +68,11 @@ def open_model(path: Path, threads: int, how: str) -> onnxruntime.InferenceSessi
         raise InputError(
             f"{path}: is not a complete ONNX network ({reason(error)}): copy it again, or make one with {how}"
         ) from error
+
+
+@cache
+def _limit_memory() -> None:
+    """Limit the memory of all networks of this process that use onnxruntime's shared allocator."""
+    kind = onnxruntime.OrtAllocatorType.ORT_ARENA_ALLOCATOR
+    cpu = onnxruntime.OrtMemoryInfo("Cpu", kind, 0, onnxruntime.OrtMemType.DEFAULT)
+    onnxruntime.create_and_register_allocator(cpu, onnxruntime.OrtArenaCfg({"max_mem": MOST_NETWORK}))

@@ -57,6 +57,12 @@ class Comparison:
         """Return the relative difference of a frame's reduced copy from the background, (h, w, 3)."""
         return self._light.of(self._reduced(image))
 
+    def lit(self, image: Image) -> NDArray[np.float32]:
+        """Return a frame's reduced copy in the light of the background, (h, w, 3) grey levels."""
+        work = self._reduced(image)
+        gain, offset = self._light.light_of(work)
+        return ((work - offset) / gain).astype(np.float32)
+
     def edge_ratio(self, image: Image, slopes: NDArray[np.float32]) -> float | None:
         """Return the log ratio of the background's edges to those of a frame, where they differ.
 

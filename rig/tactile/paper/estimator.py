@@ -12,7 +12,7 @@ from typing import Protocol
 
 import cv2
 
-from drivers.tally import StreamTimes
+from drivers.tally import PictureNews, StreamTimes
 from drivers.types import ArmState, Image
 from rig.tactile.contact.finder import Contact, ContactFinder
 from rig.tactile.paper.axis import Axis, AxisMethod
@@ -125,21 +125,25 @@ class PublishedEstimator(TactileEstimator):
     """One of the paper's methods as published, with the contact mask of the rig.
 
     As in the script, every frame with contact has an angle, which is 0 until the window is full, and repeated
-    frames are counted again. There are three differences: the origin of the mask; without contact there is no
-    angle and the state is `no_contact`, whereas the script repeats its last angle; and if the script would
-    end with an exception, there is no angle and the state is `lost`.
+    frames are counted again. There are four differences: the origin of the mask; without contact there is no
+    angle and the state is `no_contact`, whereas the script repeats its last angle; if the script would end
+    with an exception, there is no angle and the state is `lost`; and the frames of a frozen source have no
+    angle and the state `frozen`.
     """
 
     def __init__(self, finder: ContactFinder, method: ScriptAngle, window: int) -> None:
         self._finder = finder
         self._method = method
         self._filter = ScriptFilter(window)
-        self._times, self._settling = StreamTimes(), SettlingByArea()
+        self._times, self._settling, self._news = StreamTimes(), SettlingByArea(), PictureNews()
 
     def update(self, image: Image, time_ns: int) -> SlipSample:
         """Estimate from (H, W, 3) uint8 RGB. Raises only `InputError`, for another shape or type."""
         if not self._times.follows(time_ns):
             return SlipSample(time_ns, State.LOST, jumped=True)
+        self._news.add(image, time_ns)
+        if self._news.frozen:
+            return SlipSample(time_ns, State.FROZEN, settled=self._settling.update(0.0, time_ns))
         sample = self._estimate(image, time_ns)
         return replace(sample, settled=self._settling.update(sample.contact_area_px, time_ns))
 

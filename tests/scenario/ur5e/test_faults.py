@@ -15,7 +15,7 @@ from drivers.ur5e.link import ArmLink
 from drivers.ur5e.setup import ToolSetting
 from drivers.ur5e.status import PLAYING
 from fakes.wire.ur.controller import URController
-from support.ur5e import HOME, agree, first_error, make_arm, stands
+from support.ur5e import HOME, agree, first_error, make_arm, make_controller, stands
 from support.waiting import until
 
 pytest.importorskip("rtde_control", reason="ur-rtde is not installed here")
@@ -125,6 +125,33 @@ def test_fault_at_connect_is_named_at_once(
         arm.connect()
     with pytest.raises(NotConnectedError):
         arm.state()
+
+
+@pytest.mark.parametrize("version", ["5.0.0", "5.3.9"])
+def test_old_polyscope_is_named_before_any_process_starts(
+    monkeypatch: pytest.MonkeyPatch, version: str
+) -> None:
+    monkeypatch.setattr("drivers.ur5e.link.ChildProcess", lambda *_: pytest.fail("a process was started"))
+    controller = make_controller(version)
+    controller.start()
+    try:
+        with pytest.raises(DeviceError, match=f"PolyScope {version[:3]}, which is too old"):
+            make_arm(controller.host).connect()
+    finally:
+        controller.stop()
+
+
+@pytest.mark.parametrize("version", ["5.4.0", "5.5.1"])
+def test_oldest_supported_polyscope_works(version: str) -> None:
+    controller = make_controller(version)
+    controller.start()
+    arm = make_arm(controller.host)
+    try:
+        arm.connect()
+        arm.move_linear(HOME.translated(z_m=-0.01), 0.25, 1.0).wait(5.0)
+    finally:
+        arm.disconnect()
+        controller.stop()
 
 
 def test_local_control_of_the_pendant_prevents_the_start(controller: URController, arm: UR5e) -> None:

@@ -22,6 +22,7 @@ from fakes.devices.arm import TOOL_LENGTH_M
 from fakes.wire.ur.controller import URController
 from fakes.wire.ur.geometry import from_ur
 from protocols.steps import move
+from support.benches import NOISE_M
 from support.slow_motion import CLOCK, SLOWNESS
 from support.ur5e import HOME, agree, make_arm, make_controller, stands
 from support.waiting import until
@@ -48,7 +49,7 @@ def test_motion_works_on_both_controller_versions(version: str) -> None:
 
 
 def test_connecting_moves_nothing_and_sets_up_the_tool(controller: URController, arm: UR5e) -> None:
-    assert arm.state().base_T_tcp.position_m == pytest.approx(HOME.position_m, abs=1e-9)
+    assert arm.state().base_T_tcp.position_m == pytest.approx(HOME.position_m, abs=NOISE_M)
     assert controller.robot.body.tool[2] == pytest.approx(TOOL_LENGTH_M)
     assert set(controller.snapshot()["commands"]) <= {"17", "29", "35", "40"}
 

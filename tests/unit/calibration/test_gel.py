@@ -65,13 +65,15 @@ def test_map_is_exact_if_colour_is_linear_in_slope() -> None:
 
 
 @pytest.mark.slow
-def test_ball_smaller_than_its_imprint_is_rejected() -> None:
+def test_ball_of_impossible_radius_is_rejected() -> None:
     made = GEL.presses(10, seed=4)
     presses = [BallPress(_found(p.image, p.name), p.radius_mm) for p in made]
-    wrong = [BallPress(presses[0].press, 0.5), BallPress(presses[1].press, float("nan")), *presses]
-    rejected = calibrate_gel(wrong, MM_PER_PX).rejected
-    assert len(rejected) == 2
+    radii = (0.5, float("nan"), float("inf"), 1e308, -1.0, 0.0, 60.0)
+    wrong = [BallPress(presses[0].press, radius_mm) for radius_mm in radii]
+    rejected = calibrate_gel([*wrong, *presses], MM_PER_PX).rejected
+    assert len(rejected) == len(radii)
     assert "wider than a ball" in rejected[0].reason
+    assert all("fit a gel" in each.reason for each in rejected[1:])
 
 
 def _still(gain: tuple[float, ...] = (1.0, 1.0, 1.0), count: int = 10, press: bool = False) -> list:

@@ -1,4 +1,4 @@
-"""Counting of dropped, repeated and frozen frames; encoded bytes and pixels give the same result."""
+"""Counting of dropped frames and of frames with an invalid time."""
 
 from dataclasses import replace
 
@@ -7,12 +7,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.tally import FROZEN_FRAMES, FrameTally, StreamTimes
+from drivers.tally import FrameTally, StreamTimes
 from drivers.types import Frame
 
 
-def frame(number: int, brightness: int, jpeg: bytes | None = None) -> Frame:
-    return Frame(np.full((2, 3, 3), brightness, np.uint8), number, number, "D1", jpeg)
+def frame(number: int, brightness: int) -> Frame:
+    return Frame(np.full((2, 3, 3), brightness, np.uint8), number, number, "D1")
 
 
 @given(st.sets(st.integers(0, 60), min_size=1))
@@ -22,19 +22,6 @@ def test_gaps_in_sequence_numbers_count_as_drops(numbers: set[int]) -> None:
         tally.add(frame(number, number))
     assert tally.frames == len(numbers)
     assert tally.dropped == len(set(range(min(numbers), max(numbers) + 1)) - numbers)
-
-
-@pytest.mark.parametrize("encoded", [False, True])
-def test_source_is_frozen_after_the_limit_of_equal_frames(encoded: bool) -> None:
-    tally = FrameTally()
-    for number in range(FROZEN_FRAMES + 1):
-        assert not tally.frozen
-        tally.add(frame(number, 7, b"seven" if encoded else None))
-        assert tally.repeated == (number > 0)
-    assert tally.frozen
-    tally.add(frame(FROZEN_FRAMES + 1, 8, b"eight" if encoded else None))
-    assert not tally.frozen
-    assert not tally.repeated
 
 
 SECOND_NS, PERIOD_NS = 1_000_000_000, 16_666_667

@@ -93,9 +93,9 @@ def test_descent_stops_at_invalid_wrench(
     """Comparisons with NaN are false, so the arm would push with any force."""
     lift = lift_of()
     bench = lift.bench
-    start = bench.arm.state().base_T_tcp
-    half_m = start.position_m[2] - 0.05
     world = bench.arm._world
+    start = world.tool.pose_at(bench.clock.now_ns())
+    half_m = start.position_m[2] - 0.05
 
     def feel(arm: FakeArm, time_ns: int) -> Any:
         down = world.tool.pose_at(time_ns).position_m[2] < half_m

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.clock import to_ns
-from drivers.errors import DeviceTimeoutError, StaleFrameError
+from drivers.errors import DeviceError, DeviceTimeoutError, StaleFrameError
 from drivers.types import ArmState, Frame, GripperState
 from fakes.clock import SimulatedClock
 from fakes.devices.camera import FakeSource, Shutter
@@ -134,8 +134,22 @@ def test_source_with_repeated_frames_counts_as_frozen() -> None:
         bench.clock.sleep_until(to_ns(0.2))
         pump = Pump(bench, Seen())
         pump.start()
-        with pytest.raises(StaleFrameError, match="SIM-C0001: 20 identical"):
+        with pytest.raises(StaleFrameError, match=r"SIM-C0001: it has repeated its picture for 0\.5 s"):
             pump.run_for(2.0)
+
+
+def test_frame_of_another_sensor_is_a_fault() -> None:
+    bench, _ = build_bench(BENCH)
+    sensor = bench.fingertips[0].sensor
+    with bench.connected():
+        bench.clock.sleep_until(to_ns(0.2))
+        pump = Pump(bench, Seen())
+        pump.start()
+        pump.run_for(0.2)
+        frames = sensor.next_frame
+        sensor.next_frame = lambda timeout_s: replace(frames(timeout_s), serial="SIM-D0002")  # type: ignore[method-assign]
+        with pytest.raises(DeviceError, match="SIM-D0001: it delivers frames of SIM-D0002"):
+            pump.run_for(1.0)
 
 
 def test_time_limit_names_what_was_missed_and_the_devices_if_frames_are_in_time() -> None:

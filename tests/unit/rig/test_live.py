@@ -144,6 +144,15 @@ def test_time_left_excludes_start_up_and_pieces_of_the_earlier_run() -> None:
     assert left_text(7200) == "about 2.0 h left"
 
 
+def test_time_left_is_measured_again_when_another_part_of_the_work_begins() -> None:
+    clock = SimulatedClock()
+    left = TimeLeft(0, clock=clock)
+    for done, total, time_s in ((1, 2, 0.0), (2, 2, 600.0), (1, 64, 620.0), (2, 64, 630.0)):
+        clock.sleep_until(to_ns(time_s))
+        left.piece_done(done, total)
+    assert left.counting_down() == pytest.approx(620.0)  # 62 pieces of 10 s
+
+
 def test_time_left_after_resume_uses_the_pace_of_the_earlier_run() -> None:
     clock = SimulatedClock()
     left = TimeLeft(45, done=25, clock=clock, usual_s=6.0)

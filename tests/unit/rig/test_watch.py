@@ -179,9 +179,10 @@ def pressed(
     host: str | None = None,
     origin: str | None = None,
     body: bytes = b"estimator slip",
+    cookie: str | None = None,
 ) -> int:
     """Press a button of a page with a request of our own; return the answer's status."""
-    headers = {"Host": host, "Origin": origin, "x-rig-token": token}
+    headers = {"Host": host, "Origin": origin, "x-rig-token": token, "Cookie": cookie}
     sent = {name: value for name, value in headers.items() if value is not None}
     port = page.process.port
     connection = HTTPConnection("127.0.0.1", port, timeout=waiting.LIMIT_S)
@@ -191,17 +192,29 @@ def pressed(
     return status
 
 
-def test_button_needs_the_token_of_the_page_and_its_own_name(
-    acting_page: WatchPage, still_page: WatchPage
-) -> None:
-    at = f"127.0.0.1:{acting_page.process.port}"
-    connection = HTTPConnection(at, timeout=waiting.LIMIT_S)
-    connection.request("GET", "/")
+def opened(page: WatchPage) -> tuple[str, str | None]:
+    """Open a page with buttons at its printed address; return its token and the cookie."""
+    connection = HTTPConnection("127.0.0.1", page.process.port, timeout=waiting.LIMIT_S)
+    connection.request("GET", f"/?{urlsplit(page.address).query}")
     answer = connection.getresponse()
     assert answer.getheader("X-Frame-Options") == "DENY"
     found = re.search(r"'x-rig-token': \"([\w-]{16,})\"", answer.read().decode())
     assert found is not None
-    token = found[1]
+    cookie = answer.getheader("Set-Cookie")
+    return found[1], cookie and cookie.split(";")[0]
+
+
+NOT_OFFERED = (
+    b"estimator lab:X", b"estimator builtins:dict", b"estimator", b"estimator  slip", b"estimator SLIP",
+    b"estimator toskov", b"estimator\n", b"looking", b"report shown", b"record\xff", b"estimator\x00slip",
+)  # fmt: skip
+
+
+def test_button_needs_the_token_of_the_page_and_its_own_name(
+    acting_page: WatchPage, still_page: WatchPage
+) -> None:
+    at = f"127.0.0.1:{acting_page.process.port}"
+    token, cookie = opened(acting_page)
     elsewhere = "rebound.example.org:80"
     refusals: list[dict[str, Any]] = [
         {"token": None},
@@ -212,13 +225,77 @@ def test_button_needs_the_token_of_the_page_and_its_own_name(
         {"token": token, "host": elsewhere, "origin": f"http://{elsewhere}"},
         {"token": token, "body": b""},
         {"token": token, "body": b"x" * 300},
+        *({"token": token, "body": body} for body in NOT_OFFERED),
     ]
     for refused in refusals:
-        assert pressed(acting_page, **refused) == 403, refused
+        cookies = (
+            (None, cookie) if refused.get("host") is None else (None,)
+        )  # no browser has one for elsewhere
+        for sent in cookies:
+            assert pressed(acting_page, **refused, cookie=sent) == 403, refused
     assert acting_page.asked() is None
-    assert pressed(acting_page, token, at, f"http://{at}") == 200
+    assert pressed(acting_page, token, at, f"http://{at}", cookie=cookie) == 200
     until(lambda: acting_page.asked() == "estimator slip")
     assert pressed(still_page, token) == 405
+
+
+@pytest.mark.parametrize("estimators", [["slip"], []], ids=["buttons", "read-only"])
+def test_page_for_other_computers_needs_the_key_that_is_printed(estimators: list[str]) -> None:
+    made = WatchPage(watch_address("0.0.0.0:0"), "rig live D1", estimators=estimators)
+    try:
+        key = urlsplit(made.address).query.removeprefix("key=")
+        assert len(key) >= 16
+        paths = ["/", "/state.json", "/clock", "/stream", "/report.html", "/picture/D1.jpg", "/do"]
+        guesses = ["", "?key=", f"?key={key[:-1]}", f"?Key={key}", f"?key={key}&key=x", f"?{key}"]
+        for path in [path + guess for path in paths for guess in guesses]:
+            status, body = got(made, path)
+            assert (status, key.encode() in body) == (403, False), path
+        port = made.process.port
+        for cookie in ("", f"rig-{port}-key=", f"rig-{port}-key={key[:-1]}", f"other={key}", key):
+            assert got(made, "/state.json", cookie)[0] == 403, cookie
+        status, html = got(made, f"/?key={key}")
+        assert (status, key.encode() in html) == (200, False)
+        assert got(made, f"/state.json?key={key}")[0] == 200
+        assert got(made, "/state.json", f"a=b; rig-{port}-key={key}")[0] == 200
+    finally:
+        made.close()
+
+
+def got(page: WatchPage, path: str, cookie: str | None = None) -> tuple[int, bytes]:
+    connection = HTTPConnection("127.0.0.1", page.process.port, timeout=waiting.LIMIT_S)
+    connection.request("GET", path, headers={} if cookie is None else {"Cookie": cookie})
+    answer = connection.getresponse()
+    body = answer.read()
+    connection.close()
+    return answer.status, body
+
+
+def test_page_of_this_computer_needs_no_key(still_page: WatchPage) -> None:
+    assert urlsplit(still_page.address).query == ""
+    assert got(still_page, "/")[0] == 200
+
+
+@pytest.mark.slow
+@NEEDS_CHROMIUM
+def test_browser_shows_a_page_for_other_computers_and_presses_its_buttons(tmp_path: Path) -> None:
+    made = WatchPage(watch_address("0.0.0.0:0"), "rig live D1", estimators=["slip"])
+    browser = Browser(tmp_path / "profile")
+    sender = Sender(LiveFeed((made.listener,)))
+    try:
+        at = urlsplit(made.address)
+        browser.open(f"http://127.0.0.1:{at.port}/?{at.query}", 1280, "light")
+        until(lambda: browser.value("live.records") > 0)
+        black = encode_jpeg(np.zeros((8, 6, 3), np.uint8), 80)
+        sender.send("frame", {**LIFT, "serial": "D1", "time_ns": 5}, black)
+        until(lambda: browser.value("document.querySelector('#pictures img')?.naturalHeight") == 8)
+        browser.value("document.querySelector('[data-do=reference]').click()")
+        until(lambda: made.asked() == "reference")
+        browser.open(f"http://127.0.0.1:{at.port}/", 1280, "light")
+        until(lambda: browser.value("document.cookie === '' && !!document.getElementById('said')"))
+    finally:
+        browser.close()
+        sender.close()
+        made.close()
 
 
 def test_stream_sends_each_reading_and_picture_once() -> None:

@@ -143,6 +143,7 @@ def test_closed_script_port_is_reported(peer: Peer) -> None:
         (talks(b"\x00\x04V\x01" * 3, pause_s=0.1 * SLOWNESS), DeviceTimeoutError, "does not answer"),
         (controller(version=(3, 15, 0, 0)), DeviceError, "software 3.15"),
         (controller(version=(10, 10, 0, 0)), DeviceError, "software 10.10"),
+        (controller(version=(5, 3, 1, 0)), DeviceError, "PolyScope 5.3, which is too old.*5.4 or later"),
         (controller(stamps=itertools.repeat(4.0)), DeviceTimeoutError, "time stands still|does not answer"),
     ],
 )

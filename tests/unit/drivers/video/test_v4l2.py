@@ -156,6 +156,24 @@ def test_stopped_device_is_reopened() -> None:
     assert digit.counters()["reopened"] == 1
 
 
+def test_another_sensor_at_the_address_after_reopening_is_refused() -> None:
+    captures = [FakeCapture(sends=20), FakeCapture(), FakeCapture()]
+    exchanged = [VideoNode("/dev/video0", "D2", "DIGIT"), VideoNode("/dev/video2", "D1", "DIGIT")]
+    nodes = [NODES, exchanged, exchanged, exchanged]
+    digit = Digit(
+        "left",
+        address="/dev/video0",
+        discover=lambda: nodes.pop(0) if len(nodes) > 1 else nodes[0],
+        open_device=lambda device: captures.pop(0) if len(captures) > 1 else captures[0],
+    )
+    digit.connect()
+    for _ in range(10):
+        digit.next_frame(1.0)
+    with pytest.raises(DeviceTimeoutError, match="has the serial D2, it had D1: the sensors were exchanged"):
+        digit.next_frame(0.5)
+    digit.disconnect()
+
+
 def test_device_that_cannot_be_opened_or_lit_is_reported() -> None:
     with pytest.raises(DeviceError, match="cannot be opened; is it plugged in, unused"):
         digit_on(FakeCapture(opens=False)).connect()

@@ -50,6 +50,16 @@ def test_next_program_reads_the_stored_state_of_the_hand() -> None:
     assert HandMemory("192.0.2.11").recall().holding is Holding.UNKNOWN
 
 
+@pytest.mark.parametrize(
+    ("one", "other"), [("arm-1:30004", "arm-1_30004"), ("arm/1", "arm_1"), ("a b", "a_b")]
+)
+def test_similar_addresses_have_different_memories(one: str, other: str) -> None:
+    assert HandMemory(one).recall().holding is Holding.UNKNOWN
+    HandMemory(one).keep(HELD)
+    assert HandMemory(other).recall().holding is Holding.UNKNOWN
+    assert HandMemory(one).recall() == HELD
+
+
 FREE = '{"holding": "free", "what": "", "base_T_grasp": null, "width_m": 0.0, "%s": %s}'
 
 

@@ -20,6 +20,7 @@ from rig.experiments.lift_plan import TrialSettings
 from rig.experiments.pose_attempt import RecordSettings
 from rig.experiments.record import recording_plan
 from rig.experiments.trial import trial_plan
+from rig.live.questions import ask
 from rig.tactile.estimators import choose_estimator
 
 
@@ -163,3 +164,33 @@ def test_objects_are_asked_for_when_they_change_and_after_a_fall() -> None:
     operator.place("t1", "wrench")
     operator.place("7", "spam")
     assert [question.split()[2] for question in asked] == ["t1", "t1", "7"]
+
+
+def test_agreement_in_advance_covers_only_the_first_object() -> None:
+    asked: list[str] = []
+    person = ConsoleOperator(lambda question: bool(asked.append(question)), agreed=True)
+    person.place("gauge:30", "gauge")
+    person.place("gauge:30", "gauge")
+    assert asked == []
+    with pytest.raises(
+        OperatorStopError, match=r"gauge:30 \(gauge\) may still be there: a person has to place"
+    ):
+        person.place("ball:8", "ball")
+    unsure = ConsoleOperator(lambda question: bool(asked.append(question)), agreed=True)
+    unsure.displaced()
+    with pytest.raises(OperatorStopError, match="fell or may lie anywhere") as refused:
+        unsure.place("t1", "wrench")
+    assert "--yes" not in str(refused.value)
+    assert len(asked) == 2
+
+
+def test_refusal_names_yes_only_where_yes_would_answer(capsys: pytest.CaptureFixture[str]) -> None:
+    person = ConsoleOperator(ask)
+    with pytest.raises(OperatorStopError, match="--bench FILE --yes"):
+        person.confirm("Begin?")
+    with pytest.raises(OperatorStopError) as refused:
+        ConsoleOperator(ask, agreed=True).look("Is the arm free?")
+    assert "--yes" not in str(refused.value)
+    said = capsys.readouterr().err
+    assert "no terminal" in said
+    assert "--yes" not in said

@@ -39,6 +39,13 @@ def after(text: str, head: str, line: str) -> str:
         (FAKE, "[[tactile]]", "size_px = [480, 640]", "tactile.0.size_px: driver 'fake' draws only [240"),
         (FAKE, "[camera]", 'address = "/dev/video0"', "camera.address: has no effect"),
         (FAKE, "[table]", "[fakes]", "fakes: is for the real drivers"),
+        (FAKE, "[table]", 'feeder = "magazine"', "table.feeder: is only for real objects"),
+        (
+            WIRE,
+            "position_m = [0.45, 0.0, 0.06]",
+            'feeder = "magazine"',
+            "table.feeder: is only for real objects",
+        ),
         (FAKE, "[table]", "[calibrations]", "calibrations: must not be in a bench file"),
         (WIRE, "[arm]", 'host = "192.0.2.1"', "arm.host: does not count: [fakes] starts"),
         (WIRE, "[gripper]", 'host = "192.0.2.1"', "gripper.host: does not count"),

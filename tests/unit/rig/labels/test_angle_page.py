@@ -18,7 +18,7 @@ from rig.frames.series import read_frames
 from rig.labels.angle_clip import ClipToLabel, FrameChoice, choose_frames, load_clip
 from rig.labels.angle_lines import LINES, Click, LineLog, ends_in, read_drawn
 from rig.labels.angle_server import TOKEN, AnglePage, AngleServer
-from rig.pages.serving import Request
+from rig.pages.requests import Request
 from rig.tactile.estimators import choose_estimator
 from support.angle_clips import FIRST_CONTACT, ask, true_ends, write_clip
 

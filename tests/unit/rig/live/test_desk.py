@@ -151,12 +151,67 @@ def test_user_can_set_reference_background_and_estimator() -> None:
         assert desk.notice == "estimator ellipse"
         for wrong in ("estimator nothing", "estimator toskov", "explode"):
             desk.act(wrong)
+            assert desk.notice != "estimator ellipse"
         assert desk.notice == "'explode' is not known: reload the page"
         assert until("tracking").sample is not None
         desk.act("reference")
         assert desk.notice == "reference taken: the angle counts from here"
         desk.act("background")
         assert until("taking the background").sample is None
+
+
+BROKEN = """
+from pathlib import Path
+Path("imported").touch()
+class Move:
+    def __init__(self, background): raise RuntimeError("moved")
+    def update(self, image, time_ns): ...
+"""
+
+
+def test_estimators_that_are_not_offered_are_not_imported_and_recording_goes_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "move_robot.py").write_text(BROKEN)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    frames = list(desk_frames(5.5))
+    settings = DeskSettings(choose_estimator("ellipse"), clips=tmp_path / "clips")
+    with Desk([GivenFrames(frames)], settings, Sender(NO_VIEWER)) as desk:
+        taken = 0
+        while taken < BACKGROUND_FRAMES:
+            taken += len(desk.step())
+        desk.act("record")
+        for name in ("move_robot:Move", "builtins:dict", "os:system", "", "ellipse ", " ellipse", "ELLIPSE"):
+            desk.act(f"estimator {name}")
+            assert desk.notice == f"'estimator {name}' is not known: reload the page"
+            assert desk.step()
+        assert not (tmp_path / "imported").exists()
+        assert desk.recording
+
+
+@pytest.mark.parametrize("collecting", [True, False])
+def test_offered_estimator_that_cannot_be_made_is_refused_and_the_view_goes_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, collecting: bool
+) -> None:
+    (tmp_path / "broken_tip.py").write_text(BROKEN)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    frames = list(desk_frames(5.5))
+    names = ("ellipse", "broken_tip:Move", "builtins:dict")
+    settings = DeskSettings(choose_estimator("ellipse"), clips=tmp_path / "clips", estimators=names)
+    with Desk([GivenFrames(frames)], settings, Sender(NO_VIEWER)) as desk:
+        while not collecting and not desk.recording:
+            desk.step()
+            desk.act("record")
+        for name, cause in (("broken_tip:Move", "moved"), ("builtins:dict", "dict(background)")):
+            desk.act(f"estimator {name}")
+            assert name in desk.notice
+            assert cause in desk.notice
+            assert desk.step()
+        assert desk.recording is not collecting
+        states = {reading.state for _ in range(60) for reading in desk.step()}
+        assert states >= {"no_contact"}
 
 
 def test_frame_with_picture_and_outline_reaches_viewers(tmp_path: Path) -> None:
@@ -276,6 +331,16 @@ def test_outdated_or_doubtful_stored_background_is_replaced(
     assert stored_background("D20001") is None, "a contact is not stored"
 
 
+@pytest.mark.parametrize(("one", "other"), [("left/1", "left_1"), ("D 1", "D_1"), ("D:1", "D_1")])
+def test_similar_serials_have_different_stored_backgrounds(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, one: str, other: str
+) -> None:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    store_background(one, released()[0].image)
+    assert stored_background(other) is None
+    assert stored_background(one) is not None
+
+
 def test_background_that_cannot_be_stored_is_used_all_the_same(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -285,6 +350,12 @@ def test_background_that_cannot_be_stored_is_used_all_the_same(
     (news,) = notices(sensor, released())
     assert "background taken (not stored: " in news
     assert [sensor.take(frame, CLOCK).state for frame in pressed()[:3]][-1] == "tracking"
+
+
+def test_source_with_the_name_of_the_fused_angle_is_refused() -> None:
+    sources = [GivenFrames([], "D20001"), GivenFrames([], OBJECT)]
+    with pytest.raises(InputError, match="source 'object'"):
+        Desk(sources, DeskSettings(SLIP), Sender(NO_VIEWER))
 
 
 def test_reading_names_the_time_of_its_reference() -> None:

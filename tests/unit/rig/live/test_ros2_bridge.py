@@ -15,6 +15,7 @@ import pytest
 from rosbags.typesys import Stores, get_typestore
 
 from drivers.clock import SystemClock
+from drivers.errors import InputError
 from rig.live import ros2_bridge as ros2
 from rig.live.ros2_bridge import Ros2Bridge, ros_name
 
@@ -95,6 +96,30 @@ def test_messages_have_the_bytes_that_rosbags_writes() -> None:
 )
 def test_names_of_sources_become_names_of_ros(name: str, expected: str) -> None:
     assert ros_name(name) == expected
+
+
+@pytest.mark.parametrize(
+    ("sensors", "topic"),
+    [
+        (["left-1", "left_1"], "left_1"),
+        (["/dev/video2", "dev_video2"], "dev_video2"),
+        (["0", "sensor_0"], "sensor_0"),
+        (["links?", "links!"], "links"),
+        (["\u5de6", "\u53f3"], "sensor"),
+        (["D20641", "object"], "object"),
+        (["D20641", "-object-"], "object"),
+    ],
+)
+def test_sources_that_would_share_topics_are_refused(sensors: list[str], topic: str) -> None:
+    with pytest.raises(InputError, match=f"would share the ROS 2 topics of '{topic}'") as refused:
+        Ros2Bridge.topics(sensors)
+    assert all(f"'{sensor}'" in str(refused.value) for sensor in sensors[1:])
+
+
+@pytest.mark.parametrize("sensors", [["object"], ["left-1", "left_2"], ["a", "A"]])
+def test_sources_with_different_topics_are_accepted(sensors: list[str]) -> None:
+    topics = Ros2Bridge.topics(sensors)
+    assert len(set(topics)) == len(topics)
 
 
 def test_another_process_receives_the_angle_in_radians(domain: int) -> None:

@@ -85,10 +85,10 @@ def test_invalid_arguments_are_input_errors() -> None:
         ({"times_s": [0.0]}, "1 times for more frames"),
         ({"times_s": [0.0, 1.0, 2.0]}, "3 times for 2 frames"),
         ({"times_s": [1.0, 0.0]}, "not decreasing"),
-        ({"fps": 0.0}, "not a frame rate"),
+        ({"fps": 0.0}, "fps is 0.0: give a number from 0.02 to 2000"),
         ({"estimator": "no such"}, "unknown estimator"),
         ({"estimator": len}, "give a name or a class"),
-        ({"window": 0}, "out of range"),
+        ({"window": 0}, "window is 0: give a whole number from 1 to 100"),
     ):
         with pytest.raises(InputError, match=match):
             rig.estimate(two(), empty, **arguments)  # type: ignore[arg-type]
@@ -151,7 +151,7 @@ def test_a_camera_is_solved_from_points() -> None:
         rig.solve_camera(board, seen, SIZE)
     for wrong, match in (
         (([board[0]], seen), "give the same number"),
-        (([board[0][:5]], seen[:1]), "a row per point"),
+        (([board[0][:5]], seen[:1]), r"image_px\[0\] has shape \(48, 2\): give numbers of shape \(5, 2\)"),
         (([board[0] + 0.1], seen[:1]), "z = 0"),
     ):
         with pytest.raises(InputError, match=match):
@@ -184,10 +184,10 @@ def test_a_hand_eye_is_solved_from_pairs_of_poses() -> None:
     assert (refused.verdict, refused.matrix) == ("refused", None)
     for wrong, match in (
         ((robot, seen[:3]), "give the same number"),
-        ((robot[0], seen[0]), r"give \(N, 4, 4\)"),
+        ((robot[0], seen[0]), r"give numbers of shape \(N, 4, 4\)"),
         ((robot, 2 * seen), "last row"),
         ((robot, seen, "on the table"), "give one of eye-to-hand"),
-        (("robot", seen), "not numbers"),
+        (("robot", seen), "base_T_tcp contains str.* values, not numbers"),
     ):
         with pytest.raises(InputError, match=match):
             rig.solve_hand_eye(*wrong)

@@ -22,7 +22,7 @@ def doubted(background: Image, frames: Iterable[Image]) -> bool:
     check = BackgroundCheck(background)
     for place, image in enumerate(frames):
         check.add(image, place)
-    return check.doubtful
+    return bool(check.doubt)
 
 
 @pytest.fixture(scope="module", params=[1, -1])

@@ -1,0 +1,109 @@
+"""Detect a background that does not belong to the frames: a shifted camera, or dead rows and columns.
+
+Such a difference stands still in the picture, and an estimator follows it as a contact that never turns. A
+shift is recognised because it explains a frame better than the background in its place does, whatever touches
+the gel; a dead line because all its pixels are alike.
+"""
+
+from collections import deque
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.types import Image
+from rig.tactile.contact.untouched import Comparison
+
+REACH = 6
+"""Largest shift that is searched, in pixels of the reduced copy: 24 px of a DIGIT's frame."""
+PER_LOG, DARK = 2000.0, 15.0
+"""Scale of the logarithms, which are compared as integers; grey levels added before, against dark noise."""
+MOST_OFF = 0.06
+"""Larger relative differences count as this much: a contact is not explained by a shift."""
+SOFT_PX = 0.8
+"""Standard deviation of the blur of both pictures, in pixels of the reduced copy, against noise."""
+EXPLAINED = 0.15
+"""Mean log ratio of the difference without and with the shift, from which on the background is shifted. With
+their own backgrounds, rotation_clips and real_turns have at most 0.103, and 18 SIMULATED lifts 0.006. Shifted
+by 10 px, rotation_clips have 0.38 to 0.82 and SIMULATED lifts 0.17 to 0.43. Nearer to the smallest of these,
+because a false alarm refuses all angles."""
+CHECKED, FEWEST = 20, 3
+"""Number of newest frames whose mean counts, and fewest frames."""
+FLAT, LIVELY = 3, 12
+"""A line is dead if its values span at most FLAT grey levels, and at least LIVELY in the background."""
+
+
+class Misfit:
+    """Collects evidence from frames with a contact that the background is shifted or lines are dead.
+
+    background: (H, W, 3) uint8 RGB.
+    """
+
+    def __init__(self, background: Image, comparison: Comparison) -> None:
+        self._comparison = comparison
+        self._image = background
+        self._reduced = self._logarithm(background)
+        self._px = background.shape[1] / self._reduced.shape[1], background.shape[0] / self._reduced.shape[0]
+        self._shifts = deque[tuple[float, float, float]](maxlen=CHECKED)
+        self._dead = deque[tuple[int, int]](maxlen=FEWEST)
+
+    @property
+    def text(self) -> str:
+        """The reason why the frames do not fit the background, "" if they do."""
+        lines = zip(("rows", "columns"), self._dead_lines(), strict=True)
+        what = [f"dead {name} ({count})" for name, count in lines if count]
+        if len(self._shifts) >= FEWEST:
+            x, y, explained = np.array(self._shifts).T
+            size = float(np.hypot(np.median(x), np.median(y)))
+            if explained.mean() >= EXPLAINED:
+                what.append(f"shifted by about {size:.0f} px")
+        return f"the frames do not fit the background: {', '.join(what)}" if what else ""
+
+    def add(self, image: Image) -> None:
+        """Compare a frame with the background. image: (H, W, 3) uint8 RGB of its size."""
+        dead = [_dead(image, self._image, axis) for axis in (1, 0)]
+        self._dead.append((dead[0], dead[1]))
+        self._shifts.append(self._shift_of(image))
+
+    def _dead_lines(self) -> tuple[int, int]:
+        """Return the number of rows and of columns that were dead in all of the newest frames."""
+        if len(self._dead) < FEWEST:
+            return 0, 0
+        return min(rows for rows, _ in self._dead), min(columns for _, columns in self._dead)
+
+    def _shift_of(self, image: Image) -> tuple[float, float, float]:
+        """Return the best shift, px, and the log ratio of the differences without and with it."""
+        frame = self._logarithm(image)
+        height, width = (side - 2 * REACH for side in frame.shape[:2])
+        if min(height, width) < REACH:
+            return 0.0, 0.0, 0.0
+        core = frame[REACH:-REACH, REACH:-REACH]
+        most = np.uint16(MOST_OFF * PER_LOG)
+        costs = np.empty((2 * REACH + 1, 2 * REACH + 1))
+        for y, x in np.ndindex(costs.shape):
+            off = cv2.absdiff(core, self._reduced[y : y + height, x : x + width])
+            costs[y, x] = 1.0 + np.minimum(off, most).sum(dtype=np.uint64)
+        y, x = (int(place) for place in np.unravel_index(int(costs.argmin()), costs.shape))
+        ratio = float(np.log(costs[REACH, REACH] / costs[y, x]))
+        return _valley(costs[y], x) * self._px[0], _valley(costs[:, x], y) * self._px[1], ratio
+
+    def _logarithm(self, image: Image) -> NDArray[np.uint16]:
+        """Return the logarithm of a frame's reduced copy in the light of the background, (h, w, 3)."""
+        soft = cv2.GaussianBlur(self._comparison.lit(image), (0, 0), SOFT_PX)
+        return np.rint(PER_LOG * np.log(np.clip(soft, 0.0, None) + DARK)).astype(np.uint16)
+
+
+def _valley(costs: NDArray[np.float64], place: int) -> float:
+    """Return the shift at the vertex of the parabola through a minimum and its neighbours, px."""
+    if not 0 < place < len(costs) - 1:
+        return float(place - REACH)
+    before, here, after = costs[place - 1 : place + 2]
+    bend = before + after - 2.0 * here
+    return place - REACH + (0.5 * (before - after) / bend if bend > 0.0 else 0.0)
+
+
+def _dead(image: Image, background: Image, axis: int) -> int:
+    """Return the number of lines along an axis that are flat in a frame and not in its background."""
+    spans = (np.ptp(of, axis=axis).max(axis=1) for of in (image, background))
+    flat, lively = next(spans) <= FLAT, next(spans) >= LIVELY
+    return int((flat & lively).sum())

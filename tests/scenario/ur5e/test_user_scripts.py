@@ -1,0 +1,267 @@
+"""Scripts of users with the real client of ur-rtde on the simulated controller.
+
+A script runs in its own process: the constructors of the client hold the interpreter lock, and the controller
+is in this process. `pause` waits on the controller's slow clock.
+"""
+
+import json
+import logging
+import subprocess
+import sys
+from typing import Any
+
+import pytest
+
+from fakes.wire.ur.controller import URController
+from support.slow_motion import SLOWNESS
+from support.waiting import until
+
+pytest.importorskip("rtde_control", reason="ur-rtde is not installed here")
+HEAD = """
+import json, sys, time
+from dashboard_client import DashboardClient
+from rtde_control import Path, PathEntry, RTDEControlInterface
+from rtde_io import RTDEIOInterface
+from rtde_receive import RTDEReceiveInterface
+host, slowness = sys.argv[1], int(sys.argv[2])
+receive, control = RTDEReceiveInterface(host), RTDEControlInterface(host)
+home, q = receive.getTargetTCPPose(), receive.getTargetQ()
+low = home[:2] + [home[2] - 0.05] + home[3:]
+results = {}
+def pause(duration_s):
+    time.sleep(duration_s * slowness)
+def wait_until(condition, limit_s=5.0):
+    end = time.monotonic() + limit_s * slowness
+    while not condition() and time.monotonic() < end:
+        time.sleep(0.005)
+    return condition()
+def height():
+    return receive.getTargetTCPPose()[2] - home[2]
+def joint_1():
+    return receive.getTargetQ()[0] - q[0]
+def still():
+    return max(map(abs, receive.getActualQd())) == 0.0
+def off(joints):
+    return max(abs(a - b) for a, b in zip(receive.getTargetQ(), joints))
+def reupload():
+    return control.reuploadScript() and wait_until(control.isProgramRunning)
+"""
+
+
+def started(controller: URController, script: str) -> "subprocess.Popen[str]":
+    """Start a script."""
+    command = [sys.executable, "-c", HEAD + script, controller.host, str(SLOWNESS)]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+
+def results(controller: URController, script: str) -> dict[str, Any]:
+    """Run a script and return its `results`."""
+    with started(controller, script + "\nprint(json.dumps(results))\n") as process:
+        output, errors = process.communicate(timeout=300)
+    assert process.returncode == 0, errors
+    return json.loads(output.splitlines()[-1])
+
+
+def test_motions_between_poses_and_joints(controller: URController) -> None:
+    read = results(
+        controller,
+        """
+results["moveL"], results["low_m"] = control.moveL(low, 0.25, 1.2), wait_until(lambda: height() < -0.04999)
+turned = [q[0] + 0.1] + q[1:]
+results["moveJ"], results["turned"] = control.moveJ(turned, 1.0, 1.4), wait_until(lambda: off(turned) < 1e-6)
+results["moveJ_IK"], results["home"] = control.moveJ_IK(home, 1.0, 1.4), wait_until(lambda: off(q) < 1e-6)
+results["zeroFtSensor"] = control.zeroFtSensor()
+results["path"] = control.moveJ([turned + [1.0, 1.4, 0.0], q + [1.0, 1.4, 0.0]])
+results["path_l"] = control.moveL([low + [0.25, 1.2, 0.0], home + [0.25, 1.2, 0.0]])
+results["home_after_path"] = wait_until(lambda: off(q) < 1e-4)  # the client sends six digits
+""",
+    )
+    assert all(value is True for value in read.values()), json.dumps(read)
+
+
+def test_stops_of_asynchronous_motions(controller: URController) -> None:
+    read = results(
+        controller,
+        """
+for stop in ("stopL", "stopJ"):
+    control.moveL(low, 0.02, 1.2, True)
+    wait_until(lambda: height() < -0.001)
+    getattr(control, stop)(5.0)
+    results[stop] = wait_until(still) and -0.045 < height() < -0.0005
+    control.moveJ(q, 1.0, 1.4)
+control.moveJ([q[0] + 0.2] + q[1:], 0.1, 1.4, True)
+wait_until(lambda: joint_1() > 0.01)
+results["running"] = control.getAsyncOperationProgressEx().isAsyncOperationRunning()
+control.stopJ(5.0)
+results["stopped"] = wait_until(still) and 0.01 < joint_1() < 0.19
+""",
+    )
+    assert all(value is True for value in read.values()), json.dumps(read)
+
+
+def test_servo_follows_its_targets_until_it_is_stopped(controller: URController) -> None:
+    read = results(
+        controller,
+        """
+start, target, sent = receive.getTimestamp(), list(q), []
+while (t := receive.getTimestamp() - start) < 1.0:
+    target[0] = q[0] + 0.1 * t
+    sent.append(control.servoJ(target, 0.5, 0.5, 0.008, 0.1, 300))
+    pause(0.004)
+results["sent"] = all(sent)
+results["lag"] = abs(joint_1() - (target[0] - q[0])) < 0.03
+results["reached"] = wait_until(lambda: off(target) < 1e-4)
+results["running"] = control.isProgramRunning()
+results["servoStop"] = control.servoStop(10.0)
+results["still"] = wait_until(still)
+results["moveJ"] = control.moveJ(q, 1.0, 1.4) and wait_until(lambda: off(q) < 1e-6)
+""",
+    )
+    assert all(value is True for value in read.values()), json.dumps(read)
+
+
+def test_servo_takes_a_new_target_after_the_time_of_the_old_one(controller: URController) -> None:
+    read = results(
+        controller,
+        """
+control.servoJ(q, 0.5, 0.5, 0.5, 0.1, 300)
+pause(0.1)
+control.servoJ([q[0] + 0.1] + q[1:], 0.5, 0.5, 0.5, 0.1, 300)
+pause(0.1)
+results["early"] = joint_1()
+results["later"] = wait_until(lambda: joint_1() > 0.09)
+control.servoStop()
+""",
+    )
+    assert read == {"early": 0.0, "later": True}
+
+
+@pytest.mark.parametrize("call", ["speedL([0, 0, -0.05, 0, 0, 0], 0.5)", "speedJ([0.1, 0, 0, 0, 0, 0], 0.5)"])
+def test_speed_is_kept_until_it_is_stopped(controller: URController, call: str) -> None:
+    read = results(
+        controller,
+        f"""
+results["called"] = control.{call}
+def speed():
+    return max(abs(receive.getActualTCPSpeed()[2]) / 0.05, abs(receive.getActualQd()[0]) / 0.1)
+results["speed"] = wait_until(lambda: abs(speed() - 1.0) < 1e-3)
+pause(0.2)
+results["kept"] = abs(speed() - 1.0) < 1e-3
+results["speedStop"] = control.speedStop(10.0)
+results["still"] = wait_until(still) and -0.1 < height() and joint_1() < 0.3
+results["moveJ"] = control.moveJ(q, 1.0, 1.4)
+""",
+    )
+    assert all(value is True for value in read.values()), json.dumps(read)
+
+
+def test_inverse_kinematics(controller: URController) -> None:
+    far = "[2.0, 0, 0, 0, 0, 0]"
+    read = results(
+        controller,
+        f"""
+near = [angle + 0.01 for angle in q]
+for name, joints in (("alone", control.getInverseKinematics(home)),
+                     ("near", control.getInverseKinematics(home, near))):
+    results[name] = off(joints) < 1e-9
+results["solution"] = control.getInverseKinematicsHasSolution(home)
+results["solution_near"] = control.getInverseKinematicsHasSolution(home, near)
+results["none"] = not control.getInverseKinematicsHasSolution({far})
+results["program"] = control.isProgramRunning()
+results["far"] = control.getInverseKinematics({far}) == []
+results["ended"] = wait_until(lambda: not control.isProgramRunning())
+""",
+    )
+    assert all(value is True for value in read.values()), json.dumps(read)
+
+
+def test_protective_stop_is_released_over_the_dashboard(controller: URController) -> None:
+    read = results(
+        controller,
+        """
+dashboard = DashboardClient(host)
+dashboard.connect()
+control.moveL(low, 0.02, 1.2, True)
+wait_until(lambda: height() < -0.001)
+results["triggered"] = control.triggerProtectiveStop()
+results["stopped"] = wait_until(receive.isProtectiveStopped) and wait_until(still) and height() > -0.045
+results["refused"] = not control.moveL(home)
+pause(0.6)
+dashboard.unlockProtectiveStop()
+results["released"] = wait_until(lambda: not receive.isProtectiveStopped())
+results["program"] = not control.isProgramRunning() and reupload()
+results["moves"] = control.moveL(home, 0.25, 1.2)
+""",
+    )
+    assert all(value is True for value in read.values()), json.dumps(read)
+
+
+@pytest.mark.parametrize(
+    ("call", "name"),
+    [
+        ("control.forceMode([0] * 6, [0, 0, 1, 0, 0, 0], [0, 0, -5, 0, 0, 0], 2, [1] * 6)", "forceMode"),
+        ("control.servoC(low, 0.1, 0.5, 0.01)", "servoC"),
+        ("control.jogStart([0, 0, 0.02, 0, 0, 0])", "jogStart"),
+        ("control.moveUntilContact([0, 0, -0.1, 0, 0, 0])", "moveUntilContact"),
+        ("control.poseTrans(home, low)", "poseTrans"),
+        (
+            "control.sendCustomScriptFunction('lamp', 'set_standard_digital_out(1, True)')",
+            "write_output_integer_register",
+        ),
+    ],
+)
+def test_call_that_is_not_simulated_ends_the_program_and_is_named(
+    controller: URController, caplog: pytest.LogCaptureFixture, call: str, name: str
+) -> None:
+    with caplog.at_level(logging.WARNING), started(controller, call) as script:
+        until(lambda: f"program ends: {name}" in caplog.text.replace("'", ""))
+        script.kill()  # some calls wait forever for an answer of their program
+    assert "not simulated" in caplog.text
+    until(lambda: not controller.snapshot()["program_running"])
+
+
+def test_requests_and_outputs_that_are_not_simulated_are_named(
+    controller: URController, caplog: pytest.LogCaptureFixture
+) -> None:
+    with caplog.at_level(logging.WARNING):
+        read = results(
+            controller,
+            """
+dashboard, io = DashboardClient(host), RTDEIOInterface(host)
+dashboard.connect()
+try:
+    dashboard.loadURP("pick.urp")
+except Exception as error:
+    results["refused"] = str(error)
+io.setSpeedSlider(0.5)
+results["slider"] = wait_until(lambda: receive.getTargetSpeedFraction() == 0.5)
+io.setStandardDigitalOut(2, True)
+pause(0.1)
+""",
+        )
+    assert read["slider"]
+    assert "load pick.urp" in caplog.text
+    assert "standard_digital_output" in caplog.text
+    assert "speed_slider" not in caplog.text
+
+
+@pytest.mark.parametrize(
+    "start",
+    ["servoJ(q, 0.5, 0.5, 0.008, 0.1, 300)", "speedL([0, 0, -0.01, 0, 0, 0])", "moveL(low, 0.02, 1.2, True)"],
+)
+def test_motion_beside_another_one_ends_the_program(
+    controller: URController, caplog: pytest.LogCaptureFixture, start: str
+) -> None:
+    other = "servoJ(q, 0.5, 0.5, 0.008, 0.1, 300)" if "move" in start else "moveJ(q)"
+    with caplog.at_level(logging.WARNING):
+        read = results(
+            controller,
+            f"""
+control.{start}
+pause(0.1)
+control.{other}
+results["ended"] = wait_until(lambda: receive.getRuntimeState() == 1)
+""",
+        )
+    assert read == {"ended": True}
+    assert "already controls the arm" in caplog.text

@@ -1,0 +1,69 @@
+"""The noise of the simulated arm's joint angles, in the process and over the wire protocol."""
+
+from collections.abc import Callable
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from drivers.clock import NS_PER_S
+from drivers.types import Pose, Vector6
+from fakes.clock import SimulatedClock
+from fakes.devices.arm import TOOL_LENGTH_M, FakeArm
+from fakes.faults import FaultScript
+from fakes.wire.ur.robot import CYCLE_NS, Robot
+from fakes.world.kinematics import ENCODER_RAD, forward
+from fakes.world.world import BenchLayout, World
+from rig.export.rotations import ContinuousPoses
+from support.benches import NOISE_M
+
+HOME = Pose.from_rotation((0.45, 0.0, 0.3), Rotation.from_euler("x", 180, degrees=True))
+LAYOUT = BenchLayout(Pose((0.45, 0.0, 0.06)), HOME)
+Samples = tuple[list[Vector6], list[Pose]]
+
+
+def in_process(seed: int) -> Samples:
+    clock = SimulatedClock()
+    arm = FakeArm(World(LAYOUT, seed=seed), clock, FaultScript())
+    arm.connect()
+    states = []
+    for _ in range(400):
+        clock.sleep_until(clock.now_ns() + NS_PER_S // 125)
+        states.append(arm.state())
+    return [state.joints_rad for state in states], [state.base_T_tcp for state in states]
+
+
+def over_the_wire(seed: int) -> Samples:
+    robot, joints, poses = Robot(World(LAYOUT, seed=seed), (5, 11, 0, 0)), [], []
+    for _ in range(400):
+        robot.cycle(robot.time_ns + CYCLE_NS)
+        joints.append(robot.bank.get("actual_q"))
+        x, y, z, *turn = robot.bank.get("actual_TCP_pose")  # type: ignore[misc]
+        poses.append(Pose.from_rotation((x, y, z), Rotation.from_rotvec(turn)))
+    assert robot.bank.get("target_q") == robot.body.q
+    return joints, poses
+
+
+@pytest.mark.parametrize("samples", [in_process, over_the_wire])
+def test_arm_at_rest_reports_joints_and_pose_with_noise(samples: Callable[[int], Samples]) -> None:
+    joints, poses = samples(1)
+    assert np.std(joints, axis=0) == pytest.approx(np.full(6, ENCODER_RAD), rel=0.2)
+    assert np.allclose(poses[7].position_m, forward(joints[7], TOOL_LENGTH_M).position_m, atol=1e-6)
+    off = np.subtract([pose.position_m for pose in poses], HOME.position_m)
+    assert 1e-5 < np.abs(off).max() < NOISE_M
+    assert samples(1)[0] == joints
+    assert samples(2)[0] != joints
+
+
+@pytest.mark.parametrize("samples", [in_process, over_the_wire])
+def test_noise_changes_the_sign_of_a_quaternion_only_before_the_export(
+    samples: Callable[[int], Samples],
+) -> None:
+    poses, continuous = samples(1)[1], ContinuousPoses()
+
+    def turned_over(quaternions: list[tuple[float, ...]]) -> int:
+        return sum(float(np.dot(a, b)) < 0.0 for a, b in pairwise(quaternions))
+
+    assert turned_over([pose.quaternion_xyzw for pose in poses]) > 50
+    assert turned_over([continuous.next(pose).quaternion_xyzw for pose in poses]) == 0

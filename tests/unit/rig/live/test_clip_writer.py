@@ -1,0 +1,205 @@
+"""A clip is usable at any moment of its recording, and an interrupted one is read with notes."""
+
+import resource
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drivers.errors import InputError, RecordingError
+from drivers.images import encode_jpeg
+from drivers.types import Frame, Image
+from rig.frames.clips import ABOUT, FRAMES, TIMES
+from rig.frames.series import read_frames
+from rig.live.clip_writer import ClipWriter
+from rig.live.desk import Desk, DeskSettings
+from rig.live.feed import LiveFeed, Sender
+from rig.tactile.estimators import choose_estimator
+from support.desk_frames import GivenFrames, desk_frames
+
+GREY: Image = np.full((8, 6, 3), 128, np.uint8)
+JPEG = encode_jpeg(GREY, 80)
+STEP_NS = 20_000_000
+
+
+def frame(number: int) -> Frame:
+    return Frame(GREY, 5_000_000_000 + STEP_NS * number, number, "D1", JPEG)
+
+
+def recorded(folder: Path, count: int) -> Path:
+    """Record a clip of frames at 50 Hz."""
+    clip = ClipWriter(folder, GREY, {"sensor": "D1", "simulated": False})
+    add(clip, count)
+    clip.close()
+    return folder
+
+
+def add(clip: ClipWriter, count: int) -> None:
+    for _ in range(count):
+        clip.add(frame(clip.count))
+
+
+def read(clip: Path) -> tuple[list[float], list[str]]:
+    """Return the times of all frames in s, and the notes."""
+    series = read_frames(clip)
+    frames = list(series)
+    assert all(each.image is not None for each in frames)
+    return [each.time.time_ns / 1e9 for each in frames], list(series.notes)
+
+
+def lines(clip: Path) -> list[str]:
+    return (clip / TIMES).read_text().splitlines(keepends=True)
+
+
+@contextmanager
+def limited(size: int) -> Iterator[None]:
+    """Let no file grow beyond a size, as on a full disk."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+
+def test_each_frame_has_its_time_while_the_clip_is_recorded(tmp_path: Path) -> None:
+    clip = ClipWriter(tmp_path / "c", GREY, {})
+    for number in range(5):
+        clip.add(frame(number))
+        assert read(tmp_path / "c") == (pytest.approx([0.02 * n for n in range(number + 1)]), [])
+    clip.close()
+
+
+@pytest.mark.parametrize("size", [len(JPEG) - 1, len(JPEG) + 10, len(JPEG) + 25])
+def test_full_disk_leaves_a_clip_that_can_be_read(tmp_path: Path, size: int) -> None:
+    clip = ClipWriter(tmp_path / "c", GREY, {})
+    clip.add(frame(0))
+    said = rf"{tmp_path}/c.*: the clip cannot be written \("
+    with limited(size), pytest.raises(RecordingError, match=said):
+        add(clip, 100)
+    clip.close()
+    times, notes = read(tmp_path / "c")
+    assert times == pytest.approx([0.02 * n for n in range(clip.count)])
+    assert len(list((tmp_path / "c" / FRAMES).iterdir())) == clip.count, "no incomplete frame is left"
+    assert all(line.endswith("\n") for line in lines(tmp_path / "c"))
+    assert len(notes) == len(lines(tmp_path / "c")) - 1 - clip.count
+
+
+RECORD = """
+import sys
+from pathlib import Path
+sys.path.insert(0, {tests!r})
+from unit.rig.live.test_clip_writer import ClipWriter, GREY, frame
+clip = ClipWriter(Path(sys.argv[1]), GREY, {{}})
+for number in range(1_000_000):
+    clip.add(frame(number))
+    print(number, flush=True)
+"""
+
+
+@pytest.mark.parametrize("frames", [1, 30, 400])
+def test_killed_recording_keeps_every_frame_with_its_time(tmp_path: Path, frames: int) -> None:
+    code = RECORD.format(tests=str(Path(__file__).parents[3]))
+    with subprocess.Popen(
+        [sys.executable, "-c", code, tmp_path / "c"], stdout=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdout is not None
+        assert any(int(line) >= frames for line in process.stdout)
+        process.send_signal(signal.SIGKILL)
+    times, _ = read(tmp_path / "c")
+    assert len(times) > frames
+    assert times == pytest.approx([0.02 * n for n in range(len(times))])
+
+
+@pytest.mark.parametrize("kept", [2, 3, 7, 9])
+def test_frames_without_a_row_continue_at_the_median_step(tmp_path: Path, kept: int) -> None:
+    clip = recorded(tmp_path / "c", 10)
+    (clip / TIMES).write_text("".join(lines(clip)[: kept + 1]))
+    times, notes = read(clip)
+    assert times == pytest.approx([0.02 * n for n in range(10)])
+    assert any(f"{10 - kept} of 10 frames have no time" in note for note in notes)
+
+
+def test_one_row_continues_at_the_assumed_rate(tmp_path: Path) -> None:
+    clip = recorded(tmp_path / "c", 4)
+    (clip / TIMES).write_text("".join(lines(clip)[:2]))
+    assert read(clip)[0] == pytest.approx([n / 60 for n in range(4)])
+
+
+@pytest.mark.parametrize("text", ["", "frame,t_s\n", "frame,t", "frame,t_s\n000000.jpg,0.0"])
+def test_clip_without_a_complete_row_is_read_at_the_assumed_rate(tmp_path: Path, text: str) -> None:
+    clip = recorded(tmp_path / "c", 4)
+    (clip / TIMES).write_text(text)
+    times, notes = read(clip)
+    assert times == pytest.approx([n / 60 for n in range(4)], abs=1e-6)
+    assert any("has no times: 60 frames per second assumed" in note for note in notes)
+
+
+@pytest.mark.parametrize("cut", [1, 4, 12, 20])
+def test_incomplete_last_row_of_a_recording_is_no_time(tmp_path: Path, cut: int) -> None:
+    clip = recorded(tmp_path / "c", 10)
+    text = (clip / TIMES).read_text()
+    (clip / TIMES).write_text(text[:-cut])
+    assert read(clip)[0] == pytest.approx([0.02 * n for n in range(10)])
+
+
+def test_row_without_a_frame_is_ignored(tmp_path: Path) -> None:
+    clip = recorded(tmp_path / "c", 6)
+    for number in (0, 3, 5):
+        (clip / FRAMES / f"{number:06d}.jpg").unlink()
+    times, notes = read(clip)
+    assert times == pytest.approx([0.02, 0.04, 0.08])
+    assert any("3 rows without a frame, ignored" in note for note in notes)
+
+
+def test_missing_row_between_others_is_interpolated(tmp_path: Path) -> None:
+    clip = recorded(tmp_path / "c", 6)
+    (clip / TIMES).write_text("".join(line for line in lines(clip) if "000003" not in line))
+    assert read(clip)[0] == pytest.approx([0.02 * n for n in range(6)])
+
+
+def test_last_row_without_an_end_counts_in_a_table_of_a_person(tmp_path: Path) -> None:
+    clip = recorded(tmp_path / "c", 3)
+    (clip / ABOUT).unlink()
+    (clip / TIMES).write_text("frame,t_s\n0,0\n1,0.5\n2,0.7")
+    assert read(clip) == ([0.0, 0.5, 0.7], [])
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("time,angle\n0,1\n", "has no column frame, t_s"),
+        ("frame,t_s\n000001.jpg,0.1\n", "'000000.jpg' has no row"),
+        ("frame,t_s\n000000.jpg,0.1\n000001.jpg,soon\n", "'soon' is not a number"),
+        ("frame,t_s\n000000.jpg,0.1\n000001.jpg,0.0\n", "comes before line 2"),
+        ("frame,t_s\nx.jpg,0.1\n", "there is no frame 'x.jpg'"),
+    ],
+)
+def test_invalid_table_of_a_clip_is_rejected(tmp_path: Path, text: str, said: str) -> None:
+    clip = recorded(tmp_path / "c", 3)
+    (clip / TIMES).write_text(text)
+    with pytest.raises(InputError, match=said):
+        read_frames(clip)
+
+
+def test_full_disk_ends_the_clip_and_the_live_view_goes_on(tmp_path: Path) -> None:
+    frames = list(desk_frames(5.0))
+    settings = DeskSettings(choose_estimator("ellipse"), clips=tmp_path)
+    with Desk([GivenFrames(frames)], settings, Sender(LiveFeed())) as desk:
+        while not desk.recording:
+            desk.step()
+            desk.act("record")
+        desk.step()
+        with limited(1000):
+            assert desk.step()
+        assert not desk.recording
+        assert str(tmp_path) in desk.notice
+        assert "the clip cannot be written (File too large); recorded" in desk.notice
+        assert desk.step()
+    (clip,) = tmp_path.iterdir()
+    assert len(read(clip)[0]) == 1

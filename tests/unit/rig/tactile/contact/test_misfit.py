@@ -1,0 +1,132 @@
+"""Backgrounds that do not belong to the frames are named and give no angle; right ones are not named."""
+
+import os
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+import rig
+from drivers.clock import NS_PER_S, SystemClock
+from drivers.images import read_image
+from drivers.types import Frame, Image
+from rig.live.desk_sensor import DeskSensor
+from rig.tactile.contact.background import mean_background
+from rig.tactile.contact.background_check import BackgroundCheck
+from rig.tactile.estimators import choose_estimator
+from support.desk_frames import desk_frames
+
+STEP_NS = NS_PER_S // 10
+SHIFTS = [(10, 0), (0, -10), (-12, 9), (0, 16)]
+
+
+def shifted(image: Image, x: float, y: float) -> Image:
+    size = (image.shape[1], image.shape[0])
+    way = np.array([[1.0, 0.0, x], [0.0, 1.0, y]])
+    return np.asarray(cv2.warpAffine(image, way, size, borderMode=cv2.BORDER_REPLICATE), np.uint8)
+
+
+def dead(image: Image, rows: slice = slice(0), columns: slice = slice(0)) -> Image:
+    copy = image.copy()
+    copy[rows] = 0
+    copy[:, columns] = 40
+    return copy
+
+
+def misfit(background: Image, frames: Iterable[Image]) -> str:
+    check = BackgroundCheck(background)
+    for place, image in enumerate(frames):
+        check.add(image, place * STEP_NS)
+    return check.misfit
+
+
+@pytest.fixture(scope="module", params=[1, -1])
+def desk(request: pytest.FixtureRequest) -> list[Frame]:
+    """Frames of a simulated press, 30 per second: 1 s without contact, then a touch and a turn."""
+    return list(desk_frames(8.0, request.param))
+
+
+def background_of(desk: Sequence[Frame]) -> Image:
+    return mean_background([frame.image for frame in desk[:15]])
+
+
+def test_right_background_fits(desk: list[Frame]) -> None:
+    assert misfit(background_of(desk), [frame.image for frame in desk[::3]]) == ""
+
+
+@pytest.mark.parametrize("light", [0.5, 0.75, 1.3])
+def test_other_brightness_is_no_misfit(desk: list[Frame], light: float) -> None:
+    frames = [np.clip(frame.image * light, 0, 255).astype(np.uint8) for frame in desk[::3]]
+    assert misfit(background_of(desk), frames) == ""
+
+
+@pytest.mark.parametrize("way", SHIFTS)
+def test_shifted_background_is_named_with_its_shift(desk: list[Frame], way: tuple[int, int]) -> None:
+    text = misfit(shifted(background_of(desk), *way), [frame.image for frame in desk[::3]])
+    assert text.startswith("the frames do not fit the background: shifted by about ")
+    assert float(text.split()[-2]) == pytest.approx(np.hypot(*way), rel=0.45)
+
+
+@pytest.mark.parametrize(
+    ("rows", "columns", "name"),
+    [
+        (slice(304, 320), slice(0), "dead rows (16)"),
+        (slice(0), slice(100, 103), "dead columns (3)"),
+        (slice(7, 8), slice(0), "dead rows (1)"),
+    ],
+)
+def test_dead_lines_are_named(desk: list[Frame], rows: slice, columns: slice, name: str) -> None:
+    frames = [dead(frame.image, rows, columns) for frame in desk]
+    assert misfit(background_of(desk), frames) == f"the frames do not fit the background: {name}"
+    assert misfit(mean_background(frames[:15]), frames) == "", "the background has them too"
+
+
+def test_recorded_frames_with_a_shifted_background_have_no_angle(desk: list[Frame]) -> None:
+    frames, times_s = [frame.image for frame in desk], [frame.time_ns / NS_PER_S for frame in desk]
+    with pytest.warns(UserWarning, match="do not fit the background: shifted by about"):
+        found = rig.estimate(frames, shifted(background_of(desk), 10, 0), times_s=times_s)
+    assert np.isnan(found.angle_deg).all()
+    assert not {"tracking", "rekeyed"} & set(found.states)
+
+
+def test_streamed_frames_with_dead_rows_have_no_angle(desk: list[Frame]) -> None:
+    stream = rig.estimator(background=background_of(desk))
+    with pytest.warns(UserWarning, match="dead rows") as warned:
+        found = [stream.update(dead(f.image, slice(304, 320)), f.time_ns / NS_PER_S) for f in desk]
+    assert len(warned) == 1
+    assert all(sample.angle_deg is None and sample.state != "tracking" for sample in found[30:])
+
+
+def test_live_view_with_a_shifted_background_has_a_doubt_and_no_angle(desk: list[Frame]) -> None:
+    sensor = DeskSensor("D", choose_estimator("slip"), 1, shifted(background_of(desk), -12, 9), None)
+    shown = [sensor.take(frame, SystemClock()).values() for frame in desk]
+    assert "do not fit the background: shifted by about" in str(shown[-1]["doubt"])
+    assert shown[-1]["angle_deg"] is None
+    assert shown[-1]["state"] == "lost"
+
+
+def real_clips_of(folder: Path) -> list[tuple[Image, list[Image]]]:
+    found = []
+    for background in sorted(folder.glob("*/background.png")):
+        files = sorted((background.parent / "frames").iterdir())
+        chosen = np.unique(np.linspace(0, len(files) - 1, 24).astype(int))
+        found.append((read_image(background), [read_image(files[i]) for i in chosen]))
+    return found
+
+
+@pytest.mark.slow
+def test_backgrounds_of_real_clips_fit_and_shifted_ones_do_not(real_clips: Path) -> None:
+    clips = real_clips_of(real_clips)
+    assert [misfit(*clip) for clip in clips] == [""] * len(clips)
+    named = [misfit(shifted(background, 8, -6), frames) for background, frames in clips]
+    assert all("shifted by about" in text for text in named)
+
+
+@pytest.mark.slow
+def test_backgrounds_of_real_turns_fit() -> None:
+    folder = Path(os.environ.get("RIG_REAL_TURNS", ""))
+    if not (folder / "pk_133601").is_dir():
+        pytest.skip("RIG_REAL_TURNS does not name the folder that real_turns/make.py makes")
+    assert not any(misfit(*clip) for clip in real_clips_of(folder))

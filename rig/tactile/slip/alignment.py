@@ -122,7 +122,7 @@ class Aligner:
         self.read_as(reading, expected_rad)
 
     def view_texture(self, texture: Texture) -> None:
-        """Take the texture too, and compute the weights of all points: what has not moved may be the gel's."""
+        """Take the texture too, and weigh its points: what has not moved may be the gel's."""
         self._views[TEXTURE], self._texture = texture.view, texture.planes
         weigh(
             self._bank, self._facts, self.used, self._slopes, self._texture, self._views,
@@ -182,8 +182,9 @@ class Aligner:
         prior = ALIGNMENT.prior_weight if channels == 2 else ALONE_PRIOR
         at = np.array([(angle, point.real, point.imag) for angle, point in starts])
         return align(
-            self._bank, self._facts, used, self._slopes, self._texture, self._views, self._weights, self._scratch,
-            at, self._expected_rad, prior, self._share, ALIGNMENT.score_of_loss, channels, most, part, self._out,
+            self._bank, self._facts, used, self._slopes, self._texture, self._views, self._weights,
+            self._scratch, at, self._expected_rad, prior, self._share, ALIGNMENT.score_of_loss, channels,
+            most, part, self._out,
         )  # fmt: skip
 
     def _fit(self, alone: bool = False) -> Fit:

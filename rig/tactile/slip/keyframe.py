@@ -65,8 +65,8 @@ class Keyframe:
     """The points of a frame to which others are aligned; its pose depends on the reading.
 
     rows: (3, ROWS, N), see `rig.tactile.slip.loops`; counted: number of points of each. center_px: of the
-    points of the slopes. pixels: their rows and columns. unit: factor of the texture. richness: root energy of
-    the texture. own: what a rotation by `PROBE_RAD` takes from the agreement of the curvature, and of the
+    points of the slopes. pixels: their rows and columns. unit: factor of the texture. richness: root energy
+    of the texture. own: what a rotation by `PROBE_RAD` takes from the agreement of the curvature, and of the
     texture, with themselves.
     """
 
@@ -93,24 +93,7 @@ class Keyframe:
         """Return this keyframe with slopes of another colour map."""
         rows = self.rows.copy()
         planes, box = _fill_slopes(rows[SLOPES], self.source, learnt, self.pixels, self.center_px)
-        return replace(self, rows=rows)._curved(planes, box)
-
-    def _curved(self, planes: Field, box: Box) -> "Keyframe":
-        """Return this keyframe with the most curved points of planes (4, h, w) in a box."""
-        mask = self.source.mask[within(box, self.source.mask.shape)]
-        inside = cv2.erode(mask, _AROUND)
-        rows, columns = np.nonzero(inside if inside.any() else mask)
-        values = planes[CURVATURE, rows, columns]
-        least = max(0, len(values) - MOST_POINTS)
-        chosen = np.sort(np.argpartition(np.abs(values), least)[least:])
-        chosen, points, left, top = chosen[_spread(len(chosen))], self.rows[CURVED], box[0], box[1]
-        points[X, : len(chosen)] = columns[chosen] + (left - self.center_px.real)
-        points[Y, : len(chosen)] = rows[chosen] + (top - self.center_px.imag)
-        points[FIRST, : len(chosen)] = values[chosen]
-        curved, texture = replace(self, counted=(*self.counted[:2], len(chosen))), self.source.texture
-        views = np.array([(1.0, -left, -top), texture.view])
-        own = kept(self.rows, curved.facts(1.0), planes, texture.planes, views, PROBE_RAD)
-        return replace(curved, own=own)
+        return _with_curvature(replace(self, rows=rows), planes, box)
 
 
 def make_keyframe(source: Source, learnt: LearntGradientMap) -> Keyframe | None:
@@ -129,7 +112,25 @@ def make_keyframe(source: Source, learnt: LearntGradientMap) -> Keyframe | None:
     if not float(rows[SLOPES, SQUARE].sum()) > 0.0:
         return None
     counted, rich = (len(pixels[0]), found[0], 0), source.texture.richness(source.mask)
-    return Keyframe(source, rows, counted, center, pixels, found[1], rich)._curved(planes, box)
+    return _with_curvature(Keyframe(source, rows, counted, center, pixels, found[1], rich), planes, box)
+
+
+def _with_curvature(key: Keyframe, planes: Field, box: Box) -> Keyframe:
+    """Return a keyframe with its most curved points, of planes (4, h, w) in a box."""
+    mask = key.source.mask[within(box, key.source.mask.shape)]
+    inside = cv2.erode(mask, _AROUND)
+    rows, columns = np.nonzero(inside if inside.any() else mask)
+    values = planes[CURVATURE, rows, columns]
+    least = max(0, len(values) - MOST_POINTS)
+    chosen = np.sort(np.argpartition(np.abs(values), least)[least:])
+    chosen, points, (left, top) = chosen[_spread(len(chosen))], key.rows[CURVED], box[:2]
+    points[X, : len(chosen)] = columns[chosen] + (left - key.center_px.real)
+    points[Y, : len(chosen)] = rows[chosen] + (top - key.center_px.imag)
+    points[FIRST, : len(chosen)] = values[chosen]
+    curved, texture = replace(key, counted=(*key.counted[:2], len(chosen))), key.source.texture
+    views = np.array([(1.0, -left, -top), texture.view])
+    own = kept(key.rows, curved.facts(1.0), planes, texture.planes, views, PROBE_RAD)
+    return replace(curved, own=own)
 
 
 def _spread(count: int) -> NDArray[np.intp]:

@@ -21,9 +21,9 @@ MOST_KEYS = 4
 MOST_POINTS = 304
 """Number of points of each channel of a keyframe; a multiple of the processor's vectors."""
 SLOPES, TEXTURE, CURVED = 0, 1, 2
-# Rows of a channel: place, square of the template, weight, template (C rows), its derivatives (P times C rows).
-# C and P are 2 and 6 for slopes, 3 and 3 for texture. The last row has the weights of slopes alone. The most
-# curved points, with the curvature as template, are evidence that the alignment does not use.
+# Rows of a channel: place, square of the template, weight, template (C rows), its derivatives (P times C
+# rows). C and P are 2 and 6 for slopes, 3 and 3 for texture. The last row has the weights of slopes alone.
+# The most curved points, with the curvature as template, are evidence that the alignment does not use.
 X, Y, SQUARE, WEIGHT, FIRST, PLAIN, ROWS = 0, 1, 2, 3, 4, 18, 19
 # Facts of a keyframe.
 SHARE, MIDDLE_X, MIDDLE_Y, ANGLE, LEVER_X, LEVER_Y, COUNTED, UNIT, OWN, FACTS = 0, 1, 2, 3, 4, 5, 6, 9, 10, 11
@@ -37,8 +37,8 @@ MOST_TURN_STEP_RAD, MOST_STEP_PX = 0.1, 1.5
 # A channel is never weighted as if it fitted better than this share of its energy.
 LEAST_MISFIT, LEAST_GAIN, MOST_GAIN = 0.02, 0.3, 2.0
 LEAST_UNEXPLAINED = 0.1
-# Result of an alignment: angle, point, score, standard deviation for one independent point, best correlation of
-# the slopes, loss of the richest keyframe, rank.
+# Result of an alignment: angle, point, score, standard deviation for one independent point, best correlation
+# of the slopes, loss of the richest keyframe, rank.
 ANGLE_AT, SCORE, OWN_RAD, BEST, LOSS, RANK, RESULTS = 0, 3, 4, 5, 6, 7, 8
 # The cosine is not known better than this.
 LEAST_LOSS = 0.01
@@ -203,7 +203,7 @@ def weigh(
     noise_share: float,
     weights: Values,
 ) -> None:
-    """Compute the weights of points (K, 2, N): those that would fit had nothing moved may belong to the gel."""
+    """Compute the weights of points (K, 2, N): those that fit as if nothing had moved may be the gel's."""
     values = np.empty((3, MOST_POINTS), np.float32)
     share = np.float32(rest_share)
     for k in used:
@@ -522,13 +522,13 @@ def align(
     part: int,
     out: Sums,
 ) -> float:
-    """Align a frame to keyframes jointly from several starts (S, 3); leave the result with the best rank in `out`.
+    """Align a frame to keyframes jointly, from several starts (S, 3); `out` gets the result of highest rank.
 
     The rank is the score less what the curvature of the frame lacks in agreement, times `score_of_loss`.
     bank: (K, 3, ROWS, N), with facts (K, FACTS); used: which of them, the richest first. slopes: (4, h, w),
-    texture: (3, h, w). views: of both, pixels per work pixel, and what is added. weights: (K, 2, N). channels: 1
-    for slopes alone, with plain weights. most: iterations. part: one of so many parts of the points is used.
-    out: see `RESULTS`. Return the rank from the first start.
+    texture: (3, h, w). views: of both, pixels per work pixel, and what is added. weights: (K, 2, N).
+    channels: 1 for slopes alone, with plain weights. most: iterations. part: one of so many parts of the
+    points is used. out: see `RESULTS`. Return the rank from the first start.
     """
     found = np.empty(RESULTS)
     out[RANK], first = -1e9, 0.0

@@ -1,4 +1,4 @@
-"""The parameters of the estimator, from `models/slip.json`. Angles in rad, times in s, lengths in work pixels."""
+"""The parameters of `slip`, from `models/slip.json`: angles in rad, times in s, lengths in work pixels."""
 
 import json
 from dataclasses import dataclass
@@ -12,6 +12,14 @@ Values = dict[str, dict[str, float]]
 
 @dataclass(slots=True)
 class Motion:
+    """Filter of the angle, and prediction of the pose.
+
+    The filter (`rig.tactile.slip.kalman`): density of the white acceleration in motion and at rest, time to
+    calm down, innovation in standard deviations that shows a manoeuvre, factor and least value of the noise,
+    standard deviation of the first rate. Prediction: longest extrapolation horizon_s, acceleration of
+    rotations that are not observed, largest shift per frame, time over which the rate is averaged.
+    """
+
     moving_density: float
     rest_density: float
     calming_s: float
@@ -27,6 +35,22 @@ class Motion:
 
 @dataclass(slots=True)
 class Alignment:
+    """Alignment of a frame to the keyframes.
+
+    slopes_share: weight of the slopes beside the texture in the first reading. broad_share: part of the broad
+    slopes that is subtracted. prior_weight: of the expected angle. rest_share, noise_share: likelihood of
+    points that rest with the gel, and their noise, in squares of the template. good_score, most_loss,
+    surprise_rad, check_frames: a fit that is worse than this fraction of the usual score, loses more
+    agreement of the curvature, surprises by more, or has not been checked for so many frames, is searched.
+    score_of_loss: weight of the loss in the rank. aside_rad: distance of further starts. least_score,
+    give_up_s: a joint fit below is none; the contact begins again after this time without one. network_s,
+    look_s: period of the network, and of the texture while the slopes lead. steep_share: slopes above this
+    fraction of the root mean square get less weight. plain_fit: correlation of the slopes from which on they
+    explain the frame alone. more_score, rests_rad: rank by which the joint fit must exceed that of the
+    slopes; nearer to a keyframe it keeps its own pose. most_prior, count_power: prior weight of slopes at turning
+    texture. noise_own: noise of a joint angle. iterations: most steps.
+    """
+
     slopes_share: float
     broad_share: float
     prior_weight: float
@@ -50,11 +74,19 @@ class Alignment:
     check_frames: float
     noise_own: float
     iterations: float
-    stride: float
 
 
 @dataclass(slots=True)
 class Keyframes:
+    """Keyframes, and weights by the network.
+
+    richer, further_rad: a frame with this many times the texture of the richest keyframe, or that has turned
+    by more from all, becomes one. least_richness, power, used: fraction of the richest one's texture below
+    which a keyframe is not used, exponent of its weight, and number of those used. torn_ratio: ratio of areas
+    from which on a frame is torn. least_count, resting, turning: least weight of texture, and the network's
+    answers that give the least and the full weight.
+    """
+
     richer: float
     further_rad: float
     least_richness: float
@@ -68,6 +100,13 @@ class Keyframes:
 
 @dataclass(slots=True)
 class Sigma:
+    """Standard deviation of the angle.
+
+    loss_rad: per loss of agreement of the curvature. spread: per difference between the readings. least_rad:
+    in any case. least_distinct: a contact that a rotation changes less is unobservable. pace_s: time over
+    which sigma follows.
+    """
+
     loss_rad: float
     spread: float
     least_rad: float
@@ -77,6 +116,12 @@ class Sigma:
 
 @dataclass(slots=True)
 class Fusion:
+    """Fusion of two fingertips, see `rig.lift.fusion`.
+
+    sticks, anything: probability that a fingertip follows the resting gel, and that it is anything.
+    correlation: of the errors of both.
+    """
+
     sticks: float
     anything: float
     correlation: float

@@ -1,4 +1,4 @@
-"""The compiled passes over pixels: light, difference, gel marks, slopes, structure. Images are planes (3, h, w)."""
+"""The compiled passes over the pixels of planes (3, h, w): light, difference, gel marks, slopes, structure."""
 
 import math
 
@@ -97,9 +97,9 @@ def lit(
     fill: Field,
     out: Field,
 ) -> None:
-    """Compute the relative difference of a part of an image, its colours (3, h, w), with gel marks filled, into out.
+    """Compute the relative difference of a part of an image, with gel marks filled, into out.
 
-    weight, relative: (3, H, W). marks, begins, rims, fill: see `GelMarks.table`.
+    colours: of the part, (3, h, w). weight, relative: (3, H, W). marks, begins, rims, fill: see `GelMarks.table`.
     """
     height, width = out.shape[1], out.shape[2]
     for k in range(3):
@@ -129,7 +129,7 @@ def lit(
 
 @compiled
 def slopes_in(difference: Field, colours: Field, top: int, left: int, out: Field) -> None:
-    """Compute the slopes along x and y, out (h, w, 2), of a part of a difference (H, W, 3); colours: (6, H, W)."""
+    """Compute the slopes of a part, out (h, w, 2), of a difference (H, W, 3) with the map colours (6, H, W)."""
     for r in range(out.shape[0]):
         seen, by = difference[top + r, left:], colours[:, top + r, left:]
         for c in range(out.shape[1]):
@@ -191,7 +191,7 @@ def summed_tensor(fine: Field, parts: Field) -> None:
 def beyond_noise(
     tensor: Field, least: float, margins: tuple[int, int, int, int], counts: Field, planes: Field
 ) -> None:
-    """Compute direction and strength (3, h, w) times counts; 0 where changes are not larger than the smallest.
+    """Compute direction and strength (3, h, w) times counts; 0 where changes are not larger than the least.
 
     margins: left, above, right, below; they are 0.
     """
@@ -212,7 +212,7 @@ def beyond_noise(
 
 @compiled
 def strongest_energy(planes: Field, reach: Image, scale: int, top: int, left: int, count: int) -> float:
-    """Return the energy of the strongest pixels (approximately `count`) where reach, in work pixels, is not 0."""
+    """Return the root energy of about `count` strongest pixels where reach, in work pixels, is not 0."""
     most = np.float32(1e-12)
     for r in range(planes.shape[1]):
         for c in range(planes.shape[2]):

@@ -90,56 +90,75 @@ class Tracker:
 
     def __init__(self, learn: Learn) -> None:
         self._learn, self._aligner = learn, Aligner()
-        self._contact: Contact | None = None
+        self._state: Touch | Contact | None = None
 
     @property
     def contact(self) -> "Contact | None":
         """The contact that is followed, None without one or before its first keyframe."""
-        return self._contact if self._contact is not None and self._contact.keys else None
+        return self._state if isinstance(self._state, Contact) else None
 
     def release(self) -> None:
         """Forget the contact, because it has ended."""
-        self._contact = None
+        self._state = None
 
     def follow(self, seen: Seen, angle_rad: float) -> Tracked | None:
         """Return the fit of a frame; None if the contact cannot be followed in it.
 
         angle_rad: where a contact that begins starts to count.
         """
-        if self._contact is None:
-            if seen.torn:
-                return None
-            self._contact = Contact(self._learn, self._aligner, seen, angle_rad)
-            return self._contact.first()
-        followed = self._contact.follow(seen)
-        if not self._contact.keys:  # its first image shows no dent
-            self._contact = None
-        return followed
+        busy = False
+        if self._state is None:
+            if not seen.torn:
+                self._state = Touch(seen, Pose(angle_rad, _middle(seen.region.mask)))
+            return None if self._state is None else self._state.tracked
+        if isinstance(self._state, Touch):
+            self._state, busy = self._begun(self._state), True
+        return None if self._state is None else self._state.follow(seen, busy)
+
+    def _begun(self, touch: "Touch") -> "Contact | None":
+        """Make the first keyframe of a contact; without a dent there is none."""
+        learnt = self._learn(touch.source.difference, touch.source.mask)
+        key = None if learnt is None else make_keyframe(touch.source, learnt)
+        return (
+            None if learnt is None or key is None else Contact(self._learn, self._aligner, touch, learnt, key)
+        )
+
+
+class Touch:
+    """The first frame of a contact, of which the first keyframe is made in the next frame."""
+
+    def __init__(self, seen: Seen, pose: Pose) -> None:
+        self.source, self.time_s, self.pose = seen.source(False), seen.time_s, pose
+
+    @property
+    def tracked(self) -> Tracked:
+        """The fit of the frame: a contact begins where it is."""
+        return Tracked(Fit(self.pose, 1.0, 0.0, 1.0, 0.0, 1.0, True), 0.0, False, math.inf)
 
 
 class Contact:
-    """One contact, from its first frame on: keyframes, readings, and the motion between the frames.
+    """One contact from its first keyframe on: keyframes, readings, and the motion between the frames.
 
-    keys: its keyframes. disagrees: whether the curvature fits badly, so that a better pose is searched for.
-    settled: whether the contact has stopped growing, and the angle counts from its keyframe.
+    keys: its keyframes, in the order of their frames. disagrees: whether the curvature fits badly, so that a better pose is searched for.
     """
 
-    def __init__(self, learn: Learn, aligner: Aligner, seen: Seen, angle_rad: float) -> None:
-        self._learn, self._aligner = learn, aligner
-        self.keys: list[Keyframe] = []
+    def __init__(
+        self, learn: Learn, aligner: Aligner, touch: Touch, learnt: LearntGradientMap, key: Keyframe
+    ) -> None:
+        self._learn, self._aligner, self._map = learn, aligner, learnt
+        pose = Pose(touch.pose.angle_rad, key.center_px)
+        self._readings = [Reading(share, pose) for share in (ALIGNMENT.slopes_share, *FURTHER_SHARES)]
         self._settling, self._settled_frames = Settling(), 0
-        self._middle_px, self._contact_px = _middle(seen.region.mask), 0j
-        pose = Pose(angle_rad, self._middle_px)
-        shares = ALIGNMENT.slopes_share, *FURTHER_SHARES
-        self._readings = [Reading(share, pose) for share in shares]
-        self._zero_rad, self._time_s = angle_rad, seen.time_s
+        self._middle_px, self._contact_px = touch.pose.point_px, 0j
+        self._zero_rad, self._time_s = pose.angle_rad, touch.time_s
         self._rate_rad_s, self._motion_px = 0.0, 0j
         self._usual_score, self._checked, self._looked_s = 1.0, 0, 0.0
         self._texture_leads, self._led, self.disagrees = False, 0, False
         self._joint: Pose | None = None
-        self._forced = self._added = False
-        self._map: LearntGradientMap | None = None
-        self._pending: list[Callable[[], None]] = [partial(self._begin, seen.source(False))]
+        self._aligned: list[Reading] = []
+        self._forced, self._added = False, True
+        self._pending: list[Callable[[], None]] = []
+        self._take([key])
 
     @property
     def pose(self) -> Pose:
@@ -165,19 +184,14 @@ class Contact:
         ahead_s = min(time_s - self._time_s, MOTION.horizon_s)
         return Pose(self.pose.angle_rad + self._rate_rad_s * ahead_s, self.pose.point_px + self._motion_px)
 
-    def first(self) -> Tracked:
-        """Return the fit of the first frame: a contact begins where it is; its keyframe is made in the next."""
-        return Tracked(Fit(self.pose, 1.0, 0.0, 1.0, 0.0, 1.0, True), 0.0, False, math.inf)
-
-    def follow(self, seen: Seen) -> Tracked | None:
-        """Return the fit of a frame; None if no keyframe fits, or none could be made."""
+    def follow(self, seen: Seen, busy: bool) -> Tracked | None:
+        """Return the fit of a frame; None if no keyframe fits. busy: whether a keyframe was made in it."""
         middle = _middle(seen.region.mask)
         self._contact_px, self._middle_px = middle - self._middle_px, middle
-        busy, self._added = bool(self._pending), False
-        if busy:
+        self._added = busy
+        if self._pending:
+            busy = True
             self._pending.pop(0)()
-        if not self.keys:
-            return None
         if self._settling.update(seen.region.levels, seen.time_ns):
             self._settle()
         fit, looked = self._read(seen, busy)
@@ -198,7 +212,7 @@ class Contact:
         reading that has turned furthest since the contact settled is the answer.
         """
         angles = [reading.pose.angle_rad for reading in self._readings]
-        if not fit.alone or __import__('os').environ.get('BIG'):
+        if not fit.alone:
             furthest = max(angles, key=lambda angle: abs(angle - self._zero_rad))
             fit = replace(fit, pose=Pose(furthest, fit.pose.point_px))
         return Tracked(fit, max(angles) - min(angles), self._added, self.richest.distinct)
@@ -210,22 +224,8 @@ class Contact:
         for reading in self._readings[1:]:
             reading.join(first)
 
-    def _begin(self, source: Source) -> None:
-        """Make the first keyframe; without a dent there is none."""
-        learnt = self._learn(source.difference, source.mask)
-        key = None if learnt is None else make_keyframe(source, learnt)
-        if learnt is None or key is None:
-            return
-        self._map = learnt
-        for reading in self._readings:
-            reading.pose = Pose(reading.pose.angle_rad, key.center_px)
-            reading.keys = [reading.pose]
-        self._take([key])
-        self._added = True
-
     def _renew(self, source: Source, poses: list[Pose]) -> None:
         """Make a keyframe of an earlier frame, with its poses in the readings; the poorest one makes room."""
-        assert self._map is not None
         key = make_keyframe(source, self._map)
         if key is None:
             return
@@ -286,7 +286,6 @@ class Contact:
         If the slopes alone explain the frame, they are those of the object, and the texture is examined only
         from time to time.
         """
-        assert self._map is not None
         start, mask, aligner = self.expected(seen.time_s), seen.region.mask, self._aligner
         box = contact_box(mask)
         slopes = slope_planes(seen.difference, self._map, mask, box, ALIGNMENT.broad_share)

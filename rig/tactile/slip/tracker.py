@@ -158,6 +158,8 @@ class Contact:
         self._aligned: list[Reading] = []
         self._forced, self._added = False, True
         self._pending: list[Callable[[], None]] = []
+        for reading in self._readings:
+            reading.keys.append(pose)
         self._take([key])
 
     @property

@@ -17,7 +17,14 @@ from drivers.types import ArmState, Image
 from rig.tactile.contact.finder import Contact, ContactFinder
 from rig.tactile.paper.axis import Axis, AxisMethod
 from rig.tactile.paper.published import ScriptAngle, ScriptError, ScriptFilter, stretched
-from rig.tactile.sample import FreshFrameEstimator, SlipSample, State, Stopwatch, TactileEstimator
+from rig.tactile.sample import (
+    FreshFrameEstimator,
+    SlipSample,
+    State,
+    Stopwatch,
+    TactileEstimator,
+    check_frame,
+)
 from rig.tactile.settling import SettlingByArea
 
 
@@ -141,6 +148,7 @@ class PublishedEstimator(TactileEstimator):
         """Estimate from (H, W, 3) uint8 RGB. Raises only `InputError`, for another shape or type."""
         if not self._times.follows(time_ns):
             return SlipSample(time_ns, State.LOST, jumped=True)
+        check_frame(image)
         self._news.add(image, time_ns)
         if self._news.frozen:
             return SlipSample(time_ns, State.FROZEN, settled=self._settling.update(0.0, time_ns))

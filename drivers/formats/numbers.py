@@ -3,7 +3,7 @@
 A number consists of a sign, digits with a decimal point, and a decimal exponent; sign, point and exponent may
 be missing: `20`, `-.5`, `2.000e+01`. Python, NumPy, pandas, MATLAB and spreadsheets write this form. Blanks
 around it are ignored. Decimal commas are rejected with the cure, because `1,234` has two meanings. Infinity,
-NaN, hexadecimal numbers and digits of other scripts are rejected.
+NaN, control characters, hexadecimal numbers and digits of other scripts are rejected.
 """
 
 import math
@@ -19,6 +19,7 @@ MAX_TIME_S = 9e9
 """Largest time, s. Larger times do not fit the 64-bit integer nanoseconds of files."""
 _NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
 _COMMA = re.compile(r"[+-]?[0-9.]*(?:,[0-9]+)+\.?[0-9]*(?:[eE][+-]?[0-9]+)?")
+_BLANKS = " \t\r\n\f\v\u00a0"
 _NS = 10**9
 _MAX_WHOLE = 2**63
 Value = TypeVar("Value", int, float)
@@ -83,7 +84,7 @@ def _in(parse: Callable[[str], Value], row: Mapping[str, str], column: str, wher
 
 
 def _checked(text: str) -> str:
-    text = text.strip()
+    text = text.strip(_BLANKS)
     if _NUMBER.fullmatch(text):
         return text
     if _COMMA.fullmatch(text):
@@ -95,4 +96,4 @@ def _checked(text: str) -> str:
 
 def _exact(text: str, value: float) -> Decimal:
     """Return the exact value; 0 if it is below every float, since the exponents of decimals are limited."""
-    return Decimal(text.strip()) if value else Decimal(0)
+    return Decimal(text.strip(_BLANKS)) if value else Decimal(0)

@@ -49,7 +49,8 @@ def test_whole_numbers_are_read_in_full(value: int) -> None:
         assert parse_whole(f"{float(value):.18e}") == parse_whole(f"{value}.0") == value
 
 
-@given(st.one_of(st.text(max_size=8), st.text("+-0123456789.,eE_ naif", max_size=8)))
+@given(st.one_of(st.text(max_size=8), st.text("+-0123456789.,eE_ naif\x1c\x1f\x85\xa0", max_size=8)))
+@example("0\x1f")
 def test_any_text_is_rejected_or_has_the_value_that_python_gives_it(text: str) -> None:
     for parse in (parse_number, parse_whole, parse_time_ns):
         try:

@@ -116,7 +116,9 @@ class Aligner:
 
         They are aligned to the richest keyframe and to those nearest to the expected angle of a reading.
         """
-        self._view_slopes(slopes, corner_px, self._chosen([key.angle_rad for key in reading.keys], expected_rad))
+        self._view_slopes(
+            slopes, corner_px, self._chosen([key.angle_rad for key in reading.keys], expected_rad)
+        )
         self.read_as(reading, expected_rad)
 
     def _view_slopes(self, slopes: Field, corner_px: tuple[int, int], used: NDArray[np.int64]) -> None:
@@ -149,7 +151,11 @@ class Aligner:
         return self._fit()
 
     def directly(
-        self, key: int, frame: tuple[Field, tuple[int, int], Texture], reading: Reading, starts: Sequence[Pose]
+        self,
+        key: int,
+        frame: tuple[Field, tuple[int, int], Texture],
+        reading: Reading,
+        starts: Sequence[Pose],
     ) -> Fit:
         """Align a frame, as slopes, corner and texture, to one keyframe, each start with its own expected angle."""
         slopes, corner_px, texture = frame

@@ -47,9 +47,9 @@ class Alignment:
     look_s: period of the network, and of the texture while the slopes lead. steep_share: slopes above this
     fraction of the root mean square get less weight. plain_fit: correlation of the slopes from which on they
     explain the frame alone. more_score, rests_rad: rank by which the joint fit must exceed that of the
-    slopes; nearer to a keyframe it keeps its own pose. most_prior, count_power: prior weight of slopes at turning
-    texture. noise_own: noise of a joint angle. iterations: most steps. closing_rank: rank of a direct alignment to an old keyframe
-    that corrects the pose.
+    slopes; nearer to a keyframe it keeps its own pose. most_prior, count_power: prior weight of slopes at
+    turning texture. noise_own: noise of a joint angle. iterations: most steps. closing_rank, closing_gain: a
+    direct alignment to an old keyframe corrects the pose if its rank is as high, and higher than at the pose.
     """
 
     slopes_share: float
@@ -76,6 +76,7 @@ class Alignment:
     noise_own: float
     iterations: float
     closing_rank: float
+    closing_gain: float
 
 
 @dataclass(slots=True)

@@ -42,8 +42,8 @@ ASTRAY_PX = 2.0
 """A contact that has shifted otherwise than the tracked point by more, in one frame, is searched."""
 AFTER_LEADING = 4
 """While the texture leads, the slopes are aligned alone in every fourth frame."""
-CLOSING_RAD, MOST_CLOSING_RAD = math.radians(5.0), math.radians(20.0)
-"""Starts beside the tracked angle for a direct alignment to an old keyframe, and its largest correction."""
+CLOSING_RAD = math.radians(5.0)
+"""Starts beside the tracked angle for a direct alignment to an old keyframe."""
 FILTERED_FRAMES = 2
 """Frames with the keyframe of a settled contact until the filtered angle has reached it."""
 
@@ -210,7 +210,7 @@ class Contact:
         self._settled_frames += self._settling.settled and free and not self._forced
         if free and not seen.torn and (looked or self._forced) and self._wants(seen, fit, busy):
             self._forced, poses = False, [reading.pose for reading in self._readings]
-            self._pending.append(partial(self._renew, seen.source(busy), poses))
+            self._pending.append(partial(self._renew, seen.source(busy), poses, fit.alone))
         return self._answered(fit)
 
     def _answered(self, fit: Fit) -> Tracked:
@@ -236,12 +236,13 @@ class Contact:
         for reading in self._readings[1:]:
             reading.join(first)
 
-    def _renew(self, source: Source, poses: list[Pose]) -> None:
+    def _renew(self, source: Source, poses: list[Pose], alone: bool) -> None:
         """Make a keyframe of an earlier frame, with its poses in the readings; the poorest one makes room."""
         key = make_keyframe(source, self._map)
         if key is None:
             return
-        poses = self._closed(source, poses)
+        if not alone:
+            poses = self._closed(source, poses)
         if key.richness > self.richest.richness:
             self._pending.append(partial(self._learn_again, source))
         if len(self.keys) == MOST_KEYS:
@@ -265,8 +266,10 @@ class Contact:
         starts = [Pose(first.angle_rad + aside, first.point_px) for aside in (0.0, -CLOSING_RAD, CLOSING_RAD)]
         for k in range(len(self.keys)):
             fit = self._aligner.directly(k, frame, self._readings[0], starts)
-            if fit.rank >= ALIGNMENT.closing_rank and abs(fit.angle_rad - first.angle_rad) < MOST_CLOSING_RAD:
+            if fit.rank >= ALIGNMENT.closing_rank:
                 by = Pose(fit.angle_rad - first.angle_rad, fit.pose.point_px - first.point_px)
+                if fit.rank < self._aligner.at(first).rank + ALIGNMENT.closing_gain:
+                    return poses
                 for reading in self._readings:
                     reading.moved(by)
                 return [_sum(pose, by) for pose in poses]

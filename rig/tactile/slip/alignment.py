@@ -188,5 +188,5 @@ class Aligner:
         )  # fmt: skip
 
     def _fit(self, alone: bool = False) -> Fit:
-        angle, x, y, *rest = self._out.tolist()
-        return Fit(Pose(angle, complex(x, y)), *rest, alone)
+        angle, x, y, score, own_rad, best, loss, rank = self._out.tolist()
+        return Fit(Pose(angle, complex(x, y)), score, own_rad, best, loss, rank, alone)

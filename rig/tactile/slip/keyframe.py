@@ -170,12 +170,9 @@ def _contact_proper(source: Source, learnt: LearntGradientMap) -> Image:
     mask = source.mask
     rows, columns = mask.shape
     size = (columns // COARSE, rows // COARSE)
-    difference = cv2.resize(source.difference, size, interpolation=cv2.INTER_AREA)
-    height = relief(
-        learnt.reduced(size).apply(difference),
-        cv2.resize(mask, size, interpolation=cv2.INTER_NEAREST),
-        COARSE,
-    )
+    difference = np.asarray(cv2.resize(source.difference, size, interpolation=cv2.INTER_AREA), np.float32)
+    small = np.asarray(cv2.resize(mask, size, interpolation=cv2.INTER_NEAREST), np.uint8)
+    height = relief(learnt.reduced(size).apply(difference), small, COARSE)
     height, inside = cv2.resize(height, (columns, rows)), mask > 0
     heights = height[inside]
     at = int(SHALLOWER_SHARE * (heights.size - 1))

@@ -100,7 +100,9 @@ def _read(
 
 
 @compiled
-def _agreement(key: Values, plane: Values, view: Sums, x: float, y: float, angle: float, count: int) -> float:
+def _agreement(
+    key: Values, plane: Values, view: Sums, x: float, y: float, angle: float, count: int
+) -> float | np.float32:
     """Return the cosine between a keyframe's curvature and that of a frame, (h, w), at its points, moved."""
     cosine, sine = np.float32(math.cos(angle)), np.float32(math.sin(angle))
     right, down = np.float32(x + view[1]), np.float32(y + view[2])
@@ -254,7 +256,7 @@ def _equations(
     renew: bool,
     matrix: Sums,
     pulls: Sums,
-) -> tuple[float, float]:
+) -> tuple[float | np.float32, float | np.float32]:
     """Compute pulls (P,), and robust weights, normal matrix and offset if `renew`.
 
     Return what the matrix is weighted by, and the correlation of the frame with the template.
@@ -308,7 +310,7 @@ def _equations(
 
 
 @compiled
-def _trimmed(key: Values, robust: Values, values: Values, count: int) -> float:
+def _trimmed(key: Values, robust: Values, values: Values, count: int) -> float | np.float32:
     """Return the correlation of the slopes with the template, with robust weights."""
     product, power, energy = np.float32(0.0), np.float32(1e-20), np.float32(1e-20)
     for i in range(count):

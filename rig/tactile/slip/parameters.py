@@ -47,8 +47,8 @@ class Alignment:
     look_s: period of the network, and of the texture while the slopes lead. steep_share: slopes above this
     fraction of the root mean square get less weight. plain_fit: correlation of the slopes from which on they
     explain the frame alone. more_score, rests_rad: rank by which the joint fit must exceed that of the
-    slopes; nearer to a keyframe it keeps its own pose. most_prior, count_power: prior weight of slopes at turning
-    texture. noise_own: noise of a joint angle. iterations: most steps.
+    slopes; nearer to a keyframe it keeps its own pose. most_prior, count_power: prior weight of slopes at
+    turning texture. noise_own: noise of a joint angle. iterations: most steps.
     """
 
     slopes_share: float

@@ -1,7 +1,7 @@
-"""Follow a contact: align each frame to its keyframes in several readings, search when they fit badly.
+"""Follow a contact: align each frame to keyframes in several readings; search if they fit badly.
 
-The steps that take long have a frame of their own: the texture and the map of the first keyframe, each further
-keyframe, a map learnt anew, and the change of all keyframes to it.
+The steps that take long have a frame of their own: the texture of the first keyframe, its map and points,
+each further keyframe, a map learnt again, and the change of all keyframes to it.
 """
 
 import math
@@ -91,6 +91,7 @@ class Tracker:
     def __init__(self, learn: Learn) -> None:
         self._learn, self._aligner = learn, Aligner()
         self._state: Touch | Contact | None = None
+        self._refused = False
 
     @property
     def contact(self) -> "Contact | None":
@@ -99,7 +100,7 @@ class Tracker:
 
     def release(self) -> None:
         """Forget the contact, because it has ended."""
-        self._state = None
+        self._state, self._refused = None, False
 
     def follow(self, seen: Seen, angle_rad: float) -> Tracked | None:
         """Return the fit of a frame; None if the contact cannot be followed in it.
@@ -110,9 +111,10 @@ class Tracker:
         if self._state is None:
             if not seen.torn:
                 self._state = Touch(seen, Pose(angle_rad, _middle(seen.region.mask)))
-            return None if self._state is None else self._state.tracked
+            return None if self._state is None or self._refused else self._state.tracked
         if isinstance(self._state, Touch):
             self._state, busy = self._begun(self._state), True
+            self._refused = self._state is None
         return None if self._state is None else self._state.follow(seen, busy)
 
     def _begun(self, touch: "Touch") -> "Contact | None":
@@ -133,13 +135,14 @@ class Touch:
     @property
     def tracked(self) -> Tracked:
         """The fit of the frame: a contact begins where it is."""
-        return Tracked(Fit(self.pose, 1.0, 0.0, 1.0, 0.0, 1.0, True), 0.0, False, math.inf)
+        return Tracked(Fit(self.pose, 1.0, 0.0, 1.0, 0.0, 1.0, True), 0.0, True, math.inf)
 
 
 class Contact:
     """One contact from its first keyframe on: keyframes, readings, and the motion between the frames.
 
-    keys: its keyframes, in the order of their frames. disagrees: whether the curvature fits badly, so that a better pose is searched for.
+    keys: its keyframes, in the order of their frames. disagrees: whether the curvature fits badly, so that a
+    better pose is searched for.
     """
 
     def __init__(

@@ -38,7 +38,7 @@ MOST_NOISE_RAD = math.radians(0.3)
 
 
 def _learnt_alone(difference: Field, mask: Image) -> LearntGradientMap | None:
-    """Learn the map with one thread of BLAS; nothing else in a frame uses it."""
+    """Learn the map with one thread of BLAS; besides this only calibrated slopes use it in a frame."""
     with one_blas_thread():
         return learn_map(difference, mask)
 
@@ -113,7 +113,10 @@ class SlipEstimator(FreshFrameEstimator):
         if self._gone and self._seen_ns is not None and time_ns - self._seen_ns > NEW_GRASP_NS:
             self._release(time_ns)
         self._seen_ns, self._gone = time_ns, False
-        pattern = difference if self._slopes is None else self._slopes.of(difference, region.mask)
+        pattern = difference
+        if self._slopes is not None:
+            with one_blas_thread():
+                pattern = self._slopes.of(difference, region.mask)
 
         @cache
         def texture(busy: bool) -> Texture:

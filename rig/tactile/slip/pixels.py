@@ -198,7 +198,7 @@ def beyond_noise(
     """
     none, floor = np.float32(0.0), np.float32(least)
     planes[:] = none
-    first, count = margins[0], planes.shape[2] - margins[0] - margins[2]
+    first, count = margins[0], max(planes.shape[2] - margins[0] - margins[2], 0)
     share = np.empty(count, np.float32)
     for r in range(margins[1], planes.shape[1] - margins[3]):
         squares, weights = tensor[2, r, first:], counts[r, first:]

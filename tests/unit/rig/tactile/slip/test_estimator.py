@@ -11,9 +11,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from drivers.errors import InputError
+from rig.tactile.contact.gate import Region
 from rig.tactile.sample import SlipSample, State
 from rig.tactile.slip.estimator import SlipEstimator
+from rig.tactile.slip.tearing import Tearing
 
 Image = NDArray[np.uint8]
 Draw = Callable[..., Image]
@@ -123,11 +124,9 @@ def test_without_contact_there_is_no_angle_and_no_gradient(press: Draw, blank: I
     assert "alignment" not in sample.stage_s
 
 
-def test_repeated_and_late_frames_do_not_change_the_angle(press: Draw, blank: Image) -> None:
+def test_repeated_and_late_frames_are_skipped_and_change_no_later_angle(press: Draw, blank: Image) -> None:
     images = lift(press, 20.0, steps=20)
-    plain = run(SlipEstimator(blank), images)
-    tracker = SlipEstimator(blank)
-    samples = []
+    plain, tracker, samples = run(SlipEstimator(blank), images), SlipEstimator(blank), []
     for i, image in enumerate(images):
         samples.append(tracker.update(image, i * PERIOD_NS))
         again = tracker.update(image, i * PERIOD_NS + PERIOD_NS // 2)
@@ -230,14 +229,6 @@ def test_running_every_stage_gives_the_same_angles(press: Draw, blank: Image) ->
         assert set(more.stage_s) == set(SlipEstimator.stages)
 
 
-def test_repeated_picture_is_extrapolated_and_skipped(press: Draw, blank: Image) -> None:
-    images = [image for image in lift(press, 20.0, steps=20) for _ in range(2)]
-    lean, full = run(SlipEstimator(blank), images), run(SlipEstimator(blank, skip=False), images)
-    for less, more in zip(lean, full, strict=True):
-        assert less.angle_deg == pytest.approx(more.angle_deg, abs=0.7), "a frame turns by 0.5 degrees"
-    assert lean[-1].skipped == SlipEstimator.stages
-
-
 def test_skipping_pixels_far_from_the_contact_changes_no_angle(press: Draw, blank: Image) -> None:
     """Beside the contact the gel is bent too, and other texture moves there."""
     rough = np.random.default_rng(4).normal(0.0, 1.0, (320, 240, 1))
@@ -278,14 +269,6 @@ def test_any_image_size_is_accepted(press: Draw, size: tuple[int, int]) -> None:
     assert turned(samples) == pytest.approx(20.0, abs=0.8)
 
 
-def test_views_and_read_only_frames_are_accepted(press: Draw, blank: Image) -> None:
-    images = lift(press, 15.0)
-    wide = [np.repeat(image, 2, axis=1)[:, ::2] for image in images]
-    for image in wide:
-        image.flags.writeable = False
-    assert turned(run(SlipEstimator(blank), wide)) == turned(run(SlipEstimator(blank), images))
-
-
 def test_unobserved_turn_of_a_round_contact_stays_unknown(press: Draw, blank: Image) -> None:
     oval = (45.0, 33.0)
     before = lift(press, 10.0, half_axes=oval)
@@ -302,28 +285,39 @@ def test_restarted_stream_is_followed(press: Draw, blank: Image) -> None:
     assert turned(samples) == pytest.approx(16.0, abs=1.0)
 
 
-@pytest.mark.parametrize(
-    ("image", "message"),
-    [
-        (np.zeros((320, 240), np.uint8), "shape"),
-        (np.zeros((320, 240, 3), np.float32), "uint8"),
-        (np.zeros((240, 320, 3), np.uint8), "one size"),
-    ],
-)
-def test_invalid_image_is_rejected_and_the_contact_kept(
-    press: Draw, blank: Image, image: Image, message: str
+def test_jump_within_a_frame_is_not_reported_as_certain(press: Draw, blank: Image) -> None:
+    """An edge resembles itself elsewhere, so a rotation by 60 degrees within a frame is not followed."""
+    jumped = [press(80.0, seed=100 + i, half_axes=EDGE) for i in range(3)]
+    samples = run(SlipEstimator(blank), [*lift(press, 0.0), *jumped])
+    for sample in samples[-3:]:
+        assert sample.angle_deg is None or (sample.sigma_deg is not None and sample.sigma_deg > 10.0)
+
+
+def test_other_contact_for_a_third_of_a_second_increases_sigma_by_less_than_its_rate_allows(
+    press: Draw, blank: Image
 ) -> None:
-    tracker, images = SlipEstimator(blank), lift(press, 10.0)
-    run(tracker, images[:-1])
-    with pytest.raises(InputError, match=message):
-        tracker.update(image, len(images) * PERIOD_NS)
-    assert tracker.update(images[-1], len(images) * PERIOD_NS).angle_deg == pytest.approx(10.0, abs=0.6)
+    rest = lift(press, 0.0)
+    other = [press(80.0, seed=i, half_axes=(40.0, 38.0), center=(150.0, 200.0)) for i in range(12)]
+    last = run(SlipEstimator(blank), [*rest, *other, *rest])[-1]
+    assert last.sigma_deg is not None
+    assert last.sigma_deg < 25.0
 
 
-@pytest.mark.parametrize("level", [0, 255])
-def test_black_or_white_frame_is_not_tracked(press: Draw, blank: Image, level: int) -> None:
-    images = lift(press, 10.0)
-    images.insert(REST, np.full_like(blank, level))
-    samples = run(SlipEstimator(blank), images)
-    assert samples[REST].angle_deg is None
-    assert turned(samples) == pytest.approx(10.0, abs=0.6)
+def test_codec_refresh_is_not_a_contact(press: Draw, blank: Image) -> None:
+    """After a refresh of a video codec, blocks all over the frame are a little brighter or darker."""
+    rng = np.random.default_rng(7)
+    blocks = rng.normal(0.0, 0.022, (40, 30, 3)) * rng.gamma(2.0, 0.5, (40, 30, 1))
+    change = 1.0 + cv2.resize(blocks, (240, 320), interpolation=cv2.INTER_LINEAR)
+    fresh = [np.clip(np.rint(press(None, seed=i) * change), 0, 255).astype(np.uint8) for i in range(12)]
+    samples = run(SlipEstimator(blank), [*fresh, *lift(press, 0.0)])
+    assert {sample.state for sample in samples[:12]} == {State.NO_CONTACT}
+    assert samples[-1].sigma_deg is not None
+    assert samples[-1].sigma_deg < 1.0
+
+
+@pytest.mark.parametrize(("areas", "torn"), [((100, 100), False), ((100, 160), True), ((160, 100), True)])
+def test_area_change_by_half_counts_as_a_torn_frame(areas: tuple[int, int], torn: bool) -> None:
+    tearing, mask = Tearing(), np.ones((4, 4), np.uint8)
+    assert not tearing.update(Region(mask, areas[0], 0.1))
+    assert tearing.update(Region(mask, areas[1], 0.1)) == torn
+    assert not tearing.update(Region(mask, areas[1], 0.1))

@@ -87,8 +87,8 @@ class LearntGradientMap:
 
     def reduced(self, size: tuple[int, int]) -> "LearntGradientMap":
         """Return the map for smaller images, of a width and height; every so many pixels are kept."""
-        step = self.planes.shape[2] // size[0]
-        return LearntGradientMap(self.planes[:, : step * size[1] : step, : step * size[0] : step])
+        down, across = self.planes.shape[1] // size[1], self.planes.shape[2] // size[0]
+        return LearntGradientMap(self.planes[:, : down * size[1] : down, : across * size[0] : across])
 
     @cached_property
     def _colours(self) -> Field:
@@ -157,7 +157,7 @@ def learn_map(difference: Field, mask: Image) -> LearntGradientMap | None:
     difference: (h, w, 3) float32. mask: (h, w) uint8, 1 in the contact.
     """
     # At half the size there are all frequencies that are used.
-    size = (mask.shape[1] // HALF, mask.shape[0] // HALF)
+    size = (max(1, mask.shape[1] // HALF), max(1, mask.shape[0] // HALF))
     across, down = _coordinates(mask.shape)
     parts = (
         np.asarray(cv2.resize(field, to, interpolation=cv2.INTER_AREA), np.float32)

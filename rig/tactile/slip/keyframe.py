@@ -169,7 +169,7 @@ def _contact_proper(source: Source, learnt: LearntGradientMap) -> Image:
     """Reduce a contact region to its deep part."""
     mask = source.mask
     rows, columns = mask.shape
-    size = (columns // COARSE, rows // COARSE)
+    size = (max(1, columns // COARSE), max(1, rows // COARSE))
     difference = np.asarray(cv2.resize(source.difference, size, interpolation=cv2.INTER_AREA), np.float32)
     small = np.asarray(cv2.resize(mask, size, interpolation=cv2.INTER_NEAREST), np.uint8)
     height = relief(learnt.reduced(size).apply(difference), small, COARSE)

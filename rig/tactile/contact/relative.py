@@ -54,7 +54,7 @@ class RelativeDifference:
 
     @property
     def terms(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """The factor of a frame's pixels, (h, w, 3), and what is subtracted then."""
+        """The factor of a frame's pixels, (h, w, 3), and the value subtracted then."""
         return self._weight, self._relative
 
     @property

@@ -122,7 +122,7 @@ class Aligner:
         self.read_as(reading, expected_rad)
 
     def view_texture(self, texture: Texture) -> None:
-        """Take the texture too, and weigh its points: what has not moved may be the gel's."""
+        """Take the texture too, and weigh its points: texture that has not moved may belong to the gel."""
         self._views[TEXTURE], self._texture = texture.view, texture.planes
         weigh(
             self._bank, self._facts, self.used, self._slopes, self._texture, self._views,

@@ -86,7 +86,7 @@ class LearntGradientMap:
         return slopes
 
     def reduced(self, size: tuple[int, int]) -> "LearntGradientMap":
-        """Return the map for smaller images, of a width and height; every so many pixels are kept."""
+        """Return the map for smaller images, of a width and height; every Nth pixel is kept."""
         down, across = self.planes.shape[1] // size[1], self.planes.shape[2] // size[0]
         return LearntGradientMap(self.planes[:, : down * size[1] : down, : across * size[0] : across])
 

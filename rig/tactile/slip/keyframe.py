@@ -32,7 +32,7 @@ from rig.tactile.slip.texture import Texture, along_both, strongest
 # gel around it does not depend on the object alone.
 SHALLOWER_SHARE, DEPTH_SHARE = 0.95, 0.25
 BORDER_PX, MIN_POINTS = 2, 24
-# Every so many pixels of the contact, for its depth: the relief is smooth.
+# Every Nth pixel of the contact is used for its depth, because the relief is smooth.
 COARSE = 2
 # The points are in an order in which every one of these parts is a sample of all.
 PARTS = 3

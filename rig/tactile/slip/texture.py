@@ -55,7 +55,7 @@ class Texture:
 
     @property
     def view(self) -> tuple[float, float, float]:
-        """Pixels of planes per work pixel, and what is added."""
+        """Pixels of planes per work pixel, and the offset in x and y."""
         middle = (self.scale - 1) / 2.0
         return float(self.scale), middle - self.left, middle - self.top
 

@@ -1,6 +1,6 @@
 """Follow a contact: align each frame to keyframes in several readings; search if they fit badly.
 
-The steps that take long have a frame of their own: the texture of the first keyframe, its map and points,
+No frame takes two long steps. These are: the texture of the first keyframe, its map and points,
 each further keyframe, a map learnt again, and the change of all keyframes to it.
 """
 
@@ -134,7 +134,7 @@ class Touch:
 
     @property
     def tracked(self) -> Tracked:
-        """The fit of the frame: a contact begins where it is."""
+        """The fit of the frame, at the pose of the touch."""
         return Tracked(Fit(self.pose, 1.0, 0.0, 1.0, 0.0, 1.0, True), 0.0, True, math.inf)
 
 

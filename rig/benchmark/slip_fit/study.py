@@ -128,10 +128,11 @@ def measure(options: FitOptions, run: Run) -> Report:
     The cases are the clips in all versions of `rig benchmark clips --augment`, lifts of the benches fake and
     hard, and lifts of the second renderer, with seeds that no benchmark uses. In the likelihood, errors are
     normal with the variances of answer and ground truth, with a few outliers; a refused angle counts as an
-    outlier. Clips and lifts have equal weight. Each parameter is changed by 25 % in both directions. A change
-    is adopted if the likelihood, times a weak prior around the shipped value, grows by more than two standard
-    errors, and is then repeated. Fit to development clips only, and test with others. Twelve parameters take
-    six minutes on two cores, without the simulation of the lifts. The images take 5 GB in --out.
+    outlier. Clips and lifts have equal weight. Each parameter is changed by 25 % in both directions, a count
+    by 1 at least. A change is adopted if the likelihood, times a weak prior around the shipped value, grows
+    by more than two standard errors, and is then repeated. Fit to development clips only, and test with
+    others. Twelve parameters take six minutes on two cores, without the simulation of the lifts. The images
+    take 5 GB in --out.
 
     Examples:
       rig fit-slip clips --groups halves.csv --group development --out fit --save slip.json

@@ -67,7 +67,7 @@ def test_contact_growing_tenfold_keeps_its_angle(tenfold: list[SlipSample]) -> N
     assert np.abs([sample.angle_deg for sample in tenfold]).max() < 2.5
 
 
-def test_sigma_does_not_shrink_with_a_further_keyframe_of_a_growing_contact(
+def test_sigma_of_a_growing_contact_does_not_shrink_with_a_keyframe(
     tenfold: list[SlipSample],
 ) -> None:
     rekeyed = [pair for pair in pairwise(tenfold) if pair[1].state is State.REKEYED]

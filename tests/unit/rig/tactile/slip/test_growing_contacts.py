@@ -40,7 +40,7 @@ def test_sigma_covers_the_drift_of_a_poorly_observable_contact(object_id: str, s
 
 
 def drawn_growth(shares: np.ndarray, turns_deg: np.ndarray, rate_hz: float) -> list[SlipSample]:
-    """Return the samples of a drawn edge of shares of its full size; frames without an answer are left out."""
+    """Return the answered samples of a drawn edge that has shares of its full size."""
     tracker, samples = SlipEstimator(drawn_press(None, noise=0.0)), []
     for i, (share, turn) in enumerate(zip(shares, turns_deg, strict=True)):
         axes, strength = (80.0 * share, 25.0 * share), 0.6 + 0.4 * share

@@ -252,14 +252,6 @@ def test_any_image_size_is_accepted(press: Draw, size: tuple[int, int]) -> None:
     assert turned(samples) == pytest.approx(20.0, abs=0.8)
 
 
-def test_unobserved_turn_of_a_round_contact_stays_unknown(press: Draw, blank: Image) -> None:
-    oval = (45.0, 33.0)
-    before = lift(press, 10.0, half_axes=oval)
-    after = [press(60.0, seed=100 + i, half_axes=oval) for i in range(REST)]
-    last = run(SlipEstimator(blank), [*before, *[blank] * 45, *after])[-1]
-    assert last.sigma_deg is None or last.unseen_deg > 20.0
-
-
 def test_restarted_stream_is_followed(press: Draw, blank: Image) -> None:
     images, hour_ns = lift(press, 16.0), 3_600_000_000_000
     tracker = SlipEstimator(blank)

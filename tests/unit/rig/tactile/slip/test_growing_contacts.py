@@ -64,7 +64,7 @@ def tenfold() -> list[SlipSample]:
 
 def test_contact_growing_tenfold_keeps_its_angle(tenfold: list[SlipSample]) -> None:
     assert len(tenfold) > 40
-    assert np.abs([sample.angle_deg for sample in tenfold]).max() < 2.5
+    assert np.abs(np.array([sample.angle_deg for sample in tenfold], float)).max() < 2.5
 
 
 def test_sigma_of_a_growing_contact_does_not_shrink_with_a_keyframe(

@@ -26,7 +26,7 @@ def dent(angle_deg: float) -> Field:
 
 def slopes(height: Field) -> Gradient:
     down, across = np.gradient(height)
-    return (across + 1j * down).astype(np.complex64)
+    return np.asarray(across + 1j * down, np.complex64)
 
 
 azimuths = st.tuples(st.floats(0, 360), st.floats(80, 160), st.floats(80, 160), st.sampled_from([-1, 1])).map(

@@ -308,6 +308,8 @@ class Contact:
         aligner.view_texture(texture)
         joint = self._jointly(seen, start, alone, busy or texture.heavy)
         self._read_further(joint, start, seen.time_s)
+        if seen.time_s - self._time_s > GAP_S:
+            joint = self._with_others(joint, start)
         if alone is not None:
             aligner.read_as(self._readings[0], start.angle_rad)
             if joint.rank < aligner.at(alone.pose).rank + ALIGNMENT.more_score:
@@ -328,12 +330,9 @@ class Contact:
     def _read_further(self, joint: Fit, expected: Pose, time_s: float) -> None:
         """Align in the other readings, from their own pose and from the first reading's rotation."""
         first = self._readings[0]
-        ahead = Pose(expected.angle_rad - first.pose.angle_rad, expected.point_px - first.pose.point_px)
-        turned = Pose(joint.angle_rad - first.pose.angle_rad, joint.pose.point_px - first.pose.point_px)
         k = self._aligner.used[0]
-        from_key = Pose(
-            joint.angle_rad - first.keys[k].angle_rad, joint.pose.point_px - first.keys[k].point_px
-        )
+        ahead, turned = _less(expected, first.pose), _less(joint.pose, first.pose)
+        from_key = _less(joint.pose, first.keys[k])
         for reading in self._readings[1:]:
             starts = [_sum(reading.pose, ahead), _sum(reading.pose, turned), _sum(reading.keys[k], from_key)]
             self._aligner.read_as(reading, starts[0].angle_rad)
@@ -341,6 +340,15 @@ class Contact:
             if abs(fit.angle_rad - reading.pose.angle_rad) <= self._reach_rad(time_s):
                 reading.pose = fit.pose
                 self._aligned.append(reading)
+
+    def _with_others(self, joint: Fit, expected: Pose) -> Fit:
+        """Return the fit of the first reading from the rotations of the others, if its rank is higher."""
+        first, k = self._readings[0], self._aligner.used[0]
+        starts = [_sum(first.keys[k], _less(reading.pose, reading.keys[k])) for reading in self._aligned]
+        if not starts:
+            return joint
+        self._aligner.read_as(first, expected.angle_rad)
+        return max(joint, self._aligner.both(starts), key=lambda fit: fit.rank)
 
     def _jointly(self, seen: Seen, start: Pose, alone: Fit | None, busy: bool) -> Fit:
         """Align both channels, and search for a better pose if the fit is worse than usual."""
@@ -395,3 +403,7 @@ def _middle(mask: Image) -> complex:
 
 def _sum(one: Pose, other: Pose) -> Pose:
     return Pose(one.angle_rad + other.angle_rad, one.point_px + other.point_px)
+
+
+def _less(one: Pose, other: Pose) -> Pose:
+    return Pose(one.angle_rad - other.angle_rad, one.point_px - other.point_px)

@@ -116,10 +116,14 @@ class Aligner:
 
         They are aligned to the richest keyframe and to those nearest to the expected angle of a reading.
         """
-        self._views[SLOPES] = 1.0, -corner_px[0], -corner_px[1]
-        self._slopes = self._texture = slopes
-        self.used = self._chosen([key.angle_rad for key in reading.keys], expected_rad)
+        self._view_slopes(
+            slopes, corner_px, self._chosen([key.angle_rad for key in reading.keys], expected_rad)
+        )
         self.read_as(reading, expected_rad)
+
+    def _view_slopes(self, slopes: Field, corner_px: tuple[int, int], used: NDArray[np.int64]) -> None:
+        self._views[SLOPES], self.used = (1.0, -corner_px[0], -corner_px[1]), used
+        self._slopes = self._texture = slopes
 
     def view_texture(self, texture: Texture) -> None:
         """Take the texture too, and weigh its points: texture that has not moved may belong to the gel."""
@@ -145,6 +149,23 @@ class Aligner:
         """Align both channels from several starts; return the fit with the highest rank."""
         self._run(self.used, starts, int(ALIGNMENT.iterations))
         return self._fit()
+
+    def directly(
+        self,
+        key: int,
+        frame: tuple[Field, tuple[int, int], Texture],
+        reading: Reading,
+        starts: Sequence[Pose],
+    ) -> Fit:
+        """Align a frame (slopes, corner, texture) to one keyframe, each start with its own expected angle."""
+        slopes, corner_px, texture = frame
+        self._view_slopes(slopes, corner_px, np.array([key], np.int64))
+        self.view_texture(texture)
+        fits: list[Fit] = []
+        for start in starts:
+            self.read_as(reading, start.angle_rad)
+            fits.append(self.both([start]))
+        return max(fits, key=lambda fit: fit.rank)
 
     def at(self, pose: Pose) -> Fit:
         """Return how well both channels fit at a pose, without a step."""

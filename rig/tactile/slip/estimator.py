@@ -169,7 +169,12 @@ class SlipEstimator(FreshFrameEstimator):
         elapsed_s = (sample.time_ns - self._answered_ns) / NS_PER_S
         most = MOST_RATE_RAD_S * elapsed_s
         angle = wanted if last is None else min(max(wanted, last - most), last + most)
-        evidence = (SIGMA.loss_rad * fit.loss) ** 2 + (SIGMA.spread * tracked.spread_rad) ** 2
+        evidence = (
+            (SIGMA.loss_rad * fit.loss) ** 2
+            + (SIGMA.worst_loss_rad * tracked.worst_loss) ** 2
+            + (SIGMA.worst_spread * tracked.worst_spread_rad) ** 2
+            + (SIGMA.turned * tracked.turned_rad) ** 2
+        )
         variance = evidence + SIGMA.least_rad**2 + (wanted - angle) ** 2 + self._unseen
         if not tracked.added and last is not None:
             variance += math.exp(-elapsed_s / SIGMA.pace_s) * (self._variance - variance)

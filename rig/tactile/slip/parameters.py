@@ -48,7 +48,8 @@ class Alignment:
     fraction of the root mean square get less weight. plain_fit: correlation of the slopes from which on they
     explain the frame alone. more_score, rests_rad: the rank of the joint fit must exceed that of the slopes
     by this; nearer to a keyframe it keeps its own pose. most_prior, count_power: prior weight of slopes at
-    turning texture. noise_own: noise of a joint angle. iterations: most steps.
+    turning texture. noise_own: noise of a joint angle. iterations: most steps. closing_rank: rank of a direct
+    alignment to an old keyframe that corrects the pose.
     """
 
     slopes_share: float
@@ -74,6 +75,7 @@ class Alignment:
     check_frames: float
     noise_own: float
     iterations: float
+    closing_rank: float
 
 
 @dataclass(slots=True)
@@ -102,13 +104,16 @@ class Keyframes:
 class Sigma:
     """Standard deviation of the angle.
 
-    loss_rad: per loss of agreement of the curvature. spread: per difference between the readings. least_rad:
-    in any case. least_distinct: a contact that a rotation changes less is unobservable. pace_s: time over
-    which sigma follows.
+    loss_rad, worst_loss_rad: per loss of agreement of the curvature, present and largest so far.
+    worst_spread: per largest difference between the readings so far. turned: per rotation. least_rad: in any
+    case. least_distinct: a contact that a rotation changes less is unobservable. pace_s: time over which
+    sigma follows.
     """
 
     loss_rad: float
-    spread: float
+    worst_loss_rad: float
+    worst_spread: float
+    turned: float
     least_rad: float
     least_distinct: float
     pace_s: float

@@ -42,6 +42,8 @@ ASTRAY_PX = 2.0
 """A contact that has shifted otherwise than the tracked point by more, in one frame, is searched."""
 AFTER_LEADING = 4
 """While the texture leads, the slopes are aligned alone in every fourth frame."""
+CLOSING_RAD, MOST_CLOSING_RAD = math.radians(5.0), math.radians(20.0)
+"""Starts beside the tracked angle for a direct alignment to an old keyframe, and its largest correction."""
 FILTERED_FRAMES = 2
 """Frames with the keyframe of a settled contact until the filtered angle has reached it."""
 
@@ -75,12 +77,15 @@ class Seen:
 class Tracked:
     """The fit of a frame.
 
-    spread_rad: largest difference between the readings. added: whether a keyframe was added. distinct: see
-    `Keyframe.distinct`, of the richest keyframe.
+    worst_loss, worst_spread_rad: largest loss of agreement, and largest difference between the readings,
+    since the contact began. turned_rad: rotation since the contact settled. added: whether a keyframe was
+    added. distinct: see `Keyframe.distinct`, of the richest keyframe.
     """
 
     fit: Fit
-    spread_rad: float
+    worst_loss: float
+    worst_spread_rad: float
+    turned_rad: float
     added: bool
     distinct: float
 
@@ -135,7 +140,7 @@ class Touch:
     @property
     def tracked(self) -> Tracked:
         """The fit of the frame, at the pose of the touch."""
-        return Tracked(Fit(self.pose, 1.0, 0.0, 1.0, 0.0, 1.0, True), 0.0, True, math.inf)
+        return Tracked(Fit(self.pose, 1.0, 0.0, 1.0, 0.0, 1.0, True), 0.0, 0.0, 0.0, True, math.inf)
 
 
 class Contact:
@@ -160,6 +165,7 @@ class Contact:
         self._joint: Pose | None = None
         self._aligned: list[Reading] = []
         self._forced, self._added = False, True
+        self._worst_loss = self._worst_spread_rad = 0.0
         self._pending: list[Callable[[], None]] = []
         for reading in self._readings:
             reading.keys.append(pose)
@@ -220,7 +226,11 @@ class Contact:
         if not fit.alone:
             furthest = max(angles, key=lambda angle: abs(angle - self._zero_rad))
             fit = replace(fit, pose=Pose(furthest, fit.pose.point_px))
-        return Tracked(fit, max(angles) - min(angles), self._added, self.richest.distinct)
+        self._worst_loss = max(self._worst_loss, fit.loss)
+        self._worst_spread_rad = max(self._worst_spread_rad, max(angles) - min(angles))
+        turned = fit.angle_rad - self._zero_rad
+        distinct = self.richest.distinct
+        return Tracked(fit, self._worst_loss, self._worst_spread_rad, turned, self._added, distinct)
 
     def _settle(self) -> None:
         """Count rotations from here, with a keyframe and one pose for all readings."""
@@ -234,6 +244,7 @@ class Contact:
         key = make_keyframe(source, self._map)
         if key is None:
             return
+        poses = self._closed(source, poses)
         if key.richness > self.richest.richness:
             self._pending.append(partial(self._learn_again, source))
         if len(self.keys) == MOST_KEYS:
@@ -245,6 +256,24 @@ class Contact:
             reading.keys.append(pose)
         self._take([*self.keys, key])
         self._added = True
+
+    def _closed(self, source: Source, poses: list[Pose]) -> list[Pose]:
+        """Return the poses of a frame, corrected by the oldest keyframe to which it can be aligned directly.
+
+        The errors of a chain of keyframes add up; one step from an old keyframe does not have them.
+        """
+        box, first = contact_box(source.mask), poses[0]
+        slopes = slope_planes(source.difference, self._map, source.mask, box, ALIGNMENT.broad_share)
+        frame = slopes, box[:2], source.texture
+        starts = [Pose(first.angle_rad + aside, first.point_px) for aside in (0.0, -CLOSING_RAD, CLOSING_RAD)]
+        for k in range(len(self.keys)):
+            fit = self._aligner.directly(k, frame, self._readings[0], starts)
+            if fit.rank >= ALIGNMENT.closing_rank and abs(fit.angle_rad - first.angle_rad) < MOST_CLOSING_RAD:
+                by = Pose(fit.angle_rad - first.angle_rad, fit.pose.point_px - first.point_px)
+                for reading in self._readings:
+                    reading.moved(by)
+                return [_sum(pose, by) for pose in poses]
+        return poses
 
     def _learn_again(self, source: Source) -> None:
         """Learn the map at the richest keyframe; all keyframes change to it in the next frame."""

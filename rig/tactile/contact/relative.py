@@ -45,8 +45,8 @@ class RelativeDifference:
         check_frame(background)
         self.size = size
         work = self.reduced(background).astype(np.float32)
-        self._weight = 1.0 / (work + DARK_OFFSET)
-        self._relative = work * self._weight
+        self._weight = np.asarray(1.0 / (work + DARK_OFFSET), np.float32)
+        self._relative = np.asarray(work * self._weight, np.float32)
         self._sample = block_means(work)
         self._light_terms = np.concatenate([self._sample, self._sample**2])
         self._sample_weight = 1.0 / (self._sample + DARK_OFFSET)
@@ -54,7 +54,7 @@ class RelativeDifference:
 
     @property
     def terms(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """The factor of a frame's pixels, (h, w, 3), and what is subtracted then."""
+        """The factor of a frame's pixels, (h, w, 3), and the value subtracted then."""
         return self._weight, self._relative
 
     @property

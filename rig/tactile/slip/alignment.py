@@ -126,7 +126,7 @@ class Aligner:
         self._slopes = self._texture = slopes
 
     def view_texture(self, texture: Texture) -> None:
-        """Take the texture too, and weigh its points: what has not moved may be the gel's."""
+        """Take the texture too, and weigh its points: texture that has not moved may belong to the gel."""
         self._views[TEXTURE], self._texture = texture.view, texture.planes
         weigh(
             self._bank, self._facts, self.used, self._slopes, self._texture, self._views,
@@ -157,7 +157,7 @@ class Aligner:
         reading: Reading,
         starts: Sequence[Pose],
     ) -> Fit:
-        """Align a frame, as slopes, corner and texture, to one keyframe, each start with its own expected angle."""
+        """Align a frame (slopes, corner, texture) to one keyframe, each start with its own expected angle."""
         slopes, corner_px, texture = frame
         self._view_slopes(slopes, corner_px, np.array([key], np.int64))
         self.view_texture(texture)
@@ -209,5 +209,5 @@ class Aligner:
         )  # fmt: skip
 
     def _fit(self, alone: bool = False) -> Fit:
-        angle, x, y, *rest = self._out.tolist()
-        return Fit(Pose(angle, complex(x, y)), *rest, alone)
+        angle, x, y, score, own_rad, best, loss, rank = self._out.tolist()
+        return Fit(Pose(angle, complex(x, y)), score, own_rad, best, loss, rank, alone)

@@ -5,7 +5,7 @@ One tactile sensor, frame by frame, causal.
 
 import math
 from dataclasses import replace
-from functools import cache, partial
+from functools import cache
 
 import cv2
 import numpy as np
@@ -26,7 +26,7 @@ from rig.tactile.slip.kalman import MOST_RATE_RAD_S, RateFilter, unseen_variance
 from rig.tactile.slip.light import Lit
 from rig.tactile.slip.parameters import ALIGNMENT, MOTION, SIGMA
 from rig.tactile.slip.tearing import Tearing
-from rig.tactile.slip.texture import fine_scale
+from rig.tactile.slip.texture import Texture, fine_scale
 from rig.tactile.slip.texture_stage import TextureStage
 from rig.tactile.slip.tracker import Seen, Tracked, Tracker
 
@@ -38,7 +38,7 @@ MOST_NOISE_RAD = math.radians(0.3)
 
 
 def _learnt_alone(difference: Field, mask: Image) -> LearntGradientMap | None:
-    """Learn the map with one thread of BLAS; nothing else in a frame uses it."""
+    """Learn the map with one thread of BLAS; besides this only calibrated slopes use it in a frame."""
     with one_blas_thread():
         return learn_map(difference, mask)
 
@@ -48,10 +48,10 @@ class SlipEstimator(FreshFrameEstimator):
 
     background: (H, W, 3) uint8 RGB, a frame without contact. aspect: width over height of a pixel on the gel,
     from `rig calibrate tactile`; None if unknown, then 1 is assumed. skip: False to compute each stage in
-    every frame. look: of this sensor, from presses of a ball; None to learn the map from each contact.
+    every frame with contact, also if its result is not needed. look: of this sensor, from presses of a ball;
+    None to learn the map from each contact.
     """
 
-    follows_motion = False
     stages = ("contact", "texture", "alignment", "filter")
 
     def __init__(
@@ -100,7 +100,8 @@ class SlipEstimator(FreshFrameEstimator):
 
     def _fresh(self, image: Image, fine: Image, work: Image, time_ns: int, watch: Stopwatch) -> SlipSample:
         light = self._lit.light(work)
-        clean = cv2.merge(self._lit.of(work, light, (0, 0, work.shape[1], work.shape[0])))
+        planes = self._lit.of(work, light, (0, 0, work.shape[1], work.shape[0]))
+        clean = np.asarray(cv2.merge(list(planes)), np.float32)
         difference = np.asarray(cv2.GaussianBlur(clean, (5, 5), NOISE_BLUR_PX), np.float32)
         region = self._gate.find(difference)
         torn = self._tearing.update(region)
@@ -112,10 +113,23 @@ class SlipEstimator(FreshFrameEstimator):
         if self._gone and self._seen_ns is not None and time_ns - self._seen_ns > NEW_GRASP_NS:
             self._release(time_ns)
         self._seen_ns, self._gone = time_ns, False
-        pattern = difference if self._slopes is None else self._slopes.of(difference, region.mask)
-        texture = cache(partial(self._texture.of, fine, clean, light, region.mask, time_ns, self._tracker))
+        pattern = difference
+        if self._slopes is not None:
+            with one_blas_thread():
+                pattern = self._slopes.of(difference, region.mask)
+
+        @cache
+        def texture(busy: bool) -> Texture:
+            watch.lap("alignment")
+            of = self._texture.of(fine, clean, light, region.mask, time_ns, self._tracker, busy)
+            watch.lap("texture")
+            return of
+
         tracked = self._tracker.follow(Seen(pattern, texture, region, torn, time_ns), self._angle_rad or 0.0)
         self._texture.placed(time_ns, self._tracker.contact)
+        skipped = () if texture.cache_info().currsize else ("texture",)
+        if skipped and not self._skip:
+            texture(True)
         watch.lap("alignment")
         contact = self._tracker.contact
         sample = SlipSample(
@@ -123,6 +137,7 @@ class SlipEstimator(FreshFrameEstimator):
             State.UNOBSERVABLE if contact is None else State.LOST,
             contact_area_px=full_area(region.area_px, work.shape, image.shape),
             stage_s=watch.stage_s,
+            skipped=skipped if self._skip else (),
             settled=contact is not None and contact.settled,
         )
         if tracked is None or (not tracked.fit.alone and tracked.fit.score < ALIGNMENT.least_score):
@@ -164,9 +179,10 @@ class SlipEstimator(FreshFrameEstimator):
         if not tracked.added and last is not None:
             variance += math.exp(-elapsed_s / SIGMA.pace_s) * (self._variance - variance)
         self._angle_rad, self._variance, self._answered_ns = angle, variance, sample.time_ns
-        if self._origin_px is None:
+        # The tracked point is known from the first keyframe on, in the frame after the first.
+        if self._origin_px is None and self._tracker.contact is not None:
             self._origin_px = fit.pose.point_px
-        shift = fit.pose.point_px - self._origin_px
+        shift = 0j if self._origin_px is None else fit.pose.point_px - self._origin_px
         watch.lap("filter")
         return replace(
             sample,

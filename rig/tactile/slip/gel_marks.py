@@ -51,7 +51,7 @@ class GelMarks:
     def table(self) -> tuple[Places, NDArray[np.int32], Places, NDArray[np.float32]]:
         """Return the places of the marks, where the rim of each begins, places of the rims, their weights."""
         of, width = self._weights, self._width
-        heavy = csr_array(of.multiply(np.abs(of) > LEAST_WEIGHT))
+        heavy = csr_array(of.multiply(abs(of) > LEAST_WEIGHT))
         places = (
             np.stack(np.divmod(found, width)).astype(np.int32)
             for found in (self._marked, self._rim[heavy.indices])

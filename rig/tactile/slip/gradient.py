@@ -86,9 +86,9 @@ class LearntGradientMap:
         return slopes
 
     def reduced(self, size: tuple[int, int]) -> "LearntGradientMap":
-        """Return the map for smaller images, of a width and height; every so many pixels are kept."""
-        step = self.planes.shape[2] // size[0]
-        return LearntGradientMap(self.planes[:, : step * size[1] : step, : step * size[0] : step])
+        """Return the map for smaller images, of a width and height; every Nth pixel is kept."""
+        down, across = self.planes.shape[1] // size[1], self.planes.shape[2] // size[0]
+        return LearntGradientMap(self.planes[:, : down * size[1] : down, : across * size[0] : across])
 
     @cached_property
     def _colours(self) -> Field:
@@ -157,16 +157,16 @@ def learn_map(difference: Field, mask: Image) -> LearntGradientMap | None:
     difference: (h, w, 3) float32. mask: (h, w) uint8, 1 in the contact.
     """
     # At half the size there are all frequencies that are used.
-    size = (mask.shape[1] // HALF, mask.shape[0] // HALF)
+    size = (max(1, mask.shape[1] // HALF), max(1, mask.shape[0] // HALF))
     across, down = _coordinates(mask.shape)
-    dent = cv2.resize(_dent(difference, mask), size, interpolation=cv2.INTER_AREA)
-    features = _features(
-        dent,
-        cv2.resize(across, (size[0], 1), interpolation=cv2.INTER_AREA),
-        cv2.resize(down, (1, size[1]), interpolation=cv2.INTER_AREA),
+    parts = (
+        np.asarray(cv2.resize(field, to, interpolation=cv2.INTER_AREA), np.float32)
+        for field, to in ((_dent(difference, mask), size), (across, (size[0], 1)), (down, (1, size[1])))
     )
+    features = _features(*parts)
     curl = _curl_form(features)
-    volume = _volume_form(features, cv2.resize(mask, size, interpolation=cv2.INTER_NEAREST))
+    small = np.asarray(cv2.resize(mask, size, interpolation=cv2.INTER_NEAREST), np.uint8)
+    volume = _volume_form(features, small)
     diagonal = np.diag(curl)
     scale = float(diagonal[:CHANNELS].sum() + diagonal[FEATURES : FEATURES + CHANNELS].sum())
     if not scale > 0.0:

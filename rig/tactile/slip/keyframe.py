@@ -32,7 +32,7 @@ from rig.tactile.slip.texture import Texture, along_both, strongest
 # gel around it does not depend on the object alone.
 SHALLOWER_SHARE, DEPTH_SHARE = 0.95, 0.25
 BORDER_PX, MIN_POINTS = 2, 24
-# Every so many pixels of the contact, for its depth: the relief is smooth.
+# Every Nth pixel of the contact is used for its depth, because the relief is smooth.
 COARSE = 2
 # The points are in an order in which every one of these parts is a sample of all.
 PARTS = 3
@@ -169,13 +169,10 @@ def _contact_proper(source: Source, learnt: LearntGradientMap) -> Image:
     """Reduce a contact region to its deep part."""
     mask = source.mask
     rows, columns = mask.shape
-    size = (columns // COARSE, rows // COARSE)
-    difference = cv2.resize(source.difference, size, interpolation=cv2.INTER_AREA)
-    height = relief(
-        learnt.reduced(size).apply(difference),
-        cv2.resize(mask, size, interpolation=cv2.INTER_NEAREST),
-        COARSE,
-    )
+    size = (max(1, columns // COARSE), max(1, rows // COARSE))
+    difference = np.asarray(cv2.resize(source.difference, size, interpolation=cv2.INTER_AREA), np.float32)
+    small = np.asarray(cv2.resize(mask, size, interpolation=cv2.INTER_NEAREST), np.uint8)
+    height = relief(learnt.reduced(size).apply(difference), small, COARSE)
     height, inside = cv2.resize(height, (columns, rows)), mask > 0
     heights = height[inside]
     at = int(SHALLOWER_SHARE * (heights.size - 1))

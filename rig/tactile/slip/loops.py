@@ -100,7 +100,9 @@ def _read(
 
 
 @compiled
-def _agreement(key: Values, plane: Values, view: Sums, x: float, y: float, angle: float, count: int) -> float:
+def _agreement(
+    key: Values, plane: Values, view: Sums, x: float, y: float, angle: float, count: int
+) -> float | np.float32:
     """Return the cosine between a keyframe's curvature and that of a frame, (h, w), at its points, moved."""
     cosine, sine = np.float32(math.cos(angle)), np.float32(math.sin(angle))
     right, down = np.float32(x + view[1]), np.float32(y + view[2])
@@ -135,7 +137,7 @@ def kept(
         for i in range(count):
             x += key[X, i] / count
             y += key[Y, i] / count
-        # Their middle stays where it is.
+        # Their middle does not move.
         at_x = facts[MIDDLE_X] + x - (x * math.cos(angle) + y * math.sin(angle))
         at_y = facts[MIDDLE_Y] + y - (y * math.cos(angle) - x * math.sin(angle))
         if channel == CURVED:
@@ -170,7 +172,7 @@ def sought(
     for i in range(count):
         x += key[X, i] / count
         y += key[Y, i] / count
-    # From the tracked point to the middle of the points, which stays where it is when the grid turns.
+    # From the tracked point to the middle of the points, which does not move when the grid turns.
     x, y = x - facts[LEVER_X], y - facts[LEVER_Y]
     turn = pose[0] - facts[ANGLE]
     middle_x = pose[1] + x * math.cos(turn) + y * math.sin(turn)
@@ -254,7 +256,7 @@ def _equations(
     renew: bool,
     matrix: Sums,
     pulls: Sums,
-) -> tuple[float, float]:
+) -> tuple[float | np.float32, float | np.float32]:
     """Compute pulls (P,), and robust weights, normal matrix and offset if `renew`.
 
     Return what the matrix is weighted by, and the correlation of the frame with the template.
@@ -308,7 +310,7 @@ def _equations(
 
 
 @compiled
-def _trimmed(key: Values, robust: Values, values: Values, count: int) -> float:
+def _trimmed(key: Values, robust: Values, values: Values, count: int) -> float | np.float32:
     """Return the correlation of the slopes with the template, with robust weights."""
     product, power, energy = np.float32(0.0), np.float32(1e-20), np.float32(1e-20)
     for i in range(count):
@@ -526,9 +528,9 @@ def align(
 
     The rank is the score less what the curvature of the frame lacks in agreement, times `score_of_loss`.
     bank: (K, 3, ROWS, N), with facts (K, FACTS); used: which of them, the richest first. slopes: (4, h, w),
-    texture: (3, h, w). views: of both, pixels per work pixel, and what is added. weights: (K, 2, N).
-    channels: 1 for slopes alone, with plain weights. most: iterations. part: one of so many parts of the
-    points is used. out: see `RESULTS`. Return the rank from the first start.
+    texture: (3, h, w). views: of both, pixels per work pixel, and an offset in x and y. weights: (K, 2, N).
+    channels: 1 for slopes alone, with plain weights. most: iterations. part: every Nth
+    point is used. out: see `RESULTS`. Return the rank from the first start.
     """
     found = np.empty(RESULTS)
     out[RANK], first = -1e9, 0.0

@@ -41,13 +41,13 @@ class Alignment:
     slopes that is subtracted. prior_weight: of the expected angle. rest_share, noise_share: likelihood of
     points that rest with the gel, and their noise, in squares of the template. good_score, most_loss,
     surprise_rad, check_frames: a fit that is worse than this fraction of the usual score, loses more
-    agreement of the curvature, surprises by more, or has not been checked for so many frames, is searched.
+    agreement of the curvature, surprises by more, or was not checked for this number of frames, is searched.
     score_of_loss: weight of the loss in the rank. aside_rad: distance of further starts. least_score,
     give_up_s: a joint fit below is none; the contact begins again after this time without one. network_s,
     look_s: period of the network, and of the texture while the slopes lead. steep_share: slopes above this
     fraction of the root mean square get less weight. plain_fit: correlation of the slopes from which on they
-    explain the frame alone. more_score, rests_rad: rank by which the joint fit must exceed that of the
-    slopes; nearer to a keyframe it keeps its own pose. most_prior, count_power: prior weight of slopes at
+    explain the frame alone. more_score, rests_rad: the rank of the joint fit must exceed that of the slopes
+    by this; nearer to a keyframe it keeps its own pose. most_prior, count_power: prior weight of slopes at
     turning texture. noise_own: noise of a joint angle. iterations: most steps. closing_rank, closing_gain: a
     direct alignment to an old keyframe corrects the pose if its rank is as high, and higher than at the pose.
     """
@@ -105,9 +105,10 @@ class Keyframes:
 class Sigma:
     """Standard deviation of the angle.
 
-    loss_rad, worst_loss_rad: per loss of agreement of the curvature, present and largest so far. worst_spread:
-    per largest difference between the readings so far. turned: per rotation. least_rad: in any case. least_distinct: a contact that a rotation changes less is unobservable. pace_s: time over
-    which sigma follows.
+    loss_rad, worst_loss_rad: per loss of agreement of the curvature, present and largest so far.
+    worst_spread: per largest difference between the readings so far. turned: per rotation. least_rad: in any
+    case. least_distinct: a contact that a rotation changes less is unobservable. pace_s: time over which
+    sigma follows.
     """
 
     loss_rad: float

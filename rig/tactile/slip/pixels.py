@@ -1,4 +1,4 @@
-"""The compiled passes over the pixels of planes (3, h, w): light, difference, gel marks, slopes, structure."""
+"""Compiled passes over the pixels of planes (3, h, w): light, difference, gel marks, slopes, structure."""
 
 import math
 
@@ -99,7 +99,8 @@ def lit(
 ) -> None:
     """Compute the relative difference of a part of an image, with gel marks filled, into out.
 
-    colours: of the part, (3, h, w). weight, relative: (3, H, W). marks, begins, rims, fill: see `GelMarks.table`.
+    colours: of the part, (3, h, w). weight, relative: (3, H, W). marks, begins, rims, fill: see
+    `GelMarks.table`.
     """
     height, width = out.shape[1], out.shape[2]
     for k in range(3):
@@ -129,7 +130,7 @@ def lit(
 
 @compiled
 def slopes_in(difference: Field, colours: Field, top: int, left: int, out: Field) -> None:
-    """Compute the slopes of a part, out (h, w, 2), of a difference (H, W, 3) with the map colours (6, H, W)."""
+    """Compute the slopes of a part, out (h, w, 2), of a difference (H, W, 3) with a map (6, H, W)."""
     for r in range(out.shape[0]):
         seen, by = difference[top + r, left:], colours[:, top + r, left:]
         for c in range(out.shape[1]):
@@ -197,7 +198,7 @@ def beyond_noise(
     """
     none, floor = np.float32(0.0), np.float32(least)
     planes[:] = none
-    first, count = margins[0], planes.shape[2] - margins[0] - margins[2]
+    first, count = margins[0], max(planes.shape[2] - margins[0] - margins[2], 0)
     share = np.empty(count, np.float32)
     for r in range(margins[1], planes.shape[1] - margins[3]):
         squares, weights = tensor[2, r, first:], counts[r, first:]

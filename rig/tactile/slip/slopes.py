@@ -22,7 +22,7 @@ def slope_planes(
 ) -> Field:
     """Return x and y of the sharpened slopes, the mask, and the curvature, in a box, (4, h, w) float32."""
     slopes = learnt.slopes(difference, box)
-    broad = cv2.GaussianBlur(slopes, (_SIDE, _SIDE), BROAD_PX)
+    broad = np.asarray(cv2.GaussianBlur(slopes, (_SIDE, _SIDE), BROAD_PX), np.float32)
     planes = np.empty((4, box[3], box[2]), np.float32)
     without_broad(slopes, broad, broad_share, mask, box[1], box[0], planes)
     divergence(slopes, planes[CURVATURE])

@@ -43,7 +43,7 @@ class Texture:
     """The texture in a box.
 
     planes: (3, h, w), from (left, top), with `scale` pixels per work pixel. counts: (h, w), weights of the
-    network. heavy: whether the network was run in this frame.
+    network. heavy: whether this frame has run the network or computed the noise floor.
     """
 
     planes: Field
@@ -55,13 +55,13 @@ class Texture:
 
     @property
     def view(self) -> tuple[float, float, float]:
-        """Pixels of planes per work pixel, and what is added."""
+        """Pixels of planes per work pixel, and the offset in x and y."""
         middle = (self.scale - 1) / 2.0
         return float(self.scale), middle - self.left, middle - self.top
 
     def richness(self, mask: Image) -> float:
         """Return the root energy of the strongest texture in and around a contact."""
-        reach = cv2.dilate(mask, _REACH)
+        reach = np.asarray(cv2.dilate(mask, _REACH), np.uint8)
         left, top = self.left // self.scale, self.top // self.scale
         return strongest_energy(self.planes, reach, self.scale, top, left, STRONGEST)
 
@@ -80,7 +80,7 @@ def strongest(
     """
     planes, scale = texture.planes, texture.scale
     chosen = _strongest(texture, mask)
-    if len(chosen) < FEWEST_POINTS:
+    if len(chosen) < FEWEST_POINTS * (scale / FINENESS) ** 2:
         return None
     chosen = chosen[spread(len(chosen))]
     at = np.unravel_index(chosen, planes.shape[1:])
@@ -105,10 +105,11 @@ def strongest(
 def along_both(planes: Field, pixels: tuple[NDArray[np.intp], ...], scale: float) -> tuple[Field, Field]:
     """Return the change of planes (C, h, w) along x and y at pixels, (C, N)."""
     stacked = planes.reshape(-1, planes.shape[2])
-    return tuple(
-        cv2.Scharr(stacked, cv2.CV_32F, *axis, scale=scale / 32).reshape(planes.shape)[:, *pixels]
+    along_x, along_y = (
+        np.asarray(cv2.Scharr(stacked, cv2.CV_32F, *axis, scale=scale / 32), np.float32)
         for axis in ((1, 0), (0, 1))
     )
+    return along_x.reshape(planes.shape)[:, *pixels], along_y.reshape(planes.shape)[:, *pixels]
 
 
 def tensor_of(difference: Field, clean: Field, scale: int) -> Field:
@@ -122,11 +123,12 @@ def tensor_of(difference: Field, clean: Field, scale: int) -> Field:
     wide = small if scale == 1 else cv2.resize(small, (width, count * height), interpolation=cv2.INTER_LINEAR)
     fine = cv2.subtract(difference.reshape(-1, width), wide)
     side = (BLUR_SIDE, BLUR_SIDE)
-    fine = cv2.GaussianBlur(fine, side, NOISE_PX * scale / FINENESS, dst=fine).reshape(difference.shape)
-    parts = np.empty_like(fine)
-    summed_tensor(fine, parts)
+    fine = np.asarray(cv2.GaussianBlur(fine, side, NOISE_PX * scale / FINENESS, dst=fine), np.float32)
+    parts = np.empty_like(difference)
+    summed_tensor(fine.reshape(difference.shape), parts)
     flat = parts.reshape(-1, width)
-    return cv2.GaussianBlur(flat, side, NEIGHBOURS_PX * scale / FINENESS, dst=flat).reshape(parts.shape)
+    cv2.GaussianBlur(flat, side, NEIGHBOURS_PX * scale / FINENESS, dst=flat)
+    return parts
 
 
 def noise_floor(tensor: Field) -> float:
@@ -143,15 +145,20 @@ def structure(tensor: Field, floor: float, counts: Field, around: tuple[int, ...
     around: distances from the sides of the image: left, top, right, bottom.
     """
     whole, part = round(MARGIN_PX * scale / FINENESS), round(PART_MARGIN_PX * scale / FINENESS)
+    left, top, right, bottom = (max(part, whole - distance) for distance in around)
     planes = np.empty_like(tensor)
-    beyond_noise(tensor, floor, tuple(max(part, whole - distance) for distance in around), counts, planes)
+    beyond_noise(tensor, floor, (left, top, right, bottom), counts, planes)
     return Texture(planes, counts, around[0], around[1], scale)
 
 
 def structure_of(difference: Field) -> Field:
-    """Return direction and strength (h, w, 3) of a relative difference (h, w, 3) with `FINENESS` pixels per work pixel."""
+    """Return direction and strength (h, w, 3) of a relative difference (h, w, 3).
+
+    It has `FINENESS` pixels per work pixel.
+    """
     height, width = difference.shape[:2]
-    clean = cv2.resize(difference, (width // FINENESS, height // FINENESS), interpolation=cv2.INTER_AREA)
+    size = (width // FINENESS, height // FINENESS)
+    clean = np.asarray(cv2.resize(difference, size, interpolation=cv2.INTER_AREA), np.float32)
     tensor = tensor_of(np.ascontiguousarray(difference.transpose(2, 0, 1)), clean, FINENESS)
     ones = np.ones((height, width), np.float32)
     return structure(tensor, noise_floor(tensor), ones, (0, 0, 0, 0), FINENESS).planes.transpose(1, 2, 0)

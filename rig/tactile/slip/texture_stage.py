@@ -25,7 +25,7 @@ FLOOR_S = 0.5
 PATIENCE = 3.0
 """The network waits this many times as long while a better pose is searched for."""
 NETWORK_PX = 9
-"""Margin of the network's box around the contact, work pixels: the reach of the texture, and of its filters."""
+"""Margin of the network's box around the contact, work pixels: the reach of the texture and its filters."""
 STILL_RAD, STILL_PX = 0.02, 0.5
 """The map of the network is not moved by less."""
 
@@ -68,12 +68,13 @@ class TextureStage:
             self._look(difference, (left, top), contact_box(mask, NETWORK_PX), time_ns)
         counts = self._moved_counts(time_ns, contact, (left, top, width, height))
         tensor = tensor_of(difference, clean[within(box, clean.shape[:2])], self._scale)
-        if settle:
-            self._floor, self._floor_ns = noise_floor(tensor), time_ns
-        assert self._floor is not None
+        floor = self._floor
+        if settle or floor is None:
+            self._floor = floor = noise_floor(tensor)
+            self._floor_ns = time_ns
         margins = left, top, self._counts.shape[1] - left - width, self._counts.shape[0] - top - height
-        texture = structure(tensor, self._floor, np.ascontiguousarray(counts), margins, self._scale)
-        return replace(texture, heavy=self._counts_ns == time_ns)
+        texture = structure(tensor, floor, np.ascontiguousarray(counts), margins, self._scale)
+        return replace(texture, heavy=settle or self._counts_ns == time_ns)
 
     def placed(self, time_ns: int, contact: Contact | None) -> None:
         """Note where the object was when the network was run."""
@@ -83,7 +84,7 @@ class TextureStage:
     def _look(self, difference: Field, corner: tuple[int, int], box: Box, time_ns: int) -> None:
         """Run the network on a box, in work pixels, of a difference (3, h, w) that begins at a corner."""
         left, top = corner
-        near = tuple(self._scale * side for side in box)
+        near = box[0] * self._scale, box[1] * self._scale, box[2] * self._scale, box[3] * self._scale
         x, y = near[0] - left, near[1] - top
         seen = difference[:, y : y + near[3], x : x + near[2]]
         around = top, top + difference.shape[1], left, left + difference.shape[2]

@@ -1,7 +1,7 @@
-"""Follow a contact: align each frame to its keyframes in several readings, search when they fit badly.
+"""Follow a contact: align each frame to keyframes in several readings; search if they fit badly.
 
-The steps that take long have a frame of their own: the texture and the map of the first keyframe, each further
-keyframe, a map learnt anew, and the change of all keyframes to it.
+No frame takes two long steps. These are: the texture of the first keyframe, its map and points,
+each further keyframe, a map learnt again, and the change of all keyframes to it.
 """
 
 import math
@@ -77,9 +77,9 @@ class Seen:
 class Tracked:
     """The fit of a frame.
 
-    worst_loss, worst_spread_rad: largest loss of agreement, and largest difference between the readings, since
-    the contact began. turned_rad: rotation since the contact settled. added: whether a keyframe was added.
-    distinct: see `Keyframe.distinct`, of the richest keyframe.
+    worst_loss, worst_spread_rad: largest loss of agreement, and largest difference between the readings,
+    since the contact began. turned_rad: rotation since the contact settled. added: whether a keyframe was
+    added. distinct: see `Keyframe.distinct`, of the richest keyframe.
     """
 
     fit: Fit
@@ -96,6 +96,7 @@ class Tracker:
     def __init__(self, learn: Learn) -> None:
         self._learn, self._aligner = learn, Aligner()
         self._state: Touch | Contact | None = None
+        self._refused = False
 
     @property
     def contact(self) -> "Contact | None":
@@ -104,7 +105,7 @@ class Tracker:
 
     def release(self) -> None:
         """Forget the contact, because it has ended."""
-        self._state = None
+        self._state, self._refused = None, False
 
     def follow(self, seen: Seen, angle_rad: float) -> Tracked | None:
         """Return the fit of a frame; None if the contact cannot be followed in it.
@@ -115,9 +116,10 @@ class Tracker:
         if self._state is None:
             if not seen.torn:
                 self._state = Touch(seen, Pose(angle_rad, _middle(seen.region.mask)))
-            return None if self._state is None else self._state.tracked
+            return None if self._state is None or self._refused else self._state.tracked
         if isinstance(self._state, Touch):
             self._state, busy = self._begun(self._state), True
+            self._refused = self._state is None
         return None if self._state is None else self._state.follow(seen, busy)
 
     def _begun(self, touch: "Touch") -> "Contact | None":
@@ -137,14 +139,15 @@ class Touch:
 
     @property
     def tracked(self) -> Tracked:
-        """The fit of the frame: a contact begins where it is."""
-        return Tracked(Fit(self.pose, 1.0, 0.0, 1.0, 0.0, 1.0, True), 0.0, 0.0, 0.0, False, math.inf)
+        """The fit of the frame, at the pose of the touch."""
+        return Tracked(Fit(self.pose, 1.0, 0.0, 1.0, 0.0, 1.0, True), 0.0, 0.0, 0.0, True, math.inf)
 
 
 class Contact:
     """One contact from its first keyframe on: keyframes, readings, and the motion between the frames.
 
-    keys: its keyframes, in the order of their frames. disagrees: whether the curvature fits badly, so that a better pose is searched for.
+    keys: its keyframes, in the order of their frames. disagrees: whether the curvature fits badly, so that a
+    better pose is searched for.
     """
 
     def __init__(
@@ -337,6 +340,8 @@ class Contact:
         aligner.view_texture(texture)
         joint = self._jointly(seen, start, alone, busy or texture.heavy)
         self._read_further(joint, start, seen.time_s)
+        if seen.time_s - self._time_s > GAP_S:
+            joint = self._with_others(joint, start)
         if alone is not None:
             aligner.read_as(self._readings[0], start.angle_rad)
             if joint.rank < aligner.at(alone.pose).rank + ALIGNMENT.more_score:
@@ -357,12 +362,9 @@ class Contact:
     def _read_further(self, joint: Fit, expected: Pose, time_s: float) -> None:
         """Align in the other readings, from their own pose and from the first reading's rotation."""
         first = self._readings[0]
-        ahead = Pose(expected.angle_rad - first.pose.angle_rad, expected.point_px - first.pose.point_px)
-        turned = Pose(joint.angle_rad - first.pose.angle_rad, joint.pose.point_px - first.pose.point_px)
         k = self._aligner.used[0]
-        from_key = Pose(
-            joint.angle_rad - first.keys[k].angle_rad, joint.pose.point_px - first.keys[k].point_px
-        )
+        ahead, turned = _less(expected, first.pose), _less(joint.pose, first.pose)
+        from_key = _less(joint.pose, first.keys[k])
         for reading in self._readings[1:]:
             starts = [_sum(reading.pose, ahead), _sum(reading.pose, turned), _sum(reading.keys[k], from_key)]
             self._aligner.read_as(reading, starts[0].angle_rad)
@@ -370,6 +372,15 @@ class Contact:
             if abs(fit.angle_rad - reading.pose.angle_rad) <= self._reach_rad(time_s):
                 reading.pose = fit.pose
                 self._aligned.append(reading)
+
+    def _with_others(self, joint: Fit, expected: Pose) -> Fit:
+        """Return the fit of the first reading from the rotations of the others, if its rank is higher."""
+        first, k = self._readings[0], self._aligner.used[0]
+        starts = [_sum(first.keys[k], _less(reading.pose, reading.keys[k])) for reading in self._aligned]
+        if not starts:
+            return joint
+        self._aligner.read_as(first, expected.angle_rad)
+        return max(joint, self._aligner.both(starts), key=lambda fit: fit.rank)
 
     def _jointly(self, seen: Seen, start: Pose, alone: Fit | None, busy: bool) -> Fit:
         """Align both channels, and search for a better pose if the fit is worse than usual."""
@@ -424,3 +435,7 @@ def _middle(mask: Image) -> complex:
 
 def _sum(one: Pose, other: Pose) -> Pose:
     return Pose(one.angle_rad + other.angle_rad, one.point_px + other.point_px)
+
+
+def _less(one: Pose, other: Pose) -> Pose:
+    return Pose(one.angle_rad - other.angle_rad, one.point_px - other.point_px)

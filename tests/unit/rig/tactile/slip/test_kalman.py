@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from rig.tactile.slip.kalman import RateFilter
+from rig.tactile.slip.kalman import RateFilter, unseen_variance
 from rig.tactile.slip.parameters import MOTION
 
 TOLD_DEG = 0.02
@@ -48,3 +48,14 @@ def test_creep_below_the_noise_is_followed() -> None:
 def test_without_noise_a_constant_rate_is_followed_exactly() -> None:
     true = 40.0 * np.arange(120) / 60.0
     assert np.abs(filtered(true, noisy=False) - true)[5:].max() < 1e-3
+
+
+@pytest.mark.parametrize(
+    ("rate_deg_s", "time_s", "sigma_deg"),
+    [(0.0, 0.1, 1.5), (60.0, 0.1, 7.5), (0.0, 9.0, 180.0 / math.sqrt(12.0))],
+)
+def test_unobserved_turn_is_bounded_by_rate_and_time(
+    rate_deg_s: float, time_s: float, sigma_deg: float
+) -> None:
+    variance = unseen_variance(math.radians(rate_deg_s), time_s)
+    assert math.degrees(math.sqrt(variance)) == pytest.approx(sigma_deg)

@@ -28,7 +28,8 @@ def ball(radius_mm: float, texture: str = "none", texture_mm: float = 0.0) -> Co
     ("radius_mm", "force_n"), [(3.0, 8.0), (4.0, 4.0), (6.0, 8.0), (8.0, 4.0), (12.0, 8.0), (25.0, 4.0)]
 )
 def test_smooth_ball_of_any_depth_is_refused(radius_mm: float, force_n: float) -> None:
-    assert {sample.state for sample in followed(ball(radius_mm), force_n)} == {State.UNOBSERVABLE}
+    samples = followed(ball(radius_mm), force_n)
+    assert {sample.state for sample in samples[1:]} == {State.UNOBSERVABLE}
 
 
 @pytest.mark.parametrize("radius_mm", [8.0, *long(12.0)])

@@ -14,16 +14,16 @@ from calibration.gel.look import GelLook
 from drivers.clock import NS_PER_S
 from drivers.types import Image
 from rig.tactile.blas_threads import one_blas_thread
-from rig.tactile.contact.gate import ContactGate
+from rig.tactile.contact.gate import ContactGate, Region
 from rig.tactile.contact.relative import RelativeDifference, full_area, work_size
 from rig.tactile.sample import FreshFrameEstimator, SlipSample, State, Stopwatch
 from rig.tactile.settling import NEW_GRASP_NS
 from rig.tactile.slip.compiling import compile_all
-from rig.tactile.slip.gel_marks import found_marks
+from rig.tactile.contact.gel_marks import LaterMarks, found_marks
 from rig.tactile.slip.gradient import CalibratedSlopes, LearntGradientMap, learn_map
 from rig.tactile.slip.height import Field
 from rig.tactile.slip.kalman import MOST_RATE_RAD_S, RateFilter, unseen_variance
-from rig.tactile.slip.light import Lit
+from rig.tactile.slip.light import Light, Lit
 from rig.tactile.slip.parameters import ALIGNMENT, MOTION, SIGMA
 from rig.tactile.slip.tearing import Tearing
 from rig.tactile.slip.texture import fine_scale
@@ -69,6 +69,7 @@ class SlipEstimator(FreshFrameEstimator):
         scale = fine_scale(background.shape, size)
         fine = scale * size[0], scale * size[1]
         marked = found_marks(background, fine)
+        self._marks, self._free = LaterMarks(marked), False
         self._lit = Lit(RelativeDifference(background, size), marked)
         self._fine_lit = Lit(RelativeDifference(background, fine), marked)
         self._gate, self._tearing, self._filter = ContactGate(), Tearing(), RateFilter()
@@ -103,6 +104,8 @@ class SlipEstimator(FreshFrameEstimator):
         clean = cv2.merge(self._lit.of(work, light, (0, 0, work.shape[1], work.shape[0])))
         difference = np.asarray(cv2.GaussianBlur(clean, (5, 5), NOISE_BLUR_PX), np.float32)
         region = self._gate.find(difference)
+        if self._only_marks(fine, work, light, region, time_ns):
+            region = None
         torn = self._tearing.update(region)
         watch.lap("contact")
         if region is None:
@@ -111,6 +114,7 @@ class SlipEstimator(FreshFrameEstimator):
         # Only frames without contact end a contact: the time between two frames may be as long.
         if self._gone and self._seen_ns is not None and time_ns - self._seen_ns > NEW_GRASP_NS:
             self._release(time_ns)
+        self._marks.touched()
         self._seen_ns, self._gone = time_ns, False
         pattern = difference if self._slopes is None else self._slopes.of(difference, region.mask)
         texture = cache(partial(self._texture.of, fine, clean, light, region.mask, time_ns, self._tracker))
@@ -132,6 +136,26 @@ class SlipEstimator(FreshFrameEstimator):
             return replace(sample, state=State.UNOBSERVABLE)
         self._fitted_ns = time_ns
         return self._answer(sample, tracked, watch)
+
+    def _only_marks(
+        self, fine: Image, work: Image, light: Light, region: Region | None, time_ns: int
+    ) -> bool:
+        """Whether a frame shows no contact; search it for marks that came after the background.
+
+        Marks may look like a contact until they are filled, so the first frames are searched in any case.
+        """
+        self._free = self._free or region is None
+        if self._free and (region is not None or not self._marks.due(time_ns)):
+            return region is None
+        difference = self._fine_lit.unfilled(fine, light)
+        if region is not None and (
+            self._tracker.contact is not None or not self._marks.explain(difference, work.shape[1::-1])
+        ):
+            return False
+        if self._marks.add(difference, time_ns):
+            self._lit.fill(self._marks.marked)
+            self._fine_lit.fill(self._marks.marked)
+        return True
 
     def _give_up(self, time_ns: int) -> None:
         """Begin again if no keyframe has fitted for `give_up_s`."""

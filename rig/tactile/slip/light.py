@@ -13,7 +13,7 @@ from rig.tactile.contact.relative import (
     RelativeDifference,
     block_means,
 )
-from rig.tactile.slip.gel_marks import GelMarks
+from rig.tactile.contact.gel_marks import GelMarks
 from rig.tactile.slip.height import Box, Field
 from rig.tactile.slip.pixels import fit_light, lit
 
@@ -27,7 +27,11 @@ class Lit:
     def __init__(self, difference: RelativeDifference, marked: Image) -> None:
         self._difference = difference
         self._weight, self._relative = (np.ascontiguousarray(p.transpose(2, 0, 1)) for p in difference.terms)
-        self._marks = GelMarks(marked, difference.size).table
+        self.fill(marked)
+
+    def fill(self, marked: Image) -> None:
+        """Fill other marks from now on."""
+        self._marks = GelMarks(marked, self._difference.size).table
 
     def reduced(self, image: Image) -> Image:
         """Return the reduced copy, (h, w, 3) uint8."""
@@ -49,6 +53,10 @@ class Lit:
             light,
         )
         return light
+
+    def unfilled(self, copy: Image, light: Light) -> Field:
+        """Return the difference of a reduced copy with its marks, (h, w, 3)."""
+        return self._difference.of(copy, (light[0], light[1]))
 
     def of(self, copy: Image, light: Light, box: Box) -> Field:
         """Return the difference of a reduced copy in a box of its pixels, (3, h, w)."""

@@ -21,15 +21,17 @@ SHARP_PX, NOISE_PX = 4.0, 1.0
 # Ratio of the change at a mark to that around it (median of a square this wide, px) and to that of the
 # whole picture: streaks of light and a codec's blocks stay below.
 TIMES_AROUND, TIMES_OVERALL, AROUND_PX = 3.5, 2.5, 25
+# Largest change around later marks that counts, relative to that of the whole picture: scratches may cross.
+MOST_AROUND = 3.0
 # Smallest change of a mark relative to the light: for a uniform background, and for marks that came later,
 # above the noise of a codec.
 LEAST_CHANGE, LEAST_LATER = 1e-3, 0.02
 # Margin of a mark, of one that came later, width of the rim that it is filled from, number of the nearest
 # pixels of the rim, standard deviation of the fill weights, px.
-REACH_PX, LATER_PX, RIM_PX, NEAREST, FILL_PX = 3, 2, 3, 48, 2.5
+REACH_PX, LATER_PX, RIM_PX, NEAREST, FILL_PX = 3, 2, 3, 64, 2.5
 # Ridge on the slope of the plane through the rim, because at the edge of the image the rim is on one side
 # only.
-LEVEL = 0.006
+LEVEL = 0.007
 # Largest fraction of marks in the background, and with later ones. A background with more is patterned, and
 # its marks are not filled.
 MOST_SHARE, MOST_LATER = 0.05, 0.25
@@ -93,8 +95,10 @@ class LaterMarks:
         self._newest, self._touched = None, True
 
     def due(self, time_ns: int) -> bool:
-        """Whether a frame without contact should be searched."""
-        return self._searched_ns is None or time_ns - self._searched_ns >= SEARCH_NS
+        """Whether a frame should be searched; the next one is due after `SEARCH_NS`."""
+        due = self._searched_ns is None or time_ns - self._searched_ns >= SEARCH_NS
+        self._searched_ns = time_ns if due else self._searched_ns
+        return due
 
     def explain(self, difference: Field, size: tuple[int, int]) -> bool:
         """Whether a difference (h, w, 3) shows no contact if its marks are filled. size: of the work copy."""
@@ -102,12 +106,11 @@ class LaterMarks:
         work = cv2.resize(marks.mended(difference), size, interpolation=cv2.INTER_AREA)
         return ContactGate().find(cv2.GaussianBlur(work, (5, 5), 0.7)) is None
 
-    def add(self, difference: Field, time_ns: int) -> bool:
+    def add(self, difference: Field) -> bool:
         """Search a frame without contact; return whether the marks have changed.
 
         difference: relative, (h, w, 3), without filled marks.
         """
-        self._searched_ns = time_ns
         before, self._newest = self._newest, None if self._touched else difference
         self._touched = False
         return before is not None and self._averaged_in(before)
@@ -128,16 +131,16 @@ def found_marks(background: Image, fine: tuple[int, int]) -> Image:
     """Return the mask of the marks in a background, (h, w), 255 or 0. fine: width and height of the mask."""
     light = cv2.resize(background.astype(np.float32), fine, interpolation=cv2.INTER_AREA)
     sharp = cv2.subtract(light, cv2.GaussianBlur(light, (0, 0), SHARP_PX)) / (light + DARK_OFFSET)
-    return _marked(sharp, 0.0, REACH_PX, MOST_SHARE)
+    return _marked(sharp, np.inf, 0.0, REACH_PX, MOST_SHARE)
 
 
 def _later(difference: Field) -> Image:
     """Return the mask of the marks in a relative difference (h, w, 3)."""
     sharp = cv2.subtract(difference, cv2.GaussianBlur(difference, (0, 0), SHARP_PX))
-    return _marked(sharp, LEAST_LATER, LATER_PX, MOST_LATER)
+    return _marked(sharp, MOST_AROUND, LEAST_LATER, LATER_PX, MOST_LATER)
 
 
-def _marked(sharp: Field, least: float, reach_px: int, most_share: float) -> Image:
+def _marked(sharp: Field, most_around: float, least: float, reach_px: int, most_share: float) -> Image:
     """Return the mask of sharp places with a margin; empty if there are too many."""
     sharp = cv2.GaussianBlur(sharp, (0, 0), NOISE_PX)
     slopes = [cv2.Scharr(sharp, cv2.CV_32F, *axis, scale=1 / 32) for axis in ((1, 0), (0, 1))]
@@ -145,7 +148,7 @@ def _marked(sharp: Field, least: float, reach_px: int, most_share: float) -> Ima
     change = np.sqrt(np.maximum(cv2.blur(squares, (3, 3)), np.float32(0.0)))
     overall = max(float(np.median(change)), LEAST_CHANGE)
     levels = np.clip(change * (16.0 / overall), 0, 255).astype(np.uint8)
-    around = cv2.medianBlur(levels, AROUND_PX).astype(np.float32) * (overall / 16.0)
+    around = np.minimum(cv2.medianBlur(levels, AROUND_PX) * (overall / 16.0), most_around * overall)
     marked = (change > TIMES_AROUND * around) & (change > TIMES_OVERALL * overall) & (change > least)
     reach = np.ones((2 * reach_px + 1, 2 * reach_px + 1), np.uint8)
     reached = np.asarray(cv2.dilate(255 * marked.astype(np.uint8), reach), np.uint8)
@@ -153,7 +156,7 @@ def _marked(sharp: Field, least: float, reach_px: int, most_share: float) -> Ima
 
 
 def _weights(marked: NDArray[np.intp], rim: NDArray[np.intp], shape: tuple[int, ...]) -> csr_array:
-    """Return the weights of the pixels of the rim for each marked pixel, (M, h w), from a local fit of a plane.
+    """Return the weights of the pixels for each marked pixel, (M, h w), from a fit of a plane to the rim.
 
     A mean of the neighbours would flatten the slope of a contact across a mark.
     """

@@ -5,15 +5,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.types import Image
+from rig.tactile.contact.gel_marks import GelMarks
 from rig.tactile.contact.relative import (
     DARKEST_GAIN,
     GAIN_ROUNDS,
     NEGLIGIBLE,
     OFFSET_RIDGE,
+    SATURATED,
     RelativeDifference,
     block_means,
 )
-from rig.tactile.contact.gel_marks import GelMarks
 from rig.tactile.slip.height import Box, Field
 from rig.tactile.slip.pixels import fit_light, lit
 
@@ -63,5 +64,5 @@ class Lit:
         left, top, width, height = box
         planes, colours = np.empty((3, height, width), np.float32), np.empty((3, height, width), np.uint8)
         cv2.split(copy[top : top + height, left : left + width], list(colours))
-        lit(colours, top, left, light, self._weight, self._relative, *self._marks, planes)
+        lit(colours, top, left, light, self._weight, self._relative, *self._marks, SATURATED, planes)
         return planes

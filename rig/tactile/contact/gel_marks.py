@@ -66,7 +66,7 @@ class GelMarks:
         marks, rims = (
             np.stack(np.divmod(found, self._width)).astype(np.int32) for found in (self._marked, of.indices)
         )
-        return marks, of.indptr.astype(np.int32), rims, of.data
+        return marks, np.asarray(of.indptr, np.int32), rims, np.asarray(of.data, np.float32)
 
     def mended(self, difference: Field) -> Field:
         """Return a difference (h, w, 3) with its marks filled from their surroundings."""
@@ -102,9 +102,9 @@ class LaterMarks:
 
     def explain(self, difference: Field, size: tuple[int, int]) -> bool:
         """Whether a difference (h, w, 3) shows no contact if its marks are filled. size: of the work copy."""
-        marks = GelMarks(cv2.bitwise_or(self._first, _later(difference)), difference.shape[1::-1])
+        marks = GelMarks(self._first | _later(difference), difference.shape[1::-1])
         work = cv2.resize(marks.mended(difference), size, interpolation=cv2.INTER_AREA)
-        return ContactGate().find(cv2.GaussianBlur(work, (5, 5), 0.7)) is None
+        return ContactGate().find(np.asarray(cv2.GaussianBlur(work, (5, 5), 0.7), np.float32)) is None
 
     def add(self, difference: Field) -> bool:
         """Search a frame without contact; return whether the marks have changed.
@@ -118,9 +118,9 @@ class LaterMarks:
     def _averaged_in(self, difference: Field) -> bool:
         self._averaged = min(self._averaged + 1, AVERAGED)
         mean = self._mean if self._averaged > 1 else difference
-        self._mean = mean + (difference - mean) / np.float32(self._averaged)
-        marked = cv2.bitwise_or(self._first, _later(self._mean))
-        news = cv2.countNonZero(cv2.bitwise_xor(marked, self.marked))
+        self._mean = np.asarray(mean + (difference - mean) / self._averaged, np.float32)
+        marked = self._first | _later(self._mean)
+        news = cv2.countNonZero(marked ^ self.marked)
         if news <= NEWS_SHARE * cv2.countNonZero(marked | self.marked):
             return False
         self.marked = marked
@@ -131,19 +131,19 @@ def found_marks(background: Image, fine: tuple[int, int]) -> Image:
     """Return the mask of the marks in a background, (h, w), 255 or 0. fine: width and height of the mask."""
     light = cv2.resize(background.astype(np.float32), fine, interpolation=cv2.INTER_AREA)
     sharp = cv2.subtract(light, cv2.GaussianBlur(light, (0, 0), SHARP_PX)) / (light + DARK_OFFSET)
-    return _marked(sharp, np.inf, 0.0, REACH_PX, MOST_SHARE)
+    return _marked(np.asarray(sharp, np.float32), np.inf, 0.0, REACH_PX, MOST_SHARE)
 
 
 def _later(difference: Field) -> Image:
     """Return the mask of the marks in a relative difference (h, w, 3)."""
     sharp = cv2.subtract(difference, cv2.GaussianBlur(difference, (0, 0), SHARP_PX))
-    return _marked(sharp, MOST_AROUND, LEAST_LATER, LATER_PX, MOST_LATER)
+    return _marked(np.asarray(sharp, np.float32), MOST_AROUND, LEAST_LATER, LATER_PX, MOST_LATER)
 
 
 def _marked(sharp: Field, most_around: float, least: float, reach_px: int, most_share: float) -> Image:
     """Return the mask of sharp places with a margin; empty if there are too many."""
-    sharp = cv2.GaussianBlur(sharp, (0, 0), NOISE_PX)
-    slopes = [cv2.Scharr(sharp, cv2.CV_32F, *axis, scale=1 / 32) for axis in ((1, 0), (0, 1))]
+    soft = cv2.GaussianBlur(sharp, (0, 0), NOISE_PX)
+    slopes = [cv2.Scharr(soft, cv2.CV_32F, *axis, scale=1 / 32) for axis in ((1, 0), (0, 1))]
     squares = np.sum(np.square(slopes), axis=(0, 3))
     change = np.sqrt(np.maximum(cv2.blur(squares, (3, 3)), np.float32(0.0)))
     overall = max(float(np.median(change)), LEAST_CHANGE)
@@ -179,4 +179,4 @@ def _weights(marked: NDArray[np.intp], rim: NDArray[np.intp], shape: tuple[int, 
     fill /= np.maximum(fill.sum(axis=1, keepdims=True), 0.1)
     of = csr_array((fill.reshape(-1), rim[near].reshape(-1), np.arange(len(marked) + 1) * count), many)
     of.eliminate_zeros()
-    return of.astype(np.float32)
+    return csr_array(of, dtype=np.float32)

@@ -102,9 +102,9 @@ class LaterMarks:
 
     def explain(self, difference: Field, size: tuple[int, int]) -> bool:
         """Whether a difference (h, w, 3) shows no contact if its marks are filled. size: of the work copy."""
-        marks = GelMarks(self._first | _later(difference), difference.shape[1::-1])
-        work = cv2.resize(marks.mended(difference), size, interpolation=cv2.INTER_AREA)
-        return ContactGate().find(np.asarray(cv2.GaussianBlur(work, (5, 5), 0.7), np.float32)) is None
+        work = np.asarray(cv2.resize(difference, size, interpolation=cv2.INTER_AREA), np.float32)
+        clean = GelMarks(self._first | _later(difference), size).mended(work)
+        return ContactGate().find(np.asarray(cv2.GaussianBlur(clean, (5, 5), 0.7), np.float32)) is None
 
     def add(self, difference: Field) -> bool:
         """Search a frame without contact; return whether the marks have changed.

@@ -21,8 +21,8 @@ SHARP_PX, NOISE_PX = 4.0, 1.0
 # Ratio of the change at a mark to that around it (median of a square this wide, px) and to that of the
 # whole picture: streaks of light and a codec's blocks stay below.
 TIMES_AROUND, TIMES_OVERALL, AROUND_PX = 3.5, 2.5, 25
-# Largest change around later marks that counts, relative to that of the whole picture: scratches may cross.
-MOST_AROUND = 3.0
+# The same square for later marks: scratches may cross, and most of a smaller one would be scratched.
+LATER_AROUND_PX = 61
 # Smallest change of a mark relative to the light: for a uniform background, and for marks that came later,
 # above the noise of a codec.
 LEAST_CHANGE, LEAST_LATER = 1e-3, 0.02
@@ -90,6 +90,11 @@ class LaterMarks:
         self._touched = False
         self._searched_ns: int | None = None
 
+    @property
+    def later(self) -> Image:
+        """Mask of the marks that the background does not have, (h, w)."""
+        return self.marked & ~self._first
+
     def touched(self) -> None:
         """Leave out the frames next to one with contact, in which a faint contact may be visible."""
         self._newest, self._touched = None, True
@@ -131,16 +136,16 @@ def found_marks(background: Image, fine: tuple[int, int]) -> Image:
     """Return the mask of the marks in a background, (h, w), 255 or 0. fine: width and height of the mask."""
     light = cv2.resize(background.astype(np.float32), fine, interpolation=cv2.INTER_AREA)
     sharp = cv2.subtract(light, cv2.GaussianBlur(light, (0, 0), SHARP_PX)) / (light + DARK_OFFSET)
-    return _marked(np.asarray(sharp, np.float32), np.inf, 0.0, REACH_PX, MOST_SHARE)
+    return _marked(np.asarray(sharp, np.float32), AROUND_PX, 0.0, REACH_PX, MOST_SHARE)
 
 
 def _later(difference: Field) -> Image:
     """Return the mask of the marks in a relative difference (h, w, 3)."""
     sharp = cv2.subtract(difference, cv2.GaussianBlur(difference, (0, 0), SHARP_PX))
-    return _marked(np.asarray(sharp, np.float32), MOST_AROUND, LEAST_LATER, LATER_PX, MOST_LATER)
+    return _marked(np.asarray(sharp, np.float32), LATER_AROUND_PX, LEAST_LATER, LATER_PX, MOST_LATER)
 
 
-def _marked(sharp: Field, most_around: float, least: float, reach_px: int, most_share: float) -> Image:
+def _marked(sharp: Field, around_px: int, least: float, reach_px: int, most_share: float) -> Image:
     """Return the mask of sharp places with a margin; empty if there are too many."""
     soft = cv2.GaussianBlur(sharp, (0, 0), NOISE_PX)
     slopes = [cv2.Scharr(soft, cv2.CV_32F, *axis, scale=1 / 32) for axis in ((1, 0), (0, 1))]
@@ -148,7 +153,7 @@ def _marked(sharp: Field, most_around: float, least: float, reach_px: int, most_
     change = np.sqrt(np.maximum(cv2.blur(squares, (3, 3)), np.float32(0.0)))
     overall = max(float(np.median(change)), LEAST_CHANGE)
     levels = np.clip(change * (16.0 / overall), 0, 255).astype(np.uint8)
-    around = np.minimum(cv2.medianBlur(levels, AROUND_PX) * (overall / 16.0), most_around * overall)
+    around = cv2.medianBlur(levels, around_px) * (overall / 16.0)
     marked = (change > TIMES_AROUND * around) & (change > TIMES_OVERALL * overall) & (change > least)
     reach = np.ones((2 * reach_px + 1, 2 * reach_px + 1), np.uint8)
     reached = np.asarray(cv2.dilate(255 * marked.astype(np.uint8), reach), np.uint8)

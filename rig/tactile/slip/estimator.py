@@ -160,6 +160,7 @@ class SlipEstimator(FreshFrameEstimator):
         if self._marks.add(difference):
             self._lit.fill(self._marks.marked)
             self._fine_lit.fill(self._marks.marked)
+            self._texture.leave_out(self._marks.later)
         return True
 
     def _give_up(self, time_ns: int) -> None:

@@ -22,7 +22,7 @@ from rig.tactile.contact.gate import ContactGate
 from rig.tactile.contact.relative import RelativeDifference, work_size
 from rig.tactile.estimators import choose_estimator
 from rig.tactile.slip.estimator import NOISE_BLUR_PX
-from rig.tactile.slip.gel_marks import GelMarks, found_marks
+from rig.tactile.contact.gel_marks import GelMarks, found_marks
 from rig.tactile.slip.gradient import learn_map
 from rig.tactile.slip.height import Gradient
 

@@ -24,6 +24,9 @@ GAIN_BLOCK_PX, GAIN_TRUSTED, GAIN_ROUNDS = 6, 0.4, 2
 OFFSET_RIDGE = 0.01
 # Added to denominators against division by zero for a black background, grey levels squared.
 NEGLIGIBLE = 1e-3
+# From this grey level on a pixel of a reduced copy counts as saturated. Its light is at least as bright as
+# seen, so it is not darker than the background.
+SATURATED = 250
 # Smallest gain: a darker frame counts as black and is not scaled up further.
 DARKEST_GAIN = 0.02
 CHANNELS = 3
@@ -81,7 +84,9 @@ class RelativeDifference:
         # OpenCV takes an array of four values as a scalar per channel.
         lit = cv2.multiply(work, np.append(1.0 / gain, 1.0), dtype=cv2.CV_32F)
         lit = cv2.subtract(lit, np.append(offset / gain, 0.0), dtype=cv2.CV_32F)
-        return np.asarray(cv2.subtract(cv2.multiply(lit, self._weight), self._relative), np.float32)
+        difference = np.asarray(cv2.subtract(cv2.multiply(lit, self._weight), self._relative), np.float32)
+        np.maximum(difference, np.float32(0.0), out=difference, where=work >= SATURATED)
+        return difference
 
     def light_of(self, work: Image) -> Light:
         """Return gain and offset per channel of a reduced copy against the background's light."""

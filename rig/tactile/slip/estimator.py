@@ -14,16 +14,16 @@ from calibration.gel.look import GelLook
 from drivers.clock import NS_PER_S
 from drivers.types import Image
 from rig.tactile.blas_threads import one_blas_thread
-from rig.tactile.contact.gate import ContactGate
+from rig.tactile.contact.gate import ContactGate, Region
+from rig.tactile.contact.gel_marks import LaterMarks, found_marks
 from rig.tactile.contact.relative import RelativeDifference, full_area, work_size
 from rig.tactile.sample import FreshFrameEstimator, SlipSample, State, Stopwatch
 from rig.tactile.settling import NEW_GRASP_NS
 from rig.tactile.slip.compiling import compile_all
-from rig.tactile.slip.gel_marks import found_marks
 from rig.tactile.slip.gradient import CalibratedSlopes, LearntGradientMap, learn_map
 from rig.tactile.slip.height import Field
 from rig.tactile.slip.kalman import MOST_RATE_RAD_S, RateFilter, unseen_variance
-from rig.tactile.slip.light import Lit
+from rig.tactile.slip.light import Light, Lit
 from rig.tactile.slip.parameters import ALIGNMENT, MOTION, SIGMA
 from rig.tactile.slip.tearing import Tearing
 from rig.tactile.slip.texture import Texture, fine_scale
@@ -31,6 +31,8 @@ from rig.tactile.slip.texture_stage import TextureStage
 from rig.tactile.slip.tracker import Seen, Tracked, Tracker
 
 NOISE_BLUR_PX = 0.7
+WEAK_SHARE = 0.5
+"""A contact that falls below this fraction of its largest strength times area may have ended."""
 ALONE_NOISE = 0.01
 """Share of `Fit.own_rad` that is noise of the angle when the slopes alone explain the frame."""
 MOST_NOISE_RAD = math.radians(0.3)
@@ -69,6 +71,7 @@ class SlipEstimator(FreshFrameEstimator):
         scale = fine_scale(background.shape, size)
         fine = scale * size[0], scale * size[1]
         marked = found_marks(background, fine)
+        self._marks, self._unclear, self._most = LaterMarks(marked), True, 0.0
         self._lit = Lit(RelativeDifference(background, size), marked)
         self._fine_lit = Lit(RelativeDifference(background, fine), marked)
         self._gate, self._tearing, self._filter = ContactGate(), Tearing(), RateFilter()
@@ -104,6 +107,8 @@ class SlipEstimator(FreshFrameEstimator):
         clean = np.asarray(cv2.merge(list(planes)), np.float32)
         difference = np.asarray(cv2.GaussianBlur(clean, (5, 5), NOISE_BLUR_PX), np.float32)
         region = self._gate.find(difference)
+        if self._only_marks(fine, work, light, region, time_ns):
+            region = None
         torn = self._tearing.update(region)
         watch.lap("contact")
         if region is None:
@@ -112,6 +117,7 @@ class SlipEstimator(FreshFrameEstimator):
         # Only frames without contact end a contact: the time between two frames may be as long.
         if self._gone and self._seen_ns is not None and time_ns - self._seen_ns > NEW_GRASP_NS:
             self._release(time_ns)
+        self._marks.touched()
         self._seen_ns, self._gone = time_ns, False
         pattern = difference
         if self._slopes is not None:
@@ -147,6 +153,30 @@ class SlipEstimator(FreshFrameEstimator):
             return replace(sample, state=State.UNOBSERVABLE)
         self._fitted_ns = time_ns
         return self._answer(sample, tracked, watch)
+
+    def _only_marks(
+        self, fine: Image, work: Image, light: Light, region: Region | None, time_ns: int
+    ) -> bool:
+        """Whether a frame shows no contact; search it for marks that came after the background.
+
+        Marks may look like a contact until they are filled. So the first frames are searched, and those of a
+        contact that has become much weaker, because the object may have left something on the gel.
+        """
+        volume = 0.0 if region is None else region.area_px * region.strength
+        self._most = max(self._most, volume) if region is not None else 0.0
+        self._unclear = self._unclear and region is not None
+        weak = volume < WEAK_SHARE * self._most or region is None
+        if not self._unclear and not (weak and self._marks.due(time_ns)):
+            return region is None
+        difference = self._fine_lit.unfilled(fine, light)
+        self._unclear = region is not None and self._marks.explain(difference, work.shape[1::-1])
+        if region is not None and not self._unclear:
+            return False
+        if self._marks.add(difference):
+            self._lit.fill(self._marks.marked)
+            self._fine_lit.fill(self._marks.marked)
+            self._texture.leave_out(self._marks.later)
+        return True
 
     def _give_up(self, time_ns: int) -> None:
         """Begin again if no keyframe has fitted for `give_up_s`."""

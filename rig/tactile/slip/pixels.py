@@ -95,12 +95,13 @@ def lit(
     begins: NDArray[np.int32],
     rims: NDArray[np.int32],
     fill: Field,
+    saturated: int,
     out: Field,
 ) -> None:
     """Compute the relative difference of a part of an image, with gel marks filled, into out.
 
     colours: of the part, (3, h, w). weight, relative: (3, H, W). marks, begins, rims, fill: see
-    `GelMarks.table`.
+    `GelMarks.table`. saturated: from this grey level on a pixel is not darker than the background.
     """
     height, width = out.shape[1], out.shape[2]
     for k in range(3):
@@ -114,7 +115,8 @@ def lit(
                 out[k, r],
             )
             for c in range(width):
-                into[c] = (np.float32(seen[c]) * by - less) * known[c] - usual[c]
+                off = (np.float32(seen[c]) * by - less) * known[c] - usual[c]
+                into[c] = max(off, np.float32(0.0)) if seen[c] >= saturated else off
     for m in range(marks.shape[1]):
         r, c = marks[0, m] - top, marks[1, m] - left
         if r < 0 or c < 0 or r >= height or c >= width:

@@ -36,6 +36,7 @@ class TextureStage:
     def __init__(self, lit: Lit, scale: int, size: tuple[int, int]) -> None:
         self._lit, self._scale, self._network = lit, scale, shipped_turning()
         self._counts = np.full(size[::-1], KEYFRAMES.least_count, np.float32)
+        self._clear = np.ones(size[::-1], np.float32)
         self._counts_ns = self._floor_ns = 0
         self._counts_pose: Pose | None = None
         self._floor: float | None = None
@@ -67,6 +68,7 @@ class TextureStage:
         if first or fresh or (idle and not settle and time_ns - self._counts_ns >= wait_s * NS_PER_S):
             self._look(difference, (left, top), contact_box(mask, NETWORK_PX), time_ns)
         counts = self._moved_counts(time_ns, contact, (left, top, width, height))
+        counts = counts * self._clear[top : top + height, left : left + width]
         tensor = tensor_of(difference, clean[within(box, clean.shape[:2])], self._scale)
         floor = self._floor
         if settle or floor is None:
@@ -75,6 +77,10 @@ class TextureStage:
         margins = left, top, self._counts.shape[1] - left - width, self._counts.shape[0] - top - height
         texture = structure(tensor, floor, np.ascontiguousarray(counts), margins, self._scale)
         return replace(texture, heavy=settle or self._counts_ns == time_ns)
+
+    def leave_out(self, marked: Image) -> None:
+        """Give no weight to texture at later marks, whose filling is no texture. marked: (h, w) mask."""
+        self._clear = np.asarray(cv2.dilate(marked, np.ones((3, 3), np.uint8)) == 0, np.float32)
 
     def placed(self, time_ns: int, contact: Contact | None) -> None:
         """Note where the object was when the network was run."""

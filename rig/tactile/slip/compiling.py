@@ -91,5 +91,5 @@ def _run_all() -> None:
         bank, facts, used, planes, planes, views, weights, scratch, np.zeros((1, 3)), 0.0, 1.0, 1.0, 1.0,
         2, 1, 3, np.zeros(RESULTS),
     )  # fmt: skip
-    kept(bank[0], facts[0], planes, planes, views, 0.1)
+    kept(bank[0, 0], facts[0], planes, views[0], 0.1)
     sought(bank[0, CURVED], facts[0], planes, views[0], np.zeros(3), 1, 0.1, 1, 1.0, 1)

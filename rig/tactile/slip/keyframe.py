@@ -38,6 +38,9 @@ COARSE = 2
 PARTS = 3
 # A keyframe's own loss of agreement is that of a rotation by this.
 PROBE_RAD = math.radians(10.0)
+# Weight of the texture beside the slopes in what a rotation changes: that of smooth balls, drawn and real, is
+# below 0.3, that of a thin line on a smooth bulge above.
+TEXTURE_COUNTS = 0.1
 _AROUND = np.ones((3, 3), np.uint8)
 Pixels = tuple[NDArray[np.intp], NDArray[np.intp]]
 
@@ -66,8 +69,7 @@ class Keyframe:
 
     rows: (3, ROWS, N), see `rig.tactile.slip.loops`; counted: number of points of each. center_px: of the
     points of the slopes. pixels: their rows and columns. unit: factor of the texture. richness: root energy
-    of the texture. own: what a rotation by `PROBE_RAD` takes from the agreement of the curvature, and of the
-    texture, with themselves.
+    of the texture. own: what a rotation by `PROBE_RAD` takes from the agreement of the curvature with itself.
     """
 
     source: Source
@@ -77,17 +79,25 @@ class Keyframe:
     pixels: Pixels
     unit: float
     richness: float
-    own: tuple[float, float] = (0.0, 0.0)
+    own: float = 0.0
 
     @property
     def distinct(self) -> float:
-        """What a rotation changes; near 0 for a smooth round contact."""
-        return sum(self.own)
+        """What a rotation by `PROBE_RAD` changes, as a fraction of the energy; near 0 for smooth round contacts.
+
+        From the information matrices, after elimination of all that is not the rotation, such as a shift. The
+        texture counts less, because the light of a bulge, which rests, is part of it.
+        """
+        slopes = _information(self.rows[SLOPES], self.counted[SLOPES], FIRST + 2, (6, 2))
+        return max(
+            slopes,
+            TEXTURE_COUNTS * _information(self.rows[TEXTURE], self.counted[TEXTURE], FIRST + 3, (3, 3)),
+        )
 
     def facts(self, share: float) -> NDArray[np.float64]:
         """Return the facts for the alignment, without a pose; share: weight among the keyframes."""
         place = share, self.center_px.real, self.center_px.imag, 0.0, 0.0, 0.0
-        return np.array([*place, *self.counted, self.unit, self.own[0]], np.float64)
+        return np.array([*place, *self.counted, self.unit, self.own], np.float64)
 
     def with_map(self, learnt: LearntGradientMap) -> "Keyframe":
         """Return this keyframe with slopes of another colour map."""
@@ -127,10 +137,18 @@ def _with_curvature(key: Keyframe, planes: Field, box: Box) -> Keyframe:
     points[X, : len(chosen)] = columns[chosen] + (left - key.center_px.real)
     points[Y, : len(chosen)] = rows[chosen] + (top - key.center_px.imag)
     points[FIRST, : len(chosen)] = values[chosen]
-    curved, texture = replace(key, counted=(*key.counted[:2], len(chosen))), key.source.texture
-    views = np.array([(1.0, -left, -top), texture.view])
-    own = kept(key.rows, curved.facts(1.0), planes, texture.planes, views, PROBE_RAD)
-    return replace(curved, own=own)
+    curved = replace(key, counted=(*key.counted[:2], len(chosen)))
+    view = np.array([1.0, -left, -top])
+    return replace(curved, own=kept(points, curved.facts(1.0), planes, view, PROBE_RAD))
+
+
+def _information(rows: Field, count: int, first: int, shape: tuple[int, int]) -> float:
+    """Return the information about the rotation in a channel's Jacobian, of a shape, from its first row on."""
+    jacobian = rows[first : first + shape[0] * shape[1], :count].astype(np.float64).reshape(shape[0], -1)
+    matrix = jacobian @ jacobian.T
+    other = matrix[1:, 1:] + np.eye(shape[0] - 1) * (1e-9 * np.trace(matrix) + 1e-20)
+    about = matrix[0, 0] - matrix[0, 1:] @ np.linalg.solve(other, matrix[1:, 0])
+    return float(about / (rows[SQUARE, :count].sum() + 1e-20) * PROBE_RAD**2 / 2.0)
 
 
 def _spread(count: int) -> NDArray[np.intp]:

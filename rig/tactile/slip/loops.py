@@ -126,32 +126,18 @@ def _agreement(
 
 
 @compiled
-def kept(
-    rows: Values, facts: Sums, slopes: Values, texture: Values, views: Sums, turn: float
-) -> tuple[float, float]:
-    """Return what a turn to either side takes from the cosines of curvature and texture with themselves."""
-    values, cosines = np.empty((3, MOST_POINTS), np.float32), np.zeros(3)
-    for side in range(4):
-        channel, angle = TEXTURE + side // 2, turn * (2 * (side % 2) - 1)
-        x, y, key, count = 0.0, 0.0, rows[channel], int(facts[COUNTED + channel])
-        for i in range(count):
-            x += key[X, i] / count
-            y += key[Y, i] / count
+def kept(curved: Values, facts: Sums, slopes: Values, view: Sums, turn: float) -> float:
+    """Return what a turn to either side takes from the cosine of the curvature with itself."""
+    cosine, x, y, count = 0.0, 0.0, 0.0, int(facts[COUNTED + CURVED])
+    for i in range(count):
+        x += curved[X, i] / count
+        y += curved[Y, i] / count
+    for angle in (turn, -turn):
         # Their middle does not move.
         at_x = facts[MIDDLE_X] + x - (x * math.cos(angle) + y * math.sin(angle))
         at_y = facts[MIDDLE_Y] + y - (y * math.cos(angle) - x * math.sin(angle))
-        if channel == CURVED:
-            cosines[channel] += _agreement(key, slopes[3], views[SLOPES], at_x, at_y, angle, count)
-            continue
-        _read(key, texture, views[TEXTURE], at_x, at_y, angle, 2, facts[UNIT], count, values)
-        product, power, energy = 0.0, 1e-20, 1e-20
-        for i in range(count):
-            for c in range(3):
-                product += values[c, i] * key[FIRST + c, i]
-                power += values[c, i] ** 2
-            energy += key[SQUARE, i]
-        cosines[channel] += product / math.sqrt(power * energy)
-    return 1.0 - cosines[CURVED] / 2.0, 1.0 - cosines[TEXTURE] / 2.0
+        cosine += _agreement(curved, slopes[3], view, at_x, at_y, angle, count)
+    return 1.0 - cosine / 2.0
 
 
 @compiled

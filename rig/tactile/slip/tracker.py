@@ -244,7 +244,7 @@ class Contact:
         key = make_keyframe(source, self._map)
         if key is None:
             return
-        if not alone:
+        if self._settling.settled and not alone:
             poses = self._closed(source, poses)
         if key.richness > self.richest.richness:
             self._pending.append(partial(self._learn_again, source))
@@ -340,7 +340,8 @@ class Contact:
         aligner.view_texture(texture)
         joint = self._jointly(seen, start, alone, busy or texture.heavy)
         self._read_further(joint, start, seen.time_s)
-        if seen.time_s - self._time_s > GAP_S:
+        angles = [reading.pose.angle_rad for reading in self._readings]
+        if seen.time_s - self._time_s > GAP_S or max(angles) - min(angles) > math.radians(1.5):
             joint = self._with_others(joint, start)
         if alone is not None:
             aligner.read_as(self._readings[0], start.angle_rad)

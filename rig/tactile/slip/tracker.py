@@ -223,7 +223,7 @@ class Contact:
         reading that has turned furthest since the contact settled is the answer.
         """
         angles = [reading.pose.angle_rad for reading in self._readings]
-        if not fit.alone:
+        if self._settling.settled and not fit.alone:
             furthest = max(angles, key=lambda angle: abs(angle - self._zero_rad))
             fit = replace(fit, pose=Pose(furthest, fit.pose.point_px))
         self._worst_loss = max(self._worst_loss, fit.loss)

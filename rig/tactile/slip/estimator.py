@@ -149,7 +149,7 @@ class SlipEstimator(FreshFrameEstimator):
         if tracked is None or (not tracked.fit.alone and tracked.fit.score < ALIGNMENT.least_score):
             self._give_up(time_ns)
             return sample
-        if tracked.distinct < SIGMA.least_distinct:
+        if tracked.richest is not None and tracked.richest.distinct < SIGMA.least_distinct:
             return replace(sample, state=State.UNOBSERVABLE)
         self._fitted_ns = time_ns
         return self._answer(sample, tracked, watch)
@@ -204,6 +204,7 @@ class SlipEstimator(FreshFrameEstimator):
             + (SIGMA.worst_loss_rad * tracked.worst_loss) ** 2
             + (SIGMA.worst_spread * tracked.worst_spread_rad) ** 2
             + (SIGMA.turned * tracked.turned_rad) ** 2
+            + (0.0 if tracked.richest is None else SIGMA.indistinct_rad / tracked.richest.own) ** 2
         )
         variance = evidence + SIGMA.least_rad**2 + (wanted - angle) ** 2 + self._unseen
         if not tracked.added and last is not None:

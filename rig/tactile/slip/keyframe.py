@@ -70,6 +70,8 @@ class Keyframe:
     rows: (3, ROWS, N), see `rig.tactile.slip.loops`; counted: number of points of each. center_px: of the
     points of the slopes. pixels: their rows and columns. unit: factor of the texture. richness: root energy
     of the texture. own: what a rotation by `PROBE_RAD` takes from the agreement of the curvature with itself.
+    distinct: what it changes in slopes and texture, as a fraction of their energy; near 0 for smooth round
+    contacts.
     """
 
     source: Source
@@ -80,19 +82,7 @@ class Keyframe:
     unit: float
     richness: float
     own: float = 0.0
-
-    @property
-    def distinct(self) -> float:
-        """What a rotation by `PROBE_RAD` changes, as a fraction of the energy; near 0 for smooth round contacts.
-
-        From the information matrices, after elimination of all that is not the rotation, such as a shift. The
-        texture counts less, because the light of a bulge, which rests, is part of it.
-        """
-        slopes = _information(self.rows[SLOPES], self.counted[SLOPES], FIRST + 2, (6, 2))
-        return max(
-            slopes,
-            TEXTURE_COUNTS * _information(self.rows[TEXTURE], self.counted[TEXTURE], FIRST + 3, (3, 3)),
-        )
+    distinct: float = 0.0
 
     def facts(self, share: float) -> NDArray[np.float64]:
         """Return the facts for the alignment, without a pose; share: weight among the keyframes."""
@@ -138,12 +128,18 @@ def _with_curvature(key: Keyframe, planes: Field, box: Box) -> Keyframe:
     points[Y, : len(chosen)] = rows[chosen] + (top - key.center_px.imag)
     points[FIRST, : len(chosen)] = values[chosen]
     curved = replace(key, counted=(*key.counted[:2], len(chosen)))
-    view = np.array([1.0, -left, -top])
-    return replace(curved, own=kept(points, curved.facts(1.0), planes, view, PROBE_RAD))
+    own = kept(points, curved.facts(1.0), planes, np.array([1.0, -left, -top]), PROBE_RAD)
+    # The texture counts less, because the light of a bulge, which rests, is part of it.
+    slopes = _information(key.rows[SLOPES], key.counted[SLOPES], FIRST + 2, (6, 2))
+    texture = TEXTURE_COUNTS * _information(key.rows[TEXTURE], key.counted[TEXTURE], FIRST + 3, (3, 3))
+    return replace(curved, own=own, distinct=max(slopes, texture))
 
 
 def _information(rows: Field, count: int, first: int, shape: tuple[int, int]) -> float:
-    """Return the information about the rotation in a channel's Jacobian, of a shape, from its first row on."""
+    """Return what a rotation changes in a channel, after elimination of all else, such as a shift.
+
+    first, shape: first row of the channel's Jacobian, and its number of parameters and of components.
+    """
     jacobian = rows[first : first + shape[0] * shape[1], :count].astype(np.float64).reshape(shape[0], -1)
     matrix = jacobian @ jacobian.T
     other = matrix[1:, 1:] + np.eye(shape[0] - 1) * (1e-9 * np.trace(matrix) + 1e-20)

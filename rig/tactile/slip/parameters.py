@@ -106,15 +106,16 @@ class Sigma:
     """Standard deviation of the angle.
 
     loss_rad, worst_loss_rad: per loss of agreement of the curvature, present and largest so far.
-    worst_spread: per largest difference between the readings so far. turned: per rotation. least_rad: in any
-    case. least_distinct: a contact that a rotation changes less is unobservable. pace_s: time over which
-    sigma follows.
+    worst_spread: per largest difference between the readings so far. turned: per rotation. indistinct_rad:
+    divided by what a turn changes in the curvature. least_rad: in any case. least_distinct: a contact that a
+    rotation changes less is unobservable. pace_s: time over which sigma follows.
     """
 
     loss_rad: float
     worst_loss_rad: float
     worst_spread: float
     turned: float
+    indistinct_rad: float
     least_rad: float
     least_distinct: float
     pace_s: float

@@ -79,7 +79,7 @@ class Tracked:
 
     worst_loss, worst_spread_rad: largest loss of agreement, and largest difference between the readings,
     since the contact began. turned_rad: rotation since the contact settled. added: whether a keyframe was
-    added. distinct: see `Keyframe.distinct`, of the richest keyframe.
+    added. richest: the keyframe with the most texture, None in the first frame.
     """
 
     fit: Fit
@@ -87,7 +87,7 @@ class Tracked:
     worst_spread_rad: float
     turned_rad: float
     added: bool
-    distinct: float
+    richest: Keyframe | None
 
 
 class Tracker:
@@ -140,7 +140,7 @@ class Touch:
     @property
     def tracked(self) -> Tracked:
         """The fit of the frame, at the pose of the touch."""
-        return Tracked(Fit(self.pose, 1.0, 0.0, 1.0, 0.0, 1.0, True), 0.0, 0.0, 0.0, True, math.inf)
+        return Tracked(Fit(self.pose, 1.0, 0.0, 1.0, 0.0, 1.0, True), 0.0, 0.0, 0.0, True, None)
 
 
 class Contact:
@@ -229,8 +229,7 @@ class Contact:
         self._worst_loss = max(self._worst_loss, fit.loss)
         self._worst_spread_rad = max(self._worst_spread_rad, max(angles) - min(angles))
         turned = fit.angle_rad - self._zero_rad
-        distinct = self.richest.distinct
-        return Tracked(fit, self._worst_loss, self._worst_spread_rad, turned, self._added, distinct)
+        return Tracked(fit, self._worst_loss, self._worst_spread_rad, turned, self._added, self.richest)
 
     def _settle(self) -> None:
         """Count rotations from here, with a keyframe and one pose for all readings."""

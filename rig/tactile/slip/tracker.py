@@ -163,6 +163,7 @@ class Contact:
         self._usual_score, self._checked, self._looked_s = 1.0, 0, 0.0
         self._texture_leads, self._led, self.disagrees = False, 0, False
         self._joint: Pose | None = None
+        self._alone: Fit | None = None
         self._aligned: list[Reading] = []
         self._forced, self._added = False, True
         self._worst_loss = self._worst_spread_rad = 0.0
@@ -226,6 +227,8 @@ class Contact:
         if self._settling.settled and not fit.alone:
             furthest = max(angles, key=lambda angle: abs(angle - self._zero_rad))
             fit = replace(fit, pose=Pose(furthest, fit.pose.point_px))
+        if self._alone is not None:
+            angles.append(self._alone.angle_rad)
         self._worst_loss = max(self._worst_loss, fit.loss)
         self._worst_spread_rad = max(self._worst_spread_rad, max(angles) - min(angles))
         turned = fit.angle_rad - self._zero_rad
@@ -331,6 +334,7 @@ class Contact:
         alone = aligner.alone(start) if self._led % AFTER_LEADING == 0 else None
         if alone is not None and not self._explains(alone, start, seen.time_s):
             alone = None
+        self._alone = alone
         if alone is not None and not self._texture_leads:
             if busy or seen.time_s - self._looked_s < ALIGNMENT.look_s:
                 return alone, False

@@ -45,11 +45,12 @@ class Alignment:
     score_of_loss: weight of the loss in the rank. aside_rad: distance of further starts. least_score,
     give_up_s: a joint fit below is none; the contact begins again after this time without one. network_s,
     look_s: period of the network, and of the texture while the slopes lead. steep_share: slopes above this
-    fraction of the root mean square get less weight. plain_fit: correlation of the slopes from which on they
-    explain the frame alone. more_score, rests_rad: the rank of the joint fit must exceed that of the slopes
-    by this; nearer to a keyframe it keeps its own pose. most_prior, count_power: prior weight of slopes at
-    turning texture. noise_own: noise of a joint angle. iterations: most steps. closing_rank, closing_gain: a
-    direct alignment to an old keyframe corrects the pose if its rank is as high, and higher than at the pose.
+    fraction of the root mean square get less weight. plain_fit, growing_fit: correlation of the slopes from
+    which on they explain the frame alone, of a settled contact and of one that grows. more_score, rests_rad:
+    the rank of the joint fit must exceed that of the slopes by this; nearer to a keyframe it keeps its own
+    pose. most_prior, count_power: prior weight of slopes at turning texture. noise_own: noise of a joint
+    angle. iterations: most steps. closing_rank, closing_gain: a direct alignment to an old keyframe corrects
+    the pose if its rank is as high, and higher than at the pose.
     """
 
     slopes_share: float
@@ -67,6 +68,7 @@ class Alignment:
     network_s: float
     steep_share: float
     plain_fit: float
+    growing_fit: float
     look_s: float
     more_score: float
     rests_rad: float

@@ -361,7 +361,8 @@ class Contact:
 
     def _explains(self, alone: Fit, expected: Pose, time_s: float) -> bool:
         near = abs(alone.angle_rad - expected.angle_rad) < self._reach_rad(time_s)
-        return alone.best >= ALIGNMENT.plain_fit and near
+        least = ALIGNMENT.plain_fit if self._settling.settled else ALIGNMENT.growing_fit
+        return alone.best >= least and near
 
     def _read_further(self, joint: Fit, expected: Pose, time_s: float) -> None:
         """Align in the other readings, from their own pose and from the first reading's rotation."""

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from calibration.gel.look import GelLook
 from fakes.studio.turning_frames import FRAMES_PER_FACE, TURN_DEG, TurningFrame, turning_frames
 from rig.experiments.process_pool import run_tasks
-from rig.tactile.contact.relative import DARK_OFFSET, RelativeDifference, work_size
 from rig.tactile.contact.gel_marks import GelMarks, found_marks
+from rig.tactile.contact.relative import DARK_OFFSET, RelativeDifference, work_size
 from rig.tactile.slip.height import Field
 from rig.tactile.slip.texture import FINENESS, structure_of
 from rig.tactile.slip.turning import SHARE_PX

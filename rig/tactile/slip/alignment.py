@@ -54,15 +54,13 @@ class Pose(NamedTuple):
 class Fit:
     """A pose, and how well the keyframes fit there.
 
-    score: mean of -log(1 - correlation^2) / 2, summed over the channels. own_rad: one standard deviation of
-    the angle if the contact had one independent point. best: highest correlation of the slopes. loss: what
-    the curvature of the frame lacks in agreement with the richest keyframe, in units of what a rotation by 10
-    degrees would take. rank: score less this lack. alone: whether from the slopes alone.
+    score: mean of -log(1 - correlation^2) / 2, summed over the channels. best: highest correlation of the
+    slopes. loss: what the curvature of the frame lacks in agreement with the richest keyframe, in units of
+    what a rotation by 10 degrees would take. rank: score less this lack. alone: whether from slopes alone.
     """
 
     pose: Pose
     score: float
-    own_rad: float
     best: float
     loss: float
     rank: float
@@ -209,5 +207,5 @@ class Aligner:
         )  # fmt: skip
 
     def _fit(self, alone: bool = False) -> Fit:
-        angle, x, y, score, own_rad, best, loss, rank = self._out.tolist()
-        return Fit(Pose(angle, complex(x, y)), score, own_rad, best, loss, rank, alone)
+        angle, x, y, *rest = self._out.tolist()
+        return Fit(Pose(angle, complex(x, y)), *rest, alone)

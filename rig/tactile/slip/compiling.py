@@ -9,28 +9,11 @@ from numba.core.event import Listener, install_listener
 from drivers.progress import begin_work, count_steps
 from rig.tactile.slip.compiled import is_cached, loops
 from rig.tactile.slip.loops import (
-    CURVED,
-    FACTS,
-    MOST_KEYS,
-    MOST_POINTS,
-    RESULTS,
-    ROWS,
-    SCRATCH,
-    align,
-    kept,
-    sought,
-    weigh,
-)
+    CURVED, FACTS, MOST_KEYS, MOST_POINTS, RESULTS, ROWS, SCRATCH, align, kept, sought, weigh,
+)  # fmt: skip
 from rig.tactile.slip.pixels import (
-    beyond_noise,
-    divergence,
-    fit_light,
-    lit,
-    slopes_in,
-    strongest_energy,
-    summed_tensor,
-    without_broad,
-)
+    beyond_noise, divergence, fit_light, lit, slopes_in, strongest_energy, summed_tensor, without_broad,
+)  # fmt: skip
 
 COMPILING_S = 25
 """Duration of the compilation, s; 25 and 29 s of CPU time on a loaded host, with an empty NUMBA_CACHE_DIR."""

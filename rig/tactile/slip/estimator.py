@@ -22,21 +22,20 @@ from rig.tactile.settling import NEW_GRASP_NS
 from rig.tactile.slip.compiling import compile_all
 from rig.tactile.slip.gradient import CalibratedSlopes, LearntGradientMap, learn_map
 from rig.tactile.slip.height import Field
-from rig.tactile.slip.kalman import MOST_RATE_RAD_S, RateFilter, unseen_variance
 from rig.tactile.slip.light import Light, Lit
 from rig.tactile.slip.parameters import ALIGNMENT, MOTION, SIGMA
 from rig.tactile.slip.tearing import Tearing
 from rig.tactile.slip.texture import Texture, fine_scale
 from rig.tactile.slip.texture_stage import TextureStage
-from rig.tactile.slip.tracker import Seen, Tracked, Tracker
+from rig.tactile.slip.tracker import MOST_RATE_RAD_S, Seen, Tracked, Tracker
 
 NOISE_BLUR_PX = 0.7
 WEAK_SHARE = 0.5
 """A contact that falls below this fraction of its largest strength times area may have ended."""
-ALONE_NOISE = 0.01
-"""Share of `Fit.own_rad` that is noise of the angle when the slopes alone explain the frame."""
-MOST_NOISE_RAD = math.radians(0.3)
-"""Largest noise that the filter averages over: a larger one would delay the angle."""
+LEAST_OWN = 1e-3
+"""Smallest `Keyframe.own` for sigma."""
+ANY_TURN_RAD = math.pi / math.sqrt(12.0)
+"""Largest standard deviation: all angles within a half turn to either side are equally likely."""
 
 
 def _learnt_alone(difference: Field, mask: Image) -> LearntGradientMap | None:
@@ -54,7 +53,7 @@ class SlipEstimator(FreshFrameEstimator):
     None to learn the map from each contact.
     """
 
-    stages = ("contact", "texture", "alignment", "filter")
+    stages = ("contact", "texture", "alignment", "answer")
 
     def __init__(
         self,
@@ -74,7 +73,7 @@ class SlipEstimator(FreshFrameEstimator):
         self._marks, self._unclear, self._most = LaterMarks(marked), True, 0.0
         self._lit = Lit(RelativeDifference(background, size), marked)
         self._fine_lit = Lit(RelativeDifference(background, fine), marked)
-        self._gate, self._tearing, self._filter = ContactGate(), Tearing(), RateFilter()
+        self._gate, self._tearing = ContactGate(), Tearing()
         self._slopes = None if look is None else CalibratedSlopes(look, background, size)
         self._tracker = Tracker(_learnt_alone if self._slopes is None else self._slopes.map)
         self._texture = TextureStage(self._fine_lit, scale, fine)
@@ -84,7 +83,7 @@ class SlipEstimator(FreshFrameEstimator):
         self._gone = False
         self._angle_rad: float | None = None
         self._fitted_ns = self._answered_ns = 0
-        self._variance = self._unseen = 0.0
+        self._variance = self._unseen = self._rate_rad_s = 0.0
         self._origin_px: complex | None = None
 
     def gripped_further(self) -> None:
@@ -187,25 +186,27 @@ class SlipEstimator(FreshFrameEstimator):
         """Forget the contact. The rotation until the next one is not observed."""
         if self._angle_rad is not None:
             elapsed_s = (time_ns - self._fitted_ns) / NS_PER_S
-            self._unseen = self._variance + unseen_variance(self._filter.rate_rad_s, elapsed_s)
+            # The object may have stopped or continued, and accelerated.
+            speed = abs(self._rate_rad_s) + 0.5 * MOTION.acceleration_rad_s2 * elapsed_s
+            self._unseen = self._variance + min(speed * elapsed_s, ANY_TURN_RAD) ** 2
         self._tracker.release()
-        self._filter.restart()
+        self._rate_rad_s = 0.0
 
     def _answer(self, sample: SlipSample, tracked: Tracked, watch: Stopwatch) -> SlipSample:
-        """Return the sample with the filtered angle, its rate and sigma."""
-        fit, time_s, last = tracked.fit, sample.time_ns / NS_PER_S, self._angle_rad
-        share = ALONE_NOISE if fit.alone else ALIGNMENT.noise_own
-        wanted = self._filter.update(time_s, fit.angle_rad, min(share * fit.own_rad, MOST_NOISE_RAD))
+        """Return the sample with the angle, its rate and sigma."""
+        fit, last, wanted = tracked.fit, self._angle_rad, tracked.fit.angle_rad
         elapsed_s = (sample.time_ns - self._answered_ns) / NS_PER_S
         most = MOST_RATE_RAD_S * elapsed_s
         angle = wanted if last is None else min(max(wanted, last - most), last + most)
+        own = 1.0 if tracked.richest is None else max(tracked.richest.own, LEAST_OWN)
         evidence = (
             (SIGMA.loss_rad * fit.loss) ** 2
             + (SIGMA.worst_loss_rad * tracked.worst_loss) ** 2
             + (SIGMA.worst_spread * tracked.worst_spread_rad) ** 2
             + (SIGMA.turned * tracked.turned_rad) ** 2
-            + (0.0 if tracked.richest is None else SIGMA.indistinct_rad / tracked.richest.own) ** 2
+            + (SIGMA.indistinct_rad / own) ** 2
         )
+        self._rate_rad_s = tracked.rate_rad_s
         variance = evidence + SIGMA.least_rad**2 + (wanted - angle) ** 2 + self._unseen
         if not tracked.added and last is not None:
             variance += math.exp(-elapsed_s / SIGMA.pace_s) * (self._variance - variance)
@@ -214,14 +215,14 @@ class SlipEstimator(FreshFrameEstimator):
         if self._origin_px is None and self._tracker.contact is not None:
             self._origin_px = fit.pose.point_px
         shift = 0j if self._origin_px is None else fit.pose.point_px - self._origin_px
-        watch.lap("filter")
+        watch.lap("answer")
         return replace(
             sample,
             state=State.REKEYED if tracked.added and last is not None else State.TRACKING,
             angle_deg=math.degrees(angle),
             sigma_deg=math.degrees(math.sqrt(variance)),
             unseen_deg=math.degrees(math.sqrt(min(self._unseen, variance))),
-            rate_deg_s=math.degrees(self._filter.rate_rad_s),
+            rate_deg_s=math.degrees(self._rate_rad_s),
             shift_px=(shift.real * self._px_per_work[0], shift.imag * self._px_per_work[1]),
         )
 

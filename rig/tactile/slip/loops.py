@@ -39,7 +39,7 @@ LEAST_MISFIT, LEAST_GAIN, MOST_GAIN = 0.02, 0.3, 2.0
 LEAST_UNEXPLAINED = 0.1
 # Result of an alignment: angle, point, score, standard deviation for one independent point, best correlation
 # of the slopes, loss of the richest keyframe, rank.
-ANGLE_AT, SCORE, OWN_RAD, BEST, LOSS, RANK, RESULTS = 0, 3, 4, 5, 6, 7, 8
+ANGLE_AT, SCORE, BEST, LOSS, RANK, RESULTS = 0, 3, 4, 5, 6, 7
 # The cosine is not known better than this.
 LEAST_LOSS = 0.01
 # Rows of scratch memory per channel: robust weights, and these times the derivatives.
@@ -48,17 +48,9 @@ SCRATCH = 13
 
 @compiled
 def _read(
-    key: Values,
-    planes: Values,
-    view: Sums,
-    x: float,
-    y: float,
-    angle: float,
-    turns: int,
-    unit: float,
-    count: int,
-    values: Values,
-) -> None:
+    key: Values, planes: Values, view: Sums, x: float, y: float, angle: float, turns: int, unit: float,
+    count: int, values: Values,
+) -> None:  # fmt: skip
     """Read planes (3, h, w) at a keyframe's points, moved, vectors turned back, into values; 0 outside."""
     scale = view[0]
     cosine, sine = np.float32(math.cos(angle) * scale), np.float32(math.sin(angle) * scale)
@@ -142,17 +134,9 @@ def kept(curved: Values, facts: Sums, slopes: Values, view: Sums, turn: float) -
 
 @compiled
 def sought(
-    key: Values,
-    facts: Sums,
-    slopes: Values,
-    view: Sums,
-    pose: Sums,
-    part: int,
-    turn_rad: float,
-    turns: int,
-    step_px: float,
-    steps: int,
-) -> tuple[float, float, float]:
+    key: Values, facts: Sums, slopes: Values, view: Sums, pose: Sums, part: int, turn_rad: float,
+    turns: int, step_px: float, steps: int,
+) -> tuple[float, float, float]:  # fmt: skip
     """Return angle and point at which the curvature of a frame agrees best, on a grid around a pose."""
     count, x, y = (int(facts[COUNTED + CURVED]) + part - 1) // part, 0.0, 0.0
     for i in range(count):
@@ -181,16 +165,9 @@ def sought(
 
 @compiled
 def weigh(
-    bank: Values,
-    facts: Sums,
-    used: NDArray[np.int64],
-    slopes: Values,
-    texture: Values,
-    views: Sums,
-    rest_share: float,
-    noise_share: float,
-    weights: Values,
-) -> None:
+    bank: Values, facts: Sums, used: NDArray[np.int64], slopes: Values, texture: Values, views: Sums,
+    rest_share: float, noise_share: float, weights: Values,
+) -> None:  # fmt: skip
     """Compute the weights of points (K, 2, N): those that fit as if nothing had moved may be the gel's."""
     values = np.empty((3, MOST_POINTS), np.float32)
     share = np.float32(rest_share)
@@ -200,17 +177,9 @@ def weigh(
             unit = facts[k, UNIT] if channel else 1.0
             planes = texture if channel else slopes
             _read(
-                key,
-                planes,
-                views[channel],
-                facts[k, MIDDLE_X],
-                facts[k, MIDDLE_Y],
-                0.0,
-                1 + channel,
-                unit,
-                count,
-                values,
-            )
+                key, planes, views[channel], facts[k, MIDDLE_X], facts[k, MIDDLE_Y], 0.0, 1 + channel, unit,
+                count, values,
+            )  # fmt: skip
             mean, out = np.float32(0.0), weights[k, channel]
             for i in range(count):
                 mean += key[SQUARE, i]
@@ -230,19 +199,9 @@ def weigh(
 
 @compiled
 def _equations(
-    key: Values,
-    channel: int,
-    weights: Values,
-    scratch: Values,
-    offset: Sums,
-    values: Values,
-    count: int,
-    total: float,
-    energy: float,
-    renew: bool,
-    matrix: Sums,
-    pulls: Sums,
-) -> tuple[float | np.float32, float | np.float32]:
+    key: Values, channel: int, weights: Values, scratch: Values, offset: Sums, values: Values, count: int,
+    total: float, energy: float, renew: bool, matrix: Sums, pulls: Sums,
+) -> tuple[float | np.float32, float | np.float32]:  # fmt: skip
     """Compute pulls (P,), and robust weights, normal matrix and offset if `renew`.
 
     Return what the matrix is weighted by, and the correlation of the frame with the template.
@@ -325,29 +284,22 @@ def _eliminate(matrix: Sums, pulls: Sums) -> None:
 
 
 @compiled
-def _solved(matrix: Sums, pulls: Sums, loose: float) -> tuple[float, float, float, float]:
-    """Solve three symmetric equations in turn and point; return also the information on the turn alone."""
-    a, b, c = matrix[1, 1] + loose, matrix[1, 2], matrix[2, 2] + loose
+def _solved(matrix: Sums, pulls: Sums) -> tuple[float, float, float]:
+    """Solve three symmetric equations in turn and point."""
+    a, b, c = matrix[1, 1], matrix[1, 2], matrix[2, 2]
     p, q, determinant = matrix[0, 1], matrix[0, 2], a * c - b * b + 1e-12
     left = matrix[0, 0] - (p * (c * p - b * q) + q * (a * q - b * p)) / determinant
     pull = pulls[0] - (p * (c * pulls[1] - b * pulls[2]) + q * (a * pulls[2] - b * pulls[1])) / determinant
     turn = pull / (left + 1e-9)
     right, down = pulls[1] - p * turn, pulls[2] - q * turn
-    return turn, (c * right - b * down) / determinant, (a * down - b * right) / determinant, left
+    return turn, (c * right - b * down) / determinant, (a * down - b * right) / determinant
 
 
 @compiled
 def _add(
-    matrix: Sums,
-    pulls: Sums,
-    share: float,
-    cosine: float,
-    sine: float,
-    x: float,
-    y: float,
-    normal: Sums,
+    matrix: Sums, pulls: Sums, share: float, cosine: float, sine: float, x: float, y: float, normal: Sums,
     pulled: Sums,
-) -> None:
+) -> None:  # fmt: skip
     """Add equations in rotation and shift of a keyframe to those in angle and point, `normal` and `pulled`.
 
     x, y: the lever.
@@ -370,24 +322,10 @@ def _add(
 
 @compiled
 def _align(
-    bank: Values,
-    facts: Sums,
-    used: NDArray[np.int64],
-    slopes: Values,
-    texture: Values,
-    views: Sums,
-    weights: Values,
-    scratch: Values,
-    start: Sums,
-    expected_rad: float,
-    prior: float,
-    slopes_share: float,
-    score_of_loss: float,
-    channels: int,
-    most: int,
-    part: int,
-    out: Sums,
-) -> None:
+    bank: Values, facts: Sums, used: NDArray[np.int64], slopes: Values, texture: Values, views: Sums,
+    weights: Values, scratch: Values, start: Sums, expected_rad: float, prior: float, slopes_share: float,
+    score_of_loss: float, channels: int, most: int, part: int, out: Sums,
+) -> None:  # fmt: skip
     """Align a frame to keyframes jointly, from the start (angle, point), with one part of the points."""
     angle, x, y = start[0], start[1], start[2]
     values, sums = np.empty((3, MOST_POINTS), np.float32), np.empty((MOST_KEYS, 2, 2))
@@ -419,19 +357,9 @@ def _align(
                 planes, unit = texture if channel else slopes, facts[k, UNIT] if channel else 1.0
                 _read(key, planes, views[channel], at_x, at_y, turn, 1 + channel, unit, count, values)
                 share, fits[k, channel] = _equations(
-                    key,
-                    channel,
-                    row,
-                    scratch[k, channel],
-                    offsets[k, channel],
-                    values,
-                    count,
-                    sums[k, channel, 0],
-                    sums[k, channel, 1],
-                    renew,
-                    matrix,
-                    pulls,
-                )
+                    key, channel, row, scratch[k, channel], offsets[k, channel], values, count,
+                    sums[k, channel, 0], sums[k, channel, 1], renew, matrix, pulls,
+                )  # fmt: skip
                 if channel == 0:
                     if last and channels == 1:
                         fits[k, 0] = _trimmed(key, scratch[k, 0, 0], values, count)
@@ -445,21 +373,14 @@ def _align(
                 for a in range(3):
                     pulls[a] *= weight
                 _add(
-                    matrix,
-                    pulls,
-                    weight * share,
-                    cosine,
-                    sine,
-                    facts[k, LEVER_X],
-                    facts[k, LEVER_Y],
-                    normal,
-                    pulled,
-                )
+                    matrix, pulls, weight * share, cosine, sine, facts[k, LEVER_X], facts[k, LEVER_Y],
+                    normal, pulled,
+                )  # fmt: skip
         normal[0, 0] += prior
         pulled[0] += prior * (expected_rad - angle)
         if last:
             break
-        step = _solved(normal, pulled, 0.0)
+        step = _solved(normal, pulled)
         turned = min(max(step[0], -MOST_TURN_STEP_RAD), MOST_TURN_STEP_RAD)
         right, down = (
             min(max(step[1], -MOST_STEP_PX), MOST_STEP_PX),
@@ -484,32 +405,16 @@ def _align(
         lacks += weight * lack
         if k == used[0]:
             out[LOSS] = max(lack, LEAST_LOSS) / max(facts[k, OWN], LEAST_LOSS)
-    left = _solved(normal, pulled, 1e-6)[3]
     out[ANGLE_AT], out[1], out[2], out[SCORE], out[BEST] = angle, x, y, score / heavy, best
-    out[OWN_RAD] = 1.0 / math.sqrt(max(left, 1e-9))
     out[RANK] = (score - score_of_loss * lacks) / heavy
 
 
 @compiled
 def align(
-    bank: Values,
-    facts: Sums,
-    used: NDArray[np.int64],
-    slopes: Values,
-    texture: Values,
-    views: Sums,
-    weights: Values,
-    scratch: Values,
-    starts: Sums,
-    expected_rad: float,
-    prior: float,
-    slopes_share: float,
-    score_of_loss: float,
-    channels: int,
-    most: int,
-    part: int,
-    out: Sums,
-) -> float:
+    bank: Values, facts: Sums, used: NDArray[np.int64], slopes: Values, texture: Values, views: Sums,
+    weights: Values, scratch: Values, starts: Sums, expected_rad: float, prior: float, slopes_share: float,
+    score_of_loss: float, channels: int, most: int, part: int, out: Sums,
+) -> float:  # fmt: skip
     """Align a frame to keyframes jointly, from several starts (S, 3); `out` gets the result of highest rank.
 
     The rank is the score less what the curvature of the frame lacks in agreement, times `score_of_loss`.
@@ -522,24 +427,9 @@ def align(
     out[RANK], first = -1e9, 0.0
     for s in range(len(starts)):
         _align(
-            bank,
-            facts,
-            used,
-            slopes,
-            texture,
-            views,
-            weights,
-            scratch,
-            starts[s],
-            expected_rad,
-            prior,
-            slopes_share,
-            score_of_loss,
-            channels,
-            most,
-            part,
-            found,
-        )
+            bank, facts, used, slopes, texture, views, weights, scratch, starts[s], expected_rad, prior,
+            slopes_share, score_of_loss, channels, most, part, found,
+        )  # fmt: skip
         if s == 0:
             first = found[RANK]
         if found[RANK] > out[RANK]:

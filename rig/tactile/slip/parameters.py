@@ -12,21 +12,12 @@ Values = dict[str, dict[str, float]]
 
 @dataclass(slots=True)
 class Motion:
-    """Filter of the angle, and prediction of the pose.
+    """Prediction of the pose.
 
-    The filter (`rig.tactile.slip.kalman`): density of the white acceleration in motion and at rest, time to
-    calm down, innovation in standard deviations that shows a manoeuvre, factor and least value of the noise,
-    standard deviation of the first rate. Prediction: longest extrapolation horizon_s, acceleration of
-    rotations that are not observed, largest shift per frame, time over which the rate is averaged.
+    horizon_s: longest extrapolation. acceleration_rad_s2: of rotations that are not observed. most_shift_px:
+    largest shift per frame. rate_s: time over which the rate is averaged.
     """
 
-    moving_density: float
-    rest_density: float
-    calming_s: float
-    moves_sigmas: float
-    noise_ratio: float
-    least_noise_rad: float
-    first_rate_rad_s: float
     horizon_s: float
     acceleration_rad_s2: float
     most_shift_px: float
@@ -48,9 +39,9 @@ class Alignment:
     fraction of the root mean square get less weight. plain_fit, growing_fit: correlation of the slopes from
     which on they explain the frame alone, of a settled contact and of one that grows. more_score, rests_rad:
     the rank of the joint fit must exceed that of the slopes by this; nearer to a keyframe it keeps its own
-    pose. most_prior, count_power: prior weight of slopes at turning texture. noise_own: noise of a joint
-    angle. iterations: most steps. closing_rank, closing_gain: a direct alignment to an old keyframe corrects
-    the pose if its rank is as high, and higher than at the pose.
+    pose. most_prior, count_power: prior weight of slopes at turning texture. iterations: most steps.
+    closing_rank, closing_gain: a direct alignment to an old keyframe corrects the pose if its rank is as
+    high, and higher than at the pose.
     """
 
     slopes_share: float
@@ -75,7 +66,6 @@ class Alignment:
     most_prior: float
     count_power: float
     check_frames: float
-    noise_own: float
     iterations: float
     closing_rank: float
     closing_gain: float

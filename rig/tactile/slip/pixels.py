@@ -37,16 +37,9 @@ def _kth(values: NDArray[np.float64], k: int) -> float:
 
 @compiled
 def fit_light(
-    seen: NDArray[np.float64],
-    sample: NDArray[np.float64],
-    weight: NDArray[np.float64],
-    trusted: int,
-    rounds: int,
-    ridge: float,
-    negligible: float,
-    darkest: float,
-    light: NDArray[np.float64],
-) -> None:
+    seen: NDArray[np.float64], sample: NDArray[np.float64], weight: NDArray[np.float64], trusted: int,
+    rounds: int, ridge: float, negligible: float, darkest: float, light: NDArray[np.float64],
+) -> None:  # fmt: skip
     """Fit gain and offset per channel, light (2, 3); see `RelativeDifference.light_of`."""
     count = seen.shape[1]
     misfits, ordered = np.empty(count), np.empty(count)
@@ -85,19 +78,10 @@ def fit_light(
 
 @compiled
 def lit(
-    colours: Image,
-    top: int,
-    left: int,
-    light: NDArray[np.float64],
-    weight: Field,
-    relative: Field,
-    marks: NDArray[np.int32],
-    begins: NDArray[np.int32],
-    rims: NDArray[np.int32],
-    fill: Field,
-    saturated: int,
-    out: Field,
-) -> None:
+    colours: Image, top: int, left: int, light: NDArray[np.float64], weight: Field, relative: Field,
+    marks: NDArray[np.int32], begins: NDArray[np.int32], rims: NDArray[np.int32], fill: Field,
+    saturated: int, out: Field,
+) -> None:  # fmt: skip
     """Compute the relative difference of a part of an image, with gel marks filled, into out.
 
     colours: of the part, (3, h, w). weight, relative: (3, H, W). marks, begins, rims, fill: see

@@ -18,13 +18,14 @@ from rig.tactile.settling import Settling
 from rig.tactile.slip.alignment import GRID_RAD, Aligner, Fit, Pose, Reading
 from rig.tactile.slip.gradient import Learn, LearntGradientMap
 from rig.tactile.slip.height import Field, contact_box
-from rig.tactile.slip.kalman import MOST_RATE_RAD_S
 from rig.tactile.slip.keyframe import Keyframe, Source, make_keyframe
 from rig.tactile.slip.loops import MOST_KEYS
 from rig.tactile.slip.parameters import ALIGNMENT, KEYFRAMES, MOTION
 from rig.tactile.slip.slopes import slope_planes
 from rig.tactile.slip.texture import Texture
 
+MOST_RATE_RAD_S = math.radians(200.0)
+"""Highest rotation rate of an object in a gripper."""
 FURTHER_SHARES = 0.02, 2.0
 """Weights of the slopes in the further readings: nearly texture alone, and mostly slopes."""
 ASIDES = -2.0, -1.0, 1.0, 2.0
@@ -79,7 +80,7 @@ class Tracked:
 
     worst_loss, worst_spread_rad: largest loss of agreement, and largest difference between the readings,
     since the contact began. turned_rad: rotation since the contact settled. added: whether a keyframe was
-    added. richest: the keyframe with the most texture, None in the first frame.
+    added. richest: the keyframe with the most texture, None in the first frame. rate_rad_s: averaged.
     """
 
     fit: Fit
@@ -88,6 +89,7 @@ class Tracked:
     turned_rad: float
     added: bool
     richest: Keyframe | None
+    rate_rad_s: float
 
 
 class Tracker:
@@ -140,7 +142,7 @@ class Touch:
     @property
     def tracked(self) -> Tracked:
         """The fit of the frame, at the pose of the touch."""
-        return Tracked(Fit(self.pose, 1.0, 0.0, 1.0, 0.0, 1.0, True), 0.0, 0.0, 0.0, True, None)
+        return Tracked(Fit(self.pose, 1.0, 1.0, 0.0, 1.0, True), 0.0, 0.0, 0.0, True, None, 0.0)
 
 
 class Contact:
@@ -231,8 +233,8 @@ class Contact:
             angles.append(self._alone.angle_rad)
         self._worst_loss = max(self._worst_loss, fit.loss)
         self._worst_spread_rad = max(self._worst_spread_rad, max(angles) - min(angles))
-        turned = fit.angle_rad - self._zero_rad
-        return Tracked(fit, self._worst_loss, self._worst_spread_rad, turned, self._added, self.richest)
+        turned, worst = fit.angle_rad - self._zero_rad, (self._worst_loss, self._worst_spread_rad)
+        return Tracked(fit, *worst, turned, self._added, self.richest, self._rate_rad_s)
 
     def _settle(self) -> None:
         """Count rotations from here, with a keyframe and one pose for all readings."""

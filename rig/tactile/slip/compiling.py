@@ -9,10 +9,27 @@ from numba.core.event import Listener, install_listener
 from drivers.progress import begin_work, count_steps
 from rig.tactile.slip.compiled import is_cached, loops
 from rig.tactile.slip.loops import (
-    CURVED, FACTS, MOST_KEYS, MOST_POINTS, RESULTS, ROWS, SCRATCH, align, kept, sought, weigh,
+    CURVED,
+    FACTS,
+    MOST_KEYS,
+    MOST_POINTS,
+    RESULTS,
+    ROWS,
+    SCRATCH,
+    align,
+    kept,
+    sought,
+    weigh,
 )  # fmt: skip
 from rig.tactile.slip.pixels import (
-    beyond_noise, divergence, fit_light, lit, slopes_in, strongest_energy, summed_tensor, without_broad,
+    beyond_noise,
+    divergence,
+    fit_light,
+    lit,
+    slopes_in,
+    strongest_energy,
+    summed_tensor,
+    without_broad,
 )  # fmt: skip
 
 COMPILING_S = 25

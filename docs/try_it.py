@@ -32,8 +32,7 @@ NEEDS = {
     r"^rig train": "needs the extra train",
     r"PRESSES|my_twin": "needs photographs of a pressed ball",
     r"benchmark clips|^rig fit-slip": "needs labels drawn by hand",
-    r"TactileTracking|digit-pose-estimation": "needs a public set",
-    r"benchmark others": "needs clones of others' repositories",
+    "TactileTracking": "needs a public set",
     r"^rig trial --resume(?! --out)": "needs an unfinished session",
 }
 LONG = r"rig benchmark|rig trial --lifts 5|--full|--all"

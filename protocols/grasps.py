@@ -5,7 +5,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Annotated, Literal, Self
+from typing import Annotated, Literal
 
 from pydantic import (
     AfterValidator,
@@ -15,7 +15,6 @@ from pydantic import (
     ValidationError,
     ValidationInfo,
     field_validator,
-    model_validator,
 )
 
 from drivers.errors import InputError, unknown_name
@@ -26,11 +25,6 @@ TRIAL_OBJECTS = ("1", "7", "t1", "t2", "t3", "t4", "t5", "t6", "t7")
 """The paper's set D_a: two objects of the data set and seven unseen ones."""
 MOST_GRIP_MM = 62.5
 """Largest light grip, closing beyond first contact, mm; more than the thickness of any fingertip."""
-MOST_COUNTS = 100
-"""The same limit in counts of a Robotiq 3-Finger."""
-COUNT_MM = 155.0 / 249.0
-"""Nominal closing of a Robotiq 3-Finger per count (155 mm over 249 counts): object files of earlier versions
-give grips in these counts."""
 
 
 class _Strict(BaseModel):
@@ -75,13 +69,6 @@ def _at_different_places(positions: "tuple[Position, ...]") -> "tuple[Position, 
     return positions
 
 
-def _rising_counts(counts: tuple[int, int]) -> tuple[int, int]:
-    low, high = counts
-    if not 1 <= low <= high <= MOST_COUNTS:
-        raise ValueError(f"is not a range within 1 to {MOST_COUNTS} counts, the lightest grip first")
-    return counts
-
-
 def _rising_mm(grip_mm: tuple[float, float]) -> tuple[float, float]:
     low, high = grip_mm
     if not 0.0 < low <= high <= MOST_GRIP_MM:
@@ -95,8 +82,7 @@ class GraspFile(_Strict):
     The paper's objects have three positions and five orientations (section IV-A); a lab's may have fewer.
     grip_mm: least and largest closing beyond first contact, mm. largest_grip_mm: largest closing beyond first
     contact in a reaction to slip; None if it is unknown how firmly the object may be gripped, so that no
-    reaction tightens on it. grip_counts, largest_grip_counts: the same in files of earlier versions, in
-    counts of a Robotiq 3-Finger. simulated: see `PlainBody`.
+    reaction tightens on it. simulated: see `PlainBody`.
     """
 
     id: str = Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]{0,39}$")
@@ -104,10 +90,8 @@ class GraspFile(_Strict):
     orientations_deg: tuple[Annotated[float, Field(ge=-90.0, le=90.0)], ...] = Field(
         min_length=1, max_length=36
     )
-    grip_mm: Annotated[tuple[float, float], AfterValidator(_rising_mm)] | None = None
+    grip_mm: Annotated[tuple[float, float], AfterValidator(_rising_mm)]
     largest_grip_mm: float | None = Field(default=None, gt=0.0, le=160.0)
-    grip_counts: Annotated[tuple[int, int], AfterValidator(_rising_counts)] | None = None
-    largest_grip_counts: int | None = Field(default=None, ge=1, le=255)
     position: Annotated[tuple[Position, ...], AfterValidator(_at_different_places)] = Field(
         min_length=1, max_length=20
     )
@@ -118,40 +102,23 @@ class GraspFile(_Strict):
         """The keys under which the object is found: its id and its name, in lower case."""
         return self.id.lower(), " ".join(self.name.lower().split())
 
-    @field_validator("largest_grip_mm", "largest_grip_counts")
+    @field_validator("largest_grip_mm")
     @classmethod
     def _not_below_the_light_grips(cls, largest: float | None, info: ValidationInfo) -> float | None:
-        key = (info.field_name or "").removeprefix("largest_")
-        light = info.data.get(key)
+        light = info.data.get("grip_mm")
         if largest is not None and light is not None and largest < max(light):
-            raise ValueError(f"{largest:g} is below {key}, {max(light):g}")
+            raise ValueError(f"{largest:g} is below grip_mm, {max(light):g}")
         return largest
-
-    @model_validator(mode="after")
-    def _has_grips_in_one_unit(self) -> Self:
-        if (self.grip_mm is None) == (self.grip_counts is None):
-            raise ValueError(
-                "give grip_mm once: how far the fingers close beyond first contact, as [1.2, 3.1]"
-            )
-        other = self.largest_grip_counts if self.grip_counts is None else self.largest_grip_mm
-        if other is not None:
-            raise ValueError("give grip_mm and largest_grip_mm, both in mm")
-        return self
 
     @property
     def grip_m(self) -> tuple[float, float]:
         """Least and largest closing beyond first contact, m."""
-        if self.grip_mm is not None:
-            least, most = self.grip_mm
-            return least / 1e3, most / 1e3
-        least, most = self.grip_counts or (0, 0)
-        return least * COUNT_MM / 1e3, most * COUNT_MM / 1e3
+        least, most = self.grip_mm
+        return least / 1e3, most / 1e3
 
     @property
     def largest_grip_m(self) -> float | None:
         """Largest closing beyond first contact in a reaction to slip, m; None if unknown."""
-        if self.largest_grip_counts is not None:
-            return self.largest_grip_counts * COUNT_MM / 1e3
         return None if self.largest_grip_mm is None else self.largest_grip_mm / 1e3
 
     def require_largest_grip(self) -> float:

@@ -7,17 +7,13 @@ from drivers.types import ArmState, Frame, GripperState
 
 
 class Phase(StrEnum):
-    """Phases of a lift. A, B and C are those of the paper (section IV-B); the others precede and follow."""
+    """Phases of every complete lift, in order. A, B and C are those of the paper (section IV-B)."""
 
     REFERENCE = "reference"
     GRASP = "A"
     LIFT = "B"
     HOLD = "C"
     LOWER = "lower"
-
-
-REQUIRED = (Phase.REFERENCE, Phase.GRASP, Phase.LIFT, Phase.HOLD, Phase.LOWER)
-"""Phases of every complete lift, in order. Recordings of other versions may have further ones."""
 
 
 class ReactionStep(StrEnum):

@@ -45,18 +45,15 @@ _BETTER = 0.97
 class HeldOut:
     """A press that was left out of the fit.
 
-    rms_grey: error of the colour change rendered with `circle`. adjusted_grey: the same with the adjusted
-    circle. change_grey: rms of the change itself, which is the error of a model that predicts no change.
-    weights: of the look fitted to the other presses. circle: the given circle, corrected by the mean
-    adjustment of the other presses.
+    rms_grey: error of the colour change rendered with the given circle, corrected by the mean adjustment of
+    the other presses. adjusted_grey: the same with the adjusted circle. change_grey: rms of the change
+    itself, which is the error of a model that predicts no change.
     """
 
     id: str
     rms_grey: float
     adjusted_grey: float
     change_grey: float
-    weights: Array
-    circle: Circle
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -72,10 +69,6 @@ class LookFit:
         """Held-out error relative to the colour change, rms over the presses; 1 for predicting no change."""
         missed = np.mean([press.rms_grey**2 for press in self.held_out])
         return float(np.sqrt(missed / np.mean([press.change_grey**2 for press in self.held_out])))
-
-    def without(self, press: HeldOut) -> GelLook:
-        """The look that was fitted to the other presses."""
-        return replace(self.look, weights=press.weights)
 
 
 def fit_look(
@@ -107,8 +100,6 @@ def fit_look(
                 as_given.error(weights, used),
                 sums[i].error(weights, used),
                 float(np.sqrt(as_given.power / as_given.count)),
-                weights,
-                drawn[i],
             )
         )
     look = replace(

@@ -96,4 +96,4 @@ def _checked(text: str) -> str:
 
 def _exact(text: str, value: float) -> Decimal:
     """Return the exact value; 0 if it is below every float, since the exponents of decimals are limited."""
-    return Decimal(text.strip(_BLANKS)) if value else Decimal(0)
+    return Decimal(text) if value else Decimal(0)

@@ -1,4 +1,4 @@
-"""Simulated images with ground truth for calibrations: markers on an object, balls pressed into a gel."""
+"""Simulated images with ground truth for calibrations: markers on an object."""
 
 from dataclasses import dataclass, field
 
@@ -9,10 +9,6 @@ from scipy.spatial.transform import Rotation
 
 from drivers.types import Image, Pose
 from fakes.camera.marker_scene import MarkerScene
-from fakes.gel.look import Look
-from fakes.gel.sensor import GelSensor, Imprint
-from fakes.objects.shapes import SURFACE_MM_PER_PX
-from fakes.objects.surfaces import FAR_MM, GEL_DOME_RADIUS_MM, SURFACE_PX, Surface
 
 Array = NDArray[np.floating]
 
@@ -75,39 +71,3 @@ class MarkerPictures:
         turn = Rotation.from_euler("y", -turn_deg, degrees=True)
         distance = _FOCAL_PX * _SIDE_M / self.side_px
         return Pose.from_rotation((0.02 + move_m[0], 0.01 + move_m[1], distance), tilt * _FACING * turn)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class DrawnPress:
-    """A press: the frame (H, W, 3) uint8 RGB, and the colour change in it without noise, grey levels."""
-
-    image: Image
-    change: NDArray[np.float32]
-
-
-def draw_press(
-    look: Look | None, unit_seed: int, circle: tuple[float, float, float], radius_mm: float
-) -> DrawnPress:
-    """Draw the press of a ball whose contact is a circle: x, y and radius in px.
-
-    look: of a real unit, None for a simulated unit. unit_seed: seed of the simulated unit and of the noise.
-    """
-    sensor = GelSensor(unit_seed, look=look)
-    scale, rng = np.array(sensor.mm_per_px), np.random.default_rng((unit_seed, 89))
-    dome_mm = GEL_DOME_RADIUS_MM if look is None else look.dome_mm
-    x, y = (np.array(circle[:2]) - (119.5, 159.5)) * scale
-    contact_mm = min(circle[2] * float(scale[0]), 0.95 * radius_mm)
-    deep = radius_mm - np.sqrt(radius_mm**2 - contact_mm**2) + contact_mm**2 / (2.0 * dome_mm)
-    imprint = Imprint(
-        _ball(radius_mm), 0.0, (float(x), float(y)), float(deep + (x**2 + y**2) / (2.0 * dome_mm))
-    )
-    return DrawnPress(sensor.render(imprint, 0.0, rng), sensor.change(imprint))
-
-
-def _ball(radius_mm: float) -> Surface:
-    """Return the surface of a sphere, 0 at its closest point."""
-    axis = (np.arange(SURFACE_PX) - 0.5 * (SURFACE_PX - 1)) * SURFACE_MM_PER_PX
-    square = axis[:, None] ** 2 + axis[None, :] ** 2
-    height = radius_mm - np.sqrt(np.maximum(radius_mm**2 - square, 0.0))
-    height = np.where(square < radius_mm**2, height, FAR_MM)
-    return Surface(np.minimum(height, FAR_MM).astype(np.float32), SURFACE_MM_PER_PX)

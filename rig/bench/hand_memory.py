@@ -96,7 +96,10 @@ def _packed(state: HandState) -> dict[str, Any]:
 def _unpacked(values: dict[str, Any]) -> HandState:
     place = values["base_T_grasp"]
     pose = None if place is None else Pose(tuple(place["position_m"]), tuple(place["quaternion_xyzw"]))
-    holding, opening_m = Holding(values["holding"]), values.get("finger_opening_m")
-    if holding is Holding.FREE and values.get("finger_counts") is not None:
-        return HandState(Holding.UNKNOWN, "stored by an earlier version, which gave the fingers in counts")
-    return HandState(holding, str(values["what"]), pose, float(values["width_m"]), opening_m)
+    return HandState(
+        Holding(values["holding"]),
+        str(values["what"]),
+        pose,
+        float(values["width_m"]),
+        values["finger_opening_m"],
+    )

@@ -118,7 +118,7 @@ def _flange_poses(path: Path, flange_T_tcp: Pose | None) -> tuple[dict[str, Pose
     if frames != {TCP}:
         raise InputError(
             f"{path}: the frame of its poses is not stated: add a column child_frame with 'flange' in each "
-            "row, or with 'tcp' for poses of the tool centre point, as versions up to 1.0 recorded on a bench"
+            "row, or with 'tcp' for poses of the tool centre point"
         )
     if flange_T_tcp is None:
         raise InputError(

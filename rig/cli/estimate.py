@@ -24,8 +24,8 @@ class SourceOptions:
     frames: Path = argument(
         ...,
         "Folder of images (sorted by name), image, video (.avi, .mp4, .mkv, .webm ...), array "
-        "(.npy or .npz: T, H, W, 3, uint8, RGB), ROS bag, recording of a lift (.mcap) or session folder; "
-        "a trial of TactileTracking, or bag_00.pkl:FINGER of digit-pose-estimation.",
+        "(.npy or .npz: T, H, W, 3, uint8, RGB), ROS bag, recording of a lift (.mcap) or session folder, "
+        "or a trial of TactileTracking.",
     )
     sensor: str | None = option(
         None, "Serial of one fingertip of a recording or session. Default: all fingertips."
@@ -60,7 +60,7 @@ class EstimationOptions:
     )
     estimator: str | None = option(
         None,
-        "slip, skeleton, ellipse, pca; the last three also with -published; ecc, polar; "
+        "slip, skeleton, ellipse, pca; the last three also with -published; ecc; "
         "kolamuri (for a gel with printed markers), anglenet (a network trained on simulated lifts); "
         "or your own, as package.module:Class (rig estimators). Default: slip.",
     )

@@ -13,12 +13,11 @@ class ExportOptions:
     """The session, the format, and the folder to write."""
 
     session: Path = argument(..., "Session folder of a trial or a recording.")
-    to: str = option(..., "Format: csv, parquet, coco, labelme, lerobot, rosbag2, rerun, zarr or mlflow.")
+    to: str = option(..., "Format: csv, parquet, coco, labelme, lerobot or rosbag2.")
     out: Path | None = option(
         None, "New folder to write. Default: export/FORMAT in the session.", callback=folder_place
     )
     every: int = option(10, "For coco and labelme: export every Nth tactile frame of a trial.", min=1)
-    mlflow: str | None = option(None, "For mlflow: tracking URI, as http://localhost:5000.")
     json: JsonOption = False
 
 
@@ -33,12 +32,6 @@ def export(options: ExportOptions) -> None:
     lerobot: a LeRobotDataset v3.0 with an episode per lift.
 
     rosbag2: a ROS 2 bag per lift (MCAP), with standard messages.
-
-    rerun: one .rrd file of all lifts, for the viewer rerun.
-
-    zarr: arrays for training, in the layout of Open-X-Tactile.
-
-    mlflow: a run with the results, settings and report of a trial, at --mlflow URI.
 
     The recordings, lifts/NNN.mcap, open in MCAP viewers without export.
 
@@ -64,7 +57,7 @@ def _export(options: ExportOptions, folder: Path) -> None:
     from rig.export.formats import export_session
 
     began = time.perf_counter()
-    exported = export_session(options.session, options.to, folder, options.every, options.mlflow)
+    exported = export_session(options.session, options.to, folder, options.every)
     wall_s = round(time.perf_counter() - began, 2)
     counts = ", ".join(f"{count} {name}" for name, count in exported.counts.items())
     say(f"{counts}, {wall_s:.1f} s")

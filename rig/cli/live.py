@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING
 from drivers.errors import EstimatorError, InputError
 from rig.cli.common import STOPS, Exit, mark, say
 from rig.cli.declared import argument, option
-from rig.cli.watching import foxglove_server
 
 if TYPE_CHECKING:
     from drivers.interfaces import FrameSource
@@ -86,8 +85,6 @@ class LiveViewOptions:
         "HOST:PORT of the page. With 0.0.0.0:8080 other computers can open it and press its buttons, at the "
         "address with a key that the command prints. Default: a free port that only this computer can reach.",
     )
-    foxglove: bool = option(False, "Serve the same data to Foxglove on this computer (extra 'foxglove').")
-    foxglove_at: str | None = option(None, "As --foxglove, at HOST:PORT. Default: 127.0.0.1:8765.")
     clips: Path = option(CLIPS, "Folder for recorded clips.")
     seconds: float | None = option(None, "End after this time in s. Default: run until Ctrl-C.", min=0.0)
 
@@ -117,8 +114,6 @@ def live(source: LiveSourceOptions, how: LiveAngleOptions, view: LiveViewOptions
 
       rig live fake fake --terminal --seconds 10
 
-      rig live D20641 --no-browser --foxglove
-
     """
     with stopped_by_person() as stopped, ExitStack() as stack:
         summaries = _show_live(source, how, view, stack, stopped)
@@ -142,7 +137,7 @@ def _show_live(
         raise InputError("--watch-at is the address of the page: leave it out, or --terminal and --json")
     page = None if view.terminal or view.json else _page(source, how.estimator, view, stack)
     sources, settings = sources_of(source), settings_of(source, how, view.clips)
-    listeners = [*([] if page is None else [page.listener]), *_foxglove(view, sources, stack)]
+    listeners = [] if page is None else [page.listener]
     shown_at = "" if page is None else f" at {page.address}"
     say(f"{_name(source)}{shown_at}; press Ctrl-C to end")
     if page is not None and view.browser:
@@ -196,16 +191,6 @@ def _open(page: "WatchPage", stack: ExitStack) -> None:
     secret = bool(page.process.access.key)
     if not webbrowser.open(stack.enter_context(way_to(page.address)) if secret else page.address):
         say("no browser could be started: open the address above in a browser on this computer")
-
-
-def _foxglove(view: LiveViewOptions, sources: "Sequence[FrameSource]", stack: ExitStack) -> "list[Listener]":
-    """Serve to Foxglove if an option asks for it; return the listener."""
-    server = foxglove_server(view.foxglove, view.foxglove_at, {each.serial: each.serial for each in sources})
-    if server is None:
-        return []
-    from rig.live.session import foxglove_listener
-
-    return [stack.enter_context(foxglove_listener(server))]
 
 
 def sources_of(source: LiveSourceOptions) -> "list[FrameSource]":

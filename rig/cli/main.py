@@ -65,19 +65,24 @@ def _program(
     del version
 
 
-for command in (record, trial, teach, sessions, report, compare, play, export, replay, results):
-    app.command()(command)
-for command in (live, estimate, explain, estimators, segment, label, label_angle):
-    app.command()(command)
-for command in (train, train_angle, train_turning, doctor, new):
-    app.command()(command)
-app.add_typer(model, name="model")
-app.add_typer(bench, name="bench")
-app.add_typer(objects, name="objects")
-app.add_typer(fakes, name="fakes")
-app.add_typer(benchmark, name="benchmark")
-app.add_typer(calibrate, name="calibrate")
-app.add_typer(bridge, name="bridge")
+COMMANDS = {
+    "Run": (trial, record, replay, teach),
+    "Results": (sessions, report, play, compare, results, export),
+    "Own images": (live, estimate, explain, segment, label, label_angle),
+    "Bench": (doctor,),
+    "Advanced": (estimators, new, train, train_angle, train_turning),
+}
+"""Commands by the title of their group in `rig --help`."""
+for title, group in COMMANDS.items():
+    for command in group:
+        app.command(rich_help_panel=title)(command)
+app.add_typer(bridge, name="bridge", rich_help_panel="Own images")
+app.add_typer(bench, name="bench", rich_help_panel="Bench")
+app.add_typer(objects, name="objects", rich_help_panel="Bench")
+app.add_typer(fakes, name="fakes", rich_help_panel="Bench")
+app.add_typer(calibrate, name="calibrate", rich_help_panel="Calibrate")
+app.add_typer(benchmark, name="benchmark", rich_help_panel="Advanced")
+app.add_typer(model, name="model", rich_help_panel="Advanced")
 
 
 def main() -> None:

@@ -96,14 +96,11 @@ class SessionOptions:
 
 @dataclass(frozen=True, slots=True)
 class WatchOptions:
-    """The page in the browser, and notifications."""
+    """The page in the browser."""
 
     watch: bool = option(False, "Show the progress on a page that only this computer can reach.")
     watch_at: str | None = option(
         None,
         "As --watch, at HOST:PORT. With 0.0.0.0:8080 other computers can open the page, at the address with "
         "a key that the command prints.",
-    )
-    notify: str | None = option(
-        None, "Command to run at each fault and question and at the end, as COMMAND EVENT TEXT."
     )

@@ -74,8 +74,6 @@ def _replay_one(session: Path, options: ReplayOptions) -> None:
     trial = stored_trial(session, options.estimator, options.window)
     simulated, choice = mark(trial.manifest.simulated), trial.settings.estimator
     say(f"{simulated}session {session}, estimator {choice.name}, window {choice.window}")
-    if note := trial.truth_note:
-        say(note)
     with WorkProgress(1, "lifts") as bar:
         result = run_replay(trial, trial_jobs(options.jobs, True, False), bar.showing(lift_note))
     wall_s = time.perf_counter() - began
@@ -154,8 +152,5 @@ def _say_plan(plan: "ReplayPlan", estimator: str | None) -> None:
         f"{mark(simulated)}{counted(len(plan.tasks), 'lift')} of {counted(len(sessions), 'session')}, "
         f"estimator {estimator or 'of each session'}"
     )
-    notes = [note for _, trial in sorted(sessions.items()) if (note := trial.truth_note)]
-    if notes:
-        say(f"{len(notes)} of {counted(len(sessions), 'session')}: {notes[0]}")
     for path, why in (*plan.left_out, *plan.broken):
         say(f"left out: {path}: {why.removeprefix(f'{path}: ')}")

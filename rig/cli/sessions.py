@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from drivers.errors import InputError, SessionError, counted
+from drivers.errors import SessionError, counted
 from drivers.progress import steps
 from rig.cli.common import emit_json, say
 from rig.cli.declared import argument, file_place, option
@@ -17,7 +17,6 @@ from rig.live.screen import begin_phase, end_phase
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from rig.report.wear import SessionWear
     from rig.results.listing import SessionEntry
 
 MB = 1e6
@@ -35,7 +34,7 @@ Sort = Literal["folder", "date", "name", "mare", "done", "size"]
 
 @dataclass(frozen=True, slots=True)
 class ListOptions:
-    """The sessions to list, their order, and the pages to write."""
+    """The sessions to list, their order, and the page to write."""
 
     folder: Path = argument(Path("sessions"), "Session folder, or folder with sessions at any depth.")
     tags: list[str] | None = option(
@@ -51,19 +50,15 @@ class ListOptions:
         "Read all files and compare their checksums (1 s for 45 lifts). Default: for up to 20 sessions.",
         "--check/--quick",
     )
-    wear: Path | None = option(
-        None, "Also write a page with noise, contact and error over time, to judge the wear of the gels.",
-        callback=file_place,
-    )  # fmt: skip
     page: Path | None = option(
-        None, "Also write a page of them: search, filters, MARE and wear over time, links to reports.",
+        None, "Also write a page of them: search, filters, MARE over time, links to reports.",
         callback=file_place,
     )  # fmt: skip
     json: JsonOption = False
 
 
 def sessions(options: ListOptions) -> None:
-    """List sessions with date, kind, objects, lifts, MARE and size; report broken ones.
+    """List sessions with date, kind, objects, lifts, MARE, contact area and size; report broken ones.
 
     A session is broken if a recording or image is missing, or if its checksum differs. With more than 20
     sessions, checksums are compared only with --check. With --check the exit code is 2 if a session is
@@ -76,18 +71,16 @@ def sessions(options: ListOptions) -> None:
 
       rig sessions --check
 
-      rig sessions --tag gel-7 --wear gel-7.html
-
       rig sessions /data/2026 --page sessions.html
 
     """
     entries, folder = _selected(options), options.folder
     _print(options, entries)
-    _write_pages(options, entries)
+    if options.page:
+        _write_page(options.page, options, entries)
     if options.json:
         listed = {"folder": str(folder), "sessions": [entry.as_json() for entry in entries]}
-        pages = {"wear": options.wear, "page": options.page}
-        emit_json({**listed, **{name: str(path) for name, path in pages.items() if path}})
+        emit_json({**listed, **({"page": str(options.page)} if options.page else {})})
     broken = sum(entry.state == "broken" for entry in entries)
     if options.check and broken:
         raise SessionError(
@@ -152,34 +145,15 @@ def _listed(folder: Path, check: bool | None) -> "list[SessionEntry]":
     return sorted((entry for _, entries in listed for entry in entries), key=lambda entry: entry.folder)
 
 
-def _write_pages(options: ListOptions, entries: "list[SessionEntry]") -> None:
-    """Write the pages of --wear and --page. Without --wear, --page shows wear only of few sessions."""
-    if not (options.wear or options.page):
-        return
-    begin_phase("writing the pages")
+def _write_page(page: Path, options: ListOptions, entries: "list[SessionEntry]") -> None:
+    begin_phase("writing the page")
     from rig.report.sessions_page import write_sessions
-    from rig.report.wear import read_wear
-    from rig.report.wear_page import write_wear
 
-    wear: list[SessionWear] = []
-    if options.wear or (options.page and len(entries) <= MOST_CHECKED):
-        try:
-            wear, problems = read_wear([entry.folder for entry in entries])
-        except InputError as error:  # no session with sensors
-            if options.wear:
-                raise
-            problems = [str(error)] if entries else []
-        for problem in problems:
-            say(f"note: {problem}")
-        if options.wear:
-            write_wear(wear, problems, options.wear)
-            say(f"wear: {options.wear}")
-    if options.page:
-        write_sessions(options.page, options.folder, entries, _columns(entries), wear)
-        say(f"page: {options.page}")
+    write_sessions(page, options.folder, entries, _columns(entries))
+    say(f"page: {page}")
 
 
-_IF_ANY = ("name", "tags", "operator", "reaction")
+_IF_ANY = ("name", "tags", "operator", "reaction", "contact")
 """Columns that are left out if no session has a value."""
 
 
@@ -199,6 +173,7 @@ def _columns(entries: "list[SessionEntry]") -> dict[str, list[str]]:
         "reaction": lambda entry: entry.react,
         "done": lambda entry: f"{entry.done}/{entry.wanted}" if entry.wanted else str(entry.done),
         "MARE": lambda entry: mare_text(entry.mare) if entry.mare else "",
+        "contact": lambda entry: ", ".join(f"{area_px:.0f}" for area_px in entry.contact_area_px.values()),
         "MB": lambda entry: f"{entry.size_bytes / MB:.1f}",
         "state": lambda entry: entry.state.value,
     }
@@ -211,5 +186,5 @@ def _table(folder: Path, entries: "list[SessionEntry]") -> "Table":
 
     columns = _columns(entries)
     left = [i for i, name in enumerate(columns) if name not in ("done", "MB")]
-    title = f"sessions in {folder}; MARE over phases B and C, degrees"
+    title = f"sessions in {folder}; MARE over phases B and C, degrees; contact: median area by fingertip, px"
     return console_table(list(columns), list(map(list, zip(*columns.values(), strict=True))), left, title)

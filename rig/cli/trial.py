@@ -9,7 +9,7 @@ import typer
 
 from drivers.errors import counted
 from rig.cli.common import Exit, emit_json, mark, report_faults, say, trial_jobs
-from rig.cli.declared import file_place, option, resumed
+from rig.cli.declared import option, resumed
 from rig.cli.options import BenchOptions, SessionOptions, WatchOptions
 from rig.cli.report import report_after
 from rig.cli.results import trial_table
@@ -22,7 +22,7 @@ from rig.cli.resuming import (
     say_done,
     usual_lift_s,
 )
-from rig.cli.watching import Work, dry_run, foxglove_server, watched
+from rig.cli.watching import Work, dry_run, watched
 from rig.live.onlookers import telling
 from rig.live.questions import ask
 from rig.live.screen import begin_phase
@@ -31,7 +31,6 @@ if TYPE_CHECKING:
     from rig.bench.plan import Plan
     from rig.config import BenchConfig
     from rig.experiments.lift_plan import TrialSettings
-    from rig.live.session import FoxgloveServer
     from rig.results.summary import TrialSummary
     from rig.sessions.about import Remarks
 
@@ -58,6 +57,7 @@ class TrialOptions:
     jobs: int | None = option(
         None, "Lifts in parallel on a simulated bench. Default: one per core.", min=1, max=64
     )
+    live: bool = option(False, "Show images, markers, angles and arm in rerun (extra 'live').")
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,7 +66,7 @@ class EstimatorOptions:
 
     estimator: str | None = option(
         None,
-        "slip, skeleton, ellipse, pca; the last three also with -published; ecc, polar, "
+        "slip, skeleton, ellipse, pca; the last three also with -published; ecc, "
         "kolamuri, anglenet, toskov; or your own, as package.module:Class (rig estimators). Default: slip.",
         stored="estimator",
     )
@@ -96,7 +96,7 @@ class ReactionOptions:
         stored="react",
         read=lambda kind: kind.value,
     )
-    false_alarms_per_hour: float = option(
+    alarms_per_hour: float = option(
         10.0,
         "For --react: accepted rate of false slip alarms per hour with a resting object.",
         min=1e-6,
@@ -113,23 +113,6 @@ class ReactionOptions:
     )
 
 
-@dataclass(frozen=True, slots=True)
-class ViewerOptions:
-    """The viewers rerun and Foxglove."""
-
-    live: bool = option(False, "Show images, markers, angles and arm in rerun (extra 'live').")
-    live_to: Path | None = option(
-        None, "As --live, but write FILE.rrd; needs no display.", callback=file_place
-    )
-    foxglove: bool = option(False, "Serve the same data to Foxglove on this computer (extra 'foxglove').")
-    foxglove_at: str | None = option(None, "As --foxglove, at HOST:PORT. Default: 127.0.0.1:8765.")
-
-    def server(self, bench: "BenchConfig") -> "FoxgloveServer | None":
-        """Return the Foxglove server if an option asks for it; print its address. Raises `InputError`."""
-        names = {t.serial: f"finger_{t.finger.lower()}" for t in bench.tactile}
-        return foxglove_server(self.foxglove, self.foxglove_at, names)
-
-
 def trial(
     context: typer.Context,
     what: TrialOptions,
@@ -137,7 +120,6 @@ def trial(
     reaction: ReactionOptions,
     bench: BenchOptions,
     session: SessionOptions,
-    viewers: ViewerOptions,
     watch: WatchOptions,
 ) -> None:
     """Lift each object several times, measure its rotation in the fingers, and compare it with the markers.
@@ -157,11 +139,7 @@ def trial(
 
       rig trial --resume --out sessions/campaign
 
-      rig trial --bench wire --lifts 1 --object wrench --live-to wrench.rrd
-
-      rig trial --lifts 5 --watch --notify notify-send
-
-      rig trial --lifts 5 --foxglove
+      rig trial --lifts 5 --watch
 
     """
     from rig.sessions.rows import read_finished_lifts
@@ -170,7 +148,7 @@ def trial(
     if bench.dry:
         dry_run(lifting.settings.bench, lifting.plan(), session.json)
     consent = agreed(context, bench, lifting.settings.bench)
-    summary = _lift_all(context, lifting, session, viewers, watch, consent)
+    summary = _lift_all(context, lifting, session, what.live, watch, consent)
     _finish(lifting, summary, session)
     report_faults(row.estimator_faults for row in read_finished_lifts(lifting.folder) if row.estimator_faults)
     _check_limit(summary, what.max_mare)
@@ -272,7 +250,7 @@ def _settings(
     from rig.tactile.estimators import choose_estimator
 
     choice = choose_estimator(estimator.estimator, estimator.window, not estimator.no_skip)
-    slip = SlipSettings(reaction.false_alarms_per_hour, reaction.max_turn_deg)
+    slip = SlipSettings(reaction.alarms_per_hour, reaction.max_turn_deg)
     return TrialSettings(config, seed, choice, what.realtime, ReactionKind(reaction.react), slip)
 
 
@@ -280,7 +258,7 @@ def _lift_all(
     context: typer.Context,
     trial: _Trial,
     session: SessionOptions,
-    viewers: ViewerOptions,
+    live: bool,
     watch: WatchOptions,
     consent: bool,
 ) -> "TrialSummary":
@@ -293,7 +271,6 @@ def _lift_all(
     from rig.results.notes import lift_fault, lift_note
 
     folder, settings = trial.folder, trial.settings
-    server = viewers.server(settings.bench)
     title = f"{trial.simulated}trial on bench '{settings.bench.name}', {folder}"
     work = Work(title, "lifts", trial.wanted, trial.done)
     question = f"{trial.plan().text()}\nBegin?"
@@ -303,7 +280,7 @@ def _lift_all(
         may_be_continued(folder, session, lambda: _show_partial(trial, session.json)),
         watched(context, work, watch) as others,
         session_bench(settings.bench, person, question, settings.realtime) as benches,
-        live_session(viewers.live, viewers.live_to, others, server) as (feed, inbox),
+        live_session(live, others) as (feed, inbox),
         TrialView(trial.wanted, inbox, message, trial.done, trial.usual_s) as view,
     ):
         return run_trial(

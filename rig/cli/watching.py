@@ -1,31 +1,24 @@
-"""Serve the page of --watch and the data of --foxglove, and run the command of --notify on events.
+"""Serve the page of --watch.
 
 Also --dry-run: read every device and show the plan; nothing is moved or stored.
 """
 
-from collections.abc import Iterator, Mapping
-from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING
 
 import typer
 
-from rig.cli.common import say
+from rig.cli.common import Exit, print_result, say
 from rig.cli.options import WatchOptions
-from rig.live.onlookers import looking_on, report_to
+from rig.live.onlookers import observed_by, report_to
 from rig.live.screen import begin_phase
-
-if TYPE_CHECKING:
-    from rig.live.feed import Listener
-    from rig.live.session import FoxgloveServer
-from dataclasses import asdict
-from typing import TYPE_CHECKING
-
-from rig.cli.common import Exit, print_result
 
 if TYPE_CHECKING:
     from rig.bench.plan import Plan
     from rig.config import BenchConfig
+    from rig.live.feed import Listener
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,45 +36,21 @@ class Work:
 
 @contextmanager
 def watched(context: typer.Context, work: Work, options: WatchOptions) -> "Iterator[tuple[Listener, ...]]":
-    """Serve the page and notify of events, as the options ask; yield the listeners of lifts and poses.
+    """Serve the page if an option asks for it; yield the listeners of lifts and poses.
 
     The page is served until the command ends; it then shows the report. Raises `InputError`.
     """
-    with ExitStack() as stack:
-        listeners: tuple[Listener, ...] = ()
-        if options.notify is not None:
-            from rig.live.notify import Notifier
+    if not options.watch and options.watch_at is None:
+        yield ()
+        return
+    from rig.live.watch import WatchPage, watch_address
 
-            notifier = stack.enter_context(Notifier(options.notify, say))
-            stack.enter_context(looking_on(notifier.tell))
-        if options.watch or options.watch_at is not None:
-            from rig.live.watch import WatchPage, watch_address
-
-            at = watch_address(options.watch_at)
-            page = WatchPage(at, work.title, work.what, work.done, work.total)
-            context.call_on_close(page.close)
-            context.call_on_close(report_to(page.show_report))
-            stack.enter_context(looking_on(page.tell))
-            say(f"watch page: {page.address}")
-            listeners = (page.listener,)
-        yield listeners
-
-
-def foxglove_server(here: bool, at: str | None, names: "Mapping[str, str]") -> "FoxgloveServer | None":
-    """Return the server of --foxglove, checked, and print how to connect to it; None without the option.
-
-    here, at: --foxglove and --foxglove-at. names: as `FoxgloveServer`. Raises `InputError`.
-    """
-    if not here and at is None:
-        return None
-    from rig.live.session import FOXGLOVE_LAYOUT, FOXGLOVE_PORT, FoxgloveServer
-    from rig.live.watch import watch_address
-
-    host, port = watch_address(at, "--foxglove-at", FOXGLOVE_PORT)
-    server = FoxgloveServer(host, port, names)
-    server.check()
-    say(f"Foxglove: open the connection ws://{host}:{port} and import the layout {FOXGLOVE_LAYOUT}")
-    return server
+    page = WatchPage(watch_address(options.watch_at), work.title, work.what, work.done, work.total)
+    context.call_on_close(page.close)
+    context.call_on_close(report_to(page.show_report))
+    with observed_by(page.tell):
+        say(f"watch page: {page.address}")
+        yield (page.listener,)
 
 
 def dry_run(config: "BenchConfig", plan: "Plan", json: bool) -> None:

@@ -220,9 +220,9 @@ def _tip(
 ) -> CalibrationsInUse | None:
     """Compare the bench file's TCP with the clamped tip; nothing is replaced.
 
-    A tip that was not compared with a bench file when it was calibrated is not used: version 1.0 stored it
-    in another frame. Raises `CalibrationError` if TCP and tip are further apart than a clamped tip can be,
-    unless they were so when the tip was calibrated and that was accepted.
+    A tip that was not compared with a bench file when it was calibrated is not used. Raises
+    `CalibrationError` if TCP and tip are further apart than a clamped tip can be, unless they were so when
+    the tip was calibrated and that was accepted.
     """
     if "tip_from_tcp_m" not in file.value:
         report(f"calibration not used: {where}: its tip was not compared with the tcp_m of a bench file")

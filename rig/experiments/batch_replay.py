@@ -131,7 +131,7 @@ def replay_task(task: ReplayTask) -> ReplayRow:
     row, problem = replay_around_gaps(trial.folder, trial.settings, task.row)
     if row is None:
         return unread_row(head, task.row, problem or "")
-    return table_row(head, row, row == task.row if trial.repeats else None, problem)
+    return table_row(head, row, row == task.row if trial.own_estimator else None, problem)
 
 
 def _write_tables(session: Session[ReplayRow], rows: list[ReplayRow]) -> None:

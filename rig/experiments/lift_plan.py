@@ -18,7 +18,7 @@ from protocols.reaction import FIRST_CLOSING_M, MOST_REACTIONS, ReactionKind
 from protocols.slip_trial import LiftPlan
 from rig.config import BenchConfig
 from rig.experiments.grasp_plans import derived_seed, grasp_pose, refuse_impossible
-from rig.lift.marker_truth import TRUTH, MarkerTruth
+from rig.lift.marker_truth import MarkerTruth
 from rig.lift.measurement import ExpectedDistance, LiftMeasurement
 from rig.lift.slip_watch import SlipSettings, SlipWatch
 from rig.lift.tip_watch import sigmas_for
@@ -190,22 +190,6 @@ class StoredTrial:
         """Whether the settings have the estimator of the trial itself."""
         stored = self.manifest
         return self.settings.estimator == stored_choice(stored.estimator, stored.window, stored.skip)
-
-    @property
-    def repeats(self) -> bool:
-        """Whether a replay is expected to give exactly the stored results."""
-        return self.own_estimator and self.truth_note is None
-
-    @property
-    def truth_note(self) -> str | None:
-        """How a replay measures the true angles differently; None if it measures them in the same way."""
-        truth = self.manifest.truth
-        if truth == TRUTH:
-            return None
-        return (
-            f"true angles were measured by the markers' {truth}, a replay measures them by their {TRUTH}: "
-            "errors differ by some hundredths of a degree; the stored rows stay as they are"
-        )
 
 
 def stored_trial(folder: Path, estimator: str | None = None, window: int | None = None) -> StoredTrial:

@@ -26,9 +26,9 @@ from rig.sessions.rows import UsableLifts, read_usable_lifts
 class Replay:
     """Result of a replay: summary, rows, and the number of lifts that equal the stored ones bit for bit.
 
-    identical: None if equality is not expected, with another estimator or another measurement of the true
-    angle. problems: unreadable parts; a lift with a gap in its recording counts with the rest of it.
-    interrupted: contents of unfinished recordings, which are in none of the other fields.
+    identical: None with another estimator. problems: unreadable parts; a lift with a gap in its
+    recording counts with the rest of it. interrupted: contents of unfinished recordings, which are in none of
+    the other fields.
     """
 
     summary: TrialSummary
@@ -64,7 +64,7 @@ def run_replay(
     if not rows and not interrupted:
         raise SessionError(problems[0])
     in_order = [rows[number] for number in sorted(rows)]
-    identical = sum(row == stored[row.number] for row in in_order) if trial.repeats else None
+    identical = sum(row == stored[row.number] for row in in_order) if trial.own_estimator else None
     return Replay(summarize_trial(in_order), in_order, identical, tuple(problems), tuple(interrupted))
 
 

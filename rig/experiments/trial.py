@@ -25,14 +25,13 @@ from rig.experiments.lift_plan import (
     plan_lift,
     require_reaction,
 )
-from rig.lift.marker_truth import TRUTH
 from rig.live.feed import NOBODY, LiveFeed
 from rig.results.summary import TrialSummary, summarize_trial
 from rig.results.table import lifts_csv
 from rig.sessions.about import NO_REMARKS, Remarks
 from rig.sessions.manifest import TrialManifest, begun_on
 from rig.sessions.records import LIFTS, LiftRow
-from rig.sessions.session import Session, open_session
+from rig.sessions.session import open_session
 
 WORDING = Wording("trial", "lift")
 LIFTS_CSV = "lifts.csv"
@@ -49,7 +48,7 @@ def trial_manifest(
         estimator=settings.estimator.name,
         window=settings.estimator.window,
         skip=settings.estimator.skip,
-        truth=TRUTH,
+        truth="edges",
         react=settings.react,
         false_alarms_per_hour=settings.slip.false_alarms_per_hour,
         max_turn_deg=settings.slip.max_turn_deg,
@@ -124,7 +123,6 @@ def run_trial(
     with open_session(folder, trial_manifest(settings, objects, lifts, remarks), LIFTS, resume) as session:
         was_complete = session.complete
         if not was_complete:
-            _require_same_truth(session)
             if benches is not None:
                 benches.begin()
             session.keep()
@@ -139,12 +137,3 @@ def run_trial(
         if not was_complete or not (session.folder / LIFTS_CSV).exists():
             session.write(LIFTS_CSV, lifts_csv(session.rows))
         return summary
-
-
-def _require_same_truth(session: Session[LiftRow]) -> None:
-    manifest = session.manifest
-    if isinstance(manifest, TrialManifest) and manifest.truth != TRUTH:
-        raise InputError(
-            f"{session.folder}: its true angles were measured by the markers' {manifest.truth}, but now by "
-            f"their {TRUTH}; they must not be mixed in one table: start again with another --out"
-        )

@@ -33,7 +33,7 @@ from rig.sessions.recorder import (
 )
 from rig.sessions.recording_file import recorded_messages
 
-WRENCH_TRACK, COUNTS_NAME = "wrench", "gripper_counts"
+WRENCH_TRACK = "wrench"
 UNKNOWN_SIGMA_DEG = 180.0
 """Sigma of an unknown angle. A number, because NaN would make the statistics of a data set NaN."""
 
@@ -46,8 +46,8 @@ class Episode:
     before the first frame repeats that frame. ages_s: by serial, (N, K) float32, time from the capture of
     each of these frames to the step. state: (N, K) float32, TCP position in m, quaternion xyzw, position of
     the gripper, and the wrench in the base's axes (N, N m) if recorded. names: of the components of the
-    state. commanded: number of leading components of the state that are positions. joints_rad: (N, 6)
-    float32. angle: (N, 3) float32, the last estimate (deg, 0 before the first), its sigma (deg,
+    state. commanded: number of leading components of the state that are positions. angle: (N, 3)
+    float32, the last estimate (deg, 0 before the first), its sigma (deg,
     `UNKNOWN_SIGMA_DEG` if unknown), and 1 if the newest message has an angle, else 0. truth_deg: (N,)
     float32, the last true angle (0 before the first). truth_known: (N,) bool, whether the newest message has
     a true angle.
@@ -58,7 +58,6 @@ class Episode:
     state: NDArray[np.float32]
     names: tuple[str, ...]
     commanded: int
-    joints_rad: NDArray[np.float32]
     angle: NDArray[np.float32]
     truth_deg: NDArray[np.float32]
     truth_known: NDArray[np.bool_]
@@ -131,7 +130,6 @@ def read_episode(recording: Path, rate_hz: int, windows: Mapping[str, int]) -> E
         np.array(state, np.float32),
         (*POSE, gripper, *(WRENCH if wrenches else ())),
         len(POSE) + 1,
-        np.array([tracks[JOINTS_TOPIC].at(t) for t in times], np.float32),
         np.column_stack([estimate, _sigmas(tracks.get(FUSED_TOPIC), times), estimate_known]).astype(
             np.float32
         ),
@@ -155,7 +153,7 @@ def _values(topic: str, data: bytes, path: Path, poses: ContinuousPoses) -> Iter
     elif topic == GRIPPER_TOPIC:
         kept = recorded_gripper(data, path)
         counts = kept.position_counts
-        yield topic, ("gripper_opening_m", kept.opening_m) if counts is None else (COUNTS_NAME, counts)
+        yield topic, ("gripper_opening_m", kept.opening_m) if counts is None else ("gripper_counts", counts)
     elif topic in (FUSED_TOPIC, TRUTH_TOPIC):
         angle = recorded_angle(data, path, 0)
         yield topic, (angle.angle_deg, angle.sigma_deg)

@@ -1,7 +1,6 @@
 """Export sessions by the name of a format; an export is written completely or not at all."""
 
 from dataclasses import replace
-from importlib import import_module
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -13,17 +12,12 @@ from rig.export.lerobot import export_lerobot
 from rig.export.result import Exported, Exporter, ExportRequest, export_request
 
 
-def _needs(package: str, extra: str, to: str) -> Exporter:
-    """Return the exporter `export_TO` of the module `rig.export.TO`, which is imported on first use.
+def _export_rosbag2(request: ExportRequest) -> Exported:
+    """Write ROS 2 bags. Raises `InputError` if rosbags is not installed."""
+    require_extra("rosbags", "ros2", "--to rosbag2 needs")
+    from rig.export.rosbag2 import export_rosbag2
 
-    The exporter raises `InputError` if the package of the extra is not installed.
-    """
-
-    def export(request: ExportRequest) -> Exported:
-        require_extra(package, extra, f"--to {to} needs")
-        return getattr(import_module(f"rig.export.{to}"), f"export_{to}")(request)
-
-    return export
+    return export_rosbag2(request)
 
 
 FORMATS: dict[str, Exporter] = {
@@ -32,17 +26,14 @@ FORMATS: dict[str, Exporter] = {
     "coco": export_coco,
     "labelme": export_labelme,
     "lerobot": export_lerobot,
-    "rosbag2": _needs("rosbags", "ros2", "rosbag2"),
-    "rerun": _needs("rerun", "live", "rerun"),
-    "zarr": _needs("zarr", "zarr", "zarr"),
-    "mlflow": _needs("mlflow", "mlflow", "mlflow"),
+    "rosbag2": _export_rosbag2,
 }
 
 
-def export_session(session: Path, to: str, out: Path, every: int = 10, uri: str | None = None) -> Exported:
+def export_session(session: Path, to: str, out: Path, every: int = 10) -> Exported:
     """Export a session to the new folder `out`, without changing the session.
 
-    to: one of `FORMATS`. every, uri: see `ExportRequest`. Raises `InputError` if the folder exists or the
+    to: one of `FORMATS`. every: see `ExportRequest`. Raises `InputError` if the folder exists or the
     format does not fit the session, `SessionError` if the session is damaged, and `RecordingError` if the
     folder cannot be written. After an error `out` does not exist.
     """
@@ -59,7 +50,7 @@ def export_session(session: Path, to: str, out: Path, every: int = 10, uri: str 
             # a folder inside, because the temporary folder itself has restricted permissions
             whole = Path(aside) / out.name
             whole.mkdir()
-            exported = FORMATS[to](replace(request, out=whole, uri=uri))
+            exported = FORMATS[to](replace(request, out=whole))
             whole.replace(out)
     except OSError as error:
         raise RecordingError(

@@ -18,8 +18,7 @@ class ExportRequest:
     """A session and the folder of its export, which exists and is empty.
 
     lifts: all attempts of a trial. poses: all attempts of a recording. every: every Nth frame of a trial
-    becomes a labelled image. left_out: unreadable parts of the session, with reasons. uri: tracking URI of
-    MLflow; None if not given.
+    becomes a labelled image. left_out: unreadable parts of the session, with reasons.
     """
 
     session: Path
@@ -29,7 +28,6 @@ class ExportRequest:
     poses: tuple[PoseRow, ...] = ()
     every: int = 10
     left_out: tuple[str, ...] = ()
-    uri: str | None = None
 
     @property
     def finished_lifts(self) -> list[FinishedLift]:

@@ -153,7 +153,7 @@ def _messages(recording: Path, bench: BenchConfig) -> Iterator[Stamped]:
             if arm.wrench is not None:
                 yield time_ns, "/wrench", _wrench(time_ns, pose, arm.wrench)
         elif topic == GRIPPER_TOPIC:
-            fingers = _fingers(recorded_gripper(data, recording), bench)
+            fingers = _fingers(recorded_gripper(data, recording))
             yield time_ns, "/gripper/joint_states", _values(time_ns, TOOL, fingers)
         elif topic.startswith(ANGLE_PREFIX):
             name = ANGLES.get(topic) or source_name(topic.removeprefix(ANGLE_PREFIX), bench)
@@ -162,14 +162,9 @@ def _messages(recording: Path, bench: BenchConfig) -> Iterator[Stamped]:
             yield time_ns, f"/angle/{name}", _values(time_ns, _optical(CAMERA), angle)
 
 
-def _fingers(kept: RecordedGripper, bench: BenchConfig) -> dict[str, float]:
-    """Return the opening in m and, if recorded, the counts. Version 1.0 recorded only the counts."""
-    fingers: dict[str, float] = {}
-    if kept.opening_m is not None:
-        fingers["gripper_opening"] = kept.opening_m
-    elif kept.position_counts is not None:
-        steps = kept.position_counts - bench.gripper.limits.min_counts
-        fingers["gripper_opening"] = bench.gripper_spec().opening_at(steps)
+def _fingers(kept: RecordedGripper) -> dict[str, float]:
+    """Return the opening in m and, if recorded, the counts."""
+    fingers = {"gripper_opening": kept.opening_m}
     if kept.position_counts is not None:
         fingers["gripper_counts"] = float(kept.position_counts)
     return fingers

@@ -29,14 +29,3 @@ class ContinuousPoses:
         self._last = found
         x, y, z, w = found.tolist()
         return replace(pose, quaternion_xyzw=(x, y, z, w))
-
-
-def rotation_vectors(quaternions_xyzw: NDArray[np.floating]) -> Floats:
-    """Return the rotation vectors of continuous quaternions, (N, 4), as (N, 3) rad.
-
-    Their angle may exceed half a turn, where a vector of at most half a turn would change its sign.
-    """
-    axis, w = np.asarray(quaternions_xyzw[:, :3], np.float64), quaternions_xyzw[:, 3]
-    length = np.linalg.norm(axis, axis=1)
-    factor = np.where(length > 1e-12, 2.0 * np.arctan2(length, w) / np.maximum(length, 1e-12), 2.0)
-    return axis * factor[:, None]

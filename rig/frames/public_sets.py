@@ -1,4 +1,4 @@
-"""Readers of public sets of tactile recordings with known rotation, in their published layouts.
+"""Read a public set of tactile recordings with known rotation, in its published layout.
 
 TactileTracking: GelSight Mini with motion capture, huggingface.co/datasets/joehjhuang/TactileTracking. The
 layout is the one that its code reads, github.com/rpl-cmu/normalflow_experiment. Each trial is a folder with
@@ -10,80 +10,32 @@ layout is the one that its code reads, github.com/rpl-cmu/normalflow_experiment.
 The sensor's x and y axes are those of the image, y down. The object is fixed, and the sensor moves. If the
 sensor rotates clockwise as seen, the object rotates counter-clockwise in the image. The image angle of the
 object is therefore the sensor's rotation about z.
-
-digit-pose-estimation: DIGIT with a tag on the object,
-huggingface.co/datasets/facebook/digit-pose-estimation. The layout is the one that its code reads,
-github.com/facebookresearch/sparsh. Each sequence is a pickle with
-
-- `digit_index`, `digit_middle`, `digit_ring`: lists of encoded or decoded images, in landscape format,
-- `object_<finger>_rel_pose_n5`: (M, 4, 4), changes of the object's pose over five samples, in the finger's
-  axes.
-
-`bgs/digit_<finger>.png` beside it is a frame without contact. The set documents neither the frame rate nor
-the direction of the finger's z axis relative to the image.
 """
 
 import math
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-from functools import lru_cache
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, TypeGuard
+from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from drivers.errors import FormatError, InputError, counted
-from drivers.formats import read_bounded, reason
-from drivers.images import decode_image, read_image, require_same_aspect
+from drivers.errors import InputError, counted
+from drivers.formats import reason
+from drivers.images import require_same_aspect
 from drivers.types import Image
-from rig.frames.plain_pickle import read_plain_pickle
 
 TRIAL_VIDEO, TRIAL_POSES, TRIAL_MASKS = "gelsight.avi", "true_start_T_currs.npy", "contact_masks.npy"
-BAG_SUFFIX, BACKGROUNDS = ".pkl", "bgs"
-FINGERS = ("index", "middle", "ring")
-BAG_STRIDE = 5
-"""Number of samples between the two poses of a change of pose."""
 MOST_BYTES = 2_000_000_000
-"""Size limit for a file of these sets; their largest file has a fifth of it."""
+"""Size limit for an array file of the set: a file of another kind is rejected before it takes memory."""
 NOT_A_TURN = 0.01
 """Largest deviation of a rotation matrix from an orthogonal one."""
 MASKS_USED, GROWN_PX, FILLED_PX = 60, 9, 5
 """Number of frames for a background; margin around a contact that is left out; radius of the inpainting."""
 
 Matrices = NDArray[np.float64]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Bag:
-    """One finger of a sequence: its images, encoded or (H, W, 3), and the (M, 4, 4) changes of pose."""
-
-    path: Path
-    finger: str
-    images: list[Any]
-    changes: Matrices
-
-    def frames(self) -> Iterator[Image | None]:
-        """Yield the images upright, (H, W, 3) uint8 RGB; None for one that cannot be decoded."""
-        return (_upright(image) for image in self.images)
-
-    def turned_deg(self) -> NDArray[np.float64]:
-        """(K,) rotation about the finger's z axis since the first sample, at samples 0, 5, 10 and so on.
-
-        A change belongs to the sample at which it ends, as in the code of the set.
-        """
-        ends = range(BAG_STRIDE, min(len(self.images), len(self.changes)), BAG_STRIDE)
-        return np.cumsum([0.0, *(_about_z_deg(self.changes[end]) for end in ends)])
-
-    def background(self) -> Image | None:
-        """The finger's frame without contact, from `bgs` in this folder or the one above; None if missing."""
-        for folder in (self.path.parent, *self.path.parent.parents[:3]):
-            file = folder / BACKGROUNDS / f"digit_{self.finger}.png"
-            if file.is_file():
-                return _upright(read_image(file))
-        return None
 
 
 def is_trial(path: Path) -> bool:
@@ -134,55 +86,6 @@ def trial_background(folder: Path, images: Iterator[Image]) -> Image:
     return np.asarray(cv2.inpaint(mean, unseen, FILLED_PX, cv2.INPAINT_TELEA), np.uint8)
 
 
-def bag_of(path: Path) -> tuple[Path, str] | None:
-    """Split `bag_00.pkl` or `bag_00.pkl:ring` into file and finger; None if there is no such file."""
-    name, _, finger = str(path).rpartition(":")
-    if name.endswith(BAG_SUFFIX) and finger in FINGERS:
-        return Path(name), finger
-    return (path, FINGERS[0]) if path.suffix == BAG_SUFFIX else None
-
-
-def read_bag(path: Path, finger: str) -> Bag:
-    """Read one finger of a sequence of digit-pose-estimation without executing pickled code.
-
-    Raises `InputError`.
-    """
-    content = _unpickled(path)
-    images, changes = content.get(f"digit_{finger}"), content.get(f"object_{finger}_rel_pose_n{BAG_STRIDE}")
-    if isinstance(changes, list) and {getattr(change, "shape", None) for change in changes} == {(4, 4)}:
-        changes = np.array(changes)
-    if not _several(images) or changes is None:
-        raise FormatError(
-            f"{path}: has no digit_{finger} with object_{finger}_rel_pose_n{BAG_STRIDE}: give a sequence of "
-            "digit-pose-estimation"
-        )
-    if not isinstance(changes, np.ndarray):
-        raise FormatError(f"{path}: object_{finger}_rel_pose_n{BAG_STRIDE} is not an array: copy it again")
-    return Bag(path, finger, list(images), _matrices(path, changes))
-
-
-def _several(images: object) -> TypeGuard[Sequence[Any]]:
-    """Whether a value is a non-empty list or array (N, H, W, 3) of images."""
-    if isinstance(images, np.ndarray):
-        return images.ndim == 4 and len(images) > 0
-    return isinstance(images, (list, tuple)) and len(images) > 0
-
-
-@lru_cache(maxsize=1)
-def _unpickled(path: Path) -> dict[str, Any]:
-    """Read a file and cache it for its three fingers; reading takes seconds and the file's size in memory."""
-    data = read_bounded(path, MOST_BYTES)
-    try:
-        content = read_plain_pickle(data)
-    except FormatError as error:
-        raise FormatError(f"{path}: is not a sequence of digit-pose-estimation ({error})") from error
-    if not isinstance(content, dict):
-        raise FormatError(
-            f"{path}: holds a {type(content).__name__}, not a sequence of digit-pose-estimation"
-        )
-    return content
-
-
 def _array(path: Path) -> NDArray[Any]:
     try:
         if path.stat().st_size > MOST_BYTES:
@@ -218,12 +121,3 @@ def _free(mask: NDArray[Any], shape: tuple[int, ...]) -> NDArray[np.bool_]:
     """Return the pixels that are farther than `GROWN_PX` from any contact, as (H, W) bool."""
     whole = cv2.resize((np.asarray(mask) > 0).astype(np.uint8), shape[::-1], interpolation=cv2.INTER_NEAREST)
     return cv2.dilate(whole, np.ones((2 * GROWN_PX + 1, 2 * GROWN_PX + 1), np.uint8)) == 0
-
-
-def _upright(image: Any) -> Image | None:
-    """Decode an encoded image; rotate a landscape image clockwise by 90 degrees, as the set's code does."""
-    found = decode_image(bytes(image)) if isinstance(image, (bytes, bytearray)) else image
-    if not isinstance(found, np.ndarray) or found.dtype != np.uint8 or found.ndim != 3 or found.shape[2] != 3:
-        return None
-    lying = found.shape[0] < found.shape[1]
-    return np.ascontiguousarray(np.rot90(found, -1)) if lying else np.ascontiguousarray(found)

@@ -31,7 +31,7 @@ from rig.frames.clips import (
     is_simulated_clip,
     require_clip,
 )
-from rig.frames.public_sets import TRIAL_VIDEO, bag_of, is_trial, read_bag, trial_background
+from rig.frames.public_sets import TRIAL_VIDEO, is_trial, trial_background
 from rig.frames.ros_bags import bag_images, bag_times, find_topic, rest_of_bag
 from rig.frames.times import (
     FrameTime,
@@ -108,9 +108,8 @@ def read_frames(
     """Open a clip of one sensor.
 
     path: a folder of images (sorted by name, numbers by value), an image, a video, an array
-    (`rig.frames.clips`), a ROS bag (`rig.frames.ros_bags`), a trial of TactileTracking, or a finger of a
-    sequence of digit-pose-estimation (`bag_00.pkl:ring`, by default the index finger; both in
-    `rig.frames.public_sets`). A folder that contains a folder `frames` is a clip with background and times,
+    (`rig.frames.clips`), a ROS bag (`rig.frames.ros_bags`), or a trial of TactileTracking
+    (`rig.frames.public_sets`). A folder that contains a folder `frames` is a clip with background and times,
     as `rig live` records it. timestamps: CSV with `frame,t_s`, see `times_from_table`. fps: frame rate in Hz;
     by default that of the video, or 60 for images. topic: of a ROS bag; by default its only image topic.
     Raises `InputError` for anything else.
@@ -125,8 +124,6 @@ def read_frames(
         raise InputError(f"{path}: is not a ROS bag: leave --topic out")
     if timestamps is not None and fps is not None:
         raise InputError("both --timestamps and --fps set the times of the frames: give one of them")
-    if (bag := bag_of(path)) is not None:
-        return _bag_series(*bag, timestamps, fps)
     if is_trial(path):
         return _trial_series(path, timestamps, fps)
     require_clip(path)
@@ -317,22 +314,6 @@ def _trial_series(folder: Path, timestamps: Path | None, fps: float | None) -> F
     note = "background: mean of the pixels outside contact_masks.npy; pixels always in contact are filled in"
     empty = partial(trial_background, folder)
     return replace(series, notes=(*series.notes, note), empty=lambda: empty(series.images()))
-
-
-def _bag_series(path: Path, finger: str, timestamps: Path | None, fps: float | None) -> FrameSeries:
-    if not path.is_file():
-        raise InputError(f"{path}: there is no such file: check the path")
-    bag = read_bag(path, finger)
-    names = [str(number) for number in range(len(bag.images))]
-    times, notes = _times(names, timestamps, FOLDER_FPS if fps is None else fps)
-
-    def read() -> Iterator[TimedFrame]:
-        frames = read_bag(path, finger).frames()
-        return (TimedFrame(name, time, image) for name, time, image in zip(names, times, frames, strict=True))
-
-    note = f"finger {finger}; {RATE_ASSUMED}"
-    notes = (note,) if timestamps is None and fps is None else notes
-    return FrameSeries(f"{path}:{finger}", read, notes, bag.background, count=len(names))
 
 
 def _times(names: list[str], table: Path | None, fps: float) -> tuple[list[FrameTime], tuple[str, ...]]:

@@ -21,8 +21,6 @@ from drivers.errors import CalibrationError, InputError, counted
 from drivers.types import Image, Pose
 from rig.lift.onset import LONGEST_GAP_NS, slip_onset_ns
 
-TRUTH = "edges"
-"""The present method of measuring angles, for a session's manifest; earlier sessions have "corners"."""
 NO_ZERO = "markers: the angle has no zero yet; it is set at the end of phase A"
 __all__ = ["LONGEST_GAP_NS", "MarkerTruth", "TruthSeries", "interpolate", "slip_onset_ns"]
 

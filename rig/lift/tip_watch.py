@@ -38,7 +38,7 @@ def sigmas_for(false_alarms_per_hour: float, answers_per_s: float) -> float:
     share = false_alarms_per_hour / (3600.0 * answers_per_s)
     if not 0.0 < share < 0.5:
         raise InputError(
-            f"--false-alarms-per-hour {false_alarms_per_hour:g} is out of range for {answers_per_s:.0f} "
+            f"--alarms-per-hour {false_alarms_per_hour:g} is out of range for {answers_per_s:.0f} "
             "answers per second: give more than 0 and less than half as many as there are"
         )
     return -NormalDist().inv_cdf(math.sqrt(share / 2.0))

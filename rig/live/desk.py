@@ -4,7 +4,6 @@ One thread per sensor waits for its frames; one thread estimates, records and se
 moves hardware.
 """
 
-import os
 import queue
 import threading
 from collections.abc import Sequence
@@ -245,12 +244,7 @@ class Desk:
 
     def _show(self, reading: Reading) -> None:
         frame = reading.frame
-        values = {
-            "sender": os.getpid(),
-            "time_ns": reading.time_ns,
-            "recording": self.recording,
-            **reading.values(),
-        }
+        values = {"recording": self.recording, **reading.values()}
         if frame is None:
             self._sender.send("sensor", values)
             return
@@ -263,7 +257,7 @@ class Desk:
 
     def _say(self, notice: str) -> None:
         self.notice = notice
-        self._sender.send("notice", {"sender": os.getpid(), "text": notice})
+        self._sender.send("notice", {"text": notice})
 
     def _wait(self, source: FrameSource) -> None:
         """Pass on a source's frames until it ends or the desk is closed; runs in a separate thread."""

@@ -9,10 +9,9 @@ import numpy as np
 
 from drivers.clock import NS_PER_S, Clock, SystemClock
 from drivers.images import encode_jpeg
-from drivers.types import ArmState, Frame, GripperState, Image
-from protocols.observer import LiftEvents, Phase, ReactionStep
+from drivers.types import ArmState, Frame, Image
+from protocols.observer import LiftEvents, Phase
 from rig.lift.measurement import LiftMeasurement
-from rig.lift.onset import OnsetAlarm
 from rig.live.feed import LiveFeed, Sender
 from rig.sessions.records import LiftHead
 
@@ -86,14 +85,11 @@ class LiveObserver(LiftEvents):
         self._phase = ""
         self._fused_sent = 0
         self._truth: list[tuple[int, float | None]] = []
-        self._alarm: OnsetAlarm | None = None
         self._send("lift", {})
 
     def phase(self, phase: Phase, time_ns: int) -> None:
         """Begin a phase."""
         self._phase = phase.value
-        if phase is Phase.LIFT:
-            self._alarm = OnsetAlarm()
         self._send("phase", {"phase": phase.value, "time_ns": time_ns})
 
     def frame(self, frame: Frame) -> None:
@@ -113,16 +109,6 @@ class LiveObserver(LiftEvents):
             values = {"position_m": pose.position_m, "quaternion_xyzw": pose.quaternion_xyzw}
             self._send("arm", {"time_ns": state.time_ns, **values})
 
-    def gripper(self, state: GripperState) -> None:
-        """Send the gripper's opening."""
-        if self._pictures and self._due("gripper"):
-            values = {"opening_m": state.opening_m, "moving": state.moving}
-            self._send("gripper", {"time_ns": state.time_ns, **values})
-
-    def reaction(self, step: ReactionStep, time_ns: int, position: int) -> None:
-        """Send a step of a reaction to slip."""
-        self._send("reaction", {"time_ns": time_ns, "step": step.value})
-
     def close(self) -> None:
         """Send the last figures and close the socket."""
         self._figures(max((times[-1] for times in self._times.values()), default=0))
@@ -141,15 +127,11 @@ class LiveObserver(LiftEvents):
     def _figures(self, time_ns: int) -> None:
         fused = self._measurement.angle.fused[self._fused_sent :]
         self._fused_sent = len(self._measurement.angle.fused)
-        if self._alarm is not None:
-            for sample in fused:
-                self._alarm.update(sample.time_ns, sample.angle_deg, sample.rate_deg_s)
         values = {
             "time_ns": time_ns,
             "phase": self._phase,
             "estimate": [(s.time_ns, s.angle_deg, s.sigma_deg) for s in fused],
             "truth": self._truth,
-            "slip": self._alarm is not None and self._alarm.raised_ns is not None,
             "rates_hz": self._rates_hz(),
             "dropped": {name: tally.dropped for name, tally in self._measurement.tallies.items()},
         }

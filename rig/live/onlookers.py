@@ -26,15 +26,15 @@ class Event:
 Row = TypeVar("Row")
 Tell = Callable[[Event], None]
 """Takes an event; never blocks, never raises."""
-_onlookers: list[Tell] = []
+_observers: list[Tell] = []
 _report_pages: list[Callable[[Path], None]] = []
 """Functions that show the report of the command once it is written."""
 
 
 def tell(event: Event) -> None:
     """Pass an event to all observers."""
-    for onlooker in _onlookers:
-        onlooker(event)
+    for observer in _observers:
+        observer(event)
 
 
 def telling(
@@ -52,17 +52,17 @@ def telling(
 
 
 @contextmanager
-def looking_on(onlooker: Tell) -> Iterator[None]:
+def observed_by(observer: Tell) -> Iterator[None]:
     """Pass all events to an observer, finally one with the outcome of the command."""
-    _onlookers.append(onlooker)
+    _observers.append(observer)
     try:
         yield
-        onlooker(Event("end", "done"))
+        observer(Event("end", "done"))
     except BaseException as error:
-        onlooker(Event("end", str(error) or type(error).__name__))
+        observer(Event("end", str(error) or type(error).__name__))
         raise
     finally:
-        _onlookers.remove(onlooker)
+        _observers.remove(observer)
 
 
 def report_to(page: Callable[[Path], None]) -> Callable[[], None]:

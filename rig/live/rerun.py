@@ -1,6 +1,5 @@
-"""The live view in rerun, or in a file for it."""
+"""The live view in rerun."""
 
-from pathlib import Path
 from typing import Any
 
 import rerun as rr
@@ -20,19 +19,14 @@ ESTIMATE_RGB, TRUTH_RGB = (list(bytes.fromhex(colour.dark[1:])) for colour in (E
 
 
 class RerunScene:
-    """Shows messages in the rerun viewer, or writes them to a file for it. Only this module imports rerun.
+    """Opens the rerun viewer and shows messages in it. Only this module imports rerun.
 
     If lifts run in parallel in several processes, only those of one process are shown.
-
-    save: the .rrd file; None opens the viewer.
     """
 
-    def __init__(self, save: Path | None) -> None:
+    def __init__(self) -> None:
         self._stream = rr.RecordingStream(APPLICATION)
-        if save is None:
-            self._stream.spawn(memory_limit=MEMORY_LIMIT, default_blueprint=layout([]))
-        else:
-            self._stream.save(save, default_blueprint=layout([]))
+        self._stream.spawn(memory_limit=MEMORY_LIMIT, default_blueprint=layout([]))
         for name, colour in (("estimate", ESTIMATE_RGB), ("markers", TRUTH_RGB)):
             self._stream.log(
                 f"angle/{name}", rr.SeriesLines(colors=[colour], names=[f"{name}, deg"]), static=True
@@ -132,8 +126,3 @@ def layout(serials: list[str], mark: str = "") -> rrb.Blueprint:
     events = rrb.TextLogView(origin="events", name=f"{mark}events")
     sides = rrb.Horizontal(rrb.Vertical(pictures, angles), rrb.Vertical(arm, events), column_shares=[3, 1])
     return rrb.Blueprint(sides, collapse_panels=True)
-
-
-def open_scene(arguments: list[str]) -> RerunScene:
-    """Open the viewer, or the file that the arguments name."""
-    return RerunScene(Path(arguments[0]) if arguments else None)

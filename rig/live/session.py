@@ -1,16 +1,13 @@
 """Start and end the live view of a session: sockets for its messages, and the viewer's process."""
 
-import json
 import logging
 import os
 import select
-import socket
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import dataclass
 from pathlib import Path
 
 from drivers.children import python_command, signals_of_terminal_held
@@ -18,121 +15,45 @@ from drivers.errors import InputError
 from rig.config.extras import require_extra
 from rig.live.feed import Inbox, Listener, LiveFeed
 
-FOXGLOVE_PORT = 8765
-"""Foxglove's default port."""
-FOXGLOVE_LAYOUT = Path(__file__).parent / "foxglove_layout.json"
-"""The layout to import in Foxglove, for lifts and for sensors on a desk."""
 START_TIMEOUT_S = 30.0
 END_TIMEOUT_S = 30.0
 _log = logging.getLogger("rig.live")
 
 
-def check_viewer(window: bool, file: Path | None) -> None:
-    """Raise `InputError` if a viewer cannot be started.
-
-    window: whether to open a viewer. file: the .rrd file to write.
-    """
-    if not window and file is None:
-        return
-    if window and file is not None:
-        raise InputError("--live opens a viewer and --live-to writes a file: choose one")
+def check_viewer() -> None:
+    """Raise `InputError` if the viewer cannot be started."""
     require_extra("rerun", "live", "the live view needs")
-    if window and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
-        raise InputError("--live: there is no display here; write a file instead: --live-to FILE.rrd")
-    if file is not None and not file.resolve().parent.is_dir():
-        raise InputError(f"--live-to {file}: there is no folder {file.resolve().parent}")
-
-
-@dataclass(frozen=True, slots=True)
-class FoxgloveServer:
-    """Where Foxglove can connect. names: of the tactile sensors by serial, as "finger_b"."""
-
-    host: str
-    port: int
-    names: Mapping[str, str]
-
-    def check(self) -> None:
-        """Raise `InputError` if foxglove-sdk is not installed or nothing can be served there."""
-        require_extra("foxglove", "foxglove", "--foxglove needs foxglove-sdk, module")
-        try:
-            with socket.socket(socket.AF_INET6 if ":" in self.host else socket.AF_INET) as probe:
-                probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-                probe.bind((self.host, self.port))
-        except OSError as error:
-            raise InputError(
-                f"--foxglove-at {self.host}:{self.port}: nothing can be served there "
-                f"({error.strerror or error}); choose another address"
-            ) from error
-
-    @property
-    def arguments(self) -> tuple[str, ...]:
-        """Arguments for `rig.live.foxglove.open_scene`."""
-        return self.host, str(self.port), json.dumps(dict(self.names))
+    if not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+        raise InputError("--live: there is no display here; watch in a browser instead: --watch")
 
 
 @contextmanager
-def live_session(
-    window: bool,
-    file: Path | None,
-    others: tuple[Listener, ...] = (),
-    foxglove: FoxgloveServer | None = None,
-) -> Iterator[tuple[LiveFeed, Inbox]]:
+def live_session(window: bool, others: tuple[Listener, ...] = ()) -> Iterator[tuple[LiveFeed, Inbox]]:
     """Yield the feed that lifts send to, and the inbox of the terminal's view.
 
-    window, file: as in `check_viewer`, which is called first. others: further listeners. foxglove: server to
-    start. The viewers' processes end with the session; if one ends earlier, the session continues.
+    window: whether to open the viewer rerun. others: further listeners. The viewer's process ends with the
+    session; if it ends earlier, the session continues. Raises `InputError` as `check_viewer` does.
     """
-    check_viewer(window, file)
+    if window:
+        check_viewer()
     with tempfile.TemporaryDirectory(prefix="rig-live-") as folder, ExitStack() as stack:
         inbox = Inbox(f"{folder}/terminal")
         stack.callback(inbox.close)
         listeners = [Listener(inbox.address, pictures=False), *others]
-        if window or file is not None:
+        if window:
             address = f"{folder}/viewer"
-            stack.enter_context(_viewer("rerun", address, *_file(file)))
+            stack.enter_context(_viewer(address))
             listeners.append(Listener(address, pictures=True))
-        if foxglove is not None:
-            listeners.append(stack.enter_context(foxglove_listener(foxglove)))
         yield LiveFeed(tuple(listeners)), inbox
 
 
 @contextmanager
-def foxglove_listener(server: FoxgloveServer) -> Iterator[Listener]:
-    """Serve to Foxglove in a process that ends with the context. Raises `InputError` as `check` does."""
-    server.check()
-    with tempfile.TemporaryDirectory(prefix="rig-live-") as folder:
-        address = f"{folder}/foxglove"
-        with _viewer("foxglove", address, *server.arguments):
-            yield Listener(address, pictures=True)
-
-
-@contextmanager
-def viewer_feed(file: Path | None) -> Iterator[LiveFeed]:
-    """Yield a feed into a .rrd file, without a view on the terminal; without a file it has no listeners.
-
-    Raises `InputError` as `check_viewer` does.
-    """
-    check_viewer(False, file)
-    if file is None:
-        yield LiveFeed()
-        return
-    with tempfile.TemporaryDirectory(prefix="rig-live-") as folder:
-        address = f"{folder}/viewer"
-        with _viewer("rerun", address, *_file(file)):
-            yield LiveFeed((Listener(address, pictures=True),))
-
-
-def _file(file: Path | None) -> tuple[str, ...]:
-    return () if file is None else (str(file),)
-
-
-@contextmanager
-def _viewer(kind: str, address: str, *arguments: str) -> Iterator[subprocess.Popen[str]]:
-    command = python_command("-m", "rig.live.viewer", kind, address, *arguments)
+def _viewer(address: str) -> Iterator[subprocess.Popen[str]]:
+    command = python_command("-m", "rig.live.viewer", address)
     # The viewer's output goes into a file: a pipe that is not read would block it.
     log = Path(f"{address}.log")
     with log.open("w") as said, signals_of_terminal_held():
-        process = subprocess.Popen(  # noqa: S603 - this program and the user's own path
+        process = subprocess.Popen(  # noqa: S603 - this program
             command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=said, text=True,
             env=viewer_environment(),
         )  # fmt: skip
@@ -160,8 +81,8 @@ def _wait_until_ready(process: subprocess.Popen[str], log: Path) -> None:
     process.kill()
     said = log.read_text().strip().splitlines()
     raise InputError(
-        f"the live viewer did not start ({said[-1] if said else 'no answer'}); run without --live and "
-        "--foxglove, or check that `rerun` starts by itself"
+        f"the live viewer did not start ({said[-1] if said else 'no answer'}); run without --live, "
+        "or check that `rerun` starts by itself"
     )
 
 

@@ -33,17 +33,17 @@ LOOKING, REPORT_SHOWN = b"looking", b"report shown"
 """Messages of the server's process: a browser has opened the page; a browser has fetched the report."""
 
 
-def watch_address(at: str | None, option: str = "--watch-at", port: int = 0) -> tuple[str, int]:
+def watch_address(at: str | None) -> tuple[str, int]:
     """Return host and port to serve at; port 0 stands for any free port.
 
-    at: value of the option, HOST:PORT, or None for `port` on this computer only. Raises `InputError` for
+    at: value of --watch-at, HOST:PORT, or None for a free port on this computer only. Raises `InputError` for
     anything else.
     """
     if at is None:
-        return LOOPBACK, port
+        return LOOPBACK, 0
     host, _, typed = at.rpartition(":")
     if not host or not (typed.isascii() and typed.isdecimal()) or len(typed) > 5 or int(typed) > 65535:
-        raise InputError(f"{option} {at}: write host and port, as {LOOPBACK}:{port or 8080}")
+        raise InputError(f"--watch-at {at}: write host and port, as {LOOPBACK}:8080")
     return host, int(typed)
 
 

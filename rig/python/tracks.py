@@ -170,7 +170,7 @@ def read_gripper(recording: Path, zero_s: float) -> GripperTrack:
     ]
     return GripperTrack(
         _array([time_s for time_s, _ in messages]),
-        _array([np.nan if kept.opening_m is None else kept.opening_m for _, kept in messages]),
+        _array([kept.opening_m for _, kept in messages]),
         _array([np.nan if kept.current_a is None else kept.current_a for _, kept in messages]),
         np.array([kept.moving for _, kept in messages], bool),
     )

@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.clock import NS_PER_S
-from protocols.observer import REQUIRED
 from rig.lift.marker_truth import TruthSeries, interpolate
 from rig.results.metrics import Floats
 
@@ -52,16 +51,6 @@ class LiftCurves:
     time_label: str = "time from the start of the lift, s"
     axes: tuple[tuple[float, float], tuple[float, float]] | None = None
 
-    @property
-    def paper_phases_s(self) -> dict[str, float]:
-        """Start times of the phases of the paper, which every lift has."""
-        return {name: t for name, t in self.phases_s.items() if name in REQUIRED}
-
-    @property
-    def other_phases_s(self) -> dict[str, float]:
-        """Phases that only other versions of the trial have."""
-        return {name: t for name, t in self.phases_s.items() if name not in REQUIRED}
-
     def within(self, *phases: str) -> NDArray[np.bool_]:
         """Return which frames of the estimate, (N,) bool, are in these phases; all if phases are unknown."""
         times = self.estimate.time_s
@@ -69,7 +58,7 @@ class LiftCurves:
         for phase in phases:
             if phase in self.phases_s:
                 begins = self.phases_s[phase]
-                ends = min((t for t in self.paper_phases_s.values() if t > begins), default=np.inf)
+                ends = min((t for t in self.phases_s.values() if t > begins), default=np.inf)
                 inside |= (times >= begins) & (times < ends)
         return inside if self.phases_s else np.ones(times.shape, bool)
 

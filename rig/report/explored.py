@@ -16,7 +16,7 @@ import numpy as np
 from drivers.clock import NS_PER_S
 from drivers.types import Image
 from rig.pages.page import data_uri
-from rig.pages.palette import ESTIMATE, FIRST, INK, MUTED, SECOND, TRUTH, Colour
+from rig.pages.palette import ESTIMATE, FIRST, INK, SECOND, TRUTH, Colour
 from rig.report.curves import LiftCurves, signed_errors
 from rig.report.lift_chart import SIGMAS, angle_range, shown_range
 from rig.report.strips import pictures
@@ -75,11 +75,10 @@ def explored(lift: LiftCurves, panels: Sequence[Panel], film: str | None = None)
         for panel in panels
     ]
     onsets = ((TRUTH, lift.onset_truth_s), (ESTIMATE, lift.onset_estimate_s))
-    others = [(MUTED, time_s) for time_s in lift.other_phases_s.values()]
     return {
         "range": [round(start, 3), round(end, 3)],
-        "phases": sorted(lift.paper_phases_s.items(), key=lambda phase: phase[1]),
-        "marks": [(colour.name, time_s) for colour, time_s in (*onsets, *others) if time_s is not None],
+        "phases": sorted(lift.phases_s.items(), key=lambda phase: phase[1]),
+        "marks": [(colour.name, time_s) for colour, time_s in onsets if time_s is not None],
         "panels": panels_shown,
         "film": film,
     }
@@ -154,14 +153,10 @@ def _wrench(messages: Messages, path: Path, zero_ns: int) -> list[Panel]:
 
 
 def _grip(messages: Messages, path: Path, zero_ns: int) -> list[Panel]:
-    """Opening of the gripper, in counts for recordings of versions without an opening."""
     states = [recorded_gripper(data, path) for _, data in messages]
     if not states:
         return []
     times = _seconds([time_ns for time_ns, _ in messages], zero_ns)
-    if any(state.opening_m is None for state in states):
-        counts = np.array([state.position_counts for state in states], float)
-        return [Panel("grip, counts", [Series("gripper's position", INK, times, counts)])]
     opening = np.array([state.opening_m for state in states], float) * 1e3
     return [Panel("grip, mm", [Series("gripper's opening", INK, times, opening)])]
 

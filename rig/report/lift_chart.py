@@ -199,13 +199,6 @@ def _phases(axes: Axes, lift: LiftCurves) -> None:
             fontsize=10.5, color=MUTED.light,
         )  # fmt: skip
 
-    for name, begins in lift.other_phases_s.items():
-        axes.axvline(begins, color=MUTED.light, linewidth=0.8, zorder=1)
-        axes.text(
-            begins, 0.0, f" {name}", transform=axes.get_xaxis_transform(), ha="left", va="bottom",
-            fontsize=9, color=MUTED.light, clip_on=True,
-        )  # fmt: skip
-
 
 def _onsets(axes: Axes, lift: LiftCurves, until_s: float) -> None:
     for onset, colour, style in (

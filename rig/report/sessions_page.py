@@ -7,14 +7,17 @@ from pathlib import Path
 from urllib.parse import quote
 
 from markupsafe import Markup
+from matplotlib.dates import AutoDateLocator, ConciseDateFormatter, date2num
 
+from rig.pages.figure import drawing
 from rig.pages.page import render
+from rig.pages.palette import ESTIMATE
+from rig.pages.plot_data import Spot
 from rig.report.parts import Chart, Table
 from rig.report.text import made_text
-from rig.report.wear import SessionWear
-from rig.report.wear_page import error_chart, wear_charts
 from rig.report.write import REPORT, write_page
 from rig.results.listing import SessionEntry
+from rig.results.metrics import INTERVAL, Mare, mare_text
 
 CHOSEN = ("kind", "bench", "objects", "tags", "operator", "reaction", "state")
 """Columns in which the reader can choose a value."""
@@ -25,13 +28,11 @@ def write_sessions(
     folder: Path,
     entries: Sequence[SessionEntry],
     columns: Mapping[str, Sequence[str]],
-    wear: Sequence[SessionWear] = (),
 ) -> None:
     """Write the page of some sessions.
 
-    columns: texts of the listing by heading, one per entry; the first column has the sessions' names. wear:
-    of the sessions whose sensors are shown over time. Raises `InputError` for an unwritable path,
-    `RecordingError` if writing fails.
+    columns: texts of the listing by heading, one per entry; the first column has the sessions' names. Raises
+    `InputError` for an unwritable path, `RecordingError` if writing fails.
     """
     names = [_link(text, entry.folder, page) for text, entry in zip(columns["session"], entries, strict=True)]
     rows = [list(row) for row in zip(names, *list(columns.values())[1:], strict=True)]
@@ -48,9 +49,8 @@ def write_sessions(
             ]
             reacting = f", reaction to slip '{react}'" if react else ""
             title = f"Error on {what}{reacting}"
-            if chart := error_chart(sorted(known, key=lambda point: point[0]), title):
+            if chart := _error_chart(sorted(known, key=lambda point: point[0]), title):
                 charts.append(chart)
-        charts += wear_charts([own for own in wear if own.manifest.simulated == simulated], f", {what}")
     write_page(page, sessions_page(str(folder), Table(list(columns), rows, text, filters=chosen), charts))
 
 
@@ -58,6 +58,42 @@ def sessions_page(folder: str, table: Table, charts: Sequence[Chart]) -> str:
     """Return the page as HTML. charts: errors over time."""
     made = made_text(datetime.now(UTC))
     return render("rig.report", "sessions.html", folder=folder, table=table, charts=charts, made=made)
+
+
+def _error_chart(known: Sequence[tuple[datetime, str, Mare]], title: str) -> Chart | None:
+    """MARE of sessions over their dates, with its interval; None without sessions.
+
+    known: start, name and MARE of each session.
+    """
+    if not known:
+        return None
+    with drawing(250) as figure:
+        axes = figure.subplots()
+        for when, _, mare in known:
+            if mare.low_deg is not None and mare.high_deg is not None:
+                axes.plot(
+                    [date2num(when)] * 2, [mare.low_deg, mare.high_deg], color=ESTIMATE.light, linewidth=1
+                )
+        axes.plot(
+            [date2num(when) for when, *_ in known], [mare.mean_deg for *_, mare in known], "o", markersize=4,
+            color=ESTIMATE.light,
+        )  # fmt: skip
+        locator = AutoDateLocator(minticks=3, maxticks=6)
+        axes.xaxis.set_major_locator(locator)
+        axes.xaxis.set_major_formatter(ConciseDateFormatter(locator))
+        axes.set_ylim(0.0, 1.15 * axes.dataLim.ymax or 1.0)
+        axes.set_xlabel("start of the session, UTC", loc="left")
+        axes.set_ylabel("MARE in B and C, degrees")
+        caption = f"Mean over the lifts of a session, with the {INTERVAL}."
+        spots = [
+            Spot(
+                float(date2num(when)),
+                mare.mean_deg,
+                f"{name}, {when:%Y-%m-%d %H:%M} UTC: MARE {mare_text(mare)}°",
+            )
+            for when, name, mare in known
+        ]
+        return Chart(title, figure, caption, spots=spots)
 
 
 def _began(entry: SessionEntry) -> datetime | None:

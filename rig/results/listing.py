@@ -3,9 +3,10 @@
 import os
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from enum import StrEnum
 from pathlib import Path
+from statistics import median
 
 from drivers.errors import InputError, SessionError
 from drivers.images import image_flaw
@@ -43,6 +44,7 @@ class SessionEntry:
 
     problem: why the session is broken; None if it is not. done: number of accepted lifts of a trial, or poses
     of a recording. mare: over phases B and C, of the session's own estimator; None without any error.
+    contact_area_px: median area of the contacts by serial, of lifts or images; empty for replays.
     """
 
     folder: Path
@@ -52,6 +54,7 @@ class SessionEntry:
     manifest: AnyManifest | None
     done: int = 0
     mare: Mare | None = None
+    contact_area_px: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def bench_manifest(self) -> TrialManifest | RecordManifest | None:
@@ -124,6 +127,7 @@ class SessionEntry:
             "mare_deg": mare and mare.mean_deg,
             "mare_interval_deg": mare and mare.ends_deg,
             "lifts_refused": mare and mare.refused,
+            "contact_area_px": dict(self.contact_area_px),
             "size_bytes": self.size_bytes,
             "state": self.state.value,
             "problem": self.problem,
@@ -185,16 +189,19 @@ def _sizes(folder: str, inside: str = "") -> dict[str, int]:
 
 def _entry(folder: Path, sizes: Mapping[str, int], manifest: AnyManifest, quick: bool) -> SessionEntry:
     found: Mare | None = None
+    areas: list[tuple[str, float]] = []
     if isinstance(manifest, TrialManifest):
         path = folder / RESULTS[manifest.kind]
         rows, damaged = readable_rows(path, LIFTS)
         lifts = finished(rows)
         done, found = len(lifts), mare_of(lift.re for lift in lifts)
+        areas = [area for lift in lifts for area in lift.contact_area_px.items()]
         problems = [line.text(path) for line in damaged]
         problems += [_damage(folder, lift.recording, sizes, quick, _recording_flaw) for lift in lifts]
     elif isinstance(manifest, RecordManifest):
         poses = [pose for pose in read_poses(folder) if pose.accepted]
         done = len(poses)
+        areas = [(image.serial, image.contact_area_px) for pose in poses for image in pose.images]
         problems = [
             _damage(folder, image.file, sizes, quick, _image_flaw) for pose in poses for image in pose.images
         ]
@@ -207,8 +214,21 @@ def _entry(folder: Path, sizes: Mapping[str, int], manifest: AnyManifest, quick:
         state = SessionState.RUNNING
     size = sum(sizes.values())
     return SessionEntry(
-        folder, SessionState.BROKEN if problem else state, problem, size, manifest, done, found
+        folder,
+        SessionState.BROKEN if problem else state,
+        problem,
+        size,
+        manifest,
+        done,
+        found,
+        _medians(areas),
     )
+
+
+def _medians(areas: Sequence[tuple[str, float]]) -> dict[str, float]:
+    """Return the median area by serial. areas: serial and area of each contact."""
+    serials = sorted({serial for serial, _ in areas})
+    return {serial: median(area for of, area in areas if of == serial) for serial in serials}
 
 
 def _first(problems: list[str]) -> str | None:

@@ -1,7 +1,7 @@
 """A session's manifest: what was requested, on which bench, and its state."""
 
 from collections.abc import Iterable
-from dataclasses import InitVar, dataclass, fields, replace
+from dataclasses import dataclass, fields, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, TypeVar
@@ -60,9 +60,8 @@ class BenchManifest(Manifest):
 class TrialManifest(BenchManifest):
     """A trial. skip: whether the estimator skips stages that a frame does not need.
 
-    truth: how the markers' corners were found for the true angles. react: reaction to slip;
-    false_alarms_per_hour, max_turn_deg: its settings, see `rig.lift.slip_watch.SlipSettings`. votes: a key of
-    sessions of version 1.0, which is read and ignored.
+    truth: the true angles were measured by the markers' edges. react: reaction to slip;
+    false_alarms_per_hour, max_turn_deg: its settings, see `rig.lift.slip_watch.SlipSettings`.
     """
 
     kind: Literal["trial"]
@@ -70,14 +69,10 @@ class TrialManifest(BenchManifest):
     estimator: str
     window: int
     skip: bool
-    truth: Literal["corners", "edges"] = "corners"
+    truth: Literal["edges"]
     react: ReactionKind = ReactionKind.NONE
     false_alarms_per_hour: Annotated[float, Field(gt=0, le=100_000)] = 10.0
     max_turn_deg: Annotated[float, Field(gt=0, le=180)] | None = None
-    votes: InitVar[str | None] = None
-
-    def __post_init__(self, votes: str | None) -> None:
-        """Ignore the key, which is no longer written."""
 
     @property
     def wanted(self) -> int:
@@ -243,7 +238,7 @@ def _value(value: Any) -> str:
     return ", ".join(map(str, value)) if isinstance(value, (list, tuple)) else str(value)
 
 
-_OWN = {"schema_version", "tool_version", "status", "started", "completed", "truth", "remarks"}
+_OWN = {"schema_version", "tool_version", "status", "started", "completed", "remarks"}
 """Fields that describe the session's course and people's remarks, not what was requested."""
 
 

@@ -15,7 +15,7 @@ from pydantic import Field
 from drivers.errors import RecordingError, SessionError
 from drivers.images import decode_stored
 from drivers.types import ArmMode, ArmState, Frame, GripperState, Pose, Vector6
-from protocols.observer import REQUIRED, LiftEvents, Phase, ReactionStep
+from protocols.observer import LiftEvents, Phase, ReactionStep
 from rig.sessions.codec import Codec, strict
 from rig.sessions.recorder import (
     ARM_TOPIC,
@@ -27,7 +27,6 @@ from rig.sessions.recorder import (
     image_topic,
 )
 from rig.sessions.recording_file import Gaps, PhaseTimes, recorded_messages
-from rig.sessions.records import PhaseName
 
 Value = TypeVar("Value")
 Message = TypeVar("Message", CompressedImage, PoseInFrame)
@@ -38,30 +37,16 @@ _NOT_A_TURN = 0.01
 @strict
 @dataclass(frozen=True)
 class _Phase:
-    phase: PhaseName
+    phase: Phase
 
 
 @strict
 @dataclass(frozen=True)
 class RecordedReaction:
-    """A step of a reaction to slip.
-
-    position_steps: commanded, in the gripper's steps from open. counts: the same in the Robotiq's counts, in
-    recordings of versions up to 1.0.
-    """
+    """A step of a reaction to slip. position_steps: commanded, in the gripper's steps from open."""
 
     step: ReactionStep
-    position_steps: int | None = None
-    counts: int | None = None
-
-    def __post_init__(self) -> None:
-        if (self.position_steps is None) == (self.counts is None):
-            raise ValueError("must have either position_steps or counts")
-
-    @property
-    def position(self) -> int:
-        """The commanded position; only differences within a lift are used."""
-        return next(value for value in (self.position_steps, self.counts) if value is not None)
+    position_steps: int
 
 
 @strict
@@ -82,19 +67,14 @@ class RecordedJoints:
 class RecordedGripper:
     """State of the gripper in a recording.
 
-    opening_m: None in recordings of versions that stored only counts. current_a, position_counts,
-    current_counts: None for a gripper without them.
+    current_a, position_counts, current_counts: None for a gripper without them.
     """
 
     moving: bool
-    opening_m: float | None = None
+    opening_m: float
     current_a: float | None = None
     position_counts: Annotated[int, Field(ge=0)] | None = None
     current_counts: int | None = None
-
-    def __post_init__(self) -> None:
-        if self.opening_m is None and self.position_counts is None:
-            raise ValueError("has neither opening_m nor position_counts")
 
 
 @strict
@@ -123,16 +103,15 @@ def show_again(
 
     An unfinished recording is replayed up to its end. known_phases: start times in ns of phases whose message
     is in a gap. gaps: list to which damaged parts are added, see `recorded_messages`. Returns the start of
-    each phase in ns, by name. Phases that this version does not know are returned but not passed on. Raises
-    `SessionError` if the recording is missing, not of a complete lift, or, without `gaps`, damaged.
+    each phase in ns, by name.
+    Raises `SessionError` if the recording is missing, not of a complete lift, or, without `gaps`, damaged.
     """
     phases, pose, gaps_before = PhaseTimes(path, gaps), None, 0
     hidden = {} if gaps is None else _hidden(path, known_phases)
 
     def begin(name: str, time_ns: int) -> None:
         phases.add(name, time_ns)
-        if name in REQUIRED:
-            observer.phase(Phase(name), time_ns)
+        observer.phase(Phase(name), time_ns)
 
     for topic, time_ns, sequence, data in recorded_messages(path, gaps=gaps):
         for name in [name for name, begins_ns in hidden.items() if begins_ns <= time_ns]:
@@ -143,15 +122,14 @@ def show_again(
             begin(_parsed(_PHASE, data, path).phase, time_ns)
         elif topic == REACTION_TOPIC:
             done = recorded_reaction(data, path)
-            observer.reaction(done.step, time_ns, done.position)
+            observer.reaction(done.step, time_ns, done.position_steps)
         elif topic == ARM_TOPIC:
             pose = recorded_pose(data, path)
         elif topic == JOINTS_TOPIC and (pose is not None or not gaps):
             observer.arm(_arm_state(pose, data, path, time_ns))
         elif topic == GRIPPER_TOPIC:
             kept = recorded_gripper(data, path)
-            if kept.opening_m is not None:  # no measurement depends on the gripper
-                observer.gripper(GripperState(time_ns, True, kept.moving, kept.opening_m))
+            observer.gripper(GripperState(time_ns, True, kept.moving, kept.opening_m))
         elif topic.startswith(image_topic("")):
             observer.frame(_frame(data, path, time_ns, sequence))
     for name, begins_ns in hidden.items():

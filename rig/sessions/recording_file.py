@@ -18,7 +18,7 @@ from mcap.stream_reader import StreamReader
 from drivers.clock import to_ns
 from drivers.errors import RigError, SessionError
 from drivers.formats import reason
-from protocols.observer import REQUIRED
+from protocols.observer import Phase
 from rig.sessions.files import is_unfinished
 from rig.sessions.recording_chunks import (
     DAMAGE,
@@ -46,10 +46,9 @@ Gaps = list[str]
 
 
 class PhaseTimes:
-    """Collects the phases of a recording.
+    """Collects the phases of a recording, which must be in order.
 
-    The required phases of a lift must be in order; phases of other versions may be between them. gaps: of the
-    recording, if they are skipped; a phase inside a gap may then be missing.
+    gaps: of the recording, if they are skipped; a phase inside a gap may then be missing.
     """
 
     def __init__(self, path: Path, gaps: Gaps | None = None) -> None:
@@ -67,18 +66,14 @@ class PhaseTimes:
 
     def complete(self) -> dict[str, int]:
         """Return all phases, ns. Raises `SessionError` if one is missing from a finished recording."""
-        missing = [phase.value for phase in REQUIRED if phase not in self._times_ns]
+        missing = [phase.value for phase in Phase if phase not in self._times_ns]
         if missing and not is_unfinished(self._path):
             raise SessionError(f"{self._path}: is not a complete lift: phase {', '.join(missing)} is missing")
         return self._times_ns
 
     def _follows(self, name: str) -> bool:
-        if name not in REQUIRED:
-            return True
-        left = REQUIRED[sum(other in REQUIRED for other in self._times_ns) :]
-        if self._gaps:
-            return name in left
-        return [name] == list(left[:1])
+        left = list(Phase)[len(self._times_ns) :]
+        return name in (left if self._gaps else left[:1])
 
 
 def recorded_messages(

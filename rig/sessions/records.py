@@ -1,20 +1,19 @@
 """The records of a session, line by line: lifts, poses, replayed lifts.
 
 Units are degrees, seconds, metres and pixels, as the names state; angles are positive counter-clockwise in
-the external camera's view. The schema version is in the session's manifest (`manifest.py`). A new key must
-have a default, so that older sessions can be read. A key that is no longer written is still read and ignored
-(`InitVar`). Any other change requires a new version.
+the external camera's view. The schema version is in the session's manifest (`manifest.py`). Any
+change of a key requires a new version.
 """
 
 from collections.abc import Iterable
-from dataclasses import InitVar, dataclass
+from dataclasses import dataclass
 from enum import StrEnum
 from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Discriminator, Field, Tag
 
 from drivers.errors import counted
-from protocols.observer import REQUIRED
+from protocols.observer import Phase
 from protocols.reaction import ReactionKind
 from rig.config.fields import FileName, InnerPath
 from rig.sessions.codec import Codec, strict
@@ -36,16 +35,15 @@ class LiftOutcome(StrEnum):
 
 
 def _all_phases(phases_s: dict[str, float]) -> dict[str, float]:
-    missing = [phase.value for phase in REQUIRED if phase not in phases_s]
-    if missing:
+    if missing := [phase.value for phase in Phase if phase not in phases_s]:
         raise ValueError(f"has no phase {', '.join(missing)}")
+    if unknown := [name for name in phases_s if name not in set(Phase)]:
+        raise ValueError(f"has the unknown phase {unknown[0]:.40}")
     return phases_s
 
 
 Seconds = Annotated[float, Field(ge=-9e9, le=9e9)]
 """Outside this range, the difference in integer nanoseconds to other times does not fit 64 bits."""
-PhaseName = Annotated[str, Field(min_length=1, max_length=40)]
-"""A phase of `protocols.observer.Phase`, or of a version of the rig that has more phases."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,8 +124,7 @@ class ReactionRecord:
     it was last at rest; None if it had not: a false alarm, or caught before. event_s: capture of the frame in
     which the slip was detected. serial and event_s are None if another estimator evaluates the lift and
     detects none. command_s: the arm was commanded to stop. standstill_s: of arm and fingers. rest_s: the
-    object was detected at rest; None if the lift ended instead. counts_added: to the grip. votes: a key of
-    sessions of version 1.0, which is read and ignored.
+    object was detected at rest; None if the lift ended instead. counts_added: to the grip.
     """
 
     serial: str | None
@@ -142,10 +139,6 @@ class ReactionRecord:
     command_turn_deg: float | None
     standstill_turn_deg: float | None
     rest_turn_deg: float | None
-    votes: InitVar[dict[str, float] | None] = None
-
-    def __post_init__(self, votes: dict[str, float] | None) -> None:
-        """Ignore the key, which is no longer written."""
 
 
 @strict
@@ -155,7 +148,7 @@ class LiftHead:
 
     number: in the session, from 1. lift: of its object, from 1. attempt: from 0. position: its name in the
     object file. grip_counts: beyond first contact. recording: file in the session. react: the configured
-    reaction to slip. force_n: a key of sessions of version 1.0, which is read and ignored.
+    reaction to slip.
     """
 
     number: int
@@ -170,10 +163,6 @@ class LiftHead:
     simulated: bool
     recording: InnerPath
     react: ReactionKind = ReactionKind.NONE
-    force_n: InitVar[float | None] = None
-
-    def __post_init__(self, force_n: float | None) -> None:
-        """Ignore the key, which is no longer written."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -201,7 +190,7 @@ class LiftFigures:
     onset_truth_s: float | None
     onset_estimate_s: float | None
     onset_alarm_s: float | None
-    phases_s: Annotated[dict[PhaseName, Seconds], AfterValidator(_all_phases)]
+    phases_s: Annotated[dict[str, Seconds], AfterValidator(_all_phases)]
     frames: dict[str, int]
     dropped: dict[str, int]
     states: dict[str, int]
@@ -294,10 +283,7 @@ class PoseImage:
 @strict
 @dataclass(frozen=True, kw_only=True)
 class PoseRow:
-    """A line of `poses.jsonl`: an attempt at a grasp pose. fault: why it does not count, or None.
-
-    force_n: a key of sessions of version 1.0, which is read and ignored.
-    """
+    """A line of `poses.jsonl`: an attempt at a grasp pose. fault: why it does not count, or None."""
 
     pose: int
     attempt: int
@@ -309,10 +295,6 @@ class PoseRow:
     images: tuple[PoseImage, ...]
     seed: int
     simulated: bool
-    force_n: InitVar[float | None] = None
-
-    def __post_init__(self, force_n: float | None) -> None:
-        """Ignore the key, which is no longer written."""
 
 
 def _member(values: object) -> str:

@@ -153,7 +153,7 @@ class ReplayRow:
     re_held_std_deg: float | None = lift_column("standard deviation of the same", IN_CSV)
     re_held_max_deg: float | None = lift_column("maximum of the same", IN_CSV)
     re_held_frames: int | None = lift_column("number of frames of the same")
-    react: str | None = lift_column("reaction to slip; empty in tables of older versions", IF_REACTING)
+    react: str | None = lift_column("reaction to slip", IF_REACTING)
     reactions: int | None = lift_column("number of reactions", IF_REACTING)
     counts_added: int | None = lift_column("grip added by reactions", IF_REACTING)
     reaction_onset_s: float | None = lift_column("true onset before the first reaction", IF_REACTING)

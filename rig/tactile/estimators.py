@@ -16,20 +16,20 @@ from rig.tactile.foreign import GROUP, ForeignEstimator, require_estimator
 from rig.tactile.paper.axis import METHODS
 from rig.tactile.paper.estimator import AxisEstimator, PublishedEstimator, WindowMean
 from rig.tactile.paper.published import ANGLES
-from rig.tactile.peers.ecc import EccMatcher, PolarMatcher, ReferenceEstimator
+from rig.tactile.peers.ecc import EccEstimator
 from rig.tactile.peers.kolamuri import KolamuriEstimator
 from rig.tactile.peers.learned import AngleNetEstimator, ToskovEstimator
 from rig.tactile.sample import TactileEstimator
 
 DEFAULT_ESTIMATOR = "slip"
 PUBLISHED = "-published"
-MATCHERS = {"ecc": EccMatcher, "polar": PolarMatcher}
+ECC = "ecc"
 KOLAMURI = "kolamuri"
 """Needs a gel with printed markers; without markers it refuses every frame with contact."""
 ANGLENET, TOSKOV = "anglenet", "toskov"
 """Networks trained on simulated lifts. `toskov` also needs the states of the arm."""
 PEERS = (KOLAMURI, ANGLENET, TOSKOV)
-ESTIMATORS = (DEFAULT_ESTIMATOR, *METHODS, *(name + PUBLISHED for name in ANGLES), *MATCHERS, *PEERS)
+ESTIMATORS = (DEFAULT_ESTIMATOR, *METHODS, *(name + PUBLISHED for name in ANGLES), ECC, *PEERS)
 WITH_RATE = (DEFAULT_ESTIMATOR,)
 """Estimators that report the rotation rate, which the reaction to slip needs."""
 PAPER_WINDOW, MAX_WINDOW = 2, 100
@@ -119,8 +119,8 @@ class EstimatorChoice:
             from rig.tactile.slip.estimator import SlipEstimator  # here, because importing numba is slow
 
             return SlipEstimator(background, aspect, self.skip, self.gel)
-        if self.name in MATCHERS:
-            return ReferenceEstimator(background, MATCHERS[self.name])
+        if self.name == ECC:
+            return EccEstimator(background)
         if self.name == KOLAMURI:
             return KolamuriEstimator(background)
         if self.name == ANGLENET:

@@ -1,4 +1,4 @@
-"""Help at several terminal widths, groups of commands and options, and completion by Tab."""
+"""Help of every command, groups of commands, misspelt names, and completion by Tab."""
 
 import io
 import os
@@ -12,10 +12,6 @@ from typing import Any
 import pytest
 from typer.core import TyperGroup
 
-from rig.cli.completing import COMPLETED, ESTIMATOR_NAMES, FORMAT_NAMES
-from rig.cli.helping import COMMAND_GROUPS, OPTION_GROUPS
-from rig.export.formats import FORMATS
-from rig.tactile.estimators import ESTIMATORS
 from support.command_line import rig
 from support.documentation import commands, program
 from support.marks import long
@@ -71,33 +67,11 @@ def test_help_neither_cuts_nor_splits_a_word(
     assert expected - words(shown) == set()
 
 
-def test_main_help_lists_every_command_in_its_group() -> None:
+def test_main_help_lists_every_command_in_a_group() -> None:
     shown = help_of("")
     titles = [line.split("─ ")[1].split(" ─")[0] for line in shown.splitlines() if line.startswith("╭")]
-    assert titles == ["Options", "Run", "Results", "Own images", "Bench", "Calibrate", "Advanced"]
-    for title, group in COMMAND_GROUPS.items():
-        panel = shown.split(f"╭─ {title} ─")[1].split("╰")[0].splitlines()[1:]
-        assert [line.split()[1] for line in panel if line[2] != " "] == list(group)
-    assert {name for group in COMMAND_GROUPS.values() for name in group} == set(EVERY[""].commands)
-
-
-def test_long_option_lists_are_grouped_with_the_common_options_first() -> None:
-    shown = help_of("trial")
-    panels = [line.split("─ ")[1].split(" ─")[0] for line in shown.splitlines() if line.startswith("╭")]
-    assert panels[0] == "Options"
-    assert set(panels[1:]) <= set(OPTION_GROUPS) - {"Options"} | {"Further options"}
-    assert len(panels) >= 4
-    first = shown.split("╰")[0]
-    common = ("--object", "--lifts", "--estimator", "--bench", "--out", "--help")
-    assert all(option in first for option in common)
-    assert "--seed" not in first
-
-
-def test_every_grouped_option_exists() -> None:
-    known = {option for command in EVERY.values() for param in command.params for option in param.opts}
-    named = {option for options in OPTION_GROUPS.values() for option in options}
-    assert named - known == {"--help"}
-    assert set(COMPLETED) - known == set()
+    assert titles == ["Options", "Run", "Results", "Own images", "Bench", "Advanced", "Calibrate"]
+    assert set(EVERY[""].commands) <= words(shown)
 
 
 @pytest.mark.parametrize(
@@ -110,7 +84,6 @@ def test_every_grouped_option_exists() -> None:
         (("export", "nowhere", "--to", "parket", "--out", "new"), "parquet"),
         (("benchmark", "estimatrs"), "estimators"),
         (("trail",), "trial"),
-        (("benchmark", "others", "--part", "clint"), "clients"),
         (("explain", STORED_TRIAL, "--serial", "SIM-D001", "--out", "x.png"), "SIM-D0001"),
     ],
 )
@@ -148,34 +121,15 @@ def completed(line: str, folder: Path, code: str = "") -> list[str]:
 @pytest.mark.parametrize(
     ("line", "offered"),
     [
-        ("rig trial --object wr", ["wrench"]),
-        ("rig trial --object plas", ["plastic\\ spatula"]),
-        ("rig estimate frames --estimator ell", ["ellipse", "ellipse-published"]),
-        ("rig doctor --bench ", ["fake", "hard", "wire", "my_bench.toml"]),
-        ("rig replay ses", ["sessions/one"]),
         ("rig benchmark est", ["estimators"]),
-        *long(
-            ("rig teach tooth", ["toothbrush"]),
-            ("rig export s --to par", ["parquet"]),
-            ("rig replay sessions/one sessions/o", ["sessions/one"]),
-            ("rig trial --react ti", ["tighten"]),
-            ("rig trial --obj", ["--object", "--objects"]),
-        ),
+        ("rig tri", ["trial"]),
+        *long(("rig trial --react ti", ["tighten"]), ("rig trial --obj", ["--object", "--objects"])),
     ],
 )
-def test_tab_completes_names(line: str, offered: list[str], tmp_path: Path) -> None:
-    (tmp_path / "sessions" / "one").mkdir(parents=True)
-    (tmp_path / "sessions" / "one" / "session.json").touch()
-    (tmp_path / "sessions" / "empty").mkdir()
-    (tmp_path / "my_bench.toml").touch()
+def test_tab_completes_commands_options_and_choices(line: str, offered: list[str], tmp_path: Path) -> None:
     assert completed(line, tmp_path) == offered
 
 
 def test_completion_imports_no_slow_modules(tmp_path: Path) -> None:
-    *_, loaded = completed("rig trial --object wr", tmp_path, "print(*sys.modules)")
+    *_, loaded = completed("rig trial --obj", tmp_path, "print(*sys.modules)")
     assert not {"numpy", "cv2", "pydantic", "rich", "numba"} & set(loaded.split())
-
-
-def test_completed_names_equal_the_existing_ones() -> None:
-    assert ESTIMATOR_NAMES == ESTIMATORS
-    assert list(FORMATS) == list(FORMAT_NAMES)

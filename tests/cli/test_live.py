@@ -1,11 +1,9 @@
 """`rig live` without a page: text, a JSON object per frame, files to their end, and errors with the cure."""
 
-import asyncio
 import json
 import os
 import re
 import signal
-import socket
 import subprocess
 import sys
 from contextlib import suppress
@@ -18,7 +16,6 @@ from drivers.images import encode_png
 from drivers.types import Image
 from support.command_line import rig
 from support.desk_frames import desk_frames
-from support.foxglove_client import first_message
 from support.marks import long
 from support.waiting import LIMIT_S, until
 
@@ -184,23 +181,6 @@ def test_clip_of_a_live_view_that_is_killed_is_complete(
     times_s = [float(row.split(",")[0]) for row in (tmp_path / "angles.csv").read_text().splitlines()[1:]]
     assert len(times_s) == len(frames)
     assert times_s[-1] > times_s[0] == 0.0
-
-
-def test_foxglove_server_gets_the_readings() -> None:
-    pytest.importorskip("foxglove", reason="foxglove-sdk is not installed: extra 'foxglove'")
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        at = f"127.0.0.1:{free.getsockname()[1]}"
-    command = [sys.executable, "-P", "-m", "rig", "live", "fake", "--json", "--foxglove-at", at]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
-        assert process.stdout is not None
-        process.stdout.readline()
-        state = asyncio.run(asyncio.wait_for(first_message(f"ws://{at}/", "/frames"), LIMIT_S))
-        process.send_signal(signal.SIGINT)
-        _, said = process.communicate(timeout=120)
-    assert process.returncode == 0, said
-    assert f"Foxglove: open the connection ws://{at} and import the layout" in said
-    assert set(state["rates_hz"]) == {"SIM-DESK1"}
 
 
 def test_background_may_be_given(clip: Path, tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ from support.command_line import rig
 LEVER = """id = "lever"
 name = "my lever"
 orientations_deg = [0.0, 20.0]
-grip_counts = [3, 5]
+grip_mm = [1.87, 3.11]
 
 [[position]]
 name = "end"

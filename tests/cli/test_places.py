@@ -11,7 +11,6 @@ FILES = (
     ("calibrate", "board", "--out"), ("model", "import", "x.pth", "--out"), ("fakes", "serve", "--write"),
     ("benchmark", "clips", "c", "--readme"), ("benchmark", "safety", "--readme"),
     ("benchmark", "estimators", "--readme"),
-    ("trial", "--live-to"),
 )  # fmt: skip
 FOLDERS = (
     ("replay", "s", "--out"), ("export", "s", "--to", "csv", "--out"), ("doctor", "--snapshot"),

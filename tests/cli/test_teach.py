@@ -16,7 +16,7 @@ LEVER = """# of the lab
 id = "lever"
 name = "my lever"
 orientations_deg = [0.0, 20.0]
-grip_counts = [3, 5]
+grip_mm = [1.87, 3.11]
 
 [[position]]
 name = "end"

@@ -1,13 +1,13 @@
-"""`--watch` and `--notify`: a page in a browser shows a run and does not change its results."""
+"""`--watch`: a page in a browser shows a run and does not change its results."""
 
 import json
-import shlex
 import socket
 import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
@@ -15,14 +15,13 @@ from urllib.request import urlopen
 
 import pytest
 
-from rig.live.onlookers import Event
+from rig.live.onlookers import Event, observed_by
 from rig.live.watch import WatchPage
 from support.command_line import rig
 from support.marks import long
 from support.waiting import until
 
 AtTerminal = Callable[[list[str], int], Any]
-KEEPS = "import json, sys; print(json.dumps(sys.argv[2:]), file=open(sys.argv[1], 'a'))"
 
 
 TIPS = {"SIM-D0001", "SIM-D0002"}
@@ -33,6 +32,7 @@ class Browser:
 
     def __init__(self) -> None:
         self.states: list[dict[str, Any]] = []
+        self.events: list[Event] = []
         self.pictures: set[str] = set()
         self.stuck: list[socket.socket] = []
         self._thread: threading.Thread | None = None
@@ -79,7 +79,13 @@ def browser(monkeypatch: pytest.MonkeyPatch) -> Browser:
             time.sleep(0.02)
         close(page)
 
+    @contextmanager
+    def observed_too(observer: Callable[[Event], None]) -> Iterator[None]:
+        with observed_by(made.events.append), observed_by(observer):
+            yield
+
     monkeypatch.setattr("rig.cli.watching.say", made.hear)
+    monkeypatch.setattr("rig.cli.watching.observed_by", observed_too)
     monkeypatch.setattr(WatchPage, "close", close_when_seen)
     return made
 
@@ -87,15 +93,14 @@ def browser(monkeypatch: pytest.MonkeyPatch) -> Browser:
 def test_watching_does_not_change_the_results(
     browser: Browser, one_lift: Path, light_bench_file: Path, tmp_path: Path
 ) -> None:
-    notify = shlex.join([sys.executable, "-c", KEEPS, str(tmp_path / "events")])
     done = rig(
         "trial", "--lifts", 1, "--object", "toothbrush", "--bench", light_bench_file, "--jobs", 1,
-        "--no-report", "--out", tmp_path / "s", "--json", "--watch", "--notify", notify,
+        "--no-report", "--out", tmp_path / "s", "--json", "--watch",
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     browser.close()
     assert (tmp_path / "s" / "lifts.jsonl").read_bytes() == (one_lift / "lifts.jsonl").read_bytes()
-    assert (tmp_path / "events").read_text() == '["end", "done"]\n'
+    assert [event for event in browser.events if event.kind != "progress"] == [Event("end", "done")]
     lifts = [lift for state in browser.states for lift in state["lifts"]]
     assert any(isinstance(lift["estimate_deg"], float) for lift in lifts)
     assert browser.pictures > TIPS
@@ -116,15 +121,14 @@ def test_recording_can_be_watched(browser: Browser, light_bench_file: Path, tmp_
 
 @pytest.mark.long
 def test_calibration_can_be_watched(browser: Browser, light_bench_file: Path, tmp_path: Path) -> None:
-    notify = shlex.join([sys.executable, "-c", KEEPS, str(tmp_path / "events")])
     blocks = ("--block-mm", 20, "--block-mm", 45, "--block-mm", 70)
     done = rig(
         "calibrate", "gripper", *blocks, "--bench", light_bench_file, "--out", tmp_path, "--json",
-        "--watch", "--notify", notify,
+        "--watch",
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     browser.close()
-    assert (tmp_path / "events").read_text() == '["end", "done"]\n'
+    assert [event for event in browser.events if event.kind != "progress"] == [Event("end", "done")]
     assert browser.pictures == {"SIM-D0001", "SIM-D0002", "SIM-C0001"}
     titles = {(state["title"], state["what"], state["total"]) for state in browser.states}
     assert titles == {("SIMULATED calibrate gripper on bench 'fake'", "contacts", 6)}
@@ -140,7 +144,7 @@ def test_every_calibration_reports_its_progress(
     what: tuple[object, ...], light_bench_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     events: list[Event] = []
-    monkeypatch.setattr("rig.live.onlookers._onlookers", [events.append])
+    monkeypatch.setattr("rig.live.onlookers._observers", [events.append])
     done = rig("calibrate", *what, "--bench", light_bench_file, "--out", tmp_path)
     assert done.returncode == 0, done.stderr
     progress = [event for event in events if event.kind == "progress"]
@@ -148,7 +152,7 @@ def test_every_calibration_reports_its_progress(
 
 
 def test_watch_options_are_rejected_with_recorded_samples(tmp_path: Path) -> None:
-    for options in (("--watch",), ("--watch-at", "127.0.0.1:0"), ("--notify", "true")):
+    for options in (("--watch",), ("--watch-at", "127.0.0.1:0")):
         for what in ("camera", "hand-eye", "markers", "tactile", "gripper", "tcp", "sync"):
             done = rig("calibrate", what, "--from", tmp_path, *options)
             assert done.returncode == 2
@@ -156,23 +160,20 @@ def test_watch_options_are_rejected_with_recorded_samples(tmp_path: Path) -> Non
 
 
 def test_invalid_watch_options_are_rejected_before_the_session(tmp_path: Path) -> None:
-    for options, why in (
-        (("--watch-at", "nowhere"), "write host and port"),
-        (("--notify", "no-such-command-here"), "no such program"),
-    ):
-        done = rig("trial", "--lifts", 1, "--object", "toothbrush", "--out", tmp_path / "s", *options)
-        assert done.returncode == 2
-        assert why in done.stderr
+    options = ("--lifts", 1, "--object", "toothbrush", "--watch-at", "nowhere")
+    done = rig("trial", *options, "--out", tmp_path / "s")
+    assert done.returncode == 2
+    assert "write host and port" in done.stderr
     assert not (tmp_path / "s").exists()
 
 
 def test_waiting_question_is_reported_to_observers(at_terminal: AtTerminal) -> None:
     code = """if True:
         from rig.live.questions import ask
-        from rig.live.onlookers import looking_on
+        from rig.live.onlookers import observed_by
         def observe(event):
             print("event", event.kind, event.text, flush=True)
-        with looking_on(observe):
+        with observed_by(observe):
             ask("Place it. Ready?")
     """
     terminal = at_terminal([sys.executable, "-c", code], 80)
@@ -191,4 +192,4 @@ def test_page_modules_are_not_imported_without_watch() -> None:
     )
     loaded = set(done.stdout.split())
     assert "rig.live.observer" in loaded
-    assert not loaded & {"rig.live.watch", "rig.live.notify", "rig.pages.serving"}
+    assert not loaded & {"rig.live.watch", "rig.pages.serving"}

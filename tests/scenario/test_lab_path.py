@@ -27,7 +27,7 @@ pytest.importorskip("rtde_control", reason="ur-rtde is not installed here")
 OBJECT = """id = "{id}"
 name = "my {id}"
 orientations_deg = [0.0]
-grip_counts = [3, 5]
+grip_mm = [1.87, 3.11]
 
 [[position]]
 name = "end"   # where it balances

@@ -1,5 +1,6 @@
-"""Trials with a live view: the file opens in rerun, and the view changes no result."""
+"""Trials with a live view: it shows every source and the whole curves, and it changes no result."""
 
+import sys
 import threading
 import time
 from pathlib import Path
@@ -10,13 +11,38 @@ from rig.config import BenchConfig
 from rig.experiments.lift_plan import TrialSettings
 from rig.experiments.trial import run_trial
 from rig.live.feed import Listener, LiveFeed
-from rig.live.session import _viewer, viewer_feed
+from rig.live.session import _viewer
 from rig.sessions.reading import recorded_angles
 from rig.sessions.recorder import FUSED_TOPIC
 from rig.sessions.rows import read_finished_lifts
 from rig.tactile.estimators import choose_estimator
 
 pytest.importorskip("rerun", reason="the live view's library is not installed: extra 'live'")
+
+
+WRITING_VIEWER = """if True:
+    import sys
+    import rerun
+    from rig.live.viewer import main
+    file, address = sys.argv[1:]
+    def save(stream, memory_limit, default_blueprint):
+        stream.save(file, default_blueprint=default_blueprint)
+    rerun.RecordingStream.spawn = save
+    main(address)
+"""
+"""The process of the viewer, with a file in place of the window, which needs a display."""
+
+
+@pytest.fixture
+def file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """What viewers show from now on is written to this file."""
+    file = tmp_path / "lift.rrd"
+
+    def command(*words: str) -> list[str]:
+        return [sys.executable, "-c", WRITING_VIEWER, str(file), words[-1]]
+
+    monkeypatch.setattr("rig.live.session.python_command", command)
+    return file
 
 
 def lift_once(folder: Path, bench: BenchConfig, live: LiveFeed) -> None:
@@ -28,14 +54,14 @@ def same(one: Path, other: Path) -> bool:
     return all((one / name).read_bytes() == (other / name).read_bytes() for name in names)
 
 
-def test_the_file_opens_in_rerun_with_pictures_markers_arm_and_the_whole_curves(
-    one_lift: Path, light_bench: BenchConfig, tmp_path: Path
+def test_viewer_gets_images_markers_arm_and_whole_curves(
+    one_lift: Path, light_bench: BenchConfig, tmp_path: Path, file: Path
 ) -> None:
     from rerun.chunk import RrdReader
 
-    file = tmp_path / "lift.rrd"
-    with viewer_feed(file) as feed:
-        lift_once(tmp_path / "s", light_bench, feed)
+    address = str(tmp_path / "viewer")
+    with _viewer(address):
+        lift_once(tmp_path / "s", light_bench, LiveFeed((Listener(address, pictures=True),)))
     assert same(tmp_path / "s", one_lift)
     reader = RrdReader(file)
     assert [entry.application_id for entry in reader.recordings()] == ["slip_rig"]
@@ -53,11 +79,10 @@ def test_the_file_opens_in_rerun_with_pictures_markers_arm_and_the_whole_curves(
 
 
 def test_a_killed_viewer_changes_nothing(
-    one_lift: Path, light_bench: BenchConfig, tmp_path: Path, caplog: pytest.LogCaptureFixture
+    one_lift: Path, light_bench: BenchConfig, tmp_path: Path, file: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    file = tmp_path / "lift.rrd"
     address = str(tmp_path / "viewer")
-    with _viewer("rerun", address, str(file)) as process:
+    with _viewer(address) as process:
         size = file.stat().st_size
 
         def kill_in_mid_lift() -> None:

@@ -1,13 +1,11 @@
-"""Sessions of the version before still open, list, replay, report and export."""
+"""Stored sessions of this version open, list, replay, report and export."""
 
 import json
 import shutil
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from drivers.errors import InputError
 from rig.experiments.lift_plan import stored_trial
 from rig.experiments.replay import run_replay
 from rig.experiments.trial import run_trial
@@ -21,7 +19,7 @@ from rig.sessions.codec import json_line, json_value
 from rig.sessions.files import LOG, RESULTS, TIMING
 from rig.sessions.manifest import TrialManifest, read_manifest, read_manifest_of
 from rig.sessions.records import LIFTS, POSES
-from rig.sessions.rows import read_finished_lifts, read_lifts, read_rows
+from rig.sessions.rows import read_lifts, read_rows
 from rig.sessions.timing import LIFT_TIMINGS
 
 STORED = Path(__file__).parents[1] / "data"
@@ -43,11 +41,8 @@ def test_stored_files_are_written_back_unchanged() -> None:
         (RECORD / RESULTS["record"], POSES),
         (TRIAL / TIMING, LIFT_TIMINGS),
     ):
-        kept = file.read_bytes().replace(b'"force_n": null, ', b"")  # a key that is no longer written
-        assert b"".join(map(json_line, read_rows(file, codec))) == kept
-    now = lifts_csv(read_lifts(TRIAL)).decode().splitlines()
-    assert now[0].endswith(",warnings,speed_fraction")
-    assert [line.rsplit(",", 2)[0] for line in now] == (TRIAL / "lifts.csv").read_text().splitlines()
+        assert b"".join(map(json_line, read_rows(file, codec))) == file.read_bytes()
+    assert lifts_csv(read_lifts(TRIAL)) == (TRIAL / "lifts.csv").read_bytes()
 
 
 def test_stored_sessions_are_listed_with_their_results() -> None:
@@ -58,34 +53,11 @@ def test_stored_sessions_are_listed_with_their_results() -> None:
     assert (trial.objects, trial.done, trial.wanted) == (("t2",), 1, 1)
     assert (record.objects, record.done, record.wanted) == (("7",), 1, 1)
     assert trial.mare is not None
-    assert trial.mare.mean_deg == pytest.approx(1.0317541729443707, abs=1e-12)
+    assert trial.mare.mean_deg == pytest.approx(1.0453961448583102, abs=1e-12)
 
 
-def test_replay_gives_identical_fingertip_angles() -> None:
-    """The markers' angle may be measured better than it was; the estimate may not change."""
-    [stored] = read_finished_lifts(TRIAL)
-    [again] = run_replay(stored_trial(TRIAL), jobs=1).rows
-    for key in ("final_estimate_deg", "onset_estimate_s", "onset_alarm_s", "answered", "contact_area_px",
-                "phases_s", "frames", "dropped", "states", "skipped", "disagreements"):  # fmt: skip
-        assert getattr(again, key) == getattr(stored, key), key
-    assert again.outcome is stored.outcome
-    assert again.final_truth_deg == pytest.approx(stored.final_truth_deg, abs=0.3)
-
-
-def test_replay_notes_the_other_measurement_of_ground_truth() -> None:
-    said = stored_trial(TRIAL).truth_note
-    assert said is not None
-    assert "by the markers' corners, a replay measures them by their edges" in said
-    assert "stored rows stay" in said
-
-
-def test_unfinished_trial_is_not_continued_with_another_ground_truth(trial: Path) -> None:
-    manifest = read_manifest_of(trial, TrialManifest, "no trial")
-    unfinished = replace(manifest, status="running", completed=None, lifts_per_object=2)
-    (trial / "session.json").write_text(json.dumps(json_value(unfinished)))
-    with pytest.raises(InputError, match="measured by the markers' corners, but now by their edges"):
-        run_trial(trial, stored_trial(trial).settings, list(manifest.objects), 2, resume=True)
-    assert len(read_lifts(trial)) == 1
+def test_replay_gives_the_stored_rows() -> None:
+    assert run_replay(stored_trial(TRIAL), jobs=1).identical == 1
 
 
 def test_complete_trial_is_opened_unchanged(trial: Path) -> None:

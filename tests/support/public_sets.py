@@ -1,8 +1,6 @@
-"""Small made copies of public sets' layouts: drawn here, none of their data."""
+"""Small synthetic copies of a public set's layout: drawn here, none of its data."""
 
-import pickle
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -45,23 +43,3 @@ def write_trial(folder: Path, frames: int = 40) -> Path:
     np.save(folder / "contact_masks.npy", np.array(masks))
     np.save(folder / "true_start_T_currs.npy", np.array([about_z(turn) for turn in turns_deg(frames)]))
     return folder
-
-
-def write_bag(root: Path, frames: int = 61, sense: int = 1) -> Path:
-    """A sequence in the layout of digit-pose-estimation; the middle finger's images are decoded ones."""
-    turns = turns_deg(frames)
-    before = np.concatenate([np.zeros(5), turns[:-5]])
-    changes = np.array([about_z(sense * (now - then)) for now, then in zip(turns, before, strict=True)])
-    lying = [np.rot90(pressed_bar(START_DEG + turn, n + 1)) for n, turn in enumerate(turns)]
-    encoded = [cv2.imencode(".png", np.ascontiguousarray(image[..., ::-1]))[1].tobytes() for image in lying]
-    content: dict[str, Any] = {"digit_middle": [np.ascontiguousarray(image) for image in lying]}
-    content |= {f"digit_{finger}": encoded for finger in ("index", "ring")}
-    content |= {f"object_{finger}_rel_pose_n5": changes for finger in ("index", "middle", "ring")}
-    bag = root / "train" / "sugar" / "bag_00.pkl"
-    bag.parent.mkdir(parents=True)
-    bag.write_bytes(pickle.dumps(content))
-    (root / "bgs").mkdir()
-    for finger in ("index", "middle", "ring"):
-        empty = np.ascontiguousarray(np.rot90(gel(320, 240))[..., ::-1])
-        cv2.imwrite(str(root / "bgs" / f"digit_{finger}.png"), empty)
-    return bag

@@ -120,7 +120,13 @@ def drawn_trial(press: Press) -> Drawn:
         took = [LiftTiming(number=row.number, attempt=0, wall_s=4.0, stages=stages) for row in rows]
         _lines(folder / "lifts.jsonl", rows)
         _lines(folder / "timing.jsonl", took)
-        asked = {"lifts_per_object": len(rows), "estimator": "slip", "window": 1, "skip": True}
+        asked = {
+            "lifts_per_object": len(rows),
+            "estimator": "slip",
+            "window": 1,
+            "skip": True,
+            "truth": "edges",
+        }
         values = {**MANIFEST, "config": _bench(), "kind": "trial", **asked, **more}
         _manifest(folder, TrialManifest(**values))
         return folder

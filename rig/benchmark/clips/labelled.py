@@ -1,8 +1,7 @@
 """Read labelled clips: a folder per clip with frames, a background, times and angles labelled by hand.
 
-Frames are images, a video or a ROS bag. The trials of TactileTracking and the sequences of
-digit-pose-estimation are read in their published layouts. Their angles are known at every sample; one every
-half second becomes a label.
+Frames are images, a video or a ROS bag. The trials of TactileTracking are read in their published
+layout. Their angles are known in every frame; one every half second becomes a label.
 """
 
 from collections.abc import Mapping, Sequence
@@ -16,16 +15,7 @@ from drivers.formats import number_in, read_csv_rows, shown, whole_in
 from drivers.images import read_image
 from drivers.types import Image
 from rig.frames.clips import LABELS, TIMES, clip_background, clip_frames
-from rig.frames.public_sets import (
-    BAG_STRIDE,
-    BAG_SUFFIX,
-    FINGERS,
-    TRIAL_VIDEO,
-    bag_of,
-    is_trial,
-    read_bag,
-    trial_turns_deg,
-)
+from rig.frames.public_sets import TRIAL_VIDEO, is_trial, trial_turns_deg
 from rig.frames.series import FrameSeries, make_background, read_frames
 
 GROUPS, CONTACTS = "groups.csv", "contacts.csv"
@@ -87,11 +77,11 @@ def read_clips(
     """Read one clip, or all clips of a folder sorted by name.
 
     folder: of the clips, or of one clip. groups: CSV with columns `clip,group`; by default `groups.csv` in
-    the folder, else the column `group` of the labels. sign: -1 to negate the known angles of public sets
-    whose direction of rotation is not documented. topic: image topic of ROS bags, see `read_frames`. Raises
+    the folder, else the column `group` of the labels. sign: -1 to negate the known angles of public sets.
+    topic: image topic of ROS bags, see `read_frames`. Raises
     `InputError` if a file is missing or invalid.
     """
-    if bag_of(folder) is not None or is_trial(folder):
+    if is_trial(folder):
         return [public_clip(folder, folder.stem, sign)]
     if not folder.is_dir():
         raise InputError(f"{folder}: folder not found: give one with a folder per labelled clip")
@@ -110,39 +100,24 @@ def read_clips(
 
 
 def public_clip(path: Path, name: str, sign: int = 1) -> LabelledClip:
-    """Read one trial of TactileTracking, or one finger of a sequence of digit-pose-estimation.
-
-    Its group is the object. Raises `InputError`.
-    """
+    """Read one trial of TactileTracking. Its group is the object. Raises `InputError`."""
     series = read_frames(path)
     background, _ = make_background(None, series)
-    bag = bag_of(path)
-    if bag is None:
-        count = sum(1 for _ in series.read())
-        turns, places = trial_turns_deg(path, count), list(range(count))
-        group = path.name.rstrip("0123456789")
-    else:
-        turns = read_bag(*bag).turned_deg()
-        places, group = [BAG_STRIDE * number for number in range(len(turns))], bag[0].parent.name
     times_ns = [frame.time.time_ns for frame in series.read()]
     labels, last_ns = [], times_ns[0]
-    for place, turn in zip(places[1:], turns[1:], strict=True):
+    for place, turn_deg in enumerate(trial_turns_deg(path, len(times_ns))):
         if times_ns[place] - last_ns >= LABEL_EVERY_NS:
-            labels.append(ClipLabel(place, sign * float(turn), 0.0))
+            labels.append(ClipLabel(place, sign * float(turn_deg), 0.0))
             last_ns = times_ns[place]
     if not labels:
         raise InputError(f"{path}: is shorter than half a second, so there is no label to compare with")
+    group = path.name.rstrip("0123456789")
     return LabelledClip(name, group, series, background, 0, tuple(labels))
 
 
 def _public_clips(folder: Path, sign: int) -> list[LabelledClip]:
     trials = sorted(path.parent for path in folder.rglob(TRIAL_VIDEO) if is_trial(path.parent))
-    bags = sorted(folder.rglob(f"*{BAG_SUFFIX}"))
-    named = [(trial, str(trial.relative_to(folder))) for trial in trials]
-    for bag in bags:
-        fingers = ((Path(f"{bag}:{finger}"), finger) for finger in FINGERS)
-        named += [(path, f"{bag.relative_to(folder).with_suffix('')}:{finger}") for path, finger in fingers]
-    return [public_clip(path, name, sign) for path, name in named]
+    return [public_clip(trial, str(trial.relative_to(folder)), sign) for trial in trials]
 
 
 def read_labels(path: Path) -> tuple[int, tuple[ClipLabel, ...], str]:

@@ -9,7 +9,7 @@ import typer
 from rig.benchmark.clips.public import SETS
 from rig.benchmark.harness import option
 
-ESTIMATORS = ("slip", "ecc", "polar", "ellipse", "pca", "anglenet")
+ESTIMATORS = ("slip", "ecc", "ellipse", "pca", "anglenet")
 """Estimators that are compared by default."""
 PROJECT = {"within": 0.5, "confidently_wrong": 0.04, "two_sigma": 0.88}
 """Limits of this project for its own clips, by option."""
@@ -23,14 +23,14 @@ class ClipsOptions:
         Path,
         typer.Argument(
             help="Folder with a folder per clip: frames/, a video or a ROS bag, background.png, labels.csv, "
-            "timestamps.csv, contacts.csv. Or trials of TactileTracking, or sequences of "
-            "digit-pose-estimation. With --set: a clone of the set's repository."
+            "timestamps.csv, contacts.csv. Or trials of TactileTracking. "
+            "With --set: a clone of the set's repository."
         ),
     ]
     estimator: list[str] | None = option(
         None,
         "Estimator, also your own as package.module:Class; repeat for more. Limits apply to the "
-        "first. Default: slip, ecc, polar, ellipse, pca, anglenet.",
+        "first. Default: slip, ecc, ellipse, pca, anglenet.",
     )
     public_set: str | None = option(
         None,
@@ -72,6 +72,6 @@ class ClipsOptions:
     )
     reversed_turns: bool = option(
         False,
-        "Negate the known angles of public sets (digit-pose-estimation does not document the sign).",
+        "Negate the known angles of public sets.",
         "--reversed-turns",
     )

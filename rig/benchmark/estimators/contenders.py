@@ -9,7 +9,7 @@ import numpy as np
 
 from drivers.types import Image
 from rig.tactile.contact.finder import Contact, ContactFinder
-from rig.tactile.estimators import DEFAULT_ESTIMATOR, MATCHERS, PUBLISHED, choose_estimator
+from rig.tactile.estimators import DEFAULT_ESTIMATOR, ECC, PUBLISHED, choose_estimator
 from rig.tactile.paper.axis import METHODS
 from rig.tactile.paper.estimator import AxisEstimator, FindsContact, WindowMean
 from rig.tactile.paper.published import ANGLES, ScriptAngle, ScriptError, ScriptFilter, stretched
@@ -18,8 +18,7 @@ from rig.tactile.sample import SlipSample, State, TactileEstimator
 NO_SKIP = f"{DEFAULT_ESTIMATOR} --no-skip"
 OURS = (DEFAULT_ESTIMATOR, NO_SKIP)
 PAPER = (*METHODS, *(name + PUBLISHED for name in ANGLES))
-ALIGNMENTS = tuple(MATCHERS)
-CONTENDERS = (*OURS, *ALIGNMENTS, *PAPER)
+CONTENDERS = (*OURS, ECC, *PAPER)
 WINDOWS = tuple(range(1, 11))
 """Windows to compare; 1 is no filter. The paper compares 2 to 10."""
 

@@ -21,7 +21,7 @@ from rig.tactile.sample import SlipSample
 CONTACTS = ("t1:1", "t3:2", "5:1", "t5:2")
 ROUND_CONTACTS = tuple(f"{name}:{site}" for name in ("3", "16", "12") for site in (0, 1))
 """Smooth balls and a dome, of the objects 3, 12 and 16, whose rotation is unobservable."""
-NAMES = ("slip", "ecc", "polar", "skeleton", "ellipse", "pca")
+NAMES = ("slip", "ecc", "skeleton", "ellipse", "pca")
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from drivers.errors import counted
-from rig.benchmark.estimators.contenders import ALIGNMENTS, NO_SKIP, PAPER
+from rig.benchmark.estimators.contenders import NO_SKIP, PAPER
 from rig.benchmark.estimators.lifts import LiftScores
 from rig.benchmark.estimators.scores import ContenderScore
 from rig.benchmark.estimators.stress import NAMES, StressRow
@@ -14,7 +14,7 @@ from rig.benchmark.harness import NONE, Table, column, columns_of, machine, tabl
 from rig.benchmark.measured import Measured, at_least, at_most, between, informative
 from rig.results.metrics import HEADING, Mare, mare_text
 from rig.results.shares import Share
-from rig.tactile.estimators import DEFAULT_ESTIMATOR, PAPER_WINDOW
+from rig.tactile.estimators import DEFAULT_ESTIMATOR, ECC, PAPER_WINDOW
 
 README_COLUMNS = 10
 """Number of columns of the table of estimators in a document."""
@@ -217,7 +217,7 @@ def readme_section(result: EstimatorsResult, limits: Sequence[Measured]) -> str:
 
 def _usual(result: EstimatorsResult) -> list[tuple[str, int]]:
     """Return each estimator with its default window, and the paper's best method if it is not among them."""
-    keys = [(DEFAULT_ESTIMATOR, 1), (NO_SKIP, 1), *((name, 1) for name in ALIGNMENTS)]
+    keys = [(DEFAULT_ESTIMATOR, 1), (NO_SKIP, 1), (ECC, 1)]
     keys += [(name, PAPER_WINDOW) for name in PAPER]
     keys += [(name, 1) for name in result.more if (name, 1) not in keys]
     best = result.closest_of_paper

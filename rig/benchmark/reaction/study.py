@@ -42,7 +42,7 @@ class ReactionOptions:
         None, "Id or name; repeat for more. Default: the trial's nine.", "--object"
     )
     lifts: int = option(5, "Lifts of each object.", min=1, max=100)
-    false_alarms_per_hour: float = option(10.0, "Accepted number of reactions per hour at rest.")
+    alarms_per_hour: float = option(10.0, "Accepted number of reactions per hour at rest.")
     max_turn_deg: float | None = option(
         None, "React only if the predicted rotation exceeds this.", min=0.5, max=90.0
     )
@@ -83,7 +83,7 @@ def measure(options: ReactionOptions, run: Run) -> Report:
 
     """
     bench = as_late_as_real(load_bench("fake"))
-    slip = SlipSettings(options.false_alarms_per_hour, options.max_turn_deg)
+    slip = SlipSettings(options.alarms_per_hour, options.max_turn_deg)
     kind = ReactionKind(options.react)
     settings = TrialSettings(bench, run.seed, choose_estimator("slip"), react=kind, slip=slip)
     objects = resolve_objects(options.objects, bench.objects)

@@ -13,8 +13,6 @@ STUDIES = {
     "estimators": "Measure run time and error of every estimator, on 45 lifts and on disturbed clips.",
     "clips": "Compare the angles of estimators with the labels of clips, real or simulated.",
     "calibration": "Compare the errors of the calibrations with their limits, on simulated and real data.",
-    "look": "Draw held-out presses of a real sensor in its own look; compare them with the photographs.",
-    "others": "Run third-party clients on the simulated devices, and third-party readers on session files.",
     "reaction": "Lift the same SIMULATED objects without and with a reaction to slip, and compare.",
     "renderer": "Score estimators on SIMULATED lifts of a second renderer, independent of the bench's.",
     "seeds": "Carry out SIMULATED trials of several seeds; print errors and confidently wrong angles.",
@@ -30,7 +28,6 @@ STUDIES = {
 }
 """First line of help by name."""
 MODULES = {
-    "look": "rig.benchmark.look",
     "seeds": "rig.benchmark.seeds",
     "wire": "rig.benchmark.wire.lift",
     "faults": "rig.benchmark.wire.faults",
@@ -56,12 +53,12 @@ class Program(Group):
     def __init__(self, **settings: Any) -> None:
         super().__init__(**settings)
         self.commands[FIT_SLIP] = TyperCommand(
-            FIT_SLIP, help="Fit the parameters of slip by maximum likelihood."
+            FIT_SLIP, help="Fit the parameters of slip by maximum likelihood.", rich_help_panel="Advanced"
         )
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
         """Return a command; import the study of `fit-slip`."""
-        if cmd_name != FIT_SLIP:
+        if cmd_name != FIT_SLIP or self.listing:
             return super().get_command(ctx, cmd_name)
         return study_command(FIT_SLIP, "rig.benchmark.slip_fit.study")
 
@@ -76,7 +73,7 @@ class Benchmarks(Group):
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
         """Return a command; import the study that it belongs to."""
-        if cmd_name not in STUDIES:
+        if cmd_name not in STUDIES or self.listing:
             return super().get_command(ctx, cmd_name)
         return study_command(cmd_name, MODULES.get(cmd_name, f"rig.benchmark.{cmd_name}.study"))
 

@@ -26,8 +26,8 @@ TargetOption = Annotated[
     str,
     typer.Option(
         "--target",
-        help="Target (squares, sizes in mm, ArUco dictionary): charuco:8x6:25:18:DICT_5X5_100[:legacy], "
-        "chessboard:9x6:25[:px] or marker:60:DICT_4X4_50:0.",
+        help="Target (squares, sizes in mm, ArUco dictionary): charuco:8x6:25:18:DICT_5X5_100 (append "
+        ":legacy for the pattern of OpenCV before 4.6), chessboard:9x6:25[:px] or marker:60:DICT_4X4_50:0.",
     ),
 ]
 CameraFile = Annotated[Path | None, typer.Option("--camera", help="Camera file of the rig, ROS or OpenCV.")]
@@ -138,7 +138,7 @@ def _recorded(source: Path, common: StationOptions) -> Path:
     """Return the folder of --from. Raises `InputError` if an option of the watch page was given with it."""
     from drivers.errors import InputError
 
-    for name in ("watch", "watch_at", "notify"):
+    for name in ("watch", "watch_at"):
         if getattr(common, name):
             named = name.replace("_", "-")
             raise InputError(f"--{named} is for a calibration on a bench: leave it out with --from {source}")

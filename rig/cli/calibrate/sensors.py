@@ -54,7 +54,7 @@ def tactile(context: typer.Context, common: StationOptions, options: TactileOpti
     of the ball in all pictures.
 
     The look of the sensor is stored beside the file, in tactile-SERIAL.npz: its colours by slope and place,
-    background, noise and JPEG quality. The key look of [[tactile]] in a bench file simulates a gel with it.
+    background, noise and JPEG quality. The key tactile.look of a bench file simulates a gel with it.
 
     Examples:
       rig calibrate tactile presses --ball-mm 8.8 --background bg.png --serial D20641

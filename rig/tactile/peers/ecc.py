@@ -1,17 +1,13 @@
-"""Two standard methods of image alignment as estimators, for comparison: `ecc` and `polar`.
+"""A standard method of image alignment as an estimator, for comparison: `ecc`.
 
-Both align each frame with the contact's first stable frame. They use the magnitude of the relative difference
-from the background, on a reduced copy, because it turns with the object; the colours do not. `ecc` is
+It aligns each frame with the contact's first stable frame. It uses the magnitude of the relative difference
+from the background, on a reduced copy, because it turns with the object; the colours do not. The alignment is
 OpenCV's maximisation of the enhanced correlation coefficient over rotation and translation (Evangelidis and
-Psarakis, IEEE TPAMI 30 (10), 2008). `polar` transforms both images to polar coordinates about the centre of
-the contact, where a rotation is a shift. It finds the shift by correlation, computed with the Fourier
-transform.
+Psarakis, IEEE TPAMI 30 (10), 2008).
 """
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 import cv2
 import numpy as np
@@ -33,13 +29,9 @@ LEAST_CONTRAST = 0.15
 # Stopping criteria of cv2.findTransformECC.
 ECC_ITERATIONS, ECC_STEP = 30, 1e-5
 # Lowest correlation that is accepted.
-LEAST_CORRELATION, LEAST_POLAR_CORRELATION = 0.6, 0.4
+LEAST_CORRELATION = 0.6
 # Initial angles of the alignment relative to the last angle, tried in this order.
 SEARCH_RAD = tuple(math.radians(turn) for turn in (0, -20, 20, -40, 40))
-POLAR_ROWS, POLAR_COLUMNS = 360, 32
-POLAR_STEP_RAD = 2 * math.pi / POLAR_ROWS
-# Largest rotation between two frames that `polar` searches.
-MAX_JUMP_RAD = math.radians(20.0)
 
 Energy = NDArray[np.float32]
 
@@ -48,23 +40,14 @@ Energy = NDArray[np.float32]
 class Match:
     """The alignment of a frame with the reference.
 
-    angle_rad: counter-clockwise positive. shift_px: (2,), of the contact's centre in work pixels; None if
-    unknown.
+    angle_rad: counter-clockwise positive. shift_px: (2,), of the contact's centre in work pixels.
     """
 
     angle_rad: float
-    shift_px: NDArray[np.float64] | None
+    shift_px: NDArray[np.float64]
 
 
-class Matcher(Protocol):
-    """Aligns frames with one reference."""
-
-    def match(self, energy: Energy, mask: Image, last: Match) -> Match | None:
-        """Return the match of a frame, searched near the last match; None if there is none."""
-        ...
-
-
-class EccMatcher(Matcher):
+class EccMatcher:
     """OpenCV's ECC for a rotation and a translation. reference: (h, w) float32. mask: (h, w) uint8."""
 
     def __init__(self, reference: Energy, mask: Image) -> None:
@@ -72,11 +55,10 @@ class EccMatcher(Matcher):
         self._everywhere = np.full(reference.shape, 255, np.uint8)
         self._center = _middle(mask)
 
-    def match(self, energy: Energy, mask: Image, last: Match) -> Match | None:
+    def match(self, energy: Energy, last: Match) -> Match | None:
         """Return the match of a frame, searched near the last match; None if there is none."""
-        shift = last.shift_px if last.shift_px is not None else np.zeros(2)
         for turn in SEARCH_RAD:
-            found = self._from(energy, last.angle_rad + turn, shift)
+            found = self._from(energy, last.angle_rad + turn, last.shift_px)
             if found is not None:
                 turns = round((last.angle_rad - found.angle_rad) / (2 * math.pi))
                 return replace(found, angle_rad=found.angle_rad + turns * 2 * math.pi)
@@ -100,34 +82,10 @@ class EccMatcher(Matcher):
         return Match(math.atan2(float(warp[0, 1]), float(warp[0, 0])), middle - self._center)
 
 
-class PolarMatcher(Matcher):
-    """Correlation over the angle of polar images about the centre of the contact, modulo 360 degrees."""
-
-    def __init__(self, reference: Energy, mask: Image) -> None:
-        self._reference = np.conj(_polar_spectrum(reference, mask))
-        self._size = float(np.linalg.norm(self._reference))
-
-    def match(self, energy: Energy, mask: Image, last: Match) -> Match | None:
-        """Return the match of a frame, searched near the last match; None if there is none."""
-        spectrum = _polar_spectrum(energy, mask)
-        size = max(self._size * float(np.linalg.norm(spectrum)), 1e-12)
-        scores = np.fft.irfft((spectrum * self._reference).sum(axis=1), POLAR_ROWS) * (POLAR_ROWS / 2 / size)
-        # The rows of a polar image go clockwise.
-        turned = -np.arange(POLAR_ROWS) * POLAR_STEP_RAD
-        from_last = (turned - last.angle_rad + math.pi) % (2 * math.pi) - math.pi
-        best = int(np.argmax(np.where(np.abs(from_last) <= MAX_JUMP_RAD, scores, -1.0)))
-        if not scores[best] >= LEAST_POLAR_CORRELATION:
-            return None
-        before, at, after = scores[best - 1], scores[best], scores[(best + 1) % POLAR_ROWS]
-        bend = before - 2 * at + after
-        part = 0.5 * (before - after) / bend if bend < 0.0 else 0.0
-        return Match(last.angle_rad + float(from_last[best]) - float(part) * POLAR_STEP_RAD, None)
-
-
-class ReferenceEstimator(FreshFrameEstimator):
+class EccEstimator(FreshFrameEstimator):
     """Aligns each frame with the contact's first stable frame.
 
-    background: (H, W, 3) uint8 RGB, a frame without contact. matcher: makes the matcher of a reference.
+    background: (H, W, 3) uint8 RGB, a frame without contact.
     States: `no_contact`; `unobservable` if the reference is round; `lost` if no alignment is found; `rekeyed`
     at a new reference after a first angle; else `tracking`. It has no sigma.
     """
@@ -135,13 +93,12 @@ class ReferenceEstimator(FreshFrameEstimator):
     follows_motion = True
     stages = ("contact", "alignment")
 
-    def __init__(self, background: Image, matcher: Callable[[Energy, Image], Matcher]) -> None:
+    def __init__(self, background: Image) -> None:
         super().__init__(background.shape)
         size = work_size(background.shape, 1.0)
         self._px_per_work = background.shape[0] / size[1]
         self._light = RelativeDifference(background, size)
         self._gate = ContactGate()
-        self._make = matcher
         self._seen_ns: int | None = None
         self._answered = False
         self._zero_rad = 0.0
@@ -165,7 +122,7 @@ class ReferenceEstimator(FreshFrameEstimator):
 
     def _follow(self, energy: Energy, region: Region) -> State:
         if self._matcher is not None:
-            found = self._matcher.match(energy, region.mask, self._match)
+            found = self._matcher.match(energy, self._match)
             self._match = found or self._match
             if found is None and self._steadiness.settled:
                 return State.LOST
@@ -182,12 +139,12 @@ class ReferenceEstimator(FreshFrameEstimator):
             return SlipSample(time_ns, state, contact_area_px=area, stage_s=watch.stage_s)
         if not self._answered:
             self._answered, state = True, State.TRACKING
-        shift = None if self._match.shift_px is None else self._match.shift_px * self._px_per_work
+        shift = self._match.shift_px * self._px_per_work
         return SlipSample(
             time_ns,
             state,
             math.degrees(self._zero_rad + self._match.angle_rad),
-            shift_px=None if shift is None else (float(shift[0]), float(shift[1])),
+            shift_px=(float(shift[0]), float(shift[1])),
             contact_area_px=area,
             stage_s=watch.stage_s,
         )
@@ -202,11 +159,11 @@ class ReferenceEstimator(FreshFrameEstimator):
         self._zero_rad += self._match.angle_rad
         self._match = Match(0.0, np.zeros(2))
         observable = _contrast(energy, region.mask) >= LEAST_CONTRAST
-        self._matcher = self._make(energy, region.mask) if observable else None
+        self._matcher = EccMatcher(energy, region.mask) if observable else None
 
     def _release(self) -> None:
         self._match = Match(0.0, np.zeros(2))
-        self._matcher: Matcher | None = None
+        self._matcher: EccMatcher | None = None
         self._steadiness = Steadiness(SETTLED_FRAMES, drifting=True)
 
 
@@ -218,15 +175,6 @@ def _magnitude(difference: NDArray[np.float32]) -> Energy:
 def _middle(mask: Image) -> NDArray[np.float64]:
     moments = cv2.moments(mask, True)
     return np.array([moments["m10"], moments["m01"]]) / moments["m00"]
-
-
-def _polar_spectrum(energy: Energy, mask: Image) -> NDArray[np.complex128]:
-    """Return the spectrum over the angle of each ring about the contact's centre, weighted by its length."""
-    x, y = _middle(mask)
-    flags = cv2.INTER_LINEAR | cv2.WARP_FILL_OUTLIERS
-    polar = cv2.warpPolar(energy, (POLAR_COLUMNS, POLAR_ROWS), (float(x), float(y)), POLAR_COLUMNS, flags)
-    polar = polar * np.sqrt(np.arange(POLAR_COLUMNS, dtype=np.float32))
-    return np.fft.rfft(polar - polar.mean(axis=0), axis=0)
 
 
 def _contrast(energy: Energy, mask: Image) -> float:

@@ -15,11 +15,10 @@ from calibration.gel.untouched import Pressed, jpeg_quality
 from calibration.gel.visibility import visibility
 from drivers.errors import CalibrationError
 from fakes.gel.sensor import GelSensor
-from fakes.studio.calibration_scenes import draw_press
 from rig.tactile.contact.relative import RelativeDifference
 from rig.tactile.slip import gradient
 from rig.tactile.slip.estimator import SlipEstimator
-from support.simulated_gel import MM_PER_PX, SimulatedGel
+from support.simulated_gel import MM_PER_PX, SimulatedGel, draw_press
 
 GEL = SimulatedGel(seed=3)
 BACKGROUND = np.rint(GEL.reference).astype(np.uint8)

@@ -24,7 +24,7 @@ import pytest
 from drivers.errors import InputError, OperatorStopError
 from drivers.images import encode_jpeg
 from rig.live.feed import Inbox, Listener, LiveFeed, Message, Sender
-from rig.live.onlookers import Event, asked, looking_on, tell, telling
+from rig.live.onlookers import Event, asked, observed_by, tell, telling
 from rig.live.watch import WatchPage, watch_address
 from rig.live.watch_state import KEPT_FAULTS, KEPT_POINTS, RECORD_HEAD, Progress, StateNews, WatchState
 from rig.pages.serving import BURST, MOST_PER_S
@@ -96,7 +96,7 @@ def test_page_shows_the_newest_values(page: WatchPage) -> None:
 
 
 def test_question_is_shown_until_answered_and_faults_stay(page: WatchPage) -> None:
-    with looking_on(page.tell):
+    with observed_by(page.tell):
         with asked("Place object t1 on its mark. Ready?"):
             assert values(page)["question"] == "Place object t1 on its mark. Ready?"
         assert values(page)["question"] == ""
@@ -108,7 +108,7 @@ def test_question_is_shown_until_answered_and_faults_stay(page: WatchPage) -> No
         (fault,) = seen["faults"]  # type: ignore[misc]
         assert fault.endswith(" it fell")
     assert values(page)["ended"] == "done"
-    with pytest.raises(OperatorStopError), looking_on(page.tell):
+    with pytest.raises(OperatorStopError), observed_by(page.tell):
         raise OperatorStopError("stopped by the operator")
     assert values(page)["ended"] == "stopped by the operator"
     tell(Event("fault", "without observers"))

@@ -14,7 +14,7 @@ VALUES = {
     "id": "box",
     "name": "cardboard box",
     "orientations_deg": [0.0],
-    "grip_counts": [2, 4],
+    "grip_mm": [1.2, 2.5],
     "position": [{"name": "left", "offset_m": -0.04, "width_m": 0.03, "surface": "edge"}],
     "simulated": {"mass_kg": 0.05},
 }

@@ -85,20 +85,6 @@ def test_unreadable_hand_memory_is_unknown(state_home: Path, text: str) -> None:
     assert "damaged" in recalled.what
 
 
-def test_free_hand_whose_fingers_are_known_in_counts_is_unknown(state_home: Path) -> None:
-    """Files of earlier versions; a hand that held an object keeps its place."""
-    HandMemory("arm").recall()
-    HandMemory("arm").keep(HELD)
-    (file,) = (state_home / "visuotactile-slip-rig" / "hands").iterdir()
-    held = file.read_text()
-    file.write_text(FREE % ("finger_counts", "171"))
-    recalled = HandMemory("arm").recall()
-    assert recalled.holding is Holding.UNKNOWN
-    assert "earlier version" in recalled.what
-    file.write_text(held.replace("finger_opening_m", "finger_counts"))
-    assert HandMemory("arm").recall() == HELD
-
-
 def test_unwritable_hand_memory_refuses_a_new_run_and_not_a_running_one(
     state_home: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -82,15 +82,8 @@ def test_fewer_positions_and_orientations_give_fewer_poses() -> None:
         ("offset_m = 0.01", 'offset_m = "1 cm"', r"line 8: position.0.offset_m: .*found '1 cm'"),
         ("[0, 15.0]", "[]", r"line 3: orientations_deg: .*at least 1"),
         ("[1.2, 2.5]", "[2.5, 1.2]", r"line 4: grip_mm: is not a range from above 0 to 62.5 mm"),
-        (
-            "grip_mm = [1.2, 2.5]",
-            "grip_counts = [4, 2]",
-            r"line 4: grip_counts: is not a range within 1 to 100",
-        ),
-        ("grip_mm = [1.2, 2.5]\n", "", r"give grip_mm once"),
+        ("grip_mm = [1.2, 2.5]\n", "", r"grip_mm: Field required"),
         ("2.5]\n", "2.5]\nlargest_grip_mm = 2.0\n", r"line 5: largest_grip_mm: 2 is below grip_mm, 2.5"),
-        ("2.5]\n", "2.5]\nlargest_grip_counts = 20\n", r"both in mm"),
-        ("2.5]\n", "2.5]\ngrip_counts = [2, 4]\n", r"give grip_mm once"),
         ('id = "box"', 'id = "../box"', r"line 1: id: "),
         ('id = "box"', 'id = "gauge:3"', r"line 1: id: "),
         ('id = "box"', "id = ", r"not valid TOML: .*line 1"),
@@ -104,12 +97,8 @@ def test_invalid_value_is_named_with_file_and_line(folder: Path, old: str, new: 
         read_objects(folder)
 
 
-def test_grips_in_counts_of_earlier_versions_are_read() -> None:
-    old = "grip_counts = [2, 4]\nlargest_grip_counts = 20"
-    read = parse_object(BOX.replace("grip_mm = [1.2, 2.5]", old), "box.toml")
+def test_grips_in_mm_are_steps_of_the_gripper() -> None:
     spec = load_bench("fake").gripper_spec()
-    assert [spec.steps_for(grip_m) for grip_m in read.grip_m] == [2, 4]
-    assert spec.steps_for(read.require_largest_grip()) == 20
     new = parse_object(BOX.replace("2.5]\n", "2.5]\nlargest_grip_mm = 12.5\n"), "box.toml")
     assert new.grip_m == (0.0012, 0.0025)
     assert [spec.steps_for(grip_m) for grip_m in new.grip_m] == [2, 4]

@@ -51,7 +51,9 @@ class Bench:
 
 def session(folder: Path, resume: bool = False) -> Session[LiftRow]:
     asked = begun_on(load_bench("fake"), "trial", 0, ["t1"])
-    manifest = TrialManifest(**vars(asked), lifts_per_object=3, estimator="slip", window=1, skip=True)
+    manifest = TrialManifest(
+        **vars(asked), lifts_per_object=3, estimator="slip", window=1, skip=True, truth="edges"
+    )
     return open_session(folder, manifest, LIFTS, resume)
 
 

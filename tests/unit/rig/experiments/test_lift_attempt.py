@@ -36,8 +36,8 @@ def test_row_has_the_speed_slider_fraction(light_bench: BenchConfig, monkeypatch
 CUP = """id = "cup"
 name = "blue cup"
 orientations_deg = [0]
-grip_counts = [2, 4]
-largest_grip_counts = 17
+grip_mm = [1.24, 2.49]
+largest_grip_mm = 10.58
 
 [[position]]
 name = "middle"

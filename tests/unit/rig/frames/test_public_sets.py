@@ -1,8 +1,6 @@
-"""Public sets with known turns, read from small made copies of their layouts."""
+"""A public set with known turns, read from small synthetic copies of its layout."""
 
 import json
-import pickle
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -13,10 +11,10 @@ from rig.benchmark.clips.labelled import read_clips
 from rig.benchmark.clips.study import ClipsOptions, measure
 from rig.benchmark.harness import Run
 from rig.contract_checks.test_estimator import gel
-from rig.frames.public_sets import _unpickled, read_bag, trial_turns_deg
+from rig.frames.public_sets import trial_turns_deg
 from rig.frames.series import make_background, read_frames
 from support.command_line import rig
-from support.public_sets import about_z, turns_deg, write_bag, write_trial
+from support.public_sets import about_z, turns_deg, write_trial
 
 pytestmark = pytest.mark.slow
 
@@ -28,19 +26,6 @@ def tracking(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for name in ("key0", "bead3"):
         write_trial(root / name)
     return root
-
-
-@pytest.fixture(scope="module")
-def poses(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    root = tmp_path_factory.mktemp("digit-pose-estimation")
-    write_bag(root)
-    return root
-
-
-@pytest.fixture(autouse=True)
-def _read_anew() -> Iterator[None]:
-    yield
-    _unpickled.cache_clear()
 
 
 def test_a_trial_of_tactile_tracking_is_a_labelled_clip(tracking: Path) -> None:
@@ -63,69 +48,25 @@ def test_background_uses_pixels_without_contact(tracking: Path) -> None:
     assert np.abs(background.astype(float) - gel(320, 240)).mean() < 3.0
 
 
-def test_a_sequence_of_digit_pose_estimation_is_a_clip_per_finger(poses: Path) -> None:
-    clips = read_clips(poses)
-    assert [clip.name for clip in clips] == [f"train/sugar/bag_00:{f}" for f in ("index", "middle", "ring")]
-    assert {clip.group for clip in clips} == {"sugar"}
-    truth = turns_deg(61)
-    for clip in clips:
-        assert clip.background.shape == (320, 240, 3)
-        assert [label.frame for label in clip.labels] == [30, 60]
-        # changes over five samples, each with its own tilt, add up to the turn within some hundredths
-        assert [label.angle_deg for label in clip.labels] == pytest.approx([truth[30], truth[60]], abs=0.1)
-    turned_round = read_clips(poses, sign=-1)[0]
-    assert [label.angle_deg for label in turned_round.labels] == [
-        -label.angle_deg for label in clips[0].labels
-    ]
-
-
-def test_estimators_are_compared_with_the_known_turns(tracking: Path, poses: Path) -> None:
-    for root, name in ((tracking, "slip"), (poses, "pca")):
-        overall = measure(ClipsOptions(root, [name]), Run()).tables[1].records[0].score
-        assert overall.mean_deg < 3.0, root
+def test_estimators_are_compared_with_the_known_turns(tracking: Path) -> None:
+    for name in ("slip", "pca"):
+        overall = measure(ClipsOptions(tracking, [name]), Run()).tables[1].records[0].score
+        assert overall.mean_deg < 3.0, name
         assert float(overall.within) >= 0.8
-    done = rig("benchmark", "clips", poses, "--estimator", "pca", "--reversed-turns", "--json")
+    done = rig("benchmark", "clips", tracking, "--estimator", "pca", "--reversed-turns", "--json")
     assert done.returncode == 0, done.stderr
     reversed_turns = json.loads(done.stdout)["estimators"]["pca"]["all"]
     assert reversed_turns["labels"] == 6
     assert reversed_turns["mean_deg"] > 20.0
 
 
-def test_commands_read_public_sets(tracking: Path, poses: Path) -> None:
+def test_command_reads_a_trial(tracking: Path) -> None:
     done = rig("estimate", tracking / "key0", "--estimator", "pca", "--json")
     assert done.returncode == 0, done.stderr
-    assert len(json.loads(done.stdout)["samples"]) == 40
-    bag = poses / "train" / "sugar" / "bag_00.pkl"
-    done = rig("estimate", f"{bag}:middle", "--estimator", "pca", "--json")
-    assert done.returncode == 0, done.stderr
-    assert "finger middle" in done.stderr
     result = json.loads(done.stdout)
+    assert len(result["samples"]) == 40
     assert result["background"] == "background: the set's own"
-    assert result["samples"][-1]["angle_deg"] == pytest.approx(turns_deg(61)[-1], abs=3.0)
-
-
-@pytest.mark.parametrize(
-    ("content", "message"),
-    [
-        (b"no pickle", "is not a sequence"),
-        (pickle.dumps([1, 2]), "holds a list"),
-        (pickle.dumps({}), "has no digit_index"),
-        (pickle.dumps({"digit_index": [b""], "object_index_rel_pose_n5": np.eye(4)}), r"not \(N, 4, 4\)"),
-        (pickle.dumps({"digit_index": [b""], "object_index_rel_pose_n5": "abc"}), "is not an array"),
-        (
-            pickle.dumps({"digit_index": [b""], "object_index_rel_pose_n5": 2 * np.eye(4)[None]}),
-            "not a rigid transform",
-        ),
-        (
-            pickle.dumps({"digit_index": np.uint8(1), "object_index_rel_pose_n5": np.eye(4)}),
-            "has no digit_index",
-        ),
-    ],
-)
-def test_invalid_sequence_is_rejected(tmp_path: Path, content: bytes, message: str) -> None:
-    (tmp_path / "bag_00.pkl").write_bytes(content)
-    with pytest.raises(InputError, match=message):
-        read_bag(tmp_path / "bag_00.pkl", "index")
+    assert result["samples"][-1]["angle_deg"] == pytest.approx(turns_deg()[-1], abs=3.0)
 
 
 def test_incomplete_trial_is_rejected(tmp_path: Path) -> None:

@@ -38,7 +38,7 @@ def show(to: SlipWatch, *answers: tuple[int, float | None, float | None]) -> Non
 
 @pytest.mark.parametrize("rate", [0.0, -1.0, 1e6])
 def test_impossible_false_alarm_rate_is_rejected(rate: float) -> None:
-    with pytest.raises(InputError, match="false-alarms-per-hour"):
+    with pytest.raises(InputError, match="--alarms-per-hour"):
         sigmas_for(rate, 60.0)
 
 

@@ -17,11 +17,10 @@ from rig.calibrate.result import CalibrationResult, Picture, file_result
 from rig.report.compare import compare_lifts
 from rig.report.compare_page import compare_page
 from rig.report.parts import Table
-from rig.report.sessions_page import sessions_page
+from rig.report.sessions_page import sessions_page, write_sessions
 from rig.report.sides import session_side
-from rig.report.wear import read_wear
-from rig.report.wear_page import write_wear
 from rig.report.write import write_report
+from rig.results.listing import list_session
 from support.browser import FLAWS, NEEDS_CHROMIUM, Browser
 from support.waiting import until
 
@@ -53,8 +52,8 @@ def pages(
     comparison = folder / "compare.html"
     found = compare_lifts(("trial", "2026-11-21T093000_obj07_trial"), sides[0].lifts, sides[1].lifts)
     comparison.write_text(compare_page(found, simulated=True, about="Two sessions."))
-    worn = folder / "wear.html"
-    write_wear(*read_wear([trial, other]), worn)
+    listing = folder / "sessions.html"
+    write_sessions(listing, folder, list(map(list_session, (trial, other))), {"session": ["trial", "other"]})
     broken = drawn_trial(folder / "broken", (12.0,))
     (broken / "session.json").write_text("{}")
     return {
@@ -62,7 +61,7 @@ def pages(
         "recording": write_report([drawn_recording(folder / "recording")]).path,
         "table": write_report([tables], folder / "table.html").path,
         "comparison": comparison,
-        "wear": worn,
+        "sessions": listing,
         "broken": write_report([broken]).path,
         "calibration": calibration(folder),
     }
@@ -103,7 +102,15 @@ POSES = [
     )
     for i in range(12)
 ]
-FIGURES = {"trial": 12, "recording": 3, "table": 5, "comparison": 3, "wear": 4, "broken": 0, "calibration": 6}
+FIGURES = {
+    "trial": 12,
+    "recording": 3,
+    "table": 5,
+    "comparison": 3,
+    "sessions": 1,
+    "broken": 0,
+    "calibration": 6,
+}
 """Figures that are seen; poses in 3D are not counted."""
 
 

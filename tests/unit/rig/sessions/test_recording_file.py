@@ -99,20 +99,13 @@ def test_flipped_bit_anywhere_in_a_recording_is_detected(tmp_path: Path) -> None
 @pytest.mark.parametrize(
     ("message", "expected"),
     [
-        ('{"position_counts":120,"current_counts":4,"moving":false}', (None, None, 120, 4)),
         ('{"opening_m":0.05,"moving":false,"position_counts":120,"current_counts":4}', (0.05, None, 120, 4)),
         ('{"opening_m":0.05,"moving":false,"current_a":0.2}', (0.05, 0.2, None, None)),
     ],
 )
-def test_gripper_messages_of_every_version_are_read(message: str, expected: tuple[Any, ...]) -> None:
+def test_gripper_messages_of_every_gripper_are_read(message: str, expected: tuple[Any, ...]) -> None:
     kept = recorded_gripper(message.encode(), Path("001.mcap"))
     assert (kept.opening_m, kept.current_a, kept.position_counts, kept.current_counts) == expected
-
-
-@pytest.mark.parametrize("key", ["position_steps", "counts"])
-def test_reaction_messages_of_every_version_are_read(key: str) -> None:
-    message = f'{{"step":"closed","{key}":120}}'
-    assert recorded_reaction(message.encode(), Path("001.mcap")).position == 120
 
 
 @pytest.mark.parametrize(

@@ -22,7 +22,6 @@ from rig.sessions.records import (
     LiftHead,
     LiftOutcome,
     PoseRow,
-    ReactionRecord,
 )
 from rig.sessions.rows import read_lifts, readable_rows
 from rig.sessions.timing import LIFT_TIMINGS, LatencyTimes, LiftTiming, StageTimes
@@ -66,27 +65,11 @@ def test_optional_keys_are_absent_at_their_default(lift_row: MakeRow) -> None:
     assert json_value(replace(asked, randomised=True))["randomised"] is True
 
 
-def test_keys_of_version_1_0_are_read_and_ignored(
-    lift_row: MakeRow, drawn_trial: Any, tmp_path: Path
-) -> None:
-    reaction = ReactionRecord("D1", 0.1, 0.2, 0.3, 0.4, None, 6, 0.5, 0.6, 0.7, 0.8, None)
-    row = lift_row(1, reactions=(reaction,))
-    values = json_value(row)
-    values["force_n"] = None
-    values["reactions"][0]["votes"] = {"wrist": -0.1}
-    assert LIFTS.parsed(json.dumps(values).encode()) == row
-    assert POSES.parsed(json.dumps({**json_value(POSE), "force_n": None}).encode()) == POSE
-    path = drawn_trial(tmp_path / "s", (12.0,)) / "session.json"
-    manifest = read_manifest(path.parent)
-    path.write_text(json.dumps({**json.loads(path.read_text()), "votes": "both"}))
-    assert read_manifest(path.parent) == manifest
-    assert not {"force_n", "votes"} & {*json_value(row), *json_value(POSE), *json_value(manifest)}
-
-
 @pytest.mark.parametrize(
     ("spoil", "said"),
     [
         (lambda row: row.pop("accepted"), "'accepted' is missing"),
+        (lambda row: row["phases_s"].update(settle=1.0), "has the unknown phase settle"),
         (lambda row: row.pop("re_held"), "'re_held' is missing"),
         (lambda row: row["re"].pop("std_deg"), "'re.std_deg' is missing"),
         (lambda row: row.update(reason="?"), "'reason' is a key that this version does not know"),

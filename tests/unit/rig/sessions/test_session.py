@@ -23,7 +23,9 @@ TIMING = LiftTiming(number=1, attempt=0, wall_s=0.1, stages={})
 
 def start(folder: Path, resume: bool = False, seed: int = 0) -> Session[LiftRow]:
     asked = begun_on(load_bench("fake"), "trial", seed, ["t1"])
-    manifest = TrialManifest(**vars(asked), lifts_per_object=3, estimator="slip", window=1, skip=True)
+    manifest = TrialManifest(
+        **vars(asked), lifts_per_object=3, estimator="slip", window=1, skip=True, truth="edges"
+    )
     return open_session(folder, manifest, LIFTS, resume)
 
 
@@ -63,7 +65,9 @@ def test_refused_resume_names_the_value_that_differs(tmp_path: Path) -> None:
     bench = load_bench("fake")
     camera = bench.camera.model_copy(update={"focal_px": 700.0})
     asked = begun_on(bench.model_copy(update={"camera": camera}), "trial", 0, ["t1"])
-    other = TrialManifest(**vars(asked), lifts_per_object=3, estimator="slip", window=1, skip=True)
+    other = TrialManifest(
+        **vars(asked), lifts_per_object=3, estimator="slip", window=1, skip=True, truth="edges"
+    )
     with pytest.raises(InputError, match=rf"config\.camera\.focal_px {bench.camera.focal_px}, not 700\.0"):
         open_session(tmp_path / "s", other, LIFTS, resume=True)
 
@@ -154,7 +158,9 @@ def test_password_of_a_camera_is_not_stored_and_the_session_continues(tmp_path: 
     tactile = tuple(t.model_copy(update={"address": secret}) for t in bench.tactile)
     bench = bench.model_copy(update={"camera": camera, "tactile": tactile})
     asked = begun_on(bench, "trial", 0, ["t1"])
-    manifest = TrialManifest(**vars(asked), lifts_per_object=3, estimator="slip", window=1, skip=True)
+    manifest = TrialManifest(
+        **vars(asked), lifts_per_object=3, estimator="slip", window=1, skip=True, truth="edges"
+    )
     open_session(tmp_path / "s", manifest, LIFTS, resume=False).close()
     assert "s3cret" not in (tmp_path / "s" / MANIFEST).read_text()
     assert "me:***@192.0.2.7" in (tmp_path / "s" / MANIFEST).read_text()

@@ -140,7 +140,9 @@ def test_full_disk_is_an_error_within_the_lift(tmp_path: Path) -> None:
 
 def manifest() -> TrialManifest:
     asked = begun_on(load_bench("fake"), "trial", 0, ["t1"])
-    return TrialManifest(**vars(asked), lifts_per_object=3, estimator="slip", window=1, skip=True)
+    return TrialManifest(
+        **vars(asked), lifts_per_object=3, estimator="slip", window=1, skip=True, truth="edges"
+    )
 
 
 def test_finished_recording_gets_its_name_and_an_unlisted_one_is_kept(

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from drivers.errors import InputError
 from drivers.images import read_image
 from rig.tactile.contact.background import auto_background
-from rig.tactile.estimators import DEFAULT_ESTIMATOR, ESTIMATORS, MATCHERS, PEERS, PUBLISHED, choose_estimator
+from rig.tactile.estimators import DEFAULT_ESTIMATOR, ECC, ESTIMATORS, PEERS, PUBLISHED, choose_estimator
 from rig.tactile.paper.axis import METHODS, ellipse_axis, largest_contour, wrapped
 from rig.tactile.sample import SlipSample, State, TactileEstimator
 
@@ -36,7 +36,7 @@ def angles(samples: Iterable[SlipSample]) -> list[float]:
 def test_estimator_names_match_the_contract() -> None:
     assert set(ESTIMATORS) == {
         "slip", "skeleton", "ellipse", "pca", "skeleton-published", "ellipse-published", "pca-published",
-        "ecc", "polar", "kolamuri", "anglenet", "toskov",
+        "ecc", "kolamuri", "anglenet", "toskov",
     }  # fmt: skip
     assert DEFAULT_ESTIMATOR == "slip"
 
@@ -128,7 +128,7 @@ def test_published_scripts_report_an_angle_for_any_contact(press: Draw, blank: I
     assert samples[0].angle_deg is samples[4].angle_deg is None
 
 
-@pytest.mark.parametrize("name", [name for name in ESTIMATORS if name not in ("slip", *MATCHERS, *PEERS)])
+@pytest.mark.parametrize("name", [name for name in ESTIMATORS if name not in ("slip", ECC, *PEERS)])
 def test_each_stage_reports_its_time(press: Draw, blank: Image, name: str) -> None:
     bare, touched = run(choose_estimator(name, 1).make(blank), [press(None), press(10)])
     assert set(touched.stage_s) == {"contact", "axis", "filter"}

@@ -203,13 +203,14 @@ class SlipEstimator(FreshFrameEstimator):
             (SIGMA.loss_rad * fit.loss) ** 2
             + (SIGMA.worst_loss_rad * tracked.worst_loss) ** 2
             + (SIGMA.worst_spread * tracked.worst_spread_rad) ** 2
-            + (SIGMA.turned * tracked.turned_rad) ** 2
+            + ((SIGMA.turned if sample.settled else SIGMA.growing) * tracked.turned_rad) ** 2
             + (SIGMA.indistinct_rad / own) ** 2
         )
         self._rate_rad_s = tracked.rate_rad_s
         variance = evidence + SIGMA.least_rad**2 + (wanted - angle) ** 2 + self._unseen
-        if not tracked.added and last is not None:
-            variance += math.exp(-elapsed_s / SIGMA.pace_s) * (self._variance - variance)
+        if last is not None:
+            slowly = variance + math.exp(-elapsed_s / SIGMA.pace_s) * (self._variance - variance)
+            variance = max(variance, self._variance) if tracked.added else slowly
         self._angle_rad, self._variance, self._answered_ns = angle, variance, sample.time_ns
         # The tracked point is known from the first keyframe on, in the frame after the first.
         if self._origin_px is None and self._tracker.contact is not None:

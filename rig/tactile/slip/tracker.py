@@ -202,14 +202,14 @@ class Contact:
         """Return the fit of a frame; None if no keyframe fits. busy: whether a keyframe was made in it."""
         middle = _middle(seen.region.mask)
         self._contact_px, self._middle_px = middle - self._middle_px, middle
-        self._added = busy
+        self._added, last_rad = busy, self.pose.angle_rad
         if self._pending:
             busy = True
             self._pending.pop(0)()
         if self._settling.update(seen.region.levels, seen.time_ns):
             self._settle()
         fit, looked = self._read(seen, busy)
-        if abs(fit.angle_rad - self.pose.angle_rad) > self._reach_rad(seen.time_s):
+        if abs(fit.angle_rad - last_rad) > self._reach_rad(seen.time_s):
             return None
         self._accept(fit, seen.time_s)
         free = not self._pending

@@ -32,7 +32,7 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 pytest_plugins = (
-    "rig.contract_checks.options",
+    "rig.contract_checks",
     "support.side_by_side",
     "support.drawn_sensor",
 )

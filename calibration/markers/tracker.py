@@ -36,7 +36,7 @@ class MarkerTracker:
     """Tracks two markers of one dictionary through the pictures of one camera.
 
     ids: the two marker ids, in the order of the result. dictionary: OpenCV's name, such as "DICT_4X4_50".
-    search_everywhere: search every whole picture (slow). refine: another corner refinement, for comparison.
+    refine: another corner refinement, for comparison.
     The same pictures in the same order give bitwise the same results. Raises `InputError` for equal ids or an
     unknown dictionary.
     """
@@ -45,13 +45,11 @@ class MarkerTracker:
         self,
         ids: tuple[int, int],
         dictionary: str = "DICT_4X4_50",
-        search_everywhere: bool = False,
         refine: Refine = refine_quick,
     ) -> None:
         if ids[0] == ids[1]:
             raise InputError(f"markers: two different ids are needed, got {ids}")
         self._ids = ids
-        self._everywhere = search_everywhere
         self._refine = refine
         self._full = detector(dictionary)
         self._near = region_detector(dictionary)
@@ -89,7 +87,7 @@ class MarkerTracker:
 
     def _search(self, gray: Image) -> Corners | Refusal:
         expected = None if self._last is None else self._last + self._motion
-        if expected is not None and not self._everywhere:
+        if expected is not None:
             found = self._search_regions(gray, expected)
             if not isinstance(found, Refusal):
                 return found

@@ -95,9 +95,13 @@ class FakeSource:
 
     def newest_frame(self, max_age_s: float) -> Frame:
         """Return the newest frame; see `drivers.interfaces.FrameSource`."""
-        index = max(self._newest_index(), 0)
         self._due_index()
-        age = (self._clock.now_ns() - self._captured_ns(index)) / NS_PER_S
+        now_ns = self._clock.now_ns()
+        index = max(self._newest_index(), 0)
+        # A frame that was dropped leaves the one before it the newest.
+        while index > 0 and self._active("drop", index) and self._age_s(index, now_ns) <= max_age_s:
+            index -= 1
+        age = self._age_s(index, now_ns)
         if age > max_age_s or age < 0 or self._active("drop", index):
             raise StaleFrameError(
                 f"{self.serial}: newest frame is {age:.3f} s old, over the limit of {max_age_s:.3f} s; "
@@ -105,6 +109,9 @@ class FakeSource:
             )
         self._next = index + 1
         return self._capture(index)
+
+    def _age_s(self, index: int, now_ns: int) -> float:
+        return (now_ns - self._captured_ns(index)) / NS_PER_S
 
     def _due_index(self) -> int:
         if self._next is None:

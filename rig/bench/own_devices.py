@@ -1,8 +1,8 @@
-"""Create user-defined devices from a bench file by their class name, and guard them.
+"""Create user-defined devices from a bench file by their class name.
 
 A class named as `driver = "package.module:Class"` is called with keyword arguments: those of the rig's
-arguments for such a device that its constructor accepts, and all keys of the subtable `options`. A guard
-(`rig.bench.guards`) then enforces the rules of the rig's own drivers.
+arguments for such a device that its constructor accepts, and all keys of the subtable `options`. The bench
+then checks every motion and state, see `rig.bench.checked`.
 """
 
 import inspect
@@ -13,7 +13,7 @@ from drivers.clock import Clock
 from drivers.errors import InputError, RigError
 from drivers.interfaces import Arm, FrameSource, Gripper, TactileSensor
 from drivers.named_classes import named_class, raised_text
-from rig.bench.guards import GuardedArm, GuardedGripper, GuardedSource
+from rig.bench.checked import CheckedArm, CheckedGripper, CheckedSource
 from rig.config import BenchConfig, CameraConfig, TactileConfig
 
 ARM_METHODS = ("connect", "disconnect", "state", "move_linear", "stop", "recover")
@@ -42,7 +42,8 @@ def own_arm(config: BenchConfig, clock: Clock) -> Arm:
     if {"joint_min_deg", "joint_max_deg"} & arm.limits.model_fields_set:
         written.add("joint_limits_rad")
     driver = _made("arm", arm.driver, (Arm, ARM_METHODS), needed, known, written, arm.options)
-    return GuardedArm(driver, arm.driver, limits, clock)
+    checked: Any = CheckedArm(driver, arm.driver, limits, clock)
+    return checked
 
 
 def own_gripper(config: BenchConfig, clock: Clock) -> Gripper:
@@ -54,7 +55,8 @@ def own_gripper(config: BenchConfig, clock: Clock) -> Gripper:
     keys = ("host", "port", "device", "transport", "preset", "fingers")
     known = {key: getattr(own, key) for key in keys} | {"clock": clock}
     driver = _made("gripper", own.driver, kind, {"spec": spec}, known, own.model_fields_set, own.options)
-    return GuardedGripper(driver, own.driver, spec, clock)
+    checked: Any = CheckedGripper(driver, own.driver, spec, clock)
+    return checked
 
 
 def own_source(config: TactileConfig | CameraConfig, clock: Clock) -> TactileSensor:
@@ -67,7 +69,8 @@ def own_source(config: TactileConfig | CameraConfig, clock: Clock) -> TactileSen
     known = {"address": config.address, "size_px": config.size_px, "clock": clock}
     kind = (TactileSensor if isinstance(config, TactileConfig) else FrameSource, SOURCE_METHODS)
     driver = _made(serial, config.driver, kind, needed, known, config.model_fields_set, config.options)
-    return GuardedSource(driver, config.driver, serial, rate_hz, config.size_px)
+    checked: Any = CheckedSource(driver, config.driver, serial, rate_hz, config.size_px)
+    return checked
 
 
 def _made(

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 bench = Commands(no_args_is_help=True, help="Write a bench file, which describes the devices of a bench.")
 objects = Commands(help="List the objects that can be grasped; write an object file of your own.")
-Kind = Literal["estimator", "sensor", "camera", "arm", "gripper", "lerobot"]
+Kind = Literal["lab", "lerobot"]
 
 
 @bench.callback()
@@ -132,17 +132,14 @@ def new(
     kind: Annotated[Kind, typer.Argument(help="Kind of package.")],
     folder: Annotated[Path, typer.Argument(help="New folder; the module gets its name, as my_gel.")],
 ) -> None:
-    """Write a template package of your own estimator, sensor, camera, arm or gripper, which runs unchanged.
+    """Write a template package of your own estimator, sensor, camera, arm and gripper, which runs unchanged.
 
     The kind lerobot is a LeRobot plug-in, with tactile sensors as cameras and the angle as an observation.
 
-    The package has one module of about 40 lines to change, a pyproject.toml, and a README with the commands
-    to install, use and check it.
+    The package has one module, a pyproject.toml, and a README with the commands to install, use and check it.
 
     Examples:
-      rig new estimator my_rotation
-
-      rig new sensor my_gel
+      rig new lab my_lab
 
       rig new lerobot lerobot_camera_my_gel
 

@@ -25,8 +25,7 @@ class SourceOptions:
     )
     lift: str | None = option(
         None,
-        "Lift of a session: its number (3), object and lift (t1/3, wrench/3), or an unfinished recording "
-        "(003.unfinished, 003.interrupted-1). Default: the first lift.",
+        "Lift of a session: its number (3), or object and lift (t1/3, wrench/3). Default: the first lift.",
     )
     beside: Path | None = option(
         None,
@@ -121,17 +120,13 @@ def _shown(of: SourceOptions) -> "tuple[str, Path, Sequence[FilmedLift | Estimat
 def _lifts(session: Path, lift: str | None, beside: Path | None) -> "list[FilmedLift]":
     """Return a lift and, with --beside, the lift of the same object and number of the second session."""
     from rig.report.film import FilmedLift
-    from rig.report.session import Lift, find_lift
-    from rig.report.unfinished import find_unfinished
+    from rig.report.session import find_lift
     from rig.sessions.manifest import TrialManifest, read_manifest_of
 
     manifest = read_manifest_of(session, TrialManifest, "only trials have lifts")
-    unfinished = None if lift is None else find_unfinished(session, manifest, lift)
-    chosen = unfinished or find_lift(session, manifest, lift)
+    chosen = find_lift(session, manifest, lift)
     shown = [FilmedLift(session, manifest, chosen)]
     if beside is not None:
-        if not isinstance(chosen, Lift):
-            raise InputError("--beside: an unfinished recording has no lift of the same number beside it")
         other = read_manifest_of(beside, TrialManifest, "only trials have lifts")
         same = find_lift(beside, other, f"{chosen.row.object}/{chosen.row.lift}")
         shown.append(FilmedLift(beside, other, same))

@@ -77,16 +77,11 @@ def _replay_one(session: Path, options: ReplayOptions) -> None:
     with WorkProgress(1, "lifts") as bar:
         result = run_replay(trial, trial_jobs(options.jobs, True, False), bar.showing(lift_note))
     wall_s = time.perf_counter() - began
-    if result.rows:
-        trial_table(result.summary, simulated, wall_s, to_stderr=options.json)
+    trial_table(result.summary, simulated, wall_s, to_stderr=options.json)
     if result.identical is not None:
         say(f"{result.identical} of {counted(len(result.rows), 'lift')} exactly as stored")
-    for lift in result.interrupted:
-        say(lift.text)
     if options.json:
         figures = {**result.summary.as_json(), "wall_s": round(wall_s, 2), "identical": result.identical}
-        if result.interrupted:
-            figures["unfinished"] = [lift.as_json() for lift in result.interrupted]
         emit_json({"session": str(session), "estimator": choice.name, **figures})
     report_broken(result.problems)
     report_faults(row.estimator_faults for row in result.rows if row.estimator_faults)

@@ -121,7 +121,7 @@ def lift_head(task: LiftTask, plan: LiftPlan, seed: int, settings: TrialSettings
 def new_measurement(settings: TrialSettings) -> LiftMeasurement:
     """Return the measurement of one lift, the same for a live lift and for its replay."""
     camera, model = settings.bench.camera, settings.bench.camera_model()
-    tracker = MarkerTracker(camera.marker_ids, camera.marker_dictionary, not settings.estimator.skip)
+    tracker = MarkerTracker(camera.marker_ids, camera.marker_dictionary)
     angle = MarkerAngle(tracker, model)
     truth = MarkerTruth(angle, settings.bench.base_T_camera(), settings.bench.camera_turn_sigma_rad())
     signs = {tactile.serial: tactile.sign for tactile in settings.bench.tactile}

@@ -1,6 +1,6 @@
 """Replay the lifts of a session from their stored frames, with any estimator."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -10,7 +10,6 @@ import numpy as np
 from drivers.clock import NS_PER_S
 from drivers.errors import RigError, SessionError
 from drivers.realtime import compute_in_one_thread
-from rig.experiments.interrupted import InterruptedLift, interrupted_lifts
 from rig.experiments.lift_plan import StoredTrial, TrialSettings, new_measurement
 from rig.experiments.process_pool import run_tasks
 from rig.lift.result import lift_result
@@ -19,7 +18,7 @@ from rig.results.summary import TrialSummary, summarize_trial
 from rig.sessions.reading import show_again
 from rig.sessions.recording_file import Gaps, gaps_text
 from rig.sessions.records import FinishedLift
-from rig.sessions.rows import UsableLifts, read_usable_lifts
+from rig.sessions.rows import read_usable_lifts
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,15 +26,13 @@ class Replay:
     """Result of a replay: summary, rows, and the number of lifts that equal the stored ones bit for bit.
 
     identical: None with another estimator. problems: unreadable parts; a lift with a gap in its
-    recording counts with the rest of it. interrupted: contents of unfinished recordings, which are in none of
-    the other fields.
+    recording counts with the rest of it.
     """
 
     summary: TrialSummary
     rows: list[FinishedLift]
     identical: int | None
     problems: tuple[str, ...] = ()
-    interrupted: tuple[InterruptedLift, ...] = ()
 
 
 def run_replay(
@@ -50,9 +47,8 @@ def run_replay(
     """
     folder, settings = trial.folder, trial.settings
     settings.estimator.require_named()
-    interrupted, unread = interrupted_lifts(folder, settings)
-    usable = _usable(folder, interrupted)
-    stored, problems = {row.number: row for row in usable.lifts}, [*usable.problems, *unread]
+    usable = read_usable_lifts(folder)
+    stored, problems = {row.number: row for row in usable.lifts}, list(usable.problems)
     rows: dict[int, FinishedLift] = {}
     work = partial(replay_around_gaps, folder, settings)
     for _, (row, problem) in run_tasks(work, list(stored.values()), jobs):
@@ -61,21 +57,11 @@ def run_replay(
         if row is not None:
             rows[row.number] = row
             progress(len(rows), len(stored), row)
-    if not rows and not interrupted:
+    if not rows:
         raise SessionError(problems[0])
     in_order = [rows[number] for number in sorted(rows)]
     identical = sum(row == stored[row.number] for row in in_order) if trial.own_estimator else None
-    return Replay(summarize_trial(in_order), in_order, identical, tuple(problems), tuple(interrupted))
-
-
-def _usable(folder: Path, interrupted: Sequence[InterruptedLift]) -> UsableLifts:
-    """Read the finished lifts. Raises `SessionError` if there is no finished and no interrupted lift."""
-    try:
-        return read_usable_lifts(folder)
-    except SessionError as error:
-        if not interrupted:
-            raise
-        return UsableLifts((), (str(error),))
+    return Replay(summarize_trial(in_order), in_order, identical, tuple(problems))
 
 
 def replay_around_gaps(

@@ -53,10 +53,6 @@ class TruthSeries:
         )
 
 
-NO_ANGLES = TruthSeries(np.zeros(0, np.int64), np.zeros(0), np.zeros(0), 0.0, None, {})
-"""The series of a lift that was interrupted before the zero."""
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class _Sighting:
     time_ns: int

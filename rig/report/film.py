@@ -22,7 +22,6 @@ from rig.report.lift_chart import on_one_scale, shown_range
 from rig.report.own_frames import estimate_curves, tip_of
 from rig.report.session import Lift
 from rig.report.strips import TipFrames, angles_at, caption, drawn, read_tip, rgb
-from rig.report.unfinished import UnfinishedLift
 from rig.sessions.manifest import TrialManifest
 from rig.sessions.reading import recorded_frames
 
@@ -50,11 +49,11 @@ _ImageAt = Callable[[float], Image | None]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FilmedLift:
-    """A lift of a session's folder, or the recorded part of an interrupted one."""
+    """A lift of a session's folder."""
 
     folder: Path
     manifest: TrialManifest
-    lift: Lift | UnfinishedLift
+    lift: Lift
 
 
 def write_film(

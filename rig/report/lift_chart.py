@@ -135,7 +135,7 @@ def shown_range(lift: LiftCurves) -> tuple[float, float]:
         return start, max(float(times.max(initial=start)), start + _SHORTEST_S)
     begins = lift.phases_s.get("A", lift.phases_s.get("B", 0.0) - 1.0)
     curves = (lift.truth, lift.estimate, *lift.tips.values())
-    ends = max(float(curve.time_s.max(initial=begins)) for curve in curves)  # of an interrupted lift
+    ends = max(float(curve.time_s.max(initial=begins)) for curve in curves)
     return begins, lift.phases_s.get("lower", ends) + _AFTER_S
 
 

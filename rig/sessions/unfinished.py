@@ -19,7 +19,6 @@ from rig.sessions.files import (
     RECORDINGS,
     UNFINISHED,
     interrupted_name,
-    is_unfinished,
     not_written,
     unfinished_name,
 )
@@ -173,8 +172,3 @@ def name_interrupted(folder: Path) -> None:
             set_aside(path)
         except OSError as error:
             raise not_written(path, error) from error
-
-
-def unfinished_recordings(folder: Path) -> list[Path]:
-    """Return the unfinished and interrupted recordings of a session, by name."""
-    return sorted(path for path in (folder / RECORDINGS).glob("*.mcap") if is_unfinished(path))

@@ -18,8 +18,7 @@ from drivers.clock import to_ns
 from rig.bench.assembly import build_bench, build_real_bench
 from rig.bench.fakes_process import fakes_control, started_fakes
 from rig.config import BenchConfig, load_bench
-from rig.contract_checks.devices import EVERY, reconnect
-from rig.contract_checks.options import make_ready_to_move
+from rig.contract_checks import make_ready_to_move, reconnect
 from support.benches import lighter
 from support.slow_motion import CLOCK, SLOWNESS
 
@@ -93,7 +92,7 @@ def bench(kind: str, request: pytest.FixtureRequest) -> Iterator[Bench]:
         pytest.skip("moves the hardware: add --moves if a person is at the bench")
     reconnect(station.bench)
     if moves:
-        make_ready_to_move(station.bench, station.config, EVERY)
+        make_ready_to_move(station.bench, station.config)
     yield station.bench
 
 

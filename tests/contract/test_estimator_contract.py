@@ -5,8 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from rig.contract_checks.options import MakeEstimator
-from rig.contract_checks.test_estimator import *  # noqa: F403
+from rig.contract_checks import MakeEstimator, TestEstimator  # noqa: F401
 from rig.tactile.estimators import ESTIMATORS, PUBLISHED, TOSKOV, choose_estimator
 from support.own_estimators import MODULE, own_estimators
 

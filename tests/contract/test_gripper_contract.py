@@ -4,7 +4,7 @@ import pytest
 
 from drivers.bench import Bench
 from drivers.errors import GripperFaultError
-from rig.contract_checks.test_gripper import *  # noqa: F403
+from rig.contract_checks import TestGripper  # noqa: F401
 
 
 def test_gripper_that_is_not_activated_has_the_documented_fault_code(inactive_bench: Bench) -> None:

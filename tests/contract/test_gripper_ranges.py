@@ -7,7 +7,7 @@ import pytest
 from drivers.bench import Bench
 from rig.bench.assembly import build_bench
 from rig.config import load_bench
-from rig.contract_checks.test_gripper import *  # noqa: F403
+from rig.contract_checks import TestGripper  # noqa: F401
 
 RANGES = [(0, 80), (20, 1000), (6, 255)]
 

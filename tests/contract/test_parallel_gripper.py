@@ -1,4 +1,4 @@
-"""The checks of every gripper, on the parallel gripper that `rig new gripper` writes."""
+"""The checks of every gripper, on the parallel gripper that `rig new lab` writes."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -13,7 +13,7 @@ from rig.bench.assembly import build_bench
 from rig.bench.own_devices import own_gripper
 from rig.config import load_bench
 from rig.config.fields import GripperLimitsConfig
-from rig.contract_checks.test_gripper import *  # noqa: F403
+from rig.contract_checks import TestGripper  # noqa: F401
 
 LIMITS = GripperLimitsConfig(
     max_opening_m=0.085, stroke_m=0.080, resolution_m=0.0005, speed_m_s=(0.02, 0.15), force_n=(20.0, 235.0)
@@ -22,9 +22,9 @@ LIMITS = GripperLimitsConfig(
 
 @pytest.fixture
 def bench(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Iterator[Bench]:
-    monkeypatch.syspath_prepend(Path(next(iter(templates.__path__))) / "gripper")
+    monkeypatch.syspath_prepend(Path(next(iter(templates.__path__))) / "lab")
     config = load_bench("fake")
-    keys = {"driver": "my_gripper:MyGripper", "limits": LIMITS}
+    keys = {"driver": "my_lab:MyLabGripper", "limits": LIMITS}
     config = config.model_copy(update={"gripper": config.gripper.model_copy(update=keys)})
     made, _ = build_bench(load_bench("fake"), seed=7)
     clock = SimulatedClock()

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from drivers.errors import EstimatorError
 from rig.benchmark.clips import study as clips
-from rig.benchmark.estimators.contenders import NO_SKIP
 from rig.benchmark.estimators.lifts import score_lift
 from rig.benchmark.harness import Run
 from rig.benchmark.renderer import study as renderer
@@ -185,7 +184,7 @@ def test_renderer_benchmark_reports_faults_of_own_estimator(lab: Path) -> None:
 
 def test_estimator_benchmark_scores_own_estimator(session: Path) -> None:
     row = read_finished_lifts(session)[0]
-    scores = score_lift(session, ("slip", NO_SKIP, "pca", MINE, FAILING), row)
+    scores = score_lift(session, ("slip", "pca", MINE, FAILING), row)
     assert scores.scores[MINE, 1] == scores.scores["pca", 1]
     assert scores.scores[MINE, 4] == scores.scores["pca", 4]
     assert list(scores.faults) == [FAILING]

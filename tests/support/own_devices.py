@@ -5,6 +5,7 @@ SOURCE = '''
 """Not the rig's."""
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 
@@ -72,6 +73,8 @@ class Plain(Arm):
     def state(self):
         if self.behaviour == "nothing":
             return None
+        if self.behaviour == "unvalidated":
+            return SimpleNamespace(time_ns=time.monotonic_ns(), wrench=(float("nan"),) * 6)
         x = float("nan") if self.behaviour == "nan" else 0.0
         wrench = None if self.behaviour == "no wrench" else (0.0,) * 6
         time_ns = time.monotonic_ns() + round(1e9 * self.ahead_s)

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from rig.contract_checks.test_estimator import gel, pressed_bar
+from rig.contract_checks import gel, pressed_bar
 
 RATE_HZ = 25.0
 START_DEG = 20.0

@@ -11,11 +11,17 @@ from mcap.writer import CompressionType, Writer
 
 from rig.experiments.lift_plan import stored_trial
 from rig.experiments.replay import run_replay
+from rig.sessions.files import RECORDINGS, is_unfinished
 from rig.sessions.recording_chunks import summary_layout
 from rig.sessions.rows import read_finished_lifts
 
 Edit = Callable[[str], list[tuple[str, int]]]
 """Returns the phases to write for one, by name, each with how much later, ns."""
+
+
+def unfinished_recordings(folder: Path) -> list[Path]:
+    """Return the unfinished and interrupted recordings of a session, by name."""
+    return sorted(path for path in (folder / RECORDINGS).glob("*.mcap") if is_unfinished(path))
 
 
 def require_identical_replay(session: Path) -> None:

@@ -97,4 +97,4 @@ def test_only_the_contract_checks_import_pytest_and_hypothesis() -> None:
         )
         and "templates" not in path.parts
     }
-    assert importing == {("rig", "contract_checks")}
+    assert importing == {("rig", "contract_checks.py")}

@@ -22,7 +22,7 @@ class Clockwise:
         sample = self.inner.update(image, time_ns)
         return replace(sample, angle_deg=sample.angle_deg and -sample.angle_deg)
 """
-PLUGIN = ("-p", "rig.contract_checks.options")
+PLUGIN = ("-p", "rig.contract_checks")
 CHECKS = ("-p", "no:cacheprovider", "--pyargs", "rig.contract_checks")
 
 
@@ -46,7 +46,7 @@ def test_contract_violation_of_an_estimator_is_reported(lab: Path) -> None:
 
 
 def test_device_checks_are_skipped_without_a_bench_file(lab: Path) -> None:
-    done = pytest_of(lab, *PLUGIN, *CHECKS, "-k", "test_arm or frames or gripper", "-rs")
+    done = pytest_of(lab, *PLUGIN, *CHECKS, "-k", "TestArm or TestFrames or TestGripper", "-rs")
     assert done.returncode == 0, done.stdout
     assert "give --bench FILE, and --moves to let it move" in done.stdout
     assert "passed" not in done.stdout
@@ -54,17 +54,11 @@ def test_device_checks_are_skipped_without_a_bench_file(lab: Path) -> None:
 
 def test_checks_of_devices_that_the_bench_file_lacks_are_skipped(lab: Path) -> None:
     (lab / "desk.toml").write_text('name = "desk"\n[[tactile]]\ndriver = "digit"\nserial = "D1"\n')
-    words = ("--bench", "desk.toml", "--moves", "-k", "test_arm or test_gripper", "-rs")
+    words = ("--bench", "desk.toml", "--moves", "-k", "TestArm or TestGripper", "-rs")
     done = pytest_of(lab, *PLUGIN, *CHECKS, *words)
     assert done.returncode == 0, done.stdout
     assert "the bench file has no such device" in done.stdout
     assert "passed" not in done.stdout
-
-
-def test_missing_plugin_prints_the_option_to_add(lab: Path) -> None:
-    done = pytest_of(lab, *CHECKS)
-    assert done.returncode == 4
-    assert "add -p rig.contract_checks.options" in done.stderr
 
 
 def test_the_product_needs_no_pytest() -> None:

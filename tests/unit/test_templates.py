@@ -17,15 +17,15 @@ from support.command_line import rig
 pytestmark = pytest.mark.slow
 
 ROOT = Path(__file__).resolve().parents[2]
-KINDS = ("estimator", "sensor", "camera", "arm", "gripper")
+LAB = "lab_own"
 LEROBOT = "lerobot_camera_lab"
 
 
 @pytest.fixture(scope="module")
 def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with a package of each kind, `lab_arm` and the like, installed without a network."""
+    """A folder with a package of each kind, installed without a network."""
     sources, target = tmp_path_factory.mktemp("sources"), tmp_path_factory.mktemp("site")
-    names = {f"lab_{kind}": kind for kind in KINDS} | {LEROBOT: "lerobot"}
+    names = {LAB: "lab", LEROBOT: "lerobot"}
     for name, kind in names.items():
         done = rig("new", kind, sources / name)
         assert done.returncode == 0, done.stderr
@@ -48,13 +48,12 @@ def run(installed: Path, folder: Path, *words: str) -> subprocess.CompletedProce
 
 def test_new_packages_install_and_are_listed(installed: Path, tmp_path: Path) -> None:
     files = {path.name for path in installed.iterdir()}
-    assert {f"lab_{kind}.py" for kind in KINDS} <= files
-    assert {f"lab_{kind}-0.1.dist-info" for kind in KINDS} <= files
+    assert {f"{LAB}.py", f"{LAB}-0.1.dist-info"} <= files
     listed = json.loads(run(installed, tmp_path, "rig", "estimators", "--json").stdout)["estimators"]
     assert {
-        "name": "lab-estimator",
-        "from": "lab-estimator 0.1",
-        "class": "lab_estimator:LabEstimator",
+        "name": "lab-own",
+        "from": "lab-own 0.1",
+        "class": "lab_own:LabOwnEstimator",
     } in listed
 
 
@@ -132,14 +131,14 @@ def test_new_packages_pass_the_contract_checks(installed: Path, tmp_path: Path) 
     limits = values["arm"]["limits"]
     values["arm"]["limits"] = {key: value for key, value in limits.items() if "joint" not in key}
     values["arm"]["force_sensor"] = False
-    values["arm"]["driver"], values["gripper"]["driver"] = "lab_arm:LabArm", "lab_gripper:LabGripper"
+    values["arm"]["driver"], values["gripper"]["driver"] = f"{LAB}:LabOwnArm", f"{LAB}:LabOwnGripper"
     values["gripper"]["limits"] = {"max_opening_m": 0.085, "stroke_m": 0.08, "resolution_m": 0.0005}
     for tactile in values["tactile"]:
-        tactile["driver"], tactile["options"] = "lab_sensor:LabSensor", {"grey": 100}
-    values["camera"]["driver"] = "lab_camera:LabCamera"
+        tactile["driver"], tactile["options"] = f"{LAB}:LabOwnSensor", {"grey": 100}
+    values["camera"]["driver"] = f"{LAB}:LabOwnSensor"
     write_bench(tmp_path / "lab.toml", type(bench).model_validate(values))
-    plugin = ("-p", "rig.contract_checks.options", "-p", "no:cacheprovider")
-    checks = ("--pyargs", "rig.contract_checks", "--estimator", "lab-estimator")
+    plugin = ("-p", "rig.contract_checks", "-p", "no:cacheprovider")
+    checks = ("--pyargs", "rig.contract_checks", "--estimator", "lab-own")
     done = run(installed, tmp_path, "pytest", *plugin, *checks, "--bench", "lab.toml", "--moves")
     assert done.returncode == 0, done.stdout
     assert "failed" not in done.stdout
@@ -165,7 +164,7 @@ NOT_TAKEN = {
 )
 def test_invalid_package_name_is_rejected(tmp_path: Path, name: str, message: str) -> None:
     (tmp_path / "there").mkdir()
-    done = rig("new", "sensor", tmp_path / name)
+    done = rig("new", "lab", tmp_path / name)
     assert done.returncode == 2
     assert message in done.stderr
 

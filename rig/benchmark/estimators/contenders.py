@@ -15,10 +15,8 @@ from rig.tactile.paper.estimator import AxisEstimator, FindsContact, WindowMean
 from rig.tactile.paper.published import ANGLES, ScriptAngle, ScriptError, ScriptFilter, stretched
 from rig.tactile.sample import SlipSample, State, TactileEstimator
 
-NO_SKIP = f"{DEFAULT_ESTIMATOR} --no-skip"
-OURS = (DEFAULT_ESTIMATOR, NO_SKIP)
 PAPER = (*METHODS, *(name + PUBLISHED for name in ANGLES))
-CONTENDERS = (*OURS, ECC, *PAPER)
+CONTENDERS = (DEFAULT_ESTIMATOR, ECC, *PAPER)
 WINDOWS = tuple(range(1, 11))
 """Windows to compare; 1 is no filter. The paper compares 2 to 10."""
 
@@ -28,8 +26,7 @@ def complete(name: str, background: Image, aspect: float | None = None, sign: in
 
     aspect, sign: as for `EstimatorChoice.make`.
     """
-    choice = choose_estimator(DEFAULT_ESTIMATOR, skip=False) if name == NO_SKIP else choose_estimator(name)
-    return choice.make(background, aspect, sign)
+    return choose_estimator(name).make(background, aspect, sign)
 
 
 def unfiltered(
@@ -118,4 +115,4 @@ def _unfiltered(
         return ScriptPass(finder, ANGLES[name.removesuffix(PUBLISHED)])
     if name in METHODS:
         return AxisEstimator(finder, METHODS[name])
-    return choose_estimator(name.split(" ")[0], 1, name != NO_SKIP).make(background, aspect, sign)
+    return choose_estimator(name, 1).make(background, aspect, sign)

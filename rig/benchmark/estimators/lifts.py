@@ -9,7 +9,7 @@ import cv2
 
 from drivers.clock import NS_PER_S
 from protocols.observer import Phase
-from rig.benchmark.estimators.contenders import NO_SKIP, WINDOWS, filtered, unfiltered
+from rig.benchmark.estimators.contenders import WINDOWS, filtered, unfiltered
 from rig.frames.estimates import estimate_together
 from rig.frames.of_session import SessionSeries, recording_frames
 from rig.lift.marker_truth import interpolate
@@ -43,16 +43,13 @@ class RecordedLift:
 
 @dataclass(frozen=True, slots=True)
 class LiftScores:
-    """One lift: a score per estimator and window, and the effect of `--no-skip`.
+    """One lift: a score per estimator and window.
 
-    skip_gap_deg: largest difference of the fused angles with and without `--no-skip`. skip_apart: number of
-    frames with an angle in only one of the two runs. frames: number of frames of the default estimator.
-    skipped: how often each stage was skipped in these frames. faults: of foreign estimators, by name.
+    frames: number of frames of the default estimator. skipped: how often each stage was skipped in these
+    frames. faults: of foreign estimators, by name.
     """
 
     scores: Scores
-    skip_gap_deg: float
-    skip_apart: int
     frames: int
     skipped: dict[str, int] = field(default_factory=dict)
     faults: dict[str, EstimatorFaults] = field(default_factory=dict)
@@ -75,15 +72,13 @@ def score_lift(folder: Path, names: Sequence[str], row: FinishedLift) -> LiftSco
         (name, window): _scored(lift, truth, {s: filtered(name, p, window) for s, p in passes[name].items()})
         for name in names
         for window in WINDOWS
-        if name != NO_SKIP or window == 1
     }
-    gap, apart = _skip_gap(lift, passes)
     ours = [s for samples in passes[DEFAULT_ESTIMATOR].values() for s in samples]
     skipped = dict(Counter(stage for sample in ours for stage in sample.skipped))
     faults = {
         name: found for name in names if (found := faults_of(s for tip in passes[name].values() for s in tip))
     }
-    return LiftScores(scores, gap, apart, len(ours), skipped, faults)
+    return LiftScores(scores, len(ours), skipped, faults)
 
 
 def _passes(lift: RecordedLift, names: Sequence[str]) -> Passes:
@@ -126,19 +121,3 @@ def truth_at(lift: RecordedLift, samples: Mapping[str, list[SlipSample]]) -> dic
     """Return the true angle in degrees at the time of every tactile frame; None if it is unknown."""
     series = recorded_truth(lift.recording)
     return {s.time_ns: interpolate(series, s.time_ns) for tip in samples.values() for s in tip}
-
-
-def _skip_gap(lift: RecordedLift, passes: Passes) -> tuple[float, int]:
-    """Return the largest difference of the angles with and without `--no-skip`, and the frames with one only.
-
-    The difference is in degrees. Fused angles relative to the zero of the trial are compared, because an
-    estimator's own zero is arbitrary.
-    """
-    gap, apart = 0.0, 0
-    fused = (_object_angle(lift, passes[name]).fused for name in (DEFAULT_ESTIMATOR, NO_SKIP))
-    for a, b in zip(*fused, strict=True):
-        if a.angle_deg is not None and b.angle_deg is not None:
-            gap = max(gap, abs(a.angle_deg - b.angle_deg))
-        else:
-            apart += (a.angle_deg is None) != (b.angle_deg is None)
-    return gap, apart

@@ -127,12 +127,7 @@ def _figures(result: EstimatorsResult) -> dict[str, Any]:
         "estimators": [_by_window(result, *key) for key in result.scores],
         "closest_of_paper": None if best is None else {"estimator": best[0], "window": best[1]},
         "timing": asdict(result.timing),
-        "skipping": {
-            "time_saved": result.timing.skip_saves,
-            "largest_difference_deg": result.skip_gap_deg,
-            "answered_by_one_only": result.skip_apart,
-            "skipped_share": result.skipped,
-        },
+        "skipped_share": result.skipped,
     }
 
 

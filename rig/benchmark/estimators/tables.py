@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from drivers.errors import counted
-from rig.benchmark.estimators.contenders import NO_SKIP, PAPER
+from rig.benchmark.estimators.contenders import PAPER
 from rig.benchmark.estimators.lifts import LiftScores
 from rig.benchmark.estimators.scores import ContenderScore
 from rig.benchmark.estimators.stress import NAMES, StressRow
@@ -23,7 +23,6 @@ MARE_DEG, ELONGATED_DEG, WORST_DEG = 0.5, 0.25, 2.0
 ANSWERED, REFUSED = 0.95, 0.95
 WITHIN_LEAST, WITHIN_MOST = 0.90, 0.98
 TIMES_MORE_ACCURATE, TIMES_FASTER = 5.0, 10.0
-SKIP_GAP_DEG = 0.02
 FRAME_SIZE_PX = (240, 320)
 """Frame size for which the limit on the ratio of run times applies."""
 PAPER_BEST = ("skeleton", 2)
@@ -61,16 +60,6 @@ class EstimatorsResult:
             if key[0] in PAPER and key[1] >= 2 and score.mare
         }
         return min(known, key=lambda key: known[key]) if known else None
-
-    @property
-    def skip_gap_deg(self) -> float:
-        """Largest difference between the angles with and without --no-skip, degrees."""
-        return max(lift.skip_gap_deg for lift in self.lifts)
-
-    @property
-    def skip_apart(self) -> int:
-        """Number of frames with an angle only with, or only without, --no-skip."""
-        return sum(lift.skip_apart for lift in self.lifts)
 
     @property
     def skipped(self) -> dict[str, float]:
@@ -138,8 +127,6 @@ def judge(result: EstimatorsResult) -> list[Measured]:
         informative("frame with contact in to angle out, median, ms", cost.p50_ms),
         informative("frame with contact in to angle out, 99th percentile, ms", cost.p99_ms),
         at_least("times as fast as the published second stage", faster, TIMES_FASTER),
-        at_most("largest difference of skipping and --no-skip, deg", result.skip_gap_deg, SKIP_GAP_DEG),
-        at_most("frames answered by only one of skipping and --no-skip", result.skip_apart, 0.0),
     ]
 
 
@@ -179,7 +166,6 @@ def stress_table(result: EstimatorsResult) -> Table:
 
 def notes(result: EstimatorsResult) -> list[str]:
     """Return further results, one sentence each."""
-    saved = result.timing.skip_saves
     shares = ", ".join(f"{stage} {share:.0%}" for stage, share in result.skipped.items())
     scores = [(name, result.scores[name, window]) for name, window in _usual(result)]
     onsets = (
@@ -188,9 +174,7 @@ def notes(result: EstimatorsResult) -> list[str]:
     )
     unsigned = (f"{name} {_mean(of.mare_unsigned)}" for name, of in scores if "published" in name)
     return [
-        f"Skipping saves {saved:.0%} of the time of --no-skip; the angles differ by at most "
-        f"{result.skip_gap_deg:.3g} degrees, {result.skip_apart} frames are answered by one of them only. "
-        f"Left out, of all frames: {shares or 'nothing'}.",
+        f"Stages skipped, of all frames: {shares or 'none'}.",
         _against_paper(result),
         "Onsets found afterwards: " + "; ".join(onsets) + ".",
         "The published methods know no sign: against the size of the true angle alone their MARE is "
@@ -201,7 +185,7 @@ def notes(result: EstimatorsResult) -> list[str]:
 def readme_section(result: EstimatorsResult, limits: Sequence[Measured]) -> str:
     """Return the section for a document in Markdown, without the comments that mark it."""
     table, missed = estimator_table(result), [limit.name for limit in limits if limit.met is False]
-    rows = [row[:README_COLUMNS] for row in table.rows if row[0] != NO_SKIP]
+    rows = [row[:README_COLUMNS] for row in table.rows]
     of = machine()
     return "\n".join(
         [
@@ -217,7 +201,7 @@ def readme_section(result: EstimatorsResult, limits: Sequence[Measured]) -> str:
 
 def _usual(result: EstimatorsResult) -> list[tuple[str, int]]:
     """Return each estimator with its default window, and the paper's best method if it is not among them."""
-    keys = [(DEFAULT_ESTIMATOR, 1), (NO_SKIP, 1), (ECC, 1)]
+    keys = [(DEFAULT_ESTIMATOR, 1), (ECC, 1)]
     keys += [(name, PAPER_WINDOW) for name in PAPER]
     keys += [(name, 1) for name in result.more if (name, 1) not in keys]
     best = result.closest_of_paper

@@ -10,14 +10,13 @@ import cv2
 import numpy as np
 
 from drivers.types import Image
-from rig.benchmark.estimators.contenders import CONTENDERS, NO_SKIP, complete
+from rig.benchmark.estimators.contenders import CONTENDERS, complete
 from rig.benchmark.estimators.lifts import open_lift
 from rig.benchmark.harness import column
 from rig.frames.estimates import TimedSample, estimate_frames
 from rig.frames.of_session import SessionSeries
 from rig.sessions.records import FinishedLift
 from rig.tactile.contact.finder import ContactFinder
-from rig.tactile.estimators import DEFAULT_ESTIMATOR
 from rig.tactile.paper.axis import largest_contour
 from rig.tactile.paper.published import stretched
 from rig.tactile.sample import State
@@ -65,7 +64,6 @@ class TimingReport:
     size_px: tuple[int, int]
     contenders: dict[str, Timing]
     published: Spread
-    skip_saves: float
 
 
 def time_lifts(
@@ -92,8 +90,7 @@ def time_lifts(
             progress(number + 1, len(rows), f"timed on lift {row.object}/{row.lift}")
         height, width = next(iter(lift.tips.values())).background.shape[:2]
         contenders = {name: _timing(timed) for name, timed in samples.items()}
-        ours, whole = contenders[DEFAULT_ESTIMATOR].total_s, contenders[NO_SKIP].total_s
-        return TimingReport((width, height), contenders, spread(published), 1.0 - ours / whole)
+        return TimingReport((width, height), contenders, spread(published))
     finally:
         cv2.setNumThreads(before)
 

@@ -5,7 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.errors import DeviceError, InputError
+from drivers.clock import NS_PER_S, to_ns
+from drivers.errors import DeviceError, InputError, StaleFrameError
 from rig.bench.assembly import build_bench
 from rig.config import BenchConfig, load_bench
 from rig.doctor.actuators import look_at_arm, look_at_gripper
@@ -59,6 +60,18 @@ def test_missed_frames_dead_sensor_and_wrong_size_are_distinguished() -> None:
     assert dead.verdict is Severity.FAILURE
     assert dead.todo.startswith("check its cable")
     assert "1280 x 720" in find(findings, "SIM-C0001", "picture").todo
+
+
+def test_newest_frame_while_frames_are_dropped_is_the_last_one_before() -> None:
+    faults = {"device": "SIM-D0001", "kind": "drop", "at_s": 0.5, "duration_s": 0.2}
+    bench, _ = build_bench(bench_with(faults))
+    sensor = next(s for s in bench.frame_sources if s.serial == "SIM-D0001")
+    sensor.connect()
+    bench.clock.sleep_until(to_ns(0.65))
+    before_s = sensor.newest_frame(0.4).time_ns / NS_PER_S
+    assert 0.4 < before_s < 0.51
+    with pytest.raises(StaleFrameError, match="over the limit"):
+        sensor.newest_frame(0.1)
 
 
 def test_mode_of_the_arm_is_checked_without_activation() -> None:

@@ -1,4 +1,4 @@
-"""User-defined drivers in a bench file: how they are created, and which faults the guards catch."""
+"""User-defined drivers in a bench file: how they are created, and which faults the bench reports."""
 
 import sys
 from collections.abc import Iterator
@@ -166,11 +166,15 @@ def test_bench_file_limits_are_checked_before_the_driver_is_called() -> None:
 
 
 def test_invalid_driver_answers_and_exceptions_are_device_errors() -> None:
-    for behaviour, problem in (("nothing", "returned NoneType.*fix"), ("nan", "joints_rad is .*check")):
+    for behaviour, problem in (
+        ("nothing", "raised TypeError: NoneType instead of ArmState.*fix the"),
+        ("unvalidated", "raised TypeError: SimpleNamespace instead of ArmState.*fix the"),
+        ("nan", "joints_rad is .*check"),
+    ):
         with pytest.raises(DeviceError, match=f"arm: driver '{MODULE}:Plain': state.* {problem} .*driver"):
             bench(arm={"behaviour": behaviour}).arm.state()
-    with pytest.raises(DeviceError, match="expected a Motion"):
-        bench(arm={"behaviour": "no motion"}).arm.move_linear(TARGET, 0.1, 0.5)
+    with pytest.raises(DeviceError, match="a motion's wait raised AttributeError: 'str'"):
+        bench(arm={"behaviour": "no motion"}).arm.move_linear(TARGET, 0.1, 0.5).wait(1.0)
     stuck = bench(arm={"stuck": True}).arm
     with pytest.raises(DeviceError, match=r"wait raised KeyError: 'joint 3' \(.*, line \d+: raise KeyError"):
         stuck.move_linear(TARGET, 0.1, 0.5).wait(1.0)
@@ -261,16 +265,23 @@ def test_failed_arm_stop_is_reported_and_fingers_are_still_held(
         ("crash", DeviceError, "next_frame raised ZeroDivisionError"),
         ("late", DeviceTimeoutError, "no frame came"),
         ("another", DeviceError, "a frame of 'of another sensor'"),
-        ("small", DamagedFrameError, "size_px requires"),
+        ("small", DamagedFrameError, r"uint8 \(160, 240, 3\), but .* requires uint8 \(320, 240, 3\)"),
         ("float", DamagedFrameError, "float64"),
         ("text", DeviceError, "time_ns is 'now', expected an int"),
-        ("array", DeviceError, "returned ndarray, expected Frame"),
+        ("array", DeviceError, "next_frame raised AttributeError: 'numpy.ndarray'"),
     ],
 )
 def test_invalid_frame_is_rejected(behaviour: str, error: type[Exception], match: str) -> None:
     camera = bench(camera={"behaviour": behaviour}).camera
     with pytest.raises(error, match=match):
         camera.next_frame(0.1)
+
+
+def test_guiding_an_arm_without_that_mode_is_an_error() -> None:
+    arm = bench().arm
+    with pytest.raises(DeviceError, match="teach with --by keys"):
+        arm.begin_guiding()
+    arm.end_guiding()
 
 
 def test_optional_driver_methods_default_to_unknown() -> None:

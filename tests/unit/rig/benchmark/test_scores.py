@@ -116,7 +116,7 @@ def test_windows_after_one_pass_equal_the_estimator_run_with_that_window(
     samples = [one_pass.update(frame, i * FRAME_NS) for i, frame in enumerate(frames)]
     whole = complete(name, blank)
     expected = [whole.update(frame, i * FRAME_NS).angle_deg for i, frame in enumerate(frames)]
-    window = 2 if name not in ("slip", "slip --no-skip", "ecc") else 1
+    window = 2 if name not in ("slip", "ecc") else 1
     assert [s.angle_deg for s in filtered(name, samples, window)] == expected
 
 

@@ -21,7 +21,7 @@ from drivers.errors import DeviceTimeoutError
 from drivers.images import decode_stored, encode_jpeg, encode_png
 from drivers.tally import FROZEN_NS
 from drivers.types import Frame, Image
-from rig.contract_checks.test_estimator import gel, pressed_bar
+from rig.contract_checks import gel, pressed_bar
 from rig.experiments.lift_plan import stored_trial
 from rig.experiments.replay import run_replay
 from rig.live.desk import Desk, DeskSettings

@@ -16,7 +16,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import rig
-from rig.contract_checks.test_estimator import gel, pressed_bar
+from rig.contract_checks import gel, pressed_bar
 
 EMPTY = gel(80, 60)
 FRAMES = [gel(80, 60, i) for i in range(3)]

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 import rig
 from drivers.errors import CalibrationError, EstimatorError, InputError
 from drivers.types import Image
-from rig.contract_checks.test_estimator import gel, pressed_bar
+from rig.contract_checks import gel, pressed_bar
 from rig.tactile.sample import SlipSample, State
 
 SIZE = (640, 480)

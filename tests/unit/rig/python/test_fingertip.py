@@ -13,7 +13,7 @@ from drivers.bench import Fingertip
 from drivers.clock import NS_PER_S, SystemClock
 from drivers.errors import DeviceTimeoutError, InputError, NotConnectedError, StaleFrameError
 from drivers.types import Frame, Image
-from rig.contract_checks.test_estimator import gel, pressed_bar
+from rig.contract_checks import gel, pressed_bar
 from rig.python import fingertip
 from rig.python.fingertip import BACKGROUND_FRAMES, LiveFingertip
 from support.waiting import until

@@ -8,7 +8,7 @@ import pytest
 import rig
 from drivers.errors import InputError
 from drivers.types import Image
-from rig.contract_checks.test_estimator import gel, pressed_bar
+from rig.contract_checks import gel, pressed_bar
 from rig.tactile.sample import SlipSample, State
 from support.desk_frames import desk_frames
 

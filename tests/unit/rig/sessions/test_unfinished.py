@@ -19,7 +19,8 @@ from rig.sessions.manifest import TrialManifest, begun_on
 from rig.sessions.recorder import LiftRecorder
 from rig.sessions.records import LIFTS, FinishedLift
 from rig.sessions.session import open_session
-from rig.sessions.unfinished import BackgroundFile, completed, new_recording, unfinished_recordings
+from rig.sessions.unfinished import BackgroundFile, completed, new_recording
+from support.recordings import unfinished_recordings
 from support.waiting import LIMIT_S
 
 RECORDING = "lifts/007.mcap"

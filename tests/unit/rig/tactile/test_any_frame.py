@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from drivers.types import Image
-from rig.contract_checks.test_estimator import STEP_NS, gel, require_possible, touched
+from rig.contract_checks import STEP_NS, gel, require_possible, touched
 from rig.tactile.contact.relative import full_area, work_size
 from rig.tactile.estimators import ESTIMATORS, PUBLISHED, choose_estimator
 from rig.tactile.sample import MAX_SIDE_PX, MOST_ELONGATED, State

@@ -3,7 +3,7 @@
 import pytest
 
 from drivers.clock import to_ns
-from rig.contract_checks.test_estimator import gel, pressed_bar
+from rig.contract_checks import gel, pressed_bar
 from rig.tactile.estimators import ESTIMATORS, choose_estimator
 from rig.tactile.settling import SETTLED_S, Settling, SettlingByArea, Steadiness
 

@@ -1,9 +1,9 @@
-"""Device information for `rig doctor`: real devices report it, simulated ones report nothing false."""
+"""Contract checks of the rig's arms, sensors and cameras, and of the information that they report."""
 
 import math
 
 from drivers.bench import Bench
-from rig.contract_checks.test_diagnosis import *  # noqa: F403
+from rig.contract_checks import TestArm, TestDiagnosis, TestFrames  # noqa: F401
 
 
 def test_real_devices_have_identity_and_counters(bench: Bench, kind: str) -> None:

@@ -37,6 +37,8 @@ MOST_TURN_RAD, MOST_REACH_RAD = math.radians(25.0), math.pi / 2.0
 margin; and at any rate, because beyond a quarter turn many contacts resemble themselves."""
 GAP_S = 0.15
 """Frames that are further apart are searched by curvature, because the motion between them is unknown."""
+APART_RAD = math.radians(1.5)
+"""Readings that differ by more are tried from each other's rotation; rigid contacts stay below."""
 BETTER = 0.02
 """Least rank that a further start must gain to be followed."""
 ASTRAY_PX = 2.0
@@ -297,10 +299,17 @@ class Contact:
         self._aligner.take(keys)
 
     def _wants(self, seen: Seen, fit: Fit, busy: bool) -> bool:
-        """Whether this frame should become a keyframe: it is asked for, has turned far, or is richer."""
+        """Whether this frame should become a keyframe: it is asked for, has turned far, grown, or is richer.
+
+        A contact that has grown much fits an old keyframe best when it is turned, so that its rims meet.
+        """
         nearest = min(abs(key.angle_rad - fit.angle_rad) for key in self._readings[0].keys)
         if self._forced or nearest > KEYFRAMES.further_rad:
             return True
+        if not self._settling.settled:
+            area_px = cv2.countNonZero(self.keys[-1].source.mask)
+            if seen.region.area_px > KEYFRAMES.grown * area_px:
+                return True
         return seen.texture(busy).richness(seen.region.mask) > KEYFRAMES.richer * self.richest.richness
 
     def _reach_rad(self, time_s: float) -> float:
@@ -346,7 +355,7 @@ class Contact:
         joint = self._jointly(seen, start, alone, busy or texture.heavy)
         self._read_further(joint, start, seen.time_s)
         angles = [reading.pose.angle_rad for reading in self._readings]
-        if seen.time_s - self._time_s > GAP_S or max(angles) - min(angles) > math.radians(1.5):
+        if seen.time_s - self._time_s > GAP_S or max(angles) - min(angles) > APART_RAD:
             joint = self._with_others(joint, start)
         if alone is not None:
             aligner.read_as(self._readings[0], start.angle_rad)

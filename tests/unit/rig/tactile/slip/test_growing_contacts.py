@@ -32,16 +32,23 @@ def test_growing_contact_with_an_edge_keeps_its_angle(object_id: str, site: int)
     assert np.abs(angles).max() < 0.5
 
 
-@pytest.mark.parametrize(("object_id", "site"), [("1", 0), ("7", 0)])
-def test_sigma_covers_the_drift_of_a_poorly_observable_contact(object_id: str, site: int) -> None:
-    """A barrel that is round both ways, and a rounded corner."""
-    angles, sigmas = drift(object_id, site)
+def test_sigma_covers_the_drift_of_a_poorly_observable_contact() -> None:
+    """A rounded corner."""
+    angles, sigmas = drift("7", 0)
     assert (np.abs(angles) < np.maximum(0.5, 2.0 * sigmas)).all()
+
+
+def test_contact_that_is_round_both_ways_is_refused() -> None:
+    """A smooth barrel; its first frame is answered, because it has no keyframe yet."""
+    surface = build_surface(find_object("1").sites[0], 1, seed=1)
+    samples = followed_presses(surface, [(force_n, 0.0) for force_n in FORCES_N], gel_seed=6)
+    assert {sample.state for sample in samples[2:]} == {State.UNOBSERVABLE}
 
 
 def drawn_growth(shares: np.ndarray, turns_deg: np.ndarray, rate_hz: float) -> list[SlipSample]:
     """Return the answered samples of a drawn edge that has shares of its full size."""
     tracker, samples = SlipEstimator(drawn_press(None, noise=0.0)), []
+    tracker.update(drawn_press(None, seed=99), -round(1e9 / rate_hz))
     for i, (share, turn) in enumerate(zip(shares, turns_deg, strict=True)):
         axes, strength = (80.0 * share, 25.0 * share), 0.6 + 0.4 * share
         image = drawn_press(10.0 + turn, axes, strength=strength, seed=i)
@@ -50,10 +57,14 @@ def drawn_growth(shares: np.ndarray, turns_deg: np.ndarray, rate_hz: float) -> l
 
 
 @pytest.mark.parametrize("rate_hz", [10.0, 25.0])
-def test_rotation_of_a_growing_contact_is_complete(rate_hz: float) -> None:
+def test_rotation_of_a_growing_contact_is_known_within_a_tenth_and_has_a_large_sigma(rate_hz: float) -> None:
+    """The area grows fivefold. Only the rotation after the contact has settled counts from the zero."""
     samples = drawn_growth(np.linspace(0.45, 1.0, 14), np.linspace(0.0, 65.0, 14), rate_hz)
     assert any(sample.state is State.REKEYED for sample in samples)
-    assert samples[-1].angle_deg == pytest.approx(65.0, abs=2.0)
+    last = samples[-1]
+    assert last.angle_deg == pytest.approx(65.0, rel=0.1)
+    assert last.sigma_deg is not None
+    assert last.sigma_deg > 6.5
 
 
 @pytest.fixture(scope="module")

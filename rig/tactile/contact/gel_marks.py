@@ -144,7 +144,9 @@ def found_marks(background: Image, fine: tuple[int, int]) -> Image:
 def _later(difference: Field) -> Image:
     """Return the mask of the marks in a relative difference (h, w, 3)."""
     sharp = cv2.subtract(difference, cv2.GaussianBlur(difference, (0, 0), SHARP_PX))
-    return _marked(np.asarray(sharp, np.float32), LATER_AROUND_PX, LEAST_LATER, LATER_PX, MOST_LATER, LATER_STEP)
+    return _marked(
+        np.asarray(sharp, np.float32), LATER_AROUND_PX, LEAST_LATER, LATER_PX, MOST_LATER, LATER_STEP
+    )
 
 
 def _marked(sharp: Field, around_px: int, least: float, reach_px: int, most_share: float, step: int) -> Image:
@@ -162,7 +164,9 @@ def _marked(sharp: Field, around_px: int, least: float, reach_px: int, most_shar
     limit = np.maximum(TIMES_AROUND * around, max(TIMES_OVERALL * overall, least))
     size = change.shape[1], change.shape[0]
     marked = cv2.compare(change, cv2.resize(limit, size, interpolation=cv2.INTER_NEAREST), cv2.CMP_GT)
-    reached = np.asarray(cv2.dilate(marked, np.ones((2 * reach_px + 1, 2 * reach_px + 1), np.uint8)), np.uint8)
+    reached = np.asarray(
+        cv2.dilate(marked, np.ones((2 * reach_px + 1, 2 * reach_px + 1), np.uint8)), np.uint8
+    )
     return np.zeros_like(reached) if cv2.countNonZero(reached) > most_share * reached.size else reached
 
 

@@ -203,7 +203,7 @@ class SlipEstimator(FreshFrameEstimator):
             (SIGMA.loss_rad * fit.loss) ** 2
             + (SIGMA.worst_loss_rad * tracked.worst_loss) ** 2
             + (SIGMA.worst_spread * tracked.worst_spread_rad) ** 2
-            + ((SIGMA.turned if sample.settled else SIGMA.growing) * tracked.turned_rad) ** 2
+            + (SIGMA.turned * tracked.turned_rad) ** 2
             + (SIGMA.indistinct_rad / own) ** 2
         )
         self._rate_rad_s = tracked.rate_rad_s

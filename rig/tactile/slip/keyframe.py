@@ -38,9 +38,9 @@ COARSE = 2
 PARTS = 3
 # A keyframe's own loss of agreement is that of a rotation by this.
 PROBE_RAD = math.radians(10.0)
-# Weight of the texture beside the slopes in what a rotation changes: that of smooth balls, drawn and real, is
-# below 0.3, that of a thin line on a smooth bulge above.
-TEXTURE_COUNTS = 0.1
+# Weight of the texture beside the slopes in what a rotation changes: the sharp rim of smooth balls has up to
+# 0.6 of it, a thin line on a smooth bulge more.
+TEXTURE_COUNTS = 0.07
 _AROUND = np.ones((3, 3), np.uint8)
 Pixels = tuple[NDArray[np.intp], NDArray[np.intp]]
 

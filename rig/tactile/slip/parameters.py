@@ -100,9 +100,8 @@ class Sigma:
     """Standard deviation of the angle.
 
     loss_rad, worst_loss_rad: per loss of agreement of the curvature, present and largest so far.
-    worst_spread: per largest difference between the readings so far. turned, growing: per rotation, of a
-    settled contact and of one that grows, whose growth may seem to be one. indistinct_rad: divided by what a
-    turn changes in the curvature. least_rad: in any case. least_distinct: a contact that a
+    worst_spread: per largest difference between the readings so far. turned: per rotation. indistinct_rad:
+    divided by what a turn changes in the curvature. least_rad: in any case. least_distinct: a contact that a
     rotation changes less is unobservable. pace_s: time over which sigma follows.
     """
 
@@ -110,7 +109,6 @@ class Sigma:
     worst_loss_rad: float
     worst_spread: float
     turned: float
-    growing: float
     indistinct_rad: float
     least_rad: float
     least_distinct: float

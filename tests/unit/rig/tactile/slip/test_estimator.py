@@ -243,13 +243,16 @@ def _stretched(image: Image, size: tuple[int, int]) -> Image:
     return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)
 
 
-@pytest.mark.parametrize("size", [(60, 80), (120, 160), (480, 640), (640, 480)])
-def test_any_image_size_is_accepted(press: Draw, size: tuple[int, int]) -> None:
+@pytest.mark.parametrize(
+    ("size", "most_deg"), [((60, 80), 1.2), ((120, 160), 0.8), ((480, 640), 0.8), ((640, 480), 0.8)]
+)
+def test_any_image_size_is_accepted(press: Draw, size: tuple[int, int], most_deg: float) -> None:
+    """The smallest image has no fine copy, and its contact is drawn with a quarter of the strength."""
     scale = max(size) / 320
     shape = {"size": size, "center": (size[0] / 2, size[1] / 2), "half_axes": (70 * scale, 22 * scale)}
     images = lift(press, 20.0, noise=1.0, strength=scale, **shape)
     samples = run(SlipEstimator(press(None, size=size, noise=0.0)), images)
-    assert turned(samples) == pytest.approx(20.0, abs=0.8)
+    assert turned(samples) == pytest.approx(20.0, abs=most_deg)
 
 
 def test_restarted_stream_is_followed(press: Draw, blank: Image) -> None:

@@ -26,8 +26,8 @@ FINENESS = 2
 # Standard deviations in pixels of that resolution: the fine structure is the difference to a blur by FINE_PX;
 # noise is reduced by NOISE_PX; the structure tensor is averaged over NEIGHBOURS_PX.
 FINE_PX, NOISE_PX, NEIGHBOURS_PX, BLUR_SIDE = 4.0, 1.0, 0.8, 5
-# Changes below this multiple of the image's median are noise. The strength of larger ones is their power 3/4, so
-# that one edge does not outweigh all lines.
+# Changes below this multiple of the image's median are noise. The strength of larger ones is their power 3/4,
+# so that one edge does not outweigh all lines.
 NOISE_MEDIANS, MEDIAN_STEP = 1.8, 3
 # Width of the border that blurs affect, of the image and of a part of it; the structure there is 0.
 MARGIN_PX, PART_MARGIN_PX = 10, 4

@@ -25,7 +25,7 @@ def ball(radius_mm: float, texture: str = "none", texture_mm: float = 0.0) -> Co
 
 
 @pytest.mark.parametrize(
-    ("radius_mm", "force_n"), [(3.0, 8.0), (4.0, 4.0), (6.0, 8.0), (8.0, 4.0), (12.0, 8.0), (25.0, 4.0)]
+    ("radius_mm", "force_n"), [(3.0, 4.0), (4.0, 4.0), (6.0, 8.0), (8.0, 4.0), (12.0, 8.0), (25.0, 4.0)]
 )
 def test_smooth_ball_of_any_depth_is_refused(radius_mm: float, force_n: float) -> None:
     samples = followed(ball(radius_mm), force_n)

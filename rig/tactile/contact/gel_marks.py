@@ -37,6 +37,9 @@ LEVEL = 0.007
 # Largest fraction of marks in the background, and with later ones. A background with more is patterned, and
 # its marks are not filled.
 MOST_SHARE, MOST_LATER = 0.05, 0.25
+# Largest fraction of a seeming contact that its marks cover: 0.2 to 0.5 for a hair, scratches and dust, 0.65
+# and more for small sharp contacts (drawn).
+MOST_COVERED = 0.6
 # Smaller weights of a rim are left out.
 LEAST_WEIGHT = 1e-3
 # Period of the search for later marks; number of searched frames that are averaged.
@@ -107,10 +110,19 @@ class LaterMarks:
         self._searched_ns = time_ns if due else self._searched_ns
         return due
 
-    def explain(self, difference: Field, size: tuple[int, int]) -> bool:
-        """Whether a difference (h, w, 3) shows no contact if its marks are filled. size: of the work copy."""
+    def explain(self, difference: Field, contact: Image) -> bool:
+        """Whether a difference (h, w, 3) shows no contact if its marks are filled.
+
+        contact: mask of the seeming contact, of the size of the work copy. The hull of marks is mostly empty.
+        """
+        size = contact.shape[1], contact.shape[0]
+        marked = self._first | _later(difference)
+        seeming = cv2.resize(contact, marked.shape[::-1], interpolation=cv2.INTER_NEAREST)
+        covered = cv2.countNonZero(cv2.bitwise_and(marked, marked, mask=seeming))
+        if covered > MOST_COVERED * cv2.countNonZero(seeming):
+            return False
         work = np.asarray(cv2.resize(difference, size, interpolation=cv2.INTER_AREA), np.float32)
-        clean = GelMarks(self._first | _later(difference), size).mended(work)
+        clean = GelMarks(marked, size).mended(work)
         return ContactGate().find(np.asarray(cv2.GaussianBlur(clean, (5, 5), 0.7), np.float32)) is None
 
     def add(self, difference: Field) -> bool:

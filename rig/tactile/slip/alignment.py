@@ -7,6 +7,7 @@ keyframe are eliminated. The sum over the keyframes, weighted by richness, and a
 expected angle give one 3 x 3 system per iteration.
 """
 
+import cmath
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -71,6 +72,11 @@ class Fit:
         """The angle of the pose."""
         return self.pose.angle_rad
 
+    @property
+    def fits(self) -> bool:
+        """Whether the keyframes fit well enough for an answer."""
+        return self.alone or self.score >= ALIGNMENT.least_score
+
 
 class Reading:
     """One way to read the frames: the weight of the slopes beside the texture, and the poses it has found.
@@ -86,6 +92,15 @@ class Reading:
     def moved(self, by: Pose) -> None:
         """Move the pose, for a frame that this reading has not aligned."""
         self.pose = Pose(self.pose.angle_rad + by.angle_rad, self.pose.point_px + by.point_px)
+
+    def anchor(self, by_px: complex) -> None:
+        """Track another point of the object, which is now away from the present one by this."""
+        angle = self.pose.angle_rad
+        self.keys = [
+            Pose(key.angle_rad, key.point_px + by_px * cmath.exp(1j * (angle - key.angle_rad)))
+            for key in self.keys
+        ]
+        self.pose = Pose(angle, self.pose.point_px + by_px)
 
     def join(self, other: "Reading") -> None:
         """Take the pose of another reading, and move the keyframes with it."""

@@ -106,7 +106,7 @@ class SlipEstimator(FreshFrameEstimator):
         clean = np.asarray(cv2.merge(list(planes)), np.float32)
         difference = np.asarray(cv2.GaussianBlur(clean, (5, 5), NOISE_BLUR_PX), np.float32)
         region = self._gate.find(difference)
-        if self._only_marks(fine, work, light, region, time_ns):
+        if self._only_marks(fine, light, region, time_ns):
             region = None
         torn = self._tearing.update(region)
         watch.lap("contact")
@@ -145,7 +145,7 @@ class SlipEstimator(FreshFrameEstimator):
             skipped=skipped if self._skip else (),
             settled=contact is not None and contact.settled,
         )
-        if tracked is None or (not tracked.fit.alone and tracked.fit.score < ALIGNMENT.least_score):
+        if tracked is None or not tracked.fit.fits:
             self._give_up(time_ns)
             return sample
         if tracked.richest is not None and tracked.richest.distinct < SIGMA.least_distinct:
@@ -153,9 +153,7 @@ class SlipEstimator(FreshFrameEstimator):
         self._fitted_ns = time_ns
         return self._answer(sample, tracked, watch)
 
-    def _only_marks(
-        self, fine: Image, work: Image, light: Light, region: Region | None, time_ns: int
-    ) -> bool:
+    def _only_marks(self, fine: Image, light: Light, region: Region | None, time_ns: int) -> bool:
         """Whether a frame shows no contact; search it for marks that came after the background.
 
         Marks may look like a contact until they are filled. So the first frames are searched, and those of a
@@ -168,7 +166,7 @@ class SlipEstimator(FreshFrameEstimator):
         if not self._unclear and not (weak and self._marks.due(time_ns)):
             return region is None
         difference = self._fine_lit.unfilled(fine, light)
-        self._unclear = region is not None and self._marks.explain(difference, work.shape[1::-1])
+        self._unclear = region is not None and self._marks.explain(difference, region.mask)
         if region is not None and not self._unclear:
             return False
         if self._marks.add(difference):
@@ -213,9 +211,11 @@ class SlipEstimator(FreshFrameEstimator):
             variance = max(variance, self._variance) if tracked.added else slowly
         self._angle_rad, self._variance, self._answered_ns = angle, variance, sample.time_ns
         # The tracked point is known from the first keyframe on, in the frame after the first.
-        if self._origin_px is None and self._tracker.contact is not None:
-            self._origin_px = fit.pose.point_px
-        shift = 0j if self._origin_px is None else fit.pose.point_px - self._origin_px
+        contact = self._tracker.contact
+        point = fit.pose.point_px - (0j if contact is None else contact.anchored_px)
+        if self._origin_px is None and contact is not None:
+            self._origin_px = point
+        shift = 0j if self._origin_px is None else point - self._origin_px
         watch.lap("answer")
         return replace(
             sample,

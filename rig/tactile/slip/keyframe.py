@@ -38,8 +38,8 @@ COARSE = 2
 PARTS = 3
 # A keyframe's own loss of agreement is that of a rotation by this.
 PROBE_RAD = math.radians(10.0)
-# Weight of the texture beside the slopes in what a rotation changes: below 0.3 for real smooth balls, and 0.32
-# to 0.44 for a thin line on a smooth bulge. Only balls of at most 4 mm under 8 N have more (SIMULATED, to 0.5).
+# Weight of the texture beside the slopes in what a rotation changes. That is below 0.3 for real smooth balls,
+# and 0.32 to 0.44 for a thin line on a smooth bulge. SIMULATED, balls of at most 4 mm under 8 N have more.
 TEXTURE_COUNTS = 0.15
 _AROUND = np.ones((3, 3), np.uint8)
 Pixels = tuple[NDArray[np.intp], NDArray[np.intp]]

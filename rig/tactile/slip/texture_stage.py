@@ -20,7 +20,7 @@ from rig.tactile.slip.texture import BOX_PX, Texture, noise_floor, structure, te
 from rig.tactile.slip.tracker import Contact, Tracker
 from rig.tactile.slip.turning import shipped_turning
 
-FLOOR_S = 0.5
+FLOOR_S = 0.495
 """Period of the noise floor, which needs the whole image; the light of a sensor changes more slowly."""
 PATIENCE = 3.0
 """The network waits this many times as long while a better pose is searched for."""

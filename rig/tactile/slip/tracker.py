@@ -35,7 +35,7 @@ NEAR_TURNS, NEAR_STEPS, FAR_STEPS = 3, 4, 8
 MOST_TURN_RAD, MOST_REACH_RAD = math.radians(25.0), math.pi / 2.0
 """Largest rotation between two frames that is searched: 200 degrees a second at 10 frames a second, with a
 margin; and at any rate, because beyond a quarter turn many contacts resemble themselves."""
-GAP_S = 0.15
+GAP_S = 0.155
 """Frames that are further apart are searched by curvature, because the motion between them is unknown."""
 APART_RAD = math.radians(1.5)
 """Readings that differ by more are tried from each other's rotation; rigid contacts stay below."""
@@ -150,8 +150,8 @@ class Touch:
 class Contact:
     """One contact from its first keyframe on: keyframes, readings, and the motion between the frames.
 
-    keys: its keyframes, in the order of their frames. disagrees: whether the curvature fits badly, so that a
-    better pose is searched for.
+    keys: its keyframes, in the order of their frames. anchored_px: from the point that was tracked at first
+    to the present one. disagrees: whether the curvature fits badly, so that a better pose is searched for.
     """
 
     def __init__(
@@ -164,12 +164,12 @@ class Contact:
         self._middle_px, self._contact_px = touch.pose.point_px, 0j
         self._zero_rad, self._time_s = pose.angle_rad, touch.time_s
         self._rate_rad_s, self._motion_px = 0.0, 0j
-        self._usual_score, self._checked, self._looked_s = 1.0, 0, 0.0
+        self._usual_score, self._checked, self._looked_s = 1.0, 0, touch.time_s
         self._texture_leads, self._led, self.disagrees = False, 0, False
         self._joint: Pose | None = None
         self._alone: Fit | None = None
         self._aligned: list[Reading] = []
-        self._forced, self._added = False, True
+        self._forced, self._added, self.anchored_px = False, True, 0j
         self._worst_loss = self._worst_spread_rad = 0.0
         self._pending: list[Callable[[], None]] = []
         for reading in self._readings:
@@ -216,7 +216,8 @@ class Contact:
         self._accept(fit, seen.time_s)
         free = not self._pending
         self._settled_frames += self._settling.settled and free and not self._forced
-        if free and not seen.torn and (looked or self._forced) and self._wants(seen, fit, busy):
+        usable = free and not seen.torn and fit.fits and (looked or self._forced)
+        if usable and self._wants(seen, fit, busy):
             self._forced, poses = False, [reading.pose for reading in self._readings]
             self._pending.append(partial(self._renew, seen.source(busy), poses, fit.alone))
         return self._answered(fit)
@@ -239,11 +240,17 @@ class Contact:
         return Tracked(fit, *worst, turned, self._added, self.richest, self._rate_rad_s)
 
     def _settle(self) -> None:
-        """Count rotations from here, with a keyframe and one pose for all readings."""
+        """Count rotations from here, with a keyframe and one pose for all readings.
+
+        From now on the middle of the contact is tracked: while it grew, the point may have moved along it.
+        """
         self._forced, first = True, self._readings[0]
-        self._zero_rad = first.pose.angle_rad
+        self._zero_rad, self._joint = first.pose.angle_rad, None
+        self.anchored_px = self._middle_px - first.pose.point_px
         for reading in self._readings[1:]:
             reading.join(first)
+        for reading in self._readings:
+            reading.anchor(self.anchored_px)
 
     def _renew(self, source: Source, poses: list[Pose], alone: bool) -> None:
         """Make a keyframe of an earlier frame, with its poses in the readings; the poorest one makes room."""

@@ -116,11 +116,20 @@ def test_frames_beside_a_contact_are_not_searched() -> None:
     assert not marks.marked.any()
 
 
+def explained(image: Image, background: Image) -> bool:
+    light = RelativeDifference(background, (60, 80))
+    region = ContactGate().find(light.of(light.reduced(image)))
+    assert region is not None
+    return LaterMarks(found_marks(background, FINE)).explain(difference(image, background), region.mask)
+
+
 def test_contact_is_not_explained_by_marks() -> None:
     background = drawn_press(None)
-    marks = LaterMarks(found_marks(background, FINE))
-    assert marks.explain(difference(specked(background, 0.4), background), (60, 80))
-    assert not marks.explain(difference(specked(drawn_press(20.0), 0.4), background), (60, 80))
+    assert explained(specked(background, 0.4), background)
+    assert explained(hair(background), background)
+    assert not explained(specked(drawn_press(20.0), 0.4), background)
+    for half_axes in ((56.0, 17.5), (36.0, 11.0), (24.0, 7.5)):
+        assert not explained(drawn_press(20.0, half_axes, strength=0.7), background)
 
 
 def test_saturated_pixels_are_no_contact() -> None:

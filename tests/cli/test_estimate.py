@@ -127,8 +127,8 @@ def test_rate_shift_and_slip_stand_behind_the_contracts_columns(lift: Path) -> N
     assert done.rows[-1]["slip"] == "1"
     assert float(done.rows[-1]["rate_deg_s"]) == pytest.approx(120, rel=0.3), "2 degrees a frame at 60 Hz"
     x, y = ([float(row[name]) for row in done.rows[17:]] for name in ("shift_x_px", "shift_y_px"))
-    assert max(x) - min(x) < 1.2, "it turns about its middle"
-    assert max(y) - min(y) < 1.2
+    assert max(x) - min(x) < 2.0, "it turns about its middle; half a pixel of the work copy"
+    assert max(y) - min(y) < 2.0
     assert (done.rows[18]["shift_x_px"], done.rows[18]["shift_y_px"]) == ("0.0", "0.0"), "the zero"
     assert [done.rows[0][name] for name in ("rate_deg_s", "shift_x_px", "slip")] == ["", "", "0"]
     assert re.search(

@@ -148,7 +148,7 @@ class SlipEstimator(FreshFrameEstimator):
         if tracked is None or not tracked.fit.fits:
             self._give_up(time_ns)
             return sample
-        if tracked.richest is not None and tracked.richest.distinct < SIGMA.least_distinct:
+        if contact is not None and not contact.observable:
             return replace(sample, state=State.UNOBSERVABLE)
         self._fitted_ns = time_ns
         return self._answer(sample, tracked, watch)
@@ -196,13 +196,12 @@ class SlipEstimator(FreshFrameEstimator):
         elapsed_s = (sample.time_ns - self._answered_ns) / NS_PER_S
         most = MOST_RATE_RAD_S * elapsed_s
         angle = wanted if last is None else min(max(wanted, last - most), last + most)
-        own = 1.0 if tracked.richest is None else max(tracked.richest.own, LEAST_OWN)
         evidence = (
             (SIGMA.loss_rad * fit.loss) ** 2
             + (SIGMA.worst_loss_rad * tracked.worst_loss) ** 2
             + (SIGMA.worst_spread * tracked.worst_spread_rad) ** 2
             + (SIGMA.turned * tracked.turned_rad) ** 2
-            + (SIGMA.indistinct_rad / own) ** 2
+            + (SIGMA.indistinct_rad / max(tracked.own, LEAST_OWN)) ** 2
         )
         self._rate_rad_s = tracked.rate_rad_s
         variance = evidence + SIGMA.least_rad**2 + (wanted - angle) ** 2 + self._unseen

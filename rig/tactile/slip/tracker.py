@@ -20,7 +20,7 @@ from rig.tactile.slip.gradient import Learn, LearntGradientMap
 from rig.tactile.slip.height import Field, contact_box
 from rig.tactile.slip.keyframe import Keyframe, Source, make_keyframe
 from rig.tactile.slip.loops import MOST_KEYS
-from rig.tactile.slip.parameters import ALIGNMENT, KEYFRAMES, MOTION
+from rig.tactile.slip.parameters import ALIGNMENT, KEYFRAMES, MOTION, SIGMA
 from rig.tactile.slip.slopes import slope_planes
 from rig.tactile.slip.texture import Texture
 
@@ -82,7 +82,7 @@ class Tracked:
 
     worst_loss, worst_spread_rad: largest loss of agreement, and largest difference between the readings,
     since the contact began. turned_rad: rotation since the contact settled. added: whether a keyframe was
-    added. richest: the keyframe with the most texture, None in the first frame. rate_rad_s: averaged.
+    added. own: largest one of the keyframes, see `Keyframe`, 1 in the first frame. rate_rad_s: averaged.
     """
 
     fit: Fit
@@ -90,7 +90,7 @@ class Tracked:
     worst_spread_rad: float
     turned_rad: float
     added: bool
-    richest: Keyframe | None
+    own: float
     rate_rad_s: float
 
 
@@ -144,7 +144,7 @@ class Touch:
     @property
     def tracked(self) -> Tracked:
         """The fit of the frame, at the pose of the touch."""
-        return Tracked(Fit(self.pose, 1.0, 1.0, 0.0, 1.0, True), 0.0, 0.0, 0.0, True, None, 0.0)
+        return Tracked(Fit(self.pose, 1.0, 1.0, 0.0, 1.0, True), 0.0, 0.0, 0.0, True, 1.0, 0.0)
 
 
 class Contact:
@@ -191,6 +191,11 @@ class Contact:
         """The keyframe with the most texture."""
         return max(self.keys, key=lambda key: key.richness)
 
+    @property
+    def observable(self) -> bool:
+        """Whether a rotation changes at least one keyframe enough."""
+        return max(key.distinct for key in self.keys) >= SIGMA.least_distinct
+
     def take_keyframe(self) -> None:
         """Make a keyframe of the next frame."""
         self._forced = True
@@ -216,7 +221,7 @@ class Contact:
         self._accept(fit, seen.time_s)
         free = not self._pending
         self._settled_frames += self._settling.settled and free and not self._forced
-        usable = free and not seen.torn and fit.fits and (looked or self._forced)
+        usable = free and not seen.torn and (looked or self._forced)
         if usable and self._wants(seen, fit, busy):
             self._forced, poses = False, [reading.pose for reading in self._readings]
             self._pending.append(partial(self._renew, seen.source(busy), poses, fit.alone))
@@ -237,7 +242,8 @@ class Contact:
         self._worst_loss = max(self._worst_loss, fit.loss)
         self._worst_spread_rad = max(self._worst_spread_rad, max(angles) - min(angles))
         turned, worst = fit.angle_rad - self._zero_rad, (self._worst_loss, self._worst_spread_rad)
-        return Tracked(fit, *worst, turned, self._added, self.richest, self._rate_rad_s)
+        own = max(key.own for key in self.keys)
+        return Tracked(fit, *worst, turned, self._added, own, self._rate_rad_s)
 
     def _settle(self) -> None:
         """Count rotations from here, with a keyframe and one pose for all readings.
@@ -255,7 +261,7 @@ class Contact:
     def _renew(self, source: Source, poses: list[Pose], alone: bool) -> None:
         """Make a keyframe of an earlier frame, with its poses in the readings; the poorest one makes room."""
         key = make_keyframe(source, self._map)
-        if key is None:
+        if key is None or (self.observable and key.distinct < SIGMA.least_distinct):
             return
         if self._settling.settled and not alone:
             poses = self._closed(source, poses)

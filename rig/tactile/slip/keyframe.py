@@ -24,7 +24,7 @@ from rig.tactile.slip.loops import (
     Y,
     kept,
 )
-from rig.tactile.slip.parameters import ALIGNMENT
+from rig.tactile.slip.parameters import ALIGNMENT, SIGMA
 from rig.tactile.slip.slopes import CURVATURE, slope_planes
 from rig.tactile.slip.texture import Texture, along_both, strongest
 
@@ -38,10 +38,8 @@ COARSE = 2
 PARTS = 3
 # A keyframe's own loss of agreement is that of a rotation by this.
 PROBE_RAD = math.radians(10.0)
-# Weight of the texture beside the slopes in what a rotation changes. That is below 0.3 for real smooth balls,
-# and 0.32 to 0.44 for a thin line on a smooth bulge. SIMULATED, balls of at most 4 mm under 8 N have more.
-TEXTURE_COUNTS = 0.15
 _AROUND = np.ones((3, 3), np.uint8)
+_INNER = np.s_[BORDER_PX:-BORDER_PX, BORDER_PX:-BORDER_PX]
 Pixels = tuple[NDArray[np.intp], NDArray[np.intp]]
 
 
@@ -70,8 +68,9 @@ class Keyframe:
     rows: (3, ROWS, N), see `rig.tactile.slip.loops`; counted: number of points of each. center_px: of the
     points of the slopes. pixels: their rows and columns. unit: factor of the texture. richness: root energy
     of the texture. own: what a rotation by `PROBE_RAD` takes from the agreement of the curvature with itself.
-    distinct: what it changes in slopes and texture, as a fraction of their energy; near 0 for smooth round
-    contacts.
+    distinct, textured: what it changes in the slopes and in the texture, as a fraction of their energy.
+    oblong: by how much the dent curves less along one axis than along the other, 0 for a ball, 1 for a
+    cylinder. cut: whether the border of the image cuts it.
     """
 
     source: Source
@@ -83,6 +82,23 @@ class Keyframe:
     richness: float
     own: float = 0.0
     distinct: float = 0.0
+    textured: float = 0.0
+    oblong: float = 0.0
+    cut: bool = False
+
+    @property
+    def area_px(self) -> int:
+        """Area of the contact, work pixels."""
+        return int(np.count_nonzero(self.source.mask))
+
+    @property
+    def observable(self) -> bool:
+        """Whether a rotation changes this keyframe enough to be seen: smooth balls look the same."""
+        if self.distinct >= SIGMA.least_distinct:
+            return True
+        if self.textured >= SIGMA.least_textured and self.oblong >= SIGMA.textured_oblong:
+            return True
+        return self.oblong >= SIGMA.least_oblong and not self.cut
 
     def facts(self, share: float) -> NDArray[np.float64]:
         """Return the facts for the alignment, without a pose; share: weight among the keyframes."""
@@ -129,10 +145,14 @@ def _with_curvature(key: Keyframe, planes: Field, box: Box) -> Keyframe:
     points[FIRST, : len(chosen)] = values[chosen]
     curved = replace(key, counted=(*key.counted[:2], len(chosen)))
     own = kept(points, curved.facts(1.0), planes, np.array([1.0, -left, -top]), PROBE_RAD)
-    # The texture counts less, because the light of a bulge, which rests, is part of it.
-    slopes = _information(key.rows[SLOPES], key.counted[SLOPES], FIRST + 2, (6, 2))
-    texture = TEXTURE_COUNTS * _information(key.rows[TEXTURE], key.counted[TEXTURE], FIRST + 3, (3, 3))
-    return replace(curved, own=own, distinct=max(slopes, texture))
+    return replace(
+        curved,
+        own=own,
+        distinct=_information(key.rows[SLOPES], key.counted[SLOPES], FIRST + 2, (6, 2)),
+        textured=_information(key.rows[TEXTURE], key.counted[TEXTURE], FIRST + 3, (3, 3)),
+        oblong=_oblong(key.rows[SLOPES], key.counted[SLOPES]),
+        cut=key.area_px > np.count_nonzero(key.source.mask[_INNER]),
+    )
 
 
 def _information(rows: Field, count: int, first: int, shape: tuple[int, int]) -> float:
@@ -145,6 +165,14 @@ def _information(rows: Field, count: int, first: int, shape: tuple[int, int]) ->
     other = matrix[1:, 1:] + np.eye(shape[0] - 1) * (1e-9 * np.trace(matrix) + 1e-20)
     about = matrix[0, 0] - matrix[0, 1:] @ np.linalg.solve(other, matrix[1:, 0])
     return float(about / (rows[SQUARE, :count].sum() + 1e-20) * PROBE_RAD**2 / 2.0)
+
+
+def _oblong(rows: Field, count: int) -> float:
+    """Return the relative difference of the two curvatures of a dent, from a linear fit of its slopes."""
+    places = np.stack([rows[X, :count], rows[Y, :count], np.ones(count)]).astype(np.float64)
+    change = np.linalg.lstsq(places.T, rows[FIRST : FIRST + 2, :count].T, rcond=None)[0][:2]
+    low, high = np.linalg.eigvalsh(0.5 * (change + change.T))
+    return float((high - low) / max(abs(low), abs(high), 1e-20))
 
 
 def _spread(count: int) -> NDArray[np.intp]:

@@ -101,8 +101,9 @@ class Sigma:
 
     loss_rad, worst_loss_rad: per loss of agreement of the curvature, present and largest so far.
     worst_spread: per largest difference between the readings so far. turned: per rotation. indistinct_rad:
-    divided by what a turn changes in the curvature. least_rad: in any case. least_distinct: a contact that a
-    rotation changes less is unobservable. pace_s: time over which sigma follows.
+    divided by what a turn changes in the curvature. least_rad: in any case. least_distinct, least_textured,
+    textured_oblong, least_oblong: see `Keyframe.observable`; smooth balls have less. pace_s: time over which
+    sigma follows.
     """
 
     loss_rad: float
@@ -112,6 +113,9 @@ class Sigma:
     indistinct_rad: float
     least_rad: float
     least_distinct: float
+    least_textured: float
+    textured_oblong: float
+    least_oblong: float
     pace_s: float
 
 

@@ -20,7 +20,7 @@ from rig.tactile.slip.gradient import Learn, LearntGradientMap
 from rig.tactile.slip.height import Field, contact_box
 from rig.tactile.slip.keyframe import Keyframe, Source, make_keyframe
 from rig.tactile.slip.loops import MOST_KEYS
-from rig.tactile.slip.parameters import ALIGNMENT, KEYFRAMES, MOTION, SIGMA
+from rig.tactile.slip.parameters import ALIGNMENT, KEYFRAMES, MOTION
 from rig.tactile.slip.slopes import slope_planes
 from rig.tactile.slip.texture import Texture
 
@@ -170,6 +170,7 @@ class Contact:
         self._alone: Fit | None = None
         self._aligned: list[Reading] = []
         self._forced, self._added, self.anchored_px = False, True, 0j
+        self._anew = False
         self._worst_loss = self._worst_spread_rad = 0.0
         self._pending: list[Callable[[], None]] = []
         for reading in self._readings:
@@ -194,7 +195,7 @@ class Contact:
     @property
     def observable(self) -> bool:
         """Whether a rotation changes at least one keyframe enough."""
-        return max(key.distinct for key in self.keys) >= SIGMA.least_distinct
+        return any(key.observable for key in self.keys)
 
     def take_keyframe(self) -> None:
         """Make a keyframe of the next frame."""
@@ -250,7 +251,7 @@ class Contact:
 
         From now on the middle of the contact is tracked: while it grew, the point may have moved along it.
         """
-        self._forced, first = True, self._readings[0]
+        self._forced, self._anew, first = True, True, self._readings[0]
         self._zero_rad, self._joint = first.pose.angle_rad, None
         self.anchored_px = self._middle_px - first.pose.point_px
         for reading in self._readings[1:]:
@@ -261,21 +262,28 @@ class Contact:
     def _renew(self, source: Source, poses: list[Pose], alone: bool) -> None:
         """Make a keyframe of an earlier frame, with its poses in the readings; the poorest one makes room."""
         key = make_keyframe(source, self._map)
-        if key is None or (self.observable and key.distinct < SIGMA.least_distinct):
+        if key is None or (self.observable and not key.observable):
             return
         if self._settling.settled and not alone:
             poses = self._closed(source, poses)
-        if key.richness > self.richest.richness:
+        if self._anew:
+            self._anew, grown = False, key.area_px / KEYFRAMES.grown
+            self._keep([k for k, one in enumerate(self.keys) if one.area_px > grown])
+        if not self.keys or key.richness > self.richest.richness:
             self._pending.append(partial(self._learn_again, source))
         if len(self.keys) == MOST_KEYS:
             poorest = self.keys.index(min(self.keys, key=lambda one: one.richness))
-            self.keys = [one for k, one in enumerate(self.keys) if k != poorest]
-            for reading in self._readings:
-                del reading.keys[poorest]
+            self._keep([k for k in range(MOST_KEYS) if k != poorest])
         for reading, pose in zip(self._readings, poses, strict=True):
             reading.keys.append(pose)
         self._take([*self.keys, key])
         self._added = True
+
+    def _keep(self, kept: list[int]) -> None:
+        """Forget the other keyframes."""
+        self.keys = [self.keys[k] for k in kept]
+        for reading in self._readings:
+            reading.keys = [reading.keys[k] for k in kept]
 
     def _closed(self, source: Source, poses: list[Pose]) -> list[Pose]:
         """Return the poses of a frame, corrected by the oldest keyframe to which it can be aligned directly.
@@ -320,8 +328,7 @@ class Contact:
         if self._forced or nearest > KEYFRAMES.further_rad:
             return True
         if not self._settling.settled:
-            area_px = cv2.countNonZero(self.keys[-1].source.mask)
-            if seen.region.area_px > KEYFRAMES.grown * area_px:
+            if seen.region.area_px > KEYFRAMES.grown * self.keys[-1].area_px:
                 return True
         return seen.texture(busy).richness(seen.region.mask) > KEYFRAMES.richer * self.richest.richness
 

@@ -58,7 +58,7 @@ def lab(tmp_path: Path, unhurried_bench: BenchConfig, monkeypatch: pytest.Monkey
 
 
 def installed(folder: Path) -> None:
-    assert rig("new", "estimator", folder / "lab_turns").returncode == 0
+    assert rig("new", "lab", folder / "lab_turns").returncode == 0
     pip = [sys.executable, "-m", "pip", "install", "-q", "--no-index", "--no-deps", "--no-build-isolation"]
     subprocess.run([*pip, "--target", str(folder / "site"), str(folder / "lab_turns")], check=True)
 

@@ -258,6 +258,7 @@ class Contact:
             reading.join(first)
         for reading in self._readings:
             reading.anchor(self.anchored_px)
+        self._worst_loss = self._worst_spread_rad = 0.0
 
     def _renew(self, source: Source, poses: list[Pose], alone: bool) -> None:
         """Make a keyframe of an earlier frame, with its poses in the readings; the poorest one makes room."""

@@ -19,7 +19,7 @@ from drivers.interfaces import Arm, Gripper, Motion, TactileSensor
 from drivers.motion import check_motion, check_way
 from drivers.named_classes import raised_text
 from drivers.types import ArmLimits, ArmState, Frame, GripperSpec, GripperState, Pose
-from drivers.values import require_integer
+from drivers.values import require_fraction, require_integer
 
 ARM_STALE_S, GRIPPER_STALE_S = 0.4, 0.9
 """Largest age of a state, as in the rig's own drivers (`drivers.ur5e.link`, `drivers.robotiq_3f.poller`)."""
@@ -75,14 +75,17 @@ class CheckedDevice:
             raise DeviceError(f"{self._whose}: {what} raised {raised_text(error)}; fix the driver") from error
 
     def _move(self, what: str, *given: Any) -> Motion:
-        return _CheckedMotion(self._ask(what, *given), self)
+        motion = self._ask(what, *given)
+        with self.reporting(what):
+            if not (callable(getattr(motion, "done", None)) and callable(getattr(motion, "wait", None))):
+                raise TypeError(f"{type(motion).__name__} instead of Motion")
+        return _CheckedMotion(motion, self)
 
     def _current_state(self, kind: type[Any], now_ns: int, stale_s: float) -> Any:
         """Return the newest state. Raise if it is old or from the future: no motion would stop in time."""
         with self.reporting("state"):
             state = self._driver.state()
-            if not isinstance(state, kind):  # only these types validate their values
-                raise TypeError(f"{type(state).__name__} instead of {kind.__name__}")
+            _require_type(state, kind)  # only these types validate their values
             age_s = (now_ns - state.time_ns) / NS_PER_S
         if age_s > stale_s:
             raise DeviceTimeoutError(
@@ -145,6 +148,14 @@ class CheckedArm(CheckedDevice):
         check_way(self.limits, (self.state().base_T_tcp, base_T_tcp))
         return self._move("move_linear", base_T_tcp, speed_m_s, acceleration_m_s2)
 
+    def speed_fraction(self) -> float | None:
+        """Return the speed fraction at which motions would run, None if unknown. Raises `DeviceError`."""
+        fraction: float | None = self._ask("speed_fraction")
+        if fraction is not None:
+            with self.reporting("speed_fraction"):
+                require_fraction("the arm's speed_fraction", fraction)
+        return fraction
+
 
 class CheckedGripper(CheckedDevice):
     """A lab's gripper. spec: range and resolution of the bench file; the driver's own are ignored."""
@@ -190,6 +201,8 @@ class CheckedSource(CheckedDevice):
     def _frame(self, what: str, limit_s: float) -> Frame:
         frame = self._ask(what, limit_s)
         with self.reporting(what):
+            _require_type(frame, Frame)
+            _require_type(frame.image, np.ndarray)
             given = (frame.image.dtype, frame.image.shape, frame.serial)
             require_integer("the frame's time_ns", frame.time_ns)
             require_integer("the frame's sequence", frame.sequence)
@@ -199,3 +212,8 @@ class CheckedSource(CheckedDevice):
                 f"requires uint8 {self._shape} of '{self.serial}'; correct size_px, serial or the driver"
             )
         return frame
+
+
+def _require_type(answer: object, kind: type[Any]) -> None:
+    if not isinstance(answer, kind):
+        raise TypeError(f"{type(answer).__name__} instead of {kind.__name__}")

@@ -7,7 +7,7 @@ then checks every motion and state, see `rig.bench.checked`.
 
 import inspect
 from collections.abc import Iterable, Mapping, Set
-from typing import Any
+from typing import Any, cast
 
 from drivers.clock import Clock
 from drivers.errors import InputError, RigError
@@ -42,8 +42,7 @@ def own_arm(config: BenchConfig, clock: Clock) -> Arm:
     if {"joint_min_deg", "joint_max_deg"} & arm.limits.model_fields_set:
         written.add("joint_limits_rad")
     driver = _made("arm", arm.driver, (Arm, ARM_METHODS), needed, known, written, arm.options)
-    checked: Any = CheckedArm(driver, arm.driver, limits, clock)
-    return checked
+    return cast(Arm, CheckedArm(driver, arm.driver, limits, clock))
 
 
 def own_gripper(config: BenchConfig, clock: Clock) -> Gripper:
@@ -55,8 +54,7 @@ def own_gripper(config: BenchConfig, clock: Clock) -> Gripper:
     keys = ("host", "port", "device", "transport", "preset", "fingers")
     known = {key: getattr(own, key) for key in keys} | {"clock": clock}
     driver = _made("gripper", own.driver, kind, {"spec": spec}, known, own.model_fields_set, own.options)
-    checked: Any = CheckedGripper(driver, own.driver, spec, clock)
-    return checked
+    return cast(Gripper, CheckedGripper(driver, own.driver, spec, clock))
 
 
 def own_source(config: TactileConfig | CameraConfig, clock: Clock) -> TactileSensor:
@@ -69,8 +67,7 @@ def own_source(config: TactileConfig | CameraConfig, clock: Clock) -> TactileSen
     known = {"address": config.address, "size_px": config.size_px, "clock": clock}
     kind = (TactileSensor if isinstance(config, TactileConfig) else FrameSource, SOURCE_METHODS)
     driver = _made(serial, config.driver, kind, needed, known, config.model_fields_set, config.options)
-    checked: Any = CheckedSource(driver, config.driver, serial, rate_hz, config.size_px)
-    return checked
+    return cast(TactileSensor, CheckedSource(driver, config.driver, serial, rate_hz, config.size_px))
 
 
 def _made(

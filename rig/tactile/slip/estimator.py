@@ -80,7 +80,7 @@ class SlipEstimator(FreshFrameEstimator):
         self._work = np.zeros(0, np.uint8)
         self._computed: SlipSample | None = None
         self._seen_ns: int | None = None
-        self._gone = False
+        self._gone = self._settled = False
         self._angle_rad: float | None = None
         self._fitted_ns = self._answered_ns = 0
         self._variance = self._unseen = self._rate_rad_s = 0.0
@@ -196,6 +196,8 @@ class SlipEstimator(FreshFrameEstimator):
         elapsed_s = (sample.time_ns - self._answered_ns) / NS_PER_S
         most = MOST_RATE_RAD_S * elapsed_s
         angle = wanted if last is None else min(max(wanted, last - most), last + most)
+        # While the angle follows at its limit, it is no zero.
+        self._settled = sample.settled is True and (self._settled or angle == wanted)
         evidence = (
             (SIGMA.loss_rad * fit.loss) ** 2
             + (SIGMA.worst_loss_rad * tracked.worst_loss) ** 2
@@ -207,7 +209,7 @@ class SlipEstimator(FreshFrameEstimator):
         variance = evidence + SIGMA.least_rad**2 + (wanted - angle) ** 2 + self._unseen
         if last is not None:
             slowly = variance + math.exp(-elapsed_s / SIGMA.pace_s) * (self._variance - variance)
-            variance = max(variance, self._variance) if tracked.added else slowly
+            variance = max(variance, self._variance) if tracked.rekeyed else slowly
         self._angle_rad, self._variance, self._answered_ns = angle, variance, sample.time_ns
         # The tracked point is known from the first keyframe on, in the frame after the first.
         contact = self._tracker.contact
@@ -218,11 +220,12 @@ class SlipEstimator(FreshFrameEstimator):
         watch.lap("answer")
         return replace(
             sample,
-            state=State.REKEYED if tracked.added and last is not None else State.TRACKING,
+            state=State.REKEYED if tracked.rekeyed and last is not None else State.TRACKING,
             angle_deg=math.degrees(angle),
             sigma_deg=math.degrees(math.sqrt(variance)),
             unseen_deg=math.degrees(math.sqrt(min(self._unseen, variance))),
             rate_deg_s=math.degrees(self._rate_rad_s),
+            settled=self._settled,
             shift_px=(shift.real * self._px_per_work[0], shift.imag * self._px_per_work[1]),
         )
 

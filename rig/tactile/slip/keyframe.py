@@ -93,12 +93,14 @@ class Keyframe:
 
     @property
     def observable(self) -> bool:
-        """Whether a rotation changes this keyframe enough to be seen: smooth balls look the same."""
-        if self.distinct >= SIGMA.least_distinct:
-            return True
-        if self.textured >= SIGMA.least_textured and self.oblong >= SIGMA.textured_oblong:
-            return True
-        return self.oblong >= SIGMA.least_oblong and not self.cut
+        """Whether a rotation changes this keyframe enough to be seen: smooth balls look the same.
+
+        A ball that the border of the image cuts looks less round, so its limits are higher.
+        """
+        if self.cut:
+            return self.distinct >= SIGMA.cut_distinct or self.oblong >= SIGMA.cut_oblong
+        lined = self.textured >= SIGMA.least_textured and self.oblong >= SIGMA.textured_oblong
+        return lined or self.distinct >= SIGMA.least_distinct or self.oblong >= SIGMA.least_oblong
 
     def facts(self, share: float) -> NDArray[np.float64]:
         """Return the facts for the alignment, without a pose; share: weight among the keyframes."""

@@ -81,15 +81,15 @@ class Tracked:
     """The fit of a frame.
 
     worst_loss, worst_spread_rad: largest loss of agreement, and largest difference between the readings,
-    since the contact began. turned_rad: rotation since the contact settled. added: whether a keyframe was
-    added. own: largest one of the keyframes, see `Keyframe`, 1 in the first frame. rate_rad_s: averaged.
+    since the contact began. turned_rad: rotation since the contact settled. rekeyed: whether a keyframe was
+    added, or the slopes lead instead of the texture, or the reverse. own: largest one of the keyframes, see `Keyframe`, 1 in the first frame. rate_rad_s: averaged.
     """
 
     fit: Fit
     worst_loss: float
     worst_spread_rad: float
     turned_rad: float
-    added: bool
+    rekeyed: bool
     own: float
     rate_rad_s: float
 
@@ -169,7 +169,7 @@ class Contact:
         self._joint: Pose | None = None
         self._alone: Fit | None = None
         self._aligned: list[Reading] = []
-        self._forced, self._added, self.anchored_px = False, True, 0j
+        self._forced, self._rekeyed, self.anchored_px = False, True, 0j
         self._anew = False
         self._worst_loss = self._worst_spread_rad = 0.0
         self._pending: list[Callable[[], None]] = []
@@ -210,13 +210,15 @@ class Contact:
         """Return the fit of a frame; None if no keyframe fits. busy: whether a keyframe was made in it."""
         middle = _middle(seen.region.mask)
         self._contact_px, self._middle_px = middle - self._middle_px, middle
-        self._added, last_rad = busy, self.pose.angle_rad
+        self._rekeyed, last_rad = busy, self.pose.angle_rad
         if self._pending:
             busy = True
             self._pending.pop(0)()
         if self._settling.update(seen.region.levels, seen.time_ns):
             self._settle()
+        led = self._texture_leads
         fit, looked = self._read(seen, busy)
+        self._rekeyed |= led != self._texture_leads
         if abs(fit.angle_rad - last_rad) > self._reach_rad(seen.time_s):
             return None
         self._accept(fit, seen.time_s)
@@ -244,7 +246,7 @@ class Contact:
         self._worst_spread_rad = max(self._worst_spread_rad, max(angles) - min(angles))
         turned, worst = fit.angle_rad - self._zero_rad, (self._worst_loss, self._worst_spread_rad)
         own = max(key.own for key in self.keys)
-        return Tracked(fit, *worst, turned, self._added, own, self._rate_rad_s)
+        return Tracked(fit, *worst, turned, self._rekeyed, own, self._rate_rad_s)
 
     def _settle(self) -> None:
         """Count rotations from here, with a keyframe and one pose for all readings.
@@ -263,13 +265,16 @@ class Contact:
     def _renew(self, source: Source, poses: list[Pose], alone: bool) -> None:
         """Make a keyframe of an earlier frame, with its poses in the readings; the poorest one makes room."""
         key = make_keyframe(source, self._map)
-        if key is None or (self.observable and not key.observable):
+        if key is None:
+            return
+        outgrown = key.area_px / (KEYFRAMES.grown if key.observable else 1.0) if self._anew else 0.0
+        kept = [k for k, one in enumerate(self.keys) if one.area_px > outgrown]
+        if not key.observable and any(self.keys[k].observable for k in kept):
             return
         if self._settling.settled and not alone:
             poses = self._closed(source, poses)
-        if self._anew:
-            self._anew, grown = False, key.area_px / KEYFRAMES.grown
-            self._keep([k for k, one in enumerate(self.keys) if one.area_px > grown])
+        self._anew = False
+        self._keep(kept)
         if not self.keys or key.richness > self.richest.richness:
             self._pending.append(partial(self._learn_again, source))
         if len(self.keys) == MOST_KEYS:
@@ -278,7 +283,7 @@ class Contact:
         for reading, pose in zip(self._readings, poses, strict=True):
             reading.keys.append(pose)
         self._take([*self.keys, key])
-        self._added = True
+        self._rekeyed = True
 
     def _keep(self, kept: list[int]) -> None:
         """Forget the other keyframes."""

@@ -128,7 +128,7 @@ def test_keyframe_gets_the_pose_of_its_own_frame_although_it_is_made_later() -> 
     assert len(followed.contact.keys) == before
     tracked = followed.show(9.0)
     assert tracked is not None
-    assert tracked.added
+    assert tracked.rekeyed
     assert followed.key_angles_deg()[-1] == pytest.approx(asked, abs=0.3)
 
 

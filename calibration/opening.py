@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import isotonic_regression
 
-from calibration.units import length_guess
-from calibration.verdict import Assessment, Rejected, floor, limit, sift
+from calibration.verdict import Assessment, Rejected, floor, length_guess, limit, sift
 from drivers.errors import counted
 
 Array = NDArray[np.floating]

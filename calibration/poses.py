@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
-from calibration.units import length_guess
+from calibration.verdict import length_guess
 from drivers.errors import CalibrationError
 from drivers.types import Pose
 

@@ -47,17 +47,14 @@ class Assessment:
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """All reasons, refusals first."""
         return self.refusals + self.doubts
 
     def __add__(self, other: "Assessment") -> "Assessment":
-        """Combine the reasons and checks of both."""
         return Assessment(
             self.refusals + other.refusals, self.doubts + other.doubts, self.checks + other.checks
         )
 
     def __str__(self) -> str:
-        """Return verdict and reasons in one line."""
         return str(self.verdict) + (": " + "; ".join(self.reasons) if self.reasons else "")
 
 
@@ -137,3 +134,18 @@ def rests_on(what: str, doubts: tuple[str, ...]) -> Assessment:
     if not doubts:
         return Assessment()
     return Assessment(doubts=(f"depends on a {what} that is not good ({'; '.join(doubts)})",))
+
+
+_LENGTHS_M = {"metres": 1.0, "cm": 0.01, "mm": 1e-3, "inches": 0.0254, "micrometres": 1e-6}
+
+
+def length_guess(value_m: float, stated: str, low_m: float, high_m: float) -> str:
+    """Return "; in inches?", with the units that put a length within low_m and high_m; "" if none does.
+
+    value_m: the length in m if its unit is `stated` ("metres", "mm").
+    """
+    number = abs(value_m) / _LENGTHS_M[stated]
+    fitting = [
+        name for name, scale in _LENGTHS_M.items() if name != stated and low_m <= number * scale <= high_m
+    ]
+    return f"; in {' or '.join(fitting)}?" if fitting else ""

@@ -48,14 +48,12 @@ def whole(name: str, value: object, low: int, high: int) -> int:
 
 
 def flag(name: str, value: object) -> bool:
-    """Return a bool."""
     if not isinstance(value, bool | np.bool_):
         raise refused(name, value, "True or False")
     return bool(value)
 
 
 def choice(name: str, value: object, choices: Collection[str]) -> str:
-    """Return one of several texts."""
     if not isinstance(value, str) or value not in choices:
         raise refused(name, value, f"one of {', '.join(choices)}")
     return str(value)
@@ -69,7 +67,6 @@ def path(name: str, value: object) -> Path:
 
 
 def instance(name: str, value: object, kind: type[T], expected: str) -> T:
-    """Return an instance of a class."""
     if not isinstance(value, kind):
         raise refused(name, value, expected)
     return value
@@ -104,7 +101,6 @@ def array(
 
 
 def refused(name: str, value: object, expected: str) -> InputError:
-    """Return the error for an invalid argument."""
     plain = value is None or isinstance(value, str | bytes | float | complex | np.generic)
     if plain or (isinstance(value, int) and abs(value) < 10**SHOWN):
         shown = repr(value)[:SHOWN]

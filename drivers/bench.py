@@ -55,11 +55,9 @@ class Hand:
 
     @property
     def state(self) -> HandState:
-        """The current known state."""
         return self._state
 
     def note(self, state: HandState) -> None:
-        """Replace the known state."""
         if state != self._state:
             self._state = state
             self._keep(state)
@@ -99,7 +97,6 @@ class Bench:
         return tuple(device for device in (self.gripper, self.arm) if not isinstance(device, MissingDevice))
 
     def has(self, device: Literal["arm", "gripper", "camera"]) -> bool:
-        """Whether the bench has this device."""
         return not isinstance(getattr(self, device), MissingDevice)
 
     @contextmanager

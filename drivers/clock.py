@@ -34,11 +34,9 @@ class SystemClock:
         self.slowness = slowness
 
     def now_ns(self) -> int:
-        """Monotonic time, ns."""
         return time.monotonic_ns() // self.slowness
 
     def sleep_until(self, time_ns: int) -> None:
-        """Sleep until the given monotonic time."""
         remaining_ns = time_ns - self.now_ns()
         if remaining_ns > 0:
             time.sleep(remaining_ns * self.slowness / NS_PER_S)

@@ -8,7 +8,7 @@ from itertools import pairwise
 from drivers.clock import Clock, wait_until
 from drivers.errors import DeviceError, DeviceTimeoutError, OutOfLimitsError
 from drivers.interfaces import Motion
-from drivers.types import ArmLimits, Box, Pose, Vector3
+from drivers.types import ArmLimits, Box, Pose, Vector3, Vector6
 
 UPRIGHT_M = 1e-3
 """A path counts as vertical if its ends are at most this far apart horizontally, m."""
@@ -38,12 +38,27 @@ def check_way(limits: ArmLimits, way: Sequence[Pose]) -> None:
     """
     for here, there in pairwise(pose.position_m for pose in way):
         for box in limits.keep_out:
-            if meets(box, here, there) and not (_inside(box, here) and _straight_up(here, there)):
+            if meets(box, here, there) and not (
+                all(low < v < high for low, v, high in zip(box.min_m, here, box.max_m, strict=True))
+                and _straight_up(here, there)
+            ):
                 raise OutOfLimitsError(
                     f"arm: the path from {_text(here)} to {_text(there)} m leads the hand into '{box.name}', "
                     "which the bench file keeps it out of; see [[keep_out]], top_m of [table], and the "
                     "position of the object"
                 )
+
+
+def check_joints(joints: Sequence[float] | None, limits: tuple[Vector6, Vector6], target: Pose) -> None:
+    """Raise `OutOfLimitsError` if no joint angles (rad) reach the target, or one is outside its range."""
+    if not joints:
+        raise OutOfLimitsError(f"arm: pose {target} is out of reach or outside the safety limits")
+    for number, (angle, low, high) in enumerate(zip(joints, *limits, strict=True), 1):
+        if not low <= angle <= high:
+            raise OutOfLimitsError(
+                f"arm: joint {number} would go to {math.degrees(angle):.1f} deg, outside "
+                f"{math.degrees(low):.1f} to {math.degrees(high):.1f} deg"
+            )
 
 
 def meets(box: Box, here: Vector3, there: Vector3) -> bool:
@@ -64,10 +79,6 @@ def _straight_up(here: Vector3, there: Vector3) -> bool:
     return across <= UPRIGHT_M and there[2] > here[2]
 
 
-def _inside(box: Box, point: Vector3) -> bool:
-    return all(low < v < high for low, v, high in zip(box.min_m, point, box.max_m, strict=True))
-
-
 def _text(point: Vector3) -> str:
     return "(" + ", ".join(f"{value:.3f}" for value in point) + ")"
 
@@ -82,17 +93,12 @@ class PolledMotion(Motion):
     def __init__(
         self, device: str, clock: Clock, ended: Callable[[], bool], stop: Callable[[], None]
     ) -> None:
-        self._device = device
-        self._clock = clock
-        self._ended = ended
-        self._stop = stop
+        self._device, self._clock, self._ended, self._stop = device, clock, ended, stop
 
     def done(self) -> bool:
-        """Whether the motion has ended, see `drivers.interfaces.Motion`."""
         return self._ended()
 
     def wait(self, timeout_s: float) -> None:
-        """Block until done, see `drivers.interfaces.Motion`."""
         try:
             if not wait_until(self._clock, self.done, timeout_s, POLL_S):
                 raise DeviceTimeoutError(

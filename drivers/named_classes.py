@@ -12,7 +12,7 @@ import sysconfig
 import traceback
 from dataclasses import dataclass
 from functools import cache
-from importlib.metadata import EntryPoint, entry_points
+from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any
 
@@ -49,7 +49,12 @@ def is_class_name(name: str) -> bool:
 def installed_classes(group: str) -> tuple[InstalledClass, ...]:
     """Return the classes that installed packages offer in an entry-point group; nothing is imported."""
     found = sorted(entry_points(group=group), key=lambda point: (point.name, point.value))
-    return tuple(InstalledClass(point.name, point.value, _distribution(point)) for point in found)
+    return tuple(
+        InstalledClass(
+            point.name, point.value, "" if point.dist is None else f"{point.dist.name} {point.dist.version}"
+        )
+        for point in found
+    )
 
 
 def raised_text(error: BaseException) -> str:
@@ -134,15 +139,11 @@ def _imported(target: str, what: str) -> type[Any]:
     found = getattr(module, class_name, None)
     if not isinstance(found, type):
         seen = "has no such name" if found is None else f"has a {type(found).__name__} of that name"
-        classes = [name for name, value in vars(module).items() if _is_class_of(value, module_name)]
+        classes = [
+            name
+            for name, value in vars(module).items()
+            if isinstance(value, type) and value.__module__ == module_name
+        ]
         listed = f"; its classes: {', '.join(classes)}" if classes else "; give the name of a class in it"
         raise InputError(f"{what} '{target}': {module_name} {seen}{nearest(class_name, classes)}{listed}")
     return found
-
-
-def _is_class_of(value: object, module: str) -> bool:
-    return isinstance(value, type) and value.__module__ == module
-
-
-def _distribution(point: EntryPoint) -> str:
-    return "" if point.dist is None else f"{point.dist.name} {point.dist.version}"

@@ -142,15 +142,12 @@ class FrameTally:
     """
 
     def __init__(self) -> None:
-        self.frames = 0
-        self.dropped = 0
-        self.jumped = 0
+        self.frames = self.dropped = self.jumped = 0
         self._times = StreamTimes()
         self._out_of_time = False
         self._last: Frame | None = None
 
     def add(self, frame: Frame) -> None:
-        """Count a frame."""
         last, self._last = self._last, frame
         self.frames += 1
         self._out_of_time = not self._times.follows(frame.time_ns)

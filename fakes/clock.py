@@ -42,9 +42,7 @@ class SharedClock(SystemClock):
 
     @classmethod
     def started(cls, slowness: int = 1) -> "SharedClock":
-        """Return a clock that starts now."""
         return cls(SystemClock(slowness).now_ns(), slowness)
 
     def now_ns(self) -> int:
-        """Return the time since the start, ns."""
         return super().now_ns() - self.start_ns

@@ -1,5 +1,6 @@
 """Faults of simulated devices: on request while a device is served, or scripted with start and duration."""
 
+import math
 import threading
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -38,7 +39,12 @@ class Faults:
                 f"it takes {', '.join(takes)}"
             )
         for name, value in arguments.items():
-            self._check(kind, name, value)
+            numbers = (int,) if name in _WHOLE else (int, float)
+            if name in MOST and (type(value) not in numbers or not 0 <= value <= MOST[name]):
+                what = "whole number" if name in _WHOLE else "number"
+                raise InputError(
+                    f"{self.whose}: {kind}: {name} {value!r}: give a {what} from 0 to {MOST[name]}"
+                )
         settings = {**takes, **arguments}
         duration_s = settings.pop("duration_s")
         with self._lock:
@@ -61,15 +67,8 @@ class Faults:
             return frozenset(kind for kind in list(self._active) if self.get(kind) is not None)
 
     def clear(self) -> None:
-        """End all faults."""
         with self._lock:
             self._active.clear()
-
-    def _check(self, kind: str, name: str, value: Any) -> None:
-        numbers = (int,) if name in _WHOLE else (int, float)
-        if name in MOST and (type(value) not in numbers or not 0 <= value <= MOST[name]):
-            what = "whole number" if name in _WHOLE else "number"
-            raise InputError(f"{self.whose}: {kind}: {name} {value!r}: give a {what} from 0 to {MOST[name]}")
 
 
 OVERSHOOT_COUNTS = 30.0
@@ -77,6 +76,14 @@ OVERSHOOT_COUNTS = 30.0
 
 DRIFT_COUNTS, DRIFT_COUNTS_S = 13, 20.0
 """Opening of fingers with the fault `drift`, in counts (about 8 mm), and its speed in counts per second."""
+
+
+def overshot(start: float, end: float, lowest: float, highest: float) -> float:
+    """Return where a motion from `start` to `end` ends with the fault `overshoot`, all in counts."""
+    if abs(end - start) < 0.5:
+        return end
+    return min(max(end + math.copysign(OVERSHOOT_COUNTS, end - start), lowest), highest)
+
 
 KINDS = {
     "arm": ("protective_stop", "disconnect"),
@@ -115,7 +122,6 @@ class ScriptedFault:
             raise unknown_name(f"fault of device '{self.device}'", self.kind, known)
 
     def concerns(self, lift: str, attempt: int) -> bool:
-        """Whether this fault occurs in an attempt at a lift."""
         return self.lift in (None, lift) and self.attempt in (None, attempt)
 
 

@@ -80,7 +80,10 @@ def camera_from(content: Mapping[str, Any], where: str) -> CameraModel:
     except (TypeError, ValueError, OverflowError) as error:
         raise CalibrationError(f"{where}: a matrix is damaged ({reason(error)})") from error
     distortion = _supported_terms(content, distortion, where)
-    _check(size, matrix, distortion, where)
+    if not (np.isfinite(matrix).all() and np.isfinite(distortion).all()):
+        raise CalibrationError(f"{where}: contains NaN or infinite values")
+    if min(size) < 1 or min(matrix[0, 0], matrix[1, 1]) <= 0:
+        raise CalibrationError(f"{where}: size {size} and focal length {matrix[0, 0]:.6g} are not valid")
     terms = 5 if len(distortion) <= 5 else 8
     return CameraModel(size, matrix, np.pad(distortion, (0, terms - len(distortion))))
 
@@ -103,13 +106,6 @@ def _supported_terms(content: Mapping[str, Any], distortion: Array, where: str) 
             f"camera as a pinhole (plumb_bob or rational_polynomial, zeros after term {_MOST_TERMS})"
         )
     return used
-
-
-def _check(size: tuple[int, int], matrix: Array, distortion: Array, where: str) -> None:
-    if not (np.isfinite(matrix).all() and np.isfinite(distortion).all()):
-        raise CalibrationError(f"{where}: contains NaN or infinite values")
-    if min(size) < 1 or min(matrix[0, 0], matrix[1, 1]) <= 0:
-        raise CalibrationError(f"{where}: size {size} and focal length {matrix[0, 0]:.6g} are not valid")
 
 
 def _matrix(values: Array) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""Estimate intrinsics from views of a board; the lens model is chosen by its error on held-out views.
+"""Estimate intrinsics from views of a board, and choose views; held-out views choose the lens model.
 
 The residual of the fit itself is no evidence: fifteen square-on views fit to 0.06 px and project with an
 error of 15 px. So every figure here comes from held-out views or from the covariance.
@@ -16,6 +16,7 @@ from calibration.targets.boards import View, outside, usable_views
 from calibration.verdict import Rejected
 from drivers.errors import CalibrationError
 from drivers.progress import steps
+from drivers.types import Pose
 
 Array = NDArray[np.floating]
 
@@ -64,7 +65,6 @@ class CameraFit:
 
     @property
     def held_out_rms_px(self) -> float:
-        """Held-out error of the selected lens model."""
         return self.held_out_px[self.fit.lens.name]
 
     @property
@@ -88,7 +88,12 @@ def calibrate_camera(views: Sequence[View], folds: int = 5, keep_all: bool = Fal
             f"camera: {len(good)} usable distinct views of the board; at least {FEWEST_VIEWS} are needed, 15 "
             f"are good ({why})"
         )
-    _require_inside(good)
+    for view in good:
+        beyond = outside(view)
+        if beyond is not None:
+            swapped = all((other.image_px <= other.size[::-1]).all() for other in good)
+            cure = "are width and height swapped?" if swapped else "is the size of the pictures right?"
+            raise CalibrationError(f"camera: view {view.id}: {beyond}; {cure}")
     if not keep_all:
         good, bad = _without_bad_views(good)
         rejected += bad
@@ -97,16 +102,6 @@ def calibrate_camera(views: Sequence[View], folds: int = 5, keep_all: bool = Fal
     best = fit_camera(good, lens)
     finite = {name: error_px for name, error_px in held_out.items() if np.isfinite(error_px)}
     return CameraFit(best, *lens_covariance(best), finite, tuple(rejected))
-
-
-def _require_inside(views: Sequence[View]) -> None:
-    """Raise `CalibrationError` for a point outside the picture: all views have that size, so it is wrong."""
-    for view in views:
-        beyond = outside(view)
-        if beyond is not None:
-            swapped = all((other.image_px <= other.size[::-1]).all() for other in views)
-            cure = "are width and height swapped?" if swapped else "is the size of the pictures right?"
-            raise CalibrationError(f"camera: view {view.id}: {beyond}; {cure}")
 
 
 def fit_camera(views: Sequence[View], lens: LensModel) -> Fit:
@@ -237,3 +232,67 @@ def _chosen(held_out: dict[str, float]) -> LensModel:
     if not np.isfinite(held_out[chosen.name]):
         raise CalibrationError("camera: no lens model could be fitted to these views")
     return chosen
+
+
+_BORDER_PX = 8.0
+"""Corners nearer to the border count as outside the picture."""
+_LEAST_FACING = 0.6
+"""Cosine of the largest angle at which a board is still detected reliably."""
+_INTRINSIC = 6
+"""Number of estimated terms: focal lengths, principal point, two radial terms."""
+_CELLS, _NEW_CELL = (8, 6), 0.1
+"""Grid cells of the picture, and the gain of a cell without a view so far, in units of log information."""
+Cells = frozenset[tuple[int, int]]
+
+
+def most_telling(
+    camera: CameraModel,
+    points_m: Array,
+    camera_T_board: Sequence[Pose],  # noqa: N803 - frame names keep their case
+    count: int,
+) -> list[int]:
+    """Choose views, by index, that together determine the camera best; the most informative first.
+
+    points_m: (N, 3) of the board. Views that do not show all of it, well inside the picture and not too
+    oblique, are not chosen. Each view's own pose is treated as unknown. A view in an area without views so
+    far counts more, because the lens is extrapolated outside the observed area.
+    """
+    known_views = {i: _information(camera, points_m, pose) for i, pose in enumerate(camera_T_board)}
+    left = {i: known for i, known in known_views.items() if known is not None}
+    whole, covered, chosen = 1e-6 * np.eye(_INTRINSIC), Cells(), []
+    while left and len(chosen) < count:
+        worth = {
+            i: np.linalg.slogdet(whole + information)[1] + _NEW_CELL * len(cells - covered)
+            for i, (information, cells) in left.items()
+        }
+        best = max(worth, key=lambda i: worth[i])
+        information, cells = left.pop(best)
+        whole, covered = whole + information, covered | cells
+        chosen.append(best)
+    return chosen
+
+
+def _information(camera: CameraModel, points_m: Array, pose: Pose) -> tuple[Array, Cells] | None:
+    """Return the information (6, 6) on the camera's terms, pose eliminated, and the view's grid cells.
+
+    None if the board is not seen well.
+    """
+    in_camera = pose.rotation.apply(points_m) + np.asarray(pose.position_m)
+    sight = in_camera.mean(axis=0)
+    facing = float(pose.rotation.as_matrix()[:, 2] @ sight) / float(np.linalg.norm(sight))
+    if in_camera[:, 2].min() <= 0.05 or abs(facing) < _LEAST_FACING:
+        return None
+    pixels, jacobian = cv2.projectPoints(
+        np.asarray(points_m, float), pose.rotation.as_rotvec(), np.asarray(pose.position_m, float),
+        np.asarray(camera.matrix, float), np.zeros(5),
+    )  # fmt: skip
+    inside = (pixels > _BORDER_PX) & (pixels < np.subtract(camera.size, 1 + _BORDER_PX))
+    if not inside.all():
+        return None
+    view, own = jacobian[:, :6], jacobian[:, 6 : 6 + _INTRINSIC].copy()
+    own[:, :2] *= camera.matrix[0, 0]
+    own[:, 2:4] *= camera.size[0]
+    across = own.T @ view
+    cells = np.floor(pixels.reshape(-1, 2) / camera.size * _CELLS).astype(int)
+    information = own.T @ own - across @ np.linalg.pinv(view.T @ view) @ across.T
+    return np.asarray(information), frozenset(map(tuple, cells.tolist()))

@@ -68,7 +68,6 @@ class GelLook:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Rows and columns of its images."""
         return self.background.shape[0], self.background.shape[1]
 
     def draw_noise(self, shape: tuple[int, int], count: int, rng: np.random.Generator) -> Plane:
@@ -77,7 +76,6 @@ class GelLook:
 
     @property
     def dome_mm(self) -> float:
-        """Radius of the gel's convex face."""
         return DOME_MM
 
     def dent(self, pressed: Plane, dragged: Plane) -> Plane:
@@ -167,7 +165,7 @@ class GelLook:
 
 def membrane(pressed: Plane, dragged: Plane, px_mm: float) -> Plane:
     """Depth of the film, (h, w) mm: the object's depth, or the membrane's where that is deeper."""
-    near, far, film = (_odd(mm / px_mm) for mm in (_NEAR_MM, _FAR_MM, _FILM_MM))
+    near, far, film = (2 * round((mm / px_mm - 1.0) / 2.0) + 1 for mm in (_NEAR_MM, _FAR_MM, _FILM_MM))
     beside = cv2.blur(cv2.blur(dragged, (near, near)), (near, near)) * np.float32(_NEAR_SHARE)
     wide = cv2.blur(cv2.blur(dragged, (far, far)), (far, far)) * np.float32(_FAR_SHARE)
     return np.asarray(cv2.blur(cv2.max(pressed, cv2.max(beside, wide)), (film, film)), np.float32)
@@ -247,7 +245,3 @@ def _monomials(x: Plane, y: Plane, degree: int) -> Plane:
         columns.append(columns[-1] * x)
         rows.append(rows[-1] * y)
     return np.stack([columns[i] * rows[total - i] for total in range(degree + 1) for i in range(total + 1)])
-
-
-def _odd(px: float) -> int:
-    return 2 * round((px - 1.0) / 2.0) + 1

@@ -54,13 +54,11 @@ class PosePairs:
     setup: Setup
 
     def subset(self, rows: NDArray[np.int64]) -> "PosePairs":
-        """Return only these pairs, in this order."""
         ids = tuple(self.ids[i] for i in rows)
         return PosePairs(ids, self.a_R[rows], self.a_t[rows], self.b_R[rows], self.b_t[rows], self.setup)
 
 
 def make_pairs(samples: Sequence[PoseSample], setup: Setup) -> PosePairs:
-    """Collect samples into arrays."""
     to_hand = setup is Setup.EYE_TO_HAND
     robot = [s.base_T_tcp if to_hand else s.base_T_tcp.inverse() for s in samples]
     seen = [s.camera_T_target for s in samples]

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from calibration.hand_eye.closed_form import (
     CLOSED_FORMS,
-    Observability,
     Transforms,
     assess_motion,
     motions,
@@ -30,13 +29,11 @@ from calibration.hand_eye.pose_pairs import (
     repeated_pair,
     sample_fault,
 )
-from calibration.hand_eye.refine import moved
+from calibration.hand_eye.refine import larger_of, moved
 from calibration.hand_eye.samples import Setup
-from calibration.hand_eye.solve import FEWEST_SAMPLES, as_pose
-from calibration.hand_eye.uncertainty import larger_of
+from calibration.hand_eye.solve import FEWEST_SAMPLES, HandEyeResult, as_pose
 from calibration.verdict import Assessment, Rejected, floor, limit, sift
 from drivers.errors import counted
-from drivers.types import Pose
 
 Array = NDArray[np.floating]
 
@@ -93,28 +90,7 @@ class _Fit:
         return -np.linalg.lstsq(matrix / np.outer(scale, scale), target / scale, rcond=1e-13)[0] / scale
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class PosePairResult:
-    """The estimate and its assessment; as `HandEyeResult`, but for pose pairs.
-
-    pose: base_T_camera or tcp_T_camera; target: tcp_T_target or base_T_target; both None if refused before
-    solving. covariance: (6, 6) of the pose, rotation about its own axes (rad), translation (m). sigmas: (6,)
-    estimated noise, in the order of `USUAL_NOISE`. samples: number of used pairs, or of blocks of them.
-    """
-
-    setup: Setup
-    assessment: Assessment
-    rejected: tuple[Rejected, ...]
-    motion: Observability | None = None
-    pose: Pose | None = None
-    target: Pose | None = None
-    covariance: Array | None = None
-    sigmas: Array | None = None
-    samples: int = 0
-    used: tuple[str, ...] = ()
-
-
-def calibrate_pose_pairs(samples: Sequence[PoseSample], setup: Setup) -> PosePairResult:
+def calibrate_pose_pairs(samples: Sequence[PoseSample], setup: Setup) -> HandEyeResult:
     """Solve; bad data give a refused result with its reasons.
 
     samples: in order of time, because neighbouring samples of a stream share errors, which is detected.
@@ -125,24 +101,26 @@ def calibrate_pose_pairs(samples: Sequence[PoseSample], setup: Setup) -> PosePai
     rejected += repeated
     if len(good) < FEWEST_SAMPLES:
         text = f"{counted(len(good), 'usable pair')}; at least {FEWEST_SAMPLES} are needed, 15 are good"
-        return PosePairResult(setup, Assessment((text,)), tuple(rejected))
+        return HandEyeResult(setup, Assessment((text,)), tuple(rejected))
     pairs = make_pairs(good, setup)
     motion = observability(thinned(pairs, _FOR_STARTS).a_R)
     gate = assess_motion(motion)
     if gate.refusals:
-        return PosePairResult(setup, gate, tuple(rejected), motion)
+        return HandEyeResult(setup, gate, tuple(rejected), motion)
     kept, fit, sigmas = _robust(pairs, _best_start(pairs))
     refusal = _wrong_size(pairs, fit.at, sigmas) or _contradiction(pairs, len(kept))
     if refusal is not None:
-        return PosePairResult(setup, Assessment((refusal,)), tuple(rejected), motion)
+        return HandEyeResult(setup, Assessment((refusal,)), tuple(rejected), motion)
     out = np.setdiff1d(np.arange(len(pairs.ids)), kept)
     rejected += [Rejected(pairs.ids[i], "contradicts the other pairs") for i in out]
-    alike = _alike(fit)
+    white = (np.linalg.cholesky(fit.inverse).transpose(0, 2, 1) @ fit.missed[..., None])[..., 0]
+    found = float(((white[1:] * white[:-1]).sum(axis=0) / np.maximum((white**2).sum(axis=0), 1e-300)).max())
+    alike = found if found > 3.5 / np.sqrt(len(white)) else 0.0
     covariance, count = _spread(fit, alike)
-    return PosePairResult(
+    return HandEyeResult(
         setup, gate + _assess(covariance, count, len(out), len(pairs.ids), alike), tuple(rejected), motion,
-        as_pose(fit.at.x_R, fit.at.x_t), as_pose(fit.at.z_R, fit.at.z_t), covariance, sigmas, count,
-        tuple(pairs.ids[i] for i in kept),
+        as_pose(fit.at.x_R, fit.at.x_t), as_pose(fit.at.z_R, fit.at.z_t), covariance=covariance,
+        sigmas=sigmas, samples=count, used=tuple(pairs.ids[i] for i in kept),
     )  # fmt: skip
 
 
@@ -274,13 +252,6 @@ def _robust(pairs: PosePairs, start: Transforms) -> tuple[NDArray[np.int64], _Fi
             return again, fit, sigmas
         kept = again
     return kept, _fit(pairs.subset(kept), at, sigmas), sigmas
-
-
-def _alike(fit: _Fit) -> float:
-    """Return the largest of six correlations of neighbours' whitened errors; 0 if it is not significant."""
-    white = (np.linalg.cholesky(fit.inverse).transpose(0, 2, 1) @ fit.missed[..., None])[..., 0]
-    found = float(((white[1:] * white[:-1]).sum(axis=0) / np.maximum((white**2).sum(axis=0), 1e-300)).max())
-    return found if found > 3.5 / np.sqrt(len(white)) else 0.0
 
 
 def _spread(fit: _Fit, alike: float) -> tuple[Array, int]:

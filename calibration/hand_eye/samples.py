@@ -73,7 +73,6 @@ class Problem:
         return replace(self, pixels=camera.undistorted(self.seen_px), camera=camera)
 
     def without(self, sample: int) -> "Problem":
-        """Return the problem without one sample."""
         return self.subset(np.delete(np.arange(len(self.ids)), sample))
 
     def subset(self, samples: NDArray[np.int64]) -> "Problem":

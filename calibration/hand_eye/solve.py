@@ -1,4 +1,4 @@
-"""Calibrate hand-eye from pictures: checks, initial values, robust refinement, outliers, covariance."""
+"""Calibrate hand-eye from pictures: checks, initial values, robust refinement, outliers, next pose."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ from calibration.hand_eye.closed_form import (
     nearest_rotation,
     observability,
 )
-from calibration.hand_eye.refine import Refined, refine
+from calibration.hand_eye.refine import Refined, Uncertainty, linearised, refine, uncertainty
 from calibration.hand_eye.samples import (
     HandEyeSample,
     Problem,
@@ -26,9 +26,9 @@ from calibration.hand_eye.samples import (
     target_poses,
     usable_samples,
 )
-from calibration.hand_eye.uncertainty import Uncertainty, uncertainty
+from calibration.targets.boards import View
 from calibration.verdict import Assessment, Rejected, floor, limit, rests_on
-from drivers.errors import counted
+from drivers.errors import CalibrationError, counted
 from drivers.types import Pose
 
 Array = NDArray[np.floating]
@@ -58,7 +58,10 @@ class HandEyeResult:
     """The estimate and its assessment.
 
     pose: base_T_camera or tcp_T_camera; target: tcp_T_target or base_T_target; both None if refused before
-    solving. rms_px: residual of the used samples; sample_px: the same by id, including rejected samples.
+    solving. From pictures: rms_px, residual of the used samples; sample_px, the same by id, with the rejected
+    samples; spread, problem, refined. From pairs of poses: covariance, (6, 6) of the pose, rotation about its
+    own axes (rad), translation (m); sigmas, (6,) estimated noise in the order of `USUAL_NOISE`; samples,
+    number of used pairs, or of blocks of them.
     """
 
     setup: Setup
@@ -73,6 +76,9 @@ class HandEyeResult:
     used: tuple[str, ...] = ()
     problem: Problem | None = None
     refined: Refined | None = None
+    covariance: Array | None = None
+    sigmas: Array | None = None
+    samples: int = 0
 
 
 def calibrate_hand_eye(samples: Sequence[HandEyeSample], camera: CameraModel, setup: Setup) -> HandEyeResult:
@@ -88,7 +94,9 @@ def calibrate_hand_eye(samples: Sequence[HandEyeSample], camera: CameraModel, se
     if gate.refusals:
         return HandEyeResult(setup, gate, tuple(rejected), motion)
     start = _robust_start(problem)
-    kept = _inliers(problem, start)
+    missed = start.sample_rms_px(problem)
+    bound = max(_STANDS_OUT * float(np.median(missed)), _LEAST_OUTLIER_PX)
+    kept = np.flatnonzero(missed <= bound)
     outliers = np.setdiff1d(np.arange(len(problem.ids)), kept)
     sample_px = dict(zip(problem.ids, start.sample_rms_px(problem).tolist(), strict=True))
     if len(outliers) > _MOST_REJECTED * len(problem.ids) or len(kept) < FEWEST_SAMPLES:
@@ -218,13 +226,74 @@ def _closed(name: str, problem: Problem, subset: NDArray[np.int64], turns: Array
     return answer
 
 
-def _inliers(problem: Problem, start: Refined) -> NDArray[np.int64]:
-    """Return consistent samples: rms at most three medians, or at most one pixel."""
-    missed = start.sample_rms_px(problem)
-    bound = max(_STANDS_OUT * float(np.median(missed)), _LEAST_OUTLIER_PX)
-    return np.flatnonzero(missed <= bound)
-
-
 def _finite(found: Refined) -> bool:
     t = found.transforms
     return bool(np.isfinite(found.cost) and np.isfinite(t.x_t).all() and np.isfinite(t.x_R).all())
+
+
+_BORDER_PX = 10.0
+"""Corners nearer to the border count as outside the picture."""
+_LARGEST_TILT = np.cos(np.radians(60.0))
+"""Cosine of the largest angle between the target's normal and the line of sight."""
+_LEVER_M = 0.3
+"""A rotation counts as the displacement that it causes at this distance from the camera."""
+
+
+@dataclass(frozen=True, slots=True)
+class NextPose:
+    """Index of a candidate, and the predicted one sigma (m, at 0.3 m from the camera) after adding it."""
+
+    index: int
+    sigma_m: float
+
+
+def next_pose(result: HandEyeResult, camera: CameraModel, candidates: Sequence[Pose]) -> NextPose | None:
+    """Choose among reachable `base_T_tcp`; None if no candidate shows the target to the camera.
+
+    Raises `CalibrationError` if there is no first estimate yet.
+    """
+    if result.problem is None or result.refined is None or result.pose is None or result.target is None:
+        raise CalibrationError(
+            "hand-eye: no estimate yet to improve; visit poses rotated by 30 degrees about two axes"
+        )
+    camera_T_base_or_tcp, at = result.pose.inverse(), result.refined.transforms  # noqa: N806
+    points = np.unique(result.problem.points_m, axis=0)
+    known = _information(result.problem, at)
+    noise = max(result.refined.rms_px / np.sqrt(2.0), 0.05)
+    best: NextPose | None = None
+    for index, pose in enumerate(candidates):
+        robot = pose if result.setup is Setup.EYE_TO_HAND else pose.inverse()
+        view = _predicted_view(camera, points, camera_T_base_or_tcp @ robot @ result.target)
+        if view is None:
+            continue
+        seen = make_problem([HandEyeSample("next", pose, view)], camera, result.setup)
+        sigma_m = _sigma_m(known + _information(seen, at), noise)
+        if best is None or sigma_m < best.sigma_m:
+            best = NextPose(index, sigma_m)
+    return best
+
+
+def _predicted_view(camera: CameraModel, points_m: Array, camera_T_target: Pose) -> View | None:  # noqa: N803
+    """Return what the camera would see; None if the target is outside the picture or too oblique."""
+    in_camera = camera_T_target.rotation.apply(points_m) + np.asarray(camera_T_target.position_m)
+    normal = camera_T_target.rotation.as_matrix()[:, 2]
+    sight = np.asarray(camera_T_target.position_m) / np.linalg.norm(camera_T_target.position_m)
+    if in_camera[:, 2].min() < 0.05 or abs(float(normal @ sight)) < _LARGEST_TILT:
+        return None
+    pixels = camera.project(in_camera)
+    inside = (pixels > _BORDER_PX).all() and (pixels < np.subtract(camera.size, 1 + _BORDER_PX)).all()
+    return View("next", np.arange(len(points_m)), points_m, pixels, camera.size) if inside else None
+
+
+def _information(problem: Problem, at: Transforms) -> Array:
+    """Return the information matrix (12, 12) of X and Z: J^T J, in px^-2."""
+    _, jacobian = linearised(problem, at)
+    rows = jacobian.reshape(-1, 12)
+    return rows.T @ rows
+
+
+def _sigma_m(information: Array, noise_px: float) -> float:
+    scale = np.sqrt(np.diag(information))
+    covariance = np.linalg.pinv(information / np.outer(scale, scale), hermitian=True) / np.outer(scale, scale)
+    turn, move = np.diag(covariance)[:3].sum(), np.diag(covariance)[3:6].sum()
+    return float(noise_px * np.sqrt(move + _LEVER_M**2 * turn))

@@ -38,11 +38,9 @@ class MarkerAngle:
     """
 
     def __init__(self, tracker: MarkerTracker, camera: CameraModel | None = None) -> None:
-        self._tracker = tracker
-        self._camera = camera
+        self._tracker, self._camera = tracker, camera
         self._plane: PlaneReference | None = None
-        self._zero_deg = 0.0
-        self.zero_sigma_deg = 0.0
+        self._zero_deg = self.zero_sigma_deg = 0.0
 
     def forget(self) -> None:
         """Search the whole next picture, for example after a pause."""

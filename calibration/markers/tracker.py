@@ -49,8 +49,7 @@ class MarkerTracker:
     ) -> None:
         if ids[0] == ids[1]:
             raise InputError(f"markers: two different ids are needed, got {ids}")
-        self._ids = ids
-        self._refine = refine
+        self._ids, self._refine = ids, refine
         self._full = detector(dictionary)
         self._near = region_detector(dictionary)
         self._size: tuple[int, ...] | None = None
@@ -68,22 +67,25 @@ class MarkerTracker:
         Each marker's corners are clockwise from its own top left. Raises `InputError` for another shape or
         type, and if the size changes between pictures.
         """
-        self._check(gray)
-        found = self._search(gray)
-        if not isinstance(found, Refusal):
-            found = self._refine(gray, found)
-        if isinstance(found, Refusal):
-            self._miss()
-        else:
-            self._follow(found)
-        return found
-
-    def _check(self, gray: Image) -> None:
         if gray.ndim != 2 or gray.dtype != np.uint8:
             raise InputError(f"markers: a (H, W) uint8 picture is needed, got {gray.shape} {gray.dtype}")
         if self._size is not None and gray.shape != self._size:
             raise InputError(f"markers: picture size changed from {self._size} to {gray.shape}; start again")
         self._size = gray.shape
+        found = self._search(gray)
+        if not isinstance(found, Refusal):
+            found = self._refine(gray, found)
+        if isinstance(found, Refusal):
+            self._missed += 1
+            self._motion[...] = 0.0
+            if self._missed >= FORGET_AFTER_FRAMES:
+                self.forget()
+        else:
+            if self._last is not None and self._missed == 0:
+                limit = 0.5 * mean_side(found)
+                self._motion = np.clip(found - self._last, -limit, limit)
+            self._last, self._missed = found, 0
+        return found
 
     def _search(self, gray: Image) -> Corners | Refusal:
         expected = None if self._last is None else self._last + self._motion
@@ -113,18 +115,6 @@ class MarkerTracker:
             return found
         moved = np.linalg.norm(found - expected, axis=-1).max()
         return Refusal.JUMP if moved > mean_side(expected) * (1 + self._missed) else found
-
-    def _miss(self) -> None:
-        self._missed += 1
-        self._motion[...] = 0.0
-        if self._missed >= FORGET_AFTER_FRAMES:
-            self.forget()
-
-    def _follow(self, corners: Corners) -> None:
-        if self._last is not None and self._missed == 0:
-            limit = 0.5 * mean_side(corners)
-            self._motion = np.clip(corners - self._last, -limit, limit)
-        self._last, self._missed = corners, 0
 
 
 def _chosen(quads: list[Corners], place: Corners | None) -> Corners | Refusal:

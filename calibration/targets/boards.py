@@ -55,7 +55,6 @@ class Charuco:
 
     @property
     def spec(self) -> str:
-        """The text that identifies it."""
         across, down = self.squares
         sides = f"{self.square_m * 1e3:g}:{self.marker_m * 1e3:g}"
         return f"charuco:{across}x{down}:{sides}:{self.dictionary}{':legacy' * self.legacy}"
@@ -98,7 +97,6 @@ class Chessboard:
 
     @property
     def spec(self) -> str:
-        """The text that identifies it."""
         window = f":{self.window_px}" if self.window_px else ""
         return f"chessboard:{self.corners[0]}x{self.corners[1]}:{self.square_m * 1e3:g}{window}"
 
@@ -132,7 +130,6 @@ class Marker:
 
     @property
     def spec(self) -> str:
-        """The text that identifies it."""
         return f"marker:{self.side_m * 1e3:g}:{self.dictionary}:{self.marker_id}"
 
     @property

@@ -20,26 +20,23 @@ from drivers.clock import Clock, SystemClock, require_full_speed
 from drivers.errors import DeviceError, NotConnectedError
 from drivers.interfaces import Gripper
 from drivers.motion import PolledMotion
-from drivers.robotiq_3f.commands import (
-    ECHO_TIMEOUT_S,
-    GripperCommands,
-    Sent,
-    require_ready,
-    require_sound,
-    under_way,
-)
-from drivers.robotiq_3f.modbus import Link, rtu_link, tcp_link
-from drivers.robotiq_3f.poller import GripperLine, StatusSample
+from drivers.robotiq_3f.modbus import GripperLine, Link, StatusSample, rtu_link, tcp_link
 from drivers.robotiq_3f.registers import (
+    ECHO_TIMEOUT_S,
     MAX_FORCE_N,
     MAX_SPEED_M_S,
     MIN_FORCE_N,
     MIN_SPEED_M_S,
     Command,
+    GripperCommands,
     ObjectStatus,
+    Sent,
     Stage,
     Status,
     pack_command,
+    require_ready,
+    require_sound,
+    under_way,
 )
 from drivers.types import GripperSpec, GripperState
 
@@ -100,7 +97,6 @@ class Robotiq3F(Gripper):
 
     @property
     def spec(self) -> GripperSpec:
-        """Range and resolution of the fingers, range of speed and force."""
         return self._commands.spec
 
     def connect(self) -> None:
@@ -174,7 +170,7 @@ class Robotiq3F(Gripper):
         Raises `GripperFaultError` (5: not activated, 6: mode change in progress) and
         `OutOfLimitsError` before anything is sent.
         """
-        status = self._status()
+        status = self._sound(self._connected().sample().status)
         require_ready(status, self._link.name)
         parked = self._parked = self._parked or self._commands.standing(status)
         self._send(self._commands.motion(opening_m, speed_m_s, force_n, status.mode, parked))
@@ -213,9 +209,6 @@ class Robotiq3F(Gripper):
         if line is None:
             raise NotConnectedError(f"{self._link.name}: used before connect; connect the bench first")
         return line
-
-    def _status(self) -> Status:
-        return self._sound(self._connected().sample().status)
 
     def _sound(self, status: Status) -> Status:
         require_sound(status, self._link.name, self._was_ready)

@@ -1,19 +1,23 @@
-"""Single Modbus requests to a Robotiq 3-Finger gripper: addresses, requests, and checks of the replies.
+"""The thread that owns a gripper's Modbus connection: polls the status and sends commands.
 
-Only this module uses pymodbus. Whatever it raises or returns for a silent or cut line, an exception reply or
-invalid data becomes one `DeviceError` within two attempts.
+Only this module uses pymodbus, whose client must not be shared between threads. Whatever it raises or returns
+for a silent or cut line, an exception reply or invalid data becomes one `DeviceError` within two attempts.
+Other threads read the newest status or queue a command; none of them waits longer than `ANSWER_S`.
 """
 
 import logging
+import queue
+import threading
 from collections import deque
 from collections.abc import Callable, Sequence
+from concurrent.futures import CancelledError, Future
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from drivers.clock import NS_PER_S, Clock, host_s, to_ns
-from drivers.errors import DeviceError, DeviceTimeoutError, InputError
-from drivers.robotiq_3f.registers import REGISTERS
+from drivers.clock import NS_PER_S, Clock, host_s, to_ns, wait_until
+from drivers.errors import DeviceError, DeviceTimeoutError, InputError, NotConnectedError
+from drivers.robotiq_3f.registers import REFRESH_S, REGISTERS, Status, unpack_status
 
 if TYPE_CHECKING:
     from pymodbus.client import ModbusSerialClient, ModbusTcpClient
@@ -102,8 +106,7 @@ class StatusClient:
     """
 
     def __init__(self, link: Link, clock: Clock) -> None:
-        self._link = link
-        self._clock = clock
+        self._link, self._clock = link, clock
         self._client: ModbusClient | None = None
         self._failed_ns: int | None = None
         self.failures = 0
@@ -161,7 +164,7 @@ class StatusClient:
 
         name = self._link.name
         try:
-            self._client = self._client or self._new_client()
+            self._client = self._client or self._link.make_client(host_s(self._clock, self._link.timeout_s))
             if not self._client.connect():
                 raise DeviceError(f"{name}: cannot be opened; check power, cable and address")
             started = self._clock.now_ns()
@@ -176,9 +179,6 @@ class StatusClient:
         except Exception as error:  # invalid data make pymodbus's decoders raise almost anything
             raise DeviceError(f"{name}: the line failed ({error}); check power and cable") from error
         return reply
-
-    def _new_client(self) -> "ModbusClient":
-        return self._link.make_client(host_s(self._clock, self._link.timeout_s))
 
     def _check(self, reply: "ModbusPDU", function: int) -> None:
         if reply.isError():
@@ -207,3 +207,139 @@ def _preset(name: str) -> Preset:
 def _read(client: "ModbusClient", preset: Preset) -> "ModbusPDU":
     read = client.read_holding_registers if preset.read == READ_HOLDING else client.read_input_registers
     return read(preset.status, count=REGISTERS, device_id=preset.unit)
+
+
+POLL_S = 0.01
+"""Pause between two reads of the status, and between two checks of it by a waiting caller."""
+RETRY_S = 0.1
+"""Pause between attempts on a dead connection."""
+ANSWER_S = 0.9
+"""Longest wait of any caller; a request and its retry have failed by then, however they fail."""
+
+Registers = tuple[int, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class StatusSample:
+    """A status and the time of its request, ns; the status is not older than that, however late its reply."""
+
+    time_ns: int
+    status: Status
+
+
+class GripperLine:
+    """One connection, usable by any thread from `open` to `close`. It cannot be reopened."""
+
+    def __init__(self, link: Link, clock: Clock) -> None:
+        self._name = link.name
+        self._clock = clock
+        self._requests = StatusClient(link, clock)
+        self._jobs: queue.Queue[tuple[Registers, Future[None]]] = queue.Queue()
+        self._news = threading.Condition()
+        self._newest: StatusSample | None = None
+        self._error: DeviceError | None = None
+        self._closing = threading.Event()
+        self._thread = threading.Thread(target=self._own, name=link.name, daemon=True)
+
+    def open(self) -> StatusSample:
+        """Open the connection and return a first status. Raises `DeviceError` with the connection closed."""
+        self._thread.start()
+        try:
+            return self.sample()
+        except DeviceError:
+            self.close()
+            raise
+
+    def close(self) -> None:
+        """Close the connection, within `ANSWER_S` even if it is dead."""
+        self._closing.set()
+        self._thread.join(host_s(self._clock, ANSWER_S))
+
+    def send(self, registers: Registers) -> None:
+        """Write a command image. Raises `DeviceError`; a command not sent in time is never sent later."""
+        self._require_open()
+        done: Future[None] = Future()
+        self._jobs.put((registers, done))
+        try:
+            done.result(host_s(self._clock, ANSWER_S))
+        except (TimeoutError, CancelledError):
+            done.cancel()
+            raise DeviceTimeoutError(
+                f"{self._name}: command not acknowledged within {ANSWER_S} s; check power and cable"
+            ) from None
+
+    def sample(self) -> StatusSample:
+        """Return the newest status; wait for the first one. Raises `DeviceError`, also if it is too old."""
+        self._require_open()
+        with self._news:
+            answer_s = host_s(self._clock, ANSWER_S)
+            self._news.wait_for(lambda: self._error is not None or self._newest is not None, answer_s)
+            if self._error is not None:
+                raise type(self._error)(*self._error.args) from self._error
+            if self._newest is None or self._clock.now_ns() > self._newest.time_ns + to_ns(ANSWER_S):
+                raise DeviceTimeoutError(f"{self._name}: no status for {ANSWER_S} s; check power and cable")
+            return self._newest
+
+    def watch(self, what: str, reached: Callable[[Status], bool], timeout_s: float) -> None:
+        """Wait until `reached` is true for a status requested at least one register refresh from now.
+
+        what: name of the condition in the `DeviceTimeoutError` raised after `timeout_s`.
+        """
+        start = self._clock.now_ns()
+
+        def seen() -> bool:
+            sample = self.sample()
+            return sample.time_ns >= start + to_ns(REFRESH_S) and reached(sample.status)
+
+        if not wait_until(self._clock, seen, timeout_s, POLL_S):
+            raise DeviceTimeoutError(
+                f"{self._name}: {what} not reached within {timeout_s} s; "
+                "check power and preset, then activate again"
+            )
+
+    def round_trips_s(self) -> Sequence[float]:
+        """Return the durations of the last answered requests, s; at most 1000."""
+        return tuple(self._requests.round_trips_s)
+
+    def failures(self) -> int:
+        """Return the number of failed requests since the connection was opened, retried ones included."""
+        return self._requests.failures
+
+    def _require_open(self) -> None:
+        if self._closing.is_set():
+            raise NotConnectedError(f"{self._name}: used after disconnect; connect the bench first")
+
+    def _own(self) -> None:
+        while not self._closing.is_set():
+            self._carry_out_next()
+            self._poll()
+        self._requests.close()
+
+    def _carry_out_next(self) -> None:
+        try:
+            pause_s = host_s(self._clock, RETRY_S if self._error else POLL_S)
+            registers, done = self._jobs.get(timeout=pause_s)
+        except queue.Empty:
+            return
+        if self._closing.is_set() or not done.set_running_or_notify_cancel():
+            return
+        try:
+            self._requests.write_command(registers)
+        except DeviceError as error:
+            done.set_exception(error)
+        else:
+            done.set_result(None)
+
+    def _poll(self) -> None:
+        asked_ns = self._clock.now_ns()
+        try:
+            status = unpack_status(self._requests.read_status())
+        except DeviceError as error:
+            self._publish(self._newest, error)
+        else:
+            self._publish(StatusSample(asked_ns, status), None)
+
+    def _publish(self, sample: StatusSample | None, error: DeviceError | None) -> None:
+        with self._news:
+            self._newest, self._error = sample, error
+            self._news.notify_all()

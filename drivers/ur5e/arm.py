@@ -13,17 +13,31 @@ from collections.abc import Callable
 from drivers.clock import NS_PER_S, Clock, SystemClock, require_full_speed, slowness_of
 from drivers.errors import DeviceError, InputError, NotConnectedError
 from drivers.interfaces import Arm
-from drivers.motion import check_motion, check_way
+from drivers.motion import check_joints, check_motion, check_way
 from drivers.types import ArmLimits, ArmMode, ArmState, Pose, Vector3, Vector6
 from drivers.ur5e import setup
-from drivers.ur5e.control_commands import ControlCommands, Operation
-from drivers.ur5e.dashboard import Dashboard, refuse_local_control, serial_number
+from drivers.ur5e.control_process import ControlCommands, Operation
+from drivers.ur5e.controller import (
+    Dashboard,
+    Version,
+    probe_controller,
+    read_speed_fraction,
+    refuse_local_control,
+    serial_number,
+)
 from drivers.ur5e.link import ArmLink
-from drivers.ur5e.motion import JOINT_RANGE_RAD, ArmMotion, check_joints, from_ur, is_still, to_ur
-from drivers.ur5e.probe import Version, probe_controller, read_speed_fraction
+from drivers.ur5e.motion import (
+    JOINT_RANGE_RAD,
+    ArmMotion,
+    arm_mode,
+    from_ur,
+    is_still,
+    program_reason,
+    stop_reason,
+    to_ur,
+)
 from drivers.ur5e.setup import Tool, ToolSetting
 from drivers.ur5e.shared_state import StateSample
-from drivers.ur5e.status import arm_mode, program_reason, stop_reason
 
 STOP_DECELERATION_M_S2 = 10.0
 """Deceleration of a commanded stop."""
@@ -68,8 +82,7 @@ class UR5e(Arm):
         self._dashboard: Dashboard | None = None
         self._identity: dict[str, str] = {}
         self._reports_remote = True
-        self._clock_ahead_ns = 0
-        self._stops = self._connections = 0
+        self._clock_ahead_ns = self._stops = self._connections = 0
         if not 0.0 <= payload_kg <= limits.max_payload_kg:
             raise InputError(
                 f"arm: payload {payload_kg} kg is outside 0 to {limits.max_payload_kg} kg; see the bench file"
@@ -79,7 +92,6 @@ class UR5e(Arm):
 
     @property
     def limits(self) -> ArmLimits:
-        """The limits that motions are checked against."""
         return self._limits
 
     def connect(self) -> None:
@@ -94,7 +106,11 @@ class UR5e(Arm):
         version = probe_controller(self._host, PROBE_S, self._clock)
         try:
             self._dashboard = Dashboard(self._host, clock=self._clock)
-            self._identify(self._dashboard, version)
+            self._reports_remote = version >= REMOTE_SINCE
+            self._require_remote_control()
+            serial = serial_number(self._dashboard.ask("get serial number")) if self._reports_remote else ""
+            known = {"firmware": ".".join(map(str, version)), "model": "UR5e", "serial": serial}
+            self._identity = {what: text for what, text in known.items() if text}
             self._link = ArmLink(self._host, self._rate_hz, version, self._host_clock)
             self._connections += 1
             self._take_over(self._link)
@@ -103,7 +119,6 @@ class UR5e(Arm):
             raise
 
     def disconnect(self) -> None:
-        """Stop any motion and close the connection. Safe to call twice."""
         if self._link is not None:
             if not self._known_to_stand(self._link):
                 self.stop()
@@ -147,7 +162,10 @@ class UR5e(Arm):
         started, before = link.control.move_linear(pose, speed_m_s, acceleration_m_s2, not_stopped)
         if not started:
             raise setup.refusal(link, "moveL", self._clock)
-        return ArmMotion(self, base_T_tcp, before, sample.pose, self._clock, lambda: self._stops != stops)
+        return ArmMotion(
+            self.moving_sample, self.operation, self.stop, base_T_tcp, before, sample.pose, self._clock,
+            lambda: self._stops != stops,
+        )  # fmt: skip
 
     def begin_guiding(self) -> None:
         """Let a person lead the arm by hand; it carries the tool and payload of the bench file."""
@@ -169,7 +187,9 @@ class UR5e(Arm):
         link = self._link
         if link is not None and not self._stop_motion(link):
             link.end_control()
-            self._end_program(link)
+            with contextlib.suppress(DeviceError):
+                self._require_dashboard().ask("stop")
+                setup.wait_for_arm(lambda: self._stands(link), STOP_LIMIT_S, "stop", self._clock)
 
     def _stop_motion(self, link: ArmLink) -> bool:
         try:
@@ -178,11 +198,6 @@ class UR5e(Arm):
         except DeviceError:
             return False
         return True
-
-    def _end_program(self, link: ArmLink) -> None:
-        with contextlib.suppress(DeviceError):
-            self._require_dashboard().ask("stop")
-            setup.wait_for_arm(lambda: self._stands(link), STOP_LIMIT_S, "stop", self._clock)
 
     def recover(self, confirm: Callable[[str], None]) -> None:
         """Release a protective stop, restart an ended control program, set the tool; nothing moves.
@@ -238,7 +253,6 @@ class UR5e(Arm):
         return sample
 
     def operation(self) -> Operation:
-        """Return the newest operation on the controller."""
         return self._require_link().control.operation()
 
     def _ready(self, link: ArmLink) -> ArmLink:
@@ -282,13 +296,6 @@ class UR5e(Arm):
         """Raise `DeviceError` in local control: a person at the pendant then has control of the arm."""
         if self._reports_remote:
             refuse_local_control(self._require_dashboard().ask("is in remote control"))
-
-    def _identify(self, dashboard: Dashboard, version: Version) -> None:
-        self._reports_remote = version >= REMOTE_SINCE
-        self._require_remote_control()
-        serial = serial_number(dashboard.ask("get serial number")) if self._reports_remote else ""
-        known = {"firmware": ".".join(map(str, version)), "model": "UR5e", "serial": serial}
-        self._identity = {what: text for what, text in known.items() if text}
 
     def _known_to_stand(self, link: ArmLink) -> bool:
         try:

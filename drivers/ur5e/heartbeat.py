@@ -98,17 +98,14 @@ class Heartbeat:
         self._control, self._state, self._program, self._clock = control, state, program, clock
         self._limit_ns: int | None = None
         self._guided, self._longest_ns = False, to_ns(LONGEST_S)
-        self._began_ns = self._checked_ns = self._waited_ns = 0
-        self._polled_ns = self._asking_ns = 0
+        self._began_ns = self._checked_ns = self._waited_ns = self._polled_ns = self._asking_ns = 0
         self.halted = ""
         """Reason if this class stopped the newest motion; otherwise empty."""
 
     def begin(self, speed_m_s: float) -> None:
-        """Supervise a motion that begins now."""
         self._watch(silence_limit_s(speed_m_s), LONGEST_S, guided=False)
 
     def begin_guiding(self) -> None:
-        """Supervise an arm that is led by hand from now on."""
         self._watch(GUIDED_S, GUIDED_S, guided=True)
 
     def _watch(self, limit_s: float, longest_s: float, guided: bool) -> None:

@@ -1,19 +1,200 @@
-"""Start, supervise and end the two processes of the arm's driver: one receives states, one sends commands."""
+"""Start, supervise and end the two processes of the arm's driver: one receives states, one sends commands.
 
+Calls are one JSON line each, with a deadline.
+"""
+
+import contextlib
 import importlib.util
+import json
 import os
+import signal
 import socket
+import subprocess
+import tempfile
+import threading
 from collections.abc import Callable
-from typing import Concatenate
+from pathlib import Path
+from typing import Any, Concatenate, ParamSpec, TypeVar
 
-from drivers.clock import NS_PER_S, SystemClock, host_s, wait_until
+from drivers.children import python_command
+from drivers.clock import NS_PER_S, Clock, SystemClock, host_s, to_ns, wait_until
 from drivers.errors import DeviceError, DeviceTimeoutError, NotConnectedError
 from drivers.types import Vector6
-from drivers.ur5e.channel import Answer, Arguments, Channel, Check, ChildProcess, no_check
-from drivers.ur5e.control_commands import ControlCommands, Operation
-from drivers.ur5e.probe import Version
+from drivers.ur5e.control_process import ControlCommands, Operation
+from drivers.ur5e.controller import Version
 from drivers.ur5e.shared_state import SharedState, StateSample
 from drivers.values import require_fraction, require_number, require_numbers
+
+_ROOT = Path(__file__).resolve().parents[2]
+_TAIL_BYTES = 400
+"""Bytes at the end of a process's output that are searched for its last line."""
+_END_S = 1.0
+"""Longest wait for the end of a child process that was killed."""
+_SEND_S = 1.0
+"""Time limit for sending a call."""
+_CHECK_S = 0.1
+"""Interval at which a waiting call checks whether the process still runs."""
+Arguments = ParamSpec("Arguments")
+Answer = TypeVar("Answer")
+Check = Callable[[], object]
+
+
+class ChildProcess:
+    """A Python module run as a child process; its output is kept for the error message if it dies."""
+
+    def __init__(self, name: str, module: str, arguments: tuple[object, ...], fds: tuple[int, ...]) -> None:
+        self.name = name
+        self._output = tempfile.TemporaryFile()
+        paths = [str(_ROOT), *filter(None, [os.environ.get("PYTHONPATH")])]
+        self._process = subprocess.Popen(  # noqa: S603 - our own module, no shell
+            python_command("-m", module, *arguments),
+            stdin=subprocess.DEVNULL,
+            stdout=self._output,
+            stderr=subprocess.STDOUT,
+            pass_fds=fds,
+            env=os.environ | {"PYTHONPATH": os.pathsep.join(paths)},
+            start_new_session=True,  # the parent handles a Ctrl-C: it stops the arm first
+        )
+
+    @property
+    def alive(self) -> bool:
+        return self._process.poll() is None
+
+    def death(self) -> str:
+        """Return how the process ended, with its last line of output."""
+        code = self._process.poll()
+        if code is None:
+            return f"{self.name} runs"
+        how = f"by {signal.Signals(-code).name}" if code < 0 else f"with code {code}"
+        return f"{self.name} ended {how}{self._last_words()}"
+
+    def wait(self, timeout_s: float) -> None:
+        """Wait until the process ends, at most `timeout_s`."""
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self._process.wait(timeout_s)
+
+    def kill(self) -> None:
+        """End the process now; `death` still returns how it ended."""
+        self._process.kill()
+
+    def end(self) -> None:
+        """End the process now and delete its output. Safe to call twice."""
+        self._process.kill()
+        self.wait(_END_S)
+        self._output.close()
+
+    def _last_words(self) -> str:
+        if self._output.closed:
+            return ""
+        size = self._output.seek(0, os.SEEK_END)
+        self._output.seek(max(0, size - _TAIL_BYTES))
+        words = self._output.read().decode(errors="replace").split("\n")
+        lines = [line.strip() for line in words if line.strip()]
+        return f" ({lines[-1]})" if lines else ""
+
+
+def no_check() -> None:
+    """Permit a call unconditionally."""
+
+
+class Channel:
+    """Connection to a process; any thread may call, one call at a time.
+
+    `multiprocessing.connection` is not used, because its `recv` has no deadline after the first byte of an
+    answer: if the process were stopped at that point, the caller would wait forever.
+    """
+
+    def __init__(self, connection: socket.socket, process: ChildProcess, clock: Clock) -> None:
+        self._connection, self._process, self._clock = connection, process, clock
+        self._lock = threading.Lock()
+        self._rest = b""
+        self._number = 0
+        """Number of the newest call. The answer to an interrupted call has an older number and is skipped."""
+
+    def wait_ready(self, timeout_s: float, check: Check) -> None:
+        """Wait until the process reports that it is ready. Raises `DeviceError` with its reason.
+
+        check: called repeatedly during the wait; raises if further waiting is pointless.
+        """
+        with self._lock:
+            self._receive(timeout_s, "start", check)  # the ready report is not an answer: its number is 0
+
+    def call(
+        self,
+        method: Callable[Concatenate[Any, Arguments], Answer],
+        timeout_s: float,
+        check: Check,
+        /,
+        *arguments: Arguments.args,
+        **named: Arguments.kwargs,
+    ) -> Answer:
+        """Call a method in the process, and return its answer as JSON decodes it.
+
+        check: called just before sending; may raise. Raises `DeviceError` if the process has ended or
+        answers with an error. If it does not answer, raises `DeviceTimeoutError` and ends the process, so
+        that it cannot execute the call later.
+        """
+        name = method.__name__
+        if not self._lock.acquire(timeout=host_s(self._clock, timeout_s)):
+            raise DeviceTimeoutError(f"arm: {self._process.name} is busy; '{name}' was not sent")
+        try:
+            check()
+            self._number += 1
+            request = {"number": self._number, "call": name, "arguments": arguments, "named": named}
+            try:
+                self._connection.settimeout(host_s(self._clock, _SEND_S))
+                self._connection.sendall(json.dumps(request).encode() + b"\n")
+            except OSError as error:
+                raise self._lost(name) from error
+            return self._receive(timeout_s, name)
+        finally:
+            self._lock.release()
+
+    def close(self) -> None:
+        """Close the connection. Safe to call twice."""
+        self._connection.close()
+
+    def _receive(self, timeout_s: float, name: str, check: Check = no_check) -> Any:
+        deadline = self._clock.now_ns() + to_ns(timeout_s)
+        while (answer := self._next_answer())["number"] != self._number:
+            if self._clock.now_ns() >= deadline:
+                self._process.kill()
+                raise DeviceTimeoutError(
+                    f"arm: '{name}' was not answered within {timeout_s:g} s; {self._process.name} was ended. "
+                    "Check the controller's network and pendant, then connect again"
+                )
+            check()
+            self._take(min(_CHECK_S, (deadline - self._clock.now_ns()) / NS_PER_S), name)
+        if "error" in answer:
+            raise DeviceError(f"arm: '{name}' failed: {answer['error']}")
+        return answer["value"]
+
+    def _next_answer(self) -> dict[str, Any]:
+        """Return the next complete answer; one with number None if there is none."""
+        if b"\n" not in self._rest:
+            return {"number": None}
+        line, self._rest = self._rest.split(b"\n", 1)
+        return json.loads(line)
+
+    def _take(self, timeout_s: float, name: str) -> None:
+        try:
+            self._connection.settimeout(max(timeout_s, 1e-3))
+            data = self._connection.recv(65536)
+        except TimeoutError:
+            return
+        except OSError as error:
+            raise self._lost(name) from error
+        if not data:
+            raise self._lost(name)
+        self._rest += data
+
+    def _lost(self, name: str) -> DeviceError:
+        self._process.wait(host_s(self._clock, _CHECK_S))
+        return DeviceError(
+            f"arm: connection lost at '{name}': {self._process.death()}; the arm's state is unknown. "
+            "Inspect it, then connect again"
+        )
+
 
 STALE_S = 0.4
 """Age of the controller's newest time stamp from which the arm's state counts as unknown."""
@@ -36,7 +217,7 @@ STOPS = (ControlCommands.stop_linear, ControlCommands.end_program)
 """Calls with the shorter time limit STOP_CALL_S: if it passes, the arm is stopped over the dashboard."""
 
 
-class ControlClient:
+class ControlClient(Channel):
     """Client of the command process, which executes the methods of `ControlCommands`.
 
     Each call raises `DeviceError` if the process has ended or ur-rtde fails in it. If the process does not
@@ -47,30 +228,22 @@ class ControlClient:
         """Start the process. state_fd: file descriptor of the `SharedState` that it reads."""
         here, there = socket.socketpair()
         with there:
-            self._process = ChildProcess(
+            process = ChildProcess(
                 "the command process",
                 "drivers.ur5e.control_process",
                 (host, there.fileno(), state_fd, os.getpid(), clock.slowness),
                 (state_fd, there.fileno()),
             )
-        self._channel = Channel(here, self._process, clock)
+        super().__init__(here, process, clock)
 
     @property
     def alive(self) -> bool:
-        """Whether the process runs."""
         return self._process.alive
-
-    def wait_ready(self, timeout_s: float, check: Check) -> None:
-        """Wait until the control program runs on the controller. Raises `DeviceError` with the reason.
-
-        check: called repeatedly during the wait; raises if further waiting is pointless.
-        """
-        self._channel.wait_ready(timeout_s, check)
 
     def end(self) -> None:
         """End the process now. Safe to call twice."""
         self._process.end()
-        self._channel.close()
+        self.close()
 
     def ask(
         self,
@@ -81,10 +254,9 @@ class ControlClient:
     ) -> Answer:
         """Call a method of `ControlCommands` in the process, and return its result."""
         limit_s = STOP_CALL_S if command in STOPS else CALL_S
-        return self._channel.call(command, limit_s, no_check, *arguments, **named)
+        return self.call(command, limit_s, no_check, *arguments, **named)
 
     def operation(self) -> Operation:
-        """Return the progress of the newest motion."""
         return Operation(*self.ask(ControlCommands.operation))
 
     def move_linear(
@@ -92,7 +264,7 @@ class ControlClient:
     ) -> tuple[bool, int]:
         """Start a straight motion, see `ControlCommands`. check: called just before sending; may raise."""
         command = ControlCommands.move_linear
-        return self._channel.call(command, CALL_S, check, pose, speed_m_s, acceleration_m_s2)
+        return self.call(command, CALL_S, check, pose, speed_m_s, acceleration_m_s2)
 
 
 class ArmLink:
@@ -110,7 +282,10 @@ class ArmLink:
             "the state process", "drivers.ur5e.state_process", arguments, (self._state.fd,)
         )
         try:
-            self._wait_for_state()
+            if not wait_until(self._clock, self._has_state, STREAM_START_S, _POLL_S):
+                raise DeviceTimeoutError(
+                    f"arm: {self._host} accepts connections but sends no state; restart the controller"
+                )
         except DeviceError:
             self.close()
             raise
@@ -132,7 +307,12 @@ class ArmLink:
         sample = self._state.read()
         age_s = (now_ns - sample.received_ns) / NS_PER_S if sample else float("inf")
         if sample is not None and age_s < STALE_S:
-            _require_finite(sample)
+            # Raise `InvalidStateError` for NaN or infinity. Payload and its centre may be NaN: not
+            # reported.
+            for name in ("joints_rad", "pose", "speed", "wrench"):
+                require_numbers(f"the arm's {name}", getattr(sample, name), 6)
+            require_number("the arm's timestamp_s", sample.timestamp_s)
+            require_fraction("the arm's speed_fraction", sample.speed_fraction)
             return sample
         if sample is not None and not sample.received_ns:
             self._listener.wait(host_s(self._clock, END_S))
@@ -172,7 +352,6 @@ class ArmLink:
 
     @property
     def has_control(self) -> bool:
-        """Whether the command process runs."""
         return self._control is not None and self._control.alive
 
     @property
@@ -183,12 +362,6 @@ class ArmLink:
             raise NotConnectedError("arm: its command process was ended by a stop; recover or connect again")
         return control
 
-    def _wait_for_state(self) -> None:
-        if not wait_until(self._clock, self._has_state, STREAM_START_S, _POLL_S):
-            raise DeviceTimeoutError(
-                f"arm: {self._host} accepts connections but sends no state; restart the controller"
-            )
-
     def _has_state(self) -> bool:
         if self._state.read() is not None:
             return True
@@ -198,14 +371,6 @@ class ArmLink:
                 "make sure that no fieldbus or other client holds its registers, then connect again"
             )
         return False
-
-
-def _require_finite(sample: StateSample) -> None:
-    """Raise `InvalidStateError` for NaN or infinity. Payload and its centre may be NaN: not reported."""
-    for name in ("joints_rad", "pose", "speed", "wrench"):
-        require_numbers(f"the arm's {name}", getattr(sample, name), 6)
-    require_number("the arm's timestamp_s", sample.timestamp_s)
-    require_fraction("the arm's speed_fraction", sample.speed_fraction)
 
 
 def require_ur_rtde() -> None:

@@ -1,20 +1,104 @@
-"""A motion of the arm: check its joint limits, and follow its progress by operation number and state stream.
+"""A motion of the arm, followed by operation number and state stream; the controller's status as errors.
 
 The controller writes a pose as x y z in m and a rotation vector in rad; `to_ur` and `from_ur` convert.
+Status values and bits: Universal Robots, "RTDE Guide", robot_mode, runtime_state, safety_status_bits.
 """
 
 import math
-from collections.abc import Callable, Sequence
-from typing import Protocol
+from collections.abc import Callable
 
 from scipy.spatial.transform import Rotation
 
 from drivers.clock import Clock, to_ns
-from drivers.errors import DeviceError, OutOfLimitsError
+from drivers.errors import DeviceError, ProtectiveStopError
 from drivers.motion import PolledMotion
-from drivers.types import Pose, Vector6
-from drivers.ur5e.control_commands import Operation
+from drivers.types import ArmMode, Pose, Vector6
+from drivers.ur5e.control_process import Operation
 from drivers.ur5e.shared_state import StateSample
+
+PLAYING = 2
+"""Runtime state of a running program (RTDE guide)."""
+RUNNING_MODE = 7
+"""Robot mode of an arm that is powered on with its brakes released (RTDE guide)."""
+NORMAL, REDUCED, PROTECTIVE, RECOVERY, SAFEGUARD = (1 << bit for bit in range(5))
+EMERGENCY = 1 << 5 | 1 << 6 | 1 << 7
+VIOLATION, FAULT, STOPPED_FOR_SAFETY = 1 << 8, 1 << 9, 1 << 10
+_ROBOT_MODES = {
+    -1: "no controller",
+    0: "disconnected",
+    1: "confirm safety",
+    2: "booting",
+    3: "power off",
+    4: "power on",
+    5: "idle, brakes on",
+    6: "backdrive",
+    7: "running",
+    8: "updating firmware",
+}
+_RUNTIME = {0: "stopping", 1: "stopped", 2: "playing", 3: "pausing", 4: "paused", 5: "resuming"}
+_SAFETY = (
+    (VIOLATION, "safety violation", "see the pendant"),
+    (FAULT, "safety fault", "see the pendant; restart the safety system there"),
+    (RECOVERY, "recovery mode", "move the arm back into its limits on the pendant"),
+    (SAFEGUARD, "safeguard stop", "close the safeguard and reset it"),
+    (STOPPED_FOR_SAFETY, "stopped for safety", "see the pendant"),
+)
+
+
+def arm_mode(sample: StateSample) -> ArmMode:
+    """Return the safety state; if several bits are set, the most serious one."""
+    if sample.safety_bits & EMERGENCY:
+        return ArmMode.EMERGENCY_STOP
+    if sample.safety_bits & PROTECTIVE:
+        return ArmMode.PROTECTIVE_STOP
+    if not sample.safety_bits & (NORMAL | REDUCED) or sample.robot_mode != RUNNING_MODE:
+        return ArmMode.UNKNOWN
+    return ArmMode.RUNNING
+
+
+def stop_reason(sample: StateSample) -> DeviceError | None:
+    """Return why the arm cannot move, as an error to raise; None if it can."""
+    bits = sample.safety_bits
+    if bits & EMERGENCY:
+        return DeviceError(
+            f"arm: emergency stop (safety bits {bits:#x}); clear the danger, turn the button out, "
+            "switch the arm on and release its brakes on the pendant, then connect again"
+        )
+    if bits & PROTECTIVE:
+        return ProtectiveStopError(
+            f"arm: protective stop (safety bits {bits:#x}); inspect the arm, clear the cause, release it"
+        )
+    for bit, what, remedy in _SAFETY:
+        if bits & bit:
+            return DeviceError(f"arm: {what} (safety bits {bits:#x}); {remedy}")
+    if sample.robot_mode != RUNNING_MODE:
+        mode = _ROBOT_MODES.get(sample.robot_mode, f"mode {sample.robot_mode}")
+        return DeviceError(
+            f"arm: {mode}; switch it on and release its brakes on the pendant, then connect again"
+        )
+    if not bits & (NORMAL | REDUCED):
+        return DeviceError(
+            f"arm: its safety system is in neither normal nor reduced mode (bits {bits:#x}); see the pendant"
+        )
+    return None
+
+
+def program_reason(sample: StateSample) -> DeviceError | None:
+    """Return why commands are not executed: a `stop_reason`, or the control program does not run."""
+    reason = stop_reason(sample)
+    if reason is None and sample.runtime_state != PLAYING:
+        state = _RUNTIME.get(sample.runtime_state, f"state {sample.runtime_state}")
+        reason = DeviceError(
+            f"arm: its control program is {state}; it was ended on the pendant, by an error shown there, "
+            "or because the connection was too slow. Inspect the arm, then start again"
+        )
+    return reason
+
+
+def refused(command: str) -> DeviceError:
+    """Return the error for a command that the controller rejected although its program runs."""
+    return DeviceError(f"arm: '{command}' was rejected although the program runs; see the log on the pendant")
+
 
 _TURN = 2 * math.pi
 JOINT_RANGE_RAD: tuple[Vector6, Vector6] = (
@@ -34,18 +118,6 @@ NEAR_M, NEAR_RAD = 0.001, 0.01
 """Largest distances from the target at which the arm counts as arrived."""
 
 
-def check_joints(joints: Sequence[float] | None, limits: tuple[Vector6, Vector6], target: Pose) -> None:
-    """Raise `OutOfLimitsError` if no joint angles reach the target, or a joint leaves its range."""
-    if not joints:
-        raise OutOfLimitsError(f"arm: pose {target} is out of reach or outside the safety limits")
-    for number, (angle, low, high) in enumerate(zip(joints, *limits, strict=True), 1):
-        if not low <= angle <= high:
-            raise OutOfLimitsError(
-                f"arm: joint {number} would go to {math.degrees(angle):.1f} deg, outside "
-                f"{math.degrees(low):.1f} to {math.degrees(high):.1f} deg"
-            )
-
-
 def to_ur(pose: Pose) -> Vector6:
     """Convert a pose to the controller's notation: x y z in m, rotation vector in rad."""
     x, y, z = pose.position_m
@@ -54,24 +126,7 @@ def to_ur(pose: Pose) -> Vector6:
 
 
 def from_ur(values: Vector6) -> Pose:
-    """Convert the controller's notation to a pose."""
     return Pose.from_rotation((values[0], values[1], values[2]), Rotation.from_rotvec(values[3:]))
-
-
-class MovingArm(Protocol):
-    """The arm as a motion sees it."""
-
-    def moving_sample(self) -> StateSample:
-        """Return the newest state. Raises the arm's error if it can no longer be moving."""
-        ...
-
-    def operation(self) -> Operation:
-        """Return the newest operation on the controller."""
-        ...
-
-    def stop(self) -> None:
-        """Stop the arm."""
-        ...
 
 
 class ArmMotion(PolledMotion):
@@ -79,15 +134,18 @@ class ArmMotion(PolledMotion):
 
     def __init__(
         self,
-        arm: MovingArm,
+        sample: Callable[[], StateSample],
+        operation: Callable[[], Operation],
+        stop: Callable[[], None],
         target: Pose,
         before: int,
         start: Vector6,
         clock: Clock,
         stopped: Callable[[], bool],
     ) -> None:
-        super().__init__("arm", clock, self._has_ended, arm.stop)
-        self._arm, self._target, self._before = arm, target, before
+        super().__init__("arm", clock, self._has_ended, stop)
+        self._sample, self._operation = sample, operation
+        self._target, self._before = target, before
         self._stopped = stopped
         self._began_ns = clock.now_ns()
         self._ended_ns: int | None = None
@@ -99,13 +157,13 @@ class ArmMotion(PolledMotion):
         """Return the fraction of the path that is covered, 0 to 1."""
         if self._done:
             return 1.0
-        left = _distance(self._arm.moving_sample().pose, self._target)
+        left = _distance(self._sample().pose, self._target)
         return min(1.0, max(0.0, 1.0 - left / self._way_m))
 
     def _has_ended(self) -> bool:
         """Whether the arm has arrived, or stands still after a stop. Raises if the motion failed."""
         if not self._done:
-            sample = self._arm.moving_sample()
+            sample = self._sample()
             if self._over(sample):
                 self._done = self._arrived(sample)
         return self._done
@@ -115,7 +173,7 @@ class ArmMotion(PolledMotion):
         if self._ended_ns is None:
             if self._on_its_way(sample):
                 return False
-            number, running, halted = self._arm.operation()
+            number, running, halted = self._operation()
             if halted:
                 raise DeviceError(f"arm: stopped on its way: {halted}")
             if number == self._before:
@@ -160,7 +218,6 @@ class ArmMotion(PolledMotion):
 
 
 def is_still(sample: StateSample) -> bool:
-    """Whether the TCP stands still."""
     return math.hypot(*sample.speed[:3]) < STILL_M_S and math.hypot(*sample.speed[3:]) < STILL_RAD_S
 
 

@@ -11,12 +11,11 @@ from dataclasses import dataclass
 from drivers.clock import Clock, SystemClock, slowness_of, wait_until
 from drivers.errors import DeviceError, DeviceTimeoutError
 from drivers.types import Vector3, Vector6
-from drivers.ur5e.control_commands import ControlCommands
-from drivers.ur5e.dashboard import RELEASED, Dashboard
+from drivers.ur5e.control_process import ControlCommands
+from drivers.ur5e.controller import RELEASED, Dashboard
 from drivers.ur5e.link import ArmLink
-from drivers.ur5e.motion import is_still
+from drivers.ur5e.motion import PLAYING, is_still, program_reason, refused, stop_reason
 from drivers.ur5e.shared_state import StateSample
-from drivers.ur5e.status import PLAYING, program_reason, refused, stop_reason
 
 RELEASE_LIMIT_S = 8.0
 """A protective stop can be released 5 s after it began (dashboard manual)."""
@@ -91,7 +90,6 @@ def zero_force_sensor(link: ArmLink, clock: Clock) -> None:
 
 
 def refusal(link: ArmLink, command: str, clock: Clock) -> DeviceError:
-    """Return the error for a command that returned False."""
     return ended(link, clock) or refused(command)
 
 

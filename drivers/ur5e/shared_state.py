@@ -86,7 +86,6 @@ class SharedState:
         self._words[_COUNT] = count + 1
 
     def note_poll(self, time_ns: int) -> None:
-        """Note the monotonic time at which the program that drives the arm polled its state."""
         with contextlib.suppress(ValueError):  # closed
             self._words[_POLLED] = time_ns
 
@@ -95,7 +94,6 @@ class SharedState:
         return self._words[_POLLED]
 
     def note_guiding_lost(self, lost: bool) -> None:
-        """Note whether guiding by hand was ended because the program did not poll the arm."""
         with contextlib.suppress(ValueError):  # closed
             self._words[_GUIDING_LOST] = lost
 

@@ -82,7 +82,8 @@ def listen(
                 timestamp_s,
                 received_ns,
                 sampled_ns,
-                *(tuple(values) for values in _vectors(receive)),  # type: ignore[arg-type]
+                *map(tuple, (receive.getActualQ(), receive.getActualTCPPose())),  # type: ignore[arg-type]
+                *map(tuple, (receive.getActualTCPSpeed(), receive.getActualTCPForce())),  # type: ignore[arg-type]
                 payload_kg=receive.getPayload() if with_payload else math.nan,
                 payload_cog_m=_payload_cog(receive) if with_payload else (math.nan, math.nan, math.nan),
                 speed_fraction=receive.getTargetSpeedFraction(),
@@ -99,15 +100,6 @@ def listen(
 def _payload_cog(receive: Any) -> Vector3:
     x, y, z = receive.getPayloadCog()
     return x, y, z
-
-
-def _vectors(receive: Any) -> tuple[list[float], ...]:
-    return (
-        receive.getActualQ(),
-        receive.getActualTCPPose(),
-        receive.getActualTCPSpeed(),
-        receive.getActualTCPForce(),
-    )
 
 
 def main(

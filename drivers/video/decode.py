@@ -98,7 +98,10 @@ def decode_frame(raw: RawFrame, size_px: tuple[int, int] | None, upright: bool) 
     frame = _decoded(raw)
     height, width = frame.image.shape[:2]
     if upright and width > height:
-        frame = _turned(frame)
+        jpeg = frame.jpeg
+        frame = DecodedFrame(
+            np.ascontiguousarray(np.rot90(frame.image)), None if jpeg is None else turned_left(jpeg)
+        )
         height, width = width, height
     if size_px is not None and (width, height) != tuple(size_px):
         raise DeviceError(
@@ -118,10 +121,3 @@ def _decoded(raw: RawFrame) -> DecodedFrame:
     if _PNG_END not in data[-16:]:
         raise DamagedFrameError(f"PNG of {len(data)} bytes: its end is missing; copy it again")
     return DecodedFrame(decode(data), None)
-
-
-def _turned(frame: DecodedFrame) -> DecodedFrame:
-    jpeg = frame.jpeg
-    return DecodedFrame(
-        np.ascontiguousarray(np.rot90(frame.image)), None if jpeg is None else turned_left(jpeg)
-    )

@@ -24,15 +24,12 @@ class RecordedStream(FrameStream):
     ends = True
 
     def __init__(self, path: Path, rate_hz: float, clock: Clock) -> None:
-        self._path = path
-        self._rate_hz = rate_hz
-        self._clock = clock
+        self._path, self._rate_hz, self._clock = path, rate_hz, clock
         self._start_ns: int | None = None
         self._number = 0
         self._stopped = threading.Event()
 
     def interrupt(self) -> None:
-        """End the wait for the next image."""
         self._stopped.set()
 
     def close(self) -> None:
@@ -67,7 +64,6 @@ class FolderStream(RecordedStream):
         self._files = image_files(path)
 
     def read(self) -> RawFrame:
-        """Wait until the next image is due, and read its file."""
         if self._number >= len(self._files):
             raise self._ended()
         number, due_ns = self._await_next()
@@ -93,7 +89,6 @@ class VideoStream(RecordedStream):
         self._first_s, self._last_s = 0.0, 0.0
 
     def read(self) -> RawFrame:
-        """Decode the next image, and wait until it is due."""
         there, bgr = self._capture.read()
         if not there:
             raise self._ended()
@@ -102,7 +97,6 @@ class VideoStream(RecordedStream):
         return RawFrame(self._clock.now_ns(), None, image, due_ns, number)
 
     def close(self) -> None:
-        """Close the file."""
         self._capture.release()
 
     def _shown_s(self) -> float:

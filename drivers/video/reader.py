@@ -6,18 +6,124 @@ frames of the last two seconds, and reopens the source after a failure.
 """
 
 import threading
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from drivers.clock import Clock, host_s
-from drivers.errors import DamagedFrameError, DeviceError, NotConnectedError, RigError
+from drivers.clock import NS_PER_S, Clock, host_s, to_ns
+from drivers.errors import (
+    DamagedFrameError,
+    DeviceError,
+    DeviceTimeoutError,
+    NotConnectedError,
+    RigError,
+    StaleFrameError,
+)
 from drivers.interfaces import FrameSource
 from drivers.tally import PictureNews
 from drivers.types import Frame
-from drivers.video.buffer import FrameBuffer
 from drivers.video.decode import DecodedFrame
 from drivers.video.stream import CaptureTimes, FrameStream, RawFrame, SequenceCounter
+
+_HINT = "check that it still streams, its cable and its port"
+
+
+class FrameBuffer:
+    """The newest frame, the unread frames, and the reason if no more frames arrive.
+
+    backlog: largest number of unread frames. waits: whether a frame waits for room, instead of replacing the
+    oldest unread frame.
+    """
+
+    def __init__(self, serial: str, clock: Clock, backlog: int, waits: bool = False) -> None:
+        self._serial, self._clock, self._waits = serial, clock, waits
+        self._changed = threading.Condition()
+        self._backlog: deque[Frame] = deque(maxlen=backlog)
+        self._newest: Frame | None = None
+        self._trouble = ""
+        self._remark = _HINT
+        self._over = self._closed = False
+
+    def put(self, frame: Frame) -> bool:
+        """Add a frame. Return whether the oldest unread frame was dropped for it."""
+        with self._changed:
+            while self._waits and self._full and not self._closed:
+                self._changed.wait()
+            full = self._full
+            self._backlog.append(frame)
+            self._newest, self._trouble, self._remark = frame, "", _HINT
+            self._changed.notify_all()
+            return full
+
+    def fail(self, trouble: str, over: bool) -> None:
+        """Note why no frames arrive. over: no more frames will arrive."""
+        with self._changed:
+            self._trouble, self._over = trouble, over
+            self._changed.notify_all()
+
+    def withhold(self, remark: str) -> None:
+        with self._changed:
+            self._remark = remark
+
+    def close(self) -> None:
+        with self._changed:
+            self._closed = True
+            self._changed.notify_all()
+
+    def next(self, timeout_s: float) -> Frame:
+        """Return the oldest unread frame. Raises `DeviceTimeoutError`, `DeviceError` after the last frame."""
+        deadline = self._clock.now_ns() + to_ns(timeout_s)
+        with self._changed:
+            while not self._backlog:
+                if self._closed:
+                    raise NotConnectedError(f"{self._serial}: disconnected; connect the bench first")
+                if self._over:
+                    raise DeviceError(self._named(self._trouble))
+                self._wait(deadline, f"no frame within {timeout_s:.3g} s")
+            self._changed.notify_all()
+            return self._backlog.popleft()
+
+    def newest(self, max_age_s: float) -> Frame:
+        """Return the newest frame and discard the unread ones. Raises `StaleFrameError`."""
+        with self._changed:
+            frame = self._newest
+            if frame is None:
+                raise StaleFrameError(f"{self._serial}: no frame received yet; {self._why()}")
+            age_s = (self._clock.now_ns() - frame.time_ns) / NS_PER_S
+            if age_s > max_age_s:
+                raise StaleFrameError(
+                    f"{self._serial}: newest frame is {age_s:.3f} s old, over the limit of "
+                    f"{max_age_s:.3f} s; {self._why()}"
+                )
+            self._backlog.clear()
+            self._changed.notify_all()
+            return frame
+
+    def await_first(self, timeout_s: float) -> None:
+        """Wait for the first frame. Raises `DeviceError` if the reader fails before it."""
+        deadline = self._clock.now_ns() + to_ns(timeout_s)
+        with self._changed:
+            while self._newest is None:
+                if self._trouble:
+                    raise DeviceError(self._named(self._trouble))
+                self._wait(deadline, f"no frame within {timeout_s:.3g} s of opening")
+
+    @property
+    def _full(self) -> bool:
+        return len(self._backlog) == self._backlog.maxlen
+
+    def _wait(self, deadline_ns: int, missed: str) -> None:
+        remaining_ns = deadline_ns - self._clock.now_ns()
+        if remaining_ns <= 0:
+            raise DeviceTimeoutError(f"{self._serial}: {missed}; {self._why()}")
+        self._changed.wait(host_s(self._clock, remaining_ns / NS_PER_S))
+
+    def _named(self, trouble: str) -> str:
+        return trouble if trouble.startswith(f"{self._serial}:") else f"{self._serial}: {trouble}"
+
+    def _why(self) -> str:
+        return f"{self._trouble}; opening it again" if self._trouble else self._remark
+
 
 BACKLOG_S = 2.0
 """Unread frames are kept for this long, so that a loaded host can catch up without losing frames."""
@@ -53,11 +159,8 @@ class FrameReader(FrameSource):
     """
 
     def __init__(self, serial: str, rate_hz: float, open_stream: Open, decode: Decode, clock: Clock) -> None:
-        self._serial = serial
-        self._rate_hz = rate_hz
-        self._open_stream = open_stream
-        self._decode = decode
-        self._clock = clock
+        self._serial, self._rate_hz, self._open_stream = serial, rate_hz, open_stream
+        self._decode, self._clock = decode, clock
         self._waits = False
         self._run: _Run | None = None
         # Written by the reader's thread alone.
@@ -67,17 +170,14 @@ class FrameReader(FrameSource):
 
     @property
     def serial(self) -> str:
-        """Serial number, the same after each reconnect."""
         return self._serial
 
     @property
     def rate_hz(self) -> float:
-        """Requested frame rate."""
         return self._rate_hz
 
     @property
     def waits(self) -> bool:
-        """Whether frames wait until they are read, see `wait_for_reader`."""
         return self._waits
 
     def wait_for_reader(self) -> None:
@@ -124,11 +224,9 @@ class FrameReader(FrameSource):
             run.thread.join(host_s(self._clock, STOP_TIMEOUT_S))
 
     def next_frame(self, timeout_s: float) -> Frame:
-        """Return the oldest frame not read yet, see `drivers.interfaces.FrameSource`."""
         return self._connected().buffer.next(timeout_s)
 
     def newest_frame(self, max_age_s: float) -> Frame:
-        """Return the newest frame, see `drivers.interfaces.FrameSource`."""
         return self._connected().buffer.newest(max_age_s)
 
     def counters(self) -> dict[str, int]:
@@ -177,13 +275,15 @@ class FrameReader(FrameSource):
             run.stopping.wait(host_s(self._clock, pause_s))
 
     def _read_one_stream(self, run: _Run) -> None:
-        """Read until the stream fails or the run is stopped."""
         run.stream = None
         run.stream = stream = self._open_stream()
         times = CaptureTimes(stream.stamp)
         try:
             self._warm_up(run, stream)
-            self._opened(run)
+            failed_before = run.streams > 0
+            run.streams += 1
+            self._counts["reopened"] += failed_before
+            self._count.opened(after_failure=failed_before)
             news = PictureNews()
             while not run.stopping.is_set():
                 self._take(run, stream, times, news)
@@ -197,14 +297,7 @@ class FrameReader(FrameSource):
             stream.read()
             self._counts["warm_up"] += 1
 
-    def _opened(self, run: _Run) -> None:
-        failed_before = run.streams > 0
-        run.streams += 1
-        self._counts["reopened"] += failed_before
-        self._count.opened(after_failure=failed_before)
-
     def _take(self, run: _Run, stream: FrameStream, times: CaptureTimes, news: PictureNews) -> None:
-        """Read, check and deliver one image."""
         raw = stream.read()
         time_ns = times.time_of(raw)
         sequence = self._count.sequence_of(raw.number, time_ns, times.kind != "arrival")

@@ -85,7 +85,10 @@ def open_source(spec: SourceSpec, clock: Clock, discover: Discover, open_device:
     if "://" in address:
         stream = MjpegStream(address, spec.rate_hz, clock)
         try:
-            stream.configure(_settings(spec))
+            settings: list[dict[str, Any]] = [{"rate_hz": spec.rate_hz}]
+            if spec.size_px is not None:
+                settings.insert(0, {"size_px": list(spec.size_px)})
+            stream.configure(settings)
         except DeviceError:
             stream.close()
             raise
@@ -108,23 +111,13 @@ def _node_at(spec: SourceSpec, nodes: Sequence[VideoNode]) -> VideoNode:
     return known[0] if known else VideoNode(spec.address or "", spec.serial)
 
 
-def _settings(spec: SourceSpec) -> list[dict[str, Any]]:
-    """Return the settings in order, size before rate, because a new size resets the rate."""
-    settings: list[dict[str, Any]] = [{"rate_hz": spec.rate_hz}]
-    if spec.size_px is not None:
-        settings.insert(0, {"size_px": list(spec.size_px)})
-    return settings
-
-
 class AddressedSource(FrameReader):
     """A frame source at an address. Subclasses set it up after opening, and decode its frames."""
 
     def __init__(self, spec: SourceSpec, clock: Clock, discover: Discover, open_device: OpenCapture) -> None:
         super().__init__(spec.serial, spec.rate_hz, self._open, self._decode, clock)
         require_full_speed(clock, spec.serial, spec.host)
-        self._spec = spec
-        self._clock = clock
-        self._discover = discover
+        self._spec, self._clock, self._discover = spec, clock, discover
         self._open_device = open_device
         self._source: OpenSource | None = None
 

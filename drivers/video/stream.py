@@ -95,8 +95,7 @@ class SequenceCounter:
         self.dropped = 0
         self._rate_hz = rate_hz
         self._last: int | None = None
-        self._last_ns = 0
-        self._offset = 0
+        self._last_ns = self._offset = 0
         self._interrupted = False
         self._gap_counts = True
         self._intervals: deque[int] = deque(maxlen=_INTERVALS)

@@ -68,7 +68,6 @@ def find_video_node(serial: str, nodes: Sequence[VideoNode]) -> VideoNode:
 
 
 def on_same_bus(node: VideoNode, nodes: Sequence[VideoNode]) -> list[VideoNode]:
-    """Return the other nodes on a node's USB bus."""
     return [other for other in nodes if other.usb_bus == node.usb_bus != "" and other.device != node.device]
 
 
@@ -129,9 +128,7 @@ class V4l2Stream(FrameStream):
         open_device: OpenCapture = open_capture,
         sharing: Sequence[VideoNode] = (),
     ) -> None:
-        self._device = device
-        self._sharing = sharing
-        self._clock = clock
+        self._device, self._sharing, self._clock = device, sharing, clock
         self._capture = open_device(device)
         self._received_any = False
         try:
@@ -139,7 +136,9 @@ class V4l2Stream(FrameStream):
                 raise DeviceError(
                     f"{device}: cannot be opened; is it plugged in, unused, and readable for you?"
                 )
-            self._encoded = self._ask_for_jpeg()
+            jpeg = cv2.VideoWriter.fourcc(*"MJPG")
+            self._capture.set(cv2.CAP_PROP_FOURCC, jpeg)
+            self._encoded = int(self._capture.get(cv2.CAP_PROP_FOURCC)) == jpeg
             self._set_size(size_px)
             self._capture.set(cv2.CAP_PROP_FPS, rate_hz)
             self._capture.set(cv2.CAP_PROP_CONVERT_RGB, 0 if self._encoded else 1)
@@ -170,13 +169,7 @@ class V4l2Stream(FrameStream):
         """Do nothing: a capture that waits in the kernel must not be released."""
 
     def close(self) -> None:
-        """Release the device."""
         self._capture.release()
-
-    def _ask_for_jpeg(self) -> bool:
-        jpeg = cv2.VideoWriter.fourcc(*"MJPG")
-        self._capture.set(cv2.CAP_PROP_FOURCC, jpeg)
-        return int(self._capture.get(cv2.CAP_PROP_FOURCC)) == jpeg
 
     def _set_size(self, size_px: tuple[int, int] | None) -> None:
         if size_px is None:

@@ -1,8 +1,9 @@
 """Render the simulated external camera's image: a bench, and a bar-shaped object with two printed markers.
 
-The markers and the bar are in the object's x-z plane and face the camera. They are one texture. The texture
-is blurred as by the lens before it is sampled once per pixel. Because a homography is nearly affine over the
-width of the blur, the result is the blurred image, ten times faster than with supersampling.
+The markers and the bar are in the object's x-z plane and face the camera. They are one texture, with edges
+accurate to a fraction of a texel, which is blurred as by the lens before it is sampled once per pixel.
+Because a homography is nearly affine over the width of the blur, the result is the blurred image, ten times
+faster than with supersampling.
 """
 
 import math
@@ -14,7 +15,71 @@ from numpy.typing import NDArray
 
 from drivers.errors import InputError
 from drivers.types import Image, Pose
-from fakes.camera.canvas import QUIET_ZONE, Canvas
+
+QUIET_ZONE = 0.25
+"""Width of the white margin of paper around a marker, as a fraction of the marker's side."""
+_PAPER_RGB, _INK_RGB = (225, 225, 225), (25, 25, 25)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Canvas:
+    """A texture to draw on; a texel that an edge crosses is painted in proportion to the covered area.
+
+    rgba: (H, W, 4) float32, 0 to 255, premultiplied. top_left_m: (x, z) of its corner. density: texels per m.
+    """
+
+    rgba: NDArray[np.float32]
+    top_left_m: NDArray[np.float64]
+    density: float
+
+    @classmethod
+    def blank(
+        cls, top_left_m: NDArray[np.float64], bottom_right_m: NDArray[np.float64], density: float
+    ) -> "Canvas":
+        """Return a transparent canvas over a rectangle of the plane, with `density` texels per m."""
+        columns, rows = np.ceil(np.abs(bottom_right_m - top_left_m) * density).astype(int)
+        return cls(np.zeros((rows, columns, 4), np.float32), top_left_m, density)
+
+    @property
+    def texel_T_plane(self) -> NDArray[np.float64]:  # noqa: N802
+        """Matrix (3, 3) from plane coordinates (x, z, 1) in m to texels, whose centres are integers."""
+        d, (x, z) = self.density, self.top_left_m
+        return np.array([[d, 0.0, -d * x - 0.5], [0.0, -d, d * z - 0.5], [0.0, 0.0, 1.0]])
+
+    def fill(
+        self, low_m: NDArray[np.float64], high_m: NDArray[np.float64], rgb: tuple[int, int, int]
+    ) -> None:
+        """Paint a rectangle. low_m, high_m: (x, z) of its corners."""
+        across, down = self._cells(low_m, high_m, 1)
+        self._paint(down.T @ across, rgb)
+
+    def print_marker(self, ink: NDArray[np.float32], centre_m: NDArray[np.float64], side_m: float) -> None:
+        """Paint a marker on its paper. ink: (n, n), 1 for a black module."""
+        reach = side_m * (0.5 + QUIET_ZONE)
+        self.fill(centre_m - reach, centre_m + reach, _PAPER_RGB)
+        across, down = self._cells(centre_m - side_m / 2, centre_m + side_m / 2, len(ink))
+        self._paint(down.T @ ink @ across, _INK_RGB)
+
+    def _cells(
+        self, low_m: NDArray[np.float64], high_m: NDArray[np.float64], count: int
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Return the fraction of each texel column (count, W) and row (count, H) in `count` equal cells."""
+        rows, columns = self.rgba.shape[:2]
+        left, right = (np.array([low_m[0], high_m[0]]) - self.top_left_m[0]) * self.density
+        top, bottom = (self.top_left_m[1] - np.array([high_m[1], low_m[1]])) * self.density
+        return _coverage(left, right, count, columns), _coverage(top, bottom, count, rows)
+
+    def _paint(self, share: NDArray[np.floating], rgb: tuple[int, int, int]) -> None:
+        self.rgba[...] += share[..., None] * (np.array([*rgb, 255], np.float32) - self.rgba)
+
+
+def _coverage(start: float, end: float, count: int, length: int) -> NDArray[np.float32]:
+    edges = np.linspace(start, end, count + 1)[:, None]
+    texel = np.arange(length)[None, :]
+    return np.clip(np.minimum(texel + 1, edges[1:]) - np.maximum(texel, edges[:-1]), 0.0, 1.0).astype(
+        np.float32
+    )
+
 
 _TEXELS_PER_PX = 4.0
 _SCALE_STEP = 1.05
@@ -128,7 +193,11 @@ class MarkerScene:
         window = self._window(self._project(outline, camera_T_plane))
         if window is None:
             return
-        texture = self._texture(float(depth.mean()))
+        # Return the texture blurred for a distance; distances within 5 % share one.
+        step = round(math.log(self.focal_px / float(depth.mean()), _SCALE_STEP))
+        if step not in self._textures:
+            self._textures[step] = self._draw_texture(_SCALE_STEP**step)
+        texture = self._textures[step]
         texel_T_ray = texture.texel_T_plane @ np.linalg.inv(camera_T_plane)  # noqa: N806
         where = cv2.perspectiveTransform(self._rays[window], texel_T_ray)
         _blend(picture[window], cv2.remap(texture.rgba, where, None, cv2.INTER_LINEAR), self._light[window])  # type: ignore[arg-type]
@@ -149,13 +218,6 @@ class MarkerScene:
         if (high <= low).any():
             return None
         return np.s_[low[1] : high[1], low[0] : high[0]]
-
-    def _texture(self, depth_m: float) -> _Texture:
-        """Return the texture blurred for a distance; distances within 5 % share one."""
-        step = round(math.log(self.focal_px / depth_m, _SCALE_STEP))
-        if step not in self._textures:
-            self._textures[step] = self._draw_texture(_SCALE_STEP**step)
-        return self._textures[step]
 
     def _draw_texture(self, px_per_m: float) -> _Texture:
         outline = self._outline_m()

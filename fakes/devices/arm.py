@@ -1,26 +1,32 @@
 """A simulated UR5e: straight motions with trapezoidal speed, limits and protective stops."""
 
-import math
 from collections.abc import Callable
+from math import inf
 
 from drivers.clock import Clock, wait_until
 from drivers.errors import (
     DeviceError,
     NotConnectedError,
-    OutOfLimitsError,
     ProtectiveStopError,
 )
 from drivers.interfaces import Arm
-from drivers.motion import PolledMotion, check_motion, check_way
+from drivers.motion import PolledMotion, check_joints, check_motion, check_way
 from drivers.types import ArmLimits, ArmMode, ArmState, Pose, Vector6
 from fakes.faults import FaultScript
-from fakes.world import kinematics
 from fakes.world.force_torque import FlangeSensor, carried_wrench, table_push_n
+from fakes.world.kinematics import (
+    ELBOW_UP,
+    PHYSICAL_TOOL,
+    Encoders,
+    compose,
+    forward,
+    from_pose,
+    inverse,
+    nearest_inverse,
+    to_pose,
+)
 from fakes.world.motion import ToolPath, TrapezoidProfile, distance
 from fakes.world.world import World
-
-TOOL_LENGTH_M = 0.28
-"""Flange to fingertips: 3-Finger gripper with DIGITs, nominal."""
 
 STOP_DECELERATION_M_S2 = 10.0
 """As the driver of the real arm requests; a protective stop brakes at least as hard."""
@@ -32,6 +38,8 @@ LIMITS = ArmLimits(
     max_acceleration_m_s2=1.5,
     max_payload_kg=5.0,
 )
+
+ANY_JOINTS: tuple[Vector6, Vector6] = (-inf, -inf, -inf, -inf, -inf, -inf), (inf, inf, inf, inf, inf, inf)
 
 
 class FakeArm(Arm):
@@ -50,54 +58,46 @@ class FakeArm(Arm):
         limits: ArmLimits = LIMITS,
         joint_limits_rad: tuple[Vector6, Vector6] | None = None,
     ) -> None:
-        self._limits = limits
-        self._joint_limits = joint_limits_rad
-        self._world = world
-        self._clock = clock
-        self._faults = faults
+        self._limits, self._joint_limits, self._world = limits, joint_limits_rad or ANY_JOINTS, world
+        self._clock, self._faults = clock, faults
         self._connected = False
-        self._joints: Vector6 = kinematics.ELBOW_UP
+        self._joints = ELBOW_UP
         self._pose: Pose | None = None
         self._released = self._guided = False
-        self._sensor, self._encoders = FlangeSensor(world.seed), kinematics.Encoders(world.seed)
+        self._sensor, self._encoders = FlangeSensor(world.seed), Encoders(world.seed)
 
     @property
     def limits(self) -> ArmLimits:
-        """Limits that every motion is checked against."""
         return self._limits
 
     def connect(self) -> None:
-        """Connect to the arm."""
         self._connected = True
 
     def disconnect(self) -> None:
-        """Stop the motion and disconnect."""
         if self._connected:
             self.stop()
         self._connected = False
 
     def state(self) -> ArmState:
-        """Return the current state."""
         self._require_connected()
         now = self._clock.now_ns()
         pose = self._world.tool.pose_at(now)
         if pose != self._pose:
-            self._pose, self._joints = pose, self._reach(pose)
+            self._pose, self._joints = pose, self._reach(pose, ANY_JOINTS)
         stopped = self._protective_stop(now)
         joints = self._encoders.shown(self._joints, now)
         return ArmState(
             now,
-            kinematics.forward(joints, TOOL_LENGTH_M),
+            to_pose(compose(forward(joints), PHYSICAL_TOOL)),
             joints,
             None if self._limits.max_contact_force_n is None else self._feel(now),
             ArmMode.PROTECTIVE_STOP if stopped else ArmMode.RUNNING,
         )
 
     def move_linear(self, base_T_tcp: Pose, speed_m_s: float, acceleration_m_s2: float) -> PolledMotion:  # noqa: N803
-        """Start a straight motion; see `drivers.interfaces.Arm`."""
         self._require_connected()
         check_motion(self._limits, base_T_tcp, speed_m_s, acceleration_m_s2)
-        self._check_joints(self._reach(base_T_tcp))
+        self._reach(base_T_tcp, self._joint_limits)
         now = self._clock.now_ns()
         start = self._world.tool.pose_at(now)
         check_way(self._limits, (start, base_T_tcp))
@@ -107,13 +107,11 @@ class FakeArm(Arm):
         return PolledMotion("arm", self._clock, self._arrived, self.stop)
 
     def begin_guiding(self) -> None:
-        """Let the arm be led by hand, with `lead`."""
         self._require_connected()
         self._check_running()
         self._guided = True
 
     def end_guiding(self) -> None:
-        """End leading by hand; the arm keeps its position."""
         if self._guided:
             self.stop()
             wait_until(
@@ -131,12 +129,10 @@ class FakeArm(Arm):
             )
 
     def stop(self) -> None:
-        """Brake any motion, and end guiding."""
         self._guided = False
         self._world.tool = self._world.tool.braked_at(self._clock.now_ns(), STOP_DECELERATION_M_S2)
 
     def recover(self, confirm: Callable[[str], None]) -> None:
-        """Release a protective stop after the operator has confirmed it."""
         self._require_connected()
         if self._protective_stop(self._clock.now_ns()):
             confirm("The arm is in protective stop. Is it free to move, and shall the stop be released?")
@@ -168,24 +164,10 @@ class FakeArm(Arm):
         if not self._connected:
             raise NotConnectedError("arm: used before connect; connect the bench first")
 
-    def _check_joints(self, joints_rad: Vector6) -> None:
-        if self._joint_limits is None:
-            return
-        for number, (low, q, high) in enumerate(
-            zip(self._joint_limits[0], joints_rad, self._joint_limits[1], strict=True), start=1
-        ):
-            if not low <= q <= high:
-                raise OutOfLimitsError(
-                    f"arm: joint {number} would end at {math.degrees(q):.1f} degrees, outside "
-                    f"{math.degrees(low):.1f} to {math.degrees(high):.1f}"
-                )
-
-    def _reach(self, pose: Pose) -> Vector6:
-        joints = kinematics.inverse(pose, TOOL_LENGTH_M, self._joints)
-        joints = joints or kinematics.inverse(pose, TOOL_LENGTH_M)
-        if joints is None:
-            raise OutOfLimitsError(f"arm: pose {pose} is out of reach")
-        return joints
+    def _reach(self, pose: Pose, limits_rad: tuple[Vector6, Vector6]) -> Vector6:
+        joints = nearest_inverse(compose(from_pose(pose), inverse(PHYSICAL_TOOL)), self._joints)
+        check_joints(joints, limits_rad, pose)
+        return joints or self._joints
 
     def _feel(self, time_ns: int) -> Vector6:
         """Return the measured force (N) and torque (N m) at the TCP in the base's axes."""

@@ -1,10 +1,13 @@
 """Base class of all simulated cameras (capture schedule, backlog, faults, JPEG), and the external camera."""
 
+import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 
 import cv2
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from drivers.clock import NS_PER_S, Clock, to_ns
 from drivers.errors import DeviceError, DeviceTimeoutError, NotConnectedError, StaleFrameError
@@ -13,7 +16,8 @@ from drivers.types import Frame, Image, Pose
 from fakes.camera.marker_scene import MarkerScene
 from fakes.camera.target_scene import render_sheet
 from fakes.faults import FaultScript
-from fakes.world.fixture import PrintedSheet, camera_T_target
+from fakes.gel.variation import encoded
+from fakes.world.fixture import PrintedSheet, camera_T_target, nothing_printed
 from fakes.world.mirror import WorldView
 
 BACKLOG_FRAMES = 32
@@ -49,36 +53,27 @@ class FakeSource:
         faults: FaultScript,
         seed: int,
     ) -> None:
-        self._names = names
-        self._shutter = shutter
-        self._render = render
-        self._clock = clock
-        self._faults = faults
-        self._seed = seed
+        self._names, self._shutter, self._render = names, shutter, render
+        self._clock, self._faults, self._seed = clock, faults, seed
         self._next: int | None = None
         self._frozen: Frame | None = None
         self._wobble = np.random.default_rng(seed).uniform(-1.0, 1.0, 509).tolist()
 
     @property
     def serial(self) -> str:
-        """Serial number of the simulated unit."""
         return self._names[0]
 
     @property
     def rate_hz(self) -> float:
-        """Frame rate."""
         return self._shutter.rate_hz
 
     def connect(self) -> None:
-        """Start capturing with the next frame that is due."""
         self._next = max(self._newest_index() + 1, 0)
 
     def disconnect(self) -> None:
-        """Stop capturing."""
         self._next = None
 
     def next_frame(self, timeout_s: float) -> Frame:
-        """Return the oldest unread frame; see `drivers.interfaces.FrameSource`."""
         deadline = self._clock.now_ns() + to_ns(timeout_s)
         while True:
             index = max(self._due_index(), self._newest_index() - BACKLOG_FRAMES + 1)
@@ -94,7 +89,6 @@ class FakeSource:
                 return self._capture(index)
 
     def newest_frame(self, max_age_s: float) -> Frame:
-        """Return the newest frame; see `drivers.interfaces.FrameSource`."""
         self._due_index()
         now_ns = self._clock.now_ns()
         index = max(self._newest_index(), 0)
@@ -137,45 +131,58 @@ class FakeSource:
             old = self._frozen
             return Frame(old.image, time_ns, index, self.serial, old.jpeg)
         rng = np.random.Generator(np.random.Philox(key=self._seed, counter=index << 64))
-        image = self._render(time_ns, rng)
-        self._frozen = _compressed(image, time_ns, index, self.serial)
+        data = encoded(self._render(time_ns, rng), JPEG_QUALITY)
+        image = np.asarray(cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR_RGB), np.uint8)
+        self._frozen = Frame(image, time_ns, index, self.serial, data)
         return self._frozen
 
 
-def _compressed(image: Image, time_ns: int, sequence: int, serial: str) -> Frame:
-    """Return the frame with its JPEG, encoded as by the device; its image is the decoded JPEG."""
-    ok, encoded = cv2.imencode(
-        ".jpg", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY]
-    )
-    decoded = cv2.imdecode(encoded, cv2.IMREAD_COLOR_RGB) if ok else None
-    if decoded is None:
-        raise DeviceError(f"{serial}: a simulated frame could not be encoded")
-    return Frame(np.asarray(decoded, np.uint8), time_ns, sequence, serial, encoded.tobytes())
+CAMERA_MISALIGNMENT = Rotation.from_euler("xyz", (0.8, -0.6, 0.4), degrees=True)
+"""Rotation from the camera's pose in the bench file to its true pose; a real bench has such an error too."""
+
+_scene = cache(MarkerScene)
+"""Cached, because a scene takes as long as a hundred frames and is the same on every bench."""
+
+
+@dataclass(frozen=True, slots=True)
+class CameraPlan:
+    """Description of the external camera, which can be sent to another process.
+
+    base_T_camera: its pose in the bench file. printed: prints the sheets of calibration targets.
+    """
+
+    serial: str
+    rate_hz: float
+    size_px: tuple[int, int]
+    focal_px: float
+    marker_ids: tuple[int, int]
+    marker_side_m: float
+    marker_dictionary: str
+    base_T_camera: Pose  # noqa: N815
+    printed: PrintedSheet = nothing_printed
+
+    def make(self, world: WorldView, clock: Clock, faults: FaultScript) -> "FakeCamera":
+        return FakeCamera(self, world, clock, faults)
 
 
 class FakeCamera(FakeSource, Camera):
     """The external camera; it shows two markers on the object, or the mounted calibration target.
 
-    base_T_camera: its true pose; it looks along the base's y axis. printed: prints the sheets of targets.
+    Its true pose differs from the bench file's by about 1 degree; it looks along the base's y axis.
     """
 
-    def __init__(
-        self,
-        world: WorldView,
-        clock: Clock,
-        faults: FaultScript,
-        serial: str,
-        shutter: Shutter,
-        scene: MarkerScene,
-        base_T_camera: Pose,  # noqa: N803
-        printed: PrintedSheet,
-    ) -> None:
-        super().__init__((serial, "camera"), shutter, self.draw, clock, faults, world.seed * 8)
-        self._world = world
-        self._scene = scene
-        self._base_T_camera = base_T_camera
-        self._camera_T_base = base_T_camera.inverse()
-        self._printed = printed
+    def __init__(self, plan: CameraPlan, world: WorldView, clock: Clock, faults: FaultScript) -> None:
+        shutter = Shutter(plan.rate_hz, phase_s=0.009, latency_s=0.006)
+        super().__init__((plan.serial, "camera"), shutter, self.draw, clock, faults, world.seed * 8)
+        self._world, self._printed = world, plan.printed
+        self._scene = _scene(
+            size=plan.size_px, focal_px=plan.focal_px, marker_ids=plan.marker_ids,
+            marker_side_m=plan.marker_side_m, dictionary=plan.marker_dictionary,
+            unit_seed=unit_seed(plan.serial),
+        )  # fmt: skip
+        nominal = plan.base_T_camera
+        self._base_T_camera = Pose.from_rotation(nominal.position_m, nominal.rotation * CAMERA_MISALIGNMENT)
+        self._camera_T_base = self._base_T_camera.inverse()
 
     def draw(self, time_ns: int, rng: np.random.Generator) -> Image:
         """Return the image at `time_ns`, (H, W, 3) uint8 RGB. rng: draws the noise."""
@@ -186,3 +193,8 @@ class FakeCamera(FakeSource, Camera):
         table = self._world.layout.base_T_table
         place = camera_T_target(fixture, sheet, self._base_T_camera, table, tool, self._world.seed)
         return render_sheet(sheet, self._scene.camera_matrix, self._scene.size, place, rng)
+
+
+def unit_seed(serial: str) -> int:
+    """Return the seed of the individual properties of a device."""
+    return int.from_bytes(hashlib.sha256(serial.encode()).digest()[:4], "big")

@@ -1,6 +1,7 @@
 """A simulated DIGIT on a finger; its gel shows the held object of the simulated world."""
 
 import math
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -8,17 +9,17 @@ import numpy as np
 from drivers.clock import NS_PER_S, Clock
 from drivers.interfaces import TactileSensor
 from drivers.types import Image
-from fakes.devices.camera import FakeSource, Shutter
+from fakes.devices.camera import CameraPlan, FakeSource, Shutter, unit_seed
 from fakes.faults import FaultScript
 from fakes.gel.dots import Shear, shear_of
 from fakes.gel.look import Look
 from fakes.gel.sensor import GelSensor, Imprint
-from fakes.gel.variation import FAMILY, Variation, coded, jpeg
+from fakes.gel.variation import FAMILY, Variation, coded, draw_variation, jpeg
 from fakes.objects.surfaces import Surface, build_surface, depth_for_force, soft_surface
 from fakes.studio.conditions import EASY, Conditions, Difficulty, draw_conditions
 from fakes.world.mirror import WorldView
 from fakes.world.slip import PAD_M, SLIDE_M_PER_RAD
-from fakes.world.state import Grasp, WorldState
+from fakes.world.state import BenchLayout, Grasp, WorldState
 
 _FORCE_GRID_N = np.array([0.02, 0.05, 0.1, 0.2, 0.4, 0.7, 1.0, 1.4, 1.9, 2.6, 4.0, 15.0])
 
@@ -29,35 +30,49 @@ def _gel(unit_seed: int, variation: Variation, markers: bool, look: Look | None)
     return GelSensor(unit_seed, variation=variation, markers=markers, look=look)
 
 
-class FakeDigit(FakeSource, TactileSensor):
-    """A DIGIT with its own gel.
+@dataclass(frozen=True, slots=True)
+class DigitPlan:
+    """Description of a fingertip, which can be sent to another process.
 
-    unit_seed: seed of the individual properties of the sensor. side: +1 if it looks in the direction of the
-    camera, else -1. variation: properties of the sensor's family. markers: whether dots are printed on its
-    gel. difficulty: of its lifts; a hard lift has its own gel and light, instead of the sensor's. look: of a
-    real sensor, used in every lift; None for a made-up light.
+    side: +1 if it looks in the direction of the camera, else -1. number: index from 0, which sets the phase
+    of its frames. variation_seed: seed of a sensor with random properties; None for a typical sensor.
+    markers: whether dots are printed on its gel. difficulty: of its lifts; a hard lift has its own gel and
+    light, instead of the sensor's. look: of a real sensor, used in every lift; None for a made-up light.
     """
 
-    def __init__(
-        self,
-        world: WorldView,
-        clock: Clock,
-        faults: FaultScript,
-        serial: str,
-        unit_seed: int,
-        side: int,
-        shutter: Shutter,
-        variation: Variation = FAMILY,
-        markers: bool = False,
-        difficulty: Difficulty = "easy",
-        look: Look | None = None,
-    ) -> None:
-        super().__init__((serial, "tactile"), shutter, self.draw, clock, faults, world.seed * 8 + 4 + side)
-        self._world = world
-        self._side = side
-        self._unit, self._variation, self._markers = unit_seed, variation, markers
-        self._difficulty: Difficulty = difficulty
-        self._look = look
+    serial: str
+    side: int
+    rate_hz: float
+    number: int
+    variation_seed: int | None = None
+    markers: bool = False
+    difficulty: Difficulty = "easy"
+    look: Look | None = None
+
+    def slowed(self, seed: int) -> "DigitPlan":
+        """Return the fingertip with its frame rate in the lift of a seed; some video codecs reduce it."""
+        given_hz = draw_conditions(self.difficulty, seed, self.side).rate_hz
+        return self if given_hz is None else replace(self, rate_hz=min(given_hz, self.rate_hz))
+
+    def make(self, world: WorldView, clock: Clock, faults: FaultScript) -> "FakeDigit":
+        return FakeDigit(self, world, clock, faults)
+
+
+class FakeDigit(FakeSource, TactileSensor):
+    """A DIGIT with its own gel. Its individual properties depend on the serial only, not on the bench."""
+
+    def __init__(self, plan: DigitPlan, world: WorldView, clock: Clock, faults: FaultScript) -> None:
+        shutter = Shutter(plan.rate_hz, phase_s=0.002 + 0.005 * plan.number)
+        noise_seed = world.seed * 8 + 4 + plan.side
+        super().__init__((plan.serial, "tactile"), shutter, self.draw, clock, faults, noise_seed)
+        seed = plan.variation_seed
+        self._unit = unit_seed(plan.serial if seed is None else f"{plan.serial}/{seed}")
+        self._variation = FAMILY
+        if seed is not None:
+            self._variation = draw_variation(np.random.default_rng((seed, plan.number)))
+        self._world, self._side, self._markers = world, plan.side, plan.markers
+        self._difficulty: Difficulty = plan.difficulty
+        self._look = plan.look
         self._pressed: tuple[object, Surface, np.ndarray] | None = None
         self._light = 1.0
 
@@ -66,7 +81,6 @@ class FakeDigit(FakeSource, TactileSensor):
         self._light = (red + green + blue) / 3.0
 
     def draw(self, time_ns: int, rng: np.random.Generator) -> Image:
-        """Return the image at `time_ns`, (H, W, 3) uint8 RGB. rng: draws the noise."""
         state = self._world.state_at(time_ns)
         image = self._gel.render(self._imprint(state), time_ns / NS_PER_S, rng)
         if self._conditions.codec is not None:
@@ -83,7 +97,6 @@ class FakeDigit(FakeSource, TactileSensor):
 
     @property
     def _conditions(self) -> Conditions:
-        """Conditions of the current lift."""
         return draw_conditions(self._difficulty, self._world.seed, self._side)
 
     @property
@@ -168,6 +181,15 @@ class FakeDigit(FakeSource, TactileSensor):
         ty = variation.tilt_at_rest[1] + state.loaded * variation.tilt_under_load[1]
         x, y = _turned(tx, ty, turn_rad)
         return self._side * x, y
+
+
+@dataclass(frozen=True, slots=True)
+class BenchPlan:
+    """Description of a simulated bench, which can be sent to another process."""
+
+    layout: BenchLayout
+    digits: tuple[DigitPlan, ...]
+    camera: CameraPlan
 
 
 def _slipped(state: WorldState) -> float:

@@ -1,7 +1,5 @@
 """A simulated Robotiq 3-Finger gripper: activation, motion in whole counts, contact by object width."""
 
-import math
-
 from drivers.clock import Clock, to_ns
 from drivers.errors import (
     DeviceError,
@@ -11,14 +9,13 @@ from drivers.errors import (
 from drivers.interfaces import Gripper
 from drivers.motion import PolledMotion
 from drivers.types import BASIC_MODE, GripperSpec, GripperState
-from fakes.faults import DRIFT_COUNTS, DRIFT_COUNTS_S, OVERSHOOT_COUNTS, FaultScript
-from fakes.world.motion import FingerPath, TrapezoidProfile
+from fakes.faults import DRIFT_COUNTS, DRIFT_COUNTS_S, FaultScript, overshot
+from fakes.world.motion import FingerPath
 from fakes.world.state import BenchLayout
 from fakes.world.world import FINGER_STIFFNESS_N_M, STALL_FORCE_N, World
 
 SPEED_COUNTS_S = 100.0
 """About 60 mm/s of opening, in the middle of the manual's range of 22 to 110 mm/s."""
-ACCELERATION_COUNTS_S2 = 2000.0
 SPEED_M_S, FORCE_N = (0.022, 0.110), (STALL_FORCE_N, 60.0)
 """Lowest and highest speed and force (manual, SPEED and FORCE registers)."""
 ACTIVATION_S = 3.0
@@ -50,42 +47,33 @@ class FakeGripper(Gripper):
     ) -> None:
         self._spec = spec or nominal_spec(world.layout)
         self._period_ns = to_ns(period_s)
-        self._world = world
-        self._clock = clock
-        self._faults = faults
-        self.mode = BASIC_MODE
+        self._world, self._clock, self._faults, self.mode = world, clock, faults, BASIC_MODE
         """Grasp mode; another program or the device's own page may have changed it."""
-        self._connected = False
-        self._activated = False
+        self._connected = self._activated = False
         self._requested = world.layout.open_counts
         self._stalls = self._drifts = False
         self._force_n = STALL_FORCE_N
 
     @property
     def spec(self) -> GripperSpec:
-        """Range and resolution of the simulated fingers."""
         return self._spec
 
     def connect(self) -> None:
-        """Connect to the gripper; reconnect if it is connected."""
         self.disconnect()
         self._connected = True
 
     def disconnect(self) -> None:
-        """Stop the fingers at their position, and disconnect."""
         if self._connected:
             self.stop()
         self._connected = False
 
     def activate(self) -> None:
-        """Activate the gripper in basic mode and open the fingers."""
         self._require_usable()
         self._clock.sleep_until(self._clock.now_ns() + to_ns(ACTIVATION_S))
         self._activated, self.mode = True, BASIC_MODE
         self.move_to(self._spec.open_m).wait(timeout_s=5.0)
 
     def state(self) -> GripperState:
-        """Return the current state."""
         self._require_usable()
         self._drift()
         now = self._clock.now_ns() - self._period_ns
@@ -127,12 +115,10 @@ class FakeGripper(Gripper):
         end = self._end(start, position_counts, now)
         self._requested, self._drifts = position_counts, False
         self._stalls = self._stall_counts(now) <= end < position_counts
-        profile = TrapezoidProfile(now, abs(end - start), speed, ACCELERATION_COUNTS_S2)
-        self._world.fingers = FingerPath(start, end, profile)
+        self._world.fingers = FingerPath.moving(now, start, end, speed)
         return PolledMotion("gripper", self._clock, self._arrived, self.stop)
 
     def stop(self) -> None:
-        """Stop the fingers where they are."""
         self._stalls = False
         self._world.fingers = self._world.fingers.cut_at(self._clock.now_ns() + self._period_ns)
 
@@ -141,10 +127,8 @@ class FakeGripper(Gripper):
         if any(self._has(kind) for kind in ("blocked", "stuck", "false_success")):
             return start
         end = float(position_counts)
-        if self._has("overshoot") and end != start:
-            layout = self._world.layout
-            end += math.copysign(OVERSHOOT_COUNTS, end - start)
-            end = min(max(end, layout.open_counts), layout.closed_counts)
+        if self._has("overshoot"):
+            end = overshot(start, end, self._world.layout.open_counts, self._world.layout.closed_counts)
         return min(end, max(start, self._stall_counts(now_ns)))
 
     def _drift(self) -> None:
@@ -154,8 +138,7 @@ class FakeGripper(Gripper):
         self._drifts, now = True, self._clock.now_ns()
         start = self._world.fingers.position_at(now)
         end = max(start - DRIFT_COUNTS, float(self._world.layout.open_counts))
-        profile = TrapezoidProfile(now, start - end, DRIFT_COUNTS_S, ACCELERATION_COUNTS_S2)
-        self._world.fingers = FingerPath(start, end, profile)
+        self._world.fingers = FingerPath.moving(now, start, end, DRIFT_COUNTS_S)
 
     def _has(self, kind: str) -> bool:
         return self._faults.active(kind, self._clock.now_ns(), "gripper")

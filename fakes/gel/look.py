@@ -15,19 +15,13 @@ class Look(Protocol):
     """
 
     @property
-    def shape(self) -> tuple[int, int]:
-        """Rows and columns of its images."""
-        ...
+    def shape(self) -> tuple[int, int]: ...
 
     @property
-    def mm_per_px(self) -> tuple[float, float]:
-        """Scale along x and y."""
-        ...
+    def mm_per_px(self) -> tuple[float, float]: ...
 
     @property
-    def dome_mm(self) -> float:
-        """Radius of the gel's convex face."""
-        ...
+    def dome_mm(self) -> float: ...
 
     @property
     def background(self) -> Plane:

@@ -62,7 +62,11 @@ class GelSensor:
             large = shape[0] + _NOISE_MARGIN_PX, shape[1] + _NOISE_MARGIN_PX
             self._noise = np.rint(look.draw_noise(large, _NOISE_FIELDS, rng) * _UNITS).astype(np.int16)
         self._markers = MarkerPrint(shape, mm_per_px, unit_seed) if markers else None
-        self._glow = _planes_at_half(self._light.background)
+        rows, columns = self._light.background.shape[:2]
+        half = cv2.resize(
+            self._light.background, (columns // HALF, rows // HALF), interpolation=cv2.INTER_AREA
+        )
+        self._glow = np.ascontiguousarray(half.transpose(2, 0, 1), np.float32)
         self._drifted: tuple[float, NDArray[np.int16]] | None = None
         self._changed: tuple[Imprint, NDArray[np.int16]] | None = None
 
@@ -80,7 +84,9 @@ class GelSensor:
         if imprint is not None:
             cv2.add(frame, self._change_by(imprint), dst=frame)
         if self._markers is not None:
-            frame = self._marked(frame, imprint, self._markers)
+            shear = None if imprint is None else imprint.shear
+            touching = None if imprint is None or shear is None else self._pad.touching(imprint)
+            frame = (frame * self._markers.light_left(shear, touching)).astype(np.int16)
         self._add_noise(frame, rng)
         np.right_shift(frame, 4, out=frame)
         np.clip(frame, 0, 255, out=frame)
@@ -95,14 +101,6 @@ class GelSensor:
     def change(self, imprint: Imprint) -> NDArray[np.float32]:
         """Return the change by an imprint, (H, W, 3) in grey levels, without noise and drift of the light."""
         return self._change(imprint).astype(np.float32) / np.float32(_UNITS)
-
-    def _marked(
-        self, frame: NDArray[np.int16], imprint: Imprint | None, markers: MarkerPrint
-    ) -> NDArray[np.int16]:
-        """Darken the frame at the gel's printed markers."""
-        shear = None if imprint is None else imprint.shear
-        touching = None if imprint is None or shear is None else self._pad.touching(imprint)
-        return (frame * markers.light_left(shear, touching)).astype(np.int16)
 
     def _change_by(self, imprint: Imprint) -> NDArray[np.int16]:
         """Return the change by an imprint, cached because a still object makes equal imprints."""
@@ -154,12 +152,6 @@ class GelSensor:
             cv2.add(frame, field, dst=frame)
         else:
             cv2.subtract(frame, field, dst=frame)
-
-
-def _planes_at_half(image: NDArray[np.float32]) -> NDArray[np.float32]:
-    rows, columns = image.shape[:2]
-    half = cv2.resize(image, (columns // HALF, rows // HALF), interpolation=cv2.INTER_AREA)
-    return np.ascontiguousarray(half.transpose(2, 0, 1), np.float32)
 
 
 def _noise_fields(shape: tuple[int, int], sigma: float, rng: np.random.Generator) -> NDArray[np.int16]:

@@ -89,7 +89,6 @@ class Codec:
 
 
 def draw_codec(rng: np.random.Generator) -> Codec:
-    """Draw a codec."""
     return Codec(
         int(rng.integers(45, 90)),
         float(rng.uniform(0.4, 1.6)),
@@ -106,10 +105,16 @@ def coded(image: Image, time_ns: int, codec: Codec) -> Image:
     return jpeg(np.asarray(moved, np.uint8), quality)
 
 
+def encoded(image: Image, quality: int) -> bytes:
+    """Return a (H, W, 3) uint8 RGB image as JPEG."""
+    return cv2.imencode(".jpg", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, quality])[
+        1
+    ].tobytes()
+
+
 def jpeg(image: Image, quality: int) -> Image:
     """Return an image (H, W, 3) uint8 RGB after JPEG compression with a quality from 1 to 100."""
-    blue_first = cv2.cvtColor(image, cv2.COLOR_RGB2BGR)
-    _, data = cv2.imencode(".jpg", blue_first, (cv2.IMWRITE_JPEG_QUALITY, quality))
+    data = np.frombuffer(encoded(image, quality), np.uint8)
     return np.asarray(cv2.imdecode(data, cv2.IMREAD_COLOR_RGB), np.uint8)
 
 

@@ -149,7 +149,6 @@ def _edge(x_mm: Field, z_mm: Field, rng: np.random.Generator) -> Field:
 
 
 def _corner(x_mm: Field, z_mm: Field, rng: np.random.Generator) -> Field:
-    """Return a bent line."""
     tilt, opening = float(rng.uniform(0.0, 2.0 * np.pi)), float(rng.uniform(1.2, 2.5))
     place = rng.uniform(-1.5, 1.5, 2)
     x, z = x_mm - np.float32(place[0]), z_mm - np.float32(place[1])

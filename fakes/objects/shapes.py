@@ -72,7 +72,6 @@ class Ball(Shape):
     radius_mm: float
 
     def relief(self, along: Field, across: Field) -> Field:
-        """See `Shape.relief`."""
         return _arc(np.hypot(along, across), self.radius_mm)
 
 
@@ -90,7 +89,6 @@ class Cylinder(Shape):
     waist_radius_mm: float = 0.0
 
     def relief(self, along: Field, across: Field) -> Field:
-        """See `Shape.relief`."""
         height = _arc(np.abs(across), self.radius_mm)
         height = height + _arc(_beyond(along, self.length_mm / 2), self.end_radius_mm)
         return height + _crown(along, self.waist_radius_mm)
@@ -111,7 +109,6 @@ class Pad(Shape):
     crown_radius_mm: float = 0.0
 
     def relief(self, along: Field, across: Field) -> Field:
-        """See `Shape.relief`."""
         inset = self.corner_mm + self.edge_mm
         outside = np.hypot(
             _beyond(along, self.length_mm / 2 - inset), _beyond(across, self.width_mm / 2 - inset)
@@ -134,7 +131,6 @@ class Edge(Shape):
     length_mm: float = 60.0
 
     def relief(self, along: Field, across: Field) -> Field:
-        """See `Shape.relief`."""
         below = self.slope_below or self.slope
         slope = np.where(across > 0.0, np.float32(below), np.float32(self.slope))
         height = np.hypot(slope * across, slope * slope * np.float32(self.nose_mm))
@@ -150,7 +146,6 @@ class Rim(Shape):
     wire_mm: float
 
     def relief(self, along: Field, across: Field) -> Field:
-        """See `Shape.relief`."""
         from_ring = np.abs(np.hypot(along, across) - np.float32(self.radius_mm))
         return _arc(from_ring, self.wire_mm)
 
@@ -165,7 +160,6 @@ class Spikes(Shape):
     depth_mm: float
 
     def relief(self, along: Field, across: Field) -> Field:
-        """See `Shape.relief`."""
         row = np.round(across / np.float32(self.pitch_mm * 0.866))
         shifted = along + np.float32(self.pitch_mm / 2) * (row % 2)
         pitch = np.float32(self.pitch_mm)

@@ -95,7 +95,6 @@ def render_clip(scene: Scene) -> Clip:
 
 
 def opposite(scene: Scene) -> Scene:
-    """Return the same scene with the opposite rotation."""
     return replace(scene, angle_deg=-scene.angle_deg)
 
 
@@ -129,13 +128,11 @@ def _imprint(scene: Scene, surface: Surface, share: float) -> Imprint:
         scene.center_mm[1] + py - (cos * py - sin * px),
     )
     moving = 4.0 * share * (1.0 - share)
-    depth = _depth(surface, scene.force_n * (1.0 + scene.pressed * share), scene.center_mm)
+    depth = depth_for_force(
+        surface, round(scene.force_n * (1.0 + scene.pressed * share), 3), TILT, 0.0, scene.center_mm
+    )
     lag = math.copysign(scene.lag_deg * moving, scene.angle_deg)
     return Imprint(surface, angle, center, depth, TILT, lag)
-
-
-def _depth(surface: Surface, force_n: float, center_mm: tuple[float, float]) -> float:
-    return depth_for_force(surface, round(force_n, 3), TILT, 0.0, center_mm)
 
 
 @lru_cache(maxsize=4)

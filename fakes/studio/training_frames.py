@@ -15,7 +15,7 @@ from drivers.clock import to_ns
 from drivers.types import Image
 from fakes.gel.look import Look
 from fakes.gel.sensor import GelSensor, Imprint
-from fakes.gel.variation import FAMILY, Variation, coded, draw_variation
+from fakes.gel.variation import FAMILY, coded, draw_variation
 from fakes.objects.catalogue import GraspSite, load_catalogue
 from fakes.objects.relief import TEXTURES
 from fakes.objects.shapes import Ball, ContactShape, Cylinder, Edge, Pad, Rim, Shape
@@ -76,17 +76,12 @@ def training_frames(
     while True:
         number, variation = int(rng.integers(1 << 31)), FAMILY if family else draw_variation(rng)
         if look is not None:
-            variation = _with_drawn_film(variation)
+            drawn = np.random.default_rng((variation.light_seed or 0, 61))
+            variation = replace(variation, film_px=int(drawn.choice(_FILMS_PX)))
         unit = GelSensor(number, variation=variation, look=varied_look(look, rng))
         background = mean_at_rest(unit, rng)
         hard = look is not None
         yield [_frame(unit, background, objects, random_share, rng, hard) for _ in range(FRAMES_PER_UNIT)]
-
-
-def _with_drawn_film(unit: Variation) -> Variation:
-    """Return a unit whose gel leaves an object at a sharp or at a smooth rim."""
-    drawn = np.random.default_rng((unit.light_seed or 0, 61))
-    return replace(unit, film_px=int(drawn.choice(_FILMS_PX)))
 
 
 def varied_look(look: Look | None, rng: np.random.Generator) -> Look | None:

@@ -38,7 +38,6 @@ class VitalThread(threading.Thread):
         self.failure: Exception | None = None
 
     def run(self) -> None:
-        """Work, and keep the error that ends it."""
         try:
             self._work()
         except Exception as error:
@@ -55,7 +54,6 @@ class BackgroundServer:
 
     @property
     def host_port(self) -> tuple[str, int]:
-        """Address and port of the server."""
         host, port = self._server.server_address[:2]
         return str(host), int(port)
 
@@ -65,7 +63,6 @@ class BackgroundServer:
         return self._thread.failure
 
     def start(self) -> None:
-        """Start to answer."""
         self._thread.start()
 
     def stop(self) -> None:
@@ -144,7 +141,6 @@ class ControlServer(BackgroundServer):
 
     @property
     def address(self) -> str:
-        """Address and port of the server, "host:port"."""
         host, port = self.host_port
         return f"{host}:{port}"
 

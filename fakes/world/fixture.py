@@ -67,20 +67,14 @@ def camera_T_target(  # noqa: N802 - frame names keep their case
     rng = np.random.default_rng((seed, 31))
     if fixture.mount == "tool":
         return base_T_camera.inverse() @ base_T_tcp @ _held(base_T_camera, sheet, rng)
-    return (base_T_tcp @ _tcp_T_camera(rng)).inverse() @ _lying(base_T_table, sheet, rng)
+    place, tilt = rng.normal(_CAMERA_ON_TOOL_M, 0.003), Rotation.from_rotvec(rng.normal(0, 0.03, 3))
+    return (base_T_tcp @ Pose.from_rotation(place, tilt)).inverse() @ _lying(base_T_table, sheet, rng)
 
 
 def _held(base_T_camera: Pose, sheet: Sheet, rng: np.random.Generator) -> Pose:  # noqa: N803
     """Return `tcp_T_target` on a tool that points down: a few cm from the TCP, roughly facing the camera."""
     turn = _TOOL_DOWN.inv() * base_T_camera.rotation * Rotation.from_rotvec(rng.normal(0, 0.1, 3))
     return Pose.from_rotation(rng.normal((0.0, 0.0, -0.03), 0.005) - turn.apply(sheet.middle_m), turn)
-
-
-def _tcp_T_camera(rng: np.random.Generator) -> Pose:  # noqa: N802
-    """Return the pose of the camera on the tool, tilted by a degree or two."""
-    return Pose.from_rotation(
-        rng.normal(_CAMERA_ON_TOOL_M, 0.003), Rotation.from_rotvec(rng.normal(0, 0.03, 3))
-    )
 
 
 def _lying(base_T_table: Pose, sheet: Sheet, rng: np.random.Generator) -> Pose:  # noqa: N803

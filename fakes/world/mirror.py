@@ -91,14 +91,12 @@ class MirroredWorld:
         return _state(*self._around(time_ns), time_ns)
 
     def object_pose_at(self, time_ns: int) -> Pose:
-        """Return `base_T_object` at `time_ns`, as `World.object_pose_at`."""
         before, after = self._around(time_ns)
         tool_m = _tool(before, after, time_ns).position_m
         state = _state(before, after, time_ns)
         return object_pose(self.layout, self.variation, _grasp(after), state, tool_m)
 
     def tool_pose_at(self, time_ns: int) -> Pose:
-        """Return `base_T_tcp` at `time_ns`, as `World.tool_pose_at`."""
         return _tool(*self._around(time_ns), time_ns)
 
     def _around(self, time_ns: int) -> tuple[Snapshot, Snapshot]:

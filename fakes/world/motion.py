@@ -43,7 +43,10 @@ class TrapezoidProfile:
     def fraction_at(self, time_ns: int) -> float:
         """Return the fraction of the distance covered at `time_ns`, 0 to 1."""
         if self.brake_ns is not None and time_ns > self.brake_ns:
-            return self._braking_fraction_at(time_ns, self.brake_ns)
+            speed = self._speed_at(self.brake_ns)
+            spent = min((time_ns - self.brake_ns) / NS_PER_S, speed / self.deceleration)
+            covered = speed * spent - 0.5 * self.deceleration * spent**2
+            return self._uncut_fraction_at(self.brake_ns) + covered / self.distance
         return min(self._uncut_fraction_at(time_ns), self.stop_fraction)
 
     def done_at(self, time_ns: int) -> bool:
@@ -61,12 +64,6 @@ class TrapezoidProfile:
         if self.brake_ns is not None or self.done_at(time_ns):
             return self
         return replace(self, brake_ns=time_ns, deceleration=max(deceleration, self.acceleration))
-
-    def _braking_fraction_at(self, time_ns: int, brake_ns: int) -> float:
-        speed = self._speed_at(brake_ns)
-        spent = min((time_ns - brake_ns) / NS_PER_S, speed / self.deceleration)
-        covered = speed * spent - 0.5 * self.deceleration * spent**2
-        return self._uncut_fraction_at(brake_ns) + covered / self.distance
 
     def _speed_at(self, time_ns: int) -> float:
         elapsed = (time_ns - self.start_ns) / NS_PER_S
@@ -104,12 +101,10 @@ class ToolPath:
 
     @classmethod
     def between(cls, start: Pose, end: Pose, profile: TrapezoidProfile) -> "ToolPath":
-        """Return a motion from one pose to another."""
         return cls(start, end, profile, (tool_tilt(start), tool_tilt(end)))
 
     @classmethod
     def resting(cls, pose: Pose) -> "ToolPath":
-        """Return a path that stays at a pose."""
         return cls.between(pose, pose, AT_REST)
 
     def position_at(self, time_ns: int) -> tuple[float, float, float]:
@@ -137,6 +132,10 @@ class ToolPath:
         return replace(self, profile=self.profile.braked_at(time_ns, deceleration_m_s2))
 
 
+FINGER_ACCELERATION = 2000.0
+"""Acceleration of simulated fingers, counts/s^2."""
+
+
 @dataclass(frozen=True, slots=True)
 class FingerPath:
     """A motion of the grasping fingers over time, in counts."""
@@ -146,12 +145,15 @@ class FingerPath:
     profile: TrapezoidProfile
 
     @classmethod
+    def moving(cls, now_ns: int, start: float, end: float, speed: float) -> "FingerPath":
+        """Return a motion that begins now. speed: counts per second."""
+        return cls(start, end, TrapezoidProfile(now_ns, abs(end - start), speed, FINGER_ACCELERATION))
+
+    @classmethod
     def resting(cls, counts: float) -> "FingerPath":
-        """Return a path that stays at a position."""
         return cls(counts, counts, AT_REST)
 
     def position_at(self, time_ns: int) -> float:
-        """Return the finger position in counts."""
         return self.start + self.profile.fraction_at(time_ns) * (self.end - self.start)
 
     def cut_at(self, time_ns: int) -> "FingerPath":

@@ -76,27 +76,21 @@ class SlipDynamics:
         """Advance by `dt_s`. height_m: height of the grasp above the position where the fingers closed."""
         before = self.angle_rad
         if height_m > 0.0 and not load.holds_weight():
-            self._fall(dt_s)
+            self.slide_m = min(self.slide_m + max(0.02, 3.0 * self.slide_m) * dt_s, PAD_M)
+            self.fallen = self.slide_m >= PAD_M
         elif load.holds_turn():
-            self._hold(load, height_m)
+            # the grip carries the torque, so a slip ends; set down, the support turns the object back
+            self.slipping = False
+            wound_up = min(height_m / 0.01, 1.0) * math.radians(0.3)
+            turned = max(min(abs(self.angle_rad), _demand(load, height_m)), wound_up)
+            self.angle_rad = math.copysign(turned, load.lever_m)
         else:
             self._stick_slip(load, height_m, dt_s)
-        self._twist_gel(self.angle_rad - before, dt_s)
+        turned_rad = self.angle_rad - before
+        wound = min(abs(self.torsion_rad) / TORSION_LIMIT_RAD, 1.0)
+        drag = 1.0 - wound if turned_rad * self.torsion_rad > 0.0 else 1.0
+        self.torsion_rad += 0.5 * turned_rad * drag - self.torsion_rad * dt_s / TORSION_RELAXES_S
         self.slide_m += SLIDE_M_PER_RAD * abs(self.angle_rad - before)
-
-    def _fall(self, dt_s: float) -> None:
-        self.slide_m = min(self.slide_m + max(0.02, 3.0 * self.slide_m) * dt_s, PAD_M)
-        self.fallen = self.slide_m >= PAD_M
-
-    def _hold(self, load: GripLoad, height_m: float) -> None:
-        """Keep the rotation of a held object; its weight twists the gel slightly.
-
-        A slip ends if the grip carries the torque. When the object is set down, the support turns it back.
-        """
-        self.slipping = False
-        wound_up = min(height_m / 0.01, 1.0) * math.radians(0.3)
-        turned = max(min(abs(self.angle_rad), _demand(load, height_m)), wound_up)
-        self.angle_rad = math.copysign(turned, load.lever_m)
 
     def _stick_slip(self, load: GripLoad, height_m: float, dt_s: float) -> None:
         demand = _demand(load, height_m)
@@ -114,12 +108,6 @@ class SlipDynamics:
         else:
             turned = min(turned + self.creep_rad * math.exp(-turned) * dt_s, demand)
         self.angle_rad = math.copysign(turned, load.lever_m)
-
-    def _twist_gel(self, turned_rad: float, dt_s: float) -> None:
-        """Twist the gel with the object up to a limit, and relax it within about a second."""
-        wound = min(abs(self.torsion_rad) / TORSION_LIMIT_RAD, 1.0)
-        drag = 1.0 - wound if turned_rad * self.torsion_rad > 0.0 else 1.0
-        self.torsion_rad += 0.5 * turned_rad * drag - self.torsion_rad * dt_s / TORSION_RELAXES_S
 
 
 def _demand(load: GripLoad, height_m: float) -> float:

@@ -62,8 +62,6 @@ class LiftVariation:
 
     @classmethod
     def from_rng(cls, rng: np.random.Generator) -> "LiftVariation":
-        """Draw the variation of one lift."""
-
         def pair(spread: float) -> tuple[float, float]:
             return float(rng.normal(0.0, spread)), float(rng.normal(0.0, spread))
 

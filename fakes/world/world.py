@@ -160,10 +160,10 @@ class World:
     def object_pose_at(self, time_ns: int) -> Pose:
         """Return `base_T_object`: origin at the centre of mass, x along the object, z up."""
         with self._lock:
-            return self._object_pose(time_ns)
+            state = self._state_at(time_ns)
+            return object_pose(self.layout, self.variation, self.grasp, state, self.tool.position_at(time_ns))
 
     def tool_pose_at(self, time_ns: int) -> Pose:
-        """Return `base_T_tcp`."""
         return self.tool.pose_at(time_ns)
 
     def gap_at(self, time_ns: int) -> Vector3:
@@ -180,10 +180,6 @@ class World:
         if newest == time_ns or index + 1 >= len(self._history):
             return self._history[-1]
         return between(self._history[index], self._history[index + 1], time_ns)
-
-    def _object_pose(self, time_ns: int) -> Pose:
-        state = self._state_at(time_ns)
-        return object_pose(self.layout, self.variation, self.grasp, state, self.tool.position_at(time_ns))
 
     def _reachable_site(self, time_ns: int) -> GraspSite | None:
         """Return the grasp site of the placed object that is between the fingers; None if there is none."""
@@ -228,18 +224,15 @@ class World:
         self.damaged |= model.marked_above_n is not None and force > model.marked_above_n
         slip.step(self._load(model, site, force), height, STEP_NS / NS_PER_S)
         if slip.slipping or slip.fallen:
-            self._note_slip(time_ns)
+            goes_on = self._slips_ns and self._slips_ns[-1][1] == time_ns - STEP_NS
+            began_ns = self._slips_ns.pop()[0] if goes_on else time_ns
+            self._slips_ns.append((began_ns, time_ns))
         if slip.fallen:
             return WorldState(time_ns, 0.0, slip.angle_rad, wrist_rad, 0.0, slip.slide_m, 0.0, False)
         turn = slip.angle_rad + wrist_rad - self._grasp_tilt_rad
         if self._turned_by_hand:
             turn += hand_turn_rad(time_ns)
         return WorldState(time_ns, force, turn, wrist_rad, slip.torsion_rad, slip.slide_m, loaded, True)
-
-    def _note_slip(self, time_ns: int) -> None:
-        goes_on = self._slips_ns and self._slips_ns[-1][1] == time_ns - STEP_NS
-        began_ns = self._slips_ns.pop()[0] if goes_on else time_ns
-        self._slips_ns.append((began_ns, time_ns))
 
     def would_hold(self, offset_m: float, beyond_counts: int) -> bool:
         """Return whether friction would hold the placed object without slip as long as it hangs.

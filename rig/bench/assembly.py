@@ -14,9 +14,9 @@ from drivers.named_classes import is_class_name
 from drivers.types import HandState, Holding, Image, Pose
 from fakes.clock import SimulatedClock
 from fakes.devices.arm import FakeArm
-from fakes.devices.digit import FakeDigit
+from fakes.devices.camera import CameraPlan
+from fakes.devices.digit import BenchPlan, DigitPlan, FakeDigit
 from fakes.devices.gripper import FakeGripper
-from fakes.devices.plan import BenchPlan, CameraPlan, DigitPlan
 from fakes.faults import FaultScript, ScriptedFault
 from fakes.world.fixture import Sheet
 from fakes.world.state import BenchLayout

@@ -22,7 +22,7 @@ from drivers.types import ArmLimits, ArmState, Frame, GripperSpec, GripperState,
 from drivers.values import require_fraction, require_integer
 
 ARM_STALE_S, GRIPPER_STALE_S = 0.4, 0.9
-"""Largest age of a state, as in the rig's own drivers (`drivers.ur5e.link`, `drivers.robotiq_3f.poller`)."""
+"""Largest age of a state, as in the rig's own drivers (`drivers.ur5e.link`, `drivers.robotiq_3f.modbus`)."""
 AHEAD_S = 0.05
 """Largest accepted time of a state in the future: converting a controller's time has an error."""
 _log = logging.getLogger("rig.bench.checked")

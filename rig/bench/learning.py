@@ -17,8 +17,8 @@ from drivers.interfaces import Camera, TactileSensor
 from drivers.types import Image
 from fakes.clock import SimulatedClock
 from fakes.devices.camera import FakeSource, Shutter
+from fakes.devices.digit import DigitPlan
 from fakes.devices.gripper import FakeGripper
-from fakes.devices.plan import DigitPlan
 from fakes.faults import FaultScript
 from fakes.objects.catalogue import find_object
 from fakes.world.world import World

@@ -1,23 +1,23 @@
 """One harness for all benchmarks: cases, resumption, rows, limits and tables.
 
-A benchmark is a `Study`. Its options are a frozen dataclass whose fields are the options of its command. Its
-function `measure` calls `Run.each` with the cases that it measures and returns a `Report`. Everything else is
-done here and in `rig.cli.benchmark`: worker processes, progress, resumption, tables on the terminal, JSON,
-sections of Markdown files and exit codes.
+A benchmark is a `Study`. Its options are a frozen dataclass (`rig.declared`). Its function `measure` calls
+`Run.each` with the cases that it measures and returns a `Report`. Everything else is done here and in
+`rig.cli.benchmark`: worker processes, progress, resumption, tables on the terminal, JSON, sections of
+Markdown files and exit codes.
 """
 
 import os
 import platform
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
+from operator import attrgetter
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 import cv2
-import typer
 
 from drivers.errors import InputError, counted
-from rig.benchmark.measured import Measured, markdown_table
+from rig.benchmark.measured import NONE, Measured
 from rig.experiments.process_pool import run_tasks
 from rig.frames.masks import make_folder
 from rig.sessions.codec import Codec, json_line, json_value
@@ -25,12 +25,9 @@ from rig.sessions.files import append_line, drop_torn_line
 from rig.sessions.rows import read_rows
 from rig.tactile.sample import EstimatorFaults
 
-RESULTS = "results.jsonl"
-"""File of a study's folder: a line per finished case."""
-NONE = "-"
-"""A cell without a value."""
-SCHEMA = 4
-"""Version of a study's JSON."""
+RESULTS = "results.jsonl"  # file of a study's folder: a line per finished case
+ALL = "all"  # name of the group of all cases
+SCHEMA = 4  # version of a study's JSON
 
 Options = TypeVar("Options")
 Case = TypeVar("Case")
@@ -47,14 +44,6 @@ def column(heading: str, show: str | Callable[[Any], str] = "", doc: str = "", o
     return field(metadata={"heading": heading, "show": show, "doc": doc, "optional": optional})
 
 
-def option(default: Any, text: str, *flags: str, **settings: Any) -> Any:
-    """Declare a field of a study's options, as `rig.cli.declared.option` does. text: its help.
-
-    flags: its names; by default the field's. settings: those of `typer.Option`.
-    """
-    return field(default=default, metadata={"typer": [typer.Option, flags, {"help": text, **settings}]})
-
-
 def columns_of(kind: type[Any]) -> Any:
     """Declare a field of a row whose value is a dataclass that declares columns."""
     return field(metadata={"columns": kind})
@@ -62,53 +51,51 @@ def columns_of(kind: type[Any]) -> Any:
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """A title, headings, and rows with one cell per heading.
-
-    left: number of left-aligned columns. legend: headings that need an explanation, and the explanations.
-    """
+    """A title, headings, and rows with one cell per heading."""
 
     title: str
     columns: tuple[str, ...]
     rows: Sequence[tuple[str, ...]]
-    left: int = 1
-    records: tuple[Any, ...] = ()
-    legend: tuple[tuple[str, str], ...] = ()
+    left: int = 1  # number of left-aligned columns
+    records: tuple[Any, ...] = ()  # the rows for JSON
+    legend: tuple[tuple[str, str], ...] = ()  # headings that need an explanation, and the explanations
 
     def markdown(self) -> str:
-        """Return the columns and rows in Markdown, without the title."""
-        return markdown_table(self.columns, self.rows)
+        """Return the columns and rows in Markdown, without the title. A "|" in a cell is written as "/"."""
+        lines = [self.columns, ("---",) * len(self.columns), *self.rows]
+        return "\n".join("| " + " | ".join(cell.replace("|", "/") for cell in of) + " |" for of in lines)
 
 
 def table_of(title: str, kind: type[Any], rows: Sequence[Any], left: int = 1) -> Table:
     """Return a table of rows. kind: their dataclass; the fields declared with `column` are shown."""
-    shown = [
-        (place, of) for place, of in _columns(kind)
-        if not of["optional"] or any(_value(row, place) is not None for row in rows)
-    ]  # fmt: skip
-    cells = [tuple(_cell(_value(row, place), of["show"]) for place, of in shown) for row in rows]
-    legend = tuple((of["heading"], of["doc"]) for _, of in shown if of["doc"])
-    return Table(title, tuple(of["heading"] for _, of in shown), cells, left, tuple(rows), legend)
+    shown = []
+    for value_of, of in _columns(kind):
+        values = [value_of(row) for row in rows]
+        if not of["optional"] or any(value is not None for value in values):
+            shown.append((of, [_cell(value, of["show"]) for value in values]))
+    headings = tuple(of["heading"] for of, _ in shown)
+    legend = tuple((of["heading"], of["doc"]) for of, _ in shown if of["doc"])
+    return Table(title, headings, list(zip(*(of for _, of in shown), strict=True)), left, tuple(rows), legend)
 
 
-def _columns(
-    kind: type[Any], place: tuple[str, ...] = ()
-) -> Iterator[tuple[tuple[str, ...], Mapping[str, Any]]]:
-    """Yield the fields that lead to each column of a row, and what `column` declared."""
+def _columns(kind: type[Any], path: str = "") -> Iterator[tuple[Callable[[Any], Any], Mapping[str, Any]]]:
+    """Yield for each column the function that gets its value from a row, and what `column` declared."""
     for each in fields(kind):
         if "columns" in each.metadata:
-            yield from _columns(each.metadata["columns"], (*place, each.name))
+            yield from _columns(each.metadata["columns"], f"{path}{each.name}.")
         elif "heading" in each.metadata:
-            yield (*place, each.name), each.metadata
+            yield attrgetter(path + each.name), each.metadata
 
 
-def _value(row: Any, place: tuple[str, ...]) -> Any:
-    for name in place:
-        row = getattr(row, name)
-    return row
+def _cell(value: Any, show: str | Callable[[Any], str]) -> str:
+    if callable(show):
+        return show(value)
+    if isinstance(value, tuple):
+        return ", ".join(format(each, show) for each in value)
+    return NONE if value is None else format(value, show)
 
 
 def limit_table(limits: Sequence[Measured], whose: str) -> Table:
-    """Return a row for each limit: measured value, limit, and verdict. whose: the subject of the limits."""
     verdicts = {True: "kept", False: "MISSED", None: ""}
     rows = [(of.name, of.shown, of.asked, verdicts[of.met]) for of in limits]
     return Table(f"Limits for {whose}", ("limit", "measured", "asked", ""), rows)
@@ -116,60 +103,51 @@ def limit_table(limits: Sequence[Measured], whose: str) -> Table:
 
 @dataclass(frozen=True, slots=True)
 class Report:
-    """Results of a study.
+    """Results of a study."""
 
-    tables: for the terminal, in this order; a table of the limits follows. limits_of: the limits' subject.
-    notes: lines below the tables. section: Markdown for the document given with --readme. figures: further
-    JSON values; the rows of the tables are always in the JSON. files: for --out, by name. faults: failures of
-    a lab's own estimators, by estimator. binding: whether a missed limit ends the command with exit code 4.
-    """
-
-    tables: Sequence[Table]
+    tables: Sequence[Table]  # for the terminal, in this order; a table of the limits follows
     limits: Sequence[Measured] = ()
-    limits_of: str = ""
-    notes: Sequence[str] = ()
-    section: str = ""
-    figures: Mapping[str, Any] = field(default_factory=dict)
-    files: Mapping[str, str | bytes] = field(default_factory=dict)
-    faults: Mapping[str, EstimatorFaults] = field(default_factory=dict)
-    binding: bool = True
+    limits_of: str = ""  # the limits' subject
+    notes: Sequence[str] = ()  # lines below the tables
+    section: str = ""  # Markdown for the document given with --readme
+    figures: Mapping[str, Any] = field(default_factory=dict)  # further JSON values, beside the tables' rows
+    files: Mapping[str, str | bytes] = field(default_factory=dict)  # for --out, by name
+    faults: Mapping[str, EstimatorFaults] = field(default_factory=dict)  # of a lab's own estimators
+    binding: bool = True  # whether a missed limit ends the command with exit code 4
 
 
 @dataclass(frozen=True, slots=True)
 class Study(Generic[Options]):
-    """A benchmark: `rig benchmark NAME`.
-
-    options: its own options, a frozen dataclass. shared: which of the options "out", "resume", "readme",
-    "jobs" and "seed" it has. measure: carries out the study; its docstring is the command's help. cases: name
-    of the cases in the progress, in the plural. section: name of its section in a document; None: the study's
-    name. keeps_results: results are stored, in a default folder if --out is not given. simulated: marks the
-    JSON.
-    """
+    """A benchmark: `rig benchmark NAME`."""
 
     name: str
-    options: type[Options]
-    measure: "Callable[[Options, Run], Report]"
-    cases: str
-    shared: tuple[str, ...] = ("jobs", "seed")
-    section: Callable[[Options], str] | None = None
-    keeps_results: bool = False
-    simulated: bool = True
+    options: type[Options]  # its own options, a frozen dataclass
+    measure: "Callable[[Options, Run], Report]"  # carries out the study; its docstring is the command's help
+    cases: str  # name of the cases in the progress, in the plural
+    shared: tuple[str, ...] = ("jobs", "seed")  # its options, of out, resume, readme, jobs and seed
+    section: Callable[[Options], str] | None = None  # name of its section in a document, if not its name
+    keeps_results: bool = False  # results are stored, in a default folder if --out is not given
+    simulated: bool = True  # marks the JSON
+
+
+@dataclass(frozen=True, slots=True)
+class _StoredCase:
+    """A line of `RESULTS`."""
+
+    case: str
+    result: dict[str, Any]
 
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """Settings of the run of a study, from the options that studies share.
-
-    folder: of its results; None if it stores none. progress: called with the number of finished cases, the
-    number of all cases, and a note about the last one. say: prints a line for the user.
-    """
+    """Settings of the run of a study, from the options that studies share."""
 
     seed: int = 0
     jobs: int | None = None
-    folder: Path | None = None
+    folder: Path | None = None  # of its results; None if it stores none
     resume: bool = False
-    progress: Callable[[int, int, str], None] = lambda *_: None
-    say: Callable[[str], None] = lambda _: None
+    progress: Callable[[int, int, str], None] = lambda *_: None  # finished cases, all, note on the last one
+    say: Callable[[str], None] = lambda _: None  # prints a line for the user
 
     @property
     def workers(self) -> int:
@@ -250,22 +228,18 @@ class Run:
             ) from error
 
 
-@dataclass(frozen=True, slots=True)
-class _StoredCase:
-    """A line of `RESULTS`."""
-
-    case: str
-    result: dict[str, Any]
-
-
 def as_json(study: Study[Any], options: Any, run: Run, report: Report, wall_s: float) -> dict[str, Any]:
-    """Return a report as JSON values, with the options and the machine."""
+    def plain(option: Any) -> Any:
+        if isinstance(option, list):
+            return list(map(plain, option))
+        return str(option) if isinstance(option, Path) else option
+
     tables = [{"title": of.title, "rows": [asdict(row) for row in of.records]} for of in report.tables]
     return {
         "schema": SCHEMA,
         "benchmark": study.name,
         "simulated": study.simulated,
-        "options": {name: _plain(value) for name, value in asdict(options).items()},
+        "options": {name: plain(value) for name, value in asdict(options).items()},
         **({"seed": run.seed} if "seed" in study.shared else {}),
         **({"out": str(run.folder)} if run.folder else {}),
         "machine": machine(),
@@ -277,15 +251,7 @@ def as_json(study: Study[Any], options: Any, run: Run, report: Report, wall_s: f
     }
 
 
-def _plain(option: Any) -> Any:
-    """Return the value of an option for JSON: paths as text, also those in a list."""
-    if isinstance(option, list):
-        return list(map(_plain, option))
-    return str(option) if isinstance(option, Path) else option
-
-
 def machine() -> dict[str, object]:
-    """Return processor, number of cores, and the versions of Python and OpenCV."""
     info = Path("/proc/cpuinfo")
     names = [line for line in info.read_text().splitlines() if "model name" in line] if info.exists() else []
     return {
@@ -296,9 +262,22 @@ def machine() -> dict[str, object]:
     }
 
 
-def _cell(value: Any, show: str | Callable[[Any], str]) -> str:
-    if callable(show):
-        return show(value)
-    if isinstance(value, tuple):
-        return ", ".join(format(each, show) for each in value)
-    return NONE if value is None else format(value, show)
+def markers(name: str) -> tuple[str, str]:
+    """Return the two lines that enclose the table of `rig benchmark NAME` in a document."""
+    return f"<!-- rig benchmark {name}: begin -->", f"<!-- rig benchmark {name}: end -->"
+
+
+def check_readme(path: Path, name: str) -> None:
+    """Raise `InputError` unless a file has the two marker lines, once each and in order."""
+    begin, end = markers(name)
+    text = path.read_text(encoding="utf-8") if path.is_file() else ""
+    if not (text.count(begin) == text.count(end) == 1 and text.index(begin) < text.index(end)):
+        raise InputError(f"{path}: put these two lines where the table belongs: {begin} and {end}")
+
+
+def write_section(path: Path, name: str, section: str) -> None:
+    """Replace the lines between the two markers. Raises `InputError` if the markers are missing."""
+    check_readme(path, name)
+    begin, end = markers(name)
+    head, _, rest = path.read_text(encoding="utf-8").partition(begin)
+    path.write_text(f"{head}{begin}\n{section}\n{end}{rest.partition(end)[2]}", encoding="utf-8")

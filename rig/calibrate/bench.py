@@ -47,7 +47,6 @@ class Station:
     _folders: list[Path] = field(default_factory=list)
 
     def note(self, text: str, done: int, total: int) -> None:
-        """Print a finished step and report the progress."""
         self.say(f"  {text}")
         tell(Event("progress", text, done, total))
 
@@ -177,7 +176,7 @@ class TouchObserver(LiftObserver):
 
 
 def grasp_at(config: BenchConfig, x_m: float = 0.0, z_m: float = 0.0) -> Pose:
-    """`base_T_tcp` of a hand that closes over the table's mark, moved along the base's x and up.
+    """Return `base_T_tcp` of a hand that closes over the table's mark, moved along the base's x and up.
 
     Without [table] the mark is that of the bench `fake`: nothing is driven there.
     """

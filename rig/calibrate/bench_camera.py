@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from calibration.camera.guidance import most_telling
+from calibration.camera.intrinsics import most_telling
 from calibration.targets.boards import Target
 from calibration.targets.sheets import target_picture
 from drivers.errors import InputError
@@ -27,7 +27,7 @@ FEWEST_VIEWS = 3
 _CANDIDATES = 400
 _NEAREST_M, _TILTS_DEG, _INSIDE_M = 0.25, (10.0, 40.0), 0.01
 _HELD_M = (0.0, 0.0, -0.03)
-"""Where a board's middle is taken to be on the tool."""
+"""Assumed position of a board's middle on the tool."""
 _STILL_FRAMES = 60
 
 
@@ -102,7 +102,7 @@ def _show_on_tool(
 def board_poses(config: BenchConfig, target: Target, seed: int, count: int) -> list[Pose]:
     """Return the tool poses that constrain the camera best, at several distances and all over the image.
 
-    The board is taken to be held at the tool as `rig calibrate camera` asks for, facing the camera.
+    The board is assumed on the tool as `rig calibrate camera` asks for, facing the camera.
     """
     model, base_T_camera = config.camera_model(), config.base_T_camera()  # noqa: N806 - frame names
     candidates = _candidates(config, np.random.default_rng((seed, 33)))
@@ -111,7 +111,7 @@ def board_poses(config: BenchConfig, target: Target, seed: int, count: int) -> l
 
 
 def _candidates(config: BenchConfig, rng: np.random.Generator) -> list[Pose]:
-    """Poses all over the picture, from near to where the camera looks, inside the workspace."""
+    """Draw poses all over the picture, from near to where the camera looks, inside the workspace."""
     limits = config.arm.limits if config.has("arm") else ArmLimitsConfig()
     low, high = np.array(limits.workspace_min_m), np.array(limits.workspace_max_m)
     base_T_camera = config.base_T_camera()  # noqa: N806
@@ -131,13 +131,13 @@ def _candidates(config: BenchConfig, rng: np.random.Generator) -> list[Pose]:
 
 
 def _held(target: Target, base_T_camera: Pose) -> Pose:  # noqa: N803
-    """`tcp_T_board` of a board that faces the camera while the tool points down."""
+    """Return `tcp_T_board` of a board that faces the camera while the tool points down."""
     turn = TOOL_DOWN.inv() * base_T_camera.rotation
     return Pose.from_rotation(np.subtract(_HELD_M, turn.apply(_outline_m(target).mean(axis=0))), turn)
 
 
 def _outline_m(target: Target) -> NDArray[np.float64]:
-    """Points all over a target's print, (30, 3) m in its axes."""
+    """Return points all over a target's print, (30, 3) m in its axes."""
     sheet = target_picture(target.spec)
     height, width = np.array(sheet.grey.shape[:2]) / sheet.px_per_m
     x, y = np.meshgrid(np.linspace(0, width, 6), np.linspace(0, height, 5))

@@ -37,7 +37,7 @@ _FIRM_M = 0.0037
 
 
 def collect_streams(station: Station, object_name: str, search_s: float) -> list[CalibrationResult]:
-    """Move an object with markers; give each sensor's offset from the clock of the arm, else of the camera.
+    """Move an object with markers; return each sensor's offset from the arm's clock, or else the camera's.
 
     Raises `OperatorStopError` unless the operator agrees, `DeviceError`, `InputError`.
     """
@@ -96,7 +96,7 @@ def _touch(config: BenchConfig, name: str) -> Touch:
 
 
 def strokes(seed: int) -> list[Stroke]:
-    """Strokes up and down alternately, each to another height at another speed."""
+    """Return strokes up and down in turn, each to another height at another speed."""
     rng = np.random.default_rng((seed, 34))
     low, high = _HEIGHTS_M
     middle = (low + high) / 2
@@ -125,7 +125,6 @@ class WiggleObserver(TouchObserver):
     _pictures: dict[str, list[tuple[int, NDArray[np.float32]]]] = field(default_factory=dict)
 
     def arm(self, state: ArmState) -> None:
-        """Keep the height."""
         if self.phase_now is Phase.LIFT:
             self._heights[state.time_ns] = state.base_T_tcp.position_m[2]
 
@@ -146,7 +145,7 @@ class WiggleObserver(TouchObserver):
             self._markers.append((frame.time_ns, self._shown_by(np.asarray(seen, np.float64))))
 
     def _shown_by(self, corners: NDArray[np.float64]) -> float:
-        """Return the markers' height in the picture, px; turned by hand, their angle since the first, rad."""
+        """Return the markers' height (px), or, if turned by hand, their angle since the first frame (rad)."""
         if self.arm_device is not None:
             return float(corners[..., 1].mean())
         if self._first_corners is None:
@@ -154,7 +153,7 @@ class WiggleObserver(TouchObserver):
         return turned_rad(self._first_corners, corners)
 
     def streams(self) -> dict[str, tuple[NDArray[np.int64], NDArray[np.float64]]]:
-        """Times, ns, and values by stream: the arm's height, and what the wiggle changes in each sensor.
+        """Return times (ns) and values by stream: the arm's height, and each sensor's change by the wiggle.
 
         Raises `CalibrationError` where a sensor saw next to nothing.
         """
@@ -177,7 +176,7 @@ class WiggleObserver(TouchObserver):
 
 
 def strongest_changes(pictures: NDArray[np.float32], count: int) -> NDArray[np.float64]:
-    """(N, count) from (N, K): the first principal components of the pictures."""
+    """Return the first principal components of pictures (N, K), (N, count)."""
     centred = pictures - pictures.mean(axis=0)
     u, strengths, _ = np.linalg.svd(centred.astype(np.float64), full_matrices=False)
     return u[:, :count] * strengths[:count]

@@ -9,9 +9,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from calibration.camera.model import CameraModel
-from calibration.hand_eye.guidance import next_pose
 from calibration.hand_eye.samples import HandEyeSample, Setup
-from calibration.hand_eye.solve import calibrate_hand_eye
+from calibration.hand_eye.solve import calibrate_hand_eye, next_pose
 from calibration.targets.boards import Target, View
 from calibration.verdict import Rejected
 from drivers.errors import counted
@@ -71,7 +70,6 @@ def collect_hand_eye(station: Station, target: Target, setup: Setup, count: int)
 
 
 def visits(poses: Sequence[tuple[str, Pose]]) -> list[PlannedMotion]:
-    """The motions to poses with their ids, wherever the arm comes from."""
     return [PlannedMotion(f"{name} visited", pose, (pose,), SPEED_M_S) for name, pose in poses]
 
 
@@ -90,7 +88,7 @@ def facing_poses(
 
 
 def looking_poses(config: BenchConfig, seed: int) -> list[Pose]:
-    """Poses from which a camera that looks along the tool sees the table's mark.
+    """Return poses from which a camera that looks along the tool sees the table's mark.
 
     From 0.26 to 0.36 m, tilted by up to 28 degrees any way, turned by up to 50 about the tool's axis.
     """
@@ -123,7 +121,7 @@ class _Session:
         self._visited = 0
 
     def next(self) -> tuple[str, Pose] | None:
-        """The next pose: the first ones as drawn, then the one that lowers the predicted sigma most."""
+        """Return the next pose: first those as drawn, then the one that lowers the predicted sigma most."""
         if len(self.samples) >= self._count or not self._left:
             return None
         self._visited += 1
@@ -160,7 +158,6 @@ class _Session:
 
 
 def pose_row(name: str, pose: Pose) -> str:
-    """A row of poses.csv."""
     return ",".join([name, *(f"{v:.12g}" for v in (*pose.position_m, *pose.quaternion_xyzw))])
 
 

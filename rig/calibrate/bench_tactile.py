@@ -83,7 +83,7 @@ def collect_presses(station: Station, balls_mm: Sequence[float], count: int) -> 
 
 
 def _places(config: BenchConfig, ball_mm: float, count: int, seed: int) -> list[Touch]:
-    """Places spread over the gels, pressed more and less deep."""
+    """Return places spread over the gels, pressed more and less deep."""
     rng = np.random.default_rng((seed, 33, round(100 * ball_mm)))
     first = rng.uniform()
     spec = config.gripper_spec()
@@ -102,7 +102,7 @@ def _places(config: BenchConfig, ball_mm: float, count: int, seed: int) -> list[
 def _kept(
     touch: Touch, serial: str, sign: int, config: BenchConfig, watch: TouchObserver, folder: Path
 ) -> str:
-    """Keep what a fingertip shows of a press; return its row: the ball's place as its picture shows it."""
+    """Store the frame of a press; return its row with the ball's position in the image."""
     picture, background = f"{touch.id}.png", f"untouched-{touch.id}.png"
     write_picture(folder / picture, watch.newest[serial].image)
     write_picture(folder / background, watch.reference[serial])

@@ -18,8 +18,7 @@ from rig.bench.assembly import TOOL_DOWN
 from rig.bench.plan import PlannedMotion
 from rig.calibrate.bench import Station, TouchObserver, grasp_at, touch_motions, write_table
 from rig.calibrate.bench_hand_eye import pose_row, write_poses
-from rig.calibrate.clamped_tip import FLANGE, tip_from_folder
-from rig.calibrate.from_tables import gripper_from_folder
+from rig.calibrate.from_tables import FLANGE, gripper_from_folder, tip_from_folder
 from rig.calibrate.result import CalibrationResult
 from rig.config import BenchConfig
 
@@ -87,7 +86,11 @@ def collect_tip(station: Station, count: int, accept_change: bool = False) -> Ca
     def keep(capture: PivotCapture) -> Vector3 | None:
         seated.append((capture.id, capture.base_T_tcp))
         station.note(f"{capture.id}: seated, {len(seated)} of {count}", len(seated), count)
-        return _tip(seated)
+        found = calibrate_pivot(seated).tip_m if len(seated) >= FEWEST else None
+        if found is None:
+            return None
+        x, y, z = (float(v) for v in found)
+        return x, y, z
 
     with station.connected(
         f"The arm will take the steps that you choose until a tip in the hand sits in a small hole on the "
@@ -103,7 +106,7 @@ def collect_tip(station: Station, count: int, accept_change: bool = False) -> Ca
 
 
 def _tilted(config: BenchConfig, count: int) -> list[PlannedMotion]:
-    """The tilts above the mark, as far as they are known: the tool as it stands, taken to point down."""
+    """Return the tilted poses above the mark, assuming that the tool now points down."""
     above = Pose(config.table.position_m).translated(z_m=FIRST_ABOVE_M).position_m
     poses = [Pose.from_rotation(above, turn * TOOL_DOWN) for turn in tilts(count)]
     return [
@@ -113,18 +116,9 @@ def _tilted(config: BenchConfig, count: int) -> list[PlannedMotion]:
 
 
 def tilts(count: int) -> list[Rotation]:
-    """Turns about level axes all round, the first one none, then alternately half and fully tilted."""
+    """Return rotations about horizontal axes: none, then half and full tilt in turn."""
     turns = [Rotation.identity()]
     for i in range(1, count):
         size = np.radians(_LARGEST_TILT_DEG) * (0.5 if i % 2 else 1.0)
         turns.append(Rotation.from_rotvec(size * np.array([np.cos(i * _GOLDEN), np.sin(i * _GOLDEN), 0.0])))
     return turns
-
-
-def _tip(seated: list[tuple[str, Pose]]) -> Vector3 | None:
-    """The tip in the TCP's frame, m, from `base_T_tcp` by id; None if these poses do not determine it."""
-    found = calibrate_pivot(seated).tip_m if len(seated) >= FEWEST else None
-    if found is None:
-        return None
-    x, y, z = (float(v) for v in found)
-    return x, y, z

@@ -162,7 +162,7 @@ def markers_from_folder(
     camera: CameraModel | None,
     serial: str,
 ) -> CalibrationResult:
-    """How well the angle is known, from twenty pictures of the markers at rest. Raises `CalibrationError`."""
+    """Assess the angle from twenty pictures of the markers at rest. Raises `CalibrationError`."""
     files = picture_files(folder, pattern)
     pictures = [read_image(path, grey=True) for path in files]
     report = assess_markers(pictures, MarkerAngle(MarkerTracker(ids, dictionary), camera))

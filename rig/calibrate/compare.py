@@ -20,7 +20,7 @@ WORKSPACE_M = 0.15
 
 
 def compare_files(one: Path, other: Path) -> dict[str, float | str | None]:
-    """Differences of two files of one kind. Raises `CalibrationError` for different or unknown kinds."""
+    """Compare two files of one kind. Raises `CalibrationError` for different or unknown kinds."""
     contents = [read_yaml(path) for path in (one, other)]
     kinds = [_kind(content, path) for content, path in zip(contents, (one, other), strict=True)]
     if kinds[0] != kinds[1]:
@@ -63,7 +63,7 @@ def _cameras(one: Path, other: Path) -> Figures:
 
 
 def _hand_eye(one: Mapping[str, Any], other: Mapping[str, Any]) -> Figures:
-    """Distance between the places that the two answers give to points in the workspace."""
+    """Compare the positions that the two answers give to points in the workspace."""
     x, y = _pose(one), _pose(other)
     in_hand = one.get("setup") == "eye-in-hand"
     ahead = (x.inverse() @ _pose(one["target"])).position_m if in_hand else (0.0, 0.0, 0.7)
@@ -77,7 +77,7 @@ def _hand_eye(one: Mapping[str, Any], other: Mapping[str, Any]) -> Figures:
 
 
 def _gripper(one: Mapping[str, Any], other: Mapping[str, Any]) -> Figures:
-    """Largest difference between the tables of closing fingers; None if they have no counts in common."""
+    """Return the largest difference of the tables of closing fingers; None without counts in common."""
     tables = [file["closing"] for file in (one, other) if "closing" in file]
     if len(tables) < 2:
         return {"closing_worst_mm": None}

@@ -37,7 +37,7 @@ _MOST_NAMES = 14
 
 
 def bars(values: Mapping[str, float], label: str, limit: float | None = None) -> Markup:
-    """A bar per sample, the ones above `limit` in another colour."""
+    """Draw a bar per sample, the ones above `limit` in another colour."""
     names, heights = list(values), list(values.values())
     beyond = [limit is not None and height > limit for height in heights]
     with drawing(260, _WIDTH_PX) as figure:
@@ -53,7 +53,7 @@ def bars(values: Mapping[str, float], label: str, limit: float | None = None) ->
 
 
 def field(values: Array, size: tuple[int, int], label: str, points: Array | None = None) -> Markup:
-    """A number over the picture, and the corners seen on top of it."""
+    """Draw a number over the picture, and the corners seen on top of it."""
     with drawing(330, _WIDTH_PX) as figure:
         axes = figure.subplots()
         shown = axes.imshow(
@@ -70,7 +70,7 @@ def field(values: Array, size: tuple[int, int], label: str, points: Array | None
 def arrows(
     places: Array, vectors: Array, size: tuple[int, int], label: str, picture: Image | None = None
 ) -> Markup:
-    """Vectors over the picture, enlarged so that they can be seen.
+    """Draw vectors over the picture, enlarged so that they can be seen.
 
     picture: (H, W) grey, drawn below them as far as they reach, with a margin.
     """
@@ -98,7 +98,7 @@ def arrows(
 
 
 def curves(groups: Mapping[str, tuple[Array, Array]], x_label: str, y_label: str, style: str = "-") -> Markup:
-    """Curves of several groups over one axis; with style "." points in a plane, its axes equal."""
+    """Draw curves of several groups over one axis; with style "." points in a plane, its axes equal."""
     points = style == "."
     with drawing(330 if points else 280, _WIDTH_PX) as figure:
         axes = figure.subplots()
@@ -114,7 +114,7 @@ def curves(groups: Mapping[str, tuple[Array, Array]], x_label: str, y_label: str
 
 
 def poses(groups: Mapping[str, Sequence[Pose]]) -> Markup:
-    """Poses of several groups in 3D, in one parent frame: a dot each, with its x, y and z axes.
+    """Draw poses of several groups in 3D, in one parent frame: a dot each, with its x, y and z axes.
 
     The z axis is the longest line: a camera looks along it, a tool points along it. The figure is the first
     view of `rig/pages/poses.js`, which rotates the poses where JavaScript runs.
@@ -140,13 +140,18 @@ def poses(groups: Mapping[str, Sequence[Pose]]) -> Markup:
             axes.plot(*places.T, "o", markersize=3.5, color=colours[name].light)
         axes.text(0.0, 0.0, f"grid: {step:g} m", transform=axes.transAxes)
         drawn = svg(figure, f"poses in 3D: {', '.join(shown)}")
+
+    def posed(pose: Pose) -> dict[str, list[Any]]:
+        ends = _ends(pose, length)
+        return {"at": np.round(pose.position_m, 5).tolist(), "ends": np.round(ends, 5).tolist()}
+
     data = {
         "low": low.tolist(),
         "high": high.tolist(),
         "step": step,
         "view": [_TURN_RAD, _TILT_RAD],
         "groups": [
-            {"name": name, "colour": colours[name].name, "poses": [_posed(pose, length) for pose in group]}
+            {"name": name, "colour": colours[name].name, "poses": [posed(pose) for pose in group]}
             for name, group in shown.items()
         ],
     }
@@ -167,16 +172,12 @@ def _flat(points: Array) -> Array:
 
 
 def _ends(pose: Pose, length: float) -> Array:
-    """Ends of a pose's x, y and z axes, (3, 3) m."""
+    """Return the ends of a pose's x, y and z axes, (3, 3) m."""
     return pose.position_m + length * _LENGTHS[:, None] * pose.rotation.as_matrix().T
 
 
-def _posed(pose: Pose, length: float) -> dict[str, list[Any]]:
-    return {"at": np.round(pose.position_m, 5).tolist(), "ends": np.round(_ends(pose, length), 5).tolist()}
-
-
 def _floor_lines(low: Array, high: Array, step: float) -> list[Array]:
-    """Lines of a grid below all poses, (2, 3) m each. low, high: (3,) corners of the box around them."""
+    """Return lines of a grid below all poses, (2, 3) m each. low, high: (3,) corners of their box."""
     lines = []
     for axis, other in ((0, 1), (1, 0)):
         for value in np.arange(low[axis], high[axis] + step / 2, step):
@@ -192,7 +193,7 @@ def _over_picture(axes: Axes, extent: tuple[int, int, int, int]) -> None:
 
 
 def thumbnail(picture: Image, marks: Sequence[Array] = ()) -> bytes:
-    """A small picture, (H, W) or (H, W, 3) RGB, with points marked."""
+    """Draw a small picture, (H, W) or (H, W, 3) RGB, with points marked, as PNG."""
     colour = cv2.cvtColor(picture, cv2.COLOR_GRAY2RGB) if picture.ndim == 2 else picture.copy()
     for points in marks:
         for x, y in np.asarray(points, int):
@@ -203,7 +204,7 @@ def thumbnail(picture: Image, marks: Sequence[Array] = ()) -> bytes:
 
 
 def sheet_pdf(spec: str) -> bytes:
-    """The sheet of a target. Raises `InputError` for a target that is not understood."""
+    """Return the sheet of a target as PDF. Raises `InputError` for a target that is not understood."""
     sheet = target_sheet(spec)
     wide, high = sheet.size_mm
     figure = Figure(figsize=(wide / _MM_PER_INCH, high / _MM_PER_INCH))

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from calibration.camera.model import CameraModel
 from calibration.hand_eye.closed_form import LEAST_GAP, LEAST_RATIO, LEAST_TURN_DEG
 from calibration.hand_eye.pose_pairs import PoseSample
-from calibration.hand_eye.pose_solve import PosePairResult, calibrate_pose_pairs
+from calibration.hand_eye.pose_solve import calibrate_pose_pairs
 from calibration.hand_eye.samples import HandEyeSample, Setup
 from calibration.hand_eye.solve import HandEyeResult, calibrate_hand_eye
 from calibration.targets.boards import Target, View
@@ -68,19 +68,7 @@ def hand_eye_from_poses(folder: Path, serial: str, setup: Setup) -> CalibrationR
     samples = [PoseSample(name, robot[name], seen[name]) for name in robot if name in seen]
     result = calibrate_pose_pairs(samples, setup)
     quality, numbers = _pair_figures(result)
-    return CalibrationResult(
-        "hand-eye",
-        {"camera": serial},
-        result.assessment,
-        str(folder),
-        _value(setup, result.pose, result.target),
-        quality,
-        numbers,
-        len(result.used),
-        [*rejected, *result.rejected],
-        files,
-        _poses_picture(setup, result.pose, result.target, [robot[name] for name in result.used]),
-    )
+    return replace(_filed(result, serial, str(folder), rejected, robot, quality, numbers), files=files)
 
 
 def hand_eye_result(
@@ -95,22 +83,34 @@ def hand_eye_result(
 ) -> CalibrationResult:
     """Solve, and make the figures of the page. files: the pictures by the id of their sample."""
     result = calibrate_hand_eye(samples, camera, setup)
-    robot = [s.base_T_tcp for s in samples if s.id in result.used]
+    robot = {sample.id: sample.base_T_tcp for sample in samples}
+    filed = _filed(result, serial, source, rejected, robot, _quality(result, target), _numbers(result))
+    views = [sample.view for sample in samples]
+    more = [*_residuals(result, camera, files), *_pictures(result, views, camera)]
+    return replace(filed, pictures=[*filed.pictures, *more])
+
+
+def _filed(
+    result: HandEyeResult,
+    serial: str,
+    source: str,
+    rejected: Sequence[Rejected],
+    robot: Mapping[str, Pose],
+    quality: Mapping[str, object],
+    numbers: Mapping[str, str],
+) -> CalibrationResult:
+    """Return the calibration with the poses in 3D. robot: base_T_tcp by sample."""
     return CalibrationResult(
         "hand-eye",
         {"camera": serial},
         result.assessment,
         source,
-        _value(setup, result.pose, result.target),
-        _quality(result, target),
-        _numbers(result),
+        _value(result.setup, result.pose, result.target),
+        quality,
+        numbers,
         len(result.used),
         [*rejected, *result.rejected],
-        pictures=[
-            *_poses_picture(setup, result.pose, result.target, robot),
-            *_residuals(result, camera, files),
-            *_pictures(result, [s.view for s in samples], camera),
-        ],
+        pictures=_poses_picture(result, [robot[name] for name in result.used]),
     )
 
 
@@ -124,7 +124,7 @@ def _transform(parent: str, child: str, pose: Pose) -> dict[str, object]:
 
 
 def _value(setup: Setup, pose: Pose | None, target: Pose | None) -> dict[str, object]:
-    """The value of a hand-eye file; nothing where there is no answer."""
+    """Return the value of a hand-eye file; nothing without an answer."""
     if pose is None or target is None:
         return {}
     parent, child, holder = FRAMES[setup]
@@ -135,13 +135,12 @@ def _value(setup: Setup, pose: Pose | None, target: Pose | None) -> dict[str, ob
     }
 
 
-def _poses_picture(
-    setup: Setup, pose: Pose | None, target: Pose | None, robot: Sequence[Pose]
-) -> list[Picture]:
+def _poses_picture(result: HandEyeResult, robot: Sequence[Pose]) -> list[Picture]:
     """Draw robot, camera and target of all samples in the base frame; nothing without an answer."""
+    pose, target = result.pose, result.target
     if pose is None or target is None:
         return []
-    moving = setup is Setup.EYE_IN_HAND
+    moving = result.setup is Setup.EYE_IN_HAND
     cameras = [at @ pose for at in robot] if moving else [pose]
     targets = [target] if moving else [at @ target for at in robot]
     groups = {"TCP": robot, "camera": cameras, "target": targets, "base": [Pose((0.0, 0.0, 0.0))]}
@@ -188,8 +187,8 @@ def _numbers(result: HandEyeResult) -> dict[str, str]:
     }
 
 
-def _pair_figures(result: PosePairResult) -> tuple[dict[str, object], dict[str, str]]:
-    """Quality and numbers of an answer from pairs of poses; nothing without one."""
+def _pair_figures(result: HandEyeResult) -> tuple[dict[str, object], dict[str, str]]:
+    """Return quality and numbers of an answer from pairs of poses; nothing without one."""
     if result.pose is None or result.covariance is None or result.sigmas is None:
         return {}, {}
     quality = {

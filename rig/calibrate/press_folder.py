@@ -9,8 +9,7 @@ from calibration.gel.balls import BALLS_MM, BallPress
 from calibration.gel.presses import find_press
 from calibration.gel.untouched import Circle, Pressed
 from calibration.targets.boards import SAME_VIEW_PX
-from calibration.units import length_guess
-from calibration.verdict import Rejected
+from calibration.verdict import Rejected, length_guess
 from drivers.errors import InputError
 from drivers.formats import number_in, read_csv_rows
 from drivers.images import read_image
@@ -154,7 +153,7 @@ def _diameter_mm(value: float, where: str) -> float:
 
 
 def _circles(path: Path) -> dict[str, Circle]:
-    """Circles by the name of their picture, without leading zeros."""
+    """Read circles by the name of their picture, without leading zeros."""
     found: dict[str, Circle] = {}
     for line, row in read_csv_rows(path, ("center_x", "center_y", "radius")):
         where = f"{path} line {line}"

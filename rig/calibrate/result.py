@@ -41,7 +41,7 @@ class Thumbnail:
     def of(
         cls, rejected: Rejected, path: Path | None, view: View | str | None = None, grey: bool = True
     ) -> "Thumbnail":
-        """Of a rejected sample and its picture file; the points of a view are marked. Raises `InputError`."""
+        """Make the thumbnail of a rejected sample; mark its points. Raises `InputError`."""
         marks = [view.image_px] if isinstance(view, View) else []
         png = None if path is None else thumbnail(read_image(path, grey=grey), marks)
         return cls(rejected.id, rejected.reason, png)
@@ -144,7 +144,7 @@ def _head(result: CalibrationResult) -> dict[str, str]:
 
 
 def _notices(assessment: Assessment) -> list[dict[str, str]]:
-    """The reasons of a verdict as the page's notices."""
+    """Return the reasons of a verdict as the page's notices."""
     if not assessment.reasons:
         return [{"level": "good", "what": "All measured values are within their limits.", "advice": ""}]
     reasons = [("bad", reason) for reason in assessment.refusals]

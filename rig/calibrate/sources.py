@@ -17,7 +17,7 @@ QUATERNION = ("qx", "qy", "qz", "qw")
 
 
 def picture_files(folder: Path, pattern: str = "*") -> list[Path]:
-    """Pictures of a folder, by name. Raises `InputError` for a folder without any."""
+    """Return the pictures of a folder, by name. Raises `InputError` for a folder without any."""
     if not folder.is_dir():
         raise InputError(f"{folder}: no such folder; --from takes the folder of the samples")
     found = sorted(p for p in folder.glob(pattern) if p.suffix.lower() in SUFFIXES)
@@ -27,7 +27,7 @@ def picture_files(folder: Path, pattern: str = "*") -> list[Path]:
 
 
 def read_poses(path: Path) -> tuple[dict[str, Pose], list[Rejected]]:
-    """`base_T_tcp` by id, from a CSV: id, x_m, y_m, z_m and qx, qy, qz, qw or rx_rad, ry_rad, rz_rad (UR).
+    """Read `base_T_tcp` from a CSV: id, x_m, y_m, z_m and qx, qy, qz, qw or rx_rad, ry_rad, rz_rad (UR).
 
     Rows that hold no valid pose are left out, with their reason. Raises `InputError` for the file itself.
     """
@@ -46,7 +46,7 @@ def read_poses(path: Path) -> tuple[dict[str, Pose], list[Rejected]]:
 
 
 def read_stream(path: Path) -> TimedSignal:
-    """A stream from a CSV: time_ns (or t_s), and value or an orientation, qx, qy, qz, qw, that turns.
+    """Read a stream from a CSV: time_ns (or t_s), and value or an orientation, qx, qy, qz, qw, that turns.
 
     Raises `InputError`, `CalibrationError`.
     """

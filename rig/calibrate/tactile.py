@@ -7,15 +7,13 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from calibration.gel.balls import NULL_REFUSED, BallFit, BallPress, calibrate_gel
+from calibration.gel.balls import NULL_REFUSED, BallFit, BallPress, GelScale, calibrate_gel, fit_scale
 from calibration.gel.look import GelLook
 from calibration.gel.look_fit import LookFit, fit_look
 from calibration.gel.presses import rim_centre
 from calibration.gel.reference import Reference, assess_reference, drift_since
-from calibration.gel.scale import GelScale, fit_scale
 from calibration.gel.visibility import visibility
-from calibration.units import length_guess
-from calibration.verdict import Assessment, limit
+from calibration.verdict import Assessment, length_guess, limit
 from drivers.errors import CalibrationError
 from drivers.types import Image
 from rig.calibrate import figures
@@ -44,11 +42,11 @@ def tactile_from_folder(
     circles: Path | None = None,
     untouched: Path | None = None,
 ) -> CalibrationResult:
-    """The gel's scale, colour map and look from a folder of presses, as `read_press_folder` reads it.
+    """Fit a gel's scale, colour map and look to a folder of presses, as `read_press_folder` reads it.
 
-    mm_per_px: along x and y if known; else it is fitted to the known moves of the presses
-    (columns x_mm, y_mm), or taken as a DIGIT's, with a doubt. A map that fails its own test is left
-    out where there is a fitted scale to keep.
+    mm_per_px: along x and y if known; else it is fitted to the known moves of the presses (columns x_mm,
+    y_mm), or that of a DIGIT, reported as a doubt. If the colour map fails its test, only the fitted scale is
+    kept.
     """
     presses = read_press_folder(folder, ball_mm, background, circles, untouched)
     result = CalibrationResult(
@@ -70,7 +68,11 @@ def tactile_from_folder(
     except CalibrationError as error:
         return replace(result, assessment=Assessment((str(error),)))
     mapped = not (fit.assessment.refusals and scale)
-    assessment = (fit.assessment if mapped else _without_map(fit.assessment)) + _assess_look(look)
+    assessment = (
+        fit.assessment
+        if mapped
+        else Assessment(doubts=tuple(f"colour map left out: {reason}" for reason in fit.assessment.reasons))
+    ) + _assess_look(look)
     assessment += _dark_or_saturated(fit, presses.background) + _assess_background(
         presses.background, look.look
     )
@@ -114,7 +116,7 @@ def _require_gel(background: Image, mm_per_px: tuple[float, float]) -> None:
 
 
 def _assess_look(fit: LookFit) -> Assessment:
-    """By the colour errors of held-out presses, and by the fields of the gel that no press covers."""
+    """Assess the look by held-out colour errors and by the fields without a press."""
     assessment = limit(
         100.0 * fit.error_share, 60.0, 90.0,
         "presses left out are rendered with {value:.0f} % of their colour change wrong: press more places",
@@ -129,7 +131,7 @@ def _assess_look(fit: LookFit) -> Assessment:
 def unpressed_fields(
     circles: Sequence[tuple[float, float, float]], shape: tuple[int, int]
 ) -> list[tuple[float, float]]:
-    """Middles (x, y) px of the fields of a gel that no contact reaches. shape: rows, columns."""
+    """Return the middles (x, y) px of the fields of a gel that no contact reaches. shape: rows, columns."""
     (across, down), (rows, columns) = _GRID, shape
     middles = [
         ((i + 0.5) * columns / across, (j + 0.5) * rows / down) for j in range(down) for i in range(across)
@@ -140,7 +142,7 @@ def unpressed_fields(
 
 
 def _dark_or_saturated(fit: BallFit, background: Image) -> Assessment:
-    """The physical reason if the map fails or is doubtful: colours that are dark or saturated in places."""
+    """Return dark or saturated colours as the reason for a failed or doubtful map."""
     dark = float((background.min(axis=2) < _DARK_GREY).mean())
     bright = float((background.max(axis=2) >= 250).mean())
     text = (
@@ -155,7 +157,7 @@ def _dark_or_saturated(fit: BallFit, background: Image) -> Assessment:
 
 
 def _assess_background(background: Image, look: GelLook) -> Assessment:
-    """The background against the untouched parts of all presses: a contact in it would show."""
+    """Compare the background with the untouched parts of all presses, to find a contact in it."""
     still = Reference(background.astype(np.float32), 0.0, float((background >= 250).mean()), 0)
     assessment = assess_reference(still, drift_since(still, look.background))
     if assessment.reasons:
@@ -201,18 +203,13 @@ def _look_numbers(fit: LookFit) -> dict[str, str]:
 
 
 def _scale(presses: PressFolder) -> GelScale | None:
-    """The scale from known moves; None where the catalog has none. Raises `CalibrationError`."""
+    """Fit the scale to known moves; None if the catalog has none. Raises `CalibrationError`."""
     moved = [p for p in presses.found if p.press.id in presses.moves_mm]
     if not moved:
         return None
     moves = np.array([presses.moves_mm[p.press.id] for p in moved])
     centres = np.array([rim_centre(p.press) for p in moved])
     return fit_scale(moves, centres, np.array([p.radius_mm for p in moved]))
-
-
-def _without_map(assessment: Assessment) -> Assessment:
-    """Return reasons against a colour map as doubts: a scale from known moves is valid without it."""
-    return Assessment(doubts=tuple(f"colour map left out: {reason}" for reason in assessment.reasons))
 
 
 def _value(

@@ -128,7 +128,10 @@ def _bring(lesson: Lesson, bench: Bench, operator: Operator, question: str, wher
 def judged(config: BenchConfig, name: str, taught: Taught, lift_m: float) -> TaughtPosition:
     """Return the entry of an object file for a grasp, and the problems with it."""
     x, y, z = (float(v) for v in np.subtract(taught.base_T_grasp.position_m, config.table.position_m))
-    turn_deg, tilt_deg = _turned_deg(taught.base_T_grasp)
+    x_axis = taught.base_T_grasp.rotation.apply([1.0, 0.0, 0.0])
+    turn_deg = float(np.degrees(np.arctan2(x_axis[2], x_axis[0])))
+    straight = Rotation.from_euler("y", -turn_deg, degrees=True) * TOOL_DOWN
+    tilt_deg = float(np.degrees((straight.inv() * taught.base_T_grasp.rotation).magnitude()))
     values = {
         "offset_m": round(x, 4), "height_m": round(z, 4), "turn_deg": round(turn_deg, 1),
         "width_m": round(taught.width_m, 4), "lift_height_m": round(max(lift_m, 0.0), 4),
@@ -143,14 +146,6 @@ def judged(config: BenchConfig, name: str, taught: Taught, lift_m: float) -> Tau
     except ValidationError as error:
         return TaughtPosition(name, values, (*problems, validation_text(error)))
     return TaughtPosition(name, values, (*problems, *_refused(config, place)))
-
-
-def _turned_deg(pose: Pose) -> tuple[float, float]:
-    """Return the rotation of a hand about the closing axis, and its remaining tilt."""
-    x_axis = pose.rotation.apply([1.0, 0.0, 0.0])
-    turn_deg = float(np.degrees(np.arctan2(x_axis[2], x_axis[0])))
-    straight = Rotation.from_euler("y", -turn_deg, degrees=True) * TOOL_DOWN
-    return turn_deg, float(np.degrees((straight.inv() * pose.rotation).magnitude()))
 
 
 def _refused(config: BenchConfig, place: Position) -> Sequence[str]:

@@ -4,7 +4,6 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 
 from rig.cli.common import mark, say
-from rig.cli.declared import option
 from rig.cli.helping import Commands
 from rig.cli.live import (
     LiveAngleOptions,
@@ -16,6 +15,7 @@ from rig.cli.live import (
     sources_of,
     stopped_by_person,
 )
+from rig.declared import option
 
 bridge = Commands(
     no_args_is_help=True, help="Publish live angles, alarms and images for other robot software."

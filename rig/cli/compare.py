@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 from drivers.errors import InputError
 from rig.cli.common import print_result, report_faults, say, trial_jobs
-from rig.cli.declared import argument, file_place, option
 from rig.cli.options import JsonOption
+from rig.declared import argument, file_place, option
 
 if TYPE_CHECKING:
     from rig.report.compare import Comparison

@@ -6,8 +6,8 @@ from pathlib import Path
 import typer
 
 from rig.cli.common import Exit, emit_json, mark, say
-from rig.cli.declared import folder_place, option
 from rig.cli.options import BenchOption, JsonOption
+from rig.declared import folder_place, option
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from rig.cli.common import print_result, say
-from rig.cli.declared import argument, file_place, option
 from rig.cli.options import JsonOption, TopicOption
+from rig.declared import argument, file_place, option
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from rig.cli.common import print_result, report_broken, say
-from rig.cli.declared import argument, folder_place, option
 from rig.cli.options import JsonOption
+from rig.declared import argument, folder_place, option
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,9 +8,9 @@ from typing import Annotated
 import typer
 
 from rig.cli.common import print_result, say
-from rig.cli.declared import file_place, option
 from rig.cli.helping import Commands
 from rig.cli.options import JsonOption, ObjectsOption, SeedOption
+from rig.declared import file_place, option
 
 fakes = Commands(
     no_args_is_help=True,

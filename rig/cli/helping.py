@@ -9,7 +9,7 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from drivers.errors import nearest
-from rig.cli.declared import with_options
+from rig.declared import with_options
 from rig.live.screen import begin_phase
 
 SIMULATED_BENCHES = ("fake", "hard", "wire")

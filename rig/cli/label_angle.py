@@ -5,8 +5,8 @@ from pathlib import Path
 
 from drivers.errors import InputError, counted
 from rig.cli.common import emit_json, mark, say
-from rig.cli.declared import argument, option
 from rig.cli.options import JsonOption, TopicOption
+from rig.declared import argument, option
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from drivers.errors import EstimatorError, InputError
 from rig.cli.common import STOPS, Exit, mark, say
-from rig.cli.declared import argument, option
+from rig.declared import argument, option
 
 if TYPE_CHECKING:
     from drivers.interfaces import FrameSource

@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from drivers.errors import OperatorStopError, RigError
-from rig.cli.benchmark.commands import Program, benchmark
+from rig.cli.benchmark import Program, benchmark
 from rig.cli.bridge import bridge
 from rig.cli.calibrate.commands import calibrate
 from rig.cli.common import STOPS, Exit, begin_answer, emit_error, exit_code, say, stop_on_signals

@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import Any
 
 from rig.cli.common import emit_json, print_result, say
-from rig.cli.declared import argument, file_place, option
 from rig.cli.helping import Commands
 from rig.cli.options import JsonOption
+from rig.declared import argument, file_place, option
 
 model = Commands(no_args_is_help=True, help="List the networks of the rig; import a checkpoint of your own.")
 

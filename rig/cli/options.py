@@ -1,4 +1,4 @@
-"""Options that several commands share, in groups that are frozen dataclasses (`rig.cli.declared`)."""
+"""Options that several commands share, in groups that are frozen dataclasses (`rig.declared`)."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rig.cli.declared import option
+from rig.declared import option
 
 if TYPE_CHECKING:
     from rig.config import BenchConfig

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 from drivers.errors import InputError, counted
 from rig.cli.common import print_result, report_broken, say
-from rig.cli.declared import argument, file_place, option
 from rig.cli.options import JsonOption, TopicOption
+from rig.declared import argument, file_place, option
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

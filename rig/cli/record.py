@@ -9,11 +9,11 @@ import typer
 
 from drivers.errors import InputError, counted
 from rig.cli.common import mark, print_result, say
-from rig.cli.declared import option, resumed
 from rig.cli.options import BenchOptions, SessionOptions, WatchOptions
 from rig.cli.report import report_after
 from rig.cli.resuming import agreed, bench_of, continued, may_be_continued
 from rig.cli.watching import Work, dry_run, watched
+from rig.declared import option, resumed
 from rig.live.onlookers import telling
 from rig.live.questions import ask
 

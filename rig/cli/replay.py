@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 from drivers.errors import EstimatorError, InputError, counted
 from rig.cli.common import emit_json, mark, report_broken, report_faults, say, trial_jobs
-from rig.cli.declared import argument, folder_place, option
 from rig.cli.options import JsonOption, ResumeOption, SessionOptions
 from rig.cli.results import print_results, trial_table
+from rig.declared import argument, folder_place, option
 
 if TYPE_CHECKING:
     from rig.experiments.batch_replay import ReplayPlan

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from rig.cli.common import print_result, say
-from rig.cli.declared import argument, file_place, folder_place, option
 from rig.cli.options import JsonOption
+from rig.declared import argument, file_place, folder_place, option
 from rig.live.onlookers import report_written
 from rig.live.screen import begin_phase
 

@@ -11,9 +11,9 @@ import typer
 
 from drivers.errors import DeviceError, InputError, OperatorStopError, RecordingError, counted
 from rig.cli.common import say
-from rig.cli.declared import is_given
 from rig.cli.options import BenchOptions, SessionOptions
 from rig.cli.report import report_after
+from rig.declared import is_given
 
 if TYPE_CHECKING:
     from rig.config import BenchConfig

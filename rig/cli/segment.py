@@ -8,8 +8,8 @@ import typer
 
 from drivers.errors import InputError, counted
 from rig.cli.common import emit_json, say
-from rig.cli.declared import folder_place, option
 from rig.cli.options import JsonOption
+from rig.declared import folder_place, option
 
 if TYPE_CHECKING:
     from rig.frames.masks import ImageGroup, SegmentChoice, SegmentedImage

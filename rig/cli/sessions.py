@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any, Literal
 from drivers.errors import SessionError, counted
 from drivers.progress import steps
 from rig.cli.common import emit_json, say
-from rig.cli.declared import argument, file_place, option
 from rig.cli.options import JsonOption
+from rig.declared import argument, file_place, option
 from rig.live.screen import begin_phase, end_phase
 
 if TYPE_CHECKING:

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Literal
 import typer
 
 from rig.cli.common import Exit, mark, print_result, say
-from rig.cli.declared import argument, option
 from rig.cli.options import BenchOptions, JsonOption
 from rig.cli.watching import dry_run
+from rig.declared import argument, option
 from rig.live.questions import ask, press, waited
 from rig.live.screen import begin_phase
 

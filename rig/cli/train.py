@@ -5,8 +5,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rig.cli.common import emit_json, print_result, say
-from rig.cli.declared import argument, folder_place, option
 from rig.cli.options import JsonOption, SeedOption
+from rig.declared import argument, folder_place, option
 
 if TYPE_CHECKING:
     from rig.training.settings import TrainSettings

@@ -9,7 +9,6 @@ import typer
 
 from drivers.errors import counted
 from rig.cli.common import Exit, emit_json, mark, report_faults, say, trial_jobs
-from rig.cli.declared import option, resumed
 from rig.cli.options import BenchOptions, SessionOptions, WatchOptions
 from rig.cli.report import report_after
 from rig.cli.results import trial_table
@@ -23,6 +22,7 @@ from rig.cli.resuming import (
     usual_lift_s,
 )
 from rig.cli.watching import Work, dry_run, watched
+from rig.declared import option, resumed
 from rig.live.onlookers import telling
 from rig.live.questions import ask
 from rig.live.screen import begin_phase

@@ -79,8 +79,8 @@ def _by_lift(samples: Sequence[SlipSample], lift_ns: int) -> Iterator[bool]:
 class _TurnWatch:
     """Detects rotations by `ONSET_DEG` from the angle at rest: the mean of the first `REST_FRAMES` angles.
 
-    A step of the angle in a frame with another keyframe is no rotation. After a rotation the angle at which it
-    has ended is that at rest.
+    A step of the angle in a frame with another keyframe is no rotation. After a rotation the angle at which
+    it has ended is that at rest.
     """
 
     def __init__(self) -> None:

@@ -260,7 +260,7 @@ def test_usage_errors_are_one_line_and_exit_with_2(arguments: tuple[str, ...], s
 
 @pytest.mark.parametrize("count", [4, 12])
 def test_reasons_of_rejected_rows_are_counted_on_the_terminal(count: int, tmp_path: Path) -> None:
-    """Each pose stands three times, two rows are damaged; with four poses the calibration is refused."""
+    """Each pose stands three times, three rows are damaged; with four poses the calibration is refused."""
     truth, samples = general_scene(np.random.default_rng(0), count)
     head = "id,x_m,y_m,z_m,qx,qy,qz,qw"
     tables: dict[str, list[str]] = {"poses.csv": [head], "targets.csv": [head]}
@@ -268,7 +268,7 @@ def test_reasons_of_rejected_rows_are_counted_on_the_terminal(count: int, tmp_pa
         seen = truth.x.inverse() @ sample.base_T_tcp @ truth.z
         for rows, pose in zip(tables.values(), (sample.base_T_tcp, seen), strict=True):
             rows.append(f"{i:03d}," + ",".join(f"{v:.9f}" for v in (*pose.position_m, *pose.quaternion_xyzw)))
-    tables["poses.csv"] += ["900,0,0,0,0,0,0,", "901,0,0,0,0,0,x,1"]
+    tables["poses.csv"] += ["900,0,0,0,0,0,0,", "901,0,0,0,0,0,x,1", "001,0,0,0,0,0,0,1"]
     for name, rows in tables.items():
         (tmp_path / name).write_text("\n".join(rows))
     done = calibrate("hand-eye", "--from", tmp_path, "--out", tmp_path)
@@ -277,4 +277,5 @@ def test_reasons_of_rejected_rows_are_counted_on_the_terminal(count: int, tmp_pa
     assert f"left out {2 * count} ({count:03d}, {count + 1:03d}, {count + 2:03d} and" in "\n".join(lines)
     assert "left out 900: line" in done.stderr
     assert "column qz: 'x' is not a number" in done.stderr
-    assert len(lines) <= 4
+    assert "the id 001 a second time" in done.stderr
+    assert len(lines) <= 5

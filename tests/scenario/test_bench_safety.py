@@ -17,7 +17,7 @@ import pytest
 
 from fakes.wire.net import Control
 from rig.bench.fakes_process import hosted_fakes
-from rig.benchmark.wire.safety_events import as_real
+from rig.benchmark.wire.campaign import as_real
 from rig.config import BenchConfig
 from rig.config.write import write_bench
 from rig.sessions.rows import read_lifts

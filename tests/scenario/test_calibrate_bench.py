@@ -15,22 +15,23 @@ from calibration.verdict import Verdict
 from drivers.errors import DeviceError, InputError
 from drivers.images import read_image
 from drivers.types import ArmState, Frame, Pose
-from fakes.devices.arm import TOOL_LENGTH_M, FakeArm
-from fakes.devices.plan import unit_seed
+from fakes.devices.arm import FakeArm
+from fakes.devices.camera import unit_seed
 from fakes.gel.sensor import GelSensor
 from fakes.world.fixture import tip_m
+from fakes.world.kinematics import TOOL_LENGTH_M
 from fakes.world.motion import FingerPath, ToolPath
 from fakes.world.state import BenchLayout
 from fakes.world.world import World
 from rig.bench.operators import ConsoleOperator
-from rig.benchmark.wire.safety_events import as_real
+from rig.benchmark.wire.campaign import as_real
 from rig.calibrate.bench import Station, grasp_at
 from rig.calibrate.bench_camera import collect_camera
 from rig.calibrate.bench_clocks import WiggleObserver, collect_streams
 from rig.calibrate.bench_hand_eye import collect_hand_eye
 from rig.calibrate.bench_tactile import collect_presses
 from rig.calibrate.bench_tip import collect_openings, collect_tip
-from rig.calibrate.clamped_tip import tip_from_folder
+from rig.calibrate.from_tables import tip_from_folder
 from rig.calibrate.result import file_result
 from rig.config import BenchConfig, load_bench
 from rig.config.write import write_bench

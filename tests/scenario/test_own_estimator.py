@@ -13,10 +13,10 @@ import pytest
 from numpy.typing import NDArray
 
 from drivers.errors import EstimatorError
+from rig.benchmark import renderer
 from rig.benchmark.clips import study as clips
-from rig.benchmark.estimators.lifts import score_lift
+from rig.benchmark.estimators.contenders import score_lift
 from rig.benchmark.harness import Run
-from rig.benchmark.renderer import study as renderer
 from rig.config import BenchConfig
 from rig.experiments.lift_plan import TrialSettings, stored_trial
 from rig.experiments.replay import run_replay

@@ -10,7 +10,7 @@ import pytest
 
 from drivers.errors import InputError
 from protocols.reaction import ReactionKind
-from rig.benchmark.reaction.lifts import times_of
+from rig.benchmark.reaction import times_of
 from rig.config import load_bench
 from rig.experiments.lift_attempt import attempt_lift
 from rig.experiments.lift_plan import (

@@ -8,8 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from rig.benchmark.wire.fault_cases import CASES
-from rig.benchmark.wire.fault_lifts import run_faults
+from rig.benchmark.wire.faults import CASES, run_faults
 from rig.benchmark.wire.lift import judge_wire, measure_wire
 from rig.config import BenchConfig
 from rig.sessions.manifest import TrialManifest, read_manifest_of
@@ -27,7 +26,7 @@ SOME = ("gripper: power lost", "fingertip: unplugged")
 def test_wire_lift_agrees_with_the_in_process_bench_and_loses_no_frame(
     tmp_path: Path, unhurried_bench: BenchConfig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    slow_down(monkeypatch, "rig.benchmark.wire.lift")
+    slow_down(monkeypatch, "rig.benchmark.wire.campaign")
     monkeypatch.setattr("rig.benchmark.wire.lift.load_bench", lighter)  # of the seeds' lifts
     report = measure_wire(tmp_path / "s", "t1", seeds=2, bench=unhurried_bench)
     assert judge_wire(report)[0].met, report.streams
@@ -48,7 +47,7 @@ def test_wire_lift_agrees_with_the_in_process_bench_and_loses_no_frame(
 def test_faults_during_a_lift_are_detected_and_recovered_from(
     tmp_path: Path, unhurried_bench: BenchConfig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    slow_down(monkeypatch, "rig.benchmark.wire.fault_lifts")
+    slow_down(monkeypatch, "rig.benchmark.wire.campaign")
     for phase in ("GRASP_S", "HOLD_S"):  # before a fault and after it: nothing happens there
         monkeypatch.setattr(f"protocols.slip_trial.{phase}", 0.5)
     cases = [case for case in CASES if case.name in SOME]

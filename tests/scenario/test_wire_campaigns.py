@@ -10,10 +10,9 @@ import pytest
 
 from drivers.children import python_command
 from rig.benchmark.harness import Run
+from rig.benchmark.wire.campaign import Moment, PlannedRun, Stage, start_trial
 from rig.benchmark.wire.endurance import WANDER_DEG, Minute, measure_endurance
-from rig.benchmark.wire.safety import judge_runs, run_safety
-from rig.benchmark.wire.safety_events import BY_NAME, PlannedRun, start_trial
-from rig.benchmark.wire.world import Moment, Stage
+from rig.benchmark.wire.safety import BY_NAME, judge_runs, run_safety
 from rig.config import BenchConfig
 from support.slow_motion import IN_SLOW_MOTION, slow_down
 from support.waiting import LIMIT_S
@@ -24,7 +23,7 @@ pytestmark = pytest.mark.long
 def start_slow_trial(bench: Path, session: Path, object_id: str) -> "subprocess.Popen[str]":
     """Start a trial as the benchmark does, in slow motion."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("rig.benchmark.wire.safety_events.python_command", slow_command)
+        patch.setattr("rig.benchmark.wire.campaign.python_command", slow_command)
         return start_trial(bench, session, object_id)
 
 
@@ -36,8 +35,8 @@ def slow_command(flag: str, module: str, *arguments: object) -> list[str]:
 def test_killed_lift_and_blocked_fingers_keep_every_limit(
     tmp_path: Path, unhurried_bench: BenchConfig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    slow_down(monkeypatch, "rig.benchmark.wire.safety")
-    monkeypatch.setattr("rig.benchmark.wire.safety.start_trial", start_slow_trial)
+    slow_down(monkeypatch, "rig.benchmark.wire.campaign")
+    monkeypatch.setattr("rig.benchmark.wire.campaign.start_trial", start_slow_trial)
     monkeypatch.setattr("rig.benchmark.wire.safety.END_S", LIMIT_S)
     plan = [
         PlannedRun(1, BY_NAME["kill -9"], Moment(Stage.LIFT, 0.5)),
@@ -53,7 +52,7 @@ def test_killed_lift_and_blocked_fingers_keep_every_limit(
 def test_a_still_contact_keeps_its_angle_and_loses_no_frame(
     unhurried_bench: BenchConfig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    slow_down(monkeypatch, "rig.benchmark.wire.endurance")
+    slow_down(monkeypatch, "rig.benchmark.wire.campaign")
     seen: list[tuple[int, Minute]] = []
     minutes = measure_endurance(2, lambda *minute: seen.append(minute), unhurried_bench, minute_s=3.0)
     assert seen == list(enumerate(minutes, start=1))

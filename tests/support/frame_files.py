@@ -13,7 +13,7 @@ import numpy as np
 from drivers.clock import NS_PER_S
 from drivers.errors import InputError
 from drivers.types import Image
-from fakes.wire.mjpeg.sensor import Render
+from fakes.wire.mjpeg.server import Render
 
 
 def write_folder(folder: Path, render: Render, rate_hz: float, count: int) -> list[Path]:

@@ -1,14 +1,23 @@
-"""Motions with ground truth: given views of a target, and a tool tip turned about one point."""
+"""Motions with ground truth: given views of a target, pairs of poses, a tool tip turned about one point."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from calibration.hand_eye.samples import HandEyeSample
+from calibration.hand_eye.pose_pairs import PoseSample
+from calibration.hand_eye.samples import HandEyeSample, Setup
 from drivers.types import Pose
-from rig.benchmark.calibration.motion_scenes import NOISE, Truth, draw_truth, noisy_sample
+from rig.benchmark.calibration.motion_scenes import (
+    NOISE,
+    Noise,
+    Truth,
+    draw_truth,
+    general_scene,
+    noisy_sample,
+)
 
 Array = NDArray[np.floating]
 
@@ -40,3 +49,33 @@ def pivot_scene(
         place = rng.normal(hole - turn.apply(tip), 1e-4)
         poses.append((f"{i:02d}", Pose.from_rotation(place, turn)))
     return tip, poses
+
+
+ROBOT = (np.radians(0.03), 3e-4)
+TARGET = (np.radians(0.2), np.radians(0.05), 1e-3, 4e-3)
+"""Noise of tilt, rotation about the axis, lateral position, and depth."""
+
+
+def disturbed(pose: Pose, rng: np.random.Generator, turns: Array, moves: Array) -> Pose:
+    """Perturb a pose in its parent's axes by normal steps of these sigmas."""
+    turn = Rotation.from_rotvec(rng.normal(0, 1, 3) * turns)
+    return Pose.from_rotation(pose.position_m + rng.normal(0, 1, 3) * moves, turn * pose.rotation)
+
+
+def pose_pairs(
+    seed: int, count: int = 20, setup: Setup = Setup.EYE_TO_HAND, noise: float = 1.0, size: float = 1.0
+) -> tuple[Truth, list[PoseSample]]:
+    """Draw pairs with `noise` times the noise above; distances to the target appear `size` times as long."""
+    rng = np.random.default_rng((5, seed))
+    truth, views = general_scene(rng, count, setup, noise=Noise(0.0, 0.0, 0.0))
+    samples = []
+    for view in views:
+        robot = view.base_T_tcp if setup is Setup.EYE_TO_HAND else view.base_T_tcp.inverse()
+        seen = truth.x.inverse() @ robot @ truth.z
+        seen = replace(seen, position_m=tuple(size * v for v in seen.position_m))
+        tilt, turn, across, depth = noise * np.array(TARGET)
+        seen = disturbed(seen, rng, np.array([tilt, tilt, turn]), np.array([across, across, depth]))
+        twist = [rng.normal(0, noise * s, 3) for s in ROBOT]
+        said = view.base_T_tcp @ Pose.from_rotation(twist[1], Rotation.from_rotvec(twist[0]))
+        samples.append(PoseSample(view.id, said, seen))
+    return truth, samples

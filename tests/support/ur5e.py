@@ -6,24 +6,18 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
 from drivers.clock import to_ns
 from drivers.errors import DeviceError
 from drivers.types import Pose, Vector6
 from drivers.ur5e.arm import UR5e
 from fakes.clock import SharedClock
-from fakes.devices.arm import LIMITS, TOOL_LENGTH_M
+from fakes.devices.arm import LIMITS
 from fakes.wire.ur.controller import URController
 from fakes.wire.ur.robot import INSTALLED_COG_M, INSTALLED_KG
-from fakes.world.world import BenchLayout, World
+from fakes.world.kinematics import TOOL_LENGTH_M
 from support.slow_motion import CLOCK, SLOWNESS, pause
-
-DOWN = Rotation.from_euler("x", 180, degrees=True)
-
-
-HOME = Pose.from_rotation((0.45, 0.0, 0.3), DOWN)
-
+from support.worlds import empty_world
 
 _addresses = itertools.count(1)
 
@@ -31,8 +25,7 @@ _addresses = itertools.count(1)
 def make_controller(version: str = "5.11.0") -> URController:
     pid = os.getpid()
     host = f"127.{200 + pid % 50}.{pid // 50 % 250}.{next(_addresses)}"
-    world = World(BenchLayout(Pose((0.45, 0.0, 0.06)), HOME), seed=1)
-    return URController(world, SharedClock.started(SLOWNESS), host, version, release_after_s=0.5)
+    return URController(empty_world(), SharedClock.started(SLOWNESS), host, version, release_after_s=0.5)
 
 
 _made: list[UR5e] = []

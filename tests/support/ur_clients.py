@@ -6,12 +6,9 @@ import socket
 import struct
 from collections.abc import Callable
 
-from scipy.spatial.transform import Rotation
-
-from drivers.types import Pose
 from fakes.clock import SimulatedClock
 from fakes.wire.ur.controller import URController
-from fakes.world.world import BenchLayout, World
+from support.worlds import empty_world
 
 _addresses = itertools.count(1)
 
@@ -20,11 +17,9 @@ Connect = Callable[..., "Client"]
 
 
 def make(version: str = "5.11.0", host: str = "") -> URController:
-    home = Pose.from_rotation((0.45, 0.0, 0.3), Rotation.from_euler("x", 180, degrees=True))
-    world = World(BenchLayout(Pose((0.45, 0.0, 0.06)), home), seed=1)
     pid = os.getpid()
     host = host or f"127.{30 + pid % 60}.{pid // 60 % 250}.{next(_addresses)}"
-    return URController(world, SimulatedClock(realtime=True), host, version)
+    return URController(empty_world(), SimulatedClock(realtime=True), host, version)
 
 
 class Client:

@@ -6,15 +6,13 @@ our assumptions, because the manual does not give them. Automatic release and in
 scissor are not modelled.
 """
 
-import math
 from dataclasses import dataclass
 
 from drivers.clock import to_ns
-from fakes.faults import DRIFT_COUNTS, DRIFT_COUNTS_S, OVERSHOOT_COUNTS
-from fakes.world.motion import FingerPath, TrapezoidProfile
+from fakes.faults import DRIFT_COUNTS, DRIFT_COUNTS_S, overshot
+from fakes.world.motion import FingerPath
 from fakes.world.world import FINGER_STIFFNESS_N_M, World
 
-ACCELERATION_COUNTS_S2 = 2000.0
 REFRESH_NS = 5_000_000
 """The registers are refreshed at 200 Hz: a status that is read sooner is still the one before."""
 LATEST_NS = 2_000_000_000
@@ -46,24 +44,18 @@ class FingerMotor:
     contact: int = 0
 
     def moving(self, now_ns: int) -> bool:
-        """Whether it moves."""
         return not self.path.profile.done_at(now_ns)
 
     def go(self, end: float, speed: float, now_ns: int) -> None:
         """Start towards `end`, in counts and counts per second."""
-        start = self.path.position_at(now_ns)
-        self.path = FingerPath(
-            start, end, TrapezoidProfile(now_ns, abs(end - start), speed, ACCELERATION_COUNTS_S2)
-        )
+        self.path = FingerPath.moving(now_ns, self.path.position_at(now_ns), end, speed)
         self.contact = 0
 
     def stop(self, now_ns: int) -> None:
-        """Stop at the present position."""
         self.path = self.path.cut_at(now_ns)
 
     @property
     def closing(self) -> bool:
-        """Whether its path closes the finger."""
         return self.path.end > self.path.start
 
 
@@ -81,7 +73,7 @@ def mean_path(paths: list[FingerPath], now_ns: int) -> FingerPath:
     if longest.start_ns == now_ns:
         return FingerPath(here, end, longest)
     speed = longest.speed * len(moving) / len(paths)
-    return FingerPath(here, end, TrapezoidProfile(now_ns, abs(end - here), speed, ACCELERATION_COUNTS_S2))
+    return FingerPath.moving(now_ns, here, end, speed)
 
 
 class GripperModel:
@@ -94,8 +86,7 @@ class GripperModel:
     def __init__(self, world: World, now_ns: int, fingers: tuple[str, ...], activation_s: float) -> None:
         self.written = bytearray(IMAGE_BYTES)
         self.faults: frozenset[str] = frozenset()
-        self._world = world
-        self._fingers = fingers
+        self._world, self._fingers = world, fingers
         self._sweep_s = max(activation_s, 0.01) / 2
         self._open = float(world.layout.open_counts)
         scissor = float(SCISSOR_OF_MODE[0])
@@ -154,7 +145,10 @@ class GripperModel:
             self._stage_ends_ns = now_ns + to_ns(self._sweep_s)
             self._sweep(CLOSED_COUNTS, now_ns)
         if self._stage == READY and request[0] >> 1 & 3 != self._mode:
-            self._begin_mode_change(request[0] >> 1 & 3, now_ns)
+            self._stop(now_ns)
+            self._stage, self._going, self._mode = CHANGING_MODE, False, request[0] >> 1 & 3
+            self._stage_ends_ns = now_ns + to_ns(MODE_CHANGE_S)
+            self._turn_scissor(now_ns)
 
     def _reset(self, now_ns: int) -> None:
         self._stop(now_ns)
@@ -169,12 +163,6 @@ class GripperModel:
         speed = 1.5 * (CLOSED_COUNTS - self._open) / self._sweep_s
         for name in "ABC":
             self.axes[name].go(end, speed, now_ns)
-
-    def _begin_mode_change(self, mode: int, now_ns: int) -> None:
-        self._stop(now_ns)
-        self._stage, self._going, self._mode = CHANGING_MODE, False, mode
-        self._stage_ends_ns = now_ns + to_ns(MODE_CHANGE_S)
-        self._turn_scissor(now_ns)
 
     def _turn_scissor(self, now_ns: int) -> None:
         self.axes["S"].go(float(SCISSOR_OF_MODE[self._mode]), 300.0, now_ns)
@@ -232,19 +220,11 @@ class GripperModel:
         if self.faults & MOTIONLESS:
             axis.stop(now_ns)
         elif rearm or not axis.contact or back or force > axis.asked[2]:
-            axis.go(self._overshot(axis, end, now_ns), self._speed(speed), now_ns)
+            if "overshoot" in self.faults:
+                end = overshot(axis.path.position_at(now_ns), end, self._open, CLOSED_COUNTS)
+            metres = SLOWEST_M_S + speed / 255 * (FASTEST_M_S - SLOWEST_M_S)
+            axis.go(end, metres / self._world.layout.opening_per_count_m, now_ns)
         axis.asked = asked
-
-    def _overshot(self, axis: FingerMotor, end: float, now_ns: int) -> float:
-        """Return where a motion to `end` really ends: beyond it with the fault `overshoot`."""
-        way = end - axis.path.position_at(now_ns)
-        if "overshoot" not in self.faults or abs(way) < 0.5:
-            return end
-        return min(max(end + math.copysign(OVERSHOOT_COUNTS, way), self._open), CLOSED_COUNTS)
-
-    def _speed(self, counts: int) -> float:
-        metres = SLOWEST_M_S + counts / 255 * (FASTEST_M_S - SLOWEST_M_S)
-        return metres / self._world.layout.opening_per_count_m
 
     def _stop_at_contact(self, now_ns: int) -> None:
         moving = [(name, axis) for name, axis in self.axes.items() if axis.moving(now_ns)]

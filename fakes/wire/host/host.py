@@ -11,10 +11,9 @@ from typing import Any
 from drivers.clock import host_s
 from drivers.errors import DeviceError, InputError, unknown_name
 from fakes.clock import SharedClock
-from fakes.devices.plan import BenchPlan
+from fakes.devices.digit import BenchPlan
 from fakes.objects.catalogue import short_id
-from fakes.wire.gripper.server import GripperRtu, GripperServer
-from fakes.wire.gripper.transport import WireGripper
+from fakes.wire.gripper.server import GripperRtu, GripperServer, WireGripper
 from fakes.wire.host.render import Renderer
 from fakes.wire.net import ControlServer, VitalThread
 from fakes.wire.ur.controller import POLYSCOPE, URController
@@ -86,7 +85,6 @@ class FakesHost:
             raise
 
     def stop(self) -> None:
-        """Stop everything. Safe to call twice."""
         self._stopping.set()
         self._running.close()
 
@@ -204,11 +202,9 @@ class FakesHost:
         return {"samples": [(time_ns + start_ns, *rest) for time_ns, *rest in samples]}
 
     def _status(self) -> dict[str, Any]:
-        """Return the state of the world and of all devices."""
         return {**self._state(), "devices": {name: d.snapshot() for name, d in self._devices.items()}}
 
     def _state(self) -> dict[str, Any]:
-        """Return the true state of the world."""
         now = self._clock.now_ns()
         state, model = self._world.state_at(now), self._world.model
         return {

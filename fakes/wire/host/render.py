@@ -16,9 +16,8 @@ from drivers.errors import DeviceError, InputError, RigError
 from drivers.realtime import ask_for_realtime
 from drivers.types import Image
 from fakes.clock import SharedClock
-from fakes.devices.camera import FakeCamera
-from fakes.devices.digit import FakeDigit
-from fakes.devices.plan import BenchPlan, unit_seed
+from fakes.devices.camera import FakeCamera, unit_seed
+from fakes.devices.digit import BenchPlan, FakeDigit
 from fakes.faults import FaultScript
 from fakes.wire.mjpeg.server import MjpegServer
 from fakes.wire.net import VitalThread
@@ -68,7 +67,6 @@ class Renderer:
             return self._answer(START_S)
 
     def stop(self) -> None:
-        """End the process, whatever it does."""
         self._feed.close()
         self._calls.close()
         self._process.join(STOP_S)

@@ -5,7 +5,7 @@ from collections.abc import Generator, Iterable
 from typing import Protocol
 
 from drivers.types import Vector6
-from fakes.wire.ur.geometry import (
+from fakes.world.kinematics import (
     Frame,
     compose,
     forward,
@@ -53,8 +53,7 @@ class Body:
         self.q = joints_rad
         self.qd = self.twist = STILL
         self.flange = forward(joints_rad)
-        self.tool = flange_T_tcp
-        self.still_cycles = LONG_STILL_CYCLES
+        self.tool, self.still_cycles = flange_T_tcp, LONG_STILL_CYCLES
         self.mover: ArmMover | None = None
 
     @property
@@ -97,14 +96,11 @@ class Body:
         finally:
             self.still_cycles = 0 if self.q != before else self.still_cycles + 1
             if not self.settled:
-                self._differentiate(before, tcp, dt_s)
+                self.qd = six((a - b) / dt_s for a, b in zip(self.q, before, strict=True))
+                now = self.tcp
+                turn = rotation_between(tcp, now)
+                self.twist = six(v / dt_s for v in (now[0] - tcp[0], now[1] - tcp[1], now[2] - tcp[2], *turn))
         return self.still_cycles == 0
-
-    def _differentiate(self, before: Vector6, tcp: Frame, dt_s: float) -> None:
-        self.qd = six((a - b) / dt_s for a, b in zip(self.q, before, strict=True))
-        now = self.tcp
-        turn = rotation_between(tcp, now)
-        self.twist = six(v / dt_s for v in (now[0] - tcp[0], now[1] - tcp[1], now[2] - tcp[2], *turn))
 
 
 class LinearMove:
@@ -118,7 +114,6 @@ class LinearMove:
         self._elapsed_s = 0.0
 
     def step(self, body: Body, dt_s: float) -> bool:
-        """See `ArmMover`."""
         self._elapsed_s += dt_s
         f = self._travel.fraction_at(round(self._elapsed_s * _NS))
         if f >= 1.0:
@@ -139,7 +134,6 @@ class JointMove:
         self._elapsed_s = 0.0
 
     def step(self, body: Body, dt_s: float) -> bool:
-        """See `ArmMover`."""
         self._elapsed_s += dt_s
         f = self._travel.fraction_at(round(self._elapsed_s * _NS))
         body.bend(six(a + f * w for a, w in zip(self._start, self._way, strict=True)))
@@ -157,7 +151,6 @@ class SpeedMove:
         self.target, self.acceleration = velocity, 0.0
 
     def step(self, body: Body, dt_s: float) -> bool:
-        """See `ArmMover`."""
         gaps = [b - a for a, b in zip(self._velocity, self.target, strict=True)]
         share = min(1.0, max(self.acceleration, _LEAST) * dt_s / (max(map(abs, gaps)) or 1.0))
         self._velocity = six(a + share * gap for a, gap in zip(self._velocity, gaps, strict=True))
@@ -186,7 +179,6 @@ class ServoMove:
         self._newest = joints_rad, time_s, gain / SERVO_GAIN / max(lookahead_s, 0.03)
 
     def step(self, body: Body, dt_s: float) -> bool:
-        """See `ArmMover`."""
         self._left_s -= dt_s
         if self._left_s <= 0.0 and self._newest is not None:
             self._target, self._left_s, self._pull = self._newest
@@ -213,7 +205,6 @@ class JointStop:
         self._left_s = self._brake_s = max(map(abs, speeds)) / max(deceleration, _LEAST)
 
     def step(self, body: Body, dt_s: float) -> bool:
-        """See `ArmMover`."""
         self._left_s -= dt_s
         if self._left_s <= 0.0:
             return True
@@ -231,7 +222,6 @@ class LinearStop:
         self._left_s = self._brake_s = speed / max(deceleration, _LEAST)
 
     def step(self, body: Body, dt_s: float) -> bool:
-        """See `ArmMover`."""
         self._left_s -= dt_s
         if self._left_s <= 0.0:
             return True
@@ -259,7 +249,6 @@ class GuidingHand:
         self._share = _covered(self._elapsed_s / self._total_s) - _covered(before / self._total_s)
 
     def step(self) -> Vector6:
-        """Return the displacement of this cycle."""
         return six(self._share * value for value in self._way)
 
 
@@ -274,7 +263,6 @@ class Guided:
         self._hand = hand
 
     def step(self, body: Body, dt_s: float) -> bool:
-        """See `ArmMover`."""
         way = self._hand.step()
         if any(way):
             body.follow(moved(body.tcp, way[:3], way[3:]))
@@ -298,6 +286,5 @@ def ended(thread: Thread) -> bool:
 
 
 def six(values: Iterable[float]) -> Vector6:
-    """Return six values as a tuple."""
     a, b, c, d, e, f = values
     return a, b, c, d, e, f

@@ -22,10 +22,9 @@ from fakes.wire.ur.body import (
     move_until_done,
     six,
 )
-from fakes.wire.ur.geometry import Frame, from_ur, to_ur
-from fakes.wire.ur.robot import Robot
-from fakes.wire.ur.runtime import ProgramError
+from fakes.wire.ur.robot import ProgramError, Robot
 from fakes.wire.ur.script import run_line
+from fakes.world.kinematics import Frame, from_ur, to_ur
 
 READY, DONE, STOP_SCRIPT = 1, 2, 255
 REALTIME = frozenset({6, 9, 10, 11, 24, 25, 26, 27, 38, 58, *range(66, 72)})
@@ -57,7 +56,6 @@ class ControlLoop:
             yield
 
     def integer(self, index: int) -> int:
-        """Return an integer input register."""
         return int(self.robot.inputs[f"input_int_register_{index + self.offset}"])  # type: ignore[arg-type]
 
     def doubles(self, first: int, count: int) -> tuple[float, ...]:
@@ -70,20 +68,16 @@ class ControlLoop:
         return values
 
     def joints(self, first: int) -> Vector6:
-        """Return six floating-point input registers as joint angles, rad."""
         return six(self.doubles(first, 6))
 
     def frame(self, first: int) -> Frame:
-        """Return six floating-point input registers as a pose."""
         return from_ur(self.doubles(first, 6))
 
     def answer(self, values: Iterable[float]) -> None:
-        """Write floating-point result registers."""
         for i, value in enumerate(values, self.offset):
             self.robot.bank.set(f"output_double_register_{i}", value)
 
     def answer_integer(self, value: int) -> None:
-        """Write the integer result register."""
         self._write_integer(1, value)
 
     def operate(self, operation: Thread) -> Thread:

@@ -1,12 +1,14 @@
 """A simulated UR5e controller on the ports of a real one, for the real client libraries.
 
 30004 is the real-time data exchange, 29999 the dashboard; 30001 to 30003 receive programs. The clients fix
-the ports, so each controller needs its own address: 127.0.0.1, 127.0.0.2, ...
+the ports, so each controller needs its own address: 127.0.0.1, 127.0.0.2, ... Its connections read and write
+without ever waiting for a client.
 
 It must not run in the process of a ur-rtde client: the constructors of that client hold the interpreter lock
 while they wait for the controller's answer.
 """
 
+import contextlib
 import logging
 import math
 import re
@@ -14,6 +16,8 @@ import selectors
 import socket
 import threading
 import time
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -23,14 +27,120 @@ from drivers.types import Vector6
 from fakes.faults import Faults
 from fakes.wire.net import VitalThread
 from fakes.wire.ur.body import Guided
-from fakes.wire.ur.connections import MOST_CLIENTS, Connection, accept, listen
 from fakes.wire.ur.control_loop import ControlLoop
-from fakes.wire.ur.geometry import compose, from_ur, rotation_between
-from fakes.wire.ur.robot import CYCLE_NS, PHYSICAL_TOOL, Robot
+from fakes.wire.ur.robot import CYCLE_NS, Robot
 from fakes.wire.ur.rtde import RtdeSession
 from fakes.wire.ur.script import BANNER, LineReader, ProgramReader, control_program, reply, run_other
-from fakes.wire.ur.variables import Version
+from fakes.world.kinematics import PHYSICAL_TOOL, compose, from_ur, rotation_between
 from fakes.world.world import World
+
+GIVE_UP_S = 10.0
+"""A client that does not read is dropped after about this time (users' reports)."""
+RECEIVE_BYTES = SEND_BYTES = 65536
+MOST_PENDING = 1 << 20
+"""A client that leaves more bytes of answers unread than this is dropped."""
+MOST_CLIENTS = 100
+"""Simultaneous connections; all fakes of a process share a thousand file descriptors."""
+Feed = Callable[[bytes], bytes]
+
+
+@dataclass(slots=True, eq=False)
+class Connection:
+    """One client. feed: returns the answer to received bytes, raises `InputError` for invalid ones."""
+
+    socket: socket.socket
+    port: int
+    feed: Feed
+    pending: bytes = b""
+    blocked_ns: int | None = None
+    last: bytes = b""
+    closed: bool = False
+
+    @property
+    def behind(self) -> bool:
+        return bool(self.pending)
+
+    def receive(self) -> bytes | None:
+        """Return the received bytes, None if the client is gone."""
+        try:
+            return self.socket.recv(RECEIVE_BYTES) or None
+        except (BlockingIOError, InterruptedError):
+            return b""
+        except OSError:
+            return None
+
+    def send(self, data: bytes, time_ns: int, droppable: bool = False) -> None:
+        """Send what the socket takes and keep the rest. While it is full, droppable data is discarded."""
+        if self.behind and droppable:
+            data = b""
+        self.pending += data
+        try:
+            sent = self.socket.send(self.pending) if self.pending else 0
+        except (BlockingIOError, InterruptedError):
+            sent = 0
+        except OSError:
+            self.closed = True
+            return
+        self.pending = self.pending[sent:]
+        if not self.pending:
+            self.blocked_ns = None
+        elif self.blocked_ns is None or sent:
+            self.blocked_ns = time_ns
+        elif time_ns - self.blocked_ns > GIVE_UP_S * 1e9:
+            self.closed = True
+        if len(self.pending) > MOST_PENDING:
+            self.closed = True
+
+    def hang_up(self) -> None:
+        """Shut the connection down; the serving thread then closes it."""
+        with contextlib.suppress(OSError):
+            self.socket.shutdown(socket.SHUT_RDWR)
+
+    def close(self) -> None:
+        self.closed = True
+        self.socket.close()
+
+
+def listen(host: str, ports: Iterable[int]) -> dict[int, socket.socket]:
+    """Listen on all ports. Raises `InputError` if one is in use or the address is not of this computer."""
+    listeners: dict[int, socket.socket] = {}
+    for port in ports:
+        try:
+            listeners[port] = _listening(host, port)
+        except OSError as error:
+            for listener in listeners.values():
+                listener.close()
+            raise InputError(
+                f"simulated controller: cannot listen on {host} port {port}: {error.strerror}; "
+                "its ports are fixed: give each controller its own address (127.0.0.2) or stop the other"
+            ) from error
+    return listeners
+
+
+def accept(listener: socket.socket) -> socket.socket | None:
+    """Accept the next client, None if it has disconnected already."""
+    try:
+        client, _ = listener.accept()
+    except OSError:
+        return None
+    client.setblocking(False)
+    client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    client.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BYTES)
+    return client
+
+
+def _listening(host: str, port: int) -> socket.socket:
+    listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+    try:
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        listener.bind((host, port))
+        listener.listen(16)
+        listener.setblocking(False)
+    except OSError:
+        listener.close()
+        raise
+    return listener
+
 
 RTDE_PORT, DASHBOARD_PORT, REALTIME_PORT = 30004, 29999, 30003
 SCRIPT_PORTS = (30001, 30002, REALTIME_PORT)
@@ -80,9 +190,15 @@ class URController:
         version: str = POLYSCOPE,
         release_after_s: float = 5.0,
     ) -> None:
-        self.host = host
-        self._clock = clock
-        self.robot = Robot(world, _version(version), release_after_s)
+        self.host, self._clock = host, clock
+        if not re.fullmatch(r"5\.\d{1,3}\.\d{1,3}", version):
+            raise InputError(
+                f"controller version '{version}': an e-Series arm's is written as 5.11.0 or 5.25.0"
+            )
+        major, minor, bugfix = (int(part) for part in version.split("."))
+        self.robot = Robot(
+            world, (major, minor, bugfix, BUILDS.get((major, minor), 1_000_000 + minor)), release_after_s
+        )
         self.faults = Faults("simulated controller", FAULTS, lambda: self.robot.time_ns)
         self._listeners: dict[int, socket.socket] = {}
         self._selector = selectors.SelectSelector()
@@ -110,7 +226,6 @@ class URController:
         return self._thread.failure if self._thread else None
 
     def stop(self) -> None:
-        """Close everything. Safe to call twice."""
         self._stopping.set()
         if self._thread is not None:
             self._thread.join(JOIN_S)
@@ -162,7 +277,6 @@ class URController:
             self.robot.hand.lead((x, y, z, *rotation_between(here, there)), total_s)
 
     def snapshot(self) -> dict[str, Any]:
-        """Return state and counts as JSON values."""
         with self._lock:
             robot = self.robot
             return {
@@ -192,7 +306,10 @@ class URController:
                 self.robot.heard_ns = now_ns = self._clock.now_ns()
                 # asked again: what arrived while this thread had no core is heard before the missed cycles
                 for key, _ in self._selector.select(0):
-                    self._handle(key.data)
+                    if isinstance(key.data, int):
+                        self._accept(key.data)
+                    elif not key.data.closed:
+                        self._receive(key.data)
                 self._catch_up(now_ns // CYCLE_NS)
 
     def _catch_up(self, due: int) -> None:
@@ -220,12 +337,6 @@ class URController:
                     connection.last = session.data()
                 connection.send(connection.last, self.robot.time_ns, droppable=True)
         self._remove_closed()
-
-    def _handle(self, what: int | Connection) -> None:
-        if isinstance(what, int):
-            self._accept(what)
-        elif not what.closed:
-            self._receive(what)
 
     def _accept(self, port: int) -> None:
         client = accept(self._listeners[port])
@@ -287,10 +398,3 @@ class URController:
             self._sessions.pop(connection, None)
             self._selector.unregister(connection.socket)
             connection.close()
-
-
-def _version(text: str) -> Version:
-    if not re.fullmatch(r"5\.\d{1,3}\.\d{1,3}", text):
-        raise InputError(f"controller version '{text}': an e-Series arm's is written as 5.11.0 or 5.25.0")
-    major, minor, bugfix = (int(part) for part in text.split("."))
-    return major, minor, bugfix, BUILDS.get((major, minor), 1_000_000 + minor)

@@ -3,12 +3,13 @@
 import logging
 import math
 from collections import Counter
+from dataclasses import dataclass
+from enum import IntEnum
 from operator import add, sub
 
 from drivers.clock import NS_PER_S
 from drivers.errors import InputError
 from drivers.types import Vector6
-from fakes.devices.arm import TOOL_LENGTH_M
 from fakes.wire.ur.body import (
     STILL,
     Body,
@@ -18,26 +19,176 @@ from fakes.wire.ur.body import (
     LinearMove,
     OutOfReachError,
     Thread,
+    ended,
     six,
 )
-from fakes.wire.ur.geometry import (
+from fakes.wire.ur.rtde import INPUTS, OutputBank, Value, Version, zero
+from fakes.world.force_torque import NOTHING, FlangeSensor, carried_wrench, table_push_n
+from fakes.world.kinematics import (
+    ELBOW_UP,
+    PHYSICAL_TOOL,
+    Encoders,
     Frame,
     compose,
     forward,
     from_pose,
-    from_quaternion,
     from_ur,
     inverse,
     nearest_inverse,
     to_pose,
     to_ur,
 )
-from fakes.wire.ur.runtime import ProgramError, RobotMode, Runtime, Safety
-from fakes.wire.ur.variables import INPUTS, OutputBank, Value, Version, zero
-from fakes.world.force_torque import NOTHING, FlangeSensor, carried_wrench, table_push_n
-from fakes.world.kinematics import ELBOW_UP, Encoders
 from fakes.world.motion import ToolPath, TrapezoidProfile
 from fakes.world.world import World
+
+READING_NS = 1_000
+"""Time to read a character of a program (our assumption): the program of ur-rtde takes 0.04 s."""
+
+
+class ProgramError(Exception):
+    """A run-time error, which ends the program."""
+
+
+class Runtime:
+    """Runs at most one program. last_error: why the last one ended."""
+
+    def __init__(self) -> None:
+        self.last_error = ""
+        self._program: Thread | None = None
+        self._read: tuple[Thread, int] | None = None
+        self._written_ns: dict[str, int] = {}
+        self._watch: tuple[str, int] | None = None
+
+    @property
+    def running(self) -> bool:
+        return self._program is not None
+
+    def load(self, program: Thread, time_ns: int, characters: int) -> None:
+        """Start to read a program of `characters` characters; once read, it replaces the running one."""
+        self._read = program, time_ns + characters * READING_NS
+
+    def clear(self, reason: str) -> None:
+        """End the running program and discard the one that is being read."""
+        self._read = None
+        self._end(reason)
+
+    def watch(self, register: str, least_hz: float, time_ns: int) -> None:
+        """End the program if a register is written less often than `least_hz` (rtde_set_watchdog)."""
+        self._watch = (register, round(NS_PER_S / least_hz)) if least_hz > 0.0 else None
+        self._written_ns[register] = time_ns
+
+    def note_written(self, register: str, time_ns: int) -> None:
+        self._written_ns[register] = time_ns
+
+    def stood_still(self, missed_ns: int, time_ns: int) -> None:
+        """Do not count a time in which the simulated controller had no core as silence of its client.
+
+        A real controller does not stop with the computer of its client.
+        """
+        for register, written_ns in self._written_ns.items():
+            self._written_ns[register] = max(written_ns, min(written_ns + missed_ns, time_ns))
+
+    def take_over(self, time_ns: int) -> bool:
+        """Check the watchdog, start a program that has been read; return whether another one ended."""
+        before = self._program
+        if self._watch is not None and time_ns - self._written_ns[self._watch[0]] > self._watch[1]:
+            self._end("watchdog: no communication")
+        if self._read is not None and time_ns >= self._read[1]:
+            program, self._read = self._read[0], None
+            self._end("replaced")
+            self._program = program
+        return before is not None and self._program is not before
+
+    def step(self) -> bool:
+        """Run one cycle of the program; return whether it ended."""
+        if self._program is None:
+            return False
+        try:
+            if not ended(self._program):
+                return False
+            self._end("ended")
+        except (ProgramError, ValueError, ArithmeticError) as error:
+            _log.warning("simulated controller: its program ends: %s", error)
+            self._end(str(error))
+        return True
+
+    def _end(self, reason: str) -> None:
+        if self._program is not None:
+            self._program, self._watch, self.last_error = None, None, reason
+
+
+class RobotMode(IntEnum):
+    """`robot_mode` of the RTDE guide."""
+
+    POWER_OFF = 3
+    IDLE = 5
+    RUNNING = 7
+
+
+class SafetyMode(IntEnum):
+    """`safety_mode` of the RTDE guide."""
+
+    NORMAL = 1
+    PROTECTIVE_STOP = 3
+    ROBOT_EMERGENCY_STOP = 7
+
+
+_BITS = {
+    SafetyMode.NORMAL: 1 << 0,
+    SafetyMode.PROTECTIVE_STOP: 1 << 2 | 1 << 10,
+    SafetyMode.ROBOT_EMERGENCY_STOP: 1 << 6 | 1 << 7 | 1 << 10,
+}
+
+
+@dataclass(slots=True)
+class Safety:
+    """Stops and power. A protective stop can be released after `release_after_s`."""
+
+    release_after_s: float
+    mode: SafetyMode = SafetyMode.NORMAL
+    robot_mode: RobotMode = RobotMode.RUNNING
+    remote_control: bool = True
+    _since_ns: int = 0
+
+    @property
+    def may_move(self) -> bool:
+        return self.mode is SafetyMode.NORMAL and self.robot_mode is RobotMode.RUNNING
+
+    @property
+    def bits(self) -> int:
+        """`safety_status_bits`."""
+        return _BITS[self.mode]
+
+    def protective_stop(self, time_ns: int) -> None:
+        """Stop the arm and leave the power on."""
+        if self.mode is SafetyMode.NORMAL:
+            self.mode, self._since_ns = SafetyMode.PROTECTIVE_STOP, time_ns
+
+    def emergency_stop(self) -> None:
+        """Press the emergency stop button: the power goes off."""
+        self.mode, self.robot_mode = SafetyMode.ROBOT_EMERGENCY_STOP, RobotMode.POWER_OFF
+
+    def release_button(self) -> None:
+        """Turn the emergency stop button out again; the arm stays without power."""
+        if self.mode is SafetyMode.ROBOT_EMERGENCY_STOP:
+            self.mode = SafetyMode.NORMAL
+
+    def unlock(self, time_ns: int) -> bool:
+        """Release a protective stop; return False if it is too early."""
+        if self.mode is not SafetyMode.PROTECTIVE_STOP:
+            return self.mode is SafetyMode.NORMAL
+        if time_ns - self._since_ns < self.release_after_s * NS_PER_S:
+            return False
+        self.mode = SafetyMode.NORMAL
+        return True
+
+    def power(self, mode: RobotMode) -> bool:
+        """Switch on or release the brakes, at once; return False during an emergency stop."""
+        if self.mode is SafetyMode.ROBOT_EMERGENCY_STOP:
+            return False
+        self.robot_mode = max(self.robot_mode, mode)
+        return True
+
 
 CYCLE_NS = 2_000_000
 CYCLE_S = CYCLE_NS / NS_PER_S
@@ -47,7 +198,6 @@ SAFETY_BRAKE, PROGRAM_BRAKE = 20.0, 10.0
 STEADY_CYCLES = 250
 STOPPED, PLAYING = 1, 2
 FARTHEST_TCP_M = 10.0
-PHYSICAL_TOOL = from_quaternion((0.0, 0.0, TOOL_LENGTH_M), (0.0, 0.0, 0.0, 1.0))
 INSTALLED_KG, INSTALLED_COG_M = 2.5, (0.0, 0.0, 0.08)
 """Payload in the controller's installation: that of the hand."""
 _LOAD_EVERY = 4
@@ -68,7 +218,6 @@ class ForceSensor:
         self._cycle = 0
 
     def sense(self, time_ns: int, tcp: Frame) -> Vector6:
-        """Return the reading of this control cycle."""
         self._cycle += 1
         if self._cycle % _LOAD_EVERY == 1:
             self._slow = self._sensor.drifted(carried_wrench(self._world, time_ns), time_ns)
@@ -152,7 +301,6 @@ class Robot:
         return self.body.still_cycles >= STEADY_CYCLES
 
     def zero_force_sensor(self) -> None:
-        """Make the present force the new zero."""
         self.force.zero(self._wrench)
 
     def load(self, mass_kg: float, cog_m: tuple[float, ...] | None) -> None:
@@ -178,7 +326,6 @@ class Robot:
     # Events
 
     def write_inputs(self, values: dict[str, Value]) -> None:
-        """Store the values of a client's data package."""
         self.inputs.update(values)
         for name, value in values.items():
             self.runtime.note_written(name, max(self.time_ns, self.heard_ns))
@@ -212,7 +359,6 @@ class Robot:
         return self._slider if self.runtime.running else 1.0
 
     def protective_stop(self) -> None:
-        """Begin a protective stop."""
         self.safety.protective_stop(self.time_ns)
 
     def cycle(self, time_ns: int) -> None:
@@ -228,7 +374,9 @@ class Robot:
         if self.runtime.step():
             self._brake(PROGRAM_BRAKE)
         if self._moved():
-            self._move_world(before, before_ns)
+            start, end = compose(before, PHYSICAL_TOOL), compose(self.body.flange, PHYSICAL_TOOL)
+            travel = TrapezoidProfile(before_ns, 1.0, NS_PER_S / max(self.time_ns - before_ns, 1), 1e9)
+            self._world.tool = ToolPath(to_pose(start), to_pose(end), travel, (_tilt(start), _tilt(end)))
             self._publish_pose()
         self._publish()
 
@@ -248,11 +396,6 @@ class Robot:
             self.protective_stop()
             self.body.mover = None
             return True
-
-    def _move_world(self, before: Frame, before_ns: int) -> None:
-        start, end = compose(before, PHYSICAL_TOOL), compose(self.body.flange, PHYSICAL_TOOL)
-        travel = TrapezoidProfile(before_ns, 1.0, NS_PER_S / max(self.time_ns - before_ns, 1), 1e9)
-        self._world.tool = ToolPath(to_pose(start), to_pose(end), travel, (_tilt(start), _tilt(end)))
 
     def _publish_pose(self) -> None:
         body, put = self.body, self.bank.set

@@ -15,8 +15,7 @@ from collections.abc import Callable
 
 from drivers.errors import InputError
 from fakes.wire.ur.body import Thread, move_until_done, six
-from fakes.wire.ur.robot import CYCLE_S, Robot
-from fakes.wire.ur.runtime import ProgramError, RobotMode
+from fakes.wire.ur.robot import CYCLE_S, ProgramError, Robot, RobotMode
 
 _log = logging.getLogger(__name__)
 LONGEST_PROGRAM = 1_000_000
@@ -121,7 +120,6 @@ _SINCE_5S = (
 
 
 def reply(robot: Robot, line: str) -> str:
-    """Answer one request."""
     text = line.strip()
     answer = _REQUESTS.get(text.lower())
     if answer is None:

@@ -21,8 +21,7 @@ CAMERA = CameraModel(
     np.array([-0.12, 0.06, 0.0008, -0.0005, 0.0]),
 )
 _OVERSAMPLING = 2
-_BLUR_PX, _NOISE_GREY = 0.8, 3.0
-"""Standard deviations of lens blur and noise."""
+_BLUR_PX, _NOISE_GREY = 0.8, 3.0  # standard deviations of lens blur and noise
 
 
 def render_target(

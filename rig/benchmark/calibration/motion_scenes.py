@@ -70,20 +70,17 @@ def general_scene(
     rng: np.random.Generator, count: int = 20, setup: Setup = Setup.EYE_TO_HAND, flipped: int = 0,
     noise: Noise = NOISE,
 ) -> tuple[Truth, list[HandEyeSample]]:  # fmt: skip
-    """Draw views from 0.5 to 0.9 m, rotated by 10 to 45 degrees about random axes.
-
-    The first `flipped` views are wrong. In a flipped view the target is rotated by another 20 to 40 degrees,
-    as after a wrong detection.
-    """
+    """Draw views from 0.5 to 0.9 m, turned by 10 to 45 degrees; the first `flipped` by another 20 to 40."""
     truth = draw_truth(rng, setup)
     samples: list[HandEyeSample] = []
     while len(samples) < count:
-        camera_T_target = _any_view(rng)  # noqa: N806
-        if _outside(camera_T_target):
+        place = Pose.from_rotation(rng.uniform((-0.15, -0.12, 0.5), (0.15, 0.12, 0.9)), Rotation.identity())
+        camera_T_target = _turned(place, rng, 10.0, 45.0)  # noqa: N806
+        seen = _seen(camera_T_target)
+        if (seen < _BORDER_PX).any() or (seen > np.subtract(CAMERA.size, 1 + _BORDER_PX)).any():
             continue
-        shown = camera_T_target
-        if len(samples) < flipped:
-            shown = _turned(camera_T_target, rng, 20.0, 40.0)
+        wrong = len(samples) < flipped
+        shown = _turned(camera_T_target, rng, 20.0, 40.0) if wrong else camera_T_target
         samples.append(noisy_sample(len(samples), truth, camera_T_target, shown, rng, noise))
     return truth, samples
 
@@ -104,11 +101,6 @@ def noisy_sample(
     return HandEyeSample(name, said, View(name, np.arange(len(places_m)), places_m, pixels, CAMERA.size))
 
 
-def _any_view(rng: np.random.Generator) -> Pose:
-    place = rng.uniform((-0.15, -0.12, 0.5), (0.15, 0.12, 0.9))
-    return _turned(Pose.from_rotation(place, Rotation.identity()), rng, 10.0, 45.0)
-
-
 def _turned(pose: Pose, rng: np.random.Generator, low_deg: float, high_deg: float) -> Pose:
     axis = rng.normal(0, 1, 3)
     turn = Rotation.from_rotvec(axis / np.linalg.norm(axis) * np.radians(rng.uniform(low_deg, high_deg)))
@@ -116,14 +108,8 @@ def _turned(pose: Pose, rng: np.random.Generator, low_deg: float, high_deg: floa
 
 
 def _seen(camera_T_target: Pose) -> Array:  # noqa: N803
-    """Return the corners of the marker in the image, (4, 2) px."""
     at = camera_T_target.rotation.apply(MARKER.places_m) + np.asarray(camera_T_target.position_m)
     return CAMERA.project(at)
-
-
-def _outside(camera_T_target: Pose) -> bool:  # noqa: N803
-    seen = _seen(camera_T_target)
-    return bool((seen < _BORDER_PX).any() or (seen > np.subtract(CAMERA.size, 1 + _BORDER_PX)).any())
 
 
 def wiggle_scene(

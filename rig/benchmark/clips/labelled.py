@@ -1,27 +1,34 @@
-"""Read labelled clips: a folder per clip with frames, a background, times and angles labelled by hand.
+"""Labelled clips: a folder per clip with frames, a background, times and angles labelled by hand.
 
 Frames are images, a video or a ROS bag. The trials of TactileTracking are read in their published
 layout. Their angles are known in every frame; one every half second becomes a label.
+
+Further versions of a clip are mirrored left-right, flipped top-bottom, and reversed in time. The labels are
+transformed with the frames. An estimator that is overfitted to the objects, the light or the direction of
+rotation of the clips has larger errors on these versions.
 """
 
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
 
+import numpy as np
+
 from drivers.clock import NS_PER_S
-from drivers.errors import InputError
+from drivers.errors import InputError, unknown_name
 from drivers.formats import number_in, read_csv_rows, shown, whole_in
 from drivers.images import read_image
 from drivers.types import Image
 from rig.frames.clips import LABELS, TIMES, clip_background, clip_frames
 from rig.frames.public_sets import TRIAL_VIDEO, is_trial, trial_turns_deg
-from rig.frames.series import FrameSeries, make_background, read_frames
+from rig.frames.series import FrameSeries, TimedFrame, make_background, read_frames
+from rig.frames.times import FrameTime
 
 GROUPS, CONTACTS = "groups.csv", "contacts.csv"
 NO_GROUP = "-"
-LABEL_EVERY_NS = NS_PER_S // 2
-"""Interval of the labels in public sets."""
+LABEL_EVERY_NS = NS_PER_S // 2  # interval of the labels in public sets
 _NEEDED = ("reference_frame", "keyframe", "angle_deg", "sigma_deg")
 
 
@@ -54,20 +61,15 @@ class ContactSpan:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LabelledClip:
-    """A clip and its ground truth.
-
-    background: (H, W, 3) uint8 RGB. reference_frame: number of the frame whose angle is 0. labels: in order
-    of frames, without the reference. contacts: frames with known contact state. version: see
-    `rig.benchmark.clips.augmented`.
-    """
+    """A clip and its ground truth."""
 
     name: str
     group: str
     series: FrameSeries
-    background: Image
-    reference_frame: int
-    labels: tuple[ClipLabel, ...]
-    contacts: tuple[ContactSpan, ...] = ()
+    background: Image  # (H, W, 3) uint8 RGB
+    reference_frame: int  # number of the frame whose angle is 0
+    labels: tuple[ClipLabel, ...]  # in order of frames, without the reference
+    contacts: tuple[ContactSpan, ...] = ()  # frames with known contact state
     version: ClipVersion = ClipVersion.PLAIN
 
 
@@ -78,8 +80,7 @@ def read_clips(
 
     folder: of the clips, or of one clip. groups: CSV with columns `clip,group`; by default `groups.csv` in
     the folder, else the column `group` of the labels. sign: -1 to negate the known angles of public sets.
-    topic: image topic of ROS bags, see `read_frames`. Raises
-    `InputError` if a file is missing or invalid.
+    topic: image topic of ROS bags, see `read_frames`. Raises `InputError` if a file is missing or invalid.
     """
     if is_trial(folder):
         return [public_clip(folder, folder.stem, sign)]
@@ -89,14 +90,15 @@ def read_clips(
         return [_clip(folder, {}, topic)]
     own = folder / GROUPS
     table = groups or (own if own.exists() else None)
-    named = {} if table is None else _groups(table)
-    folders = sorted(path.parent for path in folder.glob(f"*/{LABELS}"))
-    public = [] if folders else _public_clips(folder, sign)
-    if public:
-        return [replace(clip, group=named.get(clip.name, clip.group)) for clip in public]
-    if not folders:
+    rows = _rows(table, ("clip", "group")) if table else []
+    named = {row["clip"].strip(): row["group"].strip() for _, row in rows}
+    if folders := sorted(path.parent for path in folder.glob(f"*/{LABELS}")):
+        return [_clip(clip, named, topic) for clip in folders]
+    trials = sorted(path.parent for path in folder.rglob(TRIAL_VIDEO) if is_trial(path.parent))
+    if not trials:
         raise InputError(f"{folder}: no folder in it has a {LABELS}: make one with rig label-angle CLIP")
-    return [_clip(clip, named, topic) for clip in folders]
+    public = [public_clip(trial, str(trial.relative_to(folder)), sign) for trial in trials]
+    return [replace(clip, group=named.get(clip.name, clip.group)) for clip in public]
 
 
 def public_clip(path: Path, name: str, sign: int = 1) -> LabelledClip:
@@ -115,11 +117,6 @@ def public_clip(path: Path, name: str, sign: int = 1) -> LabelledClip:
     return LabelledClip(name, group, series, background, 0, tuple(labels))
 
 
-def _public_clips(folder: Path, sign: int) -> list[LabelledClip]:
-    trials = sorted(path.parent for path in folder.rglob(TRIAL_VIDEO) if is_trial(path.parent))
-    return [public_clip(trial, str(trial.relative_to(folder)), sign) for trial in trials]
-
-
 def read_labels(path: Path) -> tuple[int, tuple[ClipLabel, ...], str]:
     """Read the labels of a clip; return reference frame, other labels and group. Raises `InputError`."""
     rows = _rows(path, _NEEDED)
@@ -127,7 +124,13 @@ def read_labels(path: Path) -> tuple[int, tuple[ClipLabel, ...], str]:
     if len(references) != 1:
         raise InputError(f"{path}: {len(references)} reference frames: keep one")
     reference = int(references.pop())
-    labels = [_label(path, line, row) for line, row in rows]
+    labels = []
+    for line, row in rows:
+        frame = int(_number(path, line, row, "keyframe", whole=True))
+        angle, sigma = (_number(path, line, row, name) for name in ("angle_deg", "sigma_deg"))
+        if sigma < 0.0:
+            raise InputError(f"{path}: line {line}: sigma_deg {sigma:g} is negative: give 0 or more")
+        labels.append(ClipLabel(frame, angle, sigma))
     frames = [label.frame for label in labels]
     if len(set(frames)) < len(frames):
         raise InputError(f"{path}: a frame has two labels: keep one row per frame")
@@ -135,14 +138,6 @@ def read_labels(path: Path) -> tuple[int, tuple[ClipLabel, ...], str]:
     if not beside:
         raise InputError(f"{path}: no label except the reference frame {reference}: label at least one frame")
     return reference, tuple(beside), (rows[0][1].get("group") or NO_GROUP).strip()
-
-
-def _label(path: Path, line: int, row: Mapping[str, str]) -> ClipLabel:
-    frame = int(_number(path, line, row, "keyframe", whole=True))
-    angle, sigma = (_number(path, line, row, name) for name in ("angle_deg", "sigma_deg"))
-    if sigma < 0.0:
-        raise InputError(f"{path}: line {line}: sigma_deg {sigma:g} is negative: give 0 or more")
-    return ClipLabel(frame, angle, sigma)
 
 
 def _clip(folder: Path, groups: Mapping[str, str], topic: str | None) -> LabelledClip:
@@ -186,10 +181,6 @@ def _contacts(path: Path, frames: int) -> tuple[ContactSpan, ...]:
     return tuple(spans)
 
 
-def _groups(path: Path) -> dict[str, str]:
-    return {row["clip"].strip(): row["group"].strip() for _, row in _rows(path, ("clip", "group"))}
-
-
 def _rows(path: Path, needed: Sequence[str]) -> list[tuple[int, dict[str, str]]]:
     rows = read_csv_rows(path, needed)
     if not rows:
@@ -204,3 +195,84 @@ def _number(path: Path, line: int, row: Mapping[str, str], column: str, whole: b
         wanted = "the number of a frame, from 0" if whole else "a number of degrees"
         raise InputError(f"{where}: {column} {shown(row[column])}: give {wanted}")
     return value
+
+
+_IMAGE_AXIS = {ClipVersion.MIRROR: 1, ClipVersion.FLIP: 0}
+
+
+def chosen_versions(text: str | None) -> tuple[ClipVersion, ...]:
+    """Return the plain version and those of a comma-separated list. Raises `InputError`."""
+    versions = [ClipVersion.PLAIN]
+    for name in (part.strip() for part in (text or "").split(",")):
+        if name and name not in [*ClipVersion]:
+            raise InputError(unknown_name("version", name, [*ClipVersion][1:]))
+        if name and ClipVersion(name) not in versions:
+            versions.append(ClipVersion(name))
+    return tuple(versions)
+
+
+def clip_version(clip: LabelledClip, version: ClipVersion) -> LabelledClip:
+    """Return a clip in a version, with the version in its name; the plain version is the clip itself."""
+    if version is ClipVersion.PLAIN:
+        return clip
+    found = _backwards(clip) if version is ClipVersion.REVERSE else _mirrored(clip, _IMAGE_AXIS[version])
+    return replace(found, name=f"{clip.name} ({version})", version=version)
+
+
+def _mirrored(clip: LabelledClip, axis: int) -> LabelledClip:
+    """Return a clip with frames and background mirrored along an image axis, which negates all angles."""
+
+    def read() -> Iterator[TimedFrame]:
+        for frame in clip.series.read():
+            image = frame.image
+            yield replace(frame, image=None if image is None else _flipped(image, axis))
+
+    return replace(
+        clip,
+        series=FrameSeries(clip.series.name, read, clip.series.notes),
+        background=_flipped(clip.background, axis),
+        labels=tuple(replace(label, angle_deg=-label.angle_deg) for label in clip.labels),
+    )
+
+
+def _flipped(image: Image, axis: int) -> Image:
+    return np.ascontiguousarray(np.flip(image, axis))
+
+
+def _backwards(clip: LabelledClip) -> LabelledClip:
+    """Return a clip that runs backwards from its last labelled frame, which becomes the reference.
+
+    The background is unchanged. The former reference becomes a label. The intervals between frames keep their
+    lengths, in reversed order.
+    """
+    reference = ClipLabel(clip.reference_frame, 0.0, 0.0)
+    *earlier, last = sorted([*clip.labels, reference], key=lambda label: label.frame)
+    surest_deg = min(label.sigma_deg for label in clip.labels)
+
+    def read() -> Iterator[TimedFrame]:
+        frames = [frame for number, frame in enumerate(clip.series.read()) if number <= last.frame]
+        first_ns, last_ns = frames[0].time.time_ns, frames[-1].time.time_ns
+        for frame in reversed(frames):
+            time_ns = first_ns + last_ns - frame.time.time_ns
+            yield replace(frame, time=FrameTime(f"{time_ns / NS_PER_S:.6f}", time_ns))
+
+    def relative(label: ClipLabel) -> ClipLabel:
+        # The variance of a label is the sum of those of two lines drawn by hand, one of them at the
+        # reference. The line at the reference cancels in the difference of two labels. Its variance is
+        # assumed to be half of the smallest variance of a label.
+        common = 0.0 if reference in (label, last) else surest_deg**2
+        variance = label.sigma_deg**2 + last.sigma_deg**2 - common
+        return ClipLabel(last.frame - label.frame, label.angle_deg - last.angle_deg, math.sqrt(variance))
+
+    spans = [
+        ContactSpan(last.frame - min(span.last, last.frame), last.frame - span.first, span.contact)
+        for span in clip.contacts
+        if span.first <= last.frame
+    ]
+    return replace(
+        clip,
+        series=FrameSeries(clip.series.name, read, clip.series.notes),
+        reference_frame=0,
+        labels=tuple(relative(label) for label in reversed(earlier)),
+        contacts=tuple(reversed(spans)),
+    )

@@ -2,9 +2,11 @@
 
 import csv
 import hashlib
-import io
+import os
+import shutil
+import subprocess
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
@@ -15,7 +17,6 @@ from drivers.errors import FormatError, InputError, unknown_name
 from drivers.formats import read_csv_rows
 from drivers.images import decode_image, encode_png
 from drivers.types import Image
-from rig.benchmark.clips.clone import read_verified
 from rig.frames.clips import BACKGROUND, FRAMES, LABELS, TIMES
 from rig.frames.series import read_frames
 from rig.sessions.files import cache_folder
@@ -25,27 +26,21 @@ PACKAGED = Path(__file__).parent / "sets"
 
 @dataclass(frozen=True, slots=True)
 class PublicSet:
-    """A data set whose labels are in this package, and whose frames are in a public repository.
-
-    data: the sensor and what was recorded, for a reader of the README. repository: owner and name on GitHub.
-    licence: of the frames; the labels have that of this package. folder: of the labels and sources.
-    """
+    """A data set whose labels are in this package, and whose frames are in a public repository."""
 
     name: str
-    data: str
-    repository: str
+    data: str  # the sensor and what was recorded, for a reader of the README
+    repository: str  # owner and name on GitHub
     commit: str
-    licence: str
-    folder: Path = PACKAGED
+    licence: str  # of the frames; the labels have that of this package
+    folder: Path = PACKAGED  # of the labels and sources
 
     @property
     def labels(self) -> Path:
-        """File with the labels."""
         return self.folder / f"{self.name}.csv"
 
     @property
     def sources(self) -> Path:
-        """File with the paths and hashes of the labelled files."""
         return self.folder / f"{self.name}_sources.csv"
 
 
@@ -78,20 +73,7 @@ SETS = {
 """Sets by name."""
 
 
-@dataclass(frozen=True, slots=True)
-class Source:
-    """A file of a clip, a row of the table of sources. frame: of a video, used as background."""
-
-    clip: str
-    use: str
-    path: str
-    frame: int
-    t_s: str
-    sha256: str
-
-
 def find_set(name: str) -> PublicSet:
-    """Return a set by name. Raises `InputError`."""
     if name not in SETS:
         raise unknown_name("set", name, SETS)
     return SETS[name]
@@ -103,10 +85,9 @@ def make_clips(of: PublicSet, clone: Path) -> Path:
     clone: work tree or git directory of the set's repository; its files are compared with the stored hashes
     in each call. Raises `InputError` for another folder, commit or file, or if the cache cannot be written.
     """
-    sources = _read_sources(of.sources)
-    files = read_verified(
-        clone, of.repository, of.commit, {row.path: row.sha256 for row in sources if row.path}
-    )
+    columns = ("clip", "use", "path", "frame", "t_s", "sha256")
+    sources = [row for _, row in read_csv_rows(of.sources, columns)]
+    files = read_verified(clone, of, {row["path"]: row["sha256"] for row in sources if row["path"]})
     # A version with other labels or files makes another folder.
     version = hashlib.sha256(of.labels.read_bytes() + of.sources.read_bytes()).hexdigest()[:8]
     folder = cache_folder() / "clips" / f"{of.name}-{version}"
@@ -116,7 +97,12 @@ def make_clips(of: PublicSet, clone: Path) -> Path:
         folder.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(dir=folder.parent, prefix=f"{of.name}-") as place:
             made = Path(place) / "made"
-            _write_clips(made, of, sources, files)
+            labels = [row for _, row in read_csv_rows(of.labels, ("clip",))]
+            for name in dict.fromkeys(row["clip"] for row in sources):
+                clip = made / name
+                clip.mkdir(parents=True)
+                _write_csv(clip / LABELS, [row for row in labels if row["clip"] == name])
+                _write_frames(clip, [row for row in sources if row["clip"] == name], files)
             made.rename(folder)
     except OSError as error:
         raise InputError(
@@ -125,61 +111,88 @@ def make_clips(of: PublicSet, clone: Path) -> Path:
     return folder
 
 
-def _read_sources(table: Path) -> list[Source]:
-    rows = [row for _, row in read_csv_rows(table, ("clip", "use", "path", "frame", "t_s", "sha256"))]
-    return [
-        Source(row["clip"], row["use"], row["path"], int(row["frame"] or 0), row["t_s"], row["sha256"])
-        for row in rows
-    ]
-
-
-def _write_clips(folder: Path, of: PublicSet, sources: Sequence[Source], files: Mapping[str, bytes]) -> None:
-    labels = [row for _, row in read_csv_rows(of.labels, ("clip",))]
-    for name in dict.fromkeys(row.clip for row in sources):
-        clip = folder / name
-        clip.mkdir(parents=True)
-        (clip / LABELS).write_text(_csv([row for row in labels if row["clip"] == name]), encoding="utf-8")
-        _write_frames(clip, [row for row in sources if row.clip == name], files)
-
-
-def _write_frames(clip: Path, sources: Sequence[Source], files: Mapping[str, bytes]) -> None:
-    """Write background, and the video or the frames with their times."""
-    parts = [_image(row, files[row.path]) for row in sources if row.use == "background"]
+def _write_frames(clip: Path, sources: Sequence[Mapping[str, str]], files: Mapping[str, bytes]) -> None:
+    parts = [_image(row, files[row["path"]]) for row in sources if row["use"] == "background"]
     background = np.rint(np.median(parts, axis=0)).astype(np.uint8)
     (clip / f"{BACKGROUND}.png").write_bytes(encode_png(background))
     for row in sources:
-        if row.use == "video":
-            (clip / f"clip{Path(row.path).suffix}").write_bytes(files[row.path])
-    frames = [row for row in sources if row.use == "frame"]
+        if row["use"] == "video":
+            (clip / f"clip{Path(row['path']).suffix}").write_bytes(files[row["path"]])
+    frames = [row for row in sources if row["use"] == "frame"]
     if frames:
         (clip / FRAMES).mkdir()
-        times = [{"frame": str(number), "t_s": row.t_s} for number, row in enumerate(frames)]
-        (clip / TIMES).write_text(_csv(times), encoding="utf-8")
+        times = [{"frame": str(number), "t_s": row["t_s"]} for number, row in enumerate(frames)]
+        _write_csv(clip / TIMES, times)
     for number, row in enumerate(frames):
-        image = _image(row, files[row.path]) if row.path else background
+        image = _image(row, files[row["path"]]) if row["path"] else background
         (clip / FRAMES / f"{number:06d}.png").write_bytes(encode_png(image))
 
 
-def _image(source: Source, data: bytes) -> Image:
+def _image(source: Mapping[str, str], data: bytes) -> Image:
     """Decode an image, or a frame of a video. Raises `FormatError`."""
     image = decode_image(data)
     if image is None:
-        image = next(islice(_video(data, Path(source.path).suffix), source.frame, None), None)
+        with tempfile.TemporaryDirectory() as folder:
+            file = Path(folder) / f"video{Path(source['path']).suffix}"
+            file.write_bytes(data)
+            image = next(islice(read_frames(file).images(), int(source["frame"] or 0), None), None)
     if image is None:
-        raise FormatError(f"{source.path}: cannot be decoded: install the version of OpenCV that pip selects")
+        raise FormatError(
+            f"{source['path']}: cannot be decoded: install the version of OpenCV that pip selects"
+        )
     return image
 
 
-def _video(data: bytes, suffix: str) -> Iterator[Image]:
-    with tempfile.TemporaryDirectory() as folder:
-        file = Path(folder) / f"video{suffix}"
-        file.write_bytes(data)
-        yield from read_frames(file).images()
+def _write_csv(file: Path, rows: Sequence[Mapping[str, str]]) -> None:
+    with file.open("w", encoding="utf-8", newline="") as text:
+        writer = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(rows)
 
 
-def _csv(rows: Sequence[Mapping[str, str]]) -> str:
-    text = io.StringIO()
-    writer = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
-    return text.getvalue()
+def read_verified(clone: Path, of: PublicSet, sha256: Mapping[str, str]) -> dict[str, bytes]:
+    """Return the contents of files at the set's commit by path, each compared with its stored hash.
+
+    clone: work tree or git directory. sha256: by path. Raises `InputError` without git, for another folder, a
+    missing commit, a missing file, or a file that differs from its hash.
+    """
+    address, short = f"https://github.com/{of.repository}", of.commit[:8]
+    wanted = f"give a clone: git clone {address}"
+    if not clone.is_dir():
+        raise InputError(f"{clone}: there is no such folder: {wanted}")
+    try:
+        _git(clone, "rev-parse", "--git-dir")
+    except InputError as error:
+        raise InputError(f"{error}; {wanted}") from error
+    try:
+        _git(clone, "cat-file", "-e", f"{of.commit}^{{commit}}")
+    except InputError as error:
+        raise InputError(
+            f"{clone}: has no commit {short} of {of.repository}: if it is a shallow clone of it, run git "
+            f"-C {clone} fetch --unshallow, if an older one, git -C {clone} fetch; otherwise {wanted}"
+        ) from error
+    files = {}
+    for path, expected in sha256.items():
+        files[path] = _git(clone, "cat-file", "blob", f"{of.commit}:{path}")
+        found = hashlib.sha256(files[path]).hexdigest()
+        if found != expected:
+            raise InputError(
+                f"{clone}: {path} at {short} has the SHA-256 {found[:12]}..., the labelled file had "
+                f"{expected[:12]}...: clone {address} again"
+            )
+    return files
+
+
+def _git(clone: Path, *arguments: str) -> bytes:
+    """Return the output of a git command. Raises `InputError` with git's reason."""
+    program = shutil.which("git")
+    if program is None:
+        raise InputError("git was not found on this computer: install it, for example with apt install git")
+    # Variables such as GIT_DIR would select another repository than the folder that was given.
+    environment = {name: value for name, value in os.environ.items() if not name.startswith("GIT_")}
+    command = [program, "-C", str(clone), *arguments]
+    done = subprocess.run(command, capture_output=True, check=False, env=environment)  # noqa: S603 - git
+    if done.returncode != 0:
+        reason = done.stderr.decode(errors="replace").strip().removeprefix("fatal: ")
+        raise InputError(f"{clone}: git cannot read it ({reason})")
+    return done.stdout

@@ -1,22 +1,22 @@
-"""Compare the angles of an estimator with angles labelled by hand."""
+"""Run estimators on labelled clips, measure their time, and compare their angles with the labels."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from rig.benchmark.clips.labelled import ClipLabel
-from rig.benchmark.harness import column
-from rig.frames.estimates import FRAME_MS, frame_ms
+from rig.benchmark.clips.labelled import ClipLabel, ClipVersion, LabelledClip
+from rig.benchmark.harness import ALL, column
+from rig.frames.estimates import FRAME_MS, Estimate, contact_ms, estimate_series, frame_ms, zeroed
 from rig.results.scores import WRONG_DEG, WRONG_SIGMAS, is_confidently_wrong
 from rig.results.shares import Share, share_of
+from rig.tactile.estimators import EstimatorChoice
+from rig.tactile.sample import EstimatorFaults, State, faults_of
 
 CLOSE_DEG, LABEL_SIGMAS = 3.0, 2.0
 """An error counts as small up to 3 degrees, or up to 2 label sigmas, which the label's error may explain."""
-SMALL_TURN_DEG = 30.0
-"""Largest angle of a label that counts as a small rotation."""
-USEFUL_SIGMA_DEG = 5.0
-"""Largest sigma of a useful angle."""
+SMALL_TURN_DEG = 30.0  # largest angle of a label that counts as a small rotation
+USEFUL_SIGMA_DEG = 5.0  # largest sigma of a useful angle
 TURNED_DEG, MISSED_SHARE = 10.0, 0.5
 """A rest is false if a label is at least 10 degrees and more than half of its angle was missed."""
 
@@ -40,20 +40,12 @@ class JudgedLabel:
         """Absolute error; for a refused frame the error of the last angle before it."""
         return abs(self.held_deg - self.label.angle_deg)
 
-    @property
-    def close(self) -> bool:
-        """Whether there is an angle with an error of at most 3 degrees."""
-        return self.angle_deg is not None and self.error_deg <= CLOSE_DEG
-
-    @property
-    def close_enough(self) -> bool:
-        """Whether there is an angle with an error of at most 3 degrees or 2 label sigmas."""
-        allowed = max(CLOSE_DEG, LABEL_SIGMAS * self.label.sigma_deg)
-        return self.angle_deg is not None and self.error_deg <= allowed
+    def within(self, allowed_deg: float) -> bool:
+        """Return whether there is an angle with an error of at most 3 degrees, or of an allowed value."""
+        return self.angle_deg is not None and self.error_deg <= max(CLOSE_DEG, allowed_deg)
 
     @property
     def useful(self) -> bool:
-        """Whether there is an angle with a sigma of at most 5 degrees."""
         return self.sigma_deg is not None and self.sigma_deg <= USEFUL_SIGMA_DEG
 
     @property
@@ -63,38 +55,27 @@ class JudgedLabel:
 
     @property
     def sigmas_off(self) -> float | None:
-        """Error divided by the combined sigma of estimate and label; None without a sigma of the estimate."""
         sigma = self.joint_sigma_deg
         return None if sigma is None else self.error_deg / max(sigma, 1e-9)
 
     @property
     def confidently_wrong(self) -> bool:
-        """Whether the estimate is confidently wrong, by the combined sigma of estimate and label."""
         return is_confidently_wrong(self.error_deg, self.joint_sigma_deg)
-
-    @property
-    def turned(self) -> bool:
-        """Whether the object has turned by at least 10 degrees."""
-        return abs(self.label.angle_deg) >= TURNED_DEG
 
     @property
     def false_rest(self) -> bool:
         """Whether the object has turned, but more than half of it was missed with a useful sigma."""
-        if not (self.turned and self.useful):
-            return False
         true = self.label.angle_deg
-        return (true - self.held_deg) / true > MISSED_SHARE
+        return self.useful and abs(true) >= TURNED_DEG and (true - self.held_deg) / true > MISSED_SHARE
 
 
 @dataclass(frozen=True, slots=True)
 class ClipScore:
     """Figures over labels; None if there is no value.
 
-    answered, within_3, within, useful, confidently_wrong: shares of all labels; see the properties close,
-    close_enough, useful and confidently_wrong of `JudgedLabel`. two_sigma: share of the angles with a sigma.
-    false_rest: share of the labels of at least 10 degrees. frame_ms: run time of the frames with contact.
-    empty_as_contact, held_as_contact: fractions reported as contact of the frames labelled as without and
-    with contact.
+    answered, within_3, within, useful, confidently_wrong: shares of all labels. two_sigma: share of the
+    angles with a sigma. false_rest: share of the labels of at least 10 degrees. empty_as_contact,
+    held_as_contact: fractions reported as contact of the frames labelled as without and with contact.
     """
 
     answered: Share
@@ -133,7 +114,6 @@ class ClipScore:
 
     @property
     def p99_ms(self) -> float | None:
-        """Time per frame with contact, 99th percentile, ms; None without such a frame."""
         return None if self.frame_ms is None else self.frame_ms[-1]
 
 
@@ -150,14 +130,14 @@ def score(
     """
     errors = np.array([label.error_deg for label in labels])
     small = np.array([abs(label.label.angle_deg) <= SMALL_TURN_DEG for label in labels])
-    turned = [label for label in labels if label.turned]
+    turned = [label for label in labels if abs(label.label.angle_deg) >= TURNED_DEG]
     sigmas = [label.sigma_deg for label in labels if label.sigma_deg is not None]
     off = [value for label in labels if (value := label.sigmas_off) is not None]
     return ClipScore(
         labels=len(labels),
         answered=_share([label.angle_deg is not None for label in labels]),
-        within_3=_share([label.close for label in labels]),
-        within=_share([label.close_enough for label in labels]),
+        within_3=_share([label.within(CLOSE_DEG) for label in labels]),
+        within=_share([label.within(LABEL_SIGMAS * label.label.sigma_deg) for label in labels]),
         mean_small_deg=float(errors[small].mean()) if small.any() else None,
         median_small_deg=float(np.median(errors[small])) if small.any() else None,
         mean_deg=float(errors.mean()),
@@ -182,3 +162,68 @@ def _share(values: Sequence[bool]) -> Share:
 
 def _fraction(values: Sequence[bool]) -> float | None:
     return sum(values) / len(values) if values else None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ClipRun:
+    """One estimator on one clip."""
+
+    clip: LabelledClip
+    estimate: Estimate  # angles relative to the clip's reference
+    labels: tuple[JudgedLabel, ...]  # labels with the angles at their frames
+    contact_ms: tuple[float, ...]  # run time of each frame with contact
+    has_sigma: bool
+    contacts: tuple[tuple[bool, bool], ...] = ()  # of each labelled frame: in contact, reported as contact
+
+    @property
+    def score(self) -> ClipScore:
+        """Figures of this clip."""
+        return score(self.labels, self.contact_ms, self.has_sigma, self.contacts)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class EstimatorRuns:
+    """One estimator on all clips. groups: its figures by group, `ALL` first, then sorted by name."""
+
+    name: str
+    runs: tuple[ClipRun, ...]
+    groups: Mapping[str, ClipScore]
+
+    def of_version(self, version: ClipVersion) -> "EstimatorRuns":
+        return summed(self.name, [run for run in self.runs if run.clip.version is version])
+
+    @property
+    def faults(self) -> EstimatorFaults | None:
+        """Faults of a foreign estimator; None without faults."""
+        return faults_of(answer.sample for run in self.runs for answer in run.estimate.answers)
+
+
+def run_clip(clip: LabelledClip, choice: EstimatorChoice) -> ClipRun:
+    answers = estimate_series(clip.series, choice.make(clip.background))
+    estimate = zeroed(answers, answers[clip.reference_frame].time)
+    has_sigma = any(sigma is not None for sigma in estimate.sigmas_deg)
+    judged = []
+    for label in clip.labels:
+        before = reversed(estimate.angles_deg[clip.reference_frame : label.frame + 1])
+        held = next((angle for angle in before if angle is not None), 0.0)
+        at = estimate.angles_deg[label.frame], estimate.sigmas_deg[label.frame]
+        judged.append(JudgedLabel(clip.name, label, *at, held))
+    contacts = tuple(
+        (span.contact, answer.sample.state is not State.NO_CONTACT)
+        for span in clip.contacts
+        for answer in answers[span.first : span.last + 1]
+    )
+    return ClipRun(clip, estimate, tuple(judged), tuple(contact_ms(answers)), has_sigma, contacts)
+
+
+def summed(name: str, runs: Sequence[ClipRun]) -> EstimatorRuns:
+    groups = {}
+    for group in (ALL, *sorted({run.clip.group for run in runs})):
+        of = [run for run in runs if group in (ALL, run.clip.group)]
+        groups[group] = score(
+            [label for run in of for label in run.labels],
+            [ms for run in of for ms in run.contact_ms],
+            any(run.has_sigma for run in of),
+            [contact for run in of for contact in run.contacts],
+        )
+    return EstimatorRuns(name, tuple(runs), groups)

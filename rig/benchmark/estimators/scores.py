@@ -9,58 +9,50 @@ from rig.results.metrics import Mare, mare_of
 from rig.results.scores import SeriesScore
 from rig.results.shares import Share, share_of
 
-ELONGATED = ("t1", "t2", "t3", "t4", "t6", "t7")
-"""Objects with elongated contacts."""
-ONSET_WITHIN_S = 0.05
-"""Largest error of an onset that counts as within."""
-EARLY_S = 0.1
-"""An onset reported earlier than this before the true one is a false alarm."""
+ELONGATED = ("t1", "t2", "t3", "t4", "t6", "t7")  # objects with elongated contacts
+ONSET_WITHIN_S = 0.05  # largest error of an onset that counts as within
+EARLY_S = 0.1  # an onset reported earlier than this before the true one is a false alarm
 
 
 @dataclass(frozen=True, slots=True)
 class OnsetScore:
-    """Slip onsets over many lifts.
+    """Slip onsets over many lifts."""
 
-    true: number of lifts with an onset. error_s: median of |estimated - true|. within: share of the true
-    onsets that were reported with an error of at most 50 ms. missed: number of lifts whose onset was not
-    reported. false_alarms: number of lifts with a report but without an onset, or with a report over 100 ms
-    too early.
-    """
-
-    true: int
-    error_s: float | None
-    within: Share | None
-    missed: int
-    false_alarms: int
+    true: int  # number of lifts with an onset
+    error_s: float | None  # median of |estimated - true|
+    within: Share | None  # share of the true onsets that were reported with an error of at most 50 ms
+    missed: int  # number of lifts whose onset was not reported
+    false_alarms: int  # lifts with a report but without an onset, or with a report over 100 ms too early
 
 
 @dataclass(frozen=True, slots=True)
 class ContenderScore:
-    """Figures of one estimator over many lifts or clips.
-
-    mare, mare_b, mare_held, mare_unsigned: see `SeriesScore`. mare_elongated: over objects with elongated
-    contacts. worst_deg, worst: largest mean error of a lift or clip, and its key. answered: fraction of
-    frames with an angle. within_two_sigma: fraction of these frames, None without sigmas. wrong_lifts: number
-    of lifts with a confidently wrong angle. onset: onsets found afterwards. event: onsets reported during the
-    lift; None for an estimator without rates.
-    """
+    """Figures of one estimator over many lifts or clips; the MAREs are those of `SeriesScore`."""
 
     mare: Mare | None
     mare_b: Mare | None
     mare_held: Mare | None
     mare_unsigned: Mare | None
-    mare_elongated: Mare | None
-    worst_deg: float | None
-    worst: str
-    answered: float
-    within_two_sigma: float | None
-    wrong_lifts: int
-    onset: OnsetScore
-    event: OnsetScore | None
+    mare_elongated: Mare | None  # over objects with elongated contacts
+    worst_deg: float | None  # largest mean error of a lift or clip
+    worst: str  # its key
+    answered: float  # fraction of frames with an angle
+    within_two_sigma: float | None  # fraction of these frames, None without sigmas
+    wrong_lifts: int  # number of lifts with a confidently wrong angle
+    onset: OnsetScore  # onsets found afterwards
+    event: OnsetScore | None  # onsets reported during the lift; None for an estimator without rates
+
+    @property
+    def mare_deg(self) -> float | None:
+        return self.mare and self.mare.mean_deg
+
+    @property
+    def wrong_if_sigma(self) -> int | None:
+        """Number of lifts with a confidently wrong angle; None for an estimator without sigma."""
+        return None if self.within_two_sigma is None else self.wrong_lifts
 
     @property
     def worst_text(self) -> str:
-        """The largest mean error with the key of its lift or clip."""
         return "-" if self.worst_deg is None else f"{self.worst_deg:.2f} ({self.worst})"
 
 

@@ -4,37 +4,45 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
 
+from drivers.errors import counted
 from protocols.grasps import TRIAL_OBJECTS
-from rig.benchmark.estimators.contenders import CONTENDERS
-from rig.benchmark.estimators.lifts import LiftScores, score_lift
-from rig.benchmark.estimators.scores import score_all
-from rig.benchmark.estimators.stress import NAMES, run_stress, stress_rows, stress_tasks
-from rig.benchmark.estimators.tables import (
-    EstimatorsResult,
-    estimator_table,
-    judge,
-    notes,
-    readme_section,
-    stress_table,
-    time_table,
+from rig.benchmark.estimators.contenders import (
+    CONTENDERS,
+    PAPER,
+    LiftScores,
+    Spread,
+    TimingReport,
+    score_lift,
+    time_lifts,
 )
-from rig.benchmark.estimators.timing import time_lifts
-from rig.benchmark.harness import Report, Run, Study, option
+from rig.benchmark.estimators.scores import ContenderScore, score_all
+from rig.benchmark.estimators.stress import NAMES, StressRow, run_stress, stress_rows, stress_tasks
+from rig.benchmark.harness import NONE, Report, Run, Study, Table, column, columns_of, machine, table_of
+from rig.benchmark.measured import Measured, at_least, at_most, between, informative
 from rig.config import BenchConfig, load_bench
+from rig.declared import option
 from rig.experiments.lift_plan import TrialSettings, stored_trial
 from rig.experiments.trial import run_trial
+from rig.results.metrics import HEADING, Mare, mare_text
+from rig.results.shares import Share
 from rig.sessions.manifest import is_session
-from rig.sessions.records import FinishedLift, LiftRow
+from rig.sessions.records import LiftRow
 from rig.sessions.rows import read_finished_lifts
-from rig.tactile.estimators import DEFAULT_ESTIMATOR, EstimatorChoice, choose_estimator
-from rig.tactile.sample import EstimatorFaults, together
+from rig.tactile.estimators import DEFAULT_ESTIMATOR, ECC, PAPER_WINDOW, EstimatorChoice, choose_estimator
+from rig.tactile.sample import together
 
-LIFTS = 5
-"""Lifts of each object that are recorded."""
+LIFTS = 5  # lifts of each object that are recorded
 TIMED_LIFTS = 5
 TABLE = "table.md"
+README_COLUMNS = 10  # number of columns of the table of estimators in a document
+MARE_DEG, ELONGATED_DEG, WORST_DEG = 0.5, 0.25, 2.0
+ANSWERED, REFUSED = 0.95, 0.95
+WITHIN_LEAST, WITHIN_MOST = 0.90, 0.98
+TIMES_MORE_ACCURATE, TIMES_FASTER = 5.0, 10.0
+FRAME_SIZE_PX = (240, 320)  # frame size for which the limit on the ratio of run times applies
+PAPER_BEST = ("skeleton", 2)
+"""Best method and window in the paper (1.85 degrees); here the faults of its script are corrected."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,6 +53,75 @@ class EstimatorsOptions:
     estimator: list[str] | None = option(
         None, "Additional estimator to compare, as package.module:Class; repeat for more."
     )
+
+
+@dataclass(frozen=True, slots=True)
+class EstimatorsResult:
+    """All measurements."""
+
+    session: Path  # folder of the lifts
+    simulated: bool
+    seed: int
+    more: tuple[str, ...]  # additional estimators given by the user
+    lifts: Sequence[LiftScores]
+    scores: dict[tuple[str, int], ContenderScore]  # by estimator and window, over all lifts
+    timing: TimingReport
+    stress: Sequence[StressRow]
+
+    @property
+    def closest_of_paper(self) -> tuple[str, int] | None:
+        """The paper's method and window (2 to 10) with the lowest MARE on these lifts; None without any."""
+        known = {
+            key: score.mare.mean_deg
+            for key, score in self.scores.items()
+            if key[0] in PAPER and key[1] >= 2 and score.mare
+        }
+        return min(known, key=lambda key: known[key]) if known else None
+
+    @property
+    def usual(self) -> list[tuple[str, int]]:
+        """Each estimator with its default window, and the paper's best method if it is not among them."""
+        keys = [(DEFAULT_ESTIMATOR, 1), (ECC, 1), *((name, PAPER_WINDOW) for name in PAPER)]
+        keys += [(name, 1) for name in self.more if (name, 1) not in keys]
+        best = self.closest_of_paper
+        return keys + ([best] if best and best not in keys else [])
+
+    @property
+    def skipped(self) -> dict[str, float]:
+        """Fraction of the frames in which each stage was skipped."""
+        frames = sum(lift.frames for lift in self.lifts)
+        stages = dict.fromkeys(stage for lift in self.lifts for stage in lift.skipped)
+        return {stage: sum(lift.skipped.get(stage, 0) for lift in self.lifts) / frames for stage in stages}
+
+
+@dataclass(frozen=True, slots=True)
+class EstimatorRow:
+    """One estimator with one window on all lifts; errors in degrees."""
+
+    estimator: str = column("estimator")
+    window: int = column("window", lambda n: NONE if n == 1 else str(n), "1: no filter")
+    ms: tuple[float, float] = column("ms per frame with contact: median, 99 %", ".2f")
+    mare: Mare | None = column("MARE, B and C", mare_text)
+    mare_b: Mare | None = column("MARE, B", mare_text)
+    held_deg: float | None = column(
+        "refused frames keep the last angle", ".2f", "MARE if a refused frame counts with the last angle"
+    )
+    elongated_deg: float | None = column("elongated", ".2f", "MARE of elongated objects")
+    worst: str = column("worst lift", doc="largest mean error of a lift, and the lift")
+    answered: float = column("answered", ".1%", "share of the frames")
+    within_two_sigma: float | None = column("within 2 sigma", ".1%", "share of the answers")
+    onset_ms: float | None = column("onset error, ms", ".0f", "median")
+    event_within: Share | None = column("event within 50 ms", doc="share of the true onsets")
+    false_events: int | None = column("false events")
+
+
+@dataclass(frozen=True, slots=True)
+class TimeRow:
+    """Run time of one stage, on frames with contact."""
+
+    estimator: str = column("estimator")
+    stage: str = column("stage")
+    spread: Spread = columns_of(Spread)
 
 
 def measure(options: EstimatorsOptions, run: Run) -> Report:
@@ -68,11 +145,7 @@ def measure(options: EstimatorsOptions, run: Run) -> Report:
 
 
 def compare(options: EstimatorsOptions, run: Run) -> EstimatorsResult:
-    """Record or read the lifts; measure run time and error of every estimator on lifts and disturbed clips.
-
-    Raises `SessionError` for a session without lifts, `InputError` for an unknown estimator, and the errors
-    of `run_trial`.
-    """
+    """Measure all estimators on lifts and on disturbed clips. Raises the errors of `run_trial`."""
     more = tuple(options.estimator or ())
     for name in more:
         choose_estimator(name)
@@ -81,9 +154,11 @@ def compare(options: EstimatorsOptions, run: Run) -> EstimatorsResult:
         run, "session", load_bench("fake"), choose_estimator(), TRIAL_OBJECTS, LIFTS
     )
     rows = read_finished_lifts(folder)
+    # Evenly spread lifts include all kinds of objects.
+    timed, step = min(TIMED_LIFTS, len(rows)), len(rows) // min(TIMED_LIFTS, len(rows)) // 2
+    spread_out = [rows[i * len(rows) // timed + (i % 2) * step] for i in range(timed)]
     # Run time is measured first and alone, because worker processes would compete for the core.
-    timed = _spread_out(rows, TIMED_LIFTS)
-    timing = time_lifts(folder, timed, run.progress, names)
+    timing = time_lifts(folder, spread_out, run.progress, names)
     lifts = run.each(
         partial(score_lift, folder, names), rows, lambda row: f"estimators on {row.object}/{row.lift}"
     )
@@ -100,44 +175,10 @@ def compare(options: EstimatorsOptions, run: Run) -> EstimatorsResult:
     )
 
 
-def report_of(result: EstimatorsResult) -> Report:
-    """Return tables, limits and files."""
-    limits = judge(result)
-    whose, section = f"'{DEFAULT_ESTIMATOR}'", readme_section(result, limits)
-    tables = (time_table(result), stress_table(result), estimator_table(result))
-    return Report(
-        tables=tables,
-        limits=limits,
-        limits_of=whose,
-        notes=notes(result),
-        section=section,
-        figures=_figures(result),
-        files={TABLE: section + "\n"},
-        faults=_faults(result.lifts),
-    )
-
-
-def _figures(result: EstimatorsResult) -> dict[str, Any]:
-    """Return the JSON values that the tables do not show."""
-    best = result.closest_of_paper
-    return {
-        "simulated": result.simulated,
-        "session": str(result.session),
-        "lifts": len(result.lifts),
-        "estimators": [_by_window(result, *key) for key in result.scores],
-        "closest_of_paper": None if best is None else {"estimator": best[0], "window": best[1]},
-        "timing": asdict(result.timing),
-        "skipped_share": result.skipped,
-    }
-
-
 def record(
     run: Run, name: str, bench: BenchConfig, estimator: EstimatorChoice, objects: Sequence[str], lifts: int
 ) -> Path:
-    """Carry out the missing simulated lifts of a session in the folder of the results; return its folder.
-
-    name: of the session. lifts: per object. Raises the errors of `run_trial`.
-    """
+    """Carry out a session's missing simulated lifts in the folder of the results; return its folder."""
     folder = (run.folder or Path()) / name
     trial = TrialSettings(bench, run.seed, estimator)
 
@@ -148,21 +189,167 @@ def record(
     return folder
 
 
-def _faults(lifts: Sequence[LiftScores]) -> dict[str, EstimatorFaults]:
-    names = dict.fromkeys(name for lift in lifts for name in lift.faults)
-    return {name: together([lift.faults[name] for lift in lifts if name in lift.faults]) for name in names}
+def report_of(result: EstimatorsResult) -> Report:
+    limits, best = judge(result), result.closest_of_paper
+    section, costs = readme_section(result, limits), result.timing.contenders
+    failed = dict.fromkeys(name for lift in result.lifts for name in lift.faults)
+    windows = [
+        {"estimator": name, "window": window, **asdict(score)}
+        | {"p50_ms": costs[name].contact.p50_ms, "p99_ms": costs[name].contact.p99_ms}
+        for (name, window), score in result.scores.items()
+    ]
+    return Report(
+        tables=(time_table(result), stress_table(result), estimator_table(result)),
+        limits=limits,
+        limits_of=f"'{DEFAULT_ESTIMATOR}'",
+        notes=_notes(result),
+        section=section,
+        figures={
+            "simulated": result.simulated,
+            "session": str(result.session),
+            "lifts": len(result.lifts),
+            "estimators": windows,
+            "closest_of_paper": None if best is None else {"estimator": best[0], "window": best[1]},
+            "timing": asdict(result.timing),
+            "skipped_share": result.skipped,
+        },
+        files={TABLE: section + "\n"},
+        faults={
+            name: together([lift.faults[name] for lift in result.lifts if name in lift.faults])
+            for name in failed
+        },
+    )
 
 
-def _spread_out(rows: Sequence[FinishedLift], wanted: int) -> list[FinishedLift]:
-    """Return evenly spread lifts, so that they include all kinds of objects. wanted: their number."""
-    wanted = min(wanted, len(rows))
-    return [rows[i * len(rows) // wanted + (i % 2) * (len(rows) // wanted // 2)] for i in range(wanted)]
+def judge(result: EstimatorsResult) -> list[Measured]:
+    ours, timing = result.scores[DEFAULT_ESTIMATOR, 1], result.timing
+    theirs_deg = result.scores[PAPER_BEST].mare_deg
+    better = theirs_deg / ours.mare_deg if theirs_deg and ours.mare_deg else None
+    refused = [
+        1.0 - r.score.answered for r in result.stress if r.refused and r.estimator == DEFAULT_ESTIMATOR
+    ]
+    cost = timing.contenders[DEFAULT_ESTIMATOR].contact
+    known = timing.size_px == FRAME_SIZE_PX and cost.count > 0
+    faster = timing.published.p50_ms / cost.p50_ms if known else None
+    elongated_deg = ours.mare_elongated and ours.mare_elongated.mean_deg
+    paper = f"times as accurate as the paper's best method ({PAPER_BEST[0]}, window {PAPER_BEST[1]})"
+    return [
+        at_most("MARE over all lifts, deg", ours.mare_deg, MARE_DEG),
+        at_most("MARE over elongated objects, deg", elongated_deg, ELONGATED_DEG),
+        at_most("mean error of the worst lift, deg", ours.worst_deg, WORST_DEG),
+        at_least("share of frames answered", ours.answered, ANSWERED),
+        between("share of errors within two sigma", ours.within_two_sigma, WITHIN_LEAST, WITHIN_MOST),
+        at_least(paper, better, TIMES_MORE_ACCURATE),
+        at_least("share of frames refused on smooth round contacts", min(refused, default=None), REFUSED),
+        informative("frame with contact in to angle out, median, ms", cost.p50_ms),
+        informative("frame with contact in to angle out, 99th percentile, ms", cost.p99_ms),
+        at_least("times as fast as the published second stage", faster, TIMES_FASTER),
+    ]
 
 
-def _by_window(result: EstimatorsResult, name: str, window: int) -> dict[str, Any]:
-    cost = result.timing.contenders[name].contact
-    score = asdict(result.scores[name, window])
-    return {"estimator": name, "window": window, **score, "p50_ms": cost.p50_ms, "p99_ms": cost.p99_ms}
+def estimator_table(result: EstimatorsResult) -> Table:
+    """Return a row per estimator with its usual window, and one for the paper's method that is best here."""
+    lifts = counted(len(result.lifts), "lift")
+    title = f"{'SIMULATED ' * result.simulated}rotational error in degrees over {lifts}, and run time"
+    rows = []
+    for name, window in result.usual:
+        score, cost = result.scores[name, window], result.timing.contenders[name].contact
+        row = EstimatorRow(
+            estimator=name,
+            window=window,
+            ms=(cost.p50_ms, cost.p99_ms),
+            mare=score.mare,
+            mare_b=score.mare_b,
+            held_deg=score.mare_held and score.mare_held.mean_deg,
+            elongated_deg=score.mare_elongated and score.mare_elongated.mean_deg,
+            worst=score.worst_text,
+            answered=score.answered,
+            within_two_sigma=score.within_two_sigma,
+            onset_ms=None if score.onset.error_s is None else 1e3 * score.onset.error_s,
+            event_within=score.event and score.event.within,
+            false_events=score.event and score.event.false_alarms,
+        )
+        rows.append(row)
+    return table_of(title, EstimatorRow, rows)
+
+
+def time_table(result: EstimatorsResult) -> Table:
+    rows = []
+    for name, timing in result.timing.contenders.items():
+        rows.append(TimeRow(name, "frame in to angle out", timing.contact))
+        rows += [TimeRow("", stage, spread) for stage, spread in timing.stages.items()]
+    rows.append(TimeRow("published second stage", "mask to angle, full picture", result.timing.published))
+    width, height = result.timing.size_px
+    title = f"Run time, one thread, {width} x {height} px, frames with contact"
+    return table_of(title, TimeRow, rows, left=2)
+
+
+def stress_table(result: EstimatorsResult) -> Table:
+    """Return the MARE per condition and estimator, with the share of frames with an angle if not 1."""
+
+    def cell(row: StressRow | None) -> str:
+        if row is None:
+            return NONE
+        if row.refused:
+            return f"refused {1.0 - row.score.answered:.0%}"
+        mean = _mean(row.score.mare_deg)
+        return mean if row.score.answered >= 0.995 else f"{mean} ({row.score.answered:.0%})"
+
+    by = {(row.condition, row.estimator): row for row in result.stress}
+    names = tuple(dict.fromkeys((*NAMES, *(row.estimator for row in result.stress))))
+    rows = []
+    for group, condition in dict.fromkeys((row.group, row.condition) for row in result.stress):
+        ours = by.get((condition, DEFAULT_ESTIMATOR))
+        within = ours.score.within_two_sigma if ours else None
+        cells = (cell(by.get((condition, name))) for name in names)
+        rows.append((group, condition, *cells, NONE if within is None else f"{within:.1%}"))
+    title = "SIMULATED clips with known angles: mean error in degrees (share of frames answered, if not all)"
+    columns = ("group", "condition", *names, f"{DEFAULT_ESTIMATOR} within 2 sigma")
+    return Table(title, columns, rows, left=2, records=tuple(result.stress))
+
+
+def _mean(value_deg: float | None) -> str:
+    return NONE if value_deg is None else f"{value_deg:.2f}"
+
+
+def _notes(result: EstimatorsResult) -> list[str]:
+    shares = ", ".join(f"{stage} {share:.0%}" for stage, share in result.skipped.items())
+    scores = [(name, result.scores[name, window]) for name, window in result.usual]
+    onsets = (
+        f"{name} {of.onset.within or NONE} within 50 ms, {of.onset.missed} of {of.onset.true} missed"
+        for name, of in scores
+    )
+    unsigned = (
+        f"{name} {_mean(of.mare_unsigned and of.mare_unsigned.mean_deg)}"
+        for name, of in scores
+        if "published" in name
+    )
+    best, ours_deg = result.closest_of_paper, result.scores[DEFAULT_ESTIMATOR, 1].mare_deg
+    theirs_deg = result.scores[best].mare_deg if best else None
+    closest = "None of the paper's methods gave an answer."
+    if best and ours_deg is not None and theirs_deg is not None:
+        closest = (
+            f"The closest of the paper's methods on these lifts is {best[0]} with window {best[1]}: "
+            f"{theirs_deg:.2f} degrees, {theirs_deg / ours_deg:.1f} times ours."
+        )
+    return [
+        f"Stages skipped, of all frames: {shares or 'none'}.",
+        closest,
+        "Onsets found afterwards: " + "; ".join(onsets) + ".",
+        "The published methods know no sign: against the size of the true angle alone their MARE is "
+        + f"{', '.join(unsigned)} degrees.",
+    ]
+
+
+def readme_section(result: EstimatorsResult, limits: Sequence[Measured]) -> str:
+    table, missed = estimator_table(result), [limit.name for limit in limits if limit.met is False]
+    of, rows = machine(), [row[:README_COLUMNS] for row in table.rows]
+    head = (
+        f"{'SIMULATED ' * result.simulated}{counted(len(result.lifts), 'lift')}, seed {result.seed}, "
+        f"{of['processor']}, {of['cores']} cores, one thread. Errors in degrees, {HEADING}."
+    )
+    verdict = f"Limits missed: {'; '.join(missed)}." if missed else "All limits were kept."
+    return "\n".join([head, "", Table("", table.columns[:README_COLUMNS], rows).markdown(), "", verdict])
 
 
 STUDY = Study(

@@ -20,10 +20,7 @@ from rig.tactile.estimators import choose_estimator
 
 
 def contact_times(estimator: str, file: str) -> list[float | None]:
-    """Return the CPU time of each frame in ms, over all threads; None for a frame without contact.
-
-    file: see `rig.benchmark.slip.side_by_side.store`.
-    """
+    """Return the CPU time of each frame in ms, over all threads; None for a frame without contact."""
     of = np.load(file)
     aspect = float(of["aspect"]) or None
     made = choose_estimator(estimator).make(of["background"], aspect, int(of["sign"]))
@@ -69,7 +66,6 @@ JOBS = {"contact_times": contact_times, "stream": stream}
 
 
 def main() -> None:
-    """Answer requests on one core until stdin ends."""
     answers, sys.stdout = sys.stdout, sys.stderr
     cv2.setNumThreads(1)
     with suppress(AttributeError):  # not on every operating system

@@ -2,37 +2,47 @@
 
 import ast
 import json
+import os
+import subprocess
 import tempfile
-from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, closing
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import ExitStack, closing, suppress
 from dataclasses import dataclass
 from functools import partial
+from itertools import islice
+from operator import attrgetter
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 
+from drivers.children import python_command
 from drivers.clock import NS_PER_S
-from rig.benchmark.clips.augmented import clip_version
-from rig.benchmark.clips.labelled import ClipVersion, read_clips
+from drivers.errors import InputError, RigError
+from drivers.types import Image
+from rig.benchmark.clips.labelled import ClipVersion, clip_version, read_clips
 from rig.benchmark.clips.public import PACKAGED
-from rig.benchmark.clips.runs import run_clip
-from rig.benchmark.clips.scores import JudgedLabel, score
+from rig.benchmark.clips.scores import JudgedLabel, run_clip, score
 from rig.benchmark.estimators.scores import score_all
-from rig.benchmark.harness import Report, Run, Study, limit_table, machine, option
+from rig.benchmark.harness import Report, Run, Study, limit_table, machine
 from rig.benchmark.measured import Measured, at_least, at_most, between, informative
-from rig.benchmark.renderer.study import LIFTS_PER_SEED, answer_lift
-from rig.benchmark.seeds import LiftCase, SeedLift, recorded_lift, scored_lift
-from rig.benchmark.slip.side_by_side import OWN, Contender, contact_ms, store
+from rig.benchmark.renderer import LIFTS_PER_SEED, answer_lift
+from rig.benchmark.seeds import LiftCase, SeedLift, lift_cases, recorded_lift, scored_lift
+from rig.benchmark.slip import contender
 from rig.config import BenchConfig, load_bench
+from rig.declared import option
 from rig.experiments.trial import resolve_objects
-from rig.frames.estimates import Estimate, frame_ms
+from rig.frames.estimates import Estimate, TimedImage, frame_ms
 from rig.frames.of_session import recording_frames
 from rig.tactile.contact.dots import is_dotted
 from rig.tactile.estimators import EstimatorChoice, choose_estimator
 
-STREAMS, STREAM_HZ = 2, 60.0
-"""Fingertips of the rig, and the rate of a DIGIT."""
+OWN = Path(__file__).resolve().parents[3]  # folder of this version
+ROUNDS = 2
+"""Each frame is timed this often, and its shortest time counts: other programs can only lengthen it."""
+FRAMES = 600  # largest number of frames per file, 10 s of a lift, as in `rig benchmark estimators`
+STREAMS, STREAM_HZ = 2, 60.0  # fingertips of the rig, and the rate of a DIGIT
 CLIPS, LIFTS, CONTACT_MS = "clips", "SIMULATED lifts", "ms per frame with contact"
 MOST_MS, MOST_OF_OTHER = {CLIPS: (2.0, 4.5), LIFTS: (0.7, 3.0)}, (0.28, 0.25)
 """Limits of median and 99 % of the time per frame with contact; for clips, also as fractions of the times of
@@ -40,10 +50,8 @@ another version."""
 NO_DOTS, DOTS = "turns without printed dots", "turns with printed dots"
 LABELS = {"development": (0.90, 0.90), "validation": (0.85, 0.88), NO_DOTS: (0.95, 0.90), DOTS: (0.95, 0.95)}
 """Limits of the shares of labels that are within 3 degrees or 2 label sigmas, and useful, by group."""
-TWO_SIGMA, MOST_WRONG = (0.92, 0.98), 0.01
-"""Limits of further shares of labels of the first two groups."""
-SEEDS, DRAWN = (0, 32), "SIMULATED by the second renderer"
-"""Seeds of the second renderer."""
+TWO_SIGMA, MOST_WRONG = (0.92, 0.98), 0.01  # limits of further shares of labels of the first two groups
+SEEDS, DRAWN = (0, 32), "SIMULATED by the second renderer"  # seeds of the second renderer
 MOST_MARE_DEG, MOST_WORST_DEG, MOST_RATE_DEG_S = 0.45, 4.0, 200.0
 ASKED = {
     "fake": "0.27 over 45 lifts: rig benchmark seeds --seeds 1",
@@ -51,6 +59,80 @@ ASKED = {
 }
 """Limits of complete sets, by bench."""
 MOST_LINES, MOST_CONSTANTS = 2600, 60
+
+
+def store(
+    file: Path, background: Image, frames: Iterable[TimedImage], aspect: float | None = None, sign: int = 1
+) -> None:
+    shown = [(of.time_ns, of.image) for of in islice(frames, FRAMES) if of.image is not None]
+    times_ns, images = zip(*shown, strict=True)
+    sensor = {"background": background, "aspect": aspect or 0.0, "sign": sign}
+    np.savez(file, images=np.stack(images), times_ns=np.array(times_ns, np.int64), **sensor)
+
+
+class Contender:
+    """The process of an estimator of one version. folder: contains the version's package `rig`.
+
+    name: the estimator, and the folder of another version. Raises `InputError` if there is no version in the
+    folder, and `RigError` if the process ends.
+    """
+
+    def __init__(self, estimator: str, folder: Path) -> None:
+        folder = folder.resolve()
+        self.name = estimator if folder == OWN else f"{estimator} in {folder.name}"
+        self.other_version, self._estimator = folder != OWN, estimator
+        if not (folder / "rig" / "tactile" / "estimators.py").is_file():
+            raise InputError(f"{folder}: holds no slip rig: give the folder with its package 'rig'")
+        threads = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
+        self._process = subprocess.Popen(  # noqa: S603, this Python with a file of this package
+            python_command(contender.__file__),
+            env={**os.environ, **threads, "PYTHONPATH": str(folder)},
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+            start_new_session=True,  # Ctrl-C is for this process, which then ends that one
+        )
+        if (found := Path(self._answer())) != folder:
+            self.close()
+            raise RigError(f"{folder}: Python imports the slip rig in {found} instead")
+
+    def ask(self, job: str, *arguments: Any) -> Any:
+        """Return the answer of a function of `contender`. Raises `RigError` if the process has ended."""
+        with suppress(BrokenPipeError):  # the answer is then missing
+            print(json.dumps([job, self._estimator, *arguments]), file=self._process.stdin, flush=True)
+        return self._answer()
+
+    def _answer(self) -> Any:
+        line = self._process.stdout.readline() if self._process.stdout else ""
+        if not line:
+            self.close()
+            raise RigError(f"{self.name}: the process of this estimator has ended; its message is above")
+        return json.loads(line)
+
+    def close(self) -> None:
+        self._process.kill()
+        self._process.communicate()
+
+
+def contact_ms(
+    of: Sequence[Contender],
+    files: Sequence[Path],
+    progress: Callable[[int, int, str], None] = lambda *_: None,
+) -> list[list[float]]:
+    """Return each contender's CPU times of the frames with contact, by its own detection, in ms.
+
+    The contenders run in turn on each file, in an order that rotates. progress: see `Run`.
+    """
+    spent: list[list[float]] = [[] for _ in of]
+    for number, file in enumerate(files):
+        rounds: list[list[list[float | None]]] = [[] for _ in of]
+        for turn in range(number, number + ROUNDS * len(of)):
+            place = turn % len(of)
+            rounds[place].append(of[place].ask("contact_times", str(file)))
+        for times_ms, runs in zip(spent, rounds, strict=True):
+            times_ms += [min(ms) for frame in zip(*runs, strict=True) if (ms := [m for m in frame if m])]
+        progress(number + 1, len(files), f"time on {file.stem}")
+    return spent
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,7 +190,7 @@ def measure(options: SlipOptions, run: Run) -> Report:
     rows += _labels(options, choice, run)
     hard = _lifts("hard", options.lifts, choice, run)
     rows += [*_drawn(options.drawn, choice, run), *_sample("fake", easy), *_sample("hard", hard)]
-    rows += _size(OWN / "rig" / "tactile" / "slip", OWN / "rig" / "models" / "slip.json")
+    rows += size_rows(OWN / "rig" / "tactile" / "slip", OWN / "rig" / "models" / "slip.json")
     table = limit_table(rows, f"'{names[0]}'").markdown()
     section = f"{machine()['processor']}, {machine()['cores']} cores.\n\n{table}"
     return Report((), rows, f"'{names[0]}'", section=section, binding=options.limits)
@@ -137,7 +219,6 @@ def _times(options: SlipOptions, of: Sequence[Contender], folder: Path, run: Run
 
 
 def _time_rows(kind: str, of: Sequence[Contender], times_ms: Sequence[list[float]]) -> Iterator[Measured]:
-    """Yield median and 99 % of each estimator."""
     compared = kind == CLIPS and any(each.other_version for each in of)
     for place, percentile in enumerate(("median", "99 %")):
         found = [ms and ms[2 * place] for ms in map(frame_ms, times_ms)]
@@ -151,7 +232,6 @@ def _time_rows(kind: str, of: Sequence[Contender], times_ms: Sequence[list[float
 
 
 def _labels(options: SlipOptions, choice: EstimatorChoice, run: Run) -> Iterator[Measured]:
-    """Yield the figures of all groups of clips, and the largest change of an angle."""
     cases = [(options.clips, options.groups, version) for version in ClipVersion if options.clips]
     cases += [(folder, None, ClipVersion.PLAIN) for folder in options.turns or ()]
     answers = run.each(partial(_answers, choice), cases, lambda case: ", ".join(map(str, case)))
@@ -200,8 +280,8 @@ def _lifts(
 ) -> list[SeedLift]:
     """Carry out and score lifts of the trial's objects. keep: folder for the frames of one fingertip."""
     config = load_bench(bench)
-    objects = resolve_objects([], config.objects)
-    cases = [LiftCase(bench, run.seed, of, number) for number in range(1, lifts + 1) for of in objects]
+    cases = lift_cases(bench, [run.seed], resolve_objects([], config.objects), lifts)
+    cases.sort(key=attrgetter("lift"))
     return run.each(partial(_lift, config, choice, keep), cases)
 
 
@@ -225,7 +305,6 @@ def _sample(bench: str, lifts: Sequence[SeedLift]) -> Iterator[Measured]:
 
 
 def _drawn(lifts: int, choice: EstimatorChoice, run: Run) -> Iterator[Measured]:
-    """Yield the figures of the second renderer."""
     numbers = [LIFTS_PER_SEED * seed + number for seed in SEEDS for number in range(lifts)]
     answers = run.each(partial(answer_lift, [choice]), numbers, "second renderer, lift {}".format)
     drawn = [of[choice.name].score for of in answers]
@@ -237,22 +316,19 @@ def _drawn(lifts: int, choice: EstimatorChoice, run: Run) -> Iterator[Measured]:
     yield at_most(name, worst_deg, MOST_WORST_DEG) if lifts else _skipped(name, "--drawn")
 
 
-def _size(package: Path, fitted: Path) -> Iterator[Measured]:
+def size_rows(package: Path, fitted: Path) -> Iterator[Measured]:
     """Yield the numbers of lines and of names that modules bind to numbers, and of fitted parameters."""
     modules = [module.read_text(encoding="utf-8") for module in package.glob("*.py")]
     bound = [each for module in modules for each in ast.parse(module).body if isinstance(each, ast.Assign)]
-    constants = sum(map(_constants, bound))
+    constants = 0
+    for each in bound:  # the names of an assignment count if its value contains a number
+        values = [of.value for of in ast.walk(each.value) if isinstance(of, ast.Constant)]
+        names = [of for target in each.targets for of in ast.walk(target) if isinstance(of, ast.Name)]
+        constants += len(names) if any(type(value) in (int, float) for value in values) else 0
     parameters = sum(map(len, json.loads(fitted.read_text(encoding="utf-8"))["parameters"].values()))
     yield at_most(f"lines of {package.name}", sum(len(of.splitlines()) for of in modules), MOST_LINES)
     name = f"constants ({constants}) and parameters ({parameters}) of {package.name}"
     yield at_most(name, constants + parameters, MOST_CONSTANTS)
-
-
-def _constants(assigned: ast.Assign) -> int:
-    """Return the number of names that an assignment binds, if its value contains a number."""
-    values = [of.value for of in ast.walk(assigned.value) if isinstance(of, ast.Constant)]
-    names = [of for target in assigned.targets for of in ast.walk(target) if isinstance(of, ast.Name)]
-    return len(names) if any(type(value) in (int, float) for value in values) else 0
 
 
 STUDY = Study("slip", SlipOptions, measure, "cases", ("out", "readme", "jobs", "seed"), simulated=False)

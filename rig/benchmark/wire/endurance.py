@@ -12,6 +12,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import closing
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,41 +24,37 @@ from protocols.readiness import make_ready
 from protocols.safe_end import safe_end
 from protocols.slip_trial import REFERENCE_S, SETTLE_S
 from protocols.steps import approach, close_to_contact, open_and_rise, start_watching, tighten
-from rig.bench.fakes_process import started_fakes
-from rig.bench.operators import ConsoleOperator
-from rig.bench.source import StandingBench
-from rig.benchmark.harness import Report, Run, Study, option
+from rig.benchmark.harness import Report, Run, Study
 from rig.benchmark.measured import Measured, at_least, at_most, informative
+from rig.benchmark.wire.campaign import WireBench, served
 from rig.config import BenchConfig, load_bench
+from rig.declared import option
 from rig.experiments.lift_plan import LiftTask, TrialSettings, new_measurement, plan_lift
 from rig.lift.measurement import LiftMeasurement
 from rig.sessions.recorder import LiftRecorder
 from rig.sessions.unfinished import BackgroundFile
 from rig.tactile.estimators import choose_estimator
 
-CHILDREN = b"drivers."
-"""Part of the command line of every process that a driver starts."""
+CHILDREN = b"drivers."  # part of the command line of every process that a driver starts
 
 
 @dataclass(frozen=True, slots=True)
 class Minute:
     """Measurements of one minute.
 
-    frames, dropped: counts over both fingertips and the camera. jumped: tactile frames whose times jumped,
-    which are not estimated. p50_ms, p99_ms: percentiles of the time from capture to angle, of the
-    slower fingertip. wander_deg: largest difference of an angle from the mean of the first minute. answered:
-    share of tactile frames with an angle. recorded_mb: size of the minute's recording. memory_mb, threads,
-    files: of this program and of the drivers' processes, at the end of the minute.
+    frames, dropped: counts over both fingertips and the camera. p50_ms, p99_ms: percentiles of the time from
+    capture to angle, of the slower fingertip. memory_mb, threads, files: of this program and of the drivers'
+    processes, at the end of the minute.
     """
 
     frames: int
     dropped: int
-    jumped: int
+    jumped: int  # tactile frames whose times jumped, which are not estimated
     p50_ms: float
     p99_ms: float
-    wander_deg: float
-    answered: float
-    recorded_mb: float
+    wander_deg: float  # largest difference of an angle from the mean of the first minute
+    answered: float  # share of tactile frames with an angle
+    recorded_mb: float  # size of the minute's recording
     memory_mb: float
     threads: int
     files: int
@@ -89,10 +86,7 @@ class MinuteRecordings:
         self.recorder = LiftRecorder(self._file)
 
     def next_file(self) -> int:
-        """Complete the current file, begin the next, and return the size of the completed one in bytes.
-
-        Raises `RecordingError` if this or an earlier file could not be written.
-        """
+        """Begin the next file; return the size of the last one, bytes. Raises `RecordingError`."""
         if self._closing is not None:
             self._closing.result()
         self.recorder.close()
@@ -102,7 +96,6 @@ class MinuteRecordings:
         return size
 
     def close(self) -> None:
-        """Complete and delete the last file."""
         try:
             self.next_file()
         finally:
@@ -115,75 +108,53 @@ def _flush_and_delete(file: BackgroundFile) -> None:
 
 
 class StillContact(LiftObserver):
-    """Records and measures a lift until phase B, and keeps the angles of the current minute only.
-
-    clock: of the bench, which also gives the capture times.
-    """
+    """Records and measures a lift until phase B, and keeps the angles of the current minute only."""
 
     def __init__(self, measurement: LiftMeasurement, clock: Clock, recordings: MinuteRecordings) -> None:
         self._measurement, self._tips = measurement, measurement.angle.tips
         self._clock, self._recordings = clock, recordings
-        self._late_ns: dict[str, list[int]] = {serial: [] for serial in self._tips}
+        self.late_ns: dict[str, list[int]] = {serial: [] for serial in self._tips}
         self._zero_deg: dict[str, float] = {}
         self._counted = (0, 0, 0)
 
     def phase(self, phase: Phase, time_ns: int) -> None:
-        """Record and begin a phase."""
         self._recordings.recorder.phase(phase, time_ns)
         self._measurement.phase(phase, time_ns)
 
     def frame(self, frame: Frame) -> None:
-        """Record a frame and estimate its angle."""
         self._recordings.recorder.frame(frame)
         self._measurement.frame(frame)
         if frame.serial in self._tips and self._tips[frame.serial].samples:
-            self._late_ns[frame.serial].append(self._clock.now_ns() - frame.time_ns)
+            self.late_ns[frame.serial].append(self._clock.now_ns() - frame.time_ns)
 
     def arm(self, state: ArmState) -> None:
-        """Record the arm's state. The measurement does not get it, so that it does not search for markers."""
-        self._recordings.recorder.arm(state)
+        self._recordings.recorder.arm(state)  # not for the measurement, which would search for markers
 
     def gripper(self, state: GripperState) -> None:
-        """Record the gripper's state."""
         self._recordings.recorder.gripper(state)
 
     def touching(self, serial: str) -> bool:
-        """Return whether a fingertip has shown contact in its last frames."""
         return self._measurement.touching(serial)
 
     def begin_minute(self) -> int:
-        """Begin a minute and a recording; discard earlier angles. Return the recorded size in bytes.
-
-        A contact that has just been closed still turns a little, so angles before the first minute are
-        not used.
-        """
+        """Begin a minute and a recording, without earlier angles; return the size of the last one, bytes."""
         for serial, tip in self._tips.items():
             tip.samples.clear()
-            self._late_ns[serial].clear()
+            self.late_ns[serial].clear()
         self._counted = self._counts()
         return self._recordings.next_file()
 
     def minute(self) -> Minute:
-        """Return the measurements since `begin_minute`, and begin the next minute."""
         resources = _resources()
         frames, dropped, jumped = np.subtract(self._counts(), self._counted).tolist()
-        late_ms = [np.percentile(late, (50, 99)) * 1e3 / NS_PER_S for late in self._late_ns.values()]
+        late_ms = [np.percentile(late, (50, 99)) * 1e3 / NS_PER_S for late in self.late_ns.values()]
+        p50_ms, p99_ms = (float(max(values)) for values in zip(*late_ms, strict=True))
         off_deg = np.concatenate([self._off_deg(serial) for serial in self._tips])
-        recorded = self.begin_minute()
-        known = np.isfinite(off_deg)
-        return Minute(
-            frames,
-            dropped,
-            jumped,
-            *(float(max(values)) for values in zip(*late_ms, strict=True)),
-            wander_deg=float(np.nanmax(off_deg)) if known.any() else float("nan"),
-            answered=float(known.mean()),
-            recorded_mb=recorded / 1e6,
-            **resources,
-        )
+        known, recorded_mb = np.isfinite(off_deg), self.begin_minute() / 1e6
+        wander_deg, answered = float(np.nanmax(off_deg)) if known.any() else float("nan"), float(known.mean())
+        return Minute(frames, dropped, jumped, p50_ms, p99_ms, wander_deg, answered, recorded_mb, **resources)
 
     def _counts(self) -> tuple[int, int, int]:
-        """Return the numbers of frames so far: all, dropped, and tactile ones whose time jumped."""
         tallies = self._measurement.tallies
         jumped = sum(tallies[serial].jumped for serial in self._tips)
         return sum(of.frames for of in tallies.values()), sum(of.dropped for of in tallies.values()), jumped
@@ -196,7 +167,7 @@ class StillContact(LiftObserver):
         return np.abs(angles - self._zero_deg.get(serial, np.nan))
 
 
-def _resources() -> dict[str, float | int]:
+def _resources() -> dict[str, Any]:
     """Return memory, threads and open files of this program and of its drivers' processes."""
     processes = [Path("/proc/self")]
     for children in Path("/proc/self/task").glob("*/children"):
@@ -243,7 +214,6 @@ def measure(options: EnduranceOptions, run: Run) -> Report:
 
 
 def judge_endurance(minutes: Sequence[Minute]) -> tuple[Measured, ...]:
-    """Compare with the limits."""
     first, last = minutes[0], minutes[-1]
     wander_deg = [minute.wander_deg for minute in minutes]
     return (
@@ -263,10 +233,7 @@ def judge_endurance(minutes: Sequence[Minute]) -> tuple[Measured, ...]:
 
 
 def measure_endurance(
-    minutes: int,
-    progress: Callable[[int, Minute], None],
-    wanted: BenchConfig,
-    minute_s: float = MINUTE_S,
+    minutes: int, progress: Callable[[int, Minute], None], wanted: BenchConfig, minute_s: float = MINUTE_S
 ) -> list[Minute]:
     """Grasp an object that stands on its support, as a lift does, and return the measurements of each minute.
 
@@ -278,13 +245,12 @@ def measure_endurance(
     with (
         tempfile.TemporaryDirectory(prefix="endurance-") as folder,
         closing(MinuteRecordings(Path(folder))) as recordings,
-        started_fakes(wanted) as config,
-        closing(StandingBench(config, ConsoleOperator(lambda _: True), "")) as benches,
+        served(WireBench, wanted) as benches,
         benches.for_lift(0, "endurance") as (bench, operator),
     ):
         make_ready(bench, operator)
-        settings = TrialSettings(config, 0, choose_estimator())
-        plan = plan_lift(settings, LiftTask(1, OBJECT, 1), Pose(config.table.position_m))
+        settings = TrialSettings(benches.config, 0, choose_estimator())
+        plan = plan_lift(settings, LiftTask(1, OBJECT, 1), Pose(benches.config.table.position_m))
         operator.place(plan.object_id, plan.object_name)
         observer = StillContact(new_measurement(settings), bench.clock, recordings)
         with safe_end(bench):
@@ -292,7 +258,7 @@ def measure_endurance(
             pump = start_watching(bench, observer, REFERENCE_S)
             tighten(bench, pump, observer, close_to_contact(bench, pump, observer), plan.grip_steps)
             pump.run_for(SETTLE_S)
-            observer.begin_minute()
+            observer.begin_minute()  # a contact that has just been closed still turns a little
             for number in range(1, minutes + 1):
                 pump.run_for(minute_s)
                 measured.append(observer.minute())

@@ -1,14 +1,267 @@
-"""`rig benchmark faults`: each device fails in mid-lift over the wire protocols; the rig has to recover."""
+"""`rig benchmark faults`: each device fails in mid-lift over the wire protocols; the rig has to recover.
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+In the trial a fault occurs in the first attempt at each lift. Then the actions of a person at the bench are
+simulated, and the next attempt has to succeed.
+"""
 
-from drivers.errors import InputError
-from rig.benchmark.harness import Report, Run, Study, option, table_of
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from functools import partial
+from pathlib import Path
+from typing import Any, cast
+
+from drivers.bench import Bench
+from drivers.clock import NS_PER_S
+from drivers.errors import DeviceError, InputError
+from drivers.interfaces import Arm
+from protocols.operator import Operator
+from rig.benchmark.harness import Report, Run, Study, column, table_of
 from rig.benchmark.measured import Measured, at_most
-from rig.benchmark.wire.fault_cases import CASES
-from rig.benchmark.wire.fault_lifts import FaultRow, run_faults
-from rig.config import load_bench
+from rig.benchmark.wire import campaign
+from rig.benchmark.wire.campaign import Event, Moment, Stage, WireBench, standstill, strike
+from rig.config import BenchConfig, load_bench
+from rig.declared import option
+from rig.experiments.lift_plan import TrialSettings
+from rig.experiments.trial import run_trial
+from rig.sessions.records import FinishedLift, LiftRow
+from rig.sessions.rows import read_usable_lifts
+from rig.tactile.estimators import choose_estimator
+
+SAFE_WITHIN_S = 1.0
+LEAST_ATTEMPTS = 2  # number of attempts at the next lift after its case is mended, before it is given up
+MID_LIFT = Moment(Stage.LIFT, 0.4)
+LATE = (Stage.HOLD, Stage.LOWER, Stage.RELEASE)
+"""Stages in which a lift may be over before a failed device is missed."""
+
+
+def _case(name: str, device: str, kind: str, named: str = "", **arguments: Any) -> Event:
+    return Event(name, faults=((device, kind, arguments),), named=named or device)
+
+
+def _reconnect(name: str, kind: str) -> Event:
+    """Return a fault of the arm that only shows when its sockets are opened again."""
+    faults = (("arm", kind, {}), ("arm", "socket_dropped", {}))
+    return Event(name, faults=faults, named="arm", mended_after=2)
+
+
+CASES = (
+    _case("arm: protective stop", "arm", "protective_stop", "protective stop"),
+    _case("arm: program killed", "arm", "program_killed", "program"),
+    _case("arm: stream frozen", "arm", "stream_frozen"),
+    _case("arm: stream repeats itself", "arm", "stream_frozen", repeat=True),
+    _case("arm: sockets dropped", "arm", "socket_dropped"),
+    _case("arm: silent peer", "arm", "silent"),
+    _reconnect("arm: remote control off, then reconnect", "remote_control_off"),
+    _reconnect("arm: recipe refused at reconnect", "recipe_refused"),
+    _case("gripper: silent", "gripper", "silent"),
+    _case("gripper: connection closed", "gripper", "disconnect"),
+    _case("gripper: power lost", "gripper", "power_lost"),
+    _case("gripper: fault 0x0D", "gripper", "fault", "0x0D", code=0x0D),
+    _case("gripper: fingers blocked", "gripper", "blocked"),
+    _case("gripper: fingers stuck, success reported", "gripper", "stuck"),
+    _case("gripper: success and position reported falsely", "gripper", "false_success"),
+    _case("gripper: fingers move too far", "gripper", "overshoot"),
+    _case("gripper: fingers drift open without a command", "gripper", "drift", "without a command"),
+    _case("gripper: garbage", "gripper", "garbage"),
+    _case("fingertip: frozen", "SIM-D0001", "freeze"),
+    _case("fingertip: no frames", "SIM-D0001", "drop"),
+    _case("fingertip: unplugged", "SIM-D0002", "disconnect"),
+    _case("fingertip: green frames", "SIM-D0001", "green"),
+    _case("fingertip: shifted frames", "SIM-D0001", "shift"),
+    _case("fingertip: truncated frames", "SIM-D0001", "truncate"),
+    _case("camera: frozen", "camera", "freeze", "SIM-C0001"),
+    _case("camera: unplugged", "camera", "disconnect", "SIM-C0001"),
+)
+
+
+def _short(outcomes: Sequence[str]) -> str:
+    """Return the failures, without advice, and the state in which the bench was left."""
+    parts = []
+    for outcome in outcomes:
+        text, _, left = outcome.partition(" [")
+        parts.append(f"{text.partition('; ')[0]} ({left.partition(' (')[0].rstrip(']') or 'nothing moved'})")
+    return "; then: ".join(parts) or "no fault was noticed"
+
+
+def _seconds(value: float | None) -> str:
+    return "never" if value is None else f"{value:.3f}"
+
+
+@dataclass(frozen=True, slots=True)
+class FaultRow:
+    """Result of a fault."""
+
+    number: int  # of its lift, from 1
+    stage: Stage  # of the lift at the fault
+    dropped: bool
+    fault: str = column("fault in mid-lift")
+    seen_s: float | None = column("detected, s", _seconds, "from the fault to the rig's stop")
+    safe_s: float | None = column("then still, s", _seconds, "from the rig's stop to standstill")
+    outcomes: tuple[str, ...] = column("outcome", _short)  # of the attempts that the fault ended
+    recovered: bool = column("next lift", lambda done: "done" if done else "not done")
+    passed: bool = column("", lambda passed: "passed" if passed else "FAILED")
+
+
+@dataclass(slots=True)
+class FaultyLift:
+    """A lift with a fault.
+
+    The times are of the bench's clock, in ns: of the fault, of the rig's first stop command to the arm after
+    it, and of the simulated tool's standstill after that; 0 if it has not happened.
+    """
+
+    case: Event
+    stage: Stage | None = None  # of the lift at the fault
+    dropped: bool = False  # whether the object fell
+    injected_ns: int = 0
+    detected_ns: int = 0
+    still_ns: int = 0
+    faults: list[str] = field(default_factory=list)  # outcomes of failed attempts
+    given_up: bool = False  # whether the next lift did not run although the fault had been repaired
+    recovered: bool = False  # whether it ran
+
+    @property
+    def passed(self) -> bool:
+        """Whether the fault was detected, named, made safe in time, and recovered from, and nothing fell."""
+        if self.dropped or not self.recovered:
+            return False
+        if not self.faults:
+            return self.stage in LATE
+        named = any(self.case.named.lower() in fault.lower() for fault in self.faults)
+        return named and 0 < self.detected_ns and self.still_ns - self.detected_ns <= SAFE_WITHIN_S * NS_PER_S
+
+    def row(self, number: int) -> FaultRow:
+        seen = bool(self.detected_ns)
+        return FaultRow(
+            number=number,
+            fault=self.case.name,
+            stage=self.stage or MID_LIFT.stage,
+            seen_s=(self.detected_ns - self.injected_ns) / NS_PER_S if seen else None,
+            safe_s=max(0, self.still_ns - self.detected_ns) / NS_PER_S if seen else None,
+            dropped=self.dropped,
+            outcomes=tuple(self.faults),
+            recovered=self.recovered,
+            passed=self.passed,
+        )
+
+    def note_stop(self, over: threading.Event, now_ns: int) -> None:
+        """Note the first stop after the fault. After an earlier stop the fault waits for the next attempt."""
+        if not self.injected_ns:
+            over.set()
+        elif not self.detected_ns:
+            self.detected_ns = now_ns
+
+
+def run_faults(
+    folder: Path,
+    cases: Sequence[Event],
+    progress: Callable[[FaultRow], None] = lambda row: None,
+    bench: BenchConfig | None = None,
+) -> list[FaultRow]:
+    """Run a trial with one lift per case, each with its fault in mid-lift, stored in `folder`.
+
+    bench: whose fakes are started, by default `wire`. Raises `DeviceError` unless each case's lift is
+    whole on disk in the end.
+    """
+    lifts = [FaultyLift(case) for case in cases]
+    attempts: list[FaultyLift] = []
+
+    def note(done: int, total: int, row: LiftRow) -> None:
+        lift = lifts[row.lift - 1]
+        attempts.append(lift)
+        if isinstance(row, FinishedLift):
+            lift.recovered = bool(lift.injected_ns) and not lift.given_up
+            progress(lift.row(row.lift))
+        elif lift.injected_ns:
+            lift.faults.append(row.fault)
+
+    with campaign.served(partial(_FaultyBench, lifts), bench) as benches:
+        settings = TrialSettings(benches.config, 0, choose_estimator())
+        run = partial(run_trial, folder, settings, ["t1"], len(cases), benches=benches, progress=note)
+        run_to_the_end(run, attempts)
+    kept = read_usable_lifts(folder, checked=True).lifts
+    if len(kept) != len(cases):
+        raise DeviceError(f"faults: {len(kept)} of {len(cases)} finished lifts are whole on disk in {folder}")
+    return [lift.row(number) for number, lift in enumerate(lifts, start=1)]
+
+
+def run_to_the_end(run: Callable[..., object], attempts: list[FaultyLift]) -> None:
+    """Run the trial; if it ends after three faults in a row, resume it, as a person would.
+
+    A case has failed if the attempts after its mending have. attempts: the lifts of the attempts so far.
+    Raises `DeviceError` if a lift fails again after that, and if no attempt is made.
+    """
+    while True:
+        before = len(attempts)
+        try:
+            run(resume=bool(attempts))
+            return
+        except DeviceError:
+            if len(attempts) == before or attempts[-1].given_up:
+                raise
+            lift = attempts[-1]
+            mended = sum(attempt is lift for attempt in attempts) - lift.case.mended_after
+            lift.given_up = mended >= LEAST_ATTEMPTS
+
+
+class _FaultyBench(WireBench):
+    """A bench that injects a fault in the first attempt at each lift that reaches the moment of the fault.
+
+    The nth case occurs in lift n. Between attempts a simulated person repairs faults that the rig cannot
+    clear, and before a trial continues those of the previous case.
+    """
+
+    def __init__(self, lifts: list[FaultyLift], config: BenchConfig) -> None:
+        super().__init__(config)
+        self._lifts = lifts
+
+    def begin(self) -> None:
+        self.call("fault", device="all", kind="clear")
+        super().begin()
+
+    @contextmanager
+    def for_lift(self, seed: int, lift: str, attempt: int = 0) -> Iterator[tuple[Bench, Operator]]:
+        faulty = self._lifts[int(lift.rpartition("/")[2]) - 1]
+        if attempt == 0 or len(faulty.faults) >= faulty.case.mended_after:
+            self.call("fault", device="all", kind="clear")
+        with super().for_lift(seed, lift, attempt) as (bench, operator):
+            if faulty.injected_ns:
+                yield bench, operator
+                return
+            over = threading.Event()
+            timed = _TimedArm(bench.arm, lambda: faulty.note_stop(over, bench.clock.now_ns()))
+            injector = threading.Thread(target=self._inject, args=(faulty, over), daemon=True)
+            injector.start()
+            try:
+                yield replace(bench, arm=cast("Arm", timed)), operator
+            finally:
+                over.set()
+                injector.join()
+                if faulty.injected_ns:
+                    track = campaign.read_track(self.call, faulty.injected_ns)
+                    faulty.still_ns = standstill(track, faulty.detected_ns or faulty.injected_ns).time_ns
+                    faulty.dropped = faulty.dropped or campaign.dropped(track, self.grasp_m)
+
+    def _inject(self, lift: FaultyLift, over: threading.Event) -> None:
+        stage = campaign.wait_for(MID_LIFT, self.grasp_m, self.call, over.is_set)
+        if stage is not None:
+            lift.stage, lift.injected_ns = stage, strike(lift.case, self.call)
+
+
+class _TimedArm:
+    """An arm that reports its stop commands."""
+
+    def __init__(self, arm: Arm, stopped: Callable[[], None]) -> None:
+        self._arm, self._stopped = arm, stopped
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._arm, name)
+
+    def stop(self) -> None:
+        self._stopped()
+        self._arm.stop()
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,7 +6,7 @@ of the same object on the simulated bench in this process, over several seeds.
 
 import time
 from collections.abc import Iterator, Mapping
-from contextlib import closing, contextmanager
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,12 +17,11 @@ from drivers.bench import Bench
 from drivers.clock import NS_PER_S
 from protocols.grasps import find_grasp_file
 from protocols.operator import Operator
-from rig.bench.fakes_process import fakes_control, started_fakes
-from rig.bench.operators import ConsoleOperator
-from rig.bench.source import StandingBench
-from rig.benchmark.harness import Report, Run, Study, column, option, table_of
+from rig.benchmark.harness import Report, Run, Study, column, table_of
 from rig.benchmark.measured import Measured, at_least, at_most
+from rig.benchmark.wire.campaign import WireBench, served
 from rig.config import BenchConfig, load_bench
+from rig.declared import option
 from rig.experiments.lift_attempt import attempt_lift
 from rig.experiments.lift_plan import LiftTask, TrialSettings
 from rig.experiments.trial import run_trial
@@ -37,8 +36,7 @@ from rig.tactile.estimators import choose_estimator
 LEAST_STATE_HZ, MOST_CONTROLLER_CORE = 490.0, 0.25
 TRUTHS_APART_DEG = 1.5
 """Largest difference of the same seed's true turns: creep and slip depend on the exact times of motions."""
-SPREADS = 2.0
-"""Largest difference of the error from its mean over the seeds, in standard deviations."""
+SPREADS = 2.0  # largest difference of the error from its mean over the seeds, in standard deviations
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,28 +61,21 @@ class StreamRow:
 
 @dataclass(frozen=True, slots=True)
 class WireLift:
-    """A lift over the wire protocols.
-
-    state_hz: rate at which the arm's driver received states. controller_core: share of a core that the
-    simulated controller used. row: the lift's. seeds: rows of
-    the same lift in this process.
-    """
+    """A lift over the wire protocols."""
 
     streams: tuple[StreamRow, ...]
-    state_hz: float
-    controller_core: float
+    state_hz: float  # rate at which the arm's driver received states
+    controller_core: float  # share of a core that the simulated controller used
     wall_s: float
     row: FinishedLift
-    seeds: tuple[FinishedLift, ...]
+    seeds: tuple[FinishedLift, ...]  # rows of the same lift in this process
 
     @property
     def errors_deg(self) -> list[float]:
-        """Mean error over phase B of each seed's lift in this process."""
         return [row.re_b.mean_deg for row in self.seeds if row.re_b]
 
     @property
     def spread_deg(self) -> tuple[float, float]:
-        """Mean and standard deviation of `errors_deg`."""
         return float(np.mean(self.errors_deg)), float(np.std(self.errors_deg, ddof=1))
 
 
@@ -105,15 +96,25 @@ def measure(options: WireOptions, run: Run) -> Report:
     """
     object_id = find_grasp_file(options.object_name).id
     lift = measure_wire(run.results_folder, object_id, options.seeds)
+    row, same, (mean, spread) = lift.row, lift.seeds[0], lift.spread_deg
+    error = f"{row.re_b.mean_deg:.2f} deg" if row.re_b else "none"
+    notes = (
+        f"arm states {lift.state_hz:.1f}/s of 500, fake controller {lift.controller_core:.2f} core, "
+        f"{lift.wall_s:.1f} s",
+        f"{row.outcome}, true turn {row.final_truth_deg or 0.0:.1f} deg; in this process {same.outcome}, "
+        f"{same.final_truth_deg or 0.0:.1f} deg",
+        f"mean error over phase B {error}; in this process {mean:.2f} ± {spread:.2f} deg over "
+        f"{len(lift.errors_deg)} seeds",
+    )
     return Report(
         tables=(table_of("SIMULATED bench 'wire': frames of one lift", StreamRow, lift.streams),),
         limits=judge_wire(lift),
         limits_of="the lift",
-        notes=_notes(lift),
+        notes=notes,
         figures={
-            "outcome": lift.row.outcome,
-            "re_b_deg": lift.row.re_b and lift.row.re_b.mean_deg,
-            "final_truth_deg": lift.row.final_truth_deg,
+            "outcome": row.outcome,
+            "re_b_deg": row.re_b and row.re_b.mean_deg,
+            "final_truth_deg": row.final_truth_deg,
             "seeds_re_b_deg": lift.errors_deg,
             "seeds_outcomes": [row.outcome for row in lift.seeds],
         },
@@ -121,7 +122,6 @@ def measure(options: WireOptions, run: Run) -> Report:
 
 
 def judge_wire(lift: WireLift) -> tuple[Measured, ...]:
-    """Return the limits. The first seed's lift in this process is the same lift."""
     row, same, (mean_deg, spread_deg) = lift.row, lift.seeds[0], lift.spread_deg
     turns = row.final_truth_deg, same.final_truth_deg
     turn_deg = None if turns[0] is None or turns[1] is None else abs(turns[0] - turns[1])
@@ -138,41 +138,20 @@ def judge_wire(lift: WireLift) -> tuple[Measured, ...]:
     )
 
 
-def _notes(lift: WireLift) -> tuple[str, ...]:
-    row, same, (mean, spread) = lift.row, lift.seeds[0], lift.spread_deg
-    error = f"{row.re_b.mean_deg:.2f} deg" if row.re_b else "none"
-    return (
-        f"arm states {lift.state_hz:.1f}/s of 500, fake controller {lift.controller_core:.2f} core, "
-        f"{lift.wall_s:.1f} s",
-        f"{row.outcome}, true turn {row.final_truth_deg or 0.0:.1f} deg; in this process {same.outcome}, "
-        f"{same.final_truth_deg or 0.0:.1f} deg",
-        f"mean error over phase B {error}; in this process {mean:.2f} ± {spread:.2f} deg over "
-        f"{len(lift.errors_deg)} seeds",
-    )
-
-
-def measure_wire(
-    folder: Path,
-    object_id: str,
-    seeds: int = 20,
-    bench: BenchConfig | None = None,
-) -> WireLift:
-    """Do one lift over the wire protocols, and the lifts of the seeds in this process.
-
-    folder: of the first lift's session. bench: whose fakes are started, by default `wire`.
-    """
+def measure_wire(folder: Path, object_id: str, seeds: int = 20, bench: BenchConfig | None = None) -> WireLift:
+    """Do one lift over the wire protocols, stored in a folder, and the lifts of the seeds in this process."""
     choice = choose_estimator()
-    with started_fakes(bench or load_bench("wire")) as config, closing(_CountedBench(config)) as benches:
+    with served(_CountedBench, bench) as benches:
         began = time.perf_counter()
         begin_phase("lifting over the wire in real time")
-        run_trial(folder, TrialSettings(config, 0, choice), [object_id], 1, benches=benches)
+        run_trial(folder, TrialSettings(benches.config, 0, choice), [object_id], 1, benches=benches)
         wall_s = time.perf_counter() - began
-        status = fakes_control(config).call("status")
+        status = benches.call("status")
     row = read_finished_lifts(folder)[0]
     begin_phase(f"lifting with {seeds} seeds in this process")
     fake, task = load_bench("fake"), LiftTask(1, row.object, row.lift, row.attempt)
     return WireLift(
-        streams=_streams(folder, row, config, status["devices"]),
+        streams=_streams(folder, row, benches.config, status["devices"]),
         state_hz=benches.state_hz,
         controller_core=status["devices"]["arm"]["cpu_s"] / (status["now_ns"] / NS_PER_S),
         wall_s=wall_s,
@@ -183,12 +162,10 @@ def measure_wire(
     )
 
 
-class _CountedBench(StandingBench):
+class _CountedBench(WireBench):
     """A bench that counts the states of its arm over each lift."""
 
-    def __init__(self, config: BenchConfig) -> None:
-        super().__init__(config, ConsoleOperator(lambda _: True), "")
-        self.state_hz = 0.0
+    state_hz = 0.0
 
     @contextmanager
     def for_lift(self, seed: int, lift: str, attempt: int = 0) -> Iterator[tuple[Bench, Operator]]:
@@ -217,11 +194,4 @@ def _streams(
     return tuple(rows)
 
 
-STUDY = Study(
-    name="wire",
-    options=WireOptions,
-    measure=measure,
-    cases="lifts",
-    shared=("out",),
-    keeps_results=True,
-)
+STUDY = Study("wire", WireOptions, measure, "lifts", shared=("out",), keeps_results=True)

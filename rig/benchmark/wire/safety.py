@@ -1,10 +1,12 @@
 """`rig benchmark safety`: an event at a random moment of a lift, on a bench that counts as real.
 
-The trial runs as a separate program with `--yes` and without a terminal. The motions are judged by the
-record of the simulated world. After each run the bench is put in order, as a person would do.
+The trial runs as a separate program with `--yes` and without a terminal. After each run the bench is put in
+order, as a person would do.
 """
 
+import math
 import os
+import random
 import shutil
 import signal
 import subprocess
@@ -17,47 +19,73 @@ from pathlib import Path
 
 from drivers.errors import DeviceError, InputError, RigError
 from protocols.readiness import make_ready
-from rig.bench.fakes_process import fakes_control, started_fakes
-from rig.bench.operators import ConsoleOperator
-from rig.bench.source import StandingBench
-from rig.benchmark.harness import Report, Run, Study, Table, option
+from rig.benchmark.harness import NONE, Report, Run, Study, Table
 from rig.benchmark.measured import Measured, at_most, informative
-from rig.benchmark.wire.safety_events import (
-    BY_NAME,
-    EVENTS,
-    After,
-    PlannedRun,
-    as_real,
-    judge,
-    plan_runs,
-    start_trial,
-    strike,
-    switch_on,
-    wait_for_end,
-)
-from rig.benchmark.wire.world import Stage, let_pass, read_track, tried, wait_for
-from rig.config import BenchConfig, load_bench
+from rig.benchmark.wire import campaign
+from rig.benchmark.wire.campaign import After, Event, PlannedRun, Stage, WireBench
+from rig.config import BenchConfig
 from rig.config.write import write_bench
+from rig.declared import option
 from rig.sessions.records import finished
 from rig.sessions.rows import read_lifts, read_usable_lifts
 
 OBJECT = "t1"
 STATE = "XDG_STATE_HOME"
-STOPPED_S = 1.5
-"""Time for which a stopped program stays stopped."""
+STOPPED_S = 1.5  # time for which a stopped program stays stopped
 END_S = 90.0
-SETTLE_S = 0.5
-"""Time after the end of the program within which motions of a killed program end."""
+SETTLE_S = 0.5  # time after the end of the program within which motions of a killed program end
+APPROACH_MM = 20.0  # longest way from an event in the approach to standstill
+
+
+def _signal(name: str, number: signal.Signals, after: After = After.SAFE_END, times: int = 1) -> Event:
+    return Event(name, after, (number,) * times)
+
+
+def _fault(name: str, after: After, device: str, kind: str) -> Event:
+    return Event(name, after, faults=((device, kind, {}),))
+
+
+EVENTS = (
+    _signal("Ctrl-C", signal.SIGINT),
+    _signal("Ctrl-C twice", signal.SIGINT, After.STAYS, times=2),
+    _signal("SIGTERM", signal.SIGTERM),
+    _signal("SIGHUP", signal.SIGHUP),
+    _signal("SIGQUIT", signal.SIGQUIT),
+    _signal("kill -9", signal.SIGKILL, After.STAYS),
+    _signal("SIGSTOP", signal.SIGSTOP, After.STAYS),
+    _fault("protective stop", After.STAYS, "arm", "protective_stop"),
+    _fault("emergency stop", After.STAYS, "arm", "emergency_stop"),
+    _fault("gripper lost", After.NOTICED, "gripper", "disconnect"),
+    _fault("fingertip lost", After.NOTICED, "SIM-D0001", "disconnect"),
+    _fault("camera lost", After.NOTICED, "camera", "disconnect"),
+    _fault("fingers blocked", After.FINGERS, "gripper", "blocked"),
+    _fault("fingers stuck", After.FINGERS, "gripper", "stuck"),
+    _fault("false success", After.FINGERS, "gripper", "false_success"),
+    _fault("fingers overshoot", After.FINGERS, "gripper", "overshoot"),
+    Event("disk full", After.NOTICED, disk_full=True),
+)
+BY_NAME = {event.name: event for event in EVENTS}
+
+
+def plan_runs(seed: int, full: bool) -> list[PlannedRun]:
+    """Draw the runs of a benchmark: each event once in a random stage or, if `full`, once in every stage."""
+    rng = random.Random(seed)  # noqa: S311 - moments, no secrets
+    if full:
+        cells = [(event, stage) for event in EVENTS for stage in Stage]
+    else:
+        stages = ([*Stage] * math.ceil(len(EVENTS) / len(Stage)))[: len(EVENTS)]
+        rng.shuffle(stages)
+        cells = list(zip(EVENTS, stages, strict=True))
+    rng.shuffle(cells)
+    return [
+        PlannedRun(number, event, campaign.random_moment(stage, rng))
+        for number, (event, stage) in enumerate(cells, start=1)
+    ]
 
 
 @dataclass(frozen=True, slots=True)
 class SafetyRun:
-    """Result of an event.
-
-    still_s, way_mm: from the event to the first standstill. unasked: see `Judged`. kept: whether the lift
-    finished before is whole on disk. ended: the program's exit code, negative for a signal. said: its last
-    line. ready: why the bench could not be put in order, if so.
-    """
+    """Result of an event. still_s, way_mm: from the event to the first standstill."""
 
     number: int
     event: str
@@ -65,11 +93,11 @@ class SafetyRun:
     still_s: float
     way_mm: float
     dropped: bool
-    unasked: str
-    kept: bool
-    ended: int
-    said: str
-    ready: str = ""
+    unasked: str  # see `Judged`
+    kept: bool  # whether the lift finished before is whole on disk
+    ended: int  # the program's exit code, negative for a signal
+    said: str  # its last line
+    ready: str = ""  # why the bench could not be put in order, if so
 
     @property
     def ended_well(self) -> bool:
@@ -80,16 +108,17 @@ class SafetyRun:
 
     @property
     def line(self) -> str:
-        """A line for the progress."""
-        wrong = [
-            *(["DROPPED"] if self.dropped else []),
-            *([f"UNASKED: {self.unasked}"] if self.unasked else []),
-            *([] if self.kept else ["FINISHED LIFT LOST"]),
-            *([] if self.ended_well else [f"ended with {self.ended}: {self.said}"]),
-            *([f"not in order: {self.ready}"] if self.ready else []),
-        ]
         stood = f"stood after {self.still_s:.2f} s, {self.way_mm:.1f} mm"
-        return "; ".join([f"{self.event}, {self.stage}: {stood}", *wrong])
+        wrong = {
+            "DROPPED": self.dropped,
+            f"UNASKED: {self.unasked}": self.unasked,
+            "FINISHED LIFT LOST": not self.kept,
+            f"ended with {self.ended}: {self.said}": not self.ended_well,
+            f"not in order: {self.ready}": self.ready,
+        }
+        return "; ".join(
+            [f"{self.event}, {self.stage}: {stood}", *(text for text, so in wrong.items() if so)]
+        )
 
 
 def run_safety(run: Run, plan: Sequence[PlannedRun], bench: BenchConfig | None = None) -> list[SafetyRun]:
@@ -100,9 +129,9 @@ def run_safety(run: Run, plan: Sequence[PlannedRun], bench: BenchConfig | None =
     """
     common = f"seed {run.seed}, {len(plan)} runs, "
     with ExitStack() as stack:
-        place = cache(lambda: stack.enter_context(_served(run.results_folder, bench or load_bench("wire"))))
+        place = cache(lambda: stack.enter_context(safety_place(run.results_folder, bench)))
         return run.each(
-            lambda planned: tried(partial(place().run, planned), place().put_in_order),
+            lambda planned: campaign.tried(partial(place().run, planned), place().put_in_order),
             plan,
             lambda planned: common + str(planned),
             SafetyRun,
@@ -113,14 +142,14 @@ def run_safety(run: Run, plan: Sequence[PlannedRun], bench: BenchConfig | None =
 
 
 @contextmanager
-def _served(folder: Path, bench: BenchConfig) -> "Iterator[_Place]":
+def safety_place(folder: Path, bench: BenchConfig | None) -> "Iterator[_Place]":
     """Start a bench's fakes with a separate record of the hand's state, and finish a first lift there."""
     before = os.environ.get(STATE)
     os.environ[STATE] = str(folder / "state")
     try:
-        with started_fakes(bench) as config:
-            place = _Place(folder, config)
-            tried(place.finish_a_lift, place.put_in_order)
+        with campaign.served(WireBench, bench) as benches:
+            place = _Place(folder, benches)
+            campaign.tried(place.finish_a_lift, place.put_in_order)
             yield place
     finally:
         os.environ.pop(STATE)
@@ -128,25 +157,25 @@ def _served(folder: Path, bench: BenchConfig) -> "Iterator[_Place]":
 
 
 class _Place:
-    """A served bench, its two files, and a session with one finished lift."""
+    """A served bench, its two files, and a session with one finished lift. benches: gives the addresses."""
 
-    def __init__(self, folder: Path, config: BenchConfig) -> None:
-        self._config, self._control = config, fakes_control(config)
-        self._grasp_m = config.table.position_m[2]
+    def __init__(self, folder: Path, benches: WireBench) -> None:
+        self._config, self._call, self._grasp_m = benches.config, benches.call, benches.grasp_m
         self._real = folder / "real.toml"
         self._one, self._session = folder / "one", folder / "session"
-        write_bench(self._real, as_real(config))
+        write_bench(self._real, campaign.as_real(self._config))
 
     def finish_a_lift(self) -> None:
-        """Make the session that every run continues: one lift of two is done."""
         shutil.rmtree(self._one, ignore_errors=True)
         with self._trial(self._one) as program:
             while not finished(read_lifts(self._one)):
                 if program.poll() is not None:
-                    raise DeviceError(f"safety: the trial ended too early: {wait_for_end(program, END_S)}")
+                    raise DeviceError(
+                        f"safety: the trial ended too early: {campaign.wait_for_end(program, END_S)}"
+                    )
                 time.sleep(0.1)
             program.send_signal(signal.SIGINT)
-            wait_for_end(program, END_S)
+            campaign.wait_for_end(program, END_S)
         if reason := self.put_in_order():
             raise DeviceError(f"safety: the bench cannot be put in order: {reason}")
 
@@ -157,32 +186,32 @@ class _Place:
         """
         shutil.rmtree(self._session, ignore_errors=True)
         shutil.copytree(self._one, self._session)
-        event, call = planned.event, self._control.call
+        event, call = planned.event, self._call
         with self._trial(self._session) as program:
-            stage = wait_for(
-                planned.moment, self._grasp_m, lambda: call("world"), lambda: program.poll() is not None
-            )
+            stage = campaign.wait_for(planned.moment, self._grasp_m, call, lambda: program.poll() is not None)
             if stage is None:
-                raise DeviceError(f"safety: {planned} ended too early: {wait_for_end(program, END_S)}")
-            event_ns = strike(event, program, call)
+                raise DeviceError(
+                    f"safety: {planned} ended too early: {campaign.wait_for_end(program, END_S)}"
+                )
+            event_ns = campaign.strike(event, call, program)
             if signal.SIGSTOP in event.signals:
-                let_pass(call, STOPPED_S)
-                track = read_track(call, event_ns)
+                campaign.let_pass(call, STOPPED_S)
+                track = campaign.read_track(call, event_ns)
                 program.send_signal(signal.SIGCONT)
-                said = wait_for_end(program, END_S)
+                said = campaign.wait_for_end(program, END_S)
             else:
-                said = wait_for_end(program, END_S)
-                let_pass(call, SETTLE_S)
-                track = read_track(call, event_ns)
-        judged = judge(event, stage, track, event_ns, self._grasp_m)
+                said = campaign.wait_for_end(program, END_S)
+                campaign.let_pass(call, SETTLE_S)
+                track = campaign.read_track(call, event_ns)
+        stop = campaign.standstill(track, event_ns)
         return SafetyRun(
             number=planned.number,
             event=event.name,
             stage=stage,
-            still_s=round(judged.stop.after_s, 4),
-            way_mm=round(1e3 * judged.stop.way_m, 2),
-            dropped=judged.dropped,
-            unasked=judged.unasked,
+            still_s=round(stop.after_s, 4),
+            way_mm=round(1e3 * stop.way_m, 2),
+            dropped=campaign.dropped(track, self._grasp_m),
+            unasked=campaign.unasked(event, stage, track, event_ns, self._grasp_m),
             kept=self._kept(),
             ended=program.returncode,
             said=said,
@@ -190,16 +219,15 @@ class _Place:
         )
 
     @contextmanager
-    def _trial(self, session: Path) -> Iterator[subprocess.Popen[str]]:
-        self._control.call("place", object=OBJECT, seed=1)
-        with start_trial(self._real, session, OBJECT) as program:
+    def _trial(self, session: Path) -> "Iterator[subprocess.Popen[str]]":
+        self._call("place", object=OBJECT, seed=1)
+        with campaign.start_trial(self._real, session, OBJECT) as program:
             try:
                 yield program
             finally:
                 program.kill()
 
     def _kept(self) -> bool:
-        """Whether the first lift can be read, its recording by its checksums."""
         try:
             usable = read_usable_lifts(self._session, checked=True)
         except RigError:
@@ -208,20 +236,15 @@ class _Place:
 
     def put_in_order(self) -> str:
         """Put the bench in order, answering all questions with yes. Return the reason for a failure."""
-        self._control.call("fault", device="all", kind="clear")
-        switch_on(self._config.arm.host or "")
-        benches = StandingBench(self._config, ConsoleOperator(lambda _: True), "")
+        self._call("fault", device="all", kind="clear")
+        campaign.switch_on(self._config.arm.host or "")
+        benches = WireBench(self._config)
         try:
             with closing(benches), benches.for_lift(1, "in order") as (bench, operator):
                 make_ready(bench, operator, after_fault=True)
         except (DeviceError, InputError) as error:
             return f"{type(error).__name__}: {error}"
         return ""
-
-
-APPROACH_MM = 20.0
-"""Longest way from an event in the approach to standstill."""
-COLUMNS = ("event", "runs", *(f"{stage}: s, mm" for stage in Stage), "dropped", "unasked", "lift lost")
 
 
 @dataclass(frozen=True, slots=True)
@@ -253,14 +276,15 @@ def measure(options: SafetyOptions, run: Run) -> Report:
     table, limits = safety_table(runs), judge_runs(runs)
     what = "longest time (s) and way (mm) from the event to standstill"
     head = f"SIMULATED, {len(runs)} runs, seed {run.seed}: {what}, by stage of the lift."
-    section = "\n".join([head, "", table.markdown(), "", *(limit.line for limit in limits)])
+    lines = [f"- {of.name}: {of.shown}{f' ({of.asked})' if of.asked else ''}" for of in limits]
+    section = "\n".join([head, "", table.markdown(), "", *lines])
     return Report((table,), limits, "the rig", section=section)
 
 
 def judge_runs(runs: Sequence[SafetyRun]) -> tuple[Measured, ...]:
     """Return all limits; those on a stage or event of which there is no run are left out."""
     stopped = [run for run in runs if BY_NAME[run.event].after in (After.STAYS, After.SAFE_END)]
-    lost = [run for run in runs if BY_NAME[run.event].after is After.NOTICED and BY_NAME[run.event].fault]
+    lost = [run for run in runs if BY_NAME[run.event].after is After.NOTICED and BY_NAME[run.event].faults]
     way_mm = [run.way_mm for run in stopped if run.stage is Stage.APPROACH]
     lost_s = [run.still_s for run in lost if run.stage is Stage.LIFT]
     still_s = [run.still_s for run in stopped]
@@ -277,26 +301,20 @@ def judge_runs(runs: Sequence[SafetyRun]) -> tuple[Measured, ...]:
 
 
 def safety_table(runs: Sequence[SafetyRun]) -> Table:
-    """Return a row for each event: how often, and by stage the longest time and way to standstill."""
     title = "SIMULATED bench 'wire': longest time and way from the event to standstill"
-    cells = [_cells(event.name, [run for run in runs if run.event == event.name]) for event in EVENTS]
-    return Table(title, COLUMNS, cells, records=tuple(runs))
-
-
-def _cells(event: str, runs: Sequence[SafetyRun]) -> tuple[str, ...]:
-    stages = [[run for run in runs if run.stage is stage] for stage in Stage]
-    longest = [
-        f"{max(r.still_s for r in s):.2f}, {max(r.way_mm for r in s):.1f}" if s else "-" for s in stages
-    ]
-    counts = [(run.dropped, bool(run.unasked), not run.kept) for run in runs]
-    return (event, str(len(runs)), *longest, *(str(sum(each[i] for each in counts)) for i in range(3)))
+    columns = ("event", "runs", *(f"{stage}: s, mm" for stage in Stage), "dropped", "unasked", "lift lost")
+    rows = []
+    for event in EVENTS:
+        of = [run for run in runs if run.event == event.name]
+        stages = [[run for run in of if run.stage is stage] for stage in Stage]
+        longest = [
+            f"{max(r.still_s for r in s):.2f}, {max(r.way_mm for r in s):.1f}" if s else NONE for s in stages
+        ]
+        wrong = [sum(r.dropped for r in of), sum(bool(r.unasked) for r in of), sum(not r.kept for r in of)]
+        rows.append((event.name, str(len(of)), *longest, *map(str, wrong)))
+    return Table(title, columns, rows, records=tuple(runs))
 
 
 STUDY = Study(
-    name="safety",
-    options=SafetyOptions,
-    measure=measure,
-    cases="runs",
-    shared=("out", "resume", "readme", "seed"),
-    keeps_results=True,
+    "safety", SafetyOptions, measure, "runs", ("out", "resume", "readme", "seed"), keeps_results=True
 )

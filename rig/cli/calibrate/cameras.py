@@ -16,8 +16,8 @@ from rig.cli.calibrate.options import (
     TargetOption,
     calibrated,
 )
-from rig.cli.declared import option
 from rig.cli.options import ObjectsOption
+from rig.declared import option
 
 if TYPE_CHECKING:
     from calibration.hand_eye.samples import Setup

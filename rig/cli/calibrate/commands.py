@@ -7,9 +7,9 @@ import typer
 
 from rig.cli.calibrate import cameras, sensors
 from rig.cli.common import emit_json
-from rig.cli.declared import file_place
 from rig.cli.helping import Commands
 from rig.cli.options import JsonOption
+from rig.declared import file_place
 
 calibrate = Commands(
     no_args_is_help=True,

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from rig.cli.common import mark, print_result, say
-from rig.cli.declared import folder_place, option
 from rig.cli.options import BenchOption, DryRunOption, JsonOption, SeedOption, WatchOptions, YesOption
 from rig.cli.watching import Work, dry_run, watched
+from rig.declared import folder_place, option
 from rig.live.questions import ask, ask_line
 from rig.live.screen import begin_phase
 

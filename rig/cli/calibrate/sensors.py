@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 import typer
 
 from rig.cli.calibrate.options import StationOptions, calibrated
-from rig.cli.declared import argument, is_given, option
 from rig.cli.options import ObjectsOption
+from rig.declared import argument, is_given, option
 
 if TYPE_CHECKING:
     from rig.calibrate.result import CalibrationResult
@@ -170,7 +170,7 @@ def tcp(context: typer.Context, common: StationOptions, options: TcpOptions) -> 
 
     """
     from rig.calibrate.bench_tip import collect_tip
-    from rig.calibrate.clamped_tip import tip_from_folder
+    from rig.calibrate.from_tables import tip_from_folder
     from rig.config import load_bench
 
     flange = is_given(context, "bench")

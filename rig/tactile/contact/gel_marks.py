@@ -173,7 +173,7 @@ def _marked(sharp: Field, around_px: int, least: float, reach_px: int, most_shar
     across, down = (cv2.Scharr(soft, cv2.CV_32F, *axis, scale=1 / 32) for axis in ((1, 0), (0, 1)))
     squares = cv2.add(cv2.multiply(across, across), cv2.multiply(down, down))
     summed = cv2.blur(cv2.transform(squares, np.ones((1, 3))), (3, 3))
-    change = np.asarray(cv2.sqrt(cv2.max(summed, 0.0)), np.float32)
+    change = np.sqrt(np.maximum(summed, np.float32(0.0)))
     overall = max(float(np.median(change[::step, ::step])), LEAST_CHANGE)
     levels = cv2.convertScaleAbs(change[::step, ::step], alpha=16.0 / overall)
     around = cv2.medianBlur(levels, around_px // step | 1).astype(np.float32) * np.float32(overall / 16.0)

@@ -222,5 +222,5 @@ class Aligner:
         )  # fmt: skip
 
     def _fit(self, alone: bool = False) -> Fit:
-        angle, x, y, *rest = self._out.tolist()
-        return Fit(Pose(angle, complex(x, y)), *rest, alone)
+        angle, x, y, score, best, loss, rank = self._out.tolist()
+        return Fit(Pose(angle, complex(x, y)), score, best, loss, rank, alone)

@@ -118,7 +118,7 @@ def _agreement(
 
 
 @compiled
-def kept(curved: Values, facts: Sums, slopes: Values, view: Sums, turn: float) -> float:
+def kept(curved: Values, facts: Sums, slopes: Values, view: Sums, turn: float) -> float | np.floating:
     """Return what a turn to either side takes from the cosine of the curvature with itself."""
     cosine, x, y, count = 0.0, 0.0, 0.0, int(facts[COUNTED + CURVED])
     for i in range(count):

@@ -102,8 +102,8 @@ class Sigma:
     loss_rad, worst_loss_rad: per loss of agreement of the curvature, present and largest so far.
     worst_spread: per largest difference between the readings so far. turned: per rotation. indistinct_rad:
     divided by what a turn changes in the curvature. least_rad: in any case. least_distinct, least_textured,
-    textured_oblong, least_oblong, cut_distinct, cut_oblong: see `Keyframe.observable`; smooth balls have less.
-    pace_s: time over which sigma follows.
+    textured_oblong, least_oblong, cut_distinct, cut_oblong: see `Keyframe.observable`; smooth balls have
+    less. pace_s: time over which sigma follows.
     """
 
     loss_rad: float

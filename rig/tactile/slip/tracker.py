@@ -82,7 +82,8 @@ class Tracked:
 
     worst_loss, worst_spread_rad: largest loss of agreement, and largest difference between the readings,
     since the contact began. turned_rad: rotation since the contact settled. rekeyed: whether a keyframe was
-    added, or the slopes lead instead of the texture, or the reverse. own: largest one of the keyframes, see `Keyframe`, 1 in the first frame. rate_rad_s: averaged.
+    added, or slopes and texture have changed the lead. own: largest one of the keyframes, see `Keyframe`, 1
+    in the first frame. rate_rad_s: averaged.
     """
 
     fit: Fit

@@ -12,11 +12,12 @@ from drivers.errors import (
 from drivers.types import ArmMode
 from drivers.ur5e.arm import UR5e
 from drivers.ur5e.link import ArmLink
+from drivers.ur5e.motion import PLAYING
 from drivers.ur5e.setup import ToolSetting
-from drivers.ur5e.status import PLAYING
 from fakes.wire.ur.controller import URController
-from support.ur5e import HOME, agree, first_error, make_arm, make_controller, stands
+from support.ur5e import agree, first_error, make_arm, make_controller, stands
 from support.waiting import until
+from support.worlds import HOME
 
 pytest.importorskip("rtde_control", reason="ur-rtde is not installed here")
 

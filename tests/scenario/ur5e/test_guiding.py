@@ -17,8 +17,9 @@ from drivers.ur5e.motion import from_ur, to_ur
 from fakes.wire.ur.controller import URController
 from support.marks import long
 from support.slow_motion import CLOCK, SLOWNESS, pause
-from support.ur5e import HOME, make_arm, stands
+from support.ur5e import make_arm, stands
 from support.waiting import LIMIT_S, until
+from support.worlds import HOME
 
 pytest.importorskip("rtde_control", reason="ur-rtde is not installed here")
 ASIDE: Vector6 = to_ur(HOME.translated(x_m=0.1, z_m=-0.15))

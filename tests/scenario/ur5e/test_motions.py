@@ -18,14 +18,14 @@ from drivers.errors import (
 )
 from drivers.types import HandState, Holding, Pose
 from drivers.ur5e.arm import UR5e
-from fakes.devices.arm import TOOL_LENGTH_M
 from fakes.wire.ur.controller import URController
-from fakes.wire.ur.geometry import from_ur
+from fakes.world.kinematics import TOOL_LENGTH_M, from_ur
 from protocols.steps import move
 from support.benches import NOISE_M
 from support.slow_motion import CLOCK, SLOWNESS
-from support.ur5e import HOME, agree, make_arm, make_controller, stands
+from support.ur5e import agree, make_arm, make_controller, stands
 from support.waiting import until
+from support.worlds import HOME
 
 pytest.importorskip("rtde_control", reason="ur-rtde is not installed here")
 

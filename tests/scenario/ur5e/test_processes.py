@@ -13,8 +13,9 @@ from drivers.types import ArmMode
 from drivers.ur5e.arm import UR5e
 from fakes.wire.ur.controller import URController
 from support.slow_motion import SLOWNESS, pause
-from support.ur5e import HOME, agree, first_error, make_arm, stands
+from support.ur5e import agree, first_error, make_arm, stands
 from support.waiting import until
+from support.worlds import HOME
 
 pytest.importorskip("rtde_control", reason="ur-rtde is not installed here")
 

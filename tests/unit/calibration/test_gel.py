@@ -6,11 +6,10 @@ import cv2
 import numpy as np
 import pytest
 
-from calibration.gel.balls import BallFit, BallPress, ball_radius_mm, calibrate_gel
+from calibration.gel.balls import BallFit, BallPress, ball_radius_mm, calibrate_gel, fit_scale
 from calibration.gel.gradient_map import GradientMap, fit_gradient_map
 from calibration.gel.presses import Press, find_press
 from calibration.gel.reference import assess_reference, drift_since, make_reference
-from calibration.gel.scale import fit_scale
 from calibration.verdict import Verdict
 from drivers.errors import CalibrationError
 from support.simulated_gel import MM_PER_PX, SimulatedGel

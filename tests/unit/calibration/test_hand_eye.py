@@ -8,9 +8,8 @@ import pytest
 
 from calibration.camera.model import CameraModel, CameraUncertainty
 from calibration.hand_eye.closed_form import park, shah
-from calibration.hand_eye.guidance import next_pose
 from calibration.hand_eye.samples import HandEyeSample, Setup, make_problem, target_poses
-from calibration.hand_eye.solve import calibrate_hand_eye
+from calibration.hand_eye.solve import calibrate_hand_eye, next_pose
 from calibration.verdict import Verdict
 from drivers.types import Pose
 from rig.benchmark.calibration.motion_scenes import CAMERA, general_scene
@@ -37,6 +36,7 @@ def test_park_equals_opencv() -> None:
     ours = park(a_R, a_t, b_R, b_t)
     assert ours.x_R == pytest.approx(turn, abs=1e-9)
     assert ours.x_t == pytest.approx(move.ravel(), abs=1e-9)
+    assert ours.z_t == pytest.approx(shah(a_R, a_t, b_R, b_t).z_t, abs=1e-2)
 
 
 def test_shah_equals_opencv() -> None:

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calibration.camera.files import read_camera
+from calibration.camera.files import camera_info, read_camera
 from drivers.errors import CalibrationError
 
 OPENCV = (
@@ -60,6 +60,8 @@ def test_zeros_at_the_end_are_no_terms(terms: list[float], count: int, tmp_path:
     assert len(camera.distortion) == (8 if len(terms) > 5 else 5)
     assert np.array_equal(camera.distortion[: len(terms)], terms)
     assert not camera.distortion[len(terms) :].any()
+    written = camera_info(camera, "C1")["distortion_model"]
+    assert written == ("rational_polynomial" if len(terms) > 5 else "plumb_bob")
 
 
 @pytest.mark.parametrize("place", [8, 11, 13])

@@ -17,7 +17,7 @@ from calibration.targets.aruco import (
 from calibration.verdict import Verdict
 from drivers.errors import CalibrationError
 from fakes.studio.calibration_scenes import MarkerPictures
-from rig.benchmark.calibration.markers import find_corners
+from rig.benchmark.calibration.study import find_corners
 from support.markers import find_markers
 from support.marks import long
 

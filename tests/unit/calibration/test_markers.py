@@ -1,9 +1,5 @@
 """Detecting and tracking two markers: sub-pixel corners, and a reason for every refusal."""
 
-import csv
-import os
-from pathlib import Path
-
 import cv2
 import numpy as np
 import pytest
@@ -16,7 +12,6 @@ from drivers.types import Pose
 from fakes.camera.marker_scene import MarkerScene
 
 FACING = Rotation.from_matrix([[1, 0, 0], [0, 0, -1], [0, 1, 0]])
-ROOT = Path(__file__).parents[3]
 
 
 def seen_from(turn_deg=0.0, tilt_deg=(7.0, 5.0), x=0.0, y=0.0, z=0.7):
@@ -105,6 +100,16 @@ def test_duplicate_marker_alone_is_refused_as_a_jump(scene):
     assert tracker.detect(phantom) is Refusal.JUMP
 
 
+def test_two_copies_as_near_as_each_other_are_refused(scene):
+    gray, (first, _) = picture(scene, seen_from()), scene.exact_corners_px(seen_from())
+    tracker = MarkerTracker((0, 1))
+    tracker.detect(gray)
+    x, y = first.min(axis=0).astype(int) - 8
+    above = copied(gray, first, (x, y - 30))
+    above[y + 30 :] = copied(gray, first, (x, y + 30))[y + 30 :]
+    assert tracker.detect(above) is Refusal.DUPLICATE
+
+
 def test_markers_are_found_at_a_new_position_after_missed_frames(scene):
     tracker = MarkerTracker((0, 1))
     tracker.detect(picture(scene, seen_from(x=-0.1)))
@@ -128,31 +133,16 @@ def test_invalid_markers_are_refused(ids, dictionary):
         MarkerTracker(ids, dictionary)
 
 
-def photos():
-    folder = Path(os.environ.get("RIG_TEST_DATA", ROOT.parent / "shared" / "data")) / "opencv_photos"
-    if not folder.is_dir():
-        pytest.skip(f"real photos are not here: {folder} (set RIG_TEST_DATA)")
-    return folder
-
-
-def photo_and_gold():
-    folder = photos()
-    with (folder / "gold_corners.csv").open(newline="") as file:
-        rows = [row for row in csv.DictReader(file) if row["image"] == "singlemarkersoriginal.jpg"]
-    gold = {
-        int(row["marker_id"]): np.array([[float(row[f"{axis}{k}"]) for axis in "xy"] for k in range(4)])
-        for row in rows
-    }
-    gray = cv2.imread(str(folder / "singlemarkersoriginal.jpg"), cv2.IMREAD_GRAYSCALE)
-    return gray, gold
-
-
 @pytest.mark.parametrize("ids", [(40, 98), (23, 203), (62, 124)])
-def test_markers_of_a_real_photo_are_followed(ids):
-    gray, gold = photo_and_gold()
+def test_markers_of_a_real_photo_are_followed(ids, real_data):
+    folder, name = real_data / "opencv_photos", "singlemarkersoriginal.jpg"
+    gray = cv2.imread(str(folder / name), cv2.IMREAD_GRAYSCALE)
+    rows = np.genfromtxt(folder / "gold_corners.csv", delimiter=",", dtype=None, names=True, encoding=None)
+    gold = {row["marker_id"]: row for row in rows if row["image"] == name}
     tracker = MarkerTracker(ids, "DICT_6X6_250")
     first, second = tracker.detect(gray), tracker.detect(gray)
     assert isinstance(first, np.ndarray)
     assert isinstance(second, np.ndarray)
     np.testing.assert_allclose(first, second, atol=0.1)
-    assert np.abs(second - [gold[i] for i in ids]).max() < 2.0
+    expected = [[[gold[i][f"{axis}{k}"] for axis in "xy"] for k in range(4)] for i in ids]
+    assert np.abs(second - expected).max() < 2.0

@@ -99,15 +99,16 @@ def _openings(noise_m: float = 0.0, lag_m: float = 0.0) -> list[OpeningSample]:
     made = []
     for direction, offset in ((Direction.CLOSING, 0.0), (Direction.OPENING, lag_m)):
         for counts in range(10, 210, 20):
-            opening = 0.12 - 0.0005 * counts - 1e-7 * counts**2 + offset + rng.normal(0, noise_m)
+            opening = 0.12 - 0.0005 * counts - 1e-7 * counts**2 + rng.normal(0, noise_m)
+            opening += offset * counts / 190
             made.append(OpeningSample(f"{direction}{counts}", counts, opening, direction))
     return made
 
 
 def test_opening_table_is_monotone_and_hysteresis_is_measured() -> None:
-    found = calibrate_opening(_openings(1e-4, 4e-4))
+    found = calibrate_opening(_openings(5e-5, 7e-4))
     assert found.assessment.verdict is Verdict.GOOD
-    assert found.hysteresis_m == pytest.approx(4e-4, abs=3e-4)
+    assert found.hysteresis_m == pytest.approx(7e-4, abs=2e-4)
     table = found.tables[Direction.CLOSING]
     assert (np.diff(table.opening_m) <= 0).all()
     truth = 0.12 - 0.0005 * 90 - 1e-7 * 90**2

@@ -15,7 +15,7 @@ from drivers.images import encode_png
 from rig.benchmark.calibration.board_scenes import BOARD, CAMERA, board_pose
 from rig.benchmark.calibration.motion_scenes import CAMERA as MOVING_CAMERA
 from rig.benchmark.calibration.motion_scenes import general_scene
-from rig.calibrate.press_folder import read_press_folder
+from rig.calibrate.tactile import read_press_folder
 from support.board_views import exact_view
 from support.simulated_gel import SimulatedGel
 

@@ -7,45 +7,17 @@ import pytest
 from scipy.spatial.transform import Rotation
 from scipy.stats import f as f_distribution
 
-from calibration.hand_eye.pose_pairs import PoseSample
-from calibration.hand_eye.pose_solve import PosePairResult, calibrate_pose_pairs
+from calibration.hand_eye.pose_solve import calibrate_pose_pairs
 from calibration.hand_eye.samples import Setup
+from calibration.hand_eye.solve import HandEyeResult
 from calibration.verdict import Verdict
 from drivers.types import Pose
-from rig.benchmark.calibration.motion_scenes import Noise, Truth, general_scene
+from rig.benchmark.calibration.motion_scenes import Truth
 from support.marks import long
-
-ROBOT = (np.radians(0.03), 3e-4)
-TARGET = (np.radians(0.2), np.radians(0.05), 1e-3, 4e-3)
-"""Noise of tilt, rotation about the axis, lateral position, and depth."""
+from support.motions import pose_pairs
 
 
-def disturbed(pose: Pose, rng: np.random.Generator, turns: np.ndarray, moves: np.ndarray) -> Pose:
-    """Perturb a pose in its parent's axes by normal steps of these sigmas."""
-    turn = Rotation.from_rotvec(rng.normal(0, 1, 3) * turns)
-    return Pose.from_rotation(pose.position_m + rng.normal(0, 1, 3) * moves, turn * pose.rotation)
-
-
-def scene(
-    seed: int, count: int = 20, setup: Setup = Setup.EYE_TO_HAND, noise: float = 1.0, size: float = 1.0
-) -> tuple[Truth, list[PoseSample]]:
-    """Pairs with the noise above, times `noise`; target distances appear `size` times as long."""
-    rng = np.random.default_rng((5, seed))
-    truth, views = general_scene(rng, count, setup, noise=Noise(0.0, 0.0, 0.0))
-    samples = []
-    for view in views:
-        robot = view.base_T_tcp if setup is Setup.EYE_TO_HAND else view.base_T_tcp.inverse()
-        seen = truth.x.inverse() @ robot @ truth.z
-        seen = replace(seen, position_m=tuple(size * v for v in seen.position_m))
-        tilt, turn, across, depth = noise * np.array(TARGET)
-        seen = disturbed(seen, rng, np.array([tilt, tilt, turn]), np.array([across, across, depth]))
-        twist = [rng.normal(0, noise * s, 3) for s in ROBOT]
-        said = view.base_T_tcp @ Pose.from_rotation(twist[1], Rotation.from_rotvec(twist[0]))
-        samples.append(PoseSample(view.id, said, seen))
-    return truth, samples
-
-
-def holds(result: PosePairResult, truth: Truth) -> bool:
+def holds(result: HandEyeResult, truth: Truth) -> bool:
     assert result.pose is not None
     assert result.covariance is not None
     error = truth.error_vector(result.pose)
@@ -55,7 +27,7 @@ def holds(result: PosePairResult, truth: Truth) -> bool:
 
 @pytest.mark.parametrize("setup", list(Setup))
 def test_exact_pairs_give_the_exact_transform(setup: Setup) -> None:
-    truth, samples = scene(0, 12, setup, noise=0.0)
+    truth, samples = pose_pairs(0, 12, setup, noise=0.0)
     result = calibrate_pose_pairs(samples, setup)
     assert result.pose is not None
     assert result.target is not None
@@ -69,14 +41,14 @@ def test_exact_pairs_give_the_exact_transform(setup: Setup) -> None:
 def test_confidence_region_has_the_stated_coverage(setup: Setup, seeds: int) -> None:
     held = []
     for seed in range(seeds):
-        truth, samples = scene(seed, 15, setup)
+        truth, samples = pose_pairs(seed, 15, setup)
         held.append(holds(calibrate_pose_pairs(samples, setup), truth))
     assert np.mean(held) >= 0.85
 
 
 @pytest.mark.slow
 def test_flipped_targets_are_left_out_and_named() -> None:
-    truth, samples = scene(3)
+    truth, samples = pose_pairs(3)
     flip = Rotation.from_euler("x", 30, degrees=True)
     for i in (2, 9, 14):
         seen = samples[i].camera_T_target
@@ -91,7 +63,7 @@ def test_flipped_targets_are_left_out_and_named() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("size", [0.97, *long(1.05, 2.0)])
 def test_target_of_another_size_is_rejected_with_the_ratio(size: float) -> None:
-    _, samples = scene(4, 30, size=size, noise=0.5)
+    _, samples = pose_pairs(4, 30, size=size, noise=0.5)
     result = calibrate_pose_pairs(samples, Setup.EYE_TO_HAND)
     assert result.pose is None
     said = result.assessment.refusals[0]
@@ -100,7 +72,7 @@ def test_target_of_another_size_is_rejected_with_the_ratio(size: float) -> None:
 
 
 def test_pairs_shifted_by_one_and_inverted_poses_are_refused() -> None:
-    _, samples = scene(6)
+    _, samples = pose_pairs(6)
     seen = [s.camera_T_target for s in samples]
     shifted = [replace(s, camera_T_target=t) for s, t in zip(samples, seen[1:] + seen[:1], strict=True)]
     inverted = [replace(s, base_T_tcp=s.base_T_tcp.inverse()) for s in samples]
@@ -111,7 +83,7 @@ def test_pairs_shifted_by_one_and_inverted_poses_are_refused() -> None:
 
 
 def test_motions_about_one_axis_and_too_few_pairs_are_refused() -> None:
-    truth, samples = scene(7)
+    truth, samples = pose_pairs(7)
     first = samples[0].base_T_tcp
     about_z = []
     for i, sample in enumerate(samples):
@@ -124,7 +96,7 @@ def test_motions_about_one_axis_and_too_few_pairs_are_refused() -> None:
 
 @pytest.mark.slow
 def test_correlated_errors_increase_sigma() -> None:
-    truth, samples = scene(8, 60)
+    truth, samples = pose_pairs(8, 60)
     rng = np.random.default_rng(1)
     drift = np.cumsum(rng.normal(0, 1e-3, (len(samples), 3)), axis=0)
     adrift = [

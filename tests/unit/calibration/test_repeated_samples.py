@@ -17,8 +17,8 @@ from calibration.timed_signal import TimedSignal, make_stream
 from calibration.tool_tip import calibrate_pivot
 from calibration.verdict import Verdict
 from drivers.types import Pose
-from rig.benchmark.calibration.motion_scenes import CAMERA, Truth, general_scene, wiggle_scene
-from support.motions import pivot_scene
+from rig.benchmark.calibration.motion_scenes import CAMERA, general_scene, wiggle_scene
+from support.motions import pivot_scene, pose_pairs
 
 Order = Callable[[int], list[int]]
 ORDERS: dict[str, Order] = {
@@ -38,19 +38,6 @@ def _jittered(pose: Pose, rng: np.random.Generator, jitter: float) -> Pose:
     return Pose.from_rotation(rng.normal(pose.position_m, 1e-4 * jitter), pose.rotation * turn)
 
 
-def _pairs(seed: int, count: int) -> tuple[Truth, list[PoseSample]]:
-    """Draw pairs with the noise of a detector: 0.3 mm across, 1 mm in depth, 0.1 degrees."""
-    rng = np.random.default_rng(seed)
-    truth, samples = general_scene(rng, count)
-    pairs = []
-    for sample in samples:
-        seen = truth.x.inverse() @ sample.base_T_tcp @ truth.z
-        off = Rotation.from_rotvec(rng.normal(0, 1.7e-3, 3))
-        noisy = Pose.from_rotation(rng.normal(seen.position_m, (3e-4, 3e-4, 1e-3)), seen.rotation * off)
-        pairs.append(PoseSample(sample.id, sample.base_T_tcp, noisy))
-    return truth, pairs
-
-
 def _repeated(pairs: list[PoseSample], order: Order, jitter: float) -> list[PoseSample]:
     rng = np.random.default_rng(2)
     return [
@@ -62,7 +49,7 @@ def _repeated(pairs: list[PoseSample], order: Order, jitter: float) -> list[Pose
 @every_jitter
 @every_order
 def test_repeated_pose_pairs_do_not_lower_sigma(order: Order, jitter: float) -> None:
-    _, pairs = _pairs(0, 16)
+    _, pairs = pose_pairs(0, 16, noise=0.25)
     once = calibrate_pose_pairs(pairs, Setup.EYE_TO_HAND)
     found = calibrate_pose_pairs(_repeated(pairs, order, jitter), Setup.EYE_TO_HAND)
     assert found.covariance is not None
@@ -77,10 +64,7 @@ def test_repeated_pose_pairs_do_not_lower_sigma(order: Order, jitter: float) -> 
 def test_error_of_repeated_pose_pairs_is_within_sigma(setup: Setup) -> None:
     beyond = 0
     for seed in range(20):
-        truth, pairs = _pairs(seed, 12)
-        if setup is Setup.EYE_IN_HAND:  # the same poses with base and tool exchanged
-            truth = replace(truth, setup=setup)
-            pairs = [replace(p, base_T_tcp=p.base_T_tcp.inverse()) for p in pairs]
+        truth, pairs = pose_pairs(seed, 12, setup, noise=0.25)
         found = calibrate_pose_pairs(_repeated(pairs, ORDERS["each row five times"], 0.0), setup)
         assert found.pose is not None
         assert found.covariance is not None
@@ -90,7 +74,7 @@ def test_error_of_repeated_pose_pairs_is_within_sigma(setup: Setup) -> None:
 
 
 def test_few_poses_repeated_often_are_refused() -> None:
-    _, pairs = _pairs(0, 4)
+    _, pairs = pose_pairs(0, 4, noise=0.25)
     found = calibrate_pose_pairs(_repeated(pairs, ORDERS["each row five times"], 1.0), Setup.EYE_TO_HAND)
     assert found.assessment.reasons == ("4 usable pairs; at least 5 are needed, 15 are good",)
 

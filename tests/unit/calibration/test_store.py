@@ -10,7 +10,7 @@ import pytest
 from calibration.camera.files import camera_info, read_camera
 from calibration.camera.model import CameraModel
 from calibration.store import CalibrationFile, age_days, age_text, load, plain, save
-from calibration.verdict import Assessment, Rejected, Verdict
+from calibration.verdict import Assessment, Rejected, Verdict, floor, limit
 from drivers.errors import CalibrationError, RecordingError
 
 NOW = datetime(2026, 3, 4, 5, 6, tzinfo=UTC)
@@ -98,6 +98,11 @@ def test_damaged_calibration_files_are_rejected(tmp_path: Path, text: str, seen:
     path.write_text(text)
     with pytest.raises(CalibrationError, match=seen):
         load(path, "camera")
+
+
+def test_nan_is_refused_by_every_limit() -> None:
+    for compared in (limit(np.nan, 1.0, 2.0, "{value}"), floor(np.nan, 2.0, 1.0, "{value}")):
+        assert compared.verdict is Verdict.REFUSED
 
 
 def test_nan_and_unwritable_folder_are_rejected(tmp_path: Path) -> None:

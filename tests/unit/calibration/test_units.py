@@ -14,8 +14,7 @@ from drivers.errors import CalibrationError, InputError
 from drivers.images import encode_png
 from drivers.types import Pose
 from rig.calibrate.from_tables import gripper_from_folder
-from rig.calibrate.press_folder import read_press_folder
-from rig.calibrate.tactile import tactile_from_folder
+from rig.calibrate.tactile import read_press_folder, tactile_from_folder
 from support.motions import pivot_scene
 from support.simulated_gel import SimulatedGel
 

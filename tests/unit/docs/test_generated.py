@@ -5,7 +5,7 @@ import re
 import yaml
 
 from rig.benchmark.clips.public import SETS
-from rig.benchmark.measured import markers
+from rig.benchmark.harness import markers
 from support.documentation import ROOT
 
 

@@ -135,6 +135,7 @@ def test_opening_and_position_in_counts_convert_both_ways(spec: GripperSpec) -> 
     assert [spec.step_at(opening_m) for opening_m in openings] == list(range(spec.steps + 1))
     assert all(more > less for more, less in pairwise(openings))
     assert (spec.open_m, spec.closed_m) == (openings[0], openings[-1])
+    assert (spec.step_at(spec.open_m + 1.0), spec.step_at(spec.closed_m - 1.0)) == (0, spec.steps)
     for opening_m in (spec.open_m, spec.closed_m):
         spec.require_command(opening_m)
 

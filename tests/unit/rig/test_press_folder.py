@@ -8,7 +8,7 @@ import pytest
 
 from drivers.errors import InputError
 from drivers.images import encode_png, load_image
-from rig.benchmark.segmentation.study import read_presses
+from rig.benchmark.segmentation import read_presses
 from rig.calibrate.press_folder import read_press_folder
 from rig.calibrate.tactile import unpressed_fields
 from rig.config.load import load_bench, parse_bench

@@ -1,39 +1,28 @@
-"""A simulated gripper server whose world runs at five times real time, and helpers to inspect it."""
+"""A simulated gripper server whose world runs at five times real time."""
 
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
-from drivers.clock import SystemClock
-from drivers.errors import DeviceError
 from drivers.robotiq_3f.gripper import Robotiq3F, rtu_link, tcp_link
 from drivers.robotiq_3f.modbus import Link
-from drivers.types import Pose
 from fakes.wire.gripper.server import GripperRtu, GripperServer
-from fakes.world.world import BenchLayout, World
-from support.finger_counts import counts_of
-
-Wire = GripperServer | GripperRtu
-
-
-class HurriedClock(SystemClock):
-    """World clock at five times real time, so that tests do not wait for fingers."""
-
-    def now_ns(self) -> int:
-        return 5 * super().now_ns()
+from fakes.world.world import World
+from support.connected import connected
+from support.gripper_on_wire import HurriedClock, Wire
+from support.worlds import empty_world
 
 
 @pytest.fixture
 def world() -> World:
-    return World(BenchLayout(base_T_table=Pose((0.45, 0.0, 0.06)), home=Pose((0.45, 0.0, 0.30))), seed=3)
+    return empty_world()
 
 
 @pytest.fixture(params=["tcp", "rtu"])
 def wire(request: pytest.FixtureRequest, world: World, tmp_path: Path) -> Iterator[tuple[Wire, Link]]:
     """A gripper server for a preset, and the link to it."""
-    clock = HurriedClock()
+    clock = HurriedClock(5)
     if request.param == "rtu":
         fake: Wire = GripperRtu(world, clock, tmp_path / "gripper", activation_s=0.1)
         fake.start()
@@ -48,7 +37,7 @@ def wire(request: pytest.FixtureRequest, world: World, tmp_path: Path) -> Iterat
 
 @pytest.fixture
 def server(world: World) -> Iterator[GripperServer]:
-    fake = GripperServer(world, HurriedClock(), activation_s=0.1)
+    fake = GripperServer(world, HurriedClock(5), activation_s=0.1)
     fake.start()
     yield fake
     fake.stop()
@@ -57,42 +46,6 @@ def server(world: World) -> Iterator[GripperServer]:
 @pytest.fixture
 def gripper(server: GripperServer) -> Iterator[Robotiq3F]:
     """A connected and activated gripper over TCP, at full speed."""
-    gripper = Robotiq3F(tcp_link(*server.address), speed_m_s=0.11)
-    gripper.connect()
-    gripper.activate()
-    yield gripper
-    gripper.disconnect()
-
-
-@pytest.fixture
-def written() -> Callable[[Wire], bytes]:
-    """The command registers of a gripper."""
-    return lambda fake: bytes.fromhex(fake.snapshot()["written"])
-
-
-@pytest.fixture
-def raised_by() -> Callable[[Callable[[], object]], DeviceError]:
-    """Repeat a call until it raises, and return the error. The benchmark measures the delay."""
-
-    def raised(call: Callable[[], object]) -> DeviceError:
-        give_up = time.monotonic() + 120.0
-        while time.monotonic() < give_up:
-            try:
-                call()
-            except DeviceError as error:
-                return error
-            time.sleep(0.005)
-        pytest.fail("nothing was raised")
-
-    return raised
-
-
-@pytest.fixture
-def reach() -> Callable[[Robotiq3F, int], None]:
-    """Wait until the fingers have passed a position."""
-
-    def wait(gripper: Robotiq3F, counts: int) -> None:
-        while counts_of(gripper) <= counts:
-            time.sleep(0.005)
-
-    return wait
+    with connected(Robotiq3F(tcp_link(*server.address), speed_m_s=0.11)) as gripper:
+        gripper.activate()
+        yield gripper

@@ -2,7 +2,6 @@
 
 import threading
 import time
-from collections.abc import Callable
 
 import pytest
 from pymodbus.client import ModbusTcpClient
@@ -18,60 +17,49 @@ from drivers.interfaces import Motion
 from drivers.robotiq_3f.gripper import Robotiq3F, tcp_link
 from drivers.robotiq_3f.modbus import Link
 from drivers.robotiq_3f.registers import Command, FaultCode, GraspMode, pack_command, unpack_status
-from fakes.wire.gripper.server import GripperRtu, GripperServer
+from fakes.wire.gripper.server import GripperServer
 from fakes.world.world import World
+from support.connected import connected
 from support.finger_counts import counts_of, opening_m
+from support.gripper_on_wire import Wire, raised_by, reach, written
 from support.marks import long
-
-Wire = GripperServer | GripperRtu
-RaisedBy = Callable[[Callable[[], object]], DeviceError]
-Reach = Callable[[Robotiq3F, int], None]
-Written = Callable[[Wire], bytes]
 
 
 @pytest.mark.parametrize("wire", ["tcp", "tcp-2014", "rtu"], indirect=True)
-def test_gripper_activates_moves_and_stops_over_every_transport(
-    wire: tuple[Wire, Link], reach: Reach, written: Written
-) -> None:
+def test_gripper_activates_moves_and_stops_over_every_transport(wire: tuple[Wire, Link]) -> None:
     fake, link = wire
-    gripper = Robotiq3F(link, speed_m_s=0.022)
-    gripper.connect()
-    assert written(fake) == bytes(16), "connecting must write nothing"
-    assert not gripper.state().activated
-    gripper.activate()
-    assert gripper.state().activated
-    motion = gripper.move_to(opening_m(gripper, 20))
-    assert gripper.state().moving
-    motion.wait(5.0)
-    assert counts_of(gripper) == 20
-    gripper.move_to(opening_m(gripper, 255))
-    reach(gripper, 22)
-    gripper.stop()
-    held = gripper.state()
-    assert not held.moving
-    assert 20 < held.raw["position_counts"] < 255
-    time.sleep(0.1)
-    assert counts_of(gripper) == held.raw["position_counts"]
-    gripper.disconnect()
+    with connected(Robotiq3F(link, speed_m_s=0.022)) as gripper:
+        assert written(fake) == bytes(16), "connecting must write nothing"
+        assert not gripper.state().activated
+        gripper.activate()
+        assert gripper.state().activated
+        motion = gripper.move_to(opening_m(gripper, 20))
+        assert gripper.state().moving
+        motion.wait(5.0)
+        assert counts_of(gripper) == 20
+        gripper.move_to(opening_m(gripper, 255))
+        reach(gripper, 22)
+        gripper.stop()
+        held = gripper.state()
+        assert not held.moving
+        assert 20 < held.raw["position_counts"] < 255
+        time.sleep(0.1)
+        assert counts_of(gripper) == held.raw["position_counts"]
 
 
 @pytest.mark.parametrize(("fingers", "requests"), [(("A", "B"), (50, 50, 6)), (("A", "B", "C"), (50, 0, 0))])
 def test_only_the_chosen_fingers_move(
-    server: GripperServer, fingers: tuple[str, ...], requests: tuple[int, int, int], written: Written
+    server: GripperServer, fingers: tuple[str, ...], requests: tuple[int, int, int]
 ) -> None:
-    gripper = Robotiq3F(tcp_link(*server.address), fingers=fingers, speed_m_s=0.11)
-    gripper.connect()
-    gripper.activate()
-    gripper.move_to(opening_m(gripper, 50)).wait(5.0)
-    command = written(server)
-    assert (command[3], command[6], command[9]) == requests
-    assert counts_of(gripper) == 50
-    gripper.disconnect()
+    with connected(Robotiq3F(tcp_link(*server.address), fingers=fingers, speed_m_s=0.11)) as gripper:
+        gripper.activate()
+        gripper.move_to(opening_m(gripper, 50)).wait(5.0)
+        command = written(server)
+        assert (command[3], command[6], command[9]) == requests
+        assert counts_of(gripper) == 50
 
 
-def test_status_without_the_echo_of_the_command_is_ignored(
-    gripper: Robotiq3F, server: GripperServer, raised_by: RaisedBy
-) -> None:
+def test_status_without_the_echo_of_the_command_is_ignored(gripper: Robotiq3F, server: GripperServer) -> None:
     """The gripper acknowledges the command, but still reports the previous motion."""
     gripper.move_to(opening_m(gripper, 20)).wait(5.0)
     server.inject("deaf")
@@ -107,7 +95,7 @@ def moved_after_the_change(gripper: Robotiq3F, counts: int) -> Motion:
 
 
 def test_modes_change_only_on_request_and_motions_keep_them(
-    gripper: Robotiq3F, server: GripperServer, written: Written
+    gripper: Robotiq3F, server: GripperServer
 ) -> None:
     set_mode(server, GraspMode.WIDE)
     assert written(server)[0] == 0b0101
@@ -123,33 +111,31 @@ def test_modes_change_only_on_request_and_motions_keep_them(
 
 
 @pytest.mark.parametrize("after_s", [0.0, 0.02, 0.3, *long(0.01, 0.03, 0.05)])
-def test_stop_ends_an_activation_at_any_moment(world: World, after_s: float, written: Written) -> None:
+def test_stop_ends_an_activation_at_any_moment(world: World, after_s: float) -> None:
     slow = GripperServer(world, SystemClock(), activation_s=60.0)
     slow.start()
-    gripper = Robotiq3F(tcp_link(*slow.address))
-    gripper.connect()
-    errors: list[Exception] = []
+    with connected(Robotiq3F(tcp_link(*slow.address))) as gripper:
+        errors: list[Exception] = []
 
-    def activate() -> None:
-        try:
-            gripper.activate()
-        except DeviceError as error:
-            errors.append(error)
+        def activate() -> None:
+            try:
+                gripper.activate()
+            except DeviceError as error:
+                errors.append(error)
 
-    activation = threading.Thread(target=activate)
-    activation.start()
-    while not gripper._sequence:
-        time.sleep(0.001)
-    time.sleep(after_s)
-    gripper.stop()
-    activation.join(5.0)
-    assert "activation was ended by a stop" in str(errors[0])
-    time.sleep(0.05)
-    state = gripper.state()
-    assert not state.activated
-    assert not state.moving
-    assert written(slow) == bytes(16)
-    gripper.disconnect()
+        activation = threading.Thread(target=activate)
+        activation.start()
+        while not gripper._sequence:
+            time.sleep(0.001)
+        time.sleep(after_s)
+        gripper.stop()
+        activation.join(5.0)
+        assert "activation was ended by a stop" in str(errors[0])
+        time.sleep(0.05)
+        state = gripper.state()
+        assert not state.activated
+        assert not state.moving
+        assert written(slow) == bytes(16)
     slow.stop()
 
 

@@ -3,21 +3,17 @@
 import re
 import socket
 import time
-from collections.abc import Callable
 
 import pytest
 
 from drivers.errors import DeviceError, DeviceTimeoutError, GripperFaultError, NotConnectedError
 from drivers.robotiq_3f.gripper import Robotiq3F, rtu_link, tcp_link
 from drivers.robotiq_3f.modbus import Link
-from fakes.wire.gripper.server import GripperRtu, GripperServer
+from fakes.wire.gripper.server import GripperServer
+from support.connected import connected
 from support.finger_counts import counts_of, opening_m
+from support.gripper_on_wire import Wire, raised_by, written
 from support.waiting import until
-
-Wire = GripperServer | GripperRtu
-RaisedBy = Callable[[Callable[[], object]], DeviceError]
-Reach = Callable[[Robotiq3F, int], None]
-Written = Callable[[Wire], bytes]
 
 FAULTS: list[tuple[str, dict[str, object], type[DeviceError], str]] = [
     ("silent", {}, DeviceTimeoutError, "reply"),
@@ -44,19 +40,16 @@ def test_fault_in_a_motion_is_reported_and_cleared_by_reconnecting(
     arguments: dict[str, object],
     expected: type[DeviceError],
     message: str,
-    raised_by: RaisedBy,
 ) -> None:
     fake, link = wire
-    gripper = Robotiq3F(link, speed_m_s=0.022)
-    gripper.connect()
-    gripper.activate()
-    motion = gripper.move_to(opening_m(gripper, 255))
-    fake.inject(kind, **arguments)
-    error = raised_by(motion.done)
-    assert isinstance(error, expected)
-    assert re.search(message, str(error))
-    fake.inject("clear")
-    gripper.disconnect()
+    with connected(Robotiq3F(link, speed_m_s=0.022)) as gripper:
+        gripper.activate()
+        motion = gripper.move_to(opening_m(gripper, 255))
+        fake.inject(kind, **arguments)
+        error = raised_by(motion.done)
+        assert isinstance(error, expected)
+        assert re.search(message, str(error))
+        fake.inject("clear")
     time.sleep(0.05)
     gripper.connect()
     gripper.activate()
@@ -66,7 +59,7 @@ def test_fault_in_a_motion_is_reported_and_cleared_by_reconnecting(
 
 
 def test_lost_activation_is_an_error_until_the_next_activation(
-    gripper: Robotiq3F, server: GripperServer, raised_by: RaisedBy, written: Written
+    gripper: Robotiq3F, server: GripperServer
 ) -> None:
     server.inject("power_lost", duration_s=0.0)
     for _ in range(2):
@@ -82,20 +75,16 @@ def test_lost_activation_is_an_error_until_the_next_activation(
 
 def test_obstacle_during_activation_is_fault_13(server: GripperServer) -> None:
     server.inject("blocked")
-    gripper = Robotiq3F(tcp_link(*server.address))
-    gripper.connect()
-    with pytest.raises(GripperFaultError, match="free the fingers") as raised:
+    with connected(Robotiq3F(tcp_link(*server.address))) as gripper:
+        with pytest.raises(GripperFaultError, match="free the fingers") as raised:
+            gripper.activate()
+        assert raised.value.code == 0x0D
+        server.inject("clear")
         gripper.activate()
-    assert raised.value.code == 0x0D
-    server.inject("clear")
-    gripper.activate()
-    assert gripper.state().activated
-    gripper.disconnect()
+        assert gripper.state().activated
 
 
-def test_reading_resumes_when_the_line_recovers(
-    gripper: Robotiq3F, server: GripperServer, raised_by: RaisedBy
-) -> None:
+def test_reading_resumes_when_the_line_recovers(gripper: Robotiq3F, server: GripperServer) -> None:
     gripper.move_to(opening_m(gripper, 30)).wait(5.0)
     server.inject("silent")
     assert isinstance(raised_by(gripper.state), DeviceTimeoutError)
@@ -112,7 +101,7 @@ def answers(gripper: Robotiq3F) -> bool:
     return True
 
 
-def test_address_without_a_gripper_is_reported_quickly(raised_by: RaisedBy) -> None:
+def test_address_without_a_gripper_is_reported_quickly() -> None:
     with socket.create_server(("127.0.0.1", 0)) as listener:
         port = listener.getsockname()[1]
         silent = Robotiq3F(tcp_link("127.0.0.1", port))

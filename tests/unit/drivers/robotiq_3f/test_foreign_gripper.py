@@ -12,6 +12,7 @@ from pymodbus.simulator import DataType, SimData, SimDevice
 
 from drivers.errors import DeviceError
 from drivers.robotiq_3f.gripper import Robotiq3F, tcp_link
+from support.connected import connected
 from support.finger_counts import counts_of, opening_m
 
 REFRESH_S = 0.06
@@ -92,34 +93,30 @@ def foreign() -> Iterator[tuple[SlowGripper, int]]:
 
 def test_stale_status_of_a_slow_gripper_does_not_end_a_motion(foreign: tuple[SlowGripper, int]) -> None:
     simulated, port = foreign
-    gripper = Robotiq3F(tcp_link("127.0.0.1", port))
-    gripper.connect()
-    assert len(simulated.writes) == 1, "connecting writes nothing"
-    gripper.activate()
-    for counts in (100, 101, 102, 20, 20, 60):
-        gripper.move_to(opening_m(gripper, counts)).wait(5.0)
-        assert (simulated.positions[6], simulated.positions[9]) == (counts, counts)
-        assert counts_of(gripper) == counts
-    assert simulated.positions[3] == 7.0, "the parked finger keeps its own position"
-    gripper.move_to(opening_m(gripper, 250))
-    while counts_of(gripper) < 70:
-        time.sleep(0.005)
-    gripper.stop()
-    held = simulated.positions[6]
-    time.sleep(0.1)
-    assert simulated.positions[6] == held < 250
-    gripper.disconnect()
+    with connected(Robotiq3F(tcp_link("127.0.0.1", port))) as gripper:
+        assert len(simulated.writes) == 1, "connecting writes nothing"
+        gripper.activate()
+        for counts in (100, 101, 102, 20, 20, 60):
+            gripper.move_to(opening_m(gripper, counts)).wait(5.0)
+            assert (simulated.positions[6], simulated.positions[9]) == (counts, counts)
+            assert counts_of(gripper) == counts
+        assert simulated.positions[3] == 7.0, "the parked finger keeps its own position"
+        gripper.move_to(opening_m(gripper, 250))
+        while counts_of(gripper) < 70:
+            time.sleep(0.005)
+        gripper.stop()
+        held = simulated.positions[6]
+        time.sleep(0.1)
+        assert simulated.positions[6] == held < 250
 
 
 def test_disconnecting_stops_a_motion_not_yet_in_the_status(
     foreign: tuple[SlowGripper, int],
 ) -> None:
     simulated, port = foreign
-    gripper = Robotiq3F(tcp_link("127.0.0.1", port))
-    gripper.connect()
-    gripper.activate()
-    gripper.move_to(opening_m(gripper, 250))
-    gripper.disconnect()
+    with connected(Robotiq3F(tcp_link("127.0.0.1", port))) as gripper:
+        gripper.activate()
+        gripper.move_to(opening_m(gripper, 250))
     assert not simulated.writes[-1][1][0] & 8, "the last word is not to go on"
     gripper.connect()
     time.sleep(3 * REFRESH_S)

@@ -40,18 +40,19 @@ def chunks(data: bytes, dice: random.Random) -> Iterator[bytes]:
         data = data[size:]
 
 
-class BabblingTcp(ModbusTcpClient):
-    """A client whose server answers with a corrupted status and then closes the connection."""
+class Babbling:
+    """A line whose gripper answers with a corrupted status and then closes the connection."""
 
     dice = random.Random(5)
 
     def connect(self) -> bool:
         return True
 
+    def reply(self, request: bytes) -> bytes:
+        raise NotImplementedError
+
     def send(self, request: bytes, addr: object = None) -> int:
-        body = bytes([2, request[7]]) + bytes([len(STATUS)]) + STATUS
-        reply = request[:2] + b"\0\0" + len(body).to_bytes(2, "big") + body
-        self.coming = chunks(broken(reply, self.dice), self.dice)
+        self.coming = chunks(broken(self.reply(request), self.dice), self.dice)
         return len(request)
 
     def recv(self, size: int | None) -> bytes:
@@ -60,24 +61,16 @@ class BabblingTcp(ModbusTcpClient):
         raise ConnectionException("gone")
 
 
-class BabblingSerial(ModbusSerialClient):
-    """The same on a serial line."""
+class BabblingTcp(Babbling, ModbusTcpClient):
+    def reply(self, request: bytes) -> bytes:
+        body = bytes([2, request[7], len(STATUS)]) + STATUS
+        return request[:2] + b"\0\0" + len(body).to_bytes(2, "big") + body
 
-    dice = random.Random(6)
 
-    def connect(self) -> bool:
-        return True
-
-    def send(self, request: bytes, addr: object = None) -> int:
+class BabblingSerial(Babbling, ModbusSerialClient):
+    def reply(self, request: bytes) -> bytes:
         body = bytes([9, request[1], len(STATUS)]) + STATUS
-        reply = body + FramerRTU.compute_CRC(body).to_bytes(2, "big")
-        self.coming = chunks(broken(reply, self.dice), self.dice)
-        return len(request)
-
-    def recv(self, size: int | None) -> bytes:
-        for chunk in self.coming:
-            return chunk
-        raise ConnectionException("gone")
+        return body + FramerRTU.compute_CRC(body).to_bytes(2, "big")
 
 
 @pytest.mark.fuzz

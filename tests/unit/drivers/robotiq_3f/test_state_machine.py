@@ -1,7 +1,6 @@
 """A hypothesis state machine of the gripper's commands, executed by the driver over the wire protocol."""
 
 import time
-from abc import abstractmethod
 from collections.abc import Callable
 
 import pytest
@@ -9,29 +8,15 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
-from drivers.clock import Clock, SystemClock
 from drivers.errors import DeviceError, GripperFaultError, NotConnectedError, OutOfLimitsError
-from drivers.interfaces import Gripper, Motion
+from drivers.interfaces import Motion
 from drivers.robotiq_3f.gripper import Robotiq3F, tcp_link
-from drivers.types import GripperState, Pose
 from fakes.wire.gripper.server import GripperServer
-from fakes.world.world import BenchLayout, World
 from support.finger_counts import opening_m
+from support.gripper_on_wire import HurriedClock, raised_by
+from support.worlds import empty_world
 
 OPEN, CLOSED = 6, 255
-
-
-def make_world() -> World:
-    return World(
-        BenchLayout(base_T_table=Pose((0.45, 0, 0.06)), home=Pose((0.45, 0, 0.3), (1, 0, 0, 0))), seed=0
-    )
-
-
-class HurriedClock(SystemClock):
-    """World clock at twenty times real time."""
-
-    def now_ns(self) -> int:
-        return 20 * super().now_ns()
 
 
 class GripperRun(RuleBasedStateMachine):
@@ -43,11 +28,9 @@ class GripperRun(RuleBasedStateMachine):
         self.at: int | None = OPEN
         """Known position of the fingers; None while they are, or may be, moving."""
         self.motion: Motion | None = None
-        self.gripper, self.clock = self.make()
-
-    @abstractmethod
-    def make(self) -> tuple[Gripper, Clock]:
-        """The gripper, and the clock of its world."""
+        self.server = GripperServer(empty_world(), HurriedClock(20), activation_s=0.1)
+        self.server.start()
+        self.gripper = Robotiq3F(tcp_link(*self.server.address), speed_m_s=0.11)
 
     @rule()
     def connect(self) -> None:
@@ -106,14 +89,14 @@ class GripperRun(RuleBasedStateMachine):
 
     @rule()
     def pass_time(self) -> None:
-        self.clock.sleep_until(self.clock.now_ns() + 10_000_000)
+        time.sleep(0.01)
 
     @invariant()
     def tells_the_truth(self) -> None:
         if not self.connected:
             self.refuses(NotConnectedError, self.gripper.state)
             return
-        state = self.look()
+        state = self.gripper.state()
         assert state.activated == self.activated
         assert state.opening_m == opening_m(self.gripper, state.raw["position_counts"])
         assert OPEN <= state.raw["position_counts"] <= CLOSED
@@ -122,24 +105,12 @@ class GripperRun(RuleBasedStateMachine):
             assert not state.moving
             assert state.raw["position_counts"] == self.at
 
-    def look(self) -> GripperState:
-        return self.gripper.state()
-
     def refuses(self, kind: type[DeviceError], call: Callable[[], object], code: int | None = None) -> None:
         with pytest.raises(kind) as raised:
             call()
         if code is not None:
             assert isinstance(raised.value, GripperFaultError)
             assert raised.value.code == code
-
-
-class WireRun(GripperRun):
-    """The driver over the wire protocol; here the gripper may also fail."""
-
-    def make(self) -> tuple[Gripper, Clock]:
-        self.server = GripperServer(make_world(), HurriedClock(), activation_s=0.1)
-        self.server.start()
-        return Robotiq3F(tcp_link(*self.server.address), speed_m_s=0.11), SystemClock()
 
     @precondition(lambda self: self.activated)
     @rule(code=st.sampled_from([0, 0x0D, 0x0E, 0x0F]))
@@ -154,21 +125,17 @@ class WireRun(GripperRun):
             self.server.inject("fault", code=code)
         else:
             self.server.inject("power_lost", duration_s=0.0)
-        self.refuses(GripperFaultError, self.look_until_refused, code=code or 5)
+        error = raised_by(self.gripper.state)
+        assert isinstance(error, GripperFaultError)
+        assert error.code == (code or 5)
         to_m = opening_m(self.gripper, 50)
         self.refuses(GripperFaultError, lambda: self.gripper.move_to(to_m), code=code or 5)
         self.activate()
-
-    def look_until_refused(self) -> None:
-        give_up = time.monotonic() + 120.0
-        while time.monotonic() < give_up:
-            self.gripper.state()
-            time.sleep(0.002)
 
     def teardown(self) -> None:
         self.gripper.disconnect()
         self.server.stop()
 
 
-TestGripperOnTheWire = WireRun.TestCase
+TestGripperOnTheWire = GripperRun.TestCase
 TestGripperOnTheWire.settings = settings(max_examples=15, stateful_step_count=20, deadline=None)

@@ -177,9 +177,8 @@ def test_hanging_program_is_distinguished_from_one_without_a_core(
 
 
 def test_suspended_program_stops_the_arm_at_once(state: SharedState) -> None:
-    program = ScriptedProgram()
-    watched = Watched(state, program)
-    program.state = "T"
+    watched = Watched(state, ScriptedProgram())
+    watched.program.state = "T"
     watched.wait(0.025)
     assert watched.control.stops == 1
     assert "SIGSTOP" in watched.heartbeat.halted

@@ -1,6 +1,7 @@
 """Every parser of the arm with random bytes, truncated or mixed packages: typed errors, never a hang."""
 
 import contextlib
+import io
 import json
 import os
 import random
@@ -11,34 +12,25 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from scipy.spatial.transform import Rotation
 
 from drivers.clock import SystemClock
 from drivers.errors import DeviceError, InputError, OperatorStopError
-from drivers.types import Pose
-from drivers.ur5e.channel import Channel, no_check
-from drivers.ur5e.control_commands import ControlCommands, Watchdog
-from drivers.ur5e.control_process import answer
-from drivers.ur5e.dashboard import refuse_local_control, serial_number
+from drivers.ur5e.control_process import ControlCommands, Watchdog, answer
+from drivers.ur5e.controller import parse_version, read_package, refuse_local_control, serial_number
 from drivers.ur5e.heartbeat import Heartbeat, Program
-from drivers.ur5e.probe import parse_version, read_package
+from drivers.ur5e.link import Channel, no_check
 from drivers.ur5e.shared_state import SharedState
 from fakes.wire.ur.robot import Robot
 from fakes.wire.ur.script import LineReader, reply
-from fakes.world.world import BenchLayout, World
+from support.worlds import empty_world
 
 Cases = Callable[[int], int]
-
-
-def make_robot() -> Robot:
-    home = Pose.from_rotation((0.45, 0.0, 0.3), Rotation.from_euler("x", 180, degrees=True))
-    return Robot(World(BenchLayout(Pose((0.45, 0.0, 0.06)), home), seed=1), (5, 25, 0, 0))
 
 
 @pytest.mark.fuzz
 def test_any_dashboard_line_is_parsed_or_rejected(cases: Cases) -> None:
     rng, reader = random.Random(3), LineReader()
-    robot = make_robot()
+    robot = Robot(empty_world(), (5, 25, 0, 0))
     requests = ["running", "robotmode", "stop", "unlock protective stop", "power on", "popup"]
     for _ in range(cases(20_000)):
         known = rng.choice(requests).encode()
@@ -62,24 +54,26 @@ def _typed(call: Callable[[], object]) -> None:
         call()
 
 
+def delivered(data: bytes, rng: random.Random) -> Callable[[int], bytes]:
+    """Return a function that reads bytes in pieces until the connection is closed."""
+    stream = io.BytesIO(data)
+
+    def read(most: int) -> bytes:
+        if part := stream.read(rng.randint(1, most) if most else 0):
+            return part
+        raise DeviceError("arm: closed")
+
+    return read
+
+
 @pytest.mark.fuzz
 def test_any_first_package_is_parsed_or_rejected(cases: Cases) -> None:
     rng = random.Random(4)
     for _ in range(cases(25_000)):
         good = struct.pack(">HB", 19, ord("v")) + struct.pack(">4I", 5, 11, 0, 0)
         data = rng.choice((good, good[: rng.randrange(19)], rng.randbytes(rng.randrange(30)), b"\x00\x03v"))
-        at = 0
-
-        def read(most: int, data: bytes = data) -> bytes:
-            nonlocal at
-            part = data[at : at + rng.randint(1, most)] if most else b""
-            at += len(part)
-            if not part:
-                raise DeviceError("arm: closed")
-            return part
-
         try:
-            kind, payload = read_package(read)
+            kind, payload = read_package(delivered(data, rng))
             assert len(kind) == 1
             parse_version(payload)
         except DeviceError:
@@ -176,13 +170,5 @@ def test_late_answer_to_an_interrupted_call_is_not_given_to_the_next() -> None:
 
 @pytest.mark.parametrize("data", [b"", b"\x00", b"\xff" * 3, b"\xff\xff\x56"])
 def test_package_with_an_impossible_size_is_rejected(data: bytes) -> None:
-    stream = iter([data, b""])
-
-    def read(most: int) -> bytes:
-        part = next(stream, b"")
-        if not part:
-            raise DeviceError("arm: closed")
-        return part[:most]
-
     with pytest.raises(DeviceError):
-        read_package(read)
+        read_package(delivered(data, random.Random(0)))

@@ -12,8 +12,13 @@ import pytest
 
 from drivers.clock import to_ns
 from drivers.errors import DeviceError, DeviceTimeoutError
-from drivers.ur5e.dashboard import Dashboard, refuse_local_control, serial_number
-from drivers.ur5e.probe import parse_version, probe_controller
+from drivers.ur5e.controller import (
+    Dashboard,
+    parse_version,
+    probe_controller,
+    refuse_local_control,
+    serial_number,
+)
 from support.slow_motion import CLOCK, SLOWNESS
 
 RTDE, SCRIPT, DASHBOARD = 30004, 30003, 29999

@@ -1,41 +1,36 @@
 """Conversion of the controller's bits and modes to typed errors; shared state; clock map."""
 
 import math
+import subprocess
+import sys
 import threading
 
 import pytest
 
 from drivers.clock import NS_PER_S
 from drivers.errors import DeviceError, OutOfLimitsError, ProtectiveStopError
-from drivers.motion import check_motion
+from drivers.motion import check_joints, check_motion
 from drivers.types import ArmLimits, ArmMode, Pose
-from drivers.ur5e.motion import JOINT_RANGE_RAD, check_joints, from_ur, to_ur
+from drivers.ur5e.motion import (
+    JOINT_RANGE_RAD,
+    arm_mode,
+    from_ur,
+    program_reason,
+    refused,
+    stop_reason,
+    to_ur,
+)
 from drivers.ur5e.shared_state import SharedState, StateSample
 from drivers.ur5e.state_process import ClockMap
-from drivers.ur5e.status import arm_mode, program_reason, refused, stop_reason
 
 SIX = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6)
 LIMITS = ArmLimits((0.0, -0.5, 0.0), (0.8, 0.5, 0.6), 0.5, 1.5, 5.0)
 
 
 def sample(safety: int = 1, mode: int = 7, runtime: int = 2, number: int = 0) -> StateSample:
+    vectors, payload = (SIX, SIX, SIX, SIX), (1.5, (0.0, 0.0, 0.08))
     return StateSample(
-        1.0 * number,
-        number,
-        number,
-        SIX,
-        SIX,
-        SIX,
-        SIX,
-        1.5,
-        (0.0, 0.0, 0.08),
-        1.0,
-        mode,
-        safety,
-        3,
-        runtime,
-        number,
-        0,
+        1.0 * number, number, number, *vectors, *payload, 1.0, mode, safety, 3, runtime, number, 0
     )
 
 
@@ -105,6 +100,33 @@ def test_readers_never_get_a_mix_of_two_samples() -> None:
             last = seen.samples
     writer.join()
     board.close()
+
+
+READING = """
+import sys
+from drivers.ur5e.shared_state import SharedState
+state = SharedState(int(sys.argv[1]))
+least = state.polled_ns()
+print(flush=True)
+for _ in range(400_000):
+    least = min(least, state.polled_ns())
+print(least)
+"""
+
+
+def test_poll_time_is_never_read_half_written() -> None:
+    """A poll time that was read as 0 stopped an arm although its program polled."""
+    state = SharedState()
+    state.note_poll(1000)
+    command = [sys.executable, "-c", READING, str(state.fd)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, pass_fds=(state.fd,)) as reader:
+        assert reader.stdout is not None
+        reader.stdout.readline()
+        while reader.poll() is None:
+            for time_ns in range(1000, 2000):
+                state.note_poll(time_ns)
+        assert int(reader.stdout.read()) >= 1000
+    state.close()
 
 
 def test_sample_time_follows_the_fastest_delivery() -> None:

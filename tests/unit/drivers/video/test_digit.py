@@ -13,6 +13,7 @@ from drivers.video.decode import decode
 from drivers.video.digit import Digit
 from fakes.gel.sensor import GelSensor
 from fakes.wire.mjpeg.server import MjpegServer
+from support.connected import connected
 from support.frame_files import write_folder
 from support.slow_motion import CLOCK
 from support.waiting import LIMIT_S
@@ -40,10 +41,8 @@ def server(light: list[tuple[float, float, float]]) -> Iterator[MjpegServer]:
 
 @pytest.fixture
 def digit(server: MjpegServer) -> Iterator[Digit]:
-    digit = Digit("D1", 60.0, address=server.url, clock=CLOCK)
-    digit.connect()
-    yield digit
-    digit.disconnect()
+    with connected(Digit("D1", 60.0, address=server.url, clock=CLOCK)) as digit:
+        yield digit
 
 
 def until(digit: Digit, kind: str, count: int = 1) -> None:
@@ -103,10 +102,8 @@ def test_size_is_set_before_rate_and_then_light(light: list[tuple[float, float, 
     configure = server.sensor.configure
     server.sensor.configure = lambda settings: (seen.extend(settings), configure(settings))[1]
     server.start()
-    digit = Digit("D1", 30.0, (480, 640), server.url)
-    digit.connect()
-    assert digit.next_frame(1.0).image.shape == (640, 480, 3)
-    digit.disconnect()
+    with connected(Digit("D1", 30.0, (480, 640), server.url)) as digit:
+        assert digit.next_frame(1.0).image.shape == (640, 480, 3)
     server.stop()
     assert seen == ["size_px", "rate_hz", "light", "light"]
 
@@ -131,11 +128,9 @@ def test_light_set_while_disconnected_is_set_on_connecting(server: MjpegServer, 
 
 def test_setting_light_without_leds_is_an_error(tmp_path) -> None:
     write_folder(tmp_path, drawn, 60.0, 30)
-    digit = Digit("D1", 60.0, address=str(tmp_path))
-    digit.connect()
-    with pytest.raises(DeviceError, match="no LEDs"):
-        digit.set_light(1.0, 1.0, 1.0)
-    digit.disconnect()
+    with connected(Digit("D1", 60.0, address=str(tmp_path))) as digit:
+        with pytest.raises(DeviceError, match="no LEDs"):
+            digit.set_light(1.0, 1.0, 1.0)
 
 
 @pytest.mark.parametrize(

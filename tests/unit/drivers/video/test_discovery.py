@@ -19,20 +19,15 @@ TABLE = [
 ]
 
 
-def test_video_node_is_found_by_its_serial() -> None:
+def test_video_node_is_found_by_its_serial_or_its_absence_reported() -> None:
     assert find_video_node("D20002", TABLE).device == "/dev/video2"
-
-
-def test_missing_serial_is_reported_with_the_found_ones() -> None:
-    with pytest.raises(DeviceError, match=r"D9: not plugged in; udev lists D20001 at /dev/video0, D20002"):
-        find_video_node("D9", TABLE)
-    with pytest.raises(DeviceError, match="no video device"):
-        find_video_node("D9", [])
-
-
-def test_two_devices_with_one_serial_are_refused() -> None:
-    with pytest.raises(DeviceError, match="2 devices have this serial"):
-        find_video_node("TWIN", TABLE)
+    for serial, nodes, said in (
+        ("D9", TABLE, r"D9: not plugged in; udev lists D20001 at /dev/video0, D20002"),
+        ("D9", [], "no video device"),
+        ("TWIN", TABLE, "2 devices have this serial"),
+    ):
+        with pytest.raises(DeviceError, match=said):
+            find_video_node(serial, nodes)
 
 
 def test_devices_on_the_same_bus_are_listed() -> None:

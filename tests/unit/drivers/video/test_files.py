@@ -10,9 +10,12 @@ import pytest
 from drivers.clock import SystemClock
 from drivers.errors import DeviceError, DeviceTimeoutError, InputError, NotConnectedError, StaleFrameError
 from drivers.images import encode_jpeg
+from drivers.types import Frame
 from drivers.video import reader
 from drivers.video.digit import Digit
 from drivers.video.external_camera import ExternalCamera
+from fakes.clock import SimulatedClock
+from support.connected import connected
 from support.frame_files import write_folder, write_video
 from support.waiting import until
 
@@ -38,10 +41,8 @@ def recording(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
 
 @pytest.fixture
 def camera(recording: Path):
-    camera = ExternalCamera("C1", str(recording), RATE_HZ, (64, 48))
-    camera.connect()
-    yield camera
-    camera.disconnect()
+    with connected(ExternalCamera("C1", str(recording), RATE_HZ, (64, 48))) as camera:
+        yield camera
 
 
 def test_frames_equal_the_files_bit_for_bit(camera: ExternalCamera) -> None:
@@ -87,19 +88,22 @@ def test_file_waits_for_a_late_reader(recording: Path, monkeypatch: pytest.Monke
     assert [frame.sequence for frame in frames] == list(range(len(IMAGES)))
     assert set(np.diff([frame.time_ns for frame in frames])) == {10_000_000}
     assert camera.counters()["unread"] == 0
-    camera.disconnect()
-
-
-def test_file_that_waits_for_its_reader_can_be_disconnected(
-    recording: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(reader, "BACKLOG_S", 5 / RATE_HZ)
-    camera = ExternalCamera("C1", str(recording), RATE_HZ, (64, 48))
-    camera.wait_for_reader()
     camera.connect()
-    until(lambda: camera.counters()["frames"] == 6, 10.0)
-    camera.disconnect()
+    until(lambda: camera.counters()["frames"] == len(IMAGES) + 6, 10.0)
+    camera.disconnect()  # also while a frame waits for room
     until(lambda: "C1" not in {thread.name for thread in threading.enumerate()}, 10.0)
+
+
+def test_frame_older_than_the_limit_is_refused() -> None:
+    clock = SimulatedClock()
+    buffer = reader.FrameBuffer("C1", clock, backlog=2)
+    with pytest.raises(StaleFrameError, match="no frame received yet"):
+        buffer.newest(1.0)
+    buffer.put(Frame(IMAGES[0], 0, 0, "C1"))
+    clock.sleep_until(300_000_000)
+    assert buffer.newest(0.31).sequence == 0
+    with pytest.raises(StaleFrameError, match=r"0\.300 s old, over the limit of 0\.290 s"):
+        buffer.newest(0.29)
 
 
 def test_unconnected_camera_is_an_error(recording: Path) -> None:
@@ -119,12 +123,10 @@ def test_jpeg_files_keep_their_bytes_and_damaged_ones_are_withheld(tmp_path: Pat
         (tmp_path / f"{number}.jpg").write_bytes(jpeg[:300] if number == 2 else jpeg)
     (tmp_path / "10.png").write_bytes(b"\x89PNG cut short")
     (tmp_path / "notes.txt").write_text("no image")
-    camera = ExternalCamera("C1", str(tmp_path), RATE_HZ)
-    camera.connect()
-    frames = [camera.next_frame(1.0) for _ in range(5)]
-    with pytest.raises(DeviceError, match="all 7 images"):
-        camera.next_frame(1.0)
-    camera.disconnect()
+    with connected(ExternalCamera("C1", str(tmp_path), RATE_HZ)) as camera:
+        frames = [camera.next_frame(1.0) for _ in range(5)]
+        with pytest.raises(DeviceError, match="all 7 images"):
+            camera.next_frame(1.0)
     assert [frame.jpeg for frame in frames] == [jpegs[number] for number in (0, 1, 3, 4, 5)]
     assert [frame.sequence for frame in frames] == [0, 1, 3, 4, 5]
     assert camera.counters()["damaged"] == 2
@@ -132,10 +134,8 @@ def test_jpeg_files_keep_their_bytes_and_damaged_ones_are_withheld(tmp_path: Pat
 
 def test_sideways_files_of_a_digit_are_rotated_upright(tmp_path: Path) -> None:
     write_folder(tmp_path, lambda time_ns: np.ascontiguousarray(drawn(time_ns)), RATE_HZ, 20)
-    digit = Digit("D1", RATE_HZ, (48, 64), str(tmp_path))
-    digit.connect()
-    frame = digit.next_frame(1.0)
-    digit.disconnect()
+    with connected(Digit("D1", RATE_HZ, (48, 64), str(tmp_path))) as digit:
+        frame = digit.next_frame(1.0)
     assert np.array_equal(frame.image, np.rot90(IMAGES[frame.sequence]))
 
 

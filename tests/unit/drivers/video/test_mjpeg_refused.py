@@ -11,6 +11,7 @@ from drivers.clock import SystemClock
 from drivers.errors import DeviceError, DeviceTimeoutError, InputError, NotConnectedError
 from drivers.video.external_camera import ExternalCamera
 from drivers.video.mjpeg import MjpegStream, send_settings, split_url
+from support.connected import connected
 from support.mjpeg_servers import HEAD, JPEGS, Behaviour, answer, plain, silent_after
 from support.waiting import LIMIT_S
 
@@ -23,12 +24,10 @@ def test_damaged_images_are_withheld_counted_and_named(serve) -> None:
             connection.sendall(b"--b\r\n\r\n" + JPEGS[1][:900] + b"\r\n")
             time.sleep(0.01)
 
-    camera = ExternalCamera("C1", serve(behave).url, 30.0)
-    camera.connect()
-    assert camera.next_frame(1.0).jpeg == JPEGS[0]
-    with pytest.raises(DeviceTimeoutError, match="its end is missing"):
-        camera.next_frame(0.2)
-    camera.disconnect()
+    with connected(ExternalCamera("C1", serve(behave).url, 30.0)) as camera:
+        assert camera.next_frame(1.0).jpeg == JPEGS[0]
+        with pytest.raises(DeviceTimeoutError, match="its end is missing"):
+            camera.next_frame(0.2)
     assert camera.counters()["damaged"] > 5
 
 
@@ -67,16 +66,14 @@ def test_closed_port_is_reported_at_once() -> None:
 def test_silent_server_times_out_and_is_reopened(serve) -> None:
     left = [3]
     server = serve(lambda c, r: silent_after(left.pop() if left else 0, 2.5)(c, r))
-    camera = ExternalCamera("C1", server.url, 30.0)
-    camera.connect()
-    for _ in range(3):
-        camera.next_frame(1.0)
-    with pytest.raises(DeviceTimeoutError, match="still streams"):
-        camera.next_frame(0.3)
-    with pytest.raises(DeviceTimeoutError, match=r"no image within 1.5 s.*opening it again"):
-        camera.next_frame(1.8)
-    began = time.monotonic()
-    camera.disconnect()
+    with connected(ExternalCamera("C1", server.url, 30.0)) as camera:
+        for _ in range(3):
+            camera.next_frame(1.0)
+        with pytest.raises(DeviceTimeoutError, match="still streams"):
+            camera.next_frame(0.3)
+        with pytest.raises(DeviceTimeoutError, match=r"no image within 1.5 s.*opening it again"):
+            camera.next_frame(1.8)
+        began = time.monotonic()
     assert time.monotonic() - began < LIMIT_S
     assert server.connections >= 2
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from drivers.errors import DamagedFrameError
 from drivers.video.decode import decode, turned_left, whole_jpeg
-from drivers.video.multipart import MAX_PART, MultipartParser, Part, boundary_of
+from drivers.video.mjpeg import MAX_PART, MultipartParser, Part, boundary_of
 
 Cases = Callable[[int], int]
 

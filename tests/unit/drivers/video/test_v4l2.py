@@ -18,6 +18,7 @@ from drivers.video.digit import Digit, light_value
 from drivers.video.external_camera import ExternalCamera
 from drivers.video.v4l2 import VideoNode
 from fakes.gel.sensor import GelSensor
+from support.connected import connected
 
 GEL = GelSensor(8)
 MJPG, YUYV = cv2.VideoWriter.fourcc(*"MJPG"), cv2.VideoWriter.fourcc(*"YUYV")
@@ -100,11 +101,9 @@ def test_size_is_set_before_rate_and_light_last() -> None:
 
 @pytest.mark.parametrize("jpeg", [True, False])
 def test_each_image_is_encoded_once_and_equals_its_decoded_bytes(jpeg: bool) -> None:
-    digit = digit_on(FakeCapture(jpeg))
-    digit.connect()
-    frames = [digit.next_frame(1.0) for _ in range(12)]
-    identity = digit.identity()
-    digit.disconnect()
+    with connected(digit_on(FakeCapture(jpeg))) as digit:
+        frames = [digit.next_frame(1.0) for _ in range(12)]
+        identity = digit.identity()
     for frame in frames:
         assert frame.image.shape == (320, 240, 3)
         assert frame.jpeg is not None
@@ -118,13 +117,11 @@ def test_each_image_is_encoded_once_and_equals_its_decoded_bytes(jpeg: bool) -> 
 
 def test_missing_buffers_are_detected_from_kernel_times() -> None:
     capture = FakeCapture()
-    digit = digit_on(capture)
-    digit.connect()
-    for _ in range(15):
-        digit.next_frame(1.0)
-    capture.lost = 7
-    frames = [digit.next_frame(1.0).sequence for _ in range(40)]
-    digit.disconnect()
+    with connected(digit_on(capture)) as digit:
+        for _ in range(15):
+            digit.next_frame(1.0)
+        capture.lost = 7
+        frames = [digit.next_frame(1.0).sequence for _ in range(40)]
     assert digit.counters()["dropped"] == 7
     assert sorted(np.diff(frames))[-2:] == [1, 8]
 
@@ -145,14 +142,12 @@ def test_missing_first_image_alone_on_a_bus_is_not_reported_as_bandwidth() -> No
 
 def test_stopped_device_is_reopened() -> None:
     captures = [FakeCapture(sends=20), FakeCapture(opens=False), FakeCapture()]
-    digit = Digit("D1", discover=lambda: NODES, open_device=lambda device: captures.pop(0))
-    digit.connect()
-    for _ in range(10):
-        digit.next_frame(1.0)
-    with pytest.raises(DeviceTimeoutError, match="stopped sending"):
-        digit.next_frame(0.05)
-    digit.next_frame(3.0)
-    digit.disconnect()
+    with connected(Digit("D1", discover=lambda: NODES, open_device=lambda device: captures.pop(0))) as digit:
+        for _ in range(10):
+            digit.next_frame(1.0)
+        with pytest.raises(DeviceTimeoutError, match="stopped sending"):
+            digit.next_frame(0.05)
+        digit.next_frame(3.0)
     assert digit.counters()["reopened"] == 1
 
 

@@ -10,8 +10,7 @@ from scipy.spatial.transform import Rotation
 from drivers.clock import to_ns
 from drivers.types import Pose
 from fakes.clock import SimulatedClock
-from fakes.devices.digit import FakeDigit
-from fakes.devices.plan import DigitPlan
+from fakes.devices.digit import DigitPlan, FakeDigit
 from fakes.faults import FaultScript
 from fakes.gel.pad import GelPad, Imprint
 from fakes.gel.variation import Variation

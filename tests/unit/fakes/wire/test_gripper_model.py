@@ -7,14 +7,8 @@ from fakes.faults import DRIFT_COUNTS
 from fakes.objects.catalogue import find_object
 from fakes.wire.gripper.model import GripperModel
 from fakes.world.motion import ToolPath
-from fakes.world.world import FINGER_STIFFNESS_N_M, BenchLayout, World
-
-TABLE = Pose((0.45, 0.0, 0.06))
-HOME = Pose((0.45, 0.0, 0.30), (1.0, 0.0, 0.0, 0.0))
-
-
-def make_world() -> World:
-    return World(BenchLayout(base_T_table=TABLE, home=HOME), seed=3)
+from fakes.world.world import FINGER_STIFFNESS_N_M, World
+from support.worlds import HOME, TABLE, empty_world
 
 
 def run(model: GripperModel, written: str, start_ns: int, duration_s: float) -> int:
@@ -41,7 +35,7 @@ def test_action_is_delayed_until_activation_is_complete(before: tuple[str, ...])
     rACT and rGTO may come together, as the ROS controller and robotiq3f_py send them, or one after the
     other: until the activation is over gGTO reads 0 ("or performing activation") and gFLT 5.
     """
-    model, now = GripperModel(make_world(), 0, ("B", "C"), activation_s=3.0), 0
+    model, now = GripperModel(empty_world(), 0, ("B", "C"), activation_s=3.0), 0
     for written in before:
         now = run(model, written, now, 0.1)
     for _ in range(3):  # the ROS node sends its command again and again
@@ -53,7 +47,7 @@ def test_action_is_delayed_until_activation_is_complete(before: tuple[str, ...])
 
 def test_finger_in_contact_moves_only_when_opened_or_pressed_harder() -> None:
     """Manual, OBJECT STATUS; two of three fingers stopped early is gSTA 1."""
-    world = make_world()
+    world = empty_world()
     world.place(find_object("t1"))
     world.tool = ToolPath.resting(Pose(TABLE.position_m, HOME.quaternion_xyzw))
     model, now = ready_model(world)
@@ -83,7 +77,7 @@ def test_finger_in_contact_moves_only_when_opened_or_pressed_harder() -> None:
 
 def test_late_tick_stops_the_fingers_at_the_object() -> None:
     """A busy computer misses refreshes; the object does not give way for that."""
-    world = make_world()
+    world = empty_world()
     world.place(find_object("t1"))
     world.tool = ToolPath.resting(Pose(TABLE.position_m, HOME.quaternion_xyzw))
     model, now = ready_model(world)
@@ -94,7 +88,7 @@ def test_late_tick_stops_the_fingers_at_the_object() -> None:
 
 
 def test_drifting_fingers_open_once_without_a_command() -> None:
-    model, now = ready_model(make_world())
+    model, now = ready_model(empty_world())
     now = run(model, "09 00 00 80 FF 00", now, 4.0)
     before = model.image
     assert before[7] == 0x80

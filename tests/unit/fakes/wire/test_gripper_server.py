@@ -11,24 +11,17 @@ import pytest
 from pymodbus.framer import FramerRTU
 
 from drivers.clock import SystemClock
-from drivers.types import Pose
 from fakes.wire.gripper.server import GripperRtu, GripperServer
-from fakes.world.world import BenchLayout, World
 from support.waiting import until
+from support.worlds import empty_world
 
-TABLE = Pose((0.45, 0.0, 0.06))
-HOME = Pose((0.45, 0.0, 0.30), (1.0, 0.0, 0.0, 0.0))
 STATUS = "09 03 07 D0 00 08 45 C9"
 """RTU: read the whole status (2014 manual, steps 5 and 8)."""
 
 
-def make_world() -> World:
-    return World(BenchLayout(base_T_table=TABLE, home=HOME), seed=3)
-
-
 @pytest.fixture
 def server() -> Iterator[GripperServer]:
-    server = GripperServer(make_world(), SystemClock(), activation_s=0.1)
+    server = GripperServer(empty_world(), SystemClock(), activation_s=0.1)
     server.start()
     yield server
     server.stop()
@@ -36,7 +29,7 @@ def server() -> Iterator[GripperServer]:
 
 @pytest.fixture
 def line(tmp_path: Path) -> Iterator[GripperRtu]:
-    line = GripperRtu(make_world(), SystemClock(), tmp_path / "line", activation_s=1.0)
+    line = GripperRtu(empty_world(), SystemClock(), tmp_path / "line", activation_s=1.0)
     line.start()
     yield line
     line.stop()
@@ -80,7 +73,7 @@ def replies_until(ask: Callable[[], str], beginning: str) -> list[str]:
 )
 def test_tcp_frames_are_the_manuals(preset: str, command: str, status: str) -> None:
     """Activation, its progress, closing: manual 2018 pages 55 to 57, 2014 pages 78 to 82."""
-    server = GripperServer(make_world(), SystemClock(), preset=preset, activation_s=1.0)
+    server = GripperServer(empty_world(), SystemClock(), preset=preset, activation_s=1.0)
     server.start()
     with socket.create_connection(server.address) as stream:
         activate = f"33 9A 00 00 00 0D 02 10 {command} 00 03 06 01 00 00 00 00 00"
@@ -93,6 +86,15 @@ def test_tcp_frames_are_the_manuals(preset: str, command: str, status: str) -> N
         ask = f"77 6B 00 00 00 06 02 04 {status} 00 08"
         grip = replies_until(lambda: exchange(stream, ask), "77 6B 00 00 00 13 02 04 10 39 C0 00 FF")[-1]
         assert grip.endswith("0F 00 89 00 00"), "currents while closing, the scissor at 0x89"
+    server.stop()
+
+
+def test_status_registers_cannot_be_written() -> None:
+    server = GripperServer(empty_world(), SystemClock(), preset="tcp-2014")
+    server.start()
+    with socket.create_connection(server.address) as stream:
+        write = "33 9A 00 00 00 0D 02 10 07 D0 00 03 06 01 00 00 00 00 00"
+        assert exchange(stream, write) == "33 9A 00 00 00 03 02 90 02"
     server.stop()
 
 

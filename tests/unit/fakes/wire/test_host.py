@@ -104,6 +104,7 @@ RUBBISH: tuple[tuple[dict[str, Any], str], ...] = (
     ({"do": "fault", "device": "SIM-D0001", "kind": "freeze", "duration_s": 1e308}, "number from 0"),
     ({"do": "fault", "device": "SIM-D0001", "kind": "drop", "frames": "x"}, "whole number"),
     ({"do": "fault", "device": "SIM-D0001", "kind": "drop", "x": 1}, "has no x"),
+    ({"do": "fault", "device": "gripper", "kind": "silnt"}, r"gripper 'silnt' \(did you mean 'silent'\?\)"),
 )
 
 

@@ -12,8 +12,7 @@ import pytest
 from drivers.clock import SystemClock, to_ns
 from fakes.clock import SimulatedClock
 from fakes.gel.sensor import GelSensor
-from fakes.wire.mjpeg.sensor import MjpegSensor
-from fakes.wire.mjpeg.server import MjpegServer
+from fakes.wire.mjpeg.server import MjpegSensor, MjpegServer
 
 GEL = GelSensor(6)
 

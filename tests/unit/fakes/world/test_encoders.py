@@ -10,22 +10,20 @@ from scipy.spatial.transform import Rotation
 from drivers.clock import NS_PER_S
 from drivers.types import Pose, Vector6
 from fakes.clock import SimulatedClock
-from fakes.devices.arm import TOOL_LENGTH_M, FakeArm
+from fakes.devices.arm import FakeArm
 from fakes.faults import FaultScript
 from fakes.wire.ur.robot import CYCLE_NS, Robot
-from fakes.world.kinematics import ENCODER_RAD, forward
-from fakes.world.world import BenchLayout, World
+from fakes.world.kinematics import ENCODER_RAD, PHYSICAL_TOOL, compose, forward
 from rig.export.rotations import ContinuousPoses
 from support.benches import NOISE_M
+from support.worlds import HOME, empty_world
 
-HOME = Pose.from_rotation((0.45, 0.0, 0.3), Rotation.from_euler("x", 180, degrees=True))
-LAYOUT = BenchLayout(Pose((0.45, 0.0, 0.06)), HOME)
 Samples = tuple[list[Vector6], list[Pose]]
 
 
 def in_process(seed: int) -> Samples:
     clock = SimulatedClock()
-    arm = FakeArm(World(LAYOUT, seed=seed), clock, FaultScript())
+    arm = FakeArm(empty_world(seed), clock, FaultScript())
     arm.connect()
     states = []
     for _ in range(400):
@@ -35,7 +33,7 @@ def in_process(seed: int) -> Samples:
 
 
 def over_the_wire(seed: int) -> Samples:
-    robot, joints, poses = Robot(World(LAYOUT, seed=seed), (5, 11, 0, 0)), [], []
+    robot, joints, poses = Robot(empty_world(seed), (5, 11, 0, 0)), [], []
     for _ in range(400):
         robot.cycle(robot.time_ns + CYCLE_NS)
         joints.append(robot.bank.get("actual_q"))
@@ -49,7 +47,7 @@ def over_the_wire(seed: int) -> Samples:
 def test_arm_at_rest_reports_joints_and_pose_with_noise(samples: Callable[[int], Samples]) -> None:
     joints, poses = samples(1)
     assert np.std(joints, axis=0) == pytest.approx(np.full(6, ENCODER_RAD), rel=0.2)
-    assert np.allclose(poses[7].position_m, forward(joints[7], TOOL_LENGTH_M).position_m, atol=1e-6)
+    assert np.allclose(poses[7].position_m, compose(forward(joints[7]), PHYSICAL_TOOL)[:3], atol=1e-9)
     off = np.subtract([pose.position_m for pose in poses], HOME.position_m)
     assert 1e-5 < np.abs(off).max() < NOISE_M
     assert samples(1)[0] == joints

@@ -1,12 +1,16 @@
-"""The grip's dynamics: direction, limited rate and extent of the object's rotation."""
+"""The dynamics of a grip: direction, rate and extent of the rotation; the load on the fingers."""
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from fakes.world.force_torque import carried_wrench
 from fakes.world.slip import GripLoad, SlipDynamics
+from fakes.world.state import WorldState
 
 DT_S = 0.002
 LIFTED_M = 0.06
@@ -39,3 +43,13 @@ def test_slip_rate_is_limited_with_sticking_in_between(seed: int) -> None:
     rates = np.abs(np.diff(angles)) / DT_S
     assert rates.max() <= 60.0 + 1e-6
     assert (rates[:750] < 1.0).mean() > 0.05
+
+
+@pytest.mark.parametrize("lever_m", [0.05, -0.05])
+def test_held_object_loads_the_fingers_with_its_weight_and_the_torque_of_it(lever_m: float) -> None:
+    load = GripLoad(20.0, 1.0, friction=0.8, patch_radius_m=0.004, lever_m=lever_m, reach_m=0.1)
+    state = WorldState(0, 20.0, 0.0, 0.0, 0.0, 0.0, loaded=1.0, held=True)
+    world = SimpleNamespace(grip_at=lambda time_ns: (state, load))
+    force, torque = np.reshape(carried_wrench(world, 0), (2, 3))  # type: ignore[arg-type]
+    assert force == pytest.approx((0.0, 0.0, -1.0))
+    assert torque == pytest.approx(np.cross((-lever_m, 0.0, 0.0), force))

@@ -24,7 +24,7 @@ def bench_with(change: Callable[[dict[str, Any]], None]) -> BenchConfig:
         ({"workspace_max_m": (0.75, 0.05, 0.60)}, "leaves the workspace"),
         ({"max_speed_m_s": 0.1}, "speed 0.2 m/s is outside 0 to 0.1"),
         ({"max_acceleration_m_s2": 0.5}, "acceleration 1.0 m/s2 is outside 0 to 0.5"),
-        ({"joint_max_deg": (360.0, 360.0, 360.0, 360.0, 360.0, -170.0)}, "joint 6 would end at"),
+        ({"joint_max_deg": (360.0, 360.0, 360.0, 360.0, 360.0, -170.0)}, "joint 6 would go to"),
     ],
 )
 def test_arm_limits_equal_those_of_the_bench_file(limits: dict[str, Any], said: str) -> None:

@@ -11,8 +11,7 @@ from drivers.clock import NS_PER_S, SystemClock
 from drivers.errors import DeviceError, InputError, RigError
 from drivers.images import encode_jpeg, encode_png
 from drivers.video.digit import Digit
-from drivers.video.external_camera import ExternalCamera
-from drivers.video.gelsight_mini import GEL_PX, RAW_PX, GelSightMini, crop_gel
+from drivers.video.external_camera import GEL_PX, RAW_PX, ExternalCamera, GelSightMini, crop_gel
 from drivers.video.v4l2 import VideoNode
 from fakes.devices.desk import DeskDigit
 from rig.bench import live_source

@@ -2,7 +2,7 @@
 
 import pytest
 
-from rig.benchmark.calibration.markers import (
+from rig.benchmark.calibration.study import (
     SCENES,
     AngleRow,
     AngleScene,

@@ -14,13 +14,10 @@ from numpy.typing import NDArray
 from typer.testing import CliRunner
 
 from drivers.errors import InputError
-from rig.benchmark.clips.augmented import clip_version
-from rig.benchmark.clips.labelled import ClipLabel, ClipVersion, ContactSpan, read_clips
-from rig.benchmark.clips.runs import run_clip
-from rig.benchmark.clips.scores import JudgedLabel, score
+from rig.benchmark.clips.labelled import ClipLabel, ClipVersion, ContactSpan, clip_version, read_clips
+from rig.benchmark.clips.scores import JudgedLabel, run_clip, score
 from rig.benchmark.clips.study import ClipsOptions, measure
-from rig.benchmark.harness import Run
-from rig.benchmark.measured import markers
+from rig.benchmark.harness import Run, markers
 from rig.cli.main import app
 from rig.tactile.estimators import choose_estimator
 from support.ros_bags import TOPIC, write_bag

@@ -105,7 +105,7 @@ def test_wander_is_measured_from_the_first_minute(recordings: MinuteRecordings) 
     def turn(*angles_deg: float) -> None:
         for tip in measurement.angle.tips.values():
             tip.samples += [SlipSample(0, State.TRACKING, angle) for angle in angles_deg]
-        for late in contact._late_ns.values():
+        for late in contact.late_ns.values():
             late.append(1_000_000)
 
     turn(0.0, 3.0)

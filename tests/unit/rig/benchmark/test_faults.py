@@ -10,20 +10,16 @@ from drivers.clock import to_ns
 from drivers.errors import DeviceError, InputError
 from rig.benchmark.harness import Run
 from rig.benchmark.wire import faults
-from rig.benchmark.wire.fault_cases import CASES
-from rig.benchmark.wire.fault_lifts import (
-    FaultRow,
-    FaultyLift,
-    _note_stop,
-    _run_to_the_end,
-    row_of,
-)
+from rig.benchmark.wire.campaign import Stage
 from rig.benchmark.wire.faults import (
+    CASES,
+    FaultRow,
     FaultsOptions,
+    FaultyLift,
     judge_faults,
     measure,
+    run_to_the_end,
 )
-from rig.benchmark.wire.world import Stage
 
 
 def trial_that_fails(at: list[int], attempts: list[FaultyLift]) -> Callable[[bool], None]:
@@ -41,7 +37,7 @@ def trial_that_fails(at: list[int], attempts: list[FaultyLift]) -> Callable[[boo
 
 def test_trial_continues_after_a_failed_case() -> None:
     attempts: list[FaultyLift] = []
-    _run_to_the_end(trial_that_fails([0, 2], attempts), attempts)
+    run_to_the_end(trial_that_fails([0, 2], attempts), attempts)
     assert [result.case for result in attempts[::3]] == [CASES[0], CASES[2]]
     assert all(lift.given_up and not lift.passed for lift in attempts)
 
@@ -49,7 +45,7 @@ def test_trial_continues_after_a_failed_case() -> None:
 def test_benchmark_ends_if_no_lift_works() -> None:
     attempts: list[FaultyLift] = []
     with pytest.raises(DeviceError, match="in a row"):
-        _run_to_the_end(trial_that_fails([1, 1, 1], attempts), attempts)
+        run_to_the_end(trial_that_fails([1, 1, 1], attempts), attempts)
     assert len(attempts) == 6
 
 
@@ -62,7 +58,7 @@ def test_benchmark_ends_if_the_bench_stays_unreachable() -> None:
         raise DeviceError("remote control is off")
 
     with pytest.raises(DeviceError, match="remote control is off"):
-        _run_to_the_end(run, attempts)
+        run_to_the_end(run, attempts)
     assert len(attempts) == 3
 
 
@@ -76,13 +72,13 @@ def test_repaired_case_gets_further_attempts() -> None:
         if not next(over):
             raise DeviceError("three rig faults in a row")
 
-    _run_to_the_end(run, attempts)
+    run_to_the_end(run, attempts)
     assert not case.given_up
 
 
 def test_lift_stopped_before_its_fault_gets_it_in_the_next_attempt() -> None:
     result, over = FaultyLift(CASES[0]), threading.Event()
-    _note_stop(result, over, to_ns(1.0))
+    result.note_stop(over, to_ns(1.0))
     assert over.is_set()
     assert not result.detected_ns
 
@@ -90,8 +86,8 @@ def test_lift_stopped_before_its_fault_gets_it_in_the_next_attempt() -> None:
 def test_first_stop_after_a_fault_is_its_detection_time() -> None:
     result, over = FaultyLift(CASES[0], injected_ns=to_ns(1.0)), threading.Event()
     for at_s in (1.2, 1.4):
-        _note_stop(result, over, to_ns(at_s))
-    assert row_of(1, result).seen_s == pytest.approx(0.2)
+        result.note_stop(over, to_ns(at_s))
+    assert result.row(1).seen_s == pytest.approx(0.2)
     assert not over.is_set()
 
 
@@ -106,7 +102,7 @@ def row(**changes: object) -> FaultRow:
     found.injected_ns, found.detected_ns, found.still_ns = to_ns(1.0), to_ns(1.2), to_ns(1.3)
     for name, value in changes.items():
         setattr(found, name, value)
-    return row_of(1, found)
+    return found.row(1)
 
 
 def test_fault_passes_only_if_detected_named_made_safe_and_recovered() -> None:

@@ -12,8 +12,7 @@ from typer.testing import CliRunner
 from drivers.errors import InputError
 from rig.benchmark.harness import RESULTS, Report, Run, Study, column, table_of
 from rig.benchmark.measured import at_most
-from rig.cli.benchmark.commands import STUDIES, benchmark
-from rig.cli.benchmark.studies import command_of
+from rig.cli.benchmark import STUDIES, benchmark, command_of
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,6 +1,6 @@
 """The kept results of trained networks as the paper's Table II."""
 
-from rig.benchmark.segmentation.paper_table import table_two, trained_models
+from rig.benchmark.segmentation import table_two, trained_models
 
 
 def test_table_two_has_a_row_per_network_and_fold_with_training_settings() -> None:

@@ -4,10 +4,17 @@ from dataclasses import replace
 
 import pytest
 
-import rig.benchmark.reaction.study as study
+from rig.benchmark import reaction as study
 from rig.benchmark.harness import Report, Run
-from rig.benchmark.reaction.lifts import GRIPPER_PERIOD_S, ReactedLift, Reaction, as_late_as_real
-from rig.benchmark.reaction.study import ReactionOptions, ReactionRow, measure
+from rig.benchmark.reaction import (
+    GRIPPER_PERIOD_S,
+    ReactedLift,
+    Reaction,
+    ReactionOptions,
+    ReactionRow,
+    as_late_as_real,
+    measure,
+)
 from rig.config import BenchConfig
 from rig.sessions.records import LiftOutcome
 from support.benches import lighter

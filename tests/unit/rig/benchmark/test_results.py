@@ -7,20 +7,22 @@ from pathlib import Path
 import pytest
 
 import rig.benchmark.estimators.study as study
-import rig.benchmark.estimators.timing as timing
 from drivers.errors import InputError, SessionError
+from rig.benchmark.estimators import contenders
 from rig.benchmark.estimators.contenders import CONTENDERS, WINDOWS
 from rig.benchmark.estimators.stress import StressTask, run_stress, stress_rows
-from rig.benchmark.estimators.study import TABLE, EstimatorsOptions, compare, report_of
-from rig.benchmark.estimators.tables import (
+from rig.benchmark.estimators.study import (
     README_COLUMNS,
+    TABLE,
+    EstimatorsOptions,
     EstimatorsResult,
+    compare,
     estimator_table,
     judge,
+    report_of,
     stress_table,
 )
-from rig.benchmark.harness import Report, Run
-from rig.benchmark.measured import check_readme, markers
+from rig.benchmark.harness import Report, Run, check_readme, markers
 from rig.experiments.lift_plan import stored_trial
 from rig.experiments.replay import replay_with_angles
 from rig.sessions.rows import read_finished_lifts
@@ -40,7 +42,7 @@ def measured(tmp_path_factory: pytest.TempPathFactory) -> tuple[EstimatorsResult
 
     run = Run(jobs=1, folder=tmp_path_factory.mktemp("benchmark"), progress=show)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(timing, "FRAMES_PER_LIFT", 60)
+        patch.setattr(contenders, "FRAMES_PER_LIFT", 60)
         patch.setattr(study, "load_bench", partial(lighter, tip_hz=12.0))
         patch.setattr(study, "TRIAL_OBJECTS", ("t2",))
         patch.setattr(study, "LIFTS", 1)

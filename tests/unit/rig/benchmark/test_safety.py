@@ -17,9 +17,26 @@ from drivers.clock import to_ns
 from drivers.errors import InputError
 from rig.benchmark.harness import Run
 from rig.benchmark.wire import safety
-from rig.benchmark.wire.safety import SafetyOptions, SafetyRun, judge_runs, measure, run_safety, safety_table
-from rig.benchmark.wire.safety_events import BY_NAME, EVENTS, PlannedRun, judge, plan_runs, wait_for_end
-from rig.benchmark.wire.world import Stage, TrueState
+from rig.benchmark.wire.campaign import (
+    PlannedRun,
+    Stage,
+    TrueState,
+    dropped,
+    standstill,
+    unasked,
+    wait_for_end,
+)
+from rig.benchmark.wire.safety import (
+    BY_NAME,
+    EVENTS,
+    SafetyOptions,
+    SafetyRun,
+    judge_runs,
+    measure,
+    plan_runs,
+    run_safety,
+    safety_table,
+)
 
 GRASP_M = 0.06
 
@@ -63,7 +80,7 @@ OPENED = [*way((0.0, 0.0), (0.5, 0.0), counts=9.0), *way((0.6, 0.0), (1.0, 0.0),
 
 
 @pytest.mark.parametrize(
-    ("event", "track", "unasked"),
+    ("event", "track", "motion"),
     [
         ("Ctrl-C", STANDS_HIGH, ""),
         ("Ctrl-C", GOES_DOWN, "the arm moved by 80.0 mm"),  # a free hand does not move
@@ -84,23 +101,23 @@ OPENED = [*way((0.0, 0.0), (0.5, 0.0), counts=9.0), *way((0.6, 0.0), (1.0, 0.0),
     ],
 )
 def test_what_moves_after_the_standstill_was_agreed_to_or_is_told(
-    event: str, track: list[TrueState], unasked: str
+    event: str, track: list[TrueState], motion: str
 ) -> None:
-    assert judge(BY_NAME[event], Stage.LIFT, track, to_ns(0.05), GRASP_M).unasked == unasked
+    assert unasked(BY_NAME[event], Stage.LIFT, track, to_ns(0.05), GRASP_M) == motion
 
 
 def test_arm_that_rises_with_the_object_in_the_release_has_carried_it() -> None:
     event = BY_NAME["fingers stuck"]
-    assert judge(event, Stage.RELEASE, RISES_HELD, to_ns(0.05), GRASP_M).unasked == "the object was carried"
-    assert judge(event, Stage.RELEASE, STAYS_DOWN, to_ns(0.05), GRASP_M).unasked == ""
+    assert unasked(event, Stage.RELEASE, RISES_HELD, to_ns(0.05), GRASP_M) == "the object was carried"
+    assert unasked(event, Stage.RELEASE, STAYS_DOWN, to_ns(0.05), GRASP_M) == ""
 
 
 def test_time_and_way_to_the_standstill_and_what_fell() -> None:
-    judged = judge(BY_NAME["Ctrl-C"], Stage.LIFT, SET_DOWN, to_ns(0.05), GRASP_M)
-    assert judged.stop.after_s == pytest.approx(0.05, abs=0.005)
-    assert judged.stop.way_m == pytest.approx(0.005, abs=0.0006)
-    assert not judged.dropped
-    assert judge(BY_NAME["Ctrl-C"], Stage.LIFT, FELL, to_ns(0.05), GRASP_M).dropped
+    stop = standstill(SET_DOWN, to_ns(0.05))
+    assert stop.after_s == pytest.approx(0.05, abs=0.005)
+    assert stop.way_m == pytest.approx(0.005, abs=0.0006)
+    assert not dropped(SET_DOWN, GRASP_M)
+    assert dropped(FELL, GRASP_M)
 
 
 RUN = SafetyRun(
@@ -181,7 +198,7 @@ def starts(monkeypatch: pytest.MonkeyPatch) -> list[Path]:
         served.append(folder)
         yield Place()
 
-    monkeypatch.setattr(safety, "_served", serve)
+    monkeypatch.setattr(safety, "safety_place", serve)
     return served
 
 

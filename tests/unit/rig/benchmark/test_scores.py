@@ -14,14 +14,14 @@ from rig.benchmark.estimators.contenders import (
     WINDOWS,
     ScriptPass,
     SharedContact,
-    complete,
     filtered,
+    spread,
     unfiltered,
 )
 from rig.benchmark.estimators.scores import score_all
-from rig.benchmark.estimators.timing import spread
 from rig.results.scores import is_confidently_wrong, score_series
 from rig.tactile.contact.finder import ContactFinder
+from rig.tactile.estimators import choose_estimator
 from rig.tactile.paper.published import ANGLES
 from rig.tactile.sample import SlipSample, State
 
@@ -114,7 +114,7 @@ def test_windows_after_one_pass_equal_the_estimator_run_with_that_window(
     frames = [press(turn, seed=i) for i, turn in enumerate(turns)]
     one_pass = unfiltered(blank, None, (name,))[name]
     samples = [one_pass.update(frame, i * FRAME_NS) for i, frame in enumerate(frames)]
-    whole = complete(name, blank)
+    whole = choose_estimator(name).make(blank, None, 1)
     expected = [whole.update(frame, i * FRAME_NS).angle_deg for i, frame in enumerate(frames)]
     window = 2 if name not in ("slip", "ecc") else 1
     assert [s.angle_deg for s in filtered(name, samples, window)] == expected

@@ -5,7 +5,7 @@ from itertools import islice
 import numpy as np
 
 from fakes.studio.training_frames import hard_frames
-from rig.benchmark.segmentation.study import FRAME_SIZE, HARD, HELD_OUT, LEAST_UNLIKE_DICE, score_examples
+from rig.benchmark.segmentation import FRAME_SIZE, HARD, HELD_OUT, LEAST_UNLIKE_DICE, score_examples
 from rig.training.examples import examples_of
 
 

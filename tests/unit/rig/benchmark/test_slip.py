@@ -15,8 +15,15 @@ from drivers.errors import InputError, RigError
 from rig.benchmark.clips.labelled import read_clips
 from rig.benchmark.harness import Run
 from rig.benchmark.measured import Measured
-from rig.benchmark.slip.side_by_side import Contender, contact_ms, store
-from rig.benchmark.slip.study import SlipOptions, _size, largest_change_deg_s, measure
+from rig.benchmark.slip.study import (
+    Contender,
+    SlipOptions,
+    contact_ms,
+    largest_change_deg_s,
+    measure,
+    size_rows,
+    store,
+)
 from rig.cli.main import app
 from rig.frames.estimates import Answer, zeroed
 from rig.frames.times import FrameTime
@@ -144,7 +151,7 @@ def test_size_counts_lines_constants_and_parameters(tmp_path: Path) -> None:
     (package / "one.py").write_text("A, B = 1, 2.0\nNAME = 'x'\nFLAG = True\n\ndef f():\n    C = 3\n")
     (package / "two.py").write_text("D = math.radians(200.0)\n")
     (tmp_path / "slip.json").write_text('{"parameters": {"one": {"a": 1, "b": 2}, "two": {"c": 3}}}')
-    lines, constants = _size(package, tmp_path / "slip.json")
+    lines, constants = size_rows(package, tmp_path / "slip.json")
     assert (lines.name, lines.value) == ("lines of slip", 7)
     assert (constants.name, constants.value) == ("constants (3) and parameters (3) of slip", 6)
 

@@ -12,12 +12,22 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.errors import InputError
+from rig.benchmark import slip_fit as study
 from rig.benchmark.clips.labelled import ClipLabel, ClipVersion, LabelledClip
 from rig.benchmark.harness import Run
-from rig.benchmark.renderer.lifts import BACKGROUND_FRAMES, LIFT_NS, draw_course, frames
-from rig.benchmark.slip_fit import study
-from rig.benchmark.slip_fit.cases import Case, Kind, penalty, store_clip, store_rendered, surprise
-from rig.benchmark.slip_fit.study import FitOptions, gain_of, measure, stepped
+from rig.benchmark.renderer import BACKGROUND_FRAMES, LIFT_NS, draw_course, frames
+from rig.benchmark.slip_fit import (
+    Case,
+    FitOptions,
+    Kind,
+    gain_of,
+    measure,
+    penalty,
+    stepped,
+    store_clip,
+    store_rendered,
+    surprise,
+)
 from rig.frames.series import FrameSeries, TimedFrame
 from rig.frames.times import FrameTime
 from rig.tactile.contact.background import mean_background
@@ -132,7 +142,7 @@ def test_penalty_of_stored_cases_depends_on_the_parameters(tmp_path: Path) -> No
 
 @pytest.mark.usefixtures("parameters_restored")
 def test_rendered_lift_is_scored_at_both_fingertips_and_fused(tmp_path: Path) -> None:
-    case = store_rendered(tmp_path / "lift", LIFT)
+    case = store_rendered(tmp_path, LIFT)
     truth = np.load(case.folder / "truth.npz")
     assert int(truth["zero_ns"]) == LIFT_NS
     assert penalty(shipped(), case) < 4.0

@@ -1,11 +1,13 @@
 """Clips with known angles, their disturbances, and the estimator on them."""
 
+import re
+
 import numpy as np
 import pytest
 
 from drivers.errors import InputError
 from fakes.studio.clips import Clip, Scene, opposite, render_clip
-from rig.benchmark.estimators import disturbances as d
+from rig.benchmark.estimators import stress as d
 from rig.benchmark.estimators.stress import (
     CONDITIONS,
     NAMES,
@@ -77,6 +79,18 @@ def test_disturbances_have_their_documented_effect(clip: Clip) -> None:
     doubled = d.duplicated(clip, rng())
     assert np.array_equal(doubled.frames[5], clip.frames[4])
     assert doubled.time_ns == clip.time_ns
+
+
+def test_errors_of_leds_since_the_background_scale_each_channel_of_every_frame(clip: Clip) -> None:
+    """The two conditions had no effect on the frames once."""
+    for condition in CONDITIONS:
+        if percent := re.fullmatch("LEDs (.*) % off since the background", condition.name):
+            changed, middle = condition.change(clip, rng()), np.s_[100:200, 80:160]
+            for before, after in ((clip.frames[0], changed.frames[0]), (clip.frames[-1], changed.frames[-1])):
+                gains = after[middle].mean(axis=(0, 1)) / before[middle].mean(axis=(0, 1))
+                expected = 1.0 + float(percent[1]) / 100.0 * np.array(d.LED_PATTERN)
+                assert gains == pytest.approx(expected, abs=0.02)
+            assert np.array_equal(changed.background, clip.background)
 
 
 def test_condition_names_are_unique() -> None:

@@ -6,15 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import rig.benchmark.trials.study as study
 from drivers.errors import InputError
 from drivers.types import Frame
+from rig.benchmark import trials as study
 from rig.benchmark.estimators.contenders import SharedContact
 from rig.benchmark.harness import Report, Run
-from rig.benchmark.segmentation.paper_table import NETWORKS
-from rig.benchmark.segmentation.study import parse_models
-from rig.benchmark.trials.passes import combination, thinned, title
-from rig.benchmark.trials.study import TrialsOptions, measure, with_markers
+from rig.benchmark.segmentation import NETWORKS, parse_models
+from rig.benchmark.trials import TITLES, TrialsOptions, combination, measure, thinned, with_markers
 from rig.config import load_bench
 from rig.tactile.contact.finder import NO_CONTACT, Contact
 from rig.tactile.paper.axis import METHODS
@@ -98,6 +96,9 @@ def test_tables_mark_simulated_figures_and_networks_not_trained(report: Report) 
     assert all(len(row) == len(table.columns) for table in (three, four) for row in table.rows)
     untrained = [row for row in three.rows if "rig train --arch" in row[1]]
     assert [row[0] for row in untrained] == ["DeepLabV3+", "UNet++"]
-    assert {row[0] for row in four.rows} >= {"slip", *map(title, ("kolamuri", "anglenet", "toskov"))}
+    assert {row[0] for row in four.rows} >= {
+        "slip",
+        *(TITLES[name] for name in ("kolamuri", "anglenet", "toskov")),
+    }
     assert any("trained on these lifts (kept" in row[0] for row in four.rows)
     assert set(NETWORKS.values()) <= {row[0] for row in three.rows}

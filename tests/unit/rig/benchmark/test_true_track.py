@@ -6,14 +6,14 @@ from itertools import pairwise
 import pytest
 
 from drivers.clock import to_ns
-from rig.benchmark.wire.world import (
+from rig.benchmark.wire.campaign import (
     LASTS_S,
     Moment,
     Stage,
-    StageWatch,
     TrueState,
     at,
     dropped,
+    next_stage,
     random_moment,
     read_track,
     standstill,
@@ -83,14 +83,16 @@ def world(seen: tuple[float, bool, bool]) -> dict[str, object]:
 
 
 def test_stages_follow_one_another() -> None:
-    watch = StageWatch(0.06)
-    assert [watch.see(world(seen)) for seen, _ in LIFT] == [stage for _, stage in LIFT]
+    stage = None
+    for seen, expected in LIFT:
+        stage = next_stage(stage, world(seen), 0.06)
+        assert stage is expected
 
 
 def test_waiting_for_a_moment_ends_with_the_lift() -> None:
     hold, course, left = Moment(Stage.HOLD, 0.0), iter(LIFT), [3, 2, 1, 0]
-    assert wait_for(hold, 0.06, lambda: world(next(course)[0]), lambda: False) is Stage.HOLD
-    assert wait_for(hold, 0.06, lambda: world(LIFT[0][0]), lambda: not left.pop(0)) is None
+    assert wait_for(hold, 0.06, lambda _: world(next(course)[0]), lambda: False) is Stage.HOLD
+    assert wait_for(hold, 0.06, lambda _: world(LIFT[0][0]), lambda: not left.pop(0)) is None
 
 
 def test_moments_are_within_their_stage_and_the_same_for_a_seed() -> None:

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 
-from rig.benchmark.clips.page import draw_clip
+from rig.benchmark.clips.study import draw_clip
 from rig.pages.figure import drawing, svg
 from rig.report.curves import Curve, LiftCurves
 from rig.report.lift_chart import draw_lift

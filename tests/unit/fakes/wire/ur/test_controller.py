@@ -8,6 +8,7 @@ import socket
 import pytest
 
 from fakes.wire.ur.controller import URController
+from fakes.wire.ur.robot import Safety
 from support.ur_clients import Connect
 from support.waiting import until
 
@@ -18,6 +19,13 @@ def test_failure_of_the_controller_is_reported(
     assert controller.failure is None
     monkeypatch.setattr(controller.robot, "cycle", lambda time_ns: 1 / 0)
     until(lambda: isinstance(controller.failure, ZeroDivisionError))
+
+
+def test_protective_stop_is_released_after_its_time_only() -> None:
+    safety = Safety(release_after_s=5.0)
+    safety.protective_stop(10_000_000_000)
+    assert (safety.unlock(14_900_000_000), safety.may_move) == (False, False)
+    assert (safety.unlock(15_000_000_000), safety.may_move) == (True, True)
 
 
 def test_invalid_bytes_end_that_connection_only(controller: URController, connect: Connect) -> None:
@@ -31,7 +39,7 @@ def test_invalid_bytes_end_that_connection_only(controller: URController, connec
 def test_client_that_does_not_read_is_closed_without_delaying_others(
     controller: URController, connect: Connect, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("fakes.wire.ur.connections.GIVE_UP_S", 0.1)
+    monkeypatch.setattr("fakes.wire.ur.controller.GIVE_UP_S", 0.1)
     names = ",".join(f"output_double_register_{i}" for i in range(48))
     connect(controller.host, names)
     client = connect(controller.host)

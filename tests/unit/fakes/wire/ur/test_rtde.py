@@ -4,8 +4,7 @@ import struct
 
 import pytest
 
-from fakes.wire.ur.rtde import RtdeSession, package, split_packages
-from fakes.wire.ur.variables import OutputBank
+from fakes.wire.ur.rtde import OutputBank, RtdeSession, package, split_packages
 
 VERSION = (5, 11, 0, 108249)
 

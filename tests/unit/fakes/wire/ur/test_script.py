@@ -1,19 +1,16 @@
 """Programs on the script ports: where one ends, which kind it is, and what programs of others do."""
 
 import pytest
-from scipy.spatial.transform import Rotation
 
-from drivers.types import Pose
 from fakes.wire.ur.control_loop import ControlLoop
 from fakes.wire.ur.robot import CYCLE_NS, Robot
 from fakes.wire.ur.script import run_other
-from fakes.world.world import BenchLayout, World
+from support.worlds import empty_world
 
 
 @pytest.fixture
 def robot() -> Robot:
-    home = Pose.from_rotation((0.45, 0.0, 0.3), Rotation.from_euler("x", 180, degrees=True))
-    return Robot(World(BenchLayout(Pose((0.45, 0.0, 0.06)), home), seed=1), (5, 11, 0, 0))
+    return Robot(empty_world(), (5, 11, 0, 0))
 
 
 def run(robot: Robot, line: str, cycles: int) -> None:

@@ -13,7 +13,7 @@ from fakes.gel.sensor import GelSensor, Imprint
 from fakes.gel.variation import draw_variation
 from fakes.objects.catalogue import load_catalogue
 from fakes.objects.surfaces import build_surface, depth_for_force
-from rig.benchmark.segmentation.study import Panels, read_panels
+from rig.benchmark.segmentation import Panels, read_panels
 from rig.frames.masks import SegmentChoice, make_segmenter, shipped_cards
 from rig.labels.polygons import agreement, contact_label
 from rig.tactile.contact.finder import Contact, ContactFinder

@@ -1,4 +1,4 @@
-"""The controller's closed kinematics against the bench's numerical ones, and its transforms against scipy."""
+"""The closed kinematics of the simulated arm against its chain of joints; its transforms against scipy."""
 
 import math
 
@@ -7,9 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from fakes.wire.ur import geometry as ur_frames
-from fakes.wire.ur.geometry import forward, nearest_inverse, tracked_inverse
-from fakes.world import kinematics
+from fakes.world import kinematics as ur_frames
+from fakes.world.kinematics import ELBOW_UP, forward, nearest_inverse, tracked_inverse
 
 joints = st.tuples(*[st.floats(-3.1, 3.1)] * 6)
 poses = st.tuples(*[st.floats(-1.0, 1.0)] * 3, *[st.floats(-1.8, 1.8)] * 3)
@@ -23,10 +22,17 @@ def test_forward_kinematics_match_a_state_of_urs_controller():
 
 
 @given(joints)
-def test_both_forward_kinematics_agree(q):
-    frame, pose = forward(q), kinematics.forward(q, 0.0)
-    assert np.allclose(frame[:3], pose.position_m, atol=1e-12)
-    assert np.allclose(np.reshape(frame[3:], (3, 3)), pose.rotation.as_matrix(), atol=1e-12)
+def test_forward_kinematics_are_the_chain_of_denavit_and_hartenberg(q):
+    """Parameters: Universal Robots, DH page."""
+    turn, place = Rotation.identity(), np.zeros(3)
+    d, a = (0.1625, 0.0, 0.0, 0.1333, 0.0997, 0.0996), (0.0, -0.425, -0.3922, 0.0, 0.0, 0.0)
+    for angle, d_m, a_m, alpha in zip(q, d, a, np.pi / 2 * np.array((1, 0, 0, 1, -1, 0)), strict=True):
+        turn = turn * Rotation.from_euler("z", angle)
+        place = place + turn.apply((a_m, 0.0, d_m))
+        turn = turn * Rotation.from_euler("x", alpha)
+    frame = forward(q)
+    assert np.allclose(frame[:3], place, atol=1e-12)
+    assert np.allclose(np.reshape(frame[3:], (3, 3)), turn.as_matrix(), atol=1e-12)
 
 
 @given(joints)
@@ -50,8 +56,8 @@ def test_joints_are_continuous_along_a_path(q, step):
 
 def test_unreachable_pose_gives_none():
     far = ur_frames.from_ur((1.2, 0.0, 0.3, math.pi, 0.0, 0.0))
-    assert nearest_inverse(far, kinematics.ELBOW_UP) is None
-    assert tracked_inverse(far, kinematics.ELBOW_UP) is None
+    assert nearest_inverse(far, ELBOW_UP) is None
+    assert tracked_inverse(far, ELBOW_UP) is None
 
 
 @given(poses)

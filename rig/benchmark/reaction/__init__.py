@@ -1,1 +1,0 @@
-"""`rig benchmark reaction`: the same simulated lifts with and without a reaction to slip."""

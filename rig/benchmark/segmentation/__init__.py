@@ -1,1 +1,0 @@
-"""`rig benchmark segmentation`: compare contact masks of networks and image processing with labels."""

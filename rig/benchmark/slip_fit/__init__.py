@@ -1,1 +1,0 @@
-"""`rig fit-slip`: the parameters of the estimator slip, fitted by maximum likelihood."""

@@ -1,1 +1,0 @@
-"""The paper's Tables III and IV on the same simulated lifts."""

@@ -1,0 +1,194 @@
+"""`rig benchmark`: measure the rig, and print the results as tables.
+
+The commands are made from the studies (`rig.benchmark.harness.Study`).
+"""
+
+import time
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, fields
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import typer
+from typer.core import TyperCommand
+from typer.main import get_command
+
+from drivers.errors import InputError
+from rig.cli.common import Exit, emit_json, report_faults, say
+from rig.cli.helping import Commands, Group
+from rig.cli.options import JsonOption, SeedOption
+from rig.declared import file_place, folder_place, option, option_parameters, set_signature
+
+if TYPE_CHECKING:
+    from rig.benchmark.harness import Report, Study
+    from rig.benchmark.measured import Measured
+
+STUDIES = {
+    "estimators": "Measure run time and error of every estimator, on 45 lifts and on disturbed clips.",
+    "clips": "Compare the angles of estimators with the labels of clips, real or simulated.",
+    "calibration": "Compare the errors of the calibrations with their limits, on simulated and real data.",
+    "reaction": "Lift the same SIMULATED objects without and with a reaction to slip, and compare.",
+    "renderer": "Score estimators on SIMULATED lifts of a second renderer, independent of the bench's.",
+    "seeds": "Carry out SIMULATED trials of several seeds; print errors and confidently wrong angles.",
+    "slip": "Print time, accuracy and size of slip beside their limits, in 10 minutes on two idle cores.",
+    "segmentation": "Score the segmentation networks on SIMULATED objects and on real frames.",
+    "wire": "Do one lift over the wire protocols in real time; measure lost frames, rates and agreement.",
+    "faults": "Let each device fail during a lift over the wire protocols; print how the rig recovers.",
+    "safety": "Stop, kill or break a lift at random moments; print how the arm comes to rest.",
+    "endurance": (
+        "Hold an object still over the wire protocols, in real time, and print the measurements per minute."
+    ),
+    "trials": "Score networks, angle methods, windows and the paper's rivals on the same SIMULATED lifts.",
+}
+"""First line of help by name. The study NAME is in `rig.benchmark.NAME`, or in a module of that package."""
+MODULES = {
+    **{name: f"{name}.study" for name in ("estimators", "clips", "calibration", "slip")},
+    **{name: f"wire.{name}" for name in ("faults", "safety", "endurance")},
+    "wire": "wire.lift",
+}
+FIT_SLIP = "fit-slip"
+
+
+@dataclass(frozen=True, slots=True)
+class SharedOptions:
+    """Options that most studies share. Every study has --json; `Study.shared` names the others it has."""
+
+    out: Path | None = option(None, "Folder for the results.", callback=folder_place)
+    resume: bool = option(False, "Continue the run in --out: do only the cases that are missing.")
+    readme: Path | None = option(
+        None,
+        "Also write the table into this file, between the comments that mark it, as in docs/measurements.md.",
+        callback=file_place,
+    )
+    jobs: int | None = option(None, "Lifts in parallel. Default: one per core.", min=1, max=64)
+    seed: SeedOption = 0
+    json: JsonOption = False
+
+
+def command_of(study: "Study[Any]") -> Callable[..., None]:
+    """Return the command of a study, for typer."""
+    own = [each.name for each in fields(study.options)]
+    shared = [each for each in option_parameters(SharedOptions) if each.name in (*study.shared, "json")]
+
+    def command(**values: Any) -> None:
+        options = study.options(**{name: values.pop(name) for name in own})
+        _carry_out(study, options, SharedOptions(**values))
+
+    set_signature(command, [*option_parameters(study.options), *shared])
+    command.__name__, command.__doc__ = study.name, study.measure.__doc__
+    return command
+
+
+def _carry_out(study: "Study[Any]", options: Any, shared: SharedOptions) -> None:
+    from rig.benchmark.harness import Run, as_json, check_readme, write_section
+    from rig.frames.masks import make_folder
+    from rig.live.terminal import WorkProgress
+    from rig.sessions.files import write_file, write_json
+    from rig.sessions.session import default_folder
+
+    began = time.perf_counter()
+    section = study.name
+    if shared.readme is not None:
+        section = study.section(options) if study.section else section
+        check_readme(shared.readme, section)
+    if study.keeps_results and shared.resume and shared.out is None:
+        raise InputError("--resume continues the run in --out: give its folder with --out")
+    folder = shared.out or (default_folder(study.name) if study.keeps_results else None)
+    first = f"{'SIMULATED ' if study.simulated else ''}benchmark {study.name}"
+    first += f", seed {shared.seed}" if "seed" in study.shared else ""
+    say(first + (f", results in {folder}" if folder else ""))
+    with WorkProgress(0, study.cases) as progress:
+        run = Run(shared.seed, shared.jobs, folder, shared.resume, progress.show, say)
+        report = study.measure(options, run)
+    wall_s = time.perf_counter() - began
+    _print(report, wall_s, shared.json)
+    result = as_json(study, options, run, report, wall_s)
+    if folder is not None:
+        make_folder(folder)
+        write_json(folder / "results.json", result)
+        for name, content in report.files.items():
+            write_file(folder / name, content.encode() if isinstance(content, str) else content)
+    if shared.readme is not None:
+        write_section(shared.readme, section, report.section)
+    if shared.json:
+        emit_json(result)
+    if report.binding:
+        _exit_if_missed(report.limits)
+    report_faults(report.faults.values())
+
+
+def _print(report: "Report", wall_s: float, to_stderr: bool) -> None:
+    from rig.benchmark.harness import limit_table
+    from rig.live.tables import console_table, table_console
+
+    console = table_console(to_stderr)
+    limits = [limit_table(report.limits, report.limits_of)] if report.limits else []
+    explained: dict[str, str] = {}
+    for table in (*report.tables, *limits):
+        console.print(console_table(table.columns, table.rows, range(table.left), table.title))
+        explained |= table.legend
+    legend = (f"{heading}: {meaning}" for heading, meaning in explained.items())
+    for line in (*legend, *report.notes, f"{wall_s:.0f} s"):
+        console.print(line, highlight=False)
+
+
+def _exit_if_missed(limits: "Iterable[Measured]") -> None:
+    """Print every missed limit; if there is one, end the command with exit code 4."""
+    missed = [limit for limit in limits if limit.met is False]
+    for limit in missed:
+        value = "no value" if limit.value is None else limit.shown
+        say(f"rig: limit missed: {limit.name}: {value}, required {limit.asked}")
+    if missed:
+        raise typer.Exit(Exit.LIMIT_MISSED)
+
+
+def study_command(name: str, module: str) -> Any:
+    """Return the command of a study. Its module is imported on use, because that is slow."""
+    alone = Commands(add_completion=False)
+    alone.command(name)(command_of(import_module(f"rig.benchmark.{module}").STUDY))
+    return get_command(alone)
+
+
+class Program(Group):
+    """The commands of `rig`; `fit-slip` is a study."""
+
+    def __init__(self, **settings: Any) -> None:
+        super().__init__(**settings)
+        self.commands[FIT_SLIP] = TyperCommand(
+            FIT_SLIP, help="Fit the parameters of slip by maximum likelihood.", rich_help_panel="Advanced"
+        )
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        if cmd_name != FIT_SLIP or self.listing:
+            return super().get_command(ctx, cmd_name)
+        return study_command(FIT_SLIP, "slip_fit")
+
+
+class Benchmarks(Group):
+    """The group of benchmarks; `rig benchmark` alone runs `rig benchmark estimators`."""
+
+    def __init__(self, **settings: Any) -> None:
+        super().__init__(**settings)
+        self.commands.update({name: TyperCommand(name, help=summary) for name, summary in STUDIES.items()})
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        if cmd_name not in STUDIES or self.listing:
+            return super().get_command(ctx, cmd_name)
+        return study_command(cmd_name, MODULES.get(cmd_name, cmd_name))
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Insert the default subcommand if none is given."""
+        if not ctx.resilient_parsing and (not args or (args[0].startswith("-") and args[0] != "--help")):
+            args = ["estimators", *args]
+        return super().parse_args(ctx, args)
+
+
+benchmark = Commands(
+    cls=Benchmarks, help="Measure the rig, and print the results as tables. Without a command: estimators."
+)
+
+
+@benchmark.callback()
+def _group() -> None:
+    """Make typer keep the group, which registers no commands: `Benchmarks` imports them on use."""

@@ -1,1 +1,0 @@
-"""`rig benchmark` and its subcommands."""

@@ -39,6 +39,8 @@ GAP_S = 0.155
 """Frames that are further apart are searched by curvature, because the motion between them is unknown."""
 APART_RAD = math.radians(1.5)
 """Readings that differ by more are tried from each other's rotation; rigid contacts stay below."""
+SAME_RAD, SAME_PX = math.radians(0.5), 0.25
+"""Starts that are nearer to each other end at the same pose."""
 BETTER = 0.02
 """Least rank that a further start must gain to be followed."""
 ASTRAY_PX = 2.0
@@ -166,6 +168,7 @@ class Contact:
         self._zero_rad, self._time_s = pose.angle_rad, touch.time_s
         self._rate_rad_s, self._motion_px = 0.0, 0j
         self._usual_score, self._checked, self._looked_s = 1.0, 0, touch.time_s
+        self._weighed_s = touch.time_s
         self._texture_leads, self._led, self.disagrees = False, 0, False
         self._joint: Pose | None = None
         self._alone: Fit | None = None
@@ -337,6 +340,9 @@ class Contact:
         if not self._settling.settled:
             if seen.region.area_px > KEYFRAMES.grown * self.keys[-1].area_px:
                 return True
+        if seen.time_s - self._weighed_s < ALIGNMENT.network_s:
+            return False
+        self._weighed_s = seen.time_s
         return seen.texture(busy).richness(seen.region.mask) > KEYFRAMES.richer * self.richest.richness
 
     def _reach_rad(self, time_s: float) -> float:
@@ -411,7 +417,7 @@ class Contact:
         for reading in self._readings[1:]:
             starts = [_sum(reading.pose, ahead), _sum(reading.pose, turned), _sum(reading.keys[k], from_key)]
             self._aligner.read_as(reading, starts[0].angle_rad)
-            fit = self._aligner.both(starts)
+            fit = self._aligner.both(_apart(starts))
             if abs(fit.angle_rad - reading.pose.angle_rad) <= self._reach_rad(time_s):
                 reading.pose = fit.pose
                 self._aligned.append(reading)
@@ -474,6 +480,16 @@ def _middle(mask: Image) -> complex:
     """Return the center of gravity of a mask."""
     moments = cv2.moments(mask, True)
     return complex(moments["m10"], moments["m01"]) / max(moments["m00"], 1.0)
+
+
+def _apart(starts: list[Pose]) -> list[Pose]:
+    """Return the starts without those that lead to the same fit as an earlier one."""
+    kept: list[Pose] = []
+    for start in starts:
+        gaps = (_less(start, other) for other in kept)
+        if all(abs(gap.angle_rad) > SAME_RAD or abs(gap.point_px) > SAME_PX for gap in gaps):
+            kept.append(start)
+    return kept
 
 
 def _sum(one: Pose, other: Pose) -> Pose:

@@ -38,6 +38,9 @@ COARSE = 2
 PARTS = 3
 # A keyframe's own loss of agreement is that of a rotation by this.
 PROBE_RAD = math.radians(10.0)
+# A contact with a larger fraction at the border of the image is cut by it. Of smooth balls (SIMULATED), those
+# that look oblong or textured have 5 % and more.
+CUT_SHARE = 0.04
 _AROUND = np.ones((3, 3), np.uint8)
 _INNER = np.s_[BORDER_PX:-BORDER_PX, BORDER_PX:-BORDER_PX]
 Pixels = tuple[NDArray[np.intp], NDArray[np.intp]]
@@ -70,7 +73,7 @@ class Keyframe:
     of the texture. own: what a rotation by `PROBE_RAD` takes from the agreement of the curvature with itself.
     distinct, textured: what it changes in the slopes and in the texture, as a fraction of their energy.
     oblong: by how much the dent curves less along one axis than along the other, 0 for a ball, 1 for a
-    cylinder. cut: whether the border of the image cuts it.
+    cylinder. cut: whether the border of the image cuts away a part of it.
     """
 
     source: Source
@@ -153,7 +156,7 @@ def _with_curvature(key: Keyframe, planes: Field, box: Box) -> Keyframe:
         distinct=_information(key.rows[SLOPES], key.counted[SLOPES], FIRST + 2, (6, 2)),
         textured=_information(key.rows[TEXTURE], key.counted[TEXTURE], FIRST + 3, (3, 3)),
         oblong=_oblong(key.rows[SLOPES], key.counted[SLOPES]),
-        cut=key.area_px > np.count_nonzero(key.source.mask[_INNER]),
+        cut=key.area_px - np.count_nonzero(key.source.mask[_INNER]) > CUT_SHARE * key.area_px,
     )
 
 

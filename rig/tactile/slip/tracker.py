@@ -39,7 +39,7 @@ GAP_S = 0.155
 """Frames that are further apart are searched by curvature, because the motion between them is unknown."""
 APART_RAD = math.radians(1.5)
 """Readings that differ by more are tried from each other's rotation; rigid contacts stay below."""
-SAME_RAD, SAME_PX = math.radians(0.5), 0.25
+SAME_RAD, SAME_PX = math.radians(0.2), 0.1
 """Starts that are nearer to each other end at the same pose."""
 BETTER = 0.02
 """Least rank that a further start must gain to be followed."""

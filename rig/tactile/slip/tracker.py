@@ -168,7 +168,7 @@ class Contact:
         self._zero_rad, self._time_s = pose.angle_rad, touch.time_s
         self._rate_rad_s, self._motion_px = 0.0, 0j
         self._usual_score, self._checked, self._looked_s = 1.0, 0, touch.time_s
-        self._weighed_s = touch.time_s
+        self._weighed_s, self._looks = touch.time_s, 0
         self._texture_leads, self._led, self.disagrees = False, 0, False
         self._joint: Pose | None = None
         self._alone: Fit | None = None
@@ -337,11 +337,11 @@ class Contact:
         nearest = min(abs(key.angle_rad - fit.angle_rad) for key in self._readings[0].keys)
         if self._forced or nearest > KEYFRAMES.further_rad:
             return True
-        if not self._settling.settled:
-            if seen.region.area_px > KEYFRAMES.grown * self.keys[-1].area_px:
-                return True
-        if seen.time_s - self._weighed_s < ALIGNMENT.network_s:
-            return False
+        if self._settling.settled:
+            if seen.time_s - self._weighed_s < ALIGNMENT.network_s:
+                return False
+        elif seen.region.area_px > KEYFRAMES.grown * self.keys[-1].area_px:
+            return True
         self._weighed_s = seen.time_s
         return seen.texture(busy).richness(seen.region.mask) > KEYFRAMES.richer * self.richest.richness
 
@@ -409,12 +409,19 @@ class Contact:
         return alone.best >= least and near
 
     def _read_further(self, joint: Fit, expected: Pose, time_s: float) -> None:
-        """Align in the other readings, from their own pose and from the first reading's rotation."""
+        """Align in one of the other readings, from its own pose and from the first reading's rotation.
+
+        They take turns. While the contact grows, and after a gap, all are aligned.
+        """
         first = self._readings[0]
         k = self._aligner.used[0]
         ahead, turned = _less(expected, first.pose), _less(joint.pose, first.pose)
         from_key = _less(joint.pose, first.keys[k])
-        for reading in self._readings[1:]:
+        due = self._readings[1:]
+        if self._settling.settled and time_s - self._time_s <= GAP_S:
+            self._looks += 1
+            due = due[self._looks % len(due) :][:1]
+        for reading in due:
             starts = [_sum(reading.pose, ahead), _sum(reading.pose, turned), _sum(reading.keys[k], from_key)]
             self._aligner.read_as(reading, starts[0].angle_rad)
             fit = self._aligner.both(_apart(starts))

@@ -48,9 +48,11 @@ OUTLIERS, ANY_DEG = 0.01, 120.0
 distributed over this range, degrees."""
 STEP = 1.25  # a parameter is changed by this factor; for a fraction, its odds are
 FRACTIONS = frozenset(
-    "firm kept resting turning least_count sticks anything correlation good_overlap worst_overlap".split()
+    "good_score plain_fit least_richness least_count resting turning sticks anything correlation".split()
 )
 """Parameters between 0 and 1, besides those whose name ends with "share"."""
+COUNTS = frozenset("used check_frames iterations".split())
+"""Parameters that are numbers of things: at least 1, and changed by 1 at least."""
 SURE = 2.0  # a gain must exceed this many of its standard errors: by chance one change of 40 does
 INDEPENDENT = 12.0
 """Number of independent errors that the prior is compared with: those in a clip and its versions are
@@ -83,7 +85,7 @@ class FitOptions:
         max=20,
     )
     only: list[str] | None = option(
-        None, "Only this parameter, or this group of parameters, as joint.richer or joint; repeat for more."
+        None, "Only this parameter, or this group of parameters, as keyframes.richer or keyframes; repeat."
     )
     minutes: float | None = option(None, "Stop after this time. Default: when all were tried.", min=0.0)
     save: Path | None = option(None, "File for the fitted parameters and their card.")
@@ -152,15 +154,16 @@ def measure(options: FitOptions, run: Run) -> Report:
     The cases are the clips in all versions of `rig benchmark clips --augment`, lifts of the benches fake and
     hard, and lifts of the second renderer, with seeds that no benchmark uses. In the likelihood, errors are
     normal with the variances of answer and ground truth, with a few outliers; a refused angle counts as an
-    outlier. Clips and lifts have equal weight. Each parameter is changed by 25 % in both directions. A change
-    is adopted if the likelihood, times a weak prior around the shipped value, grows by more than two standard
-    errors, and is then repeated. Fit to development clips only, and test with others. Twelve parameters take
-    six minutes on two cores, without the simulation of the lifts. The images take 5 GB in --out.
+    outlier. Clips and lifts have equal weight. Each parameter is changed by 25 % in both directions, a count
+    by 1 at least. A change is adopted if the likelihood, times a weak prior around the shipped value, grows
+    by more than two standard errors, and is then repeated. Fit to development clips only, and test with
+    others. Twelve parameters take six minutes on two cores, without the simulation of the lifts. The images
+    take 5 GB in --out.
 
     Examples:
       rig fit-slip clips --groups halves.csv --group development --out fit --save slip.json
 
-      rig fit-slip clips --only joint --minutes 20 --out fit --resume
+      rig fit-slip clips --only keyframes --minutes 20 --out fit --resume
 
     """
     began = time.monotonic()
@@ -384,8 +387,10 @@ def _weight(kind: Kind, kinds: Collection[Kind]) -> float:
 
 
 def stepped(value: float, name: str, factor: float) -> float:
-    """Return a parameter's value after a step. name: as in "joint.richer"."""
+    """Return a parameter's value after a step. name: as in "keyframes.richer"."""
     short = name.rpartition(".")[2]
+    if short in COUNTS:
+        return max(1.0, math.ceil(factor * value) if factor > 1.0 else math.floor(factor * value))
     if short.endswith("share") or short in FRACTIONS:
         odds = factor * value / (1.0 - value)
         return odds / (1.0 + odds)

@@ -32,10 +32,12 @@ class ExplainOptions:
 def explain(options: ExplainOptions) -> None:
     """Draw how the estimator slip finds an angle, on the two frames with the largest rotation between them.
 
-    The first row shows the frame of angle zero, the slopes of its gel surface, and these slopes turned by the
-    estimated angle. The second row shows the frame with the largest angle, its slopes, and the difference
-    from the turned slopes, which the rotation does not explain. Hue is the direction of a slope, brightness
-    its steepness.
+    The first row shows the features of the frame of angle zero: its difference from the frame without
+    contact, its texture, weighted by the network, and the curvature of the gel. The second row shows the
+    frame, the slopes of its gel surface, and these slopes turned by the estimated angle. The third row shows
+    the frame with the largest angle, its slopes, and the difference from the turned slopes, which the
+    rotation does not explain. Hue is a direction, brightness a steepness or strength; in the first and last
+    picture of the first row grey is 0.
 
     Examples:
       rig explain frames/ --background empty.png --out stages.png

@@ -10,7 +10,7 @@ from collections.abc import Iterator, Sequence
 
 from rig.lift.onset import ALARM_RATE_DEG_S, ONSET_DEG, leaves_rest
 from rig.lift.tip_watch import REST_NS
-from rig.tactile.sample import SlipSample
+from rig.tactile.sample import SlipSample, State
 from rig.tactile.settling import NEW_GRASP_NS
 
 REST_FRAMES = 5
@@ -79,13 +79,14 @@ def _by_lift(samples: Sequence[SlipSample], lift_ns: int) -> Iterator[bool]:
 class _TurnWatch:
     """Detects rotations by `ONSET_DEG` from the angle at rest: the mean of the first `REST_FRAMES` angles.
 
-    After a rotation the angle at which it has ended is that at rest.
+    A step of the angle in a frame with another keyframe is no rotation. After a rotation the angle at which
+    it has ended is that at rest.
     """
 
     def __init__(self) -> None:
         self.on = False
         """Whether the object rotates, or has rotated within the last `REST_NS`."""
-        self._rest_deg, self._frames = 0.0, 0
+        self._rest_deg, self._last_deg, self._frames = 0.0, 0.0, 0
         self._turned_ns = 0
 
     def update(self, sample: SlipSample) -> bool:
@@ -94,6 +95,9 @@ class _TurnWatch:
         if self.on:
             self._end(sample)
         elif angle_deg is not None and rate_deg_s is not None:
+            if sample.state is State.REKEYED:
+                self._rest_deg += angle_deg - self._last_deg
+            self._last_deg = angle_deg
             turned_deg = angle_deg - self._rest_deg if self._frames else 0.0
             if abs(turned_deg) >= ONSET_DEG and leaves_rest(turned_deg, rate_deg_s):
                 self.on, self._turned_ns = True, sample.time_ns
@@ -112,3 +116,4 @@ class _TurnWatch:
             self.on, self._frames = False, 0
             if sample.angle_deg is not None:
                 self._rest_deg, self._frames = sample.angle_deg, REST_FRAMES
+                self._last_deg = sample.angle_deg

@@ -1,4 +1,4 @@
-"""A picture of the data `slip` works with: two frames of a rotation, their slopes, and the residual."""
+"""A picture of the data `slip` works with: features and slopes of two frames of a rotation, the residual."""
 
 import cmath
 import math
@@ -7,7 +7,6 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from drivers.clock import NS_PER_S
 from drivers.errors import InputError
@@ -19,16 +18,20 @@ from rig.frames.of_session import of_sensor, session_frames
 from rig.frames.series import FrameSeries, make_background, read_frames
 from rig.sessions.manifest import TrialManifest, read_manifest_of
 from rig.tactile.contact.gate import ContactGate
+from rig.tactile.contact.gel_marks import GelMarks, found_marks
 from rig.tactile.contact.relative import RelativeDifference, work_size
 from rig.tactile.estimators import choose_estimator
 from rig.tactile.slip.estimator import NOISE_BLUR_PX
-from rig.tactile.slip.gel_marks import GelMarks, found_marks
-from rig.tactile.slip.gradient import learn_map
-from rig.tactile.slip.height import Gradient
+from rig.tactile.slip.gradient import LearntGradientMap, learn_map
+from rig.tactile.slip.height import Field, Gradient
+from rig.tactile.slip.parameters import ALIGNMENT
+from rig.tactile.slip.slopes import CURVATURE, slope_planes
+from rig.tactile.slip.texture import fine_scale, noise_floor, structure, tensor_of
+from rig.tactile.slip.turning import shipped_turning
 
 PANEL_HEIGHT_PX, BAND_PX, GAP_PX = 320, 26, 6
 BRIGHTEST = 99.0
-"""Percentile of the slopes at the zero that is drawn in full brightness."""
+"""Percentile of the values that is drawn in full brightness."""
 _FONT = cv2.FONT_HERSHEY_SIMPLEX
 
 
@@ -125,7 +128,7 @@ def height_picture(turn: Turn, background: Image, gel: GelMap, title: str) -> tu
 
 
 def stages_picture(turn: Turn, background: Image, aspect: float | None, title: str) -> Image:
-    """Draw a rotation, (H, W, 3) uint8 RGB: frames, slopes, the zero's slopes rotated, and the residual.
+    """Draw a rotation, (H, W, 3) uint8 RGB: features, frames, slopes, the same rotated, and the residual.
 
     Raises `InputError` if the frame at the zero shows no contact from which to learn the slopes.
     """
@@ -140,6 +143,11 @@ def stages_picture(turn: Turn, background: Image, aspect: float | None, title: s
     scale = float(np.percentile(np.abs(slopes), BRIGHTEST))
     rows = (
         (
+            (_signed(first), "difference at the zero"),
+            (_texture_picture(turn.zero, background, size), "texture, weighted by the network"),
+            (_signed(_curvature(first, learnt, region.mask)), "curvature"),
+        ),
+        (
             (turn.zero, "at the zero"),
             (_coloured(slopes, scale), "its slopes"),
             (_coloured(turned, scale), f"the same, turned by {turn.angle_deg:+.1f} deg"),
@@ -153,11 +161,36 @@ def stages_picture(turn: Turn, background: Image, aspect: float | None, title: s
     return _sheet(rows, title, background.shape)
 
 
-def _difference(image: Image, background: Image, size: tuple[int, int]) -> NDArray[np.float32]:
+def _difference(
+    image: Image, background: Image, size: tuple[int, int], blur_px: float = NOISE_BLUR_PX
+) -> Field:
     """Return the relative difference from the background, (h, w, 3), as the estimator computes it."""
     light = RelativeDifference(background, size)
     clean = GelMarks(found_marks(background, size), size).mended(light.of(light.reduced(image)))
-    return np.asarray(cv2.GaussianBlur(clean, (0, 0), NOISE_BLUR_PX), np.float32)
+    return np.asarray(cv2.GaussianBlur(clean, (0, 0), blur_px), np.float32) if blur_px else clean
+
+
+def _texture_picture(image: Image, background: Image, size: tuple[int, int]) -> Image:
+    """Draw the texture of a frame, (h, w, 3): twice the direction as hue, the strength as brightness."""
+    scale = fine_scale(background.shape, size)
+    fine = _difference(image, background, (scale * size[0], scale * size[1]), 0.0).transpose(2, 0, 1)
+    tensor = tensor_of(np.ascontiguousarray(fine), _difference(image, background, size, 0.0), scale)
+    counts = shipped_turning().counts(fine, scale)
+    planes = structure(tensor, noise_floor(tensor), counts, (0, 0, 0, 0), scale).planes
+    return _coloured(planes[0] + 1j * planes[1], float(planes[2].max()))
+
+
+def _curvature(difference: Field, learnt: LearntGradientMap, mask: Image) -> Field:
+    """Return the curvature of a frame, (h, w, 1)."""
+    whole = (0, 0, mask.shape[1], mask.shape[0])
+    return slope_planes(difference, learnt, mask, whole, ALIGNMENT.broad_share)[CURVATURE, ..., None]
+
+
+def _signed(values: Field) -> Image:
+    """Draw values (h, w, C) as colours, 0 as mid grey."""
+    scale = max(float(np.percentile(np.abs(values), BRIGHTEST)), 1e-9)
+    levels = (128.0 + 127.0 * np.clip(values / scale, -1.0, 1.0)).astype(np.uint8)
+    return np.broadcast_to(levels, (*values.shape[:2], 3))
 
 
 def _turned(slopes: Gradient, mask: Image, turn: Turn, shape: tuple[int, ...]) -> Gradient:

@@ -33,7 +33,7 @@ from rig.frames.clips import ABOUT
 LEAST_FPS, MAX_FPS = 0.02, 2000.0
 """Frame rates in Hz of a tactile sensor; times with another rate are in another unit than s."""
 APART_S = LONGEST_STEP_NS / NS_PER_S
-"""Between frames further apart than this, a rotation cannot be followed."""
+"""Frames further apart than this, s, are noted: much can happen between them."""
 MOST_REPEATED = 0.5
 """If more than this share of the frames has the time of the frame before, the times are too coarse."""
 _UNITS = {"ms": 1e3, "microseconds": 1e6, "ns": 1e9, "minutes": 1 / 60, "hours": 1 / 3600}
@@ -97,14 +97,14 @@ def checked_times(where: str, times_ns: Sequence[int] | Times) -> tuple[str, ...
 
 
 def sparse_note(times_ns: Sequence[int] | Times) -> str | None:
-    """Return a note on a stream whose frames are too far apart to follow a rotation; None for others."""
+    """Return a note on a stream whose frames are more than `APART_S` apart; None for others."""
     steps = np.diff(np.asarray(times_ns, np.int64))
     step_s = float(np.median(steps)) / NS_PER_S if steps.size else 0.0
     if step_s <= APART_S:
         return None
     return (
-        f"the frames are {step_s:.3g} s apart ({_unit_question(step_s)}): a motion cannot be followed over "
-        f"more than {APART_S:g} s, 'lost'"
+        f"the frames are {step_s:.3g} s apart ({_unit_question(step_s)}): a rotation by more than a quarter "
+        "turn between two frames cannot be recognised"
     )
 
 

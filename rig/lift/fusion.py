@@ -7,8 +7,8 @@ from itertools import combinations
 
 from drivers.clock import NS_PER_S
 from rig.tactile.sample import SlipSample
-from rig.tactile.slip.fused_angle import MOST_RATE_RAD_S
 from rig.tactile.slip.parameters import FUSION
+from rig.tactile.slip.tracker import MOST_RATE_RAD_S
 
 MAX_SKEW_NS = 40_000_000
 """Largest age of the other fingertip's angle: two frames at 60 Hz and some jitter."""

@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 from calibration.gel.look import GelLook
 from fakes.studio.turning_frames import FRAMES_PER_FACE, TURN_DEG, TurningFrame, turning_frames
 from rig.experiments.process_pool import run_tasks
+from rig.tactile.contact.gel_marks import GelMarks, found_marks
 from rig.tactile.contact.relative import DARK_OFFSET, RelativeDifference, work_size
-from rig.tactile.slip.gel_marks import GelMarks, found_marks
 from rig.tactile.slip.height import Field
-from rig.tactile.slip.texture import FINENESS, structure
+from rig.tactile.slip.texture import FINENESS, structure_of
 from rig.tactile.slip.turning import SHARE_PX
 
 SIZE = (120, 160)
@@ -96,7 +96,7 @@ def example_of(shown: TurningFrame) -> tuple[Field, Field, Field]:
     difference = marks.mended(light.of(light.reduced(shown.image)))
     around = cv2.resize(shown.background.astype(np.float32), size, interpolation=cv2.INTER_AREA) + DARK_OFFSET
     before, after = (
-        structure(marks.mended(np.asarray(cv2.resize(change, size) / around, np.float32)), 1.0)
+        structure_of(marks.mended(np.asarray(cv2.resize(change, size) / around, np.float32)))
         for change in (shown.before, shown.after)
     )
     center_px = _scaled(shown.center_px, shown.image.shape, size)

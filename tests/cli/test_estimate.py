@@ -94,8 +94,8 @@ def test_the_table_has_a_row_per_frame_with_times_as_given(lift: Path) -> None:
 def test_zero_is_where_the_contact_has_settled(lift: Path) -> None:
     done = estimate(lift / "frames", "--background", "first:2", "--json")
     figures = json.loads(done.out)
-    assert figures["reference_time_s"] == pytest.approx(15 / 60, abs=1e-5)
-    assert figures["samples"][15]["angle_deg"] == 0
+    assert figures["reference_time_s"] == pytest.approx(18 / 60, abs=1e-5)
+    assert figures["samples"][18]["angle_deg"] == 0
     assert (figures["frames"], figures["answered"]) == (28, 26)
 
 
@@ -127,9 +127,9 @@ def test_rate_shift_and_slip_stand_behind_the_contracts_columns(lift: Path) -> N
     assert done.rows[-1]["slip"] == "1"
     assert float(done.rows[-1]["rate_deg_s"]) == pytest.approx(120, rel=0.3), "2 degrees a frame at 60 Hz"
     x, y = ([float(row[name]) for row in done.rows[17:]] for name in ("shift_x_px", "shift_y_px"))
-    assert max(x) - min(x) < 1.0, "it turns about its middle"
-    assert max(y) - min(y) < 1.0
-    assert (done.rows[15]["shift_x_px"], done.rows[15]["shift_y_px"]) == ("0.0", "0.0"), "the zero"
+    assert max(x) - min(x) < 2.0, "it turns about its middle; half a pixel of the work copy"
+    assert max(y) - min(y) < 2.0
+    assert (done.rows[18]["shift_x_px"], done.rows[18]["shift_y_px"]) == ("0.0", "0.0"), "the zero"
     assert [done.rows[0][name] for name in ("rate_deg_s", "shift_x_px", "slip")] == ["", "", "0"]
     assert re.search(
         r"0 degrees is at the first frame with an angle in a settled contact, 0\.\d+ s after the first frame",

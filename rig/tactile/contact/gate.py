@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.types import Image
-from rig.tactile.settling import Levels, changed
+from rig.tactile.settling import Levels
 
 TOUCH_FRAMES = 2
 """Number of consecutive frames with contact that count as a touch."""
@@ -73,13 +73,6 @@ class Region:
     def levels(self) -> Levels:
         """Area and strength, from which `Settling` detects whether the contact still grows."""
         return self.area_px, self.strength
-
-    def changed(self, before: "Region | None", share: float) -> bool:
-        """Whether area or strength differ from an earlier region's by more than a fraction.
-
-        before: the earlier region; the result is True if it is None.
-        """
-        return changed(self.levels, None if before is None else before.levels, share)
 
 
 class ContactGate:

@@ -24,6 +24,9 @@ GAIN_BLOCK_PX, GAIN_TRUSTED, GAIN_ROUNDS = 6, 0.4, 2
 OFFSET_RIDGE = 0.01
 # Added to denominators against division by zero for a black background, grey levels squared.
 NEGLIGIBLE = 1e-3
+# From this grey level on a pixel of a reduced copy counts as saturated. Its light is at least as bright as
+# seen, so it is not darker than the background.
+SATURATED = 250
 # Smallest gain: a darker frame counts as black and is not scaled up further.
 DARKEST_GAIN = 0.02
 CHANNELS = 3
@@ -45,12 +48,22 @@ class RelativeDifference:
         check_frame(background)
         self.size = size
         work = self.reduced(background).astype(np.float32)
-        self._weight = 1.0 / (work + DARK_OFFSET)
-        self._relative = work * self._weight
-        self._sample = _sample(work)
+        self._weight = np.asarray(1.0 / (work + DARK_OFFSET), np.float32)
+        self._relative = np.asarray(work * self._weight, np.float32)
+        self._sample = block_means(work)
         self._light_terms = np.concatenate([self._sample, self._sample**2])
         self._sample_weight = 1.0 / (self._sample + DARK_OFFSET)
         self._trusted = max(1, int(GAIN_TRUSTED * self._sample.shape[1]))
+
+    @property
+    def terms(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """The factor of a frame's pixels, (h, w, 3), and the value subtracted then."""
+        return self._weight, self._relative
+
+    @property
+    def blocks(self) -> tuple[NDArray[np.float64], NDArray[np.float64], int]:
+        """Means of the background's blocks, (3, N), their weights, and how many are trusted."""
+        return self._sample, self._sample_weight, self._trusted
 
     def reduced(self, image: Image) -> Image:
         """Return the reduced copy, (h, w, 3) uint8."""
@@ -58,6 +71,8 @@ class RelativeDifference:
         while min(image.shape[0] / self.size[1], image.shape[1] / self.size[0]) >= 2.0 and _even(image):
             half = (image.shape[1] // 2, image.shape[0] // 2)
             image = np.asarray(cv2.resize(image, half, interpolation=cv2.INTER_AREA), np.uint8)
+        if image.shape[1::-1] == self.size:
+            return image
         return np.asarray(cv2.resize(image, self.size, interpolation=cv2.INTER_AREA), np.uint8)
 
     def of(self, work: Image, light: Light | None = None) -> NDArray[np.float32]:
@@ -69,11 +84,13 @@ class RelativeDifference:
         # OpenCV takes an array of four values as a scalar per channel.
         lit = cv2.multiply(work, np.append(1.0 / gain, 1.0), dtype=cv2.CV_32F)
         lit = cv2.subtract(lit, np.append(offset / gain, 0.0), dtype=cv2.CV_32F)
-        return np.asarray(cv2.subtract(cv2.multiply(lit, self._weight), self._relative), np.float32)
+        difference = np.asarray(cv2.subtract(cv2.multiply(lit, self._weight), self._relative), np.float32)
+        np.maximum(difference, np.float32(0.0), out=difference, where=work >= SATURATED)
+        return difference
 
     def light_of(self, work: Image) -> Light:
         """Return gain and offset per channel of a reduced copy against the background's light."""
-        seen = _sample(work)
+        seen = block_means(work)
         seen_terms = np.concatenate([seen, seen * self._sample])
         gain = upper_median(((seen + 1.0) / (self._sample + 1.0)).T)
         offset = np.zeros(CHANNELS)
@@ -90,7 +107,7 @@ def _even(image: Image) -> bool:
     return image.shape[0] % 2 == 0 and image.shape[1] % 2 == 0
 
 
-def _sample(work: NDArray[Any]) -> NDArray[np.float64]:
+def block_means(work: NDArray[Any]) -> NDArray[np.float64]:
     """Return the means of blocks of pixels, (3, N)."""
     size = (max(work.shape[1] // GAIN_BLOCK_PX, 1), max(work.shape[0] // GAIN_BLOCK_PX, 1))
     blocks = cv2.resize(work.astype(np.float32), size, interpolation=cv2.INTER_AREA)

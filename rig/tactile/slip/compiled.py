@@ -18,7 +18,7 @@ _Loop = TypeVar("_Loop", bound=Callable[..., object])
 # Sums may be computed in another order; NaN stays NaN.
 _OPTIONS = {"fastmath": {"reassoc", "contract", "arcp", "nsz"}, "error_model": "numpy"}
 loops: list[Any] = []
-"""All loops of this process. Numba also compiles functions of its own inside them."""
+"""All loops of this process. Numba also compiles its helper functions inside them."""
 
 
 class _SharedFolder(UserWideCacheLocator):

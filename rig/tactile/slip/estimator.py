@@ -1,14 +1,11 @@
-"""The slip estimator: frame -> contact -> gradient -> alignment to a keyframe -> angle, rate, sigma.
+"""The slip estimator: frame -> contact -> slopes and texture -> alignment to keyframes -> angle, rate, sigma.
 
-One tactile sensor, frame by frame, causal. The first stable frame of a contact becomes the keyframe to which
-later frames are aligned, so errors do not add up over frames. If the contact has changed too much (it grew,
-slid off the edge of the gel, or rotated far), the newest frame that fits becomes a further keyframe. The
-angle of a keyframe keeps the uncertainty at the time of the keyframe.
+One tactile sensor, frame by frame, causal.
 """
 
 import math
 from dataclasses import replace
-from functools import partial
+from functools import cache
 
 import cv2
 import numpy as np
@@ -17,44 +14,46 @@ from calibration.gel.look import GelLook
 from drivers.clock import NS_PER_S
 from drivers.types import Image
 from rig.tactile.blas_threads import one_blas_thread
-from rig.tactile.contact.gate import ContactGate
-from rig.tactile.contact.relative import Light, RelativeDifference, full_area, work_size
+from rig.tactile.contact.gate import ContactGate, Region
+from rig.tactile.contact.gel_marks import LaterMarks, found_marks
+from rig.tactile.contact.relative import RelativeDifference, full_area, work_size
 from rig.tactile.sample import FreshFrameEstimator, SlipSample, State, Stopwatch
 from rig.tactile.settling import NEW_GRASP_NS
 from rig.tactile.slip.compiling import compile_all
-from rig.tactile.slip.following import TEXTURE_STAGE, ContactFollower, SeenContact, TextureOnDemand
-from rig.tactile.slip.fused_angle import FirstAnswer, Fused, FusedAngle, JointAngle
-from rig.tactile.slip.gel_marks import GelMarks, found_marks
-from rig.tactile.slip.gradient import CalibratedSlopes, learn_map
-from rig.tactile.slip.joint_tracker import JointTracker
-from rig.tactile.slip.kalman import RateFilter
-from rig.tactile.slip.parameters import FUSION, MOTION
-from rig.tactile.slip.registration import MAX_ITERATIONS
-from rig.tactile.slip.settling import Tearing
-from rig.tactile.slip.texture import TextureField, fine_scale
-from rig.tactile.slip.tracker import Tracked
-from rig.tactile.slip.turning import shipped_turning
+from rig.tactile.slip.gradient import CalibratedSlopes, LearntGradientMap, learn_map
+from rig.tactile.slip.height import Field
+from rig.tactile.slip.light import Light, Lit
+from rig.tactile.slip.parameters import ALIGNMENT, MOTION, SIGMA
+from rig.tactile.slip.tearing import Tearing
+from rig.tactile.slip.texture import Texture, fine_scale
+from rig.tactile.slip.texture_stage import TextureStage
+from rig.tactile.slip.tracker import MOST_RATE_RAD_S, Seen, Tracked, Tracker
 
 NOISE_BLUR_PX = 0.7
-JOINT_STAGE = "joint alignment"
-OUTSIDE, ITERATIONS = "gradient outside the contact", "iterations after the last change"
-"""Stages that can be skipped for a frame with contact."""
+WEAK_SHARE = 0.5
+"""A contact that falls below this fraction of its largest strength times area may have ended."""
+LEAST_OWN = 1e-3
+"""Smallest `Keyframe.own` for sigma."""
+ANY_TURN_RAD = math.pi / math.sqrt(12.0)
+"""Largest standard deviation: all angles within a half turn to either side are equally likely."""
+
+
+def _learnt_alone(difference: Field, mask: Image) -> LearntGradientMap | None:
+    """Learn the map with one thread of BLAS; besides this only calibrated slopes use it in a frame."""
+    with one_blas_thread():
+        return learn_map(difference, mask)
 
 
 class SlipEstimator(FreshFrameEstimator):
     """The estimator `slip`.
 
-    background: (H, W, 3) uint8 RGB, a frame without contact. aspect: width over height of a pixel
-    on the gel, from `rig calibrate tactile`; None if unknown (1 is assumed, with a larger sigma).
-    skip: skip stages that a frame does not need; the samples are the same without it, but take longer.
-    look: of this sensor, from presses of a ball; None to learn the map from each contact.
-
-    sigma_deg is of the turn since the contact settled, when its keyframe was taken. shift_px counts
-    from there too.
+    background: (H, W, 3) uint8 RGB, a frame without contact. aspect: width over height of a pixel on the gel,
+    from `rig calibrate tactile`; None if unknown, then 1 is assumed. skip: False to compute each stage in
+    every frame with contact, also if its result is not needed. look: of this sensor, from presses of a ball;
+    None to learn the map from each contact.
     """
 
-    follows_motion = True
-    stages = ("contact", "gradient", TEXTURE_STAGE, "alignment", JOINT_STAGE, "filter")
+    stages = ("contact", "texture", "alignment", "answer")
 
     def __init__(
         self,
@@ -65,165 +64,170 @@ class SlipEstimator(FreshFrameEstimator):
     ) -> None:
         super().__init__(background.shape)
         compile_all()
-        self._skip = skip
         size = work_size(background.shape, aspect or 1.0)
-        self._px_per_work = (background.shape[1] / size[0], background.shape[0] / size[1])
-        self._light = RelativeDifference(background, size)
-        self._scale = fine_scale(background.shape, size)
-        fine = (self._scale * size[0], self._scale * size[1])
-        self._fine_light = RelativeDifference(background, fine)
+        self._skip = skip
+        self._px_per_work = background.shape[1] / size[0], background.shape[0] / size[1]
+        scale = fine_scale(background.shape, size)
+        fine = scale * size[0], scale * size[1]
         marked = found_marks(background, fine)
-        self._marks, self._fine_marks = GelMarks(marked, size), GelMarks(marked, fine)
-        self._turning = shipped_turning()
-        self._gate = ContactGate()
-        self._tearing = Tearing()
-        self._filter = RateFilter()
+        self._marks, self._unclear, self._most = LaterMarks(marked), True, 0.0
+        self._lit = Lit(RelativeDifference(background, size), marked)
+        self._fine_lit = Lit(RelativeDifference(background, fine), marked)
+        self._gate, self._tearing = ContactGate(), Tearing()
+        self._slopes = None if look is None else CalibratedSlopes(look, background, size)
+        self._tracker = Tracker(_learnt_alone if self._slopes is None else self._slopes.map)
+        self._texture = TextureStage(self._fine_lit, scale, fine)
         self._work = np.zeros(0, np.uint8)
         self._computed: SlipSample | None = None
         self._seen_ns: int | None = None
-        self._first_variance: float | None = None
-        self._variance: float | None = None
-        self._slopes = None if look is None else CalibratedSlopes(look, background, size)
-        learn = learn_map if self._slopes is None else self._slopes.map
-        self._joint, self._fusion = JointTracker(learn), FusedAngle()
-        self._waiting: tuple[SeenContact, float] | None = None
-        self._follower = ContactFollower(self._filter, aspect is not None, skip, learn)
+        self._gone = self._settled = False
+        self._angle_rad: float | None = None
+        self._fitted_ns = self._answered_ns = 0
+        self._variance = self._unseen = self._rate_rad_s = 0.0
+        self._origin_px: complex | None = None
 
     def gripped_further(self) -> None:
         """Take a keyframe of the present contact at its angle, because older keyframes fit it less well."""
-        self._follower.gripped_further()
+        if self._tracker.contact is not None:
+            self._tracker.contact.take_keyframe()
 
     def _estimate(self, image: Image, time_ns: int) -> SlipSample:
-        with one_blas_thread():
-            return self._estimated(image, time_ns)
-
-    def _estimated(self, image: Image, time_ns: int) -> SlipSample:
         watch = Stopwatch()
-        work = self._light.reduced(image)
-        if self._computed is not None and np.array_equal(work, self._work):
+        fine = self._fine_lit.reduced(image)
+        work = self._lit.reduced(fine)
+        if self._skip and self._computed is not None and np.array_equal(work, self._work):
             return self._repeated(self._computed, time_ns)
-        self._work = work
-        self._computed = self._fresh(image, work, time_ns, watch)
+        self._work, self._computed = work, self._fresh(image, fine, work, time_ns, watch)
         return self._computed
 
-    def _fresh(self, image: Image, work: Image, time_ns: int, watch: Stopwatch) -> SlipSample:
-        light = self._light.light_of(work)
-        clean = self._marks.mended(self._light.of(work, light))
-        difference = np.asarray(cv2.GaussianBlur(clean, (0, 0), NOISE_BLUR_PX), np.float32)
+    def _fresh(self, image: Image, fine: Image, work: Image, time_ns: int, watch: Stopwatch) -> SlipSample:
+        light = self._lit.light(work)
+        planes = self._lit.of(work, light, (0, 0, work.shape[1], work.shape[0]))
+        clean = np.asarray(cv2.merge(list(planes)), np.float32)
+        difference = np.asarray(cv2.GaussianBlur(clean, (5, 5), NOISE_BLUR_PX), np.float32)
         region = self._gate.find(difference)
+        if self._only_marks(fine, light, region, time_ns):
+            region = None
         torn = self._tearing.update(region)
         watch.lap("contact")
         if region is None:
+            self._gone = True
             return SlipSample(time_ns, State.NO_CONTACT, stage_s=watch.stage_s, skipped=self.stages[1:])
-        if self._seen_ns is not None and time_ns - self._seen_ns > NEW_GRASP_NS:
+        # Only frames without contact end a contact: the time between two frames may be as long.
+        if self._gone and self._seen_ns is not None and time_ns - self._seen_ns > NEW_GRASP_NS:
             self._release(time_ns)
-        self._seen_ns = time_ns
-        texture = TextureOnDemand(partial(self._texture, image, light))
-        pattern = difference if self._slopes is None else self._slopes.of(difference, region.mask)
-        seen = SeenContact(pattern, texture, region, torn, time_ns)
-        state, tracked = self._follower.follow(seen, watch)
+        self._marks.touched()
+        self._seen_ns, self._gone = time_ns, False
+        pattern = difference
+        if self._slopes is not None:
+            with one_blas_thread():
+                pattern = self._slopes.of(difference, region.mask)
+
+        @cache
+        def texture(busy: bool) -> Texture:
+            watch.lap("alignment")
+            of = self._texture.of(fine, clean, light, region.mask, time_ns, self._tracker, busy)
+            watch.lap("texture")
+            return of
+
+        tracked = self._tracker.follow(Seen(pattern, texture, region, torn, time_ns), self._angle_rad or 0.0)
+        self._texture.placed(time_ns, self._tracker.contact)
+        skipped = () if texture.cache_info().currsize else ("texture",)
+        if skipped and not self._skip:
+            texture(True)
+        watch.lap("alignment")
+        contact = self._tracker.contact
         sample = SlipSample(
             time_ns,
-            state,
+            State.UNOBSERVABLE if contact is None else State.LOST,
             contact_area_px=full_area(region.area_px, work.shape, image.shape),
             stage_s=watch.stage_s,
-            settled=self._follower.settled,
+            skipped=skipped if self._skip else (),
+            settled=contact is not None and contact.settled,
         )
-        if state is State.UNOBSERVABLE:
+        if tracked is None or not tracked.fit.fits:
+            self._give_up(time_ns)
             return sample
-        first = None if tracked is None else self._first_answer(sample, tracked)
-        joint = self._joint_angle(seen, state, first)
-        watch.lap(JOINT_STAGE)
-        fused = self._fusion.update(time_ns / NS_PER_S, first, joint)
-        if fused is None:
-            return sample
-        if tracked is None:
-            sample = replace(sample, state=State.TRACKING)
-        return self._answer(sample, fused, tracked, watch)
+        if contact is not None and not contact.observable:
+            return replace(sample, state=State.UNOBSERVABLE)
+        self._fitted_ns = time_ns
+        return self._answer(sample, tracked, watch)
 
-    def _release(self, time_ns: int) -> None:
-        """Forget the contact."""
-        self._follower.release(time_ns)
-        self._joint.release()
-        self._waiting = None
-        self._fusion.released()
+    def _only_marks(self, fine: Image, light: Light, region: Region | None, time_ns: int) -> bool:
+        """Whether a frame shows no contact; search it for marks that came after the background.
 
-    def _texture(self, image: Image, light: Light) -> TextureField:
-        fine = self._fine_marks.mended(self._fine_light.of(self._fine_light.reduced(image), light))
-        return TextureField(fine, self._scale, self._turning.counts(fine, self._scale))
-
-    def _first_answer(self, sample: SlipSample, tracked: Tracked) -> FirstAnswer:
-        """Return the filtered answer of the keyframe tracker."""
-        total = tracked.variance + tracked.shape_doubt
-        variance = self._steady(self._first_variance, total, sample)
-        noise = max(tracked.noise_rad, 1e-5)
-        angle = self._filter.update(sample.time_ns / NS_PER_S, tracked.pose.angle_rad, noise)
-        self._follower.answered(angle, variance, tracked)
-        self._first_variance = variance
-        kept = min(tracked.inherited, variance)
-        leads = tracked.fit is not None
-        rate = self._filter.rate_rad_s
-        # The variance of this frame; the reported one is averaged over time.
-        sigma = math.sqrt(total)
-        return FirstAnswer(angle, rate, sigma, kept, tracked.shape_doubt, leads, tracked.corrected_rad)
-
-    def _joint_angle(self, seen: SeenContact, state: State, first: FirstAnswer | None) -> JointAngle | None:
-        """Return the joint tracker's angle in this frame; None if the tracker does not run.
-
-        While the slopes lead, the fused angle does not depend on it. The tracker then processes a frame, and
-        takes its keyframes, during later frames without texture or a new keyframe, so that no frame needs the
-        time of all stages.
+        Marks may look like a contact until they are filled. So the first frames are searched, and those of a
+        contact that has become much weaker, because the object may have left something on the gel.
         """
-        looked = seen.texture.computed is not None
-        if first is None or first.texture_leads:
-            self._catch_up()
-            return self._joint.follow(seen) if first is None or looked else None
-        if looked:
-            self._catch_up()
-            self._waiting = seen, first.angle_rad
-        elif state is not State.REKEYED and not self._catch_up():
-            self._joint.take_keyframe()
-        return None
-
-    def _catch_up(self) -> bool:
-        """Let the joint tracker process the waiting frame; return whether there was one."""
-        if self._waiting is None:
+        volume = 0.0 if region is None else region.area_px * region.strength
+        self._most = max(self._most, volume) if region is not None else 0.0
+        self._unclear = self._unclear and region is not None
+        weak = volume < WEAK_SHARE * self._most or region is None
+        if not self._unclear and not (weak and self._marks.due(time_ns)):
+            return region is None
+        difference = self._fine_lit.unfilled(fine, light)
+        self._unclear = region is not None and self._marks.explain(difference, region.mask)
+        if region is not None and not self._unclear:
             return False
-        (seen, first_rad), self._waiting = self._waiting, None
-        joint = self._joint.follow(seen)
-        if joint is not None:
-            self._fusion.take_late(joint, first_rad)
+        if self._marks.add(difference):
+            self._lit.fill(self._marks.marked)
+            self._fine_lit.fill(self._marks.marked)
+            self._texture.leave_out(self._marks.later)
         return True
 
-    def _answer(
-        self, sample: SlipSample, fused: Fused, tracked: Tracked | None, watch: Stopwatch
-    ) -> SlipSample:
-        self._variance = self._steady(self._variance, fused.variance, sample)
-        shift = self._follower.point_px - self._follower.origin_px
-        watch.lap("filter")
+    def _give_up(self, time_ns: int) -> None:
+        """Begin again if no keyframe has fitted for `give_up_s`."""
+        if self._tracker.contact is not None and (time_ns - self._fitted_ns) / NS_PER_S > ALIGNMENT.give_up_s:
+            self._release(time_ns)
+
+    def _release(self, time_ns: int) -> None:
+        """Forget the contact. The rotation until the next one is not observed."""
+        if self._angle_rad is not None:
+            elapsed_s = (time_ns - self._fitted_ns) / NS_PER_S
+            # The object may have stopped or continued, and accelerated.
+            speed = abs(self._rate_rad_s) + 0.5 * MOTION.acceleration_rad_s2 * elapsed_s
+            self._unseen = self._variance + min(speed * elapsed_s, ANY_TURN_RAD) ** 2
+        self._tracker.release()
+        self._rate_rad_s = 0.0
+
+    def _answer(self, sample: SlipSample, tracked: Tracked, watch: Stopwatch) -> SlipSample:
+        """Return the sample with the angle, its rate and sigma."""
+        fit, last, wanted = tracked.fit, self._angle_rad, tracked.fit.angle_rad
+        elapsed_s = (sample.time_ns - self._answered_ns) / NS_PER_S
+        most = MOST_RATE_RAD_S * elapsed_s
+        angle = wanted if last is None else min(max(wanted, last - most), last + most)
+        # While the angle follows at its limit, it is no zero.
+        self._settled = sample.settled is True and (self._settled or angle == wanted)
+        evidence = (
+            (SIGMA.loss_rad * fit.loss) ** 2
+            + (SIGMA.worst_loss_rad * tracked.worst_loss) ** 2
+            + (SIGMA.worst_spread * tracked.worst_spread_rad) ** 2
+            + (SIGMA.turned * tracked.turned_rad) ** 2
+            + (SIGMA.indistinct_rad / max(tracked.own, LEAST_OWN)) ** 2
+        )
+        self._rate_rad_s = tracked.rate_rad_s
+        variance = evidence + SIGMA.least_rad**2 + (wanted - angle) ** 2 + self._unseen
+        if last is not None:
+            slowly = variance + math.exp(-elapsed_s / SIGMA.pace_s) * (self._variance - variance)
+            variance = max(variance, self._variance) if tracked.rekeyed else slowly
+        self._angle_rad, self._variance, self._answered_ns = angle, variance, sample.time_ns
+        # The tracked point is known from the first keyframe on, in the frame after the first.
+        contact = self._tracker.contact
+        point = fit.pose.point_px - (0j if contact is None else contact.anchored_px)
+        if self._origin_px is None and contact is not None:
+            self._origin_px = point
+        shift = 0j if self._origin_px is None else point - self._origin_px
+        watch.lap("answer")
         return replace(
             sample,
-            skipped=() if tracked is None else self._left_out(tracked),
-            angle_deg=math.degrees(fused.angle_rad),
-            sigma_deg=math.degrees(math.sqrt(self._variance)),
-            unseen_deg=math.degrees(math.sqrt(min(fused.inherited, self._variance))),
-            rate_deg_s=math.degrees(fused.rate_rad_s),
+            state=State.REKEYED if tracked.rekeyed and last is not None else State.TRACKING,
+            angle_deg=math.degrees(angle),
+            sigma_deg=math.degrees(math.sqrt(variance)),
+            unseen_deg=math.degrees(math.sqrt(min(self._unseen, variance))),
+            rate_deg_s=math.degrees(self._rate_rad_s),
+            settled=self._settled,
             shift_px=(shift.real * self._px_per_work[0], shift.imag * self._px_per_work[1]),
         )
-
-    def _steady(self, before: float | None, variance: float, sample: SlipSample) -> float:
-        """Return the variance to report, averaged from that of this frame and the previous one."""
-        if before is None or self._last is None or sample.state is State.REKEYED:
-            return variance
-        elapsed_s = max(sample.time_ns - self._last.time_ns, 0) / NS_PER_S
-        return variance + math.exp(-elapsed_s / FUSION.sigma_pace_s) * (before - variance)
-
-    def _left_out(self, tracked: Tracked) -> tuple[str, ...]:
-        """Return the names of the stages that this frame did not need."""
-        if not self._skip:
-            return ()
-        early = tracked.alignment is not None and tracked.alignment.iterations < MAX_ITERATIONS
-        return (OUTSIDE, ITERATIONS) if early else (OUTSIDE,)
 
     def _repeated(self, last: SlipSample, time_ns: int) -> SlipSample:
         """Return the sample of a frame that repeats the previous one, without computing it again."""

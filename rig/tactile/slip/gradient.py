@@ -20,7 +20,7 @@ If the look of the sensor was calibrated with presses of a ball, nothing is lear
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import cv2
 import numpy as np
@@ -33,6 +33,7 @@ from drivers.errors import CalibrationError
 from drivers.types import Image
 from rig.tactile.contact.relative import DARK_OFFSET, upper_median
 from rig.tactile.slip.height import Box, Field, Gradient, padded, relief, window, within
+from rig.tactile.slip.pixels import slopes_in
 
 # Highest spatial frequency that is used, cycles per work pixel; above it there is more noise than shape.
 HIGHEST_FREQUENCY = 0.25
@@ -49,12 +50,14 @@ LINEAR_SLOPE, SLOPE_SIGMA, CORRECTIONS = 0.02, 0.02, 3
 # Further blur against noise, in work pixels. Without it the error of three SIMULATED lifts of a broad flat
 # object (spam) in that look is 3.3 instead of 1.4 degrees.
 SMOOTHING_PX = 1.4
+# The map is learnt at this fraction of the size.
+HALF = 2
 CHANNELS = 3
 # 1, x and y times each channel.
 FEATURES = 3 * CHANNELS
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class LearntGradientMap:
     """A colour-to-gradient map that varies linearly over the sensor.
 
@@ -75,6 +78,21 @@ class LearntGradientMap:
         seen = difference[inside]
         gradient[inside] = red * seen[..., 0] + green * seen[..., 1] + blue * seen[..., 2]
         return gradient
+
+    def slopes(self, difference: Field, box: Box) -> Field:
+        """Return the slopes along x and y in a box, (h, w, 2); their scale is arbitrary."""
+        slopes = np.empty((box[3], box[2], 2), np.float32)
+        slopes_in(difference, self._colours, box[1], box[0], slopes)
+        return slopes
+
+    def reduced(self, size: tuple[int, int]) -> "LearntGradientMap":
+        """Return the map for smaller images, of a width and height; every Nth pixel is kept."""
+        down, across = self.planes.shape[1] // size[1], self.planes.shape[2] // size[0]
+        return LearntGradientMap(self.planes[:, : down * size[1] : down, : across * size[0] : across])
+
+    @cached_property
+    def _colours(self) -> Field:
+        return np.concatenate([self.planes.real, self.planes.imag])
 
 
 Learn = Callable[[Field, Image], LearntGradientMap | None]
@@ -138,8 +156,17 @@ def learn_map(difference: Field, mask: Image) -> LearntGradientMap | None:
 
     difference: (h, w, 3) float32. mask: (h, w) uint8, 1 in the contact.
     """
-    features = _features(_dent(difference, mask))
-    curl, volume = _curl_form(features), _volume_form(features, mask)
+    # At half the size there are all frequencies that are used.
+    size = (max(1, mask.shape[1] // HALF), max(1, mask.shape[0] // HALF))
+    across, down = _coordinates(mask.shape)
+    parts = (
+        np.asarray(cv2.resize(field, to, interpolation=cv2.INTER_AREA), np.float32)
+        for field, to in ((_dent(difference, mask), size), (across, (size[0], 1)), (down, (1, size[1])))
+    )
+    features = _features(*parts)
+    curl = _curl_form(features)
+    small = np.asarray(cv2.resize(mask, size, interpolation=cv2.INTER_NEAREST), np.uint8)
+    volume = _volume_form(features, small)
     diagonal = np.diag(curl)
     scale = float(diagonal[:CHANNELS].sum() + diagonal[FEATURES : FEATURES + CHANNELS].sum())
     if not scale > 0.0:
@@ -149,7 +176,6 @@ def learn_map(difference: Field, mask: Image) -> LearntGradientMap | None:
         return None
     coefficients = weights.reshape(2, 3, CHANNELS)
     coefficients /= np.linalg.norm(coefficients[:, 0])
-    across, down = _coordinates(mask.shape)
     turned = (coefficients[0] + 1j * coefficients[1]).astype(np.complex64)
     constant, along_x, along_y = turned[..., None, None]
     return LearntGradientMap(constant + along_x * across + along_y * down)
@@ -173,9 +199,8 @@ def _dent(difference: Field, mask: Image) -> Field:
     return (difference - drift) * reach[..., None]
 
 
-def _features(dent: Field) -> Field:
+def _features(dent: Field, across: Field, down: Field) -> Field:
     """Return the channels, and the channels times x and times y, (F, h, w)."""
-    across, down = _coordinates(dent.shape)
     planes = [np.asarray(plane, np.float32) for plane in cv2.split(dent)]
     return np.stack([*planes, *(p * across for p in planes), *(p * down for p in planes)])
 
@@ -207,9 +232,9 @@ def _frequencies(height: int, width: int) -> tuple[NDArray[np.bool_], Field, Fie
     half of the plane represents the other, except for the column of zero frequency.
     """
     ky, kx = np.fft.fftfreq(height)[:, None], np.fft.rfftfreq(width)[None]
-    kx = kx[:, : np.searchsorted(kx[0], HIGHEST_FREQUENCY)]
+    kx = kx[:, : np.searchsorted(kx[0], HALF * HIGHEST_FREQUENCY)]
     length = np.hypot(kx, ky)
-    used = (length > 0.0) & (length < HIGHEST_FREQUENCY)
+    used = (length > 0.0) & (length < HALF * HIGHEST_FREQUENCY)
     weight = np.where(kx == 0.0, 1.0, math.sqrt(2.0)) / np.where(used, length, 1.0)
     return used, (kx * weight)[used].astype(np.float32), (ky * weight)[used].astype(np.float32)
 

@@ -20,6 +20,8 @@ Box = tuple[int, int, int, int]
 # The dent reaches beyond the contact: the gel slopes off over some mm around it (work pixels).
 SKIRT_PX = 11
 WINDOW_BLUR_PX = 2.0
+# Margin of a contact's box for sharpening and interpolation (work pixels).
+BOX_PX = 7
 
 
 def within(box: Box | None, shape: tuple[int, ...]) -> tuple[slice, slice]:
@@ -28,21 +30,22 @@ def within(box: Box | None, shape: tuple[int, ...]) -> tuple[slice, slice]:
     return slice(top, top + height), slice(left, left + width)
 
 
-def only_within(gradient: Gradient, box: Box) -> Gradient:
-    """Return a gradient (h, w) that is 0 outside a box."""
-    cut, inside = np.zeros_like(gradient), within(box, gradient.shape)
-    cut[inside] = gradient[inside]
-    return cut
+def contact_box(mask: Image, margin: int = BOX_PX) -> Box:
+    """Return the box around a mask with room for sharpening, interpolation and slopes at its edge."""
+    left, top, width, height = cv2.boundingRect(mask)
+    right, bottom = min(left + width + margin, mask.shape[1]), min(top + height + margin, mask.shape[0])
+    left, top = max(left - margin, 0), max(top - margin, 0)
+    return left, top, right - left, bottom - top
 
 
-def relief(gradient: Gradient, mask: Image) -> Field:
+def relief(gradient: Gradient, mask: Image, step: int = 1) -> Field:
     """Integrate a gradient (h, w) to a height (h, w) float32, zero on average outside the contact.
 
     mask: (h, w) uint8, 1 in the contact. The height whose gradient is nearest to the given one
-    (least squares, by Fourier transform); a dent is positive inside.
+    (least squares, by Fourier transform); a dent is positive inside. step: work pixels per pixel.
     """
     rows, columns = mask.shape
-    dent = gradient * window(mask)
+    dent = gradient * window(mask, step)
     spread = padded(np.stack([dent.real, dent.imag]), 0.5)
     spectrum = np.asarray(fft.rfft2(spread), np.complex64)
     across, down = _integrals(spread.shape[1], spread.shape[2])
@@ -62,11 +65,11 @@ def _integrals(height: int, width: int) -> tuple[Gradient, Gradient]:
     return (-1j * kx / squares).astype(np.complex64), (-1j * ky / squares).astype(np.complex64)
 
 
-def window(mask: Image) -> Field:
+def window(mask: Image, step: int = 1) -> Field:
     """Return a soft window (h, w), 1 over a contact and the sloping gel around it."""
-    reach = 2 * SKIRT_PX + 1
+    reach = 2 * (SKIRT_PX // step) + 1
     grown = cv2.dilate(mask, np.ones((reach, reach), np.uint8)).astype(np.float32)
-    return np.asarray(cv2.GaussianBlur(grown, (0, 0), WINDOW_BLUR_PX), np.float32)
+    return np.asarray(cv2.GaussianBlur(grown, (0, 0), WINDOW_BLUR_PX / step), np.float32)
 
 
 def padded(fields: Field, share: float) -> Field:

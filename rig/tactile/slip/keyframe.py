@@ -1,201 +1,228 @@
-"""The slopes of a contact to which later frames are aligned (see `rig.tactile.slip.registration`)."""
+"""A keyframe: the slopes, texture and curvature of a contact, to which later frames are aligned."""
 
+import math
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from drivers.types import Image
-from rig.tactile.slip.arc import pivot_doubt
-from rig.tactile.slip.channel import Channel
-from rig.tactile.slip.height import Gradient, relief
-from rig.tactile.slip.loops import PARAMETERS, normal_matrix, with_priors
-from rig.tactile.slip.parameters import JOINT, SLOPES
-from rig.tactile.slip.roundness import trace_of_a_turn
-from rig.tactile.slip.sampling import GradientField, sharpened
+from rig.tactile.slip.gradient import LearntGradientMap
+from rig.tactile.slip.height import Box, Field, contact_box, relief, within
+from rig.tactile.slip.loops import (
+    CURVED,
+    FIRST,
+    MOST_POINTS,
+    PLAIN,
+    ROWS,
+    SLOPES,
+    SQUARE,
+    TEXTURE,
+    WEIGHT,
+    X,
+    Y,
+    kept,
+)
+from rig.tactile.slip.parameters import ALIGNMENT, SIGMA
+from rig.tactile.slip.slopes import CURVATURE, slope_planes
+from rig.tactile.slip.texture import Texture, along_both, strongest
 
 # Keyframes use the part of the dent that is deeper than a fraction of this quantile of the depth, because the
 # gel around it does not depend on the object alone.
-SHALLOWER_SHARE = 0.95
-BORDER_PX = 2
-MIN_POINTS, MAX_POINTS = 24, 600
+SHALLOWER_SHARE, DEPTH_SHARE = 0.95, 0.25
+BORDER_PX, MIN_POINTS = 2, 24
+# Every Nth pixel of the contact is used for its depth, because the relief is smooth.
+COARSE = 2
+# The points are in an order in which every one of these parts is a sample of all.
+PARTS = 3
+# A keyframe's own loss of agreement is that of a rotation by this.
+PROBE_RAD = math.radians(10.0)
+# A contact with a larger fraction at the border of the image is cut by it. Of smooth balls (SIMULATED), those
+# that look oblong or textured have 5 % and more.
+CUT_SHARE = 0.04
+_AROUND = np.ones((3, 3), np.uint8)
+_INNER = np.s_[BORDER_PX:-BORDER_PX, BORDER_PX:-BORDER_PX]
+Pixels = tuple[NDArray[np.intp], NDArray[np.intp]]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Source:
+    """A frame from which a keyframe is made.
+
+    difference: (h, w, 3), relative, or slopes of `CalibratedSlopes`. mask: (h, w) uint8, 1 in the contact.
+    """
+
+    difference: Field
+    mask: Image
+    texture: Texture
+
+    def turning_at(self, pixels: Pixels) -> NDArray[np.float32]:
+        """Return the weight of the slopes at rows and columns."""
+        rows, columns = (self.texture.scale * at for at in pixels)
+        counts = self.texture.counts[rows - self.texture.top, columns - self.texture.left]
+        return np.minimum(counts ** np.float32(ALIGNMENT.count_power), np.float32(ALIGNMENT.most_prior))
 
 
 @dataclass(frozen=True, eq=False)
 class Keyframe:
-    """The gradients of a contact to which later frames are aligned.
+    """The points of a frame to which others are aligned; its pose depends on the reading.
 
-    center_px: origin of points_px, (N,) complex64. template: (2, N) float32, x and y of the sharpened
-    gradients. squares: (N,), their squared lengths. weights: (N,), lower for steep gradients. jacobian: (6,
-    2, N) for rotation (rad), x, y (px), gain, slope along x and y. pixels: rows and columns of the points.
-    gradient, mask: (h, w), its source data.
+    rows: (3, ROWS, N), see `rig.tactile.slip.loops`; counted: number of points of each. center_px: of the
+    points of the slopes. pixels: their rows and columns. unit: factor of the texture. richness: root energy
+    of the texture. own: what a rotation by `PROBE_RAD` takes from the agreement of the curvature with itself.
+    distinct, textured: what it changes in the slopes and in the texture, as a fraction of their energy.
+    oblong: by how much the dent curves less along one axis than along the other, 0 for a ball, 1 for a
+    cylinder. cut: whether the border of the image cuts away a part of it.
     """
 
+    source: Source
+    rows: Field
+    counted: tuple[int, int, int]
     center_px: complex
-    points_px: NDArray[np.complex64]
-    template: NDArray[np.float32]
-    squares: NDArray[np.float32]
-    weights: NDArray[np.float32]
-    jacobian: NDArray[np.float32]
-    energy: float
-    pixels: tuple[NDArray[np.intp], NDArray[np.intp]]
-    gradient: Gradient
-    mask: Image
-
-    @cached_property
-    def contrast(self) -> float:
-        """The fraction of the gradients' energy that a rotation by 1 rad changes.
-
-        Changes that translation, gain and slope can explain do not count: 0 for a smooth ball, 1 or more for
-        an edge.
-        """
-        _, squares, jacobian = _linearised(self.gradient, self.points_px, *self.pixels)
-        return _contrast(jacobian, _energy(squares))
-
-    @cached_property
-    def trace(self) -> float:
-        """See `trace_of_a_turn`."""
-        return trace_of_a_turn(self.points_px, self.template, self.gradient, self.mask)
-
-    @cached_property
-    def pivot(self) -> float:
-        """See `pivot_doubt`."""
-        return pivot_doubt(self.gradient, self.mask)
+    pixels: Pixels
+    unit: float
+    richness: float
+    own: float = 0.0
+    distinct: float = 0.0
+    textured: float = 0.0
+    oblong: float = 0.0
+    cut: bool = False
 
     @property
-    def clipped(self) -> bool:
-        """Whether the contact reaches the image's edge."""
-        inner = self.mask[BORDER_PX:-BORDER_PX, BORDER_PX:-BORDER_PX]
-        return cv2.countNonZero(inner) < cv2.countNonZero(self.mask)
+    def area_px(self) -> int:
+        """Area of the contact, work pixels."""
+        return int(np.count_nonzero(self.source.mask))
 
-    def within(self, field: GradientField) -> Channel:
-        """Return this keyframe together with a frame to align."""
-        return self._channel(field.planes, self.template, self.squares, self.jacobian)
+    @property
+    def observable(self) -> bool:
+        """Whether a rotation changes this keyframe enough to be seen: smooth balls look the same.
 
-    def weighted(self, turning: NDArray[np.float32]) -> "Keyframe":
-        """Return this keyframe with its weights multiplied by others, (N,)."""
-        weights = self.weights * turning
-        return replace(self, weights=weights / weights.mean())
+        A ball that the border of the image cuts looks less round, so its limits are higher.
+        """
+        if self.cut:
+            return self.distinct >= SIGMA.cut_distinct or self.oblong >= SIGMA.cut_oblong
+        lined = self.textured >= SIGMA.least_textured and self.oblong >= SIGMA.textured_oblong
+        return lined or self.distinct >= SIGMA.least_distinct or self.oblong >= SIGMA.least_oblong
 
-    def fine_within(self, field: GradientField) -> Channel:
-        """Return this keyframe and a frame to align with less of their broad slopes: see `fine_planes`."""
-        return self._channel(field.fine_planes, *self._fine)
+    def facts(self, share: float) -> NDArray[np.float64]:
+        """Return the facts for the alignment, without a pose; share: weight among the keyframes."""
+        place = share, self.center_px.real, self.center_px.imag, 0.0, 0.0, 0.0
+        return np.array([*place, *self.counted, self.unit, self.own], np.float64)
 
-    @cached_property
-    def _fine(self) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
-        """Template, squares and jacobian for `fine_within`."""
-        return _linearised(sharpened(self.gradient, JOINT.broad_share), self.points_px, *self.pixels)
-
-    def _channel(
-        self,
-        planes: NDArray[np.float32],
-        template: NDArray[np.float32],
-        squares: NDArray[np.float32],
-        jacobian: NDArray[np.float32],
-    ) -> Channel:
-        return Channel(planes, self.points_px, self.center_px, template, squares, jacobian, turns=1.0)
+    def with_map(self, learnt: LearntGradientMap) -> "Keyframe":
+        """Return this keyframe with slopes of another colour map."""
+        rows = self.rows.copy()
+        planes, box = _fill_slopes(rows[SLOPES], self.source, learnt, self.pixels, self.center_px)
+        return _with_curvature(replace(self, rows=rows), planes, box)
 
 
-def make_keyframe(gradient: Gradient, mask: Image) -> Keyframe | None:
-    """Make a keyframe of a gradient (h, w) and contact mask (h, w); None if too small."""
-    rows, columns = np.nonzero(_contact_proper(gradient, mask))
-    if len(rows) < MIN_POINTS:
+def make_keyframe(source: Source, learnt: LearntGradientMap) -> Keyframe | None:
+    """Make a keyframe; return None if the contact has too little structure."""
+    at_rows, at_columns = np.nonzero(_contact_proper(source, learnt))
+    if len(at_rows) < MIN_POINTS:
         return None
-    if len(rows) > MAX_POINTS:
-        chosen = np.linspace(0, len(rows) - 1, MAX_POINTS).astype(int)
-        rows, columns = rows[chosen], columns[chosen]
-    center = complex(columns.mean(), rows.mean())
-    points = (columns + 1j * rows - center).astype(np.complex64)
-    template, squares, jacobian = _linearised(sharpened(gradient, SLOPES.broad_share), points, rows, columns)
-    energy = _energy(squares)
-    if not energy > 0.0:
+    chosen = _spread(len(at_rows))
+    pixels = at_rows[chosen], at_columns[chosen]
+    center = complex(pixels[1].mean(), pixels[0].mean())
+    rows = np.zeros((3, ROWS, MOST_POINTS), np.float32)
+    found = strongest(source.texture, source.mask, rows[TEXTURE], center, _spread)
+    if found is None:
         return None
-    return Keyframe(
-        center_px=center,
-        points_px=points,
-        template=template,
-        squares=squares,
-        weights=_plainness(squares, energy),
-        jacobian=jacobian,
-        energy=energy,
-        pixels=(rows, columns),
-        gradient=gradient,
-        mask=mask,
+    planes, box = _fill_slopes(rows[SLOPES], source, learnt, pixels, center)
+    if not float(rows[SLOPES, SQUARE].sum()) > 0.0:
+        return None
+    counted, rich = (len(pixels[0]), found[0], 0), source.texture.richness(source.mask)
+    return _with_curvature(Keyframe(source, rows, counted, center, pixels, found[1], rich), planes, box)
+
+
+def _with_curvature(key: Keyframe, planes: Field, box: Box) -> Keyframe:
+    """Return a keyframe with its most curved points, of planes (4, h, w) in a box."""
+    mask = key.source.mask[within(box, key.source.mask.shape)]
+    inside = cv2.erode(mask, _AROUND)
+    rows, columns = np.nonzero(inside if inside.any() else mask)
+    values = planes[CURVATURE, rows, columns]
+    least = max(0, len(values) - MOST_POINTS)
+    chosen = np.sort(np.argpartition(np.abs(values), least)[least:])
+    chosen, points, (left, top) = chosen[_spread(len(chosen))], key.rows[CURVED], box[:2]
+    points[X, : len(chosen)] = columns[chosen] + (left - key.center_px.real)
+    points[Y, : len(chosen)] = rows[chosen] + (top - key.center_px.imag)
+    points[FIRST, : len(chosen)] = values[chosen]
+    curved = replace(key, counted=(*key.counted[:2], len(chosen)))
+    own = float(kept(points, curved.facts(1.0), planes, np.array([1.0, -left, -top]), PROBE_RAD))
+    return replace(
+        curved,
+        own=own,
+        distinct=_information(key.rows[SLOPES], key.counted[SLOPES], FIRST + 2, (6, 2)),
+        textured=_information(key.rows[TEXTURE], key.counted[TEXTURE], FIRST + 3, (3, 3)),
+        oblong=_oblong(key.rows[SLOPES], key.counted[SLOPES]),
+        cut=key.area_px - np.count_nonzero(key.source.mask[_INNER]) > CUT_SHARE * key.area_px,
     )
 
 
-def squared_lengths(vectors: NDArray[np.complex64]) -> NDArray[np.float32]:
-    """Return the squared lengths of complex vectors, (N,)."""
-    return vectors.real**2 + vectors.imag**2
+def _information(rows: Field, count: int, first: int, shape: tuple[int, int]) -> float:
+    """Return what a rotation changes in a channel, after elimination of all else, such as a shift.
+
+    first, shape: first row of the channel's Jacobian, and its number of parameters and of components.
+    """
+    jacobian = rows[first : first + shape[0] * shape[1], :count].astype(np.float64).reshape(shape[0], -1)
+    matrix = jacobian @ jacobian.T
+    other = matrix[1:, 1:] + np.eye(shape[0] - 1) * (1e-9 * np.trace(matrix) + 1e-20)
+    about = matrix[0, 0] - matrix[0, 1:] @ np.linalg.solve(other, matrix[1:, 0])
+    return float(about / (rows[SQUARE, :count].sum() + 1e-20) * PROBE_RAD**2 / 2.0)
 
 
-def _linearised(
-    gradient: Gradient, points: NDArray[np.complex64], rows: NDArray[np.intp], columns: NDArray[np.intp]
-) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
-    """Return the gradients at points (2, N), the squares of their lengths, and their jacobian."""
-    values = gradient[rows, columns]
-    along = [slope[rows, columns] for slope in _slopes(gradient)]
-    return _pairs(values), squared_lengths(values), _pairs(_jacobian(points, values, *along))
+def _oblong(rows: Field, count: int) -> float:
+    """Return the relative difference of the two curvatures of a dent, from a linear fit of its slopes."""
+    places = np.stack([rows[X, :count], rows[Y, :count], np.ones(count)]).astype(np.float64)
+    change = np.linalg.lstsq(places.T, rows[FIRST : FIRST + 2, :count].T, rcond=None)[0][:2]
+    low, high = np.linalg.eigvalsh(0.5 * (change + change.T))
+    return float((high - low) / max(abs(low), abs(high), 1e-20))
 
 
-def _energy(squares: NDArray[np.float32]) -> float:
-    """Return the mean square of a component."""
-    return float(squares.mean()) / 2.0
+def _spread(count: int) -> NDArray[np.intp]:
+    """Return the indices of at most `MOST_POINTS` of a number of points, in an order of `PARTS` samples."""
+    chosen = np.linspace(0, count - 1, min(count, MOST_POINTS)).astype(np.intp)
+    return np.concatenate([chosen[part::PARTS] for part in range(PARTS)])
 
 
-def _slopes(gradient: Gradient) -> tuple[Gradient, Gradient]:
-    """Return the derivatives of a gradient along x and along y."""
-    pairs = np.ascontiguousarray(gradient).view(np.float32).reshape(*gradient.shape, 2)
-    across, down = (
-        np.asarray(cv2.Scharr(pairs, cv2.CV_32F, *axis, scale=1 / 32)) for axis in ((1, 0), (0, 1))
-    )
-    return across.view(np.complex64)[..., 0], down.view(np.complex64)[..., 0]
+def _fill_slopes(
+    rows: Field, source: Source, learnt: LearntGradientMap, pixels: Pixels, center: complex
+) -> tuple[Field, Box]:
+    """Fill the rows of the slopes; return `slope_planes` and the box."""
+    box = contact_box(source.mask)
+    planes = slope_planes(source.difference, learnt, source.mask, box, ALIGNMENT.broad_share)
+    here, count = (pixels[0] - box[1], pixels[1] - box[0]), len(pixels[0])
+    along_x, along_y = along_both(planes[:2], here, 1.0)
+    values, x, y = planes[:2, *here], pixels[1] - center.real, pixels[0] - center.imag
+    squares = (values * values).sum(0)
+    rows[0, :count], rows[1, :count], rows[SQUARE, :count] = x, y, squares
+    rows[WEIGHT, :count] = source.turning_at(pixels)
+    # Lower weights for steep points, where colours saturate and the gel yields.
+    rows[PLAIN, :count] = 1.0 / (1.0 + squares / (squares.mean() * ALIGNMENT.steep_share**2 + 1e-20))
+    rows[FIRST : FIRST + 2, :count] = values
+    jacobian = rows[FIRST + 2 : FIRST + 14].reshape(6, 2, -1)[..., :count]
+    # A small rotation by d moves a point z to z - i d z, and changes a vector in the same way. Gain and a
+    # constant slope along x and y follow.
+    jacobian[0] = along_y * x - along_x * y
+    jacobian[0, 0] += values[1]
+    jacobian[0, 1] -= values[0]
+    jacobian[1], jacobian[2], jacobian[3] = -along_x, -along_y, values
+    jacobian[4, 0] = jacobian[5, 1] = 1.0
+    return planes, box
 
 
-def _plainness(squares: NDArray[np.float32], energy: float) -> NDArray[np.float32]:
-    """Return lower weights for steep points, where colours saturate and the gel yields."""
-    weights = 1.0 / (1.0 + squares / (2.0 * energy * SLOPES.steep_share**2))
-    return (weights / weights.mean()).astype(np.float32)
-
-
-def _contrast(jacobian: NDArray[np.float32], energy: float) -> float:
-    """Return the fraction of the energy that a rotation changes, see `Keyframe.contrast`."""
-    alike = np.ones(jacobian.shape[2], np.float32)
-    inverse = np.linalg.inv(with_priors(normal_matrix(jacobian, alike), energy))
-    return float(1.0 / (inverse[0, 0] * energy * 2 * jacobian.shape[2]))
-
-
-def _contact_proper(gradient: Gradient, mask: Image) -> Image:
+def _contact_proper(source: Source, learnt: LearntGradientMap) -> Image:
     """Reduce a contact region to its deep part."""
-    height = relief(gradient, mask)
-    inside = mask > 0
-    deep = ((height > SLOPES.depth_share * _depth(height[inside])) & inside).astype(np.uint8)
+    mask = source.mask
+    rows, columns = mask.shape
+    size = (max(1, columns // COARSE), max(1, rows // COARSE))
+    difference = np.asarray(cv2.resize(source.difference, size, interpolation=cv2.INTER_AREA), np.float32)
+    small = np.asarray(cv2.resize(mask, size, interpolation=cv2.INTER_NEAREST), np.uint8)
+    height = relief(learnt.reduced(size).apply(difference), small, COARSE)
+    height, inside = cv2.resize(height, (columns, rows)), mask > 0
+    heights = height[inside]
+    at = int(SHALLOWER_SHARE * (heights.size - 1))
+    deep = ((height > DEPTH_SHARE * np.partition(heights, at)[at]) & inside).astype(np.uint8)
     deep[:BORDER_PX], deep[-BORDER_PX:], deep[:, :BORDER_PX], deep[:, -BORDER_PX:] = 0, 0, 0, 0
     return deep
-
-
-def _depth(heights: NDArray[np.float32]) -> float:
-    """Return the quantile `SHALLOWER_SHARE` of the heights; np.percentile takes ten times as long."""
-    at = SHALLOWER_SHARE * (heights.size - 1)
-    lower, upper = int(at), min(int(at) + 1, heights.size - 1)
-    ordered = np.partition(heights, (lower, upper))
-    return float(ordered[lower] + (at - lower) * (ordered[upper] - ordered[lower]))
-
-
-def _jacobian(
-    points: NDArray[np.complex64], template: Gradient, along_x: Gradient, along_y: Gradient
-) -> NDArray[np.complex64]:
-    """Return the derivatives of the template with respect to the six parameters, (6, N)."""
-    rows = np.empty((PARAMETERS, len(points)), np.complex64)
-    # A small rotation by d moves a point z to z - i d z, and changes a vector in the same way.
-    rows[0] = -1j * template - (along_x * points.imag - along_y * points.real)
-    rows[1], rows[2], rows[3] = -along_x, -along_y, template
-    rows[4], rows[5] = 1.0, 1j
-    return rows
-
-
-def _pairs(vectors: NDArray[np.complex64]) -> NDArray[np.float32]:
-    """Return complex vectors (..., N) as x and y, (..., 2, N)."""
-    return np.stack([vectors.real, vectors.imag], axis=-2)

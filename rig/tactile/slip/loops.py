@@ -1,361 +1,438 @@
-"""The inner loops of the alignments, compiled: reading a frame between pixels, weights, equations, steps.
+"""The compiled loops of the alignment: reading a frame between pixels, weights, equations, steps.
 
-They run some hundred times a frame over a few hundred points: NumPy would spend most of that time on being
-called. Those that call one another stand in one file, because the cache of a compiled loop (see
-`rig.tactile.slip.compiled`) does not notice a change in another.
-
-Places and vectors are complex numbers, x (right) + i y (down). Sums are of double precision.
+They run some hundred times a frame over a few hundred points. All are in one file, because the cache of a
+compiled loop (see `rig.tactile.slip.compiled`) does not notice a change in another. A keyframe is one array,
+so that a call hands over few of them, and its points are in an order in which the first third is a sample of
+all. Sums are of single precision, within vectors of the processor.
 """
 
-import cmath
 import math
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.tactile.slip.channel import Channel, Found, JointKey, Values, Weights
 from rig.tactile.slip.compiled import compiled
 
+Values = NDArray[np.float32]
 Sums = NDArray[np.float64]
 
+MOST_KEYS = 4
+"""Number of keyframes that are kept."""
+MOST_POINTS = 304
+"""Number of points of each channel of a keyframe; a multiple of the processor's vectors."""
+SLOPES, TEXTURE, CURVED = 0, 1, 2
+# Rows of a channel: place, square of the template, weight, template (C rows), its derivatives (P times C
+# rows). C and P are 2 and 6 for slopes, 3 and 3 for texture. The last row has the weights of slopes alone.
+# The most curved points, with the curvature as template, are evidence that the alignment does not use.
+X, Y, SQUARE, WEIGHT, FIRST, PLAIN, ROWS = 0, 1, 2, 3, 4, 18, 19
+# Facts of a keyframe.
+SHARE, MIDDLE_X, MIDDLE_Y, ANGLE, LEVER_X, LEVER_Y, COUNTED, UNIT, OWN, FACTS = 0, 1, 2, 3, 4, 5, 6, 9, 10, 11
 # Turn and shift come first among the parameters of slopes; gain and a constant slope along x and y follow.
-# They stay free if the contact separates them from rotation, else small: prior weights of
-# gain, in template energy, and of slope, in pixels; of slopes alone, and of slopes and texture together.
 MOTION, PARAMETERS = 3, 6
-GAIN_PRIOR, SLOPE_PRIOR = 50.0, 20.0
-GAIN_PRIOR_TOGETHER, SLOPE_PRIOR_TOGETHER = 1e-3, 10.0
-# The weights of the points and the normal matrix are computed twice: at first, and in this iteration.
+GAIN_PRIOR, SLOPE_PRIOR, DAMPING = 1e-3, 10.0, 1e-3
+# Robust weights and the normal matrix are computed twice: at first, and in this iteration.
 RENEWED_AFTER = 2
-# A step this small is the last one needed: the next would be several times smaller.
-DONE_RAD, DONE_PX = 5e-5, 1.5e-3
-DONE_TOGETHER_RAD, DONE_TOGETHER_PX = 5e-4, 1.5e-2
-DAMPING, MOST_TURN_STEP_RAD, MOST_STEP_PX = 1e-3, 0.1, 1.5
-# A channel is never weighted as if it fitted better than this share of its energy. Texture's gain is kept
-# within the others.
+DONE_RAD, DONE_PX = 1e-3, 3e-2
+MOST_TURN_STEP_RAD, MOST_STEP_PX = 0.1, 1.5
+# A channel is never weighted as if it fitted better than this share of its energy.
 LEAST_MISFIT, LEAST_GAIN, MOST_GAIN = 0.02, 0.3, 2.0
-# So much of the pixels around a place lies in the contact where slopes are seen.
-SEEN = 0.5
+LEAST_UNEXPLAINED = 0.1
+# Result of an alignment: angle, point, score, standard deviation for one independent point, best correlation
+# of the slopes, loss of the richest keyframe, rank.
+ANGLE_AT, SCORE, BEST, LOSS, RANK, RESULTS = 0, 3, 4, 5, 6, 7
+# The cosine is not known better than this.
+LEAST_LOSS = 0.01
+# Rows of scratch memory per channel: robust weights, and these times the derivatives.
+SCRATCH = 13
 
 
 @compiled
-def turning(angle_rad: float) -> complex:
-    """Return the factor that turns places and vectors counter-clockwise as seen."""
-    return cmath.exp(-1j * angle_rad)
+def _read(
+    key: Values, planes: Values, view: Sums, x: float, y: float, angle: float, turns: int, unit: float,
+    count: int, values: Values,
+) -> None:  # fmt: skip
+    """Read planes (3, h, w) at a keyframe's points, moved, vectors turned back, into values; 0 outside."""
+    scale = view[0]
+    cosine, sine = np.float32(math.cos(angle) * scale), np.float32(math.sin(angle) * scale)
+    right, down = np.float32(x * scale + view[1]), np.float32(y * scale + view[2])
+    back, aslant = np.float32(math.cos(turns * angle) * unit), np.float32(math.sin(turns * angle) * unit)
+    last_x, last_y = np.float32(planes.shape[2] - 1.001), np.float32(planes.shape[1] - 1.001)
+    none, one, third = np.float32(0.0), np.float32(1.0), np.float32(unit)
+    step = np.uintp(1)
+    for i in range(count):
+        at_x = key[X, i] * cosine + key[Y, i] * sine + right
+        at_y = key[Y, i] * cosine - key[X, i] * sine + down
+        in_x, in_y = min(max(at_x, none), last_x), min(max(at_y, none), last_y)
+        inside = one if at_x == in_x and at_y == in_y else none
+        c, r = np.uintp(np.intp(in_x)), np.uintp(np.intp(in_y))
+        aside, under = in_x - np.float32(np.intp(in_x)), in_y - np.float32(np.intp(in_y))
+        both = aside * under
+        a, b, d = one - aside - under + both, aside - both, under - both
+        v = (
+            a * planes[0, r, c]
+            + b * planes[0, r, c + step]
+            + d * planes[0, r + step, c]
+            + both * planes[0, r + step, c + step]
+        )
+        w = (
+            a * planes[1, r, c]
+            + b * planes[1, r, c + step]
+            + d * planes[1, r + step, c]
+            + both * planes[1, r + step, c + step]
+        )
+        u = (
+            a * planes[2, r, c]
+            + b * planes[2, r, c + step]
+            + d * planes[2, r + step, c]
+            + both * planes[2, r + step, c + step]
+        )
+        values[0, i] = inside * (v * back - w * aslant)
+        values[1, i] = inside * (v * aslant + w * back)
+        values[2, i] = inside * u * third
 
 
 @compiled
-def values_at(key: Channel, angle_rad: float, shift_px: complex) -> Values:
-    """Return the frame at a keyframe's points, moved, its vectors turned back, (3, N); 0 outside.
-
-    Bilinear. shift_px: of the center.
-    """
-    planes, values = key.planes, np.zeros((3, len(key.points)), key.template.dtype)
-    turn, middle = turning(angle_rad) * key.scale, (key.center + shift_px) * key.scale + key.middle
-    cosine, sine = math.cos(key.turns * angle_rad) * key.unit, math.sin(key.turns * angle_rad) * key.unit
-    for i in range(len(key.points)):
-        place = key.points[i] * turn + middle
-        left, above = math.floor(place.real), math.floor(place.imag)
-        c, r = int(left), int(above)
-        if 0 <= c < planes.shape[1] - 1 and 0 <= r < planes.shape[0] - 1:
-            aside, under = place.real - left, place.imag - above
-            both = aside * under
-            shares = 1.0 - aside - under + both, aside - both, under - both, both
-            x, y, third = 0.0, 0.0, 0.0
-            for corner in range(4):
-                row, column, share = r + corner // 2, c + corner % 2, shares[corner]
-                x += share * planes[row, column, 0]
-                y += share * planes[row, column, 1]
-                third += share * planes[row, column, 2]
-            values[0, i], values[1, i] = x * cosine - y * sine, x * sine + y * cosine
-            values[2, i] = third * key.unit
-    return values
+def _agreement(
+    key: Values, plane: Values, view: Sums, x: float, y: float, angle: float, count: int
+) -> float | np.float32:
+    """Return the cosine between a keyframe's curvature and that of a frame, (h, w), at its points, moved."""
+    cosine, sine = np.float32(math.cos(angle)), np.float32(math.sin(angle))
+    right, down = np.float32(x + view[1]), np.float32(y + view[2])
+    last_x, last_y = np.float32(plane.shape[1] - 1.001), np.float32(plane.shape[0] - 1.001)
+    none, one, step = np.float32(0.0), np.float32(1.0), np.uintp(1)
+    product, power, energy = np.float32(0.0), np.float32(1e-20), np.float32(1e-20)
+    for i in range(count):
+        at_x = key[X, i] * cosine + key[Y, i] * sine + right
+        at_y = key[Y, i] * cosine - key[X, i] * sine + down
+        in_x, in_y = min(max(at_x, none), last_x), min(max(at_y, none), last_y)
+        inside = one if at_x == in_x and at_y == in_y else none
+        c, r = np.uintp(np.intp(in_x)), np.uintp(np.intp(in_y))
+        aside, under = in_x - np.float32(np.intp(in_x)), in_y - np.float32(np.intp(in_y))
+        above = plane[r, c] + aside * (plane[r, c + step] - plane[r, c])
+        below = plane[r + step, c] + aside * (plane[r + step, c + step] - plane[r + step, c])
+        value = inside * (above + under * (below - above))
+        product += value * key[FIRST, i]
+        power += value * value
+        energy += key[FIRST, i] * key[FIRST, i]
+    return product / math.sqrt(power * energy)
 
 
 @compiled
-def weights_of(key: Channel, rest_share: float, noise_share: float) -> Weights:
-    """Return weights by how ill points would fit had nothing moved: what rests counts little.
-
-    rest_share, noise_share: see `rig.tactile.slip.parameters.Texture`.
-    """
-    values, noise = values_at(key, 0.0, 0j), noise_share * key.squares.mean()
-    points = np.full(len(key.points), noise, np.float32)
-    for k in range(len(key.template)):
-        for i in range(len(points)):
-            points[i] += (values[k, i] - key.template[k, i]) ** 2
-    total, energy = 1e-20, 1e-20
-    for i in range(len(points)):
-        points[i] /= points[i] + rest_share * key.squares[i] + 1e-20
-        total += points[i]
-        energy += points[i] * key.squares[i]
-    return Weights(points, total, energy)
-
-
-def turning_weights_of(key: Channel, turning: Values, rest_share: float, noise_share: float) -> Weights:
-    """Return the weights of `weights_of`, multiplied by those of `TextureKey.turning_at`, (N,)."""
-    points = weights_of(key, rest_share, noise_share).points * turning
-    # As in `weights_of`, no divisor is 0.
-    return Weights(points, float(points.sum()) + 1e-20, float((points * key.squares).sum()) + 1e-20)
+def kept(curved: Values, facts: Sums, slopes: Values, view: Sums, turn: float) -> float | np.floating:
+    """Return what a turn to either side takes from the cosine of the curvature with itself."""
+    cosine, x, y, count = 0.0, 0.0, 0.0, int(facts[COUNTED + CURVED])
+    for i in range(count):
+        x += curved[X, i] / count
+        y += curved[Y, i] / count
+    for angle in (turn, -turn):
+        # Their middle does not move.
+        at_x = facts[MIDDLE_X] + x - (x * math.cos(angle) + y * math.sin(angle))
+        at_y = facts[MIDDLE_Y] + y - (y * math.cos(angle) - x * math.sin(angle))
+        cosine += _agreement(curved, slopes[3], view, at_x, at_y, angle, count)
+    return 1.0 - cosine / 2.0
 
 
 @compiled
-def correlation_at(key: Channel, weights: Weights, angle_rad: float, shift_px: complex) -> float:
-    """Return the correlation of the frame with the template at a motion."""
-    values = values_at(key, angle_rad, shift_px)
-    product, square = 0.0, 0.0
-    for k in range(len(key.template)):
-        for i in range(len(key.points)):
-            weighted = weights.points[i] * values[k, i]
-            product += weighted * key.template[k, i]
-            square += weighted * values[k, i]
-    return product / math.sqrt(square * weights.energy + 1e-30)
+def sought(
+    key: Values, facts: Sums, slopes: Values, view: Sums, pose: Sums, part: int, turn_rad: float,
+    turns: int, step_px: float, steps: int,
+) -> tuple[float, float, float]:  # fmt: skip
+    """Return angle and point at which the curvature of a frame agrees best, on a grid around a pose."""
+    count, x, y = (int(facts[COUNTED + CURVED]) + part - 1) // part, 0.0, 0.0
+    for i in range(count):
+        x += key[X, i] / count
+        y += key[Y, i] / count
+    # From the tracked point to the middle of the points, which does not move when the grid turns.
+    x, y = x - facts[LEVER_X], y - facts[LEVER_Y]
+    turn = pose[0] - facts[ANGLE]
+    middle_x = pose[1] + x * math.cos(turn) + y * math.sin(turn)
+    middle_y = pose[2] + y * math.cos(turn) - x * math.sin(turn)
+    best, found = -2.0, (pose[0], pose[1], pose[2])
+    for k in range(-turns, turns + 1):
+        turn = pose[0] - facts[ANGLE] + k * turn_rad
+        cosine, sine = math.cos(turn), math.sin(turn)
+        at_x, at_y = middle_x - (x * cosine + y * sine), middle_y - (y * cosine - x * sine)
+        away_x = facts[LEVER_X] * cosine + facts[LEVER_Y] * sine
+        away_y = facts[LEVER_Y] * cosine - facts[LEVER_X] * sine
+        for i in range(-steps, steps + 1):
+            for j in range(-steps, steps + 1):
+                there_x, there_y = at_x + i * step_px, at_y + j * step_px
+                fit = _agreement(key, slopes[3], view, there_x - away_x, there_y - away_y, turn, count)
+                if fit > best:
+                    best, found = fit, (turn + facts[ANGLE], there_x, there_y)
+    return found
 
 
 @compiled
-def normal_matrix(jacobian: Values, points: Values) -> Sums:
-    """Return the normal matrix (P, P) of a jacobian (P, C, N) with weights (N,)."""
-    size, components, count = jacobian.shape
-    matrix, weighted = np.zeros((size, size)), np.empty(count, jacobian.dtype)
-    for a in range(size):
-        for k in range(components):
+def weigh(
+    bank: Values, facts: Sums, used: NDArray[np.int64], slopes: Values, texture: Values, views: Sums,
+    rest_share: float, noise_share: float, weights: Values,
+) -> None:  # fmt: skip
+    """Compute the weights of points (K, 2, N): those that fit as if nothing had moved may be the gel's."""
+    values = np.empty((3, MOST_POINTS), np.float32)
+    share = np.float32(rest_share)
+    for k in used:
+        for channel in range(2):
+            key, count = bank[k, channel], int(facts[k, COUNTED + channel])
+            unit = facts[k, UNIT] if channel else 1.0
+            planes = texture if channel else slopes
+            _read(
+                key, planes, views[channel], facts[k, MIDDLE_X], facts[k, MIDDLE_Y], 0.0, 1 + channel, unit,
+                count, values,
+            )  # fmt: skip
+            mean, out = np.float32(0.0), weights[k, channel]
             for i in range(count):
-                weighted[i] = points[i] * jacobian[a, k, i]
-            for b in range(a + 1):
-                total = 0.0
-                for i in range(count):
-                    total += weighted[i] * jacobian[b, k, i]
-                matrix[a, b] += total
-    for a in range(size):
-        for b in range(a):
-            matrix[b, a] = matrix[a, b]
-    return matrix
-
-
-@compiled
-def with_priors(matrix: Sums, energy: float) -> Sums:
-    """Return the normal matrix of slopes alone with the priors of its parameters."""
-    total, regular = np.trace(matrix), matrix.copy()
-    for a in range(len(matrix)):
-        # A direction without information must not make the matrix exactly singular.
-        regular[a, a] += 1e-9 * matrix[a, a] + 1e-12 * total + 1e-30
-    regular[3, 3] += GAIN_PRIOR * energy
-    for a in range(4, len(matrix)):
-        regular[a, a] += SLOPE_PRIOR
-    return regular
-
-
-@compiled
-def _pulls(jacobian: Values, points: Values, residuals: Values) -> Sums:
-    """Return what residuals (3, N) pull each parameter by, (P,). They are weighted by points (N,) here."""
-    pulls = np.zeros(len(jacobian))
-    for k in range(jacobian.shape[1]):
-        for i in range(len(points)):
-            residuals[k, i] *= points[i]
-        for a in range(len(pulls)):
-            total = 0.0
-            for i in range(len(points)):
-                total += jacobian[a, k, i] * residuals[k, i]
-            pulls[a] += total
-    return pulls
-
-
-@compiled
-def _bent(key: Channel, points: Values, energy: float, residuals: Values, turned: float) -> float:
-    """Return the change of the last turn if the curvature of the dent may change, too.
-
-    The axes of a dent turn without the object if it rolls or its load shifts. The further parameters are the
-    slopes of a saddle and of the saddle turned by 45 degrees. residuals: (3, N). points: weights, (N,).
-    """
-    radius = math.sqrt(np.mean(np.abs(key.points) ** 2)) + 1e-9
-    jacobian = np.empty((PARAMETERS + 2, 2, len(points)), key.jacobian.dtype)
-    jacobian[:PARAMETERS] = key.jacobian
-    jacobian[PARAMETERS, 0], jacobian[PARAMETERS, 1] = key.points.real / radius, -key.points.imag / radius
-    jacobian[PARAMETERS + 1, 0], jacobian[PARAMETERS + 1, 1] = (
-        -jacobian[PARAMETERS, 1],
-        jacobian[PARAMETERS, 0],
-    )
-    inverse = np.linalg.inv(with_priors(normal_matrix(jacobian, points), energy))
-    return (inverse @ _pulls(jacobian, points, residuals.copy()))[0] - turned
-
-
-@compiled
-def align_alone(
-    key: Channel, points: Values, energy: float, start: tuple[float, complex], most: int, to_the_end: bool
-) -> Found:
-    """Align slopes in at most `most` iterations; see `align`. points: weights, (N,). start: angle, shift."""
-    angle_rad, shift_px = start
-    used, inverse, step = points.copy(), np.zeros((PARAMETERS, PARAMETERS)), np.zeros(PARAMETERS)
-    residuals, last_step, answer_rad, answer_px = values_at(key, 0.0, 0j), step, angle_rad, shift_px
-    iteration, done = 0, False
-    while iteration < most and (to_the_end or not done):
-        values = values_at(key, angle_rad, shift_px)
-        if not done and (iteration == 0 or iteration == RENEWED_AFTER):
-            for i in range(len(points)):
-                used[i] = points[i] if values[2, i] >= SEEN else 0.0
-            normal = with_priors(normal_matrix(key.jacobian, used), energy)
-            inverse = np.ascontiguousarray(np.linalg.inv(normal))
-        values[:2] -= key.template
-        step = inverse @ _pulls(key.jacobian, used, values.copy())
-        shift_px += turning(angle_rad) * complex(step[1], step[2])
-        angle_rad += step[0]
-        iteration += 1
-        if not done:
-            residuals, last_step, answer_rad, answer_px = values, step, angle_rad, shift_px
-        if not (math.isfinite(angle_rad) and abs(shift_px) <= 2 * max(key.planes.shape[:2])):
-            break
-        done = done or (abs(step[0]) < DONE_RAD and max(abs(step[1]), abs(step[2])) < DONE_PX)
-    bent_rad = _bent(key, used, energy, residuals, last_step[0])
-    squares = np.zeros_like(points)
-    for k in range(2):
-        for a in range(PARAMETERS):
-            for i in range(len(points)):
-                residuals[k, i] -= last_step[a] * key.jacobian[a, k, i]
-        for i in range(len(points)):
-            squares[i] += residuals[k, i] ** 2
-    further = angle_rad - answer_rad
-    gain, noise = last_step[3], inverse[0, 0]
-    return Found(answer_rad, answer_px, gain, noise, iteration, done, used, squares, bent_rad, further)
+                mean += key[SQUARE, i]
+            noise = np.float32(noise_share * mean / count)
+            for i in range(count):
+                off = noise
+                for c in range(2):
+                    off += (values[c, i] - key[FIRST + c, i]) ** 2
+                if channel:
+                    off += (values[2, i] - key[FIRST + 2, i]) ** 2
+                # Odds of a point to turn with the object: those before, times the evidence that it has moved.
+                moved = key[WEIGHT, i] * off
+                out[i] = moved / (
+                    moved + (np.float32(1.0) - key[WEIGHT, i]) * share * key[SQUARE, i] + np.float32(1e-20)
+                )
 
 
 @compiled
 def _equations(
-    key: Channel,
-    weights: Weights,
-    angle_rad: float,
-    shift_px: complex,
-    robust: Values,
-    matrix: Sums,
-    renew: bool,
-) -> tuple[float, float, Sums]:
-    """Return by what the matrix is weighted, by what the pulls are, and these, (P,).
+    key: Values, channel: int, weights: Values, scratch: Values, offset: Sums, values: Values, count: int,
+    total: float, energy: float, renew: bool, matrix: Sums, pulls: Sums,
+) -> tuple[float | np.float32, float | np.float32]:  # fmt: skip
+    """Compute pulls (P,), and robust weights, normal matrix and offset if `renew`.
 
-    robust, matrix: weights of the points and normal matrix, computed here if `renew`.
+    Return what the matrix is weighted by, and the correlation of the frame with the template.
     """
-    values, components, gain = values_at(key, angle_rad, shift_px), len(key.template), 1.0
-    if components == 3:
-        gain = 0.0
-        for k in range(components):
-            for i in range(len(robust)):
-                gain += weights.points[i] * values[k, i] * key.template[k, i]
-        gain = min(max(gain / weights.energy, LEAST_GAIN), MOST_GAIN)
-    misfit, squares = 0.0, np.zeros_like(robust)
+    components, size = 2 + channel, PARAMETERS - 3 * channel
+    first, robust = FIRST + components, scratch[0]
+    product, power = np.float32(0.0), np.float32(0.0)
     for k in range(components):
-        for i in range(len(robust)):
-            values[k, i] -= gain * key.template[k, i]
-            squares[i] += values[k, i] ** 2
-    for i in range(len(robust)):
-        misfit += weights.points[i] * squares[i]
+        for i in range(count):
+            weighted = weights[i] * values[k, i]
+            product += weighted * key[FIRST + k, i]
+            power += weighted * values[k, i]
+    gain = 1.0
+    if channel:
+        gain = min(max(product / energy, LEAST_GAIN), MOST_GAIN)
+    misfit = max(power - gain * (2.0 * product - gain * energy), 1e-9 * energy)
     if renew:
-        width = 2.0 * misfit / weights.total + 1e-20
-        for i in range(len(robust)):
-            robust[i] = weights.points[i] / (1.0 + squares[i] / width)
-            if components == 2:
+        over, by = np.float32(total / (2.0 * misfit + 1e-20)), np.float32(gain)
+        for i in range(count):
+            square = (values[0, i] - by * key[FIRST, i]) ** 2 + (values[1, i] - by * key[FIRST + 1, i]) ** 2
+            if channel:
+                square += (values[2, i] - by * key[FIRST + 2, i]) ** 2
+            robust[i] = weights[i] / (np.float32(1.0) + square * over)
+        if channel == 0:
+            for i in range(count):
                 robust[i] *= values[2, i]
-        matrix[:] = normal_matrix(key.jacobian, robust)
-    share = gain / max(misfit, LEAST_MISFIT * weights.energy)
-    return share * gain, share, _pulls(key.jacobian, robust, values)
+        for a in range(size):
+            offset[a] = 0.0
+            for k in range(components):
+                row, sum_ = a * components + k, np.float32(0.0)
+                for i in range(count):
+                    scratch[1 + row, i] = robust[i] * key[first + row, i]
+                    sum_ += scratch[1 + row, i] * key[FIRST + k, i]
+                offset[a] += sum_
+            for b in range(a + 1):
+                entry = np.float32(0.0)
+                for k in range(components):
+                    row, other = 1 + a * components + k, first + b * components + k
+                    for i in range(count):
+                        entry += scratch[row, i] * key[other, i]
+                matrix[a, b] = matrix[b, a] = entry
+    share = gain / max(misfit, LEAST_MISFIT * energy)
+    for a in range(size):
+        pull = np.float32(0.0)
+        for k in range(components):
+            row = 1 + a * components + k
+            for i in range(count):
+                pull += scratch[row, i] * values[k, i]
+        pulls[a] = share * (pull - gain * offset[a])
+    return share * gain, product / math.sqrt(power * energy + 1e-30)
 
 
 @compiled
-def key_equations(
-    slopes: Channel,
-    slope_weights: Weights,
-    texture: Channel,
-    texture_weights: Weights,
-    angle_rad: float,
-    shift_px: complex,
-    shares: tuple[float, float],
-    slope_points: Values,
-    texture_points: Values,
-    by_slopes: Sums,
-    by_texture: Sums,
-    renew: bool,
-) -> tuple[Sums, Sums]:
-    """Return the normal matrix (3, 3) and the pulls (3,) of one keyframe in turn and shift.
+def _trimmed(key: Values, robust: Values, values: Values, count: int) -> float | np.float32:
+    """Return the correlation of the slopes with the template, with robust weights."""
+    product, power, energy = np.float32(0.0), np.float32(1e-20), np.float32(1e-20)
+    for i in range(count):
+        fit = values[0, i] * key[FIRST, i] + values[1, i] * key[FIRST + 1, i]
+        square = values[0, i] * values[0, i] + values[1, i] * values[1, i]
+        product += robust[i] * fit
+        power += robust[i] * square
+        energy += robust[i] * key[SQUARE, i]
+    return product / math.sqrt(power * energy)
 
-    Gain and constant slope of the slopes are eliminated by their Schur complement.
-    """
-    one, along, pulls = _equations(slopes, slope_weights, angle_rad, shift_px, slope_points, by_slopes, renew)
-    two, beside, further = _equations(
-        texture, texture_weights, angle_rad, shift_px, texture_points, by_texture, renew
-    )
-    matrix, pulls = shares[0] * one * by_slopes, shares[0] * along * pulls
-    matrix[:MOTION, :MOTION] += shares[1] * two * by_texture
-    pulls[:MOTION] += shares[1] * beside * further
+
+@compiled
+def _eliminate(matrix: Sums, pulls: Sums) -> None:
+    """Eliminate gain and constant slope of the slopes from their equations (6 x 6): the Schur complement."""
     for a in range(PARAMETERS):
         matrix[a, a] += DAMPING * matrix[a, a] + 1e-9
-    matrix[3, 3] += GAIN_PRIOR_TOGETHER
-    matrix[4, 4] += SLOPE_PRIOR_TOGETHER
-    matrix[5, 5] += SLOPE_PRIOR_TOGETHER
-    others = np.ascontiguousarray(matrix[MOTION:, MOTION:])
-    across = np.ascontiguousarray(matrix[MOTION:, :MOTION])
-    eliminated = np.linalg.solve(others, across)
-    motion = np.ascontiguousarray(matrix[:MOTION, :MOTION]) - across.T @ eliminated
-    return motion, pulls[:MOTION] - eliminated.T @ np.ascontiguousarray(pulls[MOTION:])
+    matrix[3, 3] += GAIN_PRIOR
+    matrix[4, 4] += SLOPE_PRIOR
+    matrix[5, 5] += SLOPE_PRIOR
+    for e in range(PARAMETERS - 1, MOTION - 1, -1):
+        for a in range(e):
+            factor = matrix[a, e] / matrix[e, e]
+            for b in range(e):
+                matrix[a, b] -= factor * matrix[e, b]
+            pulls[a] -= factor * pulls[e]
 
 
 @compiled
-def align_jointly(
-    keys: tuple[JointKey, ...],
-    start: tuple[float, complex],
-    expected_rad: float,
-    prior: float,
-    shares: tuple[float, float],
-    most: int,
-) -> tuple[float, complex, Sums, Sums]:
-    """Return angle, point, the normal matrix (3, 3) and each keyframe's correlations (K, 2)."""
-    angle_rad, point_px = start
-    count = len(keys)
-    slope_points = np.zeros((count, 1024), np.float32)
-    texture_points = np.zeros((count, 1024), np.float32)
-    by_slopes, by_texture = np.zeros((count, 6, 6)), np.zeros((count, 3, 3))
-    normal, basis = np.zeros((3, 3)), np.zeros((3, 3))
-    basis[0, 0] = 1.0
-    for iteration in range(most):
+def _solved(matrix: Sums, pulls: Sums) -> tuple[float, float, float]:
+    """Solve three symmetric equations in turn and point."""
+    a, b, c = matrix[1, 1], matrix[1, 2], matrix[2, 2]
+    p, q, determinant = matrix[0, 1], matrix[0, 2], a * c - b * b + 1e-12
+    left = matrix[0, 0] - (p * (c * p - b * q) + q * (a * q - b * p)) / determinant
+    pull = pulls[0] - (p * (c * pulls[1] - b * pulls[2]) + q * (a * pulls[2] - b * pulls[1])) / determinant
+    turn = pull / (left + 1e-9)
+    right, down = pulls[1] - p * turn, pulls[2] - q * turn
+    return turn, (c * right - b * down) / determinant, (a * down - b * right) / determinant
+
+
+@compiled
+def _add(
+    matrix: Sums, pulls: Sums, share: float, cosine: float, sine: float, x: float, y: float, normal: Sums,
+    pulled: Sums,
+) -> None:  # fmt: skip
+    """Add equations in rotation and shift of a keyframe to those in angle and point, `normal` and `pulled`.
+
+    x, y: the lever.
+    """
+    # The columns of the basis are (1, -y, x), (0, cosine, sine), (0, -sine, cosine).
+    a, b, c = matrix[0, 0], matrix[0, 1], matrix[0, 2]
+    d, e, f = matrix[1, 1], matrix[1, 2], matrix[2, 2]
+    m, n = e * x - d * y, f * x - e * y
+    p, q, both = b + m, c + n, cosine * sine
+    normal[0, 0] += share * (a - b * y + c * x - y * p + x * q)
+    normal[0, 1] += share * (p * cosine + q * sine)
+    normal[0, 2] += share * (q * cosine - p * sine)
+    normal[1, 1] += share * (d * cosine * cosine + 2.0 * e * both + f * sine * sine)
+    normal[2, 2] += share * (d * sine * sine - 2.0 * e * both + f * cosine * cosine)
+    normal[1, 2] += share * ((f - d) * both + e * (cosine * cosine - sine * sine))
+    pulled[0] += pulls[0] - y * pulls[1] + x * pulls[2]
+    pulled[1] += cosine * pulls[1] + sine * pulls[2]
+    pulled[2] += cosine * pulls[2] - sine * pulls[1]
+
+
+@compiled
+def _align(
+    bank: Values, facts: Sums, used: NDArray[np.int64], slopes: Values, texture: Values, views: Sums,
+    weights: Values, scratch: Values, start: Sums, expected_rad: float, prior: float, slopes_share: float,
+    score_of_loss: float, channels: int, most: int, part: int, out: Sums,
+) -> None:  # fmt: skip
+    """Align a frame to keyframes jointly, from the start (angle, point), with one part of the points."""
+    angle, x, y = start[0], start[1], start[2]
+    values, sums = np.empty((3, MOST_POINTS), np.float32), np.empty((MOST_KEYS, 2, 2))
+    matrices, offsets = np.zeros((MOST_KEYS, 2, 6, 6)), np.zeros((MOST_KEYS, 2, 6))
+    normal, scaled, pulls, pulled = np.zeros((3, 3)), np.zeros((6, 6)), np.zeros(6), np.zeros(3)
+    fits = np.zeros((MOST_KEYS, 2))
+    for k in used:
+        for channel in range(channels):
+            total, energy, key = np.float32(1e-20), np.float32(1e-20), bank[k, channel]
+            row = key[PLAIN] if channels == 1 else weights[k, channel]
+            for i in range((int(facts[k, COUNTED + channel]) + part - 1) // part):
+                total += row[i]
+                energy += row[i] * key[SQUARE, i]
+            sums[k, channel, 0], sums[k, channel, 1] = total, energy
+    iteration, last = 0, most == 0
+    while True:
         renew = iteration == 0 or iteration == RENEWED_AFTER
         normal[:] = 0.0
-        pulls = np.zeros(3)
-        for k in range(count):
-            key = keys[k]
-            if key.weight <= 0.0:
-                continue
-            turn = angle_rad - key.angle_rad
-            factor = turning(turn)
-            shift_px = point_px - factor * key.lever_px - key.slopes.center
-            matrix, pull = key_equations(
-                key.slopes,
-                key.slope_weights,
-                key.texture,
-                key.texture_weights,
-                turn,
-                shift_px,
-                shares,
-                slope_points[k, : len(key.slope_weights.points)],
-                texture_points[k, : len(key.texture_weights.points)],
-                by_slopes[k],
-                by_texture[k],
-                renew,
-            )
-            back, arm = factor.conjugate(), 1j * key.lever_px
-            basis[1, 0], basis[1, 1], basis[1, 2] = arm.real, back.real, -back.imag
-            basis[2, 0], basis[2, 1], basis[2, 2] = arm.imag, back.imag, back.real
-            normal += key.weight * (basis.T @ (matrix @ basis))
-            pulls += key.weight * (basis.T @ pull)
+        pulled[:] = 0.0
+        for k in used:
+            turn = angle - facts[k, ANGLE]
+            cosine, sine = math.cos(turn), math.sin(turn)
+            at_x = x - (cosine * facts[k, LEVER_X] + sine * facts[k, LEVER_Y])
+            at_y = y - (cosine * facts[k, LEVER_Y] - sine * facts[k, LEVER_X])
+            for channel in range(channels):
+                key, matrix = bank[k, channel], matrices[k, channel]
+                count = (int(facts[k, COUNTED + channel]) + part - 1) // part
+                row = key[PLAIN] if channels == 1 else weights[k, channel]
+                planes, unit = texture if channel else slopes, facts[k, UNIT] if channel else 1.0
+                _read(key, planes, views[channel], at_x, at_y, turn, 1 + channel, unit, count, values)
+                share, fits[k, channel] = _equations(
+                    key, channel, row, scratch[k, channel], offsets[k, channel], values, count,
+                    sums[k, channel, 0], sums[k, channel, 1], renew, matrix, pulls,
+                )  # fmt: skip
+                if channel == 0:
+                    if last and channels == 1:
+                        fits[k, 0] = _trimmed(key, scratch[k, 0, 0], values, count)
+                    for a in range(6):
+                        pulls[a] *= slopes_share
+                        for b in range(6):
+                            scaled[a, b] = slopes_share * share * matrix[a, b]
+                    _eliminate(scaled, pulls)
+                    matrix, share = scaled, 1.0
+                weight = facts[k, SHARE]
+                for a in range(3):
+                    pulls[a] *= weight
+                _add(
+                    matrix, pulls, weight * share, cosine, sine, facts[k, LEVER_X], facts[k, LEVER_Y],
+                    normal, pulled,
+                )  # fmt: skip
         normal[0, 0] += prior
-        pulls[0] += prior * (expected_rad - angle_rad)
-        step = np.linalg.solve(normal, pulls)
-        turned = min(max(step[0], -MOST_TURN_STEP_RAD), MOST_TURN_STEP_RAD)
-        right = min(max(step[1], -MOST_STEP_PX), MOST_STEP_PX)
-        down = min(max(step[2], -MOST_STEP_PX), MOST_STEP_PX)
-        angle_rad += turned
-        point_px += complex(right, down)
-        if abs(turned) < DONE_TOGETHER_RAD and abs(complex(right, down)) < DONE_TOGETHER_PX:
+        pulled[0] += prior * (expected_rad - angle)
+        if last:
             break
-    fits = np.zeros((count, 2))
-    for k in range(count):
-        key = keys[k]
-        if key.weight > 0.0:
-            turn = angle_rad - key.angle_rad
-            shift_px = point_px - turning(turn) * key.lever_px - key.slopes.center
-            fits[k, 0] = correlation_at(key.slopes, key.slope_weights, turn, shift_px)
-            fits[k, 1] = correlation_at(key.texture, key.texture_weights, turn, shift_px)
-    return angle_rad, point_px, normal, fits
+        step = _solved(normal, pulled)
+        turned = min(max(step[0], -MOST_TURN_STEP_RAD), MOST_TURN_STEP_RAD)
+        right, down = (
+            min(max(step[1], -MOST_STEP_PX), MOST_STEP_PX),
+            min(max(step[2], -MOST_STEP_PX), MOST_STEP_PX),
+        )
+        angle, x, y = angle + turned, x + right, y + down
+        iteration += 1
+        last = (abs(turned) < DONE_RAD and abs(right) + abs(down) < DONE_PX) or iteration >= most
+    score = best = lacks = 0.0
+    heavy = 1e-12
+    for k in used:
+        weight, turn = facts[k, SHARE], angle - facts[k, ANGLE]
+        heavy += weight
+        best = max(best, fits[k, 0])
+        for channel in range(channels):
+            fit = max(fits[k, channel], 0.0)
+            score -= 0.5 * weight * math.log(max(1.0 - fit * fit, LEAST_UNEXPLAINED))
+        at_x = x - (math.cos(turn) * facts[k, LEVER_X] + math.sin(turn) * facts[k, LEVER_Y])
+        at_y = y - (math.cos(turn) * facts[k, LEVER_Y] - math.sin(turn) * facts[k, LEVER_X])
+        count = int(facts[k, COUNTED + CURVED])
+        lack = 1.0 - _agreement(bank[k, CURVED], slopes[3], views[SLOPES], at_x, at_y, turn, count)
+        lacks += weight * lack
+        if k == used[0]:
+            out[LOSS] = max(lack, LEAST_LOSS) / max(facts[k, OWN], LEAST_LOSS)
+    out[ANGLE_AT], out[1], out[2], out[SCORE], out[BEST] = angle, x, y, score / heavy, best
+    out[RANK] = (score - score_of_loss * lacks) / heavy
+
+
+@compiled
+def align(
+    bank: Values, facts: Sums, used: NDArray[np.int64], slopes: Values, texture: Values, views: Sums,
+    weights: Values, scratch: Values, starts: Sums, expected_rad: float, prior: float, slopes_share: float,
+    score_of_loss: float, channels: int, most: int, part: int, out: Sums,
+) -> float:  # fmt: skip
+    """Align a frame to keyframes jointly, from several starts (S, 3); `out` gets the result of highest rank.
+
+    The rank is the score less what the curvature of the frame lacks in agreement, times `score_of_loss`.
+    bank: (K, 3, ROWS, N), with facts (K, FACTS); used: which of them, the richest first. slopes: (4, h, w),
+    texture: (3, h, w). views: of both, pixels per work pixel, and an offset in x and y. weights: (K, 2, N).
+    channels: 1 for slopes alone, with plain weights. most: iterations. part: every Nth
+    point is used. out: see `RESULTS`. Return the rank from the first start.
+    """
+    found = np.empty(RESULTS)
+    out[RANK], first = -1e9, 0.0
+    for s in range(len(starts)):
+        _align(
+            bank, facts, used, slopes, texture, views, weights, scratch, starts[s], expected_rad, prior,
+            slopes_share, score_of_loss, channels, most, part, found,
+        )  # fmt: skip
+        if s == 0:
+            first = found[RANK]
+        if found[RANK] > out[RANK]:
+            for i in range(RESULTS):
+                out[i] = found[i]
+    return first

@@ -1,200 +1,507 @@
-"""Track rotation and translation of the contact in one grasp, with as few keyframes as possible."""
+"""Follow a contact: align each frame to keyframes in several readings; search if they fit badly.
+
+No frame takes two long steps. These are: the texture of the first keyframe, its map and points,
+each further keyframe, a map learnt again, and the change of all keyframes to it.
+"""
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 
-import numpy as np
-from numpy.typing import NDArray
+import cv2
 
-from rig.tactile.slip.evidence import Fit
-from rig.tactile.slip.judge import Belief, by_texture, still_fits
-from rig.tactile.slip.keyframe import Keyframe
-from rig.tactile.slip.keys import MAX_JUMP_RAD, ContactPose, Key, PointMotion
-from rig.tactile.slip.parameters import KEYFRAMES, SLOPES, TEXTURE
-from rig.tactile.slip.registration import Alignment, align, angle_variance
-from rig.tactile.slip.sampling import GradientField
-from rig.tactile.slip.texture import TextureField, TextureKey
+from drivers.clock import NS_PER_S
+from drivers.types import Image
+from rig.tactile.contact.gate import Region
+from rig.tactile.settling import Settling
+from rig.tactile.slip.alignment import GRID_RAD, Aligner, Fit, Pose, Reading
+from rig.tactile.slip.gradient import Learn, LearntGradientMap
+from rig.tactile.slip.height import Field, contact_box
+from rig.tactile.slip.keyframe import Keyframe, Source, make_keyframe
+from rig.tactile.slip.loops import MOST_KEYS
+from rig.tactile.slip.parameters import ALIGNMENT, KEYFRAMES, MOTION
+from rig.tactile.slip.slopes import slope_planes
+from rig.tactile.slip.texture import Texture
 
-MAX_KEYFRAMES = 6
+MOST_RATE_RAD_S = math.radians(200.0)
+"""Highest rotation rate of an object in a gripper."""
+FURTHER_SHARES = 0.02, 2.0
+"""Weights of the slopes in the further readings: nearly texture alone, and mostly slopes."""
+ASIDES = -2.0, -1.0, 1.0, 2.0
+"""Further starts beside the expected angle, in units of `aside_rad`."""
+NEAR_TURNS, NEAR_STEPS, FAR_STEPS = 3, 4, 8
+"""Steps of the search by curvature around a fit, and after a gap between frames, to either side."""
+MOST_TURN_RAD, MOST_REACH_RAD = math.radians(25.0), math.pi / 2.0
+"""Largest rotation between two frames that is searched: 200 degrees a second at 10 frames a second, with a
+margin; and at any rate, because beyond a quarter turn many contacts resemble themselves."""
+GAP_S = 0.155
+"""Frames that are further apart are searched by curvature, because the motion between them is unknown."""
+APART_RAD = math.radians(1.5)
+"""Readings that differ by more are tried from each other's rotation; rigid contacts stay below."""
+SAME_RAD, SAME_PX = math.radians(0.2), 0.1
+"""Starts that are nearer to each other end at the same pose."""
+BETTER = 0.02
+"""Least rank that a further start must gain to be followed."""
+ASTRAY_PX = 2.0
+"""A contact that has shifted otherwise than the tracked point by more, in one frame, is searched."""
+AFTER_LEADING = 4
+"""While the texture leads, the slopes are aligned alone in every fourth frame."""
+CLOSING_RAD = math.radians(5.0)
+"""Starts beside the tracked angle for a direct alignment to an old keyframe."""
+FILTERED_FRAMES = 2
+"""Frames with the keyframe of a settled contact until the filtered angle has reached it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Tracked:
-    """The pose of a frame, the key that it was aligned to, and the quality of the fit.
+class Seen:
+    """A frame with a contact.
 
-    variance: of the angle, rad^2. base: the key whose variance is part of it. alignment: of the slopes. fit:
-    fit of the key if the texture leads, else None. shape_doubt: additional variance of an arc or a round
-    contact. pivot_rad: see `Key`. corrected_rad: change of the angle in this frame by the long axis of the
-    contact.
+    difference: (h, w, 3), relative, or slopes of `CalibratedSlopes`. texture: returns the texture, cheaply if
+    the frame is busy with another long step. torn: whether parts of two images seem mixed; no keyframe is
+    made of it.
     """
 
-    pose: ContactPose
-    key: Key
-    variance: float
-    base: Key
-    alignment: Alignment | None = None
-    fit: Fit | None = None
-    shape_doubt: float = 0.0
-    pivot_rad: float = 0.0
-    corrected_rad: float = 0.0
+    difference: Field
+    texture: Callable[[bool], Texture]
+    region: Region
+    torn: bool
+    time_ns: int
 
     @property
-    def inherited(self) -> float:
-        """The part of the variance that was present when the key was taken."""
-        return min(self.base.variance, self.variance)
+    def time_s(self) -> float:
+        """Time of the frame, s."""
+        return self.time_ns / NS_PER_S
+
+    def source(self, busy: bool) -> Source:
+        """Return what a keyframe of this frame is made from."""
+        return Source(self.difference, self.region.mask, self.texture(busy))
+
+
+@dataclass(frozen=True, slots=True)
+class Tracked:
+    """The fit of a frame.
+
+    worst_loss, worst_spread_rad: largest loss of agreement, and largest difference between the readings,
+    since the contact began. turned_rad: rotation since the contact settled. rekeyed: whether a keyframe was
+    added, or slopes and texture have changed the lead. own: largest one of the keyframes, see `Keyframe`, 1
+    in the first frame. rate_rad_s: averaged.
+    """
+
+    fit: Fit
+    worst_loss: float
+    worst_spread_rad: float
+    turned_rad: float
+    rekeyed: bool
+    own: float
+    rate_rad_s: float
+
+
+class Tracker:
+    """Follows one contact after another; each begins at the angle at which the last one ended."""
+
+    def __init__(self, learn: Learn) -> None:
+        self._learn, self._aligner = learn, Aligner()
+        self._state: Touch | Contact | None = None
+        self._refused = False
 
     @property
-    def misfit(self) -> float:
-        """The misfit of the slopes, see `Alignment`."""
-        return math.inf if self.alignment is None else self.alignment.misfit
+    def contact(self) -> "Contact | None":
+        """The contact that is followed, None without one or before its first keyframe."""
+        return self._state if isinstance(self._state, Contact) else None
+
+    def release(self) -> None:
+        """Forget the contact, because it has ended."""
+        self._state, self._refused = None, False
+
+    def follow(self, seen: Seen, angle_rad: float) -> Tracked | None:
+        """Return the fit of a frame; None if the contact cannot be followed in it.
+
+        angle_rad: where a contact that begins starts to count.
+        """
+        busy = False
+        if self._state is None:
+            if not seen.torn:
+                self._state = Touch(seen, Pose(angle_rad, _middle(seen.region.mask)))
+            return None if self._state is None or self._refused else self._state.tracked
+        if isinstance(self._state, Touch):
+            self._state, busy = self._begun(self._state), True
+            self._refused = self._state is None
+        return None if self._state is None else self._state.follow(seen, busy)
+
+    def _begun(self, touch: "Touch") -> "Contact | None":
+        """Make the first keyframe of a contact; without a dent there is none."""
+        learnt = self._learn(touch.source.difference, touch.source.mask)
+        key = None if learnt is None else make_keyframe(touch.source, learnt)
+        return (
+            None if learnt is None or key is None else Contact(self._learn, self._aligner, touch, learnt, key)
+        )
+
+
+class Touch:
+    """The first frame of a contact, of which the first keyframe is made in the next frame."""
+
+    def __init__(self, seen: Seen, pose: Pose) -> None:
+        self.source, self.time_s, self.pose = seen.source(False), seen.time_s, pose
 
     @property
-    def noise_rad(self) -> float:
-        """One standard deviation of the angle from frame to frame."""
-        return TEXTURE.noise_rad if self.alignment is None else self.alignment.noise_rad
-
-    @property
-    def good(self) -> bool:
-        """Whether the keyframe still fits well."""
-        found = self.alignment
-        if found is not None:
-            worst = SLOPES.good_misfit if found.settled else SLOPES.unsettled_misfit
-            return found.misfit <= worst and found.overlap >= SLOPES.good_overlap
-        turned_rad = self.pose.angle_rad - self.key.pose.angle_rad
-        return self.fit is not None and still_fits(self.fit, turned_rad)
+    def tracked(self) -> Tracked:
+        """The fit of the frame, at the pose of the touch."""
+        return Tracked(Fit(self.pose, 1.0, 1.0, 0.0, 1.0, True), 0.0, 0.0, 0.0, True, 1.0, 0.0)
 
 
-class KeyframeTracker:
-    """Follows one grasp from its first keyframe on.
+class Contact:
+    """One contact from its first keyframe on: keyframes, readings, and the motion between the frames.
 
-    angle_rad, variance: of the pose at the first keyframe. aspect_known: see `angle_variance`.
-    to_the_end: see `align`.
+    keys: its keyframes, in the order of their frames. anchored_px: from the point that was tracked at first
+    to the present one. disagrees: whether the curvature fits badly, so that a better pose is searched for.
     """
 
     def __init__(
-        self,
-        first: Keyframe,
-        texture: TextureKey | None,
-        angle_rad: float,
-        variance: float,
-        aspect_known: bool = False,
-        to_the_end: bool = False,
+        self, learn: Learn, aligner: Aligner, touch: Touch, learnt: LearntGradientMap, key: Keyframe
     ) -> None:
-        self._aspect_known, self._to_the_end = aspect_known, to_the_end
-        self._keys = [Key(first, texture, ContactPose(angle_rad, first.center_px), variance)]
-        self._key = self._keys[0]
-        self._pose = self._key.pose
-        self._motion = PointMotion()
-        self._weights: NDArray[np.float32] | None = None
-        self.texture_leads = False
+        self._learn, self._aligner, self._map = learn, aligner, learnt
+        pose = Pose(touch.pose.angle_rad, key.center_px)
+        self._readings = [Reading(share, pose) for share in (ALIGNMENT.slopes_share, *FURTHER_SHARES)]
+        self._settling, self._settled_frames = Settling(), 0
+        self._middle_px, self._contact_px = touch.pose.point_px, 0j
+        self._zero_rad, self._time_s = pose.angle_rad, touch.time_s
+        self._rate_rad_s, self._motion_px = 0.0, 0j
+        self._usual_score, self._checked, self._looked_s = 1.0, 0, touch.time_s
+        self._weighed_s, self._looks = touch.time_s, 0
+        self._texture_leads, self._led, self.disagrees = False, 0, False
+        self._joint: Pose | None = None
+        self._alone: Fit | None = None
+        self._aligned: list[Reading] = []
+        self._forced, self._rekeyed, self.anchored_px = False, True, 0j
+        self._anew = False
+        self._worst_loss = self._worst_spread_rad = 0.0
+        self._pending: list[Callable[[], None]] = []
+        for reading in self._readings:
+            reading.keys.append(pose)
+        self._take([key])
 
-    def track(
-        self, field: GradientField, texture: TextureField | None, expected_rad: float
-    ) -> Tracked | None:
-        """Return the pose in a frame, None where no keyframe fits.
+    @property
+    def pose(self) -> Pose:
+        """The pose in the newest frame."""
+        return self._readings[0].pose
 
-        texture: None if it is not due. expected_rad: the initial angle.
+    @property
+    def settled(self) -> bool:
+        """Whether later angles of this contact differ from the newest one by the measured rotation."""
+        return self._settled_frames > FILTERED_FRAMES
+
+    @property
+    def richest(self) -> Keyframe:
+        """The keyframe with the most texture."""
+        return max(self.keys, key=lambda key: key.richness)
+
+    @property
+    def observable(self) -> bool:
+        """Whether a rotation changes at least one keyframe enough."""
+        return any(key.observable for key in self.keys)
+
+    def take_keyframe(self) -> None:
+        """Make a keyframe of the next frame."""
+        self._forced = True
+
+    def expected(self, time_s: float) -> Pose:
+        """Return the pose that is expected at a time."""
+        ahead_s = min(time_s - self._time_s, MOTION.horizon_s)
+        return Pose(self.pose.angle_rad + self._rate_rad_s * ahead_s, self.pose.point_px + self._motion_px)
+
+    def follow(self, seen: Seen, busy: bool) -> Tracked | None:
+        """Return the fit of a frame; None if no keyframe fits. busy: whether a keyframe was made in it."""
+        middle = _middle(seen.region.mask)
+        self._contact_px, self._middle_px = middle - self._middle_px, middle
+        self._rekeyed, last_rad = busy, self.pose.angle_rad
+        if self._pending:
+            busy = True
+            self._pending.pop(0)()
+        if self._settling.update(seen.region.levels, seen.time_ns):
+            self._settle()
+        led = self._texture_leads
+        fit, looked = self._read(seen, busy)
+        self._rekeyed |= led != self._texture_leads
+        if abs(fit.angle_rad - last_rad) > self._reach_rad(seen.time_s):
+            return None
+        self._accept(fit, seen.time_s)
+        free = not self._pending
+        self._settled_frames += self._settling.settled and free and not self._forced
+        usable = free and not seen.torn and (looked or self._forced)
+        if usable and self._wants(seen, fit, busy):
+            self._forced, poses = False, [reading.pose for reading in self._readings]
+            self._pending.append(partial(self._renew, seen.source(busy), poses, fit.alone))
+        return self._answered(fit)
+
+    def _answered(self, fit: Fit) -> Tracked:
+        """Return the answer from the readings.
+
+        The gel can hide a rotation, because it rests, but it cannot invent one: while the texture leads, the
+        reading that has turned furthest since the contact settled is the answer.
         """
-        expected = ContactPose(expected_rad, self._pose.point_px)
-        found = self._by_slopes(field, expected)
-        belief = None if texture is None else self._believed(field, texture, found, expected)
-        if texture is not None:
-            self.texture_leads = belief is not None
-        if belief is not None:
-            far = abs(belief.fit.pose.angle_rad - self._pose.angle_rad) > MAX_JUMP_RAD
-            if belief.fit.score < TEXTURE.lost_score or far:
-                return None
-            key = self._keys[-1]
-            found = Tracked(
-                belief.pose,
-                key,
-                belief.variance,
-                key,
-                fit=belief.fit,
-            )
-        return None if found is None else self._accept(found)
+        angles = [reading.pose.angle_rad for reading in self._readings]
+        if self._settling.settled and not fit.alone:
+            furthest = max(angles, key=lambda angle: abs(angle - self._zero_rad))
+            fit = replace(fit, pose=Pose(furthest, fit.pose.point_px))
+        if self._alone is not None:
+            angles.append(self._alone.angle_rad)
+        self._worst_loss = max(self._worst_loss, fit.loss)
+        self._worst_spread_rad = max(self._worst_spread_rad, max(angles) - min(angles))
+        turned, worst = fit.angle_rad - self._zero_rad, (self._worst_loss, self._worst_spread_rad)
+        own = max(key.own for key in self.keys)
+        return Tracked(fit, *worst, turned, self._rekeyed, own, self._rate_rad_s)
 
-    def _believed(
-        self, field: GradientField, texture: TextureField, found: Tracked | None, expected: ContactPose
-    ) -> Belief | None:
-        """Return the pose by slopes and texture together; None if the pose of the slopes stands."""
-        start = replace(expected, point_px=expected.point_px + self._motion.per_frame_px)
-        if found is not None and not self.texture_leads:
-            start = found.pose
-        by_slopes = found.pose if found is not None and found.misfit <= SLOPES.plain_misfit else None
-        return by_texture(self._keys, field, texture, start, by_slopes, self.texture_leads)
+    def _settle(self) -> None:
+        """Count rotations from here, with a keyframe and one pose for all readings.
 
-    def _by_slopes(self, field: GradientField, expected: ContactPose) -> Tracked | None:
-        older = self._surest(expected.angle_rad)
-        anchored = None if older is None else self._near(older, field, expected)
-        if anchored is not None and anchored.good:
-            return anchored
-        found = self._near(self._key, field, expected)
-        if found is None:
-            return self._by_others(field, expected)
-        return found if anchored is None else _fused(found, anchored)
+        From now on the middle of the contact is tracked: while it grew, the point may have moved along it.
+        """
+        self._forced, self._anew, first = True, True, self._readings[0]
+        self._zero_rad, self._joint = first.pose.angle_rad, None
+        self.anchored_px = self._middle_px - first.pose.point_px
+        for reading in self._readings[1:]:
+            reading.join(first)
+        for reading in self._readings:
+            reading.anchor(self.anchored_px)
+        self._worst_loss = self._worst_spread_rad = 0.0
 
-    def add_key(self, key: Key) -> None:
-        """Add a keyframe; beyond `MAX_KEYFRAMES` remove the oldest one except the first."""
-        self._key = key
-        self._keys.append(key)
-        self._weights = None
-        if len(self._keys) > MAX_KEYFRAMES:
-            del self._keys[1]
+    def _renew(self, source: Source, poses: list[Pose], alone: bool) -> None:
+        """Make a keyframe of an earlier frame, with its poses in the readings; the poorest one makes room."""
+        key = make_keyframe(source, self._map)
+        if key is None:
+            return
+        outgrown = key.area_px / (KEYFRAMES.grown if key.observable else 1.0) if self._anew else 0.0
+        kept = [k for k, one in enumerate(self.keys) if one.area_px > outgrown]
+        if not key.observable and any(self.keys[k].observable for k in kept):
+            return
+        if self._settling.settled and not alone:
+            poses = self._closed(source, poses)
+        self._anew = False
+        self._keep(kept)
+        if not self.keys or key.richness > self.richest.richness:
+            self._pending.append(partial(self._learn_again, source))
+        if len(self.keys) == MOST_KEYS:
+            poorest = self.keys.index(min(self.keys, key=lambda one: one.richness))
+            self._keep([k for k in range(MOST_KEYS) if k != poorest])
+        for reading, pose in zip(self._readings, poses, strict=True):
+            reading.keys.append(pose)
+        self._take([*self.keys, key])
+        self._rekeyed = True
 
-    def _surest(self, angle_rad: float) -> Key | None:
-        """Return the near key with the smallest variance, if it is smaller than that of the present key."""
-        near = [k for k in self._keys if k.near(angle_rad)]
-        surest = min(near, key=lambda k: k.variance, default=self._key)
-        return surest if surest.variance < self._key.variance else None
+    def _keep(self, kept: list[int]) -> None:
+        """Forget the other keyframes."""
+        self.keys = [self.keys[k] for k in kept]
+        for reading in self._readings:
+            reading.keys = [reading.keys[k] for k in kept]
 
-    def _by_others(self, field: GradientField, expected: ContactPose) -> Tracked | None:
-        """Align with another key that is near and fits well."""
-        for key in self._keys:
-            if key is not self._key and key.near(expected.angle_rad):
-                found = self._near(key, field, expected)
-                if found is not None and found.good:
-                    return found
-        return None
+    def _closed(self, source: Source, poses: list[Pose]) -> list[Pose]:
+        """Return the poses of a frame, corrected by the oldest keyframe to which it can be aligned directly.
 
-    def _near(self, key: Key, field: GradientField, expected: ContactPose) -> Tracked | None:
-        """Align with a key; return None if it does not fit or the rotation is larger than `MAX_JUMP_RAD`."""
-        found = self._aligned(key, field, expected)
-        if found is None or abs(found.pose.angle_rad - expected.angle_rad) > MAX_JUMP_RAD:
-            return None
-        return found
+        The errors of a chain of keyframes add up; one step from an old keyframe does not have them.
+        """
+        box, first = contact_box(source.mask), poses[0]
+        slopes = slope_planes(source.difference, self._map, source.mask, box, ALIGNMENT.broad_share)
+        frame = slopes, box[:2], source.texture
+        starts = [Pose(first.angle_rad + aside, first.point_px) for aside in (0.0, -CLOSING_RAD, CLOSING_RAD)]
+        for k in range(len(self.keys)):
+            fit = self._aligner.directly(k, frame, self._readings[0], starts)
+            if fit.rank >= ALIGNMENT.closing_rank:
+                by = Pose(fit.angle_rad - first.angle_rad, fit.pose.point_px - first.point_px)
+                if fit.rank < self._aligner.at(first).rank + ALIGNMENT.closing_gain:
+                    return poses
+                for reading in self._readings:
+                    reading.moved(by)
+                return [_sum(pose, by) for pose in poses]
+        return poses
 
-    def _aligned(self, key: Key, field: GradientField, expected: ContactPose) -> Tracked | None:
-        weights = self._weights if key is self._key else None
-        angle, shift = key.motion_to(expected)
-        alignment = align(key.frame, field, angle, shift, weights, self._to_the_end)
-        fits = alignment.misfit <= SLOPES.worst_misfit and alignment.overlap >= SLOPES.worst_overlap
-        if not fits:
-            return None
-        pose = key.pose_after(alignment.angle_rad, alignment.shift_px)
-        own = angle_variance(alignment, key.frame.contrast, self._aspect_known)
-        return Tracked(pose, key, key.variance + own, key, alignment)
+    def _learn_again(self, source: Source) -> None:
+        """Learn the map at the richest keyframe; all keyframes change to it in the next frame."""
+        learnt = self._learn(source.difference, source.mask)
+        if learnt is not None:
+            self._pending.append(partial(self._change_map, learnt))
 
-    def _accept(self, found: Tracked) -> Tracked:
-        self._motion.update(found.pose.point_px - self._pose.point_px)
-        self._key, self._pose = found.key, found.pose
-        self._weights = None if found.alignment is None else found.alignment.weights
-        key = found.key  # for any key, the arc is that of the newest one
-        by_pivot = max(key.frame.pivot, self._keys[-1].frame.pivot)
-        turned = found.pose.angle_rad - key.pose.angle_rad
-        return replace(found, pivot_rad=key.pivot_rad + by_pivot * turned)
+    def _change_map(self, learnt: LearntGradientMap) -> None:
+        self._map = learnt
+        self._take([key.with_map(learnt) for key in self.keys])
+
+    def _take(self, keys: list[Keyframe]) -> None:
+        self.keys = keys
+        self._aligner.take(keys)
+
+    def _wants(self, seen: Seen, fit: Fit, busy: bool) -> bool:
+        """Whether this frame should become a keyframe: it is asked for, has turned far, grown, or is richer.
+
+        A contact that has grown much fits an old keyframe best when it is turned, so that its rims meet.
+        """
+        nearest = min(abs(key.angle_rad - fit.angle_rad) for key in self._readings[0].keys)
+        if self._forced or nearest > KEYFRAMES.further_rad:
+            return True
+        if self._settling.settled:
+            if seen.time_s - self._weighed_s < ALIGNMENT.network_s:
+                return False
+        elif seen.region.area_px > KEYFRAMES.grown * self.keys[-1].area_px:
+            return True
+        self._weighed_s = seen.time_s
+        return seen.texture(busy).richness(seen.region.mask) > KEYFRAMES.richer * self.richest.richness
+
+    def _reach_rad(self, time_s: float) -> float:
+        """Return the largest rotation since the last frame."""
+        return min(max(MOST_TURN_RAD, MOST_RATE_RAD_S * (time_s - self._time_s)), MOST_REACH_RAD)
+
+    def _accept(self, fit: Fit, time_s: float) -> None:
+        """Take the pose of a frame, and update the motion; readings that did not align move with it."""
+        by = Pose(fit.angle_rad - self.pose.angle_rad, fit.pose.point_px - self.pose.point_px)
+        bounded = by.point_px * min(1.0, MOTION.most_shift_px / max(abs(by.point_px), 1e-9))
+        self._motion_px = 0.5 * (self._motion_px + bounded)
+        elapsed_s = time_s - self._time_s
+        self._rate_rad_s += min(1.0, elapsed_s / MOTION.rate_s) * (
+            by.angle_rad / elapsed_s - self._rate_rad_s
+        )
+        self._time_s, self._readings[0].pose = time_s, fit.pose
+        for reading in self._readings[1:]:
+            if reading not in self._aligned:
+                reading.moved(by)
+
+    def _read(self, seen: Seen, busy: bool) -> tuple[Fit, bool]:
+        """Return the fit of a frame in the first reading, and whether its texture was needed.
+
+        If the slopes alone explain the frame, they are those of the object, and the texture is examined only
+        from time to time.
+        """
+        start, mask, aligner = self.expected(seen.time_s), seen.region.mask, self._aligner
+        box = contact_box(mask)
+        slopes = slope_planes(seen.difference, self._map, mask, box, ALIGNMENT.broad_share)
+        aligner.view(slopes, box[:2], self._readings[0], start.angle_rad)
+        self._aligned: list[Reading] = []
+        self._led = self._led + 1 if self._texture_leads else 0
+        alone = aligner.alone(start) if self._led % AFTER_LEADING == 0 else None
+        if alone is not None and not self._explains(alone, start, seen.time_s):
+            alone = None
+        self._alone = alone
+        if alone is not None and not self._texture_leads:
+            if busy or seen.time_s - self._looked_s < ALIGNMENT.look_s:
+                return alone, False
+        self._looked_s = seen.time_s
+        texture = seen.texture(busy)
+        aligner.view_texture(texture)
+        joint = self._jointly(seen, start, alone, busy or texture.heavy)
+        self._read_further(joint, start, seen.time_s)
+        angles = [reading.pose.angle_rad for reading in self._readings]
+        if seen.time_s - self._time_s > GAP_S or max(angles) - min(angles) > APART_RAD:
+            joint = self._with_others(joint, start)
+        if alone is not None:
+            aligner.read_as(self._readings[0], start.angle_rad)
+            if joint.rank < aligner.at(alone.pose).rank + ALIGNMENT.more_score:
+                self._texture_leads = False
+                # The gel can hide a rotation: near rest the joint alignment keeps its own pose.
+                nearest = min(
+                    abs(alone.angle_rad - self._readings[0].keys[k].angle_rad) for k in aligner.used
+                )
+                self._joint = joint.pose if nearest < ALIGNMENT.rests_rad else None
+                return alone, True
+        self._texture_leads, self._joint = True, joint.pose
+        return joint, True
+
+    def _explains(self, alone: Fit, expected: Pose, time_s: float) -> bool:
+        near = abs(alone.angle_rad - expected.angle_rad) < self._reach_rad(time_s)
+        least = ALIGNMENT.plain_fit if self._settling.settled else ALIGNMENT.growing_fit
+        return alone.best >= least and near
+
+    def _read_further(self, joint: Fit, expected: Pose, time_s: float) -> None:
+        """Align in one of the other readings, from its own pose and from the first reading's rotation.
+
+        They take turns. While the contact grows, and after a gap, all are aligned.
+        """
+        first = self._readings[0]
+        k = self._aligner.used[0]
+        ahead, turned = _less(expected, first.pose), _less(joint.pose, first.pose)
+        from_key = _less(joint.pose, first.keys[k])
+        due = self._readings[1:]
+        if self._settling.settled and time_s - self._time_s <= GAP_S:
+            self._looks += 1
+            due = due[self._looks % len(due) :][:1]
+        for reading in due:
+            starts = [_sum(reading.pose, ahead), _sum(reading.pose, turned), _sum(reading.keys[k], from_key)]
+            self._aligner.read_as(reading, starts[0].angle_rad)
+            fit = self._aligner.both(_apart(starts))
+            if abs(fit.angle_rad - reading.pose.angle_rad) <= self._reach_rad(time_s):
+                reading.pose = fit.pose
+                self._aligned.append(reading)
+
+    def _with_others(self, joint: Fit, expected: Pose) -> Fit:
+        """Return the fit of the first reading from the rotations of the others, if its rank is higher."""
+        first, k = self._readings[0], self._aligner.used[0]
+        starts = [_sum(first.keys[k], _less(reading.pose, reading.keys[k])) for reading in self._aligned]
+        if not starts:
+            return joint
+        self._aligner.read_as(first, expected.angle_rad)
+        return max(joint, self._aligner.both(starts), key=lambda fit: fit.rank)
+
+    def _jointly(self, seen: Seen, start: Pose, alone: Fit | None, busy: bool) -> Fit:
+        """Align both channels, and search for a better pose if the fit is worse than usual."""
+        aligner, time_s = self._aligner, seen.time_s
+        own = self._joint
+        found = aligner.both([start] if alone is None or own is None else [own, alone.pose])
+        self._usual_score += 0.2 * (min(found.score, 1.5) - self._usual_score)
+        self._checked += 1
+        self.disagrees = found.loss >= ALIGNMENT.most_loss
+        gap = time_s - self._time_s > GAP_S
+        if not gap and (busy or not self._doubtful(found, start)):
+            return found
+        self._checked = 0
+        best, first = aligner.coarse(self._starts(found, start, time_s, gap))
+        if best.rank < first + BETTER:
+            return found
+        return max(found, aligner.both([best.pose]), key=lambda fit: fit.rank)
+
+    def _doubtful(self, found: Fit, expected: Pose) -> bool:
+        """Whether a fit is worse than usual, surprising, or has not been checked for some frames."""
+        return (
+            found.score < ALIGNMENT.good_score * self._usual_score
+            or abs(found.angle_rad - expected.angle_rad) > ALIGNMENT.surprise_rad
+            or abs(found.pose.point_px - self.pose.point_px - self._contact_px) > ASTRAY_PX
+            or self.disagrees
+            or self._checked >= ALIGNMENT.check_frames
+        )
+
+    def _starts(self, found: Fit, expected: Pose, time_s: float, gap: bool) -> list[Pose]:
+        """Return the fit, and poses from which a better one may be found."""
+        angle, point = self.pose
+        shifted = point + self._contact_px
+        asides = (expected.angle_rad + aside * ALIGNMENT.aside_rad for aside in ASIDES)
+        starts = [found.pose, self.pose, *(Pose(aside, point) for aside in asides)]
+        opposite = 2.0 * expected.angle_rad - angle
+        starts += [Pose(each, shifted) for each in (angle, expected.angle_rad, opposite)]
+        if self.disagrees:
+            sought = self._aligner.sought(found.pose, NEAR_TURNS, NEAR_STEPS)
+            if abs(sought.angle_rad - angle) < self._reach_rad(time_s):
+                starts.append(sought)
+        if gap:
+            turns = math.ceil(self._reach_rad(time_s) / GRID_RAD)
+            starts += [self._aligner.sought(Pose(angle, at), turns, FAR_STEPS) for at in (shifted, point)]
+        return starts
 
 
-def _fused(newer: Tracked, older: Tracked) -> Tracked:
-    """Return the fused pose of two keys, weighted by their variances; if they contradict, that of the newer.
+def _middle(mask: Image) -> complex:
+    """Return the center of gravity of a mask."""
+    moments = cv2.moments(mask, True)
+    return complex(moments["m10"], moments["m01"]) / max(moments["m00"], 1.0)
 
-    The variance that both inherit from the older key is a common error.
-    """
-    common = older.key.variance
-    one, two = max(newer.variance - common, 1e-12), max(older.variance - common, 1e-12)
-    gap = older.pose.angle_rad - newer.pose.angle_rad
-    if abs(gap) > KEYFRAMES.same_sigmas * math.sqrt(one + two):
-        return newer
-    share = one / (one + two)
-    pose = replace(newer.pose, angle_rad=newer.pose.angle_rad + share * gap)
-    return replace(newer, pose=pose, variance=common + one * two / (one + two), base=older.key)
+
+def _apart(starts: list[Pose]) -> list[Pose]:
+    """Return the starts without those that lead to the same fit as an earlier one."""
+    kept: list[Pose] = []
+    for start in starts:
+        gaps = (_less(start, other) for other in kept)
+        if all(abs(gap.angle_rad) > SAME_RAD or abs(gap.point_px) > SAME_PX for gap in gaps):
+            kept.append(start)
+    return kept
+
+
+def _sum(one: Pose, other: Pose) -> Pose:
+    return Pose(one.angle_rad + other.angle_rad, one.point_px + other.point_px)
+
+
+def _less(one: Pose, other: Pose) -> Pose:
+    return Pose(one.angle_rad - other.angle_rad, one.point_px - other.point_px)

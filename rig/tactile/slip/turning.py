@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from drivers.errors import InputError
 from rig.tactile.contact.model_files import MODELS, open_model, run_model
 from rig.tactile.slip.height import Field
-from rig.tactile.slip.parameters import TEXTURE
+from rig.tactile.slip.parameters import KEYFRAMES
 from rig.tactile.slip.texture import FINENESS
 
 # Side of the squares that the network predicts, px, and the multiple of px that its input has as sides.
@@ -41,9 +41,13 @@ class TurningNetwork:
 
     def share(self, difference: Field) -> NDArray[np.float32]:
         """Return the rotating fraction, 0 to 1, of a relative difference (h, w, 3), per `SHARE_PX` square."""
-        height, width = difference.shape[:2]
+        return self.share_of(difference.transpose(2, 0, 1))
+
+    def share_of(self, difference: Field) -> NDArray[np.float32]:
+        """Return the same of planes (3, h, w)."""
+        height, width = difference.shape[1:]
         fed = np.zeros((1, 3, height + -height % MULTIPLE_PX, width + -width % MULTIPLE_PX), np.float32)
-        fed[0, :, :height, :width] = difference.transpose(2, 0, 1)
+        fed[0, :, :height, :width] = difference
         logits = run_model(self._session, self._name, {self._key: fed})[0][0, 0]
         logits = logits[: -(-height // SHARE_PX), : -(-width // SHARE_PX)]
         return np.asarray(1.0 / (1.0 + np.exp(-logits)), np.float32)
@@ -51,14 +55,14 @@ class TurningNetwork:
     def counts(self, difference: Field, scale: int) -> Field:
         """Return the weight of the texture of each pixel, (h, w), `least_count` to 1.
 
-        difference: (h, w, 3), with `scale` pixels per work pixel.
+        difference: (3, h, w), with `scale` pixels per work pixel.
         """
-        height, width = difference.shape[:2]
+        height, width = difference.shape[1:]
         if scale != FINENESS:  # the network was trained on this resolution
             size = (FINENESS * width // scale, FINENESS * height // scale)
-            difference = np.asarray(cv2.resize(difference, size), np.float32)
-        turning = (self.share(difference) - TEXTURE.resting) / (TEXTURE.turning - TEXTURE.resting)
-        counts = TEXTURE.least_count + (1.0 - TEXTURE.least_count) * np.clip(turning, 0.0, 1.0)
+            difference = np.stack([cv2.resize(plane, size) for plane in difference])
+        turning = (self.share_of(difference) - KEYFRAMES.resting) / (KEYFRAMES.turning - KEYFRAMES.resting)
+        counts = KEYFRAMES.least_count + (1.0 - KEYFRAMES.least_count) * np.clip(turning, 0.0, 1.0)
         return np.asarray(cv2.resize(counts, (width, height)), np.float32)
 
 

@@ -92,10 +92,27 @@ def test_gain_counts_versions_of_a_clip_once_and_clips_as_much_as_all_lifts() ->
 
 @given(st.floats(0.001, 0.999))
 def test_fraction_stays_between_zero_and_one_and_can_be_stepped_back(value: float) -> None:
-    larger = stepped(value, "texture.rest_share", 1.25)
+    larger = stepped(value, "alignment.rest_share", 1.25)
     assert value < larger < 1.0
-    assert stepped(larger, "texture.rest_share", 0.8) == pytest.approx(value)
-    assert stepped(2.0, "joint.richer", 1.25) == 2.5
+    assert stepped(larger, "alignment.rest_share", 0.8) == pytest.approx(value)
+    assert stepped(2.0, "keyframes.richer", 1.25) == 2.5
+
+
+@pytest.mark.parametrize("name", [f"{group}.{name}" for group, of in shipped().items() for name in of])
+def test_every_parameter_can_be_stepped_in_both_directions(name: str) -> None:
+    group, _, short = name.partition(".")
+    value = shipped()[group][short]
+    less, more = (stepped(value, name, factor) for factor in (1.0 / study.STEP, study.STEP))
+    assert 0.0 < less < value < more
+    if short in study.COUNTS:
+        assert all(each == int(each) for each in (less, value, more))
+    if short in study.FRACTIONS or short.endswith("share"):
+        assert more < 1.0
+
+
+def test_fractions_and_counts_name_existing_parameters() -> None:
+    names = {name for of in shipped().values() for name in of}
+    assert study.FRACTIONS | study.COUNTS <= names
 
 
 def test_every_shipped_parameter_is_a_positive_number_that_the_estimator_uses() -> None:
@@ -119,7 +136,7 @@ def test_penalty_of_stored_cases_depends_on_the_parameters(tmp_path: Path) -> No
     values = shipped()
     usual = penalty(values, case)
     assert usual < 4.0
-    vague = values | {"slopes": values["slopes"] | {"systematic_rad": 20.0}}
+    vague = values | {"sigma": values["sigma"] | {"least_rad": 20.0}}
     assert penalty(vague, case) > usual
 
 
@@ -140,7 +157,7 @@ def test_fit_keeps_what_it_has_tried_and_goes_on_with_resume(
     monkeypatch.setattr(study, "ClipVersion", [ClipVersion.PLAIN])
     monkeypatch.setattr(study, "LIFTS_OF_RENDERER", 0)
     monkeypatch.setattr(study, "resolve_objects", lambda *_: [])
-    options = FitOptions(tmp_path, only=["joint.richer"], lifts=1, save=tmp_path / "slip.json")
+    options = FitOptions(tmp_path, only=["keyframes.richer"], lifts=1, save=tmp_path / "slip.json")
     run = Run(jobs=1, folder=tmp_path / "fit")
     measure(options, run)
     card = json.loads((tmp_path / "slip.json").read_text())
@@ -150,11 +167,16 @@ def test_fit_keeps_what_it_has_tried_and_goes_on_with_resume(
     assert len(tried) >= 2
     with pytest.raises(InputError, match="--resume"):
         measure(options, run)
-    report = measure(replace(options, only=["joint.richer", "joint.further_rad"]), replace(run, resume=True))
+    report = measure(
+        replace(options, only=["keyframes.richer", "keyframes.further_rad"]), replace(run, resume=True)
+    )
     assert len((tmp_path / "fit" / study.TRIED).read_text().splitlines()) > len(tried)
-    assert {row.parameter for row in report.tables[1].records} == {"joint.richer", "joint.further_rad"}
+    assert {row.parameter for row in report.tables[1].records} == {
+        "keyframes.richer",
+        "keyframes.further_rad",
+    }
 
 
 def test_unknown_parameter_is_named_with_the_nearest(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"joint\.richer"):
-        measure(FitOptions(tmp_path, only=["joint.richr"]), Run())
+    with pytest.raises(InputError, match=r"keyframes\.richer"):
+        measure(FitOptions(tmp_path, only=["keyframes.richr"]), Run())

@@ -12,7 +12,7 @@ from calibration.gel.gradient_map import features
 from calibration.store import CalibrationFile, save
 from calibration.verdict import Assessment
 from drivers.errors import InputError
-from rig.frames.stages import GAP_PX, PANEL_HEIGHT_PX, explained_lift, stages_picture
+from rig.frames.stages import BAND_PX, GAP_PX, PANEL_HEIGHT_PX, explained_lift, stages_picture
 from support.command_line import rig
 
 FEATURES = features(np.zeros((1, 3)), np.zeros((1, 2)), (320, 240)).shape[1]
@@ -22,8 +22,7 @@ STORED = Path(__file__).resolve().parents[3] / "data" / "stored_trial"
 def unexplained(picture: np.ndarray) -> float:
     """Mean brightness of the last panel, where the rest of the slopes is drawn."""
     width = (picture.shape[1] - 2 * GAP_PX) // 3
-    band = picture.shape[0] - 2 * PANEL_HEIGHT_PX
-    return float(picture[-PANEL_HEIGHT_PX - band // 3 : -band // 3, -width:].mean())
+    return float(picture[-PANEL_HEIGHT_PX - BAND_PX : -BAND_PX, -width:].mean())
 
 
 def test_wrong_rotation_leaves_a_larger_residual() -> None:
@@ -35,6 +34,17 @@ def test_wrong_rotation_leaves_a_larger_residual() -> None:
         for sign in (1, -1)
     )
     assert unexplained(right) < 0.8 * unexplained(wrong)
+
+
+def test_texture_and_curvature_of_the_first_row_are_drawn_at_the_contact() -> None:
+    found = explained_lift(STORED, 1, None)
+    picture = stages_picture(found.turn, found.background, None, "a turn").astype(float)
+    row, width = picture[BAND_PX : BAND_PX + PANEL_HEIGHT_PX], (picture.shape[1] - 2 * GAP_PX) // 3
+    difference, texture, curvature = (row[:, k * (width + GAP_PX) :][:, :width] for k in range(3))
+    change = np.abs(difference - 128.0).max(axis=2)
+    contact = change > 0.3 * change.max()
+    assert texture[contact].mean() > 3.0 * texture[~contact].mean()
+    assert np.abs(curvature[contact] - 128.0).mean() > 3.0 * np.abs(curvature[~contact] - 128.0).mean()
 
 
 def test_command_writes_a_picture_and_names_missing_input(tmp_path: Path) -> None:

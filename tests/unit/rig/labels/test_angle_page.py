@@ -88,8 +88,8 @@ def test_proposes_the_zero_of_rig_estimate_as_reference(clip: Path, press: Draw,
         cv2.imwrite(str(clip / "frames" / f"{number:03d}.png"), growing[..., ::-1])
     series = read_frames(clip / "frames")
     choice, note = choose_frames(series, blank, 3)
-    assert choice == FrameChoice(15, (15, 24, 33))
-    assert "reference: frame 15 (at the first frame with an angle in a settled contact)" in note
+    assert choice == FrameChoice(18, (18, 26, 33))
+    assert "reference: frame 18 (at the first frame with an angle in a settled contact)" in note
     estimated = Estimation(choose_estimator(None, None), "first:2").of_series(series).figures
     assert estimated.reference_time_s == pytest.approx(choice.reference / 60, abs=1e-6)
 

@@ -112,7 +112,7 @@ def test_clip_has_the_frames_unchanged_and_gives_the_angles_of_the_live_view(
     assert [a is None for a in again] == [a is None for a in seen]
     turns = [s - a for s, a in zip(seen, again, strict=True) if s is not None and a is not None]
     assert len(turns) > 60
-    assert np.ptp(turns[-40:]) < 1e-6, "the same angles, but for the zero"
+    assert np.ptp(turns[-40:]) < 1e-4, "the same angles, but for the zero and single precision"
 
 
 @pytest.mark.slow
@@ -373,11 +373,13 @@ def test_end_of_a_source_names_its_frames() -> None:
         while not desk.ended:
             answered += sum(r.sample is not None and r.sample.angle_deg is not None for r in desk.step())
     assert answered > 60
-    assert re.search(
-        rf"all images have been played; .*; {answered} of 120 frames with an angle; "
-        r"without: \d+ no contact, 15 taking the background; 0 dropped",
+    told = re.search(
+        rf"all images have been played; .*; {answered} of 120 frames with an angle; without: (.*); 0 dropped",
         desk.notice,
     )
+    assert told
+    assert "15 taking the background" in told[1]
+    assert answered + sum(int(count) for count in re.findall(r"\d+", told[1])) == 120
 
 
 def test_background_of_another_size_is_rejected() -> None:

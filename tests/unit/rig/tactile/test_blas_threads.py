@@ -1,12 +1,15 @@
 """Matrix products of an estimator that a program makes itself use one thread during a frame."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from threadpoolctl import ThreadpoolController, threadpool_limits
 
 from rig.tactile.blas_threads import one_blas_thread
-from rig.tactile.contact.gate import ContactGate
+from rig.tactile.slip import estimator
 from rig.tactile.slip.estimator import SlipEstimator
+from rig.tactile.slip.gradient import learn_map
 from support.drawn_sensor import drawn_press
 
 
@@ -24,13 +27,23 @@ def test_number_of_threads_is_restored() -> None:
         assert blas_threads() == before
 
 
-def test_frame_is_estimated_with_one_thread(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("calibrated", [False, True])
+def test_slopes_are_computed_with_one_thread(monkeypatch: pytest.MonkeyPatch, calibrated: bool) -> None:
     seen: list[set[int]] = []
 
-    def find(gate: ContactGate, difference: np.ndarray) -> None:
+    def compute(difference: np.ndarray, mask: np.ndarray) -> object:
         seen.append(blas_threads())
+        return difference if calibrated else learn_map(difference, mask)
 
-    monkeypatch.setattr(ContactGate, "find", find)
+    press = drawn_press(20.0, (80.0, 25.0))
+    tracker = SlipEstimator(drawn_press(None))
+    if calibrated:
+        monkeypatch.setattr(tracker, "_slopes", SimpleNamespace(of=compute))
+    else:
+        monkeypatch.setattr(estimator, "learn_map", compute)
     with threadpool_limits(2, user_api="blas"):
-        SlipEstimator(drawn_press(None)).update(drawn_press(None), 0)
-    assert seen == [{1}]
+        for frame in range(2):
+            tracker.update(press, frame * 20_000_000)
+            press = np.roll(press, 1, axis=0)
+    assert seen
+    assert all(threads == {1} for threads in seen)

@@ -3,11 +3,15 @@
 import numpy as np
 import pytest
 
+from drivers.clock import to_ns
+from fakes.gel.sensor import GelSensor, Imprint
 from fakes.objects.shapes import Ball, ContactShape
-from fakes.objects.surfaces import build_surface
+from fakes.objects.surfaces import build_surface, depth_for_force
+from rig.tactile.estimators import choose_estimator
 from rig.tactile.sample import SlipSample, State
 from support.marks import long
 from support.presses import followed_presses
+from support.random_presses import blank
 
 pytestmark = pytest.mark.slow
 
@@ -25,10 +29,24 @@ def ball(radius_mm: float, texture: str = "none", texture_mm: float = 0.0) -> Co
 
 
 @pytest.mark.parametrize(
-    ("radius_mm", "force_n"), [(3.0, 8.0), (4.0, 4.0), (6.0, 8.0), (8.0, 4.0), (12.0, 8.0), (25.0, 4.0)]
+    ("radius_mm", "force_n"), [(3.0, 4.0), (4.0, 4.0), (6.0, 8.0), (8.0, 4.0), (12.0, 8.0), (25.0, 4.0)]
 )
 def test_smooth_ball_of_any_depth_is_refused(radius_mm: float, force_n: float) -> None:
-    assert {sample.state for sample in followed(ball(radius_mm), force_n)} == {State.UNOBSERVABLE}
+    samples = followed(ball(radius_mm), force_n)
+    assert {sample.state for sample in samples[1:]} == {State.UNOBSERVABLE}
+
+
+@pytest.mark.parametrize("radius_mm", [3.0, 6.0, 12.0, 25.0])
+@pytest.mark.parametrize("center_mm", [(5.0, 0.0), (0.0, 8.0), (6.0, 8.0)])
+def test_smooth_ball_that_the_border_cuts_is_refused(
+    radius_mm: float, center_mm: tuple[float, float]
+) -> None:
+    gel, surface, rng = GelSensor(1), build_surface(ball(radius_mm), 1, 3), np.random.default_rng(0)
+    imprint = Imprint(surface, 0.0, center_mm, depth_for_force(surface, 8.0, centre_mm=center_mm))
+    estimator = choose_estimator("slip").make(blank(1))
+    images = [gel.render(imprint, 1.0 + frame / 30.0, rng) for frame in range(8)]
+    samples = [estimator.update(image, to_ns(1.0 + frame / 30.0)) for frame, image in enumerate(images)]
+    assert {sample.state for sample in samples[1:]} == {State.UNOBSERVABLE}
 
 
 @pytest.mark.parametrize("radius_mm", [8.0, *long(12.0)])

@@ -9,25 +9,22 @@ import pytest
 from drivers.types import Image
 from rig.tactile.sample import State
 from rig.tactile.slip.estimator import SlipEstimator
-from rig.tactile.slip.evidence import Fit
 from rig.tactile.slip.height import Field
-from rig.tactile.slip.judge import sigma_alone
-from rig.tactile.slip.keys import ContactPose
-from rig.tactile.slip.loops import values_at
-from rig.tactile.slip.texture import FEWEST_POINTS, TextureField, fine_scale, make_texture_key, structure
+from rig.tactile.slip.loops import ROWS, SQUARE, X, Y
+from rig.tactile.slip.texture import STRONGEST, fine_scale, strongest, structure_of
 from support.drawn_sensor import specked
+from support.slip_frames import HEIGHT, WIDTH, texture_of
 
-HEIGHT, WIDTH = 160, 120
-GREY = (1.0, 1.0, 1.0)
+FULL = np.ones((80, 60), np.uint8)
 
 
-def line(angle_deg: float, colour: tuple[float, float, float] = GREY, width_px: float = 1.5) -> Field:
-    """The relative difference of a thin line through the middle, (h, w, 3)."""
+def line(angle_deg: float) -> Field:
+    """The relative difference of a thin grey line through the middle, (h, w, 3)."""
     x, y = np.meshgrid(np.arange(WIDTH) - WIDTH / 2 + 0.5, HEIGHT / 2 - 0.5 - np.arange(HEIGHT))
     turn = math.radians(angle_deg)
     along, across = x * math.cos(turn) + y * math.sin(turn), y * math.cos(turn) - x * math.sin(turn)
-    bright = 0.1 * np.exp(-0.5 * (across / width_px) ** 2) * (np.abs(along) < 30)
-    return (bright[..., None] * np.array(colour)).astype(np.float32)
+    bright = 0.1 * np.exp(-0.5 * (across / 1.5) ** 2) * (np.abs(along) < 30)
+    return np.repeat(bright[..., None], 3, axis=2).astype(np.float32)
 
 
 def bulge() -> Field:
@@ -46,34 +43,21 @@ def direction_deg(planes: Field) -> float:
 
 @pytest.mark.parametrize("angle_deg", [0.0, 25.0, 60.0, 135.0])
 def test_direction_of_a_line_is_measured(angle_deg: float) -> None:
-    gap = direction_deg(structure(line(angle_deg), 1.0)) - angle_deg
+    gap = direction_deg(structure_of(line(angle_deg))) - angle_deg
     assert (gap + 90.0) % 180.0 - 90.0 == pytest.approx(0.0, abs=1.0)
 
 
-def test_texture_key_takes_the_strongest_points() -> None:
-    field, mask = TextureField(line(30.0), 2), np.ones((80, 60), np.uint8)
-    key = make_texture_key(field, mask, 30 + 40j)
-    assert key is not None
-    assert key.squares.sum() == pytest.approx(1.0, abs=1e-4)
-    places = key.points_px * np.exp(1j * math.radians(30.0))  # back to along and across
-    assert np.abs(places.imag).max() < 6.0
-    assert make_texture_key(TextureField(np.zeros((HEIGHT, WIDTH, 3), np.float32), 2), mask, 0j) is None
-    assert FEWEST_POINTS > 1
-
-
-def test_texture_key_matches_before_and_after_rotation() -> None:
-    before, mask = TextureField(line(20.0), 2), np.ones((80, 60), np.uint8)
-    middle = 29.75 + 39.75j
-    key = make_texture_key(before, mask, middle)
-    assert key is not None
-    assert values_at(key.within(before, middle), 0.0, 0j) == pytest.approx(key.template, abs=1e-4)
-    after = TextureField(line(55.0), 2)
-    turned = values_at(key.within(after, middle), math.radians(35.0), 0j)
-    alike = float((turned * key.template).sum()) / math.sqrt(float((turned**2).sum()))
-    rest = values_at(key.within(after, middle), 0.0, 0j)
-    at_rest = float((rest * key.template).sum()) / math.sqrt(float((rest**2).sum()))
-    assert alike > 0.95
-    assert at_rest < 0.5 * alike
+def test_strongest_points_lie_on_the_line_and_have_unit_energy() -> None:
+    texture, rows = texture_of(line(30.0)), np.zeros((ROWS, STRONGEST), np.float32)
+    found = strongest(texture, FULL, rows, 29.5 + 39.5j, np.arange)
+    assert found is not None
+    count, _ = found
+    assert rows[SQUARE, :count].sum() == pytest.approx(1.0, abs=1e-4)
+    places = (rows[X, :count] + 1j * rows[Y, :count]) * np.exp(1j * math.radians(30.0))
+    assert np.abs(places.imag).max() < 6.0, "along and across the line, in work pixels"
+    empty = texture_of(np.zeros((HEIGHT, WIDTH, 3), np.float32))
+    assert strongest(empty, FULL, rows, 0j, np.arange) is None
+    assert empty.richness(FULL) == 0.0
 
 
 @pytest.mark.parametrize(("shape", "scale"), [((320, 240), 2), ((80, 60), 1), ((100, 70), 1)])
@@ -112,15 +96,3 @@ def test_darkening_specks_do_not_stop_tracking() -> None:
     off = np.abs(answered - answered[0] - turns[9:])
     assert off.mean() < 1.0
     assert off.max() < 5.0, "held for three frames of 1.5 degrees at most: at the start, after a keyframe"
-
-
-def test_sigma_grows_with_low_contrast_and_poor_texture_fit() -> None:
-    def sigma(contrast: float, slopes: float, texture: float) -> float:
-        return sigma_alone(contrast, Fit(ContactPose(0.0, 0j), slopes, texture, 1.0))
-
-    edge, egg = sigma(20.0, 0.93, 0.9), sigma(0.5, 0.93, 0.5)
-    assert edge < math.radians(1.0) < math.radians(3.0) < egg
-    assert sigma(20.0, 0.93, 0.5) > edge
-    assert sigma(20.0, 0.5, 0.9) > edge
-    assert math.isfinite(sigma(0.2, -1.0, 0.0))
-    assert sigma(20.0, 1.0, 1.0) > 0.0

@@ -11,7 +11,7 @@ import pytest
 from drivers.errors import InputError
 from fakes.studio.turning_frames import turning_frames
 from rig.tactile.contact.model_files import MODELS
-from rig.tactile.slip.parameters import TEXTURE
+from rig.tactile.slip.parameters import KEYFRAMES
 from rig.tactile.slip.turning import SHARE_PX, load_turning, shipped_turning
 from rig.training.turning_examples import example_of
 
@@ -48,11 +48,11 @@ SIZES = [(160, 120, 2), (117, 158, 2), (80, 60, 1), (53, 81, 1)]
 
 @pytest.mark.parametrize(("height", "width", "scale"), SIZES)
 def test_any_image_size_is_processed(height: int, width: int, scale: int) -> None:
-    difference = np.random.default_rng(1).normal(0.0, 0.1, (height, width, 3)).astype(np.float32)
+    difference = np.random.default_rng(1).normal(0.0, 0.1, (3, height, width)).astype(np.float32)
     counts = shipped_turning().counts(difference, scale)
     assert counts.shape == (height, width)
     assert counts.dtype == np.float32
-    assert TEXTURE.least_count - 1e-6 <= counts.min() <= counts.max() <= 1.0 + 1e-6
+    assert KEYFRAMES.least_count - 1e-6 <= counts.min() <= counts.max() <= 1.0 + 1e-6
 
 
 def test_files_of_other_networks_are_refused(tmp_path: Path) -> None:

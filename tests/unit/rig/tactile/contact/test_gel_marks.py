@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from rig.tactile.slip.gel_marks import MOST_SHARE, GelMarks, found_marks
+from rig.tactile.contact.gel_marks import MOST_SHARE, GelMarks, found_marks
 from support.drawn_sensor import SPECKS, drawn_press, specked
 
 FINE = (120, 160)

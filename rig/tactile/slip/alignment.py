@@ -1,0 +1,226 @@
+"""Align frames to the keyframes of a contact: poses, fits, and the arrays that the compiled loops work on.
+
+Keyframe k was taken at angle theta_k with the tracked point at p_k. For a candidate pose (theta, p) it has
+turned by theta - theta_k, and its center has moved so that the point is at p. The residuals of its slopes and
+of its texture, each divided by its mean square, are linearised in (theta, p); gain and constant slope of each
+keyframe are eliminated. The sum over the keyframes, weighted by richness, and a Gaussian prior around the
+expected angle give one 3 x 3 system per iteration.
+"""
+
+import cmath
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.tactile.slip.height import Field
+from rig.tactile.slip.keyframe import Keyframe
+from rig.tactile.slip.loops import (
+    ANGLE,
+    CURVED,
+    LEVER_X,
+    LEVER_Y,
+    MOST_KEYS,
+    MOST_POINTS,
+    RESULTS,
+    SCRATCH,
+    SLOPES,
+    TEXTURE,
+    align,
+    sought,
+    weigh,
+)
+from rig.tactile.slip.parameters import ALIGNMENT, KEYFRAMES
+from rig.tactile.slip.texture import Texture
+
+COARSE_ITERATIONS, COARSE_PART = 6, 3
+"""Iterations from a further start, with every third point."""
+ALONE_PRIOR = 0.01
+"""Weight of the expected angle for slopes alone, which are aligned only if they explain the frame."""
+GRID_RAD, GRID_PX = math.radians(8.0), 2.0
+"""Steps of the search by curvature: its agreement falls to about half over one step of a sharp contact."""
+
+
+class Pose(NamedTuple):
+    """Angle of the object, rad, counter-clockwise, and position of the tracked point, work pixels, y down."""
+
+    angle_rad: float
+    point_px: complex
+
+
+@dataclass(frozen=True, slots=True)
+class Fit:
+    """A pose, and how well the keyframes fit there.
+
+    score: mean of -log(1 - correlation^2) / 2, summed over the channels. best: highest correlation of the
+    slopes. loss: what the curvature of the frame lacks in agreement with the richest keyframe, in units of
+    what a rotation by 10 degrees would take. rank: score less this lack. alone: whether from slopes alone.
+    """
+
+    pose: Pose
+    score: float
+    best: float
+    loss: float
+    rank: float
+    alone: bool
+
+    @property
+    def angle_rad(self) -> float:
+        """The angle of the pose."""
+        return self.pose.angle_rad
+
+    @property
+    def fits(self) -> bool:
+        """Whether the keyframes fit well enough for an answer."""
+        return self.alone or self.score >= ALIGNMENT.least_score
+
+
+class Reading:
+    """One way to read the frames: the weight of the slopes beside the texture, and the poses it has found.
+
+    keys: the pose of each keyframe according to this reading. Readings that see the same rotation agree. One
+    that follows what rests with the gel, or a wrong match, leaves the others.
+    """
+
+    def __init__(self, slopes_share: float, pose: Pose) -> None:
+        self.slopes_share, self.pose = slopes_share, pose
+        self.keys: list[Pose] = []
+
+    def moved(self, by: Pose) -> None:
+        """Move the pose, for a frame that this reading has not aligned."""
+        self.pose = Pose(self.pose.angle_rad + by.angle_rad, self.pose.point_px + by.point_px)
+
+    def anchor(self, by_px: complex) -> None:
+        """Track another point of the object, which is now away from the present one by this."""
+        angle = self.pose.angle_rad
+        self.keys = [
+            Pose(key.angle_rad, key.point_px + by_px * cmath.exp(1j * (angle - key.angle_rad)))
+            for key in self.keys
+        ]
+        self.pose = Pose(angle, self.pose.point_px + by_px)
+
+    def join(self, other: "Reading") -> None:
+        """Take the pose of another reading, and move the keyframes with it."""
+        turn, shift = other.pose.angle_rad - self.pose.angle_rad, other.pose.point_px - self.pose.point_px
+        self.keys = [Pose(key.angle_rad + turn, key.point_px + shift) for key in self.keys]
+        self.pose = other.pose
+
+
+class Aligner:
+    """Aligns frames to keyframes. Its arrays are made once and used for all contacts of a sensor."""
+
+    def __init__(self) -> None:
+        self._weights = np.zeros((MOST_KEYS, 2, MOST_POINTS), np.float32)
+        self._scratch = np.zeros((MOST_KEYS, 2, SCRATCH, MOST_POINTS), np.float32)
+        self._out, self._views = np.zeros(RESULTS), np.array([[1.0, 0.0, 0.0]] * 2)
+        self._keys: list[Keyframe] = []
+
+    def take(self, keys: list[Keyframe]) -> None:
+        """Use other keyframes from now on."""
+        self._keys, best = keys, max(key.richness for key in keys)
+        self._bank = np.stack([key.rows for key in keys])
+        self._facts = np.stack([key.facts((key.richness / best) ** KEYFRAMES.power) for key in keys])
+
+    def view(self, slopes: Field, corner_px: tuple[int, int], reading: Reading, expected_rad: float) -> None:
+        """Take the slopes of a frame (4, h, w), see `slope_planes`, whose box begins at a corner.
+
+        They are aligned to the richest keyframe and to those nearest to the expected angle of a reading.
+        """
+        self._view_slopes(
+            slopes, corner_px, self._chosen([key.angle_rad for key in reading.keys], expected_rad)
+        )
+        self.read_as(reading, expected_rad)
+
+    def _view_slopes(self, slopes: Field, corner_px: tuple[int, int], used: NDArray[np.int64]) -> None:
+        self._views[SLOPES], self.used = (1.0, -corner_px[0], -corner_px[1]), used
+        self._slopes = self._texture = slopes
+
+    def view_texture(self, texture: Texture) -> None:
+        """Take the texture too, and weigh its points: texture that has not moved may belong to the gel."""
+        self._views[TEXTURE], self._texture = texture.view, texture.planes
+        weigh(
+            self._bank, self._facts, self.used, self._slopes, self._texture, self._views,
+            ALIGNMENT.rest_share, ALIGNMENT.noise_share, self._weights,
+        )  # fmt: skip
+
+    def read_as(self, reading: Reading, expected_rad: float) -> None:
+        """Align with the poses of the keyframes, and the weight of the slopes, of a reading."""
+        self._share, self._expected_rad = reading.slopes_share, expected_rad
+        for facts, key, pose in zip(self._facts, self._keys, reading.keys, strict=True):
+            lever = pose.point_px - key.center_px
+            facts[ANGLE], facts[LEVER_X], facts[LEVER_Y] = pose.angle_rad, lever.real, lever.imag
+
+    def alone(self, start: Pose) -> Fit:
+        """Align the slopes alone."""
+        self._run(self.used, [start], int(ALIGNMENT.iterations), channels=1)
+        return self._fit(alone=True)
+
+    def both(self, starts: Sequence[Pose]) -> Fit:
+        """Align both channels from several starts; return the fit with the highest rank."""
+        self._run(self.used, starts, int(ALIGNMENT.iterations))
+        return self._fit()
+
+    def directly(
+        self,
+        key: int,
+        frame: tuple[Field, tuple[int, int], Texture],
+        reading: Reading,
+        starts: Sequence[Pose],
+    ) -> Fit:
+        """Align a frame (slopes, corner, texture) to one keyframe, each start with its own expected angle."""
+        slopes, corner_px, texture = frame
+        self._view_slopes(slopes, corner_px, np.array([key], np.int64))
+        self.view_texture(texture)
+        fits: list[Fit] = []
+        for start in starts:
+            self.read_as(reading, start.angle_rad)
+            fits.append(self.both([start]))
+        return max(fits, key=lambda fit: fit.rank)
+
+    def at(self, pose: Pose) -> Fit:
+        """Return how well both channels fit at a pose, without a step."""
+        self._run(self.used, [pose], 0)
+        return self._fit()
+
+    def coarse(self, starts: Sequence[Pose]) -> tuple[Fit, float]:
+        """Align roughly to the richest keyframe; return the best fit, and the rank from the first start."""
+        first = self._run(self.used[:1], starts, COARSE_ITERATIONS, part=COARSE_PART)
+        return self._fit(), first
+
+    def sought(self, around: Pose, turns: int, steps: int) -> Pose:
+        """Return the pose on a grid at which the curvature agrees best with the richest keyframe.
+
+        turns, steps: number of steps of `GRID_RAD` and `GRID_PX` to either side.
+        """
+        k, pose = self.used[0], np.array([around.angle_rad, around.point_px.real, around.point_px.imag])
+        angle, x, y = sought(
+            self._bank[k, CURVED], self._facts[k], self._slopes, self._views[SLOPES], pose, COARSE_PART,
+            GRID_RAD, turns, GRID_PX, steps,
+        )  # fmt: skip
+        return Pose(angle, complex(x, y))
+
+    def _chosen(self, angles_rad: list[float], expected_rad: float) -> NDArray[np.int64]:
+        """Return the indices of the richest keyframe and of the nearest others that are rich enough."""
+        rich = [key.richness for key in self._keys]
+        richest = rich.index(max(rich))
+        good = [k for k, one in enumerate(rich) if one >= KEYFRAMES.least_richness * rich[richest]]
+        others = sorted((k for k in good if k != richest), key=lambda k: abs(angles_rad[k] - expected_rad))
+        return np.array([richest, *others[: int(KEYFRAMES.used) - 1]], np.int64)
+
+    def _run(
+        self, used: NDArray[np.int64], starts: Sequence[Pose], most: int, channels: int = 2, part: int = 1
+    ) -> float:
+        prior = ALIGNMENT.prior_weight if channels == 2 else ALONE_PRIOR
+        at = np.array([(angle, point.real, point.imag) for angle, point in starts])
+        return align(
+            self._bank, self._facts, used, self._slopes, self._texture, self._views, self._weights,
+            self._scratch, at, self._expected_rad, prior, self._share, ALIGNMENT.score_of_loss, channels,
+            most, part, self._out,
+        )  # fmt: skip
+
+    def _fit(self, alone: bool = False) -> Fit:
+        angle, x, y, score, best, loss, rank = self._out.tolist()
+        return Fit(Pose(angle, complex(x, y)), score, best, loss, rank, alone)

@@ -1,0 +1,68 @@
+"""The relative difference of parts of a frame, with the marks of the gel filled, by compiled loops."""
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.types import Image
+from rig.tactile.contact.gel_marks import GelMarks
+from rig.tactile.contact.relative import (
+    DARKEST_GAIN,
+    GAIN_ROUNDS,
+    NEGLIGIBLE,
+    OFFSET_RIDGE,
+    SATURATED,
+    RelativeDifference,
+    block_means,
+)
+from rig.tactile.slip.height import Box, Field
+from rig.tactile.slip.pixels import fit_light, lit
+
+Light = NDArray[np.float64]
+"""Gain and offset per channel, (2, 3)."""
+
+
+class Lit:
+    """One copy of the frames. marked: mask of the marks, see `found_marks`."""
+
+    def __init__(self, difference: RelativeDifference, marked: Image) -> None:
+        self._difference = difference
+        self._weight, self._relative = (np.ascontiguousarray(p.transpose(2, 0, 1)) for p in difference.terms)
+        self.fill(marked)
+
+    def fill(self, marked: Image) -> None:
+        """Fill other marks from now on."""
+        self._marks = GelMarks(marked, self._difference.size).table
+
+    def reduced(self, image: Image) -> Image:
+        """Return the reduced copy, (h, w, 3) uint8."""
+        return image if image.shape[1::-1] == self._difference.size else self._difference.reduced(image)
+
+    def light(self, work: Image) -> Light:
+        """Return the same as `RelativeDifference.light_of`."""
+        sample, weight, trusted = self._difference.blocks
+        light = np.empty((2, 3))
+        fit_light(
+            block_means(work),
+            sample,
+            weight,
+            trusted,
+            GAIN_ROUNDS,
+            OFFSET_RIDGE,
+            NEGLIGIBLE,
+            DARKEST_GAIN,
+            light,
+        )
+        return light
+
+    def unfilled(self, copy: Image, light: Light) -> Field:
+        """Return the difference of a reduced copy with its marks, (h, w, 3)."""
+        return self._difference.of(copy, (light[0], light[1]))
+
+    def of(self, copy: Image, light: Light, box: Box) -> Field:
+        """Return the difference of a reduced copy in a box of its pixels, (3, h, w)."""
+        left, top, width, height = box
+        planes, colours = np.empty((3, height, width), np.float32), np.empty((3, height, width), np.uint8)
+        cv2.split(copy[top : top + height, left : left + width], list(colours))
+        lit(colours, top, left, light, self._weight, self._relative, *self._marks, SATURATED, planes)
+        return planes

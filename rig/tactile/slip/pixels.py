@@ -1,0 +1,222 @@
+"""Compiled passes over the pixels of planes (3, h, w): light, difference, gel marks, slopes, structure."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.tactile.slip.compiled import compiled
+
+Field = NDArray[np.float32]
+Image = NDArray[np.uint8]
+
+
+@compiled
+def _kth(values: NDArray[np.float64], k: int) -> float:
+    """Return the k-th smallest value (Hoare's selection); reorders the values."""
+    low, high = 0, len(values) - 1
+    while low < high:
+        pivot, i, j = values[(low + high) // 2], low, high
+        while i <= j:
+            while values[i] < pivot:
+                i += 1
+            while values[j] > pivot:
+                j -= 1
+            if i <= j:
+                values[i], values[j] = values[j], values[i]
+                i += 1
+                j -= 1
+        if k <= j:
+            high = j
+        elif k >= i:
+            low = i
+        else:
+            return values[k]
+    return values[k]
+
+
+@compiled
+def fit_light(
+    seen: NDArray[np.float64], sample: NDArray[np.float64], weight: NDArray[np.float64], trusted: int,
+    rounds: int, ridge: float, negligible: float, darkest: float, light: NDArray[np.float64],
+) -> None:  # fmt: skip
+    """Fit gain and offset per channel, light (2, 3); see `RelativeDifference.light_of`."""
+    count = seen.shape[1]
+    misfits, ordered = np.empty(count), np.empty(count)
+    for k in range(3):
+        for i in range(count):
+            ordered[i] = (seen[k, i] + 1.0) / (sample[k, i] + 1.0)
+        light[0, k], light[1, k] = _kth(ordered, count // 2), 0.0
+    for _ in range(rounds):
+        for i in range(count):
+            misfits[i] = 0.0
+            for k in range(3):
+                misfits[i] += abs(seen[k, i] - light[0, k] * sample[k, i] - light[1, k]) * weight[k, i]
+            ordered[i] = misfits[i]
+        most = _kth(ordered, trusted - 1)
+        for k in range(3):
+            known, known_square, mean, product, many = 0.0, 0.0, 0.0, 0.0, 0
+            for i in range(count):
+                if misfits[i] <= most:
+                    many += 1
+                    known += sample[k, i]
+                    known_square += sample[k, i] ** 2
+                    mean += seen[k, i]
+                    product += seen[k, i] * sample[k, i]
+            known, known_square, mean, product = (
+                known / many,
+                known_square / many,
+                mean / many,
+                product / many,
+            )
+            pull = (ridge - 1.0) * known
+            light[0, k] = (product + pull * mean + negligible) / (known_square + pull * known + negligible)
+            light[1, k] = mean - light[0, k] * known
+    for k in range(3):
+        light[0, k] = max(light[0, k], darkest)
+
+
+@compiled
+def lit(
+    colours: Image, top: int, left: int, light: NDArray[np.float64], weight: Field, relative: Field,
+    marks: NDArray[np.int32], begins: NDArray[np.int32], rims: NDArray[np.int32], fill: Field,
+    saturated: int, out: Field,
+) -> None:  # fmt: skip
+    """Compute the relative difference of a part of an image, with gel marks filled, into out.
+
+    colours: of the part, (3, h, w). weight, relative: (3, H, W). marks, begins, rims, fill: see
+    `GelMarks.table`. saturated: from this grey level on a pixel is not darker than the background.
+    """
+    height, width = out.shape[1], out.shape[2]
+    for k in range(3):
+        by, less = np.float32(1.0 / light[0, k]), np.float32(light[1, k] / light[0, k])
+        for r in range(height):
+            # Views of rows, because an index with an offset would be checked for being negative.
+            seen, known, usual, into = (
+                colours[k, r],
+                weight[k, top + r, left:],
+                relative[k, top + r, left:],
+                out[k, r],
+            )
+            for c in range(width):
+                off = (np.float32(seen[c]) * by - less) * known[c] - usual[c]
+                into[c] = max(off, np.float32(0.0)) if seen[c] >= saturated else off
+    for m in range(marks.shape[1]):
+        r, c = marks[0, m] - top, marks[1, m] - left
+        if r < 0 or c < 0 or r >= height or c >= width:
+            continue
+        one, two, three = np.float32(0.0), np.float32(0.0), np.float32(0.0)
+        for j in range(begins[m], begins[m + 1]):
+            y, x = min(max(rims[0, j] - top, 0), height - 1), min(max(rims[1, j] - left, 0), width - 1)
+            one += fill[j] * out[0, y, x]
+            two += fill[j] * out[1, y, x]
+            three += fill[j] * out[2, y, x]
+        out[0, r, c], out[1, r, c], out[2, r, c] = one, two, three
+
+
+@compiled
+def slopes_in(difference: Field, colours: Field, top: int, left: int, out: Field) -> None:
+    """Compute the slopes of a part, out (h, w, 2), of a difference (H, W, 3) with a map (6, H, W)."""
+    for r in range(out.shape[0]):
+        seen, by = difference[top + r, left:], colours[:, top + r, left:]
+        for c in range(out.shape[1]):
+            one, two, three = seen[c, 0], seen[c, 1], seen[c, 2]
+            out[r, c, 0] = by[0, c] * one + by[1, c] * two + by[2, c] * three
+            out[r, c, 1] = by[3, c] * one + by[4, c] * two + by[5, c] * three
+
+
+@compiled
+def without_broad(
+    slopes: Field, broad: Field, share: float, mask: Image, top: int, left: int, planes: Field
+) -> None:
+    """Subtract a share of the broad part; planes (3, h, w) get slopes and the mask."""
+    part = np.float32(share)
+    for r in range(slopes.shape[0]):
+        for c in range(slopes.shape[1]):
+            planes[0, r, c] = slopes[r, c, 0] - part * broad[r, c, 0]
+            planes[1, r, c] = slopes[r, c, 1] - part * broad[r, c, 1]
+            planes[2, r, c] = np.float32(mask[top + r, left + c])
+
+
+@compiled
+def divergence(slopes: Field, out: Field) -> None:
+    """Compute the divergence of slopes (h, w, 2), the curvature of the gel; 0 at the border."""
+    side, straight = np.float32(3.0 / 32.0), np.float32(10.0 / 32.0)
+    out[:] = np.float32(0.0)
+    for r in range(1, slopes.shape[0] - 1):
+        for c in range(1, slopes.shape[1] - 1):
+            a, b, d, e = (
+                slopes[r - 1, c - 1],
+                slopes[r - 1, c + 1],
+                slopes[r + 1, c - 1],
+                slopes[r + 1, c + 1],
+            )
+            x = side * (b[0] - a[0] + e[0] - d[0]) + straight * (slopes[r, c + 1, 0] - slopes[r, c - 1, 0])
+            y = side * (d[1] - a[1] + e[1] - b[1]) + straight * (slopes[r + 1, c, 1] - slopes[r - 1, c, 1])
+            out[r, c] = x + y
+
+
+@compiled
+def summed_tensor(fine: Field, parts: Field) -> None:
+    """Compute the structure tensor, its three parts, summed over the colours, of fine (3, h, w)."""
+    side, straight = np.float32(3.0 / 32.0), np.float32(10.0 / 32.0)
+    parts[:] = np.float32(0.0)
+    for r in range(1, fine.shape[1] - 1):
+        for k in range(3):
+            for c in range(1, fine.shape[2] - 1):
+                a, b, d = fine[k, r - 1, c - 1], fine[k, r - 1, c], fine[k, r - 1, c + 1]
+                e, f = fine[k, r, c - 1], fine[k, r, c + 1]
+                g, h, i = fine[k, r + 1, c - 1], fine[k, r + 1, c], fine[k, r + 1, c + 1]
+                x = side * (d - a + i - g) + straight * (f - e)
+                y = side * (g - a + i - d) + straight * (h - b)
+                parts[0, r, c] += x * x - y * y
+                parts[1, r, c] += np.float32(2.0) * x * y
+                parts[2, r, c] += x * x + y * y
+
+
+@compiled
+def beyond_noise(
+    tensor: Field, least: float, margins: tuple[int, int, int, int], counts: Field, planes: Field
+) -> None:
+    """Compute direction and strength (3, h, w) times counts; 0 where changes are not larger than the least.
+
+    margins: left, above, right, below; they are 0.
+    """
+    none, floor = np.float32(0.0), np.float32(least)
+    planes[:] = none
+    first, count = margins[0], max(planes.shape[2] - margins[0] - margins[2], 0)
+    share = np.empty(count, np.float32)
+    for r in range(margins[1], planes.shape[1] - margins[3]):
+        squares, weights = tensor[2, r, first:], counts[r, first:]
+        for c in range(count):
+            strength = max(np.sqrt(max(squares[c], np.float32(1e-12))) - floor, none)
+            share[c] = np.sqrt(strength * np.sqrt(strength)) / (squares[c] + np.float32(1e-12)) * weights[c]
+        for k in range(3):
+            seen, into = tensor[k, r, first:], planes[k, r, first:]
+            for c in range(count):
+                into[c] = seen[c] * share[c]
+
+
+@compiled
+def strongest_energy(planes: Field, reach: Image, scale: int, top: int, left: int, count: int) -> float:
+    """Return the root energy of about `count` strongest pixels where reach, in work pixels, is not 0."""
+    most = np.float32(1e-12)
+    for r in range(planes.shape[1]):
+        for c in range(planes.shape[2]):
+            most = max(most, planes[2, r, c])
+    many, energy = np.zeros(256, np.int64), np.zeros(256, np.float32)
+    by = np.float32(255.0) / most
+    for r in range(planes.shape[1]):
+        for c in range(planes.shape[2]):
+            strength = planes[2, r, c]
+            if strength > np.float32(0.0) and reach[top + r // scale, left + c // scale]:
+                level = min(int(strength * by), 255)
+                many[level] += 1
+                energy[level] += planes[0, r, c] ** 2 + planes[1, r, c] ** 2 + strength**2
+    total, left_over = 0.0, count
+    for level in range(255, -1, -1):
+        if many[level] >= left_over:
+            return math.sqrt(total + energy[level] * left_over / max(many[level], 1))
+        total += energy[level]
+        left_over -= many[level]
+    return math.sqrt(total)

@@ -55,7 +55,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.slow
 def test_the_site_documents_every_name_of_the_python_interface(site: Path) -> None:
-    page = (site / "python_names.html").read_text(encoding="utf-8")
+    page = (site / "python.html").read_text(encoding="utf-8")
     assert all(f'id="rig.{name}"' in page for name in rig.__all__)
 
 

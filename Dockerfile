@@ -1,4 +1,4 @@
-# The rig with the simulated bench; for a bench computer see compose.yaml and docs/containers.md.
+# The rig with the simulated bench; for a bench computer see compose.yaml and docs/simulated.md.
 FROM python:3.12-slim-bookworm
 
 # libudev finds sensors by serial; everything else comes in wheels.

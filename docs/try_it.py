@@ -1,4 +1,4 @@
-"""Runs the `rig` lines of each page in an empty folder: `python docs/try_it.py --out tried` (`try_it.md`)."""
+"""Runs the `rig` lines of each page in an empty folder: `python docs/try_it.py --out tried` (`CONTRIBUTING.md`)."""
 
 import argparse
 import re

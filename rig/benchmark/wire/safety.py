@@ -269,7 +269,7 @@ def measure(options: SafetyOptions, run: Run) -> Report:
 
       rig benchmark safety --full --out safety --json
 
-      rig benchmark safety --full --out safety --resume --readme docs/measurements_bench.md
+      rig benchmark safety --full --out safety --resume --readme docs/measurements.md
 
     """
     runs = run_safety(run, plan_runs(run.seed, options.full))

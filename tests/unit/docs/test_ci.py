@@ -8,7 +8,7 @@ import yaml
 from support.documentation import ROOT, parse
 
 WORKFLOW = ROOT / ".github" / "workflows" / "ci.yml"
-PAGE = ROOT / "docs" / "ci.md"
+PAGE = ROOT / "docs" / "simulated.md"
 
 
 def commands(text: str) -> list[str]:

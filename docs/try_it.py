@@ -1,4 +1,4 @@
-"""Runs the `rig` lines of each page in an empty folder: `python docs/try_it.py --out tried` (`CONTRIBUTING.md`)."""
+"""Run the `rig` lines of each page in an empty folder: `python docs/try_it.py --out tried`."""
 
 import argparse
 import re

@@ -151,7 +151,7 @@ class ControlLoop:
         handler = COMMANDS.get(command)
         if handler is None:
             name = _OTHER_NAMES.get(command, f"command {command}")
-            raise ProgramError(f"{name} of ur-rtde is not simulated; docs/simulated.md lists the calls that are")
+            raise ProgramError(f"{name} of ur-rtde is not simulated; docs/simulated.md lists the calls")
         yield from handler(self) or ()
 
     def _write_integer(self, index: int, value: int) -> None:

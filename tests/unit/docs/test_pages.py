@@ -42,6 +42,10 @@ def test_index_links_every_page() -> None:
     assert named == {page.name for page in DOCS.glob("*.md")} - {"index.md"}
 
 
+def test_docs_have_at_most_25_pages() -> None:
+    assert len(list(DOCS.glob("*.md"))) <= 25, "write a section of an existing page"
+
+
 @pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Build the site as documented; a warning is an error."""

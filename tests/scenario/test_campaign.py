@@ -131,7 +131,7 @@ def test_a_cluster_of_two_workers_gives_the_same_table(sessions: Path, tmp_path:
     assert here.returncode == 0, here.stderr
     assert read_results(tmp_path / "there") == read_results(tmp_path / "here")
     assert read_results(tmp_path / "own") == read_results(tmp_path / "own here")
-    assert {line.estimator for line in read_results(tmp_path / "own")} == {mine[1]}
+    assert {line["estimator"] for line in read_results(tmp_path / "own")} == {mine[1]}
 
 
 def test_unreachable_engine_is_rejected(sessions: Path, tmp_path: Path) -> None:

@@ -73,7 +73,7 @@ class Keyframe:
     of the texture. own: what a rotation by `PROBE_RAD` takes from the agreement of the curvature with itself.
     distinct, textured: what it changes in the slopes and in the texture, as a fraction of their energy.
     oblong: by how much the dent curves less along one axis than along the other, 0 for a ball, 1 for a
-    cylinder. cut: whether the border of the image cuts away a part of it.
+    cylinder. border: fraction of it at the border of the image, which may cut it.
     """
 
     source: Source
@@ -87,7 +87,7 @@ class Keyframe:
     distinct: float = 0.0
     textured: float = 0.0
     oblong: float = 0.0
-    cut: bool = False
+    border: float = 0.0
 
     @property
     def area_px(self) -> int:
@@ -100,10 +100,12 @@ class Keyframe:
 
         A ball that the border of the image cuts looks less round, so its limits are higher.
         """
-        if self.cut:
-            return self.distinct >= SIGMA.cut_distinct or self.oblong >= SIGMA.cut_oblong
+        if self.oblong >= (SIGMA.cut_oblong if self.border > 0.0 else SIGMA.least_oblong):
+            return True
+        if self.border > CUT_SHARE:
+            return self.distinct >= SIGMA.cut_distinct
         lined = self.textured >= SIGMA.least_textured and self.oblong >= SIGMA.textured_oblong
-        return lined or self.distinct >= SIGMA.least_distinct or self.oblong >= SIGMA.least_oblong
+        return lined or self.distinct >= SIGMA.least_distinct
 
     def facts(self, share: float) -> NDArray[np.float64]:
         """Return the facts for the alignment, without a pose; share: weight among the keyframes."""
@@ -156,7 +158,7 @@ def _with_curvature(key: Keyframe, planes: Field, box: Box) -> Keyframe:
         distinct=_information(key.rows[SLOPES], key.counted[SLOPES], FIRST + 2, (6, 2)),
         textured=_information(key.rows[TEXTURE], key.counted[TEXTURE], FIRST + 3, (3, 3)),
         oblong=_oblong(key.rows[SLOPES], key.counted[SLOPES]),
-        cut=key.area_px - np.count_nonzero(key.source.mask[_INNER]) > CUT_SHARE * key.area_px,
+        border=1.0 - np.count_nonzero(key.source.mask[_INNER]) / key.area_px,
     )
 
 

@@ -168,7 +168,7 @@ class Contact:
         self._zero_rad, self._time_s = pose.angle_rad, touch.time_s
         self._rate_rad_s, self._motion_px = 0.0, 0j
         self._usual_score, self._checked, self._looked_s = 1.0, 0, touch.time_s
-        self._weighed_s, self._looks = touch.time_s, 0
+        self._weighed_s = touch.time_s
         self._texture_leads, self._led, self.disagrees = False, 0, False
         self._joint: Pose | None = None
         self._alone: Fit | None = None
@@ -375,7 +375,8 @@ class Contact:
         aligner.view(slopes, box[:2], self._readings[0], start.angle_rad)
         self._aligned: list[Reading] = []
         self._led = self._led + 1 if self._texture_leads else 0
-        alone = aligner.alone(start) if self._led % AFTER_LEADING == 0 else None
+        gap = seen.time_s - self._time_s > GAP_S
+        alone = aligner.alone(start) if self._led % AFTER_LEADING == 0 and not gap else None
         if alone is not None and not self._explains(alone, start, seen.time_s):
             alone = None
         self._alone = alone
@@ -388,7 +389,7 @@ class Contact:
         joint = self._jointly(seen, start, alone, busy or texture.heavy)
         self._read_further(joint, start, seen.time_s)
         angles = [reading.pose.angle_rad for reading in self._readings]
-        if seen.time_s - self._time_s > GAP_S or max(angles) - min(angles) > APART_RAD:
+        if gap or max(angles) - min(angles) > APART_RAD:
             joint = self._with_others(joint, start)
         if alone is not None:
             aligner.read_as(self._readings[0], start.angle_rad)
@@ -409,19 +410,12 @@ class Contact:
         return alone.best >= least and near
 
     def _read_further(self, joint: Fit, expected: Pose, time_s: float) -> None:
-        """Align in one of the other readings, from its own pose and from the first reading's rotation.
-
-        They take turns. While the contact grows, and after a gap, all are aligned.
-        """
+        """Align in the other readings, from their own pose and from the first reading's rotation."""
         first = self._readings[0]
         k = self._aligner.used[0]
         ahead, turned = _less(expected, first.pose), _less(joint.pose, first.pose)
         from_key = _less(joint.pose, first.keys[k])
-        due = self._readings[1:]
-        if self._settling.settled and time_s - self._time_s <= GAP_S:
-            self._looks += 1
-            due = due[self._looks % len(due) :][:1]
-        for reading in due:
+        for reading in self._readings[1:]:
             starts = [_sum(reading.pose, ahead), _sum(reading.pose, turned), _sum(reading.keys[k], from_key)]
             self._aligner.read_as(reading, starts[0].angle_rad)
             fit = self._aligner.both(_apart(starts))

@@ -4,6 +4,7 @@ import math
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from itertools import pairwise
+from typing import TypeVar
 
 from drivers.clock import Clock, wait_until
 from drivers.errors import DeviceError, DeviceTimeoutError, OutOfLimitsError
@@ -14,6 +15,7 @@ UPRIGHT_M = 1e-3
 """A path counts as vertical if its ends are at most this far apart horizontally, m."""
 POLL_S = 0.008
 """Polling interval of a motion; `drivers.ur5e.heartbeat` needs a poll at least every 15 ms."""
+Joints = TypeVar("Joints", bound=Sequence[float])
 
 
 def check_motion(limits: ArmLimits, target: Pose, speed_m_s: float, acceleration_m_s2: float) -> None:
@@ -49,8 +51,11 @@ def check_way(limits: ArmLimits, way: Sequence[Pose]) -> None:
                 )
 
 
-def check_joints(joints: Sequence[float] | None, limits: tuple[Vector6, Vector6], target: Pose) -> None:
-    """Raise `OutOfLimitsError` if no joint angles (rad) reach the target, or one is outside its range."""
+def check_joints(joints: Joints | None, limits: tuple[Vector6, Vector6], target: Pose) -> Joints:
+    """Return the joint angles (rad) that reach a target.
+
+    Raises `OutOfLimitsError` if there are none (None), or one is outside its range.
+    """
     if not joints:
         raise OutOfLimitsError(f"arm: pose {target} is out of reach or outside the safety limits")
     for number, (angle, low, high) in enumerate(zip(joints, *limits, strict=True), 1):
@@ -59,6 +64,7 @@ def check_joints(joints: Sequence[float] | None, limits: tuple[Vector6, Vector6]
                 f"arm: joint {number} would go to {math.degrees(angle):.1f} deg, outside "
                 f"{math.degrees(low):.1f} to {math.degrees(high):.1f} deg"
             )
+    return joints
 
 
 def meets(box: Box, here: Vector3, there: Vector3) -> bool:

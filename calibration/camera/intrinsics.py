@@ -1,4 +1,4 @@
-"""Estimate intrinsics from views of a board, and choose views; held-out views choose the lens model.
+"""Estimate intrinsics from views of a board, select the lens model on held-out views, and plan further views.
 
 The residual of the fit itself is no evidence: fifteen square-on views fit to 0.06 px and project with an
 error of 15 px. So every figure here comes from held-out views or from the covariance.

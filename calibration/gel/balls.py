@@ -286,7 +286,10 @@ def fit_scale(moves_mm: Array, centres_px: Array, radii_mm: Array | None = None)
 
 
 def _fit(centres_px: Array, moves_mm: Array, radii_mm: Array) -> tuple[Array, Array]:
-    """(2,) mm per px along x and y, and the (N, 2) residuals of the moves in mm."""
+    """Return (2,) mm per px along x and y, and the (N, 2) residuals of the moves in mm.
+
+    radii_mm: (N,), all zero if balls of one size were used.
+    """
 
     def solve(bulge_per_mm: float) -> tuple[Array, Array]:
         stretched = centres_px * (1.0 + bulge_per_mm * radii_mm[:, None])
@@ -306,7 +309,7 @@ def _fit(centres_px: Array, moves_mm: Array, radii_mm: Array) -> tuple[Array, Ar
 
 
 def _scale(centres_px: Array, moves_mm: Array, radii_mm: Array) -> GelScale:
-    """Lengths in mm of one pixel along x and y, with their sigma by jackknife."""
+    """Return the lengths in mm of one pixel along x and y, with their sigma by jackknife."""
     scale, missed = _fit(centres_px, moves_mm, radii_mm)
     count = len(missed)
     left_out = [np.delete(np.arange(count), i) for i in range(count)]

@@ -113,6 +113,7 @@ def calibrate_pose_pairs(samples: Sequence[PoseSample], setup: Setup) -> HandEye
         return HandEyeResult(setup, Assessment((refusal,)), tuple(rejected), motion)
     out = np.setdiff1d(np.arange(len(pairs.ids)), kept)
     rejected += [Rejected(pairs.ids[i], "contradicts the other pairs") for i in out]
+    # alike: the largest of six correlations of neighbours' whitened errors; 0 if it is not significant
     white = (np.linalg.cholesky(fit.inverse).transpose(0, 2, 1) @ fit.missed[..., None])[..., 0]
     found = float(((white[1:] * white[:-1]).sum(axis=0) / np.maximum((white**2).sum(axis=0), 1e-300)).max())
     alike = found if found > 3.5 / np.sqrt(len(white)) else 0.0

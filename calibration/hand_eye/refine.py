@@ -175,13 +175,10 @@ class Uncertainty:
         """Rms of `held_out_px`."""
         return float(np.sqrt((self.held_out_px**2).mean()))
 
-    def region_bound(self, dimensions: int, level: float = 0.95) -> float:
-        """Return the squared Mahalanobis distance that contains the truth at a confidence level (F test)."""
-        return float(dimensions * f_distribution.ppf(level, dimensions, max(self.samples - 1, 1)))
-
-    def holds(self, error: Array, level: float = 0.95) -> bool:
-        """Whether a (6,) error lies within the confidence region."""
-        return float(error @ np.linalg.solve(self.covariance, error)) <= self.region_bound(6, level)
+    def holds(self, error: Array) -> bool:
+        """Whether a (6,) error lies within the 95 % confidence region (F test)."""
+        bound = float(6 * f_distribution.ppf(0.95, 6, max(self.samples - 1, 1)))
+        return float(error @ np.linalg.solve(self.covariance, error)) <= bound
 
 
 def uncertainty(problem: Problem, answer: Refined) -> Uncertainty:

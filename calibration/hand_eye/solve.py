@@ -98,7 +98,7 @@ def calibrate_hand_eye(samples: Sequence[HandEyeSample], camera: CameraModel, se
     bound = max(_STANDS_OUT * float(np.median(missed)), _LEAST_OUTLIER_PX)
     kept = np.flatnonzero(missed <= bound)
     outliers = np.setdiff1d(np.arange(len(problem.ids)), kept)
-    sample_px = dict(zip(problem.ids, start.sample_rms_px(problem).tolist(), strict=True))
+    sample_px = dict(zip(problem.ids, missed.tolist(), strict=True))
     if len(outliers) > _MOST_REJECTED * len(problem.ids) or len(kept) < FEWEST_SAMPLES:
         reason = _contradiction(problem, start)
         return HandEyeResult(setup, Assessment((reason,)), tuple(rejected), motion, sample_px=sample_px)

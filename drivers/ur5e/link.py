@@ -307,8 +307,7 @@ class ArmLink:
         sample = self._state.read()
         age_s = (now_ns - sample.received_ns) / NS_PER_S if sample else float("inf")
         if sample is not None and age_s < STALE_S:
-            # Raise `InvalidStateError` for NaN or infinity. Payload and its centre may be NaN: not
-            # reported.
+            # Payload and its centre are not checked: they are NaN if the controller does not report them.
             for name in ("joints_rad", "pose", "speed", "wrench"):
                 require_numbers(f"the arm's {name}", getattr(sample, name), 6)
             require_number("the arm's timestamp_s", sample.timestamp_s)

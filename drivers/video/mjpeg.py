@@ -32,7 +32,7 @@ from drivers.video.stream import FrameStream, RawFrame
 MAX_HEADER = 16_384
 """Size limit of the header of one part, bytes."""
 MAX_PART = 16_777_216
-"""Size limits of a part's header and body in bytes."""
+"""Size limit of the body of one part, bytes."""
 _HEADER_END = re.compile(rb"\r?\n\r?\n")
 _JPEG_START, _JPEG_END = b"\xff\xd8", b"\xff\xd9"
 _RETURN = 0x0D

@@ -7,7 +7,6 @@ from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from drivers.clock import Clock, require_full_speed
 from drivers.errors import DeviceError, InputError
@@ -85,10 +84,9 @@ def open_source(spec: SourceSpec, clock: Clock, discover: Discover, open_device:
     if "://" in address:
         stream = MjpegStream(address, spec.rate_hz, clock)
         try:
-            settings: list[dict[str, Any]] = [{"rate_hz": spec.rate_hz}]
-            if spec.size_px is not None:
-                settings.insert(0, {"size_px": list(spec.size_px)})
-            stream.configure(settings)
+            # size before rate, because a new size resets the rate
+            size = [] if spec.size_px is None else [{"size_px": list(spec.size_px)}]
+            stream.configure([*size, {"rate_hz": spec.rate_hz}])
         except DeviceError:
             stream.close()
             raise

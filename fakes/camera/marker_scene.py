@@ -193,7 +193,7 @@ class MarkerScene:
         window = self._window(self._project(outline, camera_T_plane))
         if window is None:
             return
-        # Return the texture blurred for a distance; distances within 5 % share one.
+        # The blur of the texture depends on the distance; distances within 5 % share one texture.
         step = round(math.log(self.focal_px / float(depth.mean()), _SCALE_STEP))
         if step not in self._textures:
             self._textures[step] = self._draw_texture(_SCALE_STEP**step)

@@ -166,8 +166,7 @@ class FakeArm(Arm):
 
     def _reach(self, pose: Pose, limits_rad: tuple[Vector6, Vector6]) -> Vector6:
         joints = nearest_inverse(compose(from_pose(pose), inverse(PHYSICAL_TOOL)), self._joints)
-        check_joints(joints, limits_rad, pose)
-        return joints or self._joints
+        return check_joints(joints, limits_rad, pose)
 
     def _feel(self, time_ns: int) -> Vector6:
         """Return the measured force (N) and torque (N m) at the TCP in the base's axes."""

@@ -5,7 +5,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 
-import cv2
 import numpy as np
 from scipy.spatial.transform import Rotation
 
@@ -16,7 +15,7 @@ from drivers.types import Frame, Image, Pose
 from fakes.camera.marker_scene import MarkerScene
 from fakes.camera.target_scene import render_sheet
 from fakes.faults import FaultScript
-from fakes.gel.variation import encoded
+from fakes.gel.variation import decoded, encoded
 from fakes.world.fixture import PrintedSheet, camera_T_target, nothing_printed
 from fakes.world.mirror import WorldView
 
@@ -132,8 +131,7 @@ class FakeSource:
             return Frame(old.image, time_ns, index, self.serial, old.jpeg)
         rng = np.random.Generator(np.random.Philox(key=self._seed, counter=index << 64))
         data = encoded(self._render(time_ns, rng), JPEG_QUALITY)
-        image = np.asarray(cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR_RGB), np.uint8)
-        self._frozen = Frame(image, time_ns, index, self.serial, data)
+        self._frozen = Frame(decoded(data), time_ns, index, self.serial, data)
         return self._frozen
 
 

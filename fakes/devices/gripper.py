@@ -47,7 +47,8 @@ class FakeGripper(Gripper):
     ) -> None:
         self._spec = spec or nominal_spec(world.layout)
         self._period_ns = to_ns(period_s)
-        self._world, self._clock, self._faults, self.mode = world, clock, faults, BASIC_MODE
+        self._world, self._clock, self._faults = world, clock, faults
+        self.mode = BASIC_MODE
         """Grasp mode; another program or the device's own page may have changed it."""
         self._connected = self._activated = False
         self._requested = world.layout.open_counts

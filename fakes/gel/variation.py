@@ -106,16 +106,19 @@ def coded(image: Image, time_ns: int, codec: Codec) -> Image:
 
 
 def encoded(image: Image, quality: int) -> bytes:
-    """Return a (H, W, 3) uint8 RGB image as JPEG."""
-    return cv2.imencode(".jpg", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, quality])[
-        1
-    ].tobytes()
+    """Return an image (H, W, 3) uint8 RGB as JPEG with a quality from 1 to 100."""
+    blue_first = cv2.cvtColor(image, cv2.COLOR_RGB2BGR)
+    return cv2.imencode(".jpg", blue_first, [cv2.IMWRITE_JPEG_QUALITY, quality])[1].tobytes()
+
+
+def decoded(data: bytes) -> Image:
+    """Return a JPEG as image (H, W, 3) uint8 RGB."""
+    return np.asarray(cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR_RGB), np.uint8)
 
 
 def jpeg(image: Image, quality: int) -> Image:
     """Return an image (H, W, 3) uint8 RGB after JPEG compression with a quality from 1 to 100."""
-    data = np.frombuffer(encoded(image, quality), np.uint8)
-    return np.asarray(cv2.imdecode(data, cv2.IMREAD_COLOR_RGB), np.uint8)
+    return decoded(encoded(image, quality))
 
 
 @lru_cache(maxsize=_OFFSETS_KEPT)

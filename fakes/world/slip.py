@@ -86,11 +86,12 @@ class SlipDynamics:
             self.angle_rad = math.copysign(turned, load.lever_m)
         else:
             self._stick_slip(load, height_m, dt_s)
+        # the gel twists with the object up to a limit, and relaxes
         turned_rad = self.angle_rad - before
         wound = min(abs(self.torsion_rad) / TORSION_LIMIT_RAD, 1.0)
         drag = 1.0 - wound if turned_rad * self.torsion_rad > 0.0 else 1.0
         self.torsion_rad += 0.5 * turned_rad * drag - self.torsion_rad * dt_s / TORSION_RELAXES_S
-        self.slide_m += SLIDE_M_PER_RAD * abs(self.angle_rad - before)
+        self.slide_m += SLIDE_M_PER_RAD * abs(turned_rad)
 
     def _stick_slip(self, load: GripLoad, height_m: float, dt_s: float) -> None:
         demand = _demand(load, height_m)

@@ -175,9 +175,8 @@ def _lift_once(settings: TrialSettings, task: LiftTask) -> ReactedLift:
     offset_m = next(p.offset_m for p in grasps.position if p.name == row.position)
     (world,) = worlds
     furthest = settings.bench.gripper_spec().steps_for(grasps.largest_grip_m or max(grasps.grip_m))
-    finished = row if row.accepted else None
-    reactions = _reactions(finished, world.slipped_between) if finished else ()
-    turn_deg = finished.final_truth_deg if finished else None
+    reactions = _reactions(row, world.slipped_between) if row.accepted else ()
+    turn_deg = row.final_truth_deg
     return ReactedLift(
         task.object_id,
         task.lift,

@@ -105,7 +105,7 @@ def _filed(
         {"camera": serial},
         result.assessment,
         source,
-        _value(result.setup, result.pose, result.target),
+        _value(result),
         quality,
         numbers,
         len(result.used),
@@ -123,8 +123,9 @@ def _transform(parent: str, child: str, pose: Pose) -> dict[str, object]:
     }
 
 
-def _value(setup: Setup, pose: Pose | None, target: Pose | None) -> dict[str, object]:
+def _value(result: HandEyeResult) -> dict[str, object]:
     """Return the value of a hand-eye file; nothing without an answer."""
+    setup, pose, target = result.setup, result.pose, result.target
     if pose is None or target is None:
         return {}
     parent, child, holder = FRAMES[setup]

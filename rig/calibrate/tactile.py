@@ -68,14 +68,12 @@ def tactile_from_folder(
     except CalibrationError as error:
         return replace(result, assessment=Assessment((str(error),)))
     mapped = not (fit.assessment.refusals and scale)
-    assessment = (
-        fit.assessment
-        if mapped
-        else Assessment(doubts=tuple(f"colour map left out: {reason}" for reason in fit.assessment.reasons))
-    ) + _assess_look(look)
-    assessment += _dark_or_saturated(fit, presses.background) + _assess_background(
-        presses.background, look.look
-    )
+    assessment = fit.assessment
+    if not mapped:  # a scale from known moves is valid without the map
+        left_out = tuple(f"colour map left out: {reason}" for reason in assessment.reasons)
+        assessment = Assessment(doubts=left_out)
+    assessment += _assess_look(look) + _dark_or_saturated(fit, presses.background)
+    assessment += _assess_background(presses.background, look.look)
     if scale is not None:
         assessment += scale.assessment
     elif mm_per_px is None:

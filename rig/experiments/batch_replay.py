@@ -104,8 +104,9 @@ def run_replays(
         done = {_key(row): row for row in session.rows if not row["problem"]}
         todo = [task for task in plan.tasks if task.key not in done]
         for row in run(replay_task, todo):
-            session.add(row, ReplayTiming(session=_key(row)[0], number=_key(row)[1]))
-            done[_key(row)] = row
+            key = _key(row)
+            session.add(row, ReplayTiming(session=key[0], number=key[1]))
+            done[key] = row
             progress(len(done), len(plan.tasks), row)
         rows = sorted(done.values(), key=_key)
         rows += [broken_row(str(folder), problem) for folder, problem in plan.broken]

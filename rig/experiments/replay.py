@@ -1,7 +1,7 @@
 """Replay the lifts of a session from their stored frames, with any estimator."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
@@ -91,7 +91,6 @@ def replay_with_angles(
     compute_in_one_thread()
     measurement = new_measurement(settings)
     known_ns = {name: round(time_s * NS_PER_S) for name, time_s in row.phases_s.items()}
-    phases_ns = show_again(folder / row.recording, measurement, known_ns, gaps)
+    show_again(folder / row.recording, measurement, known_ns, gaps)
     again, angles = lift_result(measurement, row)
-    phases_s = {name: time_ns / NS_PER_S for name, time_ns in phases_ns.items()}
-    return replace(again, phases_s=phases_s), angles[FUSED]
+    return again, angles[FUSED]

@@ -16,7 +16,7 @@ from rig.tactile.settling import NEW_GRASP_NS
 REST_FRAMES = 5
 """Number of angles whose mean is the angle at rest: a single one is off by up to 0.4 degrees in a contact
 that shows the rotation badly. The number was chosen on 200 SIMULATED presses at rest: none raises the
-alarm; of 450 others two do (`tests/unit/rig/live/test_presses.py`)."""
+alarm; of 450 others one does (seeds 1 to 8, and 9 to 26 of `tests/unit/rig/live/test_presses.py`)."""
 KEPT_SLIPS = 20
 """Number of slips whose times are kept, so that the memory is bounded."""
 

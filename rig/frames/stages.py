@@ -19,9 +19,8 @@ from rig.frames.series import FrameSeries, make_background, read_frames
 from rig.sessions.manifest import TrialManifest, read_manifest_of
 from rig.tactile.contact.gate import ContactGate
 from rig.tactile.contact.gel_marks import GelMarks, found_marks
-from rig.tactile.contact.relative import RelativeDifference, work_size
+from rig.tactile.contact.relative import RelativeDifference, smoothed, work_size
 from rig.tactile.estimators import choose_estimator
-from rig.tactile.slip.estimator import NOISE_BLUR_PX
 from rig.tactile.slip.gradient import LearntGradientMap, learn_map
 from rig.tactile.slip.height import Field, Gradient
 from rig.tactile.slip.parameters import ALIGNMENT
@@ -133,7 +132,7 @@ def stages_picture(turn: Turn, background: Image, aspect: float | None, title: s
     Raises `InputError` if the frame at the zero shows no contact from which to learn the slopes.
     """
     size = work_size(background.shape, aspect or 1.0)
-    first, now = (_difference(image, background, size) for image in (turn.zero, turn.later))
+    first, now = (smoothed(_difference(image, background, size)) for image in (turn.zero, turn.later))
     region = ContactGate().find(first)
     learnt = None if region is None else learn_map(first, region.mask)
     if region is None or learnt is None:
@@ -161,20 +160,17 @@ def stages_picture(turn: Turn, background: Image, aspect: float | None, title: s
     return _sheet(rows, title, background.shape)
 
 
-def _difference(
-    image: Image, background: Image, size: tuple[int, int], blur_px: float = NOISE_BLUR_PX
-) -> Field:
+def _difference(image: Image, background: Image, size: tuple[int, int]) -> Field:
     """Return the relative difference from the background, (h, w, 3), as the estimator computes it."""
     light = RelativeDifference(background, size)
-    clean = GelMarks(found_marks(background, size), size).mended(light.of(light.reduced(image)))
-    return np.asarray(cv2.GaussianBlur(clean, (0, 0), blur_px), np.float32) if blur_px else clean
+    return GelMarks(found_marks(background, size), size).mended(light.of(light.reduced(image)))
 
 
 def _texture_picture(image: Image, background: Image, size: tuple[int, int]) -> Image:
     """Draw the texture of a frame, (h, w, 3): twice the direction as hue, the strength as brightness."""
     scale = fine_scale(background.shape, size)
-    fine = _difference(image, background, (scale * size[0], scale * size[1]), 0.0).transpose(2, 0, 1)
-    tensor = tensor_of(np.ascontiguousarray(fine), _difference(image, background, size, 0.0), scale)
+    fine = _difference(image, background, (scale * size[0], scale * size[1])).transpose(2, 0, 1)
+    tensor = tensor_of(np.ascontiguousarray(fine), _difference(image, background, size), scale)
     counts = shipped_turning().counts(fine, scale)
     planes = structure(tensor, noise_floor(tensor), counts, (0, 0, 0, 0), scale).planes
     return _coloured(planes[0] + 1j * planes[1], float(planes[2].max()))

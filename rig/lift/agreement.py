@@ -27,7 +27,7 @@ WORST_SIGMA_MS, SURE = 15.0, 3.0
 def turns_against(tips: Mapping[str, Angles], truth: Angles) -> TurnsAgainst | None:
     """Return which fingertips turn against the true angle over a lift; None if none does.
 
-    tips: signed angles since the zero during the lift, by serial; `zero_ns` is that of the true angle.
+    tips: signed angles since the zero during the lift, by serial; their `zero_ns` is that of `truth`.
     """
     found = {serial: ends for serial, angles in tips.items() if (ends := _opposed(angles, truth))}
     if not found:

@@ -7,8 +7,7 @@ from itertools import combinations
 
 from drivers.clock import NS_PER_S
 from rig.tactile.sample import SlipSample
-from rig.tactile.slip.parameters import FUSION
-from rig.tactile.slip.tracker import MOST_RATE_RAD_S
+from rig.tactile.slip.parameters import FUSION, MOST_RATE_RAD_S
 
 MAX_SKEW_NS = 40_000_000
 """Largest age of the other fingertip's angle: two frames at 60 Hz and some jitter."""
@@ -35,11 +34,11 @@ def fuse(now: SlipSample, others: list[SlipSample], before: SlipSample | None = 
     All angles are signed rotations since the zero. before: the previous sample of the newest fingertip. The
     fused rate is the mean of the fingertips that contribute.
 
-    They are extrapolated by the rotation that the newest fingertip has measured since their frames, or by
-    their own rates if its sigma is much larger than theirs. If every answer has a sigma, the result is the
-    likeliest of `_hypotheses`, else the mean (the paper's methods have no sigma). A sample older than
-    `MAX_SKEW_NS` counts only if the newest fingertip has an earlier frame than it, as with cameras of a few
-    frames per second.
+    The other samples are extrapolated by the rotation that the newest fingertip has measured since their
+    frames, or by their own rates if its sigma is much larger than theirs. If every sample has a sigma, the
+    result is the likeliest of `_hypotheses`, else the mean (the paper's methods have no sigma). A sample
+    older than `MAX_SKEW_NS` counts only if the newest fingertip has an earlier frame than it, as with cameras
+    of a few frames per second.
     """
     turns = [(a, _turned_since(a.time_ns, now, before)) for a in (now, *others) if a.angle_deg is not None]
     turns = [(a, turn) for a, turn in turns if _counts(a, now, turn)]

@@ -62,8 +62,8 @@ def estimated_onset_ns(angles: Angles) -> int | None:
     if not len(known):
         return None
     time_ns = known.time_ns
-    last = np.append(np.diff(time_ns) > 0, True)
-    time_ns, angle = time_ns[last], known.angle_deg[last]
+    later = np.append(np.diff(time_ns) > 0, True)
+    time_ns, angle = time_ns[later], known.angle_deg[later]
     first = np.searchsorted(time_ns, time_ns - AVERAGED_NS // 2)
     last = np.searchsorted(time_ns, time_ns + AVERAGED_NS // 2, side="right")
     sums = np.concatenate([[0.0], np.cumsum(angle)])

@@ -71,15 +71,15 @@ def small_jpeg(image: Image) -> tuple[bytes, float]:
 class LiveObserver(LiftEvents):
     """Sends images and figures of a lift to viewers. Events must reach the lift's measurement first.
 
-    head: of the lift; its `LIFT_KEYS` go with each message. Message rates are limited in real time, even if a
+    lift: its `LIFT_KEYS` go with each message. Message rates are limited in real time, even if a
     simulated bench runs faster.
     """
 
-    def __init__(self, measurement: LiftMeasurement, feed: LiveFeed, head: Lift) -> None:
+    def __init__(self, measurement: LiftMeasurement, feed: LiveFeed, lift: Lift) -> None:
         self._measurement = measurement
         self._sender = Sender(feed)
         self._pictures = feed.pictures
-        self._lift = {**{key: getattr(head, key) for key in LIFT_KEYS}, "sender": os.getpid()}
+        self._lift = {**{key: getattr(lift, key) for key in LIFT_KEYS}, "sender": os.getpid()}
         self._due = Sparing().due
         self._times: dict[str, deque[int]] = {}
         self._phase = ""

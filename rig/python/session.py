@@ -96,7 +96,7 @@ class Lift:
 
     @property
     def outcome(self) -> str:
-        """Outcome of the lift: "slipped", "held" or "fallen"."""
+        """Outcome of the lift: "slipped", "held", "fallen", or after a reaction to slip "caught"."""
         return self._row.outcome.value
 
     @property

@@ -172,7 +172,7 @@ def _numbers(table: CsvTable, index: int) -> Floats:
 
 def _onset_s(curve: Angles) -> float | None:
     known = curve.known
-    times_ns = np.rint(known.time_s * NS_PER_S).astype(np.int64)
+    times_ns = known.time_ns
     if times_ns.size < 2 or (np.diff(times_ns) <= 0).any():
         return None
     onset_ns = slip_onset_ns(times_ns, known.angle_deg)

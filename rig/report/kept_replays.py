@@ -14,10 +14,8 @@ from pathlib import Path
 
 import numpy as np
 
-from drivers.clock import NS_PER_S
 from drivers.errors import InputError, RecordingError
 from drivers.formats import write_whole
-from protocols.observer import Phase
 from rig.experiments.lift_plan import TrialSettings
 from rig.experiments.process_pool import run_tasks
 from rig.experiments.replay import replay_or_problem
@@ -90,10 +88,9 @@ def _angles_file(file: Path, row: Lift) -> Path:
 
 
 def _kept_angles(file: Path, row: Lift) -> Angles | None:
-    zero_ns = round(row.phases_s[Phase.LIFT] * NS_PER_S)
     try:
         time_s, angle_deg, sigma_deg = np.load(_angles_file(file, row), allow_pickle=False).T
-        return Angles(time_s, angle_deg, sigma_deg, source=FUSED, zero_ns=zero_ns)
+        return Angles(time_s, angle_deg, sigma_deg, source=FUSED, zero_ns=row.zero_ns)
     except (OSError, ValueError, EOFError, InputError):
         return None
 

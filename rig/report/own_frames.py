@@ -72,7 +72,7 @@ def _table(of: Sequence[EstimatedSeries]) -> Table:
     )
     rows = []
     for one in of:
-        found, last = one.figures, estimate_curves(one).estimate.known
+        found, last = one.figures, one.estimate.angles.known
         refused = ", ".join(f"{count} {state}" for state, count in found.refused.items()) or "none"
         angle, sigma = (
             (float(last.angle_deg[-1]), float(last.sigma_deg[-1])) if found.answered else (None, np.nan)

@@ -65,7 +65,7 @@ def _table(both: Sequence[tuple[Lift, Lift]]) -> Table:
             _turn(before),
             _turn(lift),
             str(len(lift.reactions or ())),
-            str(_added(lift)),
+            str(lift.counts_added or 0),
             lift.outcome.value,
         ]
         for before, lift in both
@@ -88,14 +88,10 @@ def _chart(row: Lift, curves: LiftCurves) -> Chart:
     first = row.reactions[0].command_s
     reactions = (
         f"{counted(len(row.reactions), 'reaction')}, the first {first:.2f} s into the lift, "
-        f"{counted(_added(row), 'grip step')} added"
+        f"{counted(row.counts_added or 0, 'grip step')} added"
     )
     return lift_chart(curves, f"with '{row.react.value}': turned {_turn(row)}°; {reactions}")
 
 
 def _turn(row: Lift) -> str:
     return "-" if row.final_truth_deg is None else f"{row.final_truth_deg:+.1f}"
-
-
-def _added(row: Lift) -> int:
-    return sum(reaction.counts_added for reaction in row.reactions or ())

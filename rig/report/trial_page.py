@@ -125,7 +125,6 @@ def _charts(trial: Trial) -> list[Chart]:
     lifts = curves_of(trial.lifts)
     if not lifts:
         return []
-    rows = trial.lifts
     finals = [
         Final(lift.title, anchor(lift), lift.final_estimate_deg, lift.final_truth_deg) for lift in trial.lifts
     ]
@@ -137,7 +136,7 @@ def _charts(trial: Trial) -> list[Chart]:
         error_against_angle(lifts),
         error_against_rate(lifts),
         grip_chart(trial.lifts),
-        _onset_chart(rows),
+        _onset_chart(trial.lifts),
         surface_chart(trial.lifts, trial.manifest.config.objects),
     ]
     return [chart for chart in charts if chart is not None]

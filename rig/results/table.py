@@ -113,6 +113,7 @@ def lifts_csv(lifts: Sequence[Lift]) -> bytes:
     rows = [{column.name: column.value(lift) for column in columns} for lift in lifts]
     return csv_bytes(
         {column.name: column.kind for column in columns},
+        # this table has True and False, `csv_bytes` would write true and false
         [{**row, "accepted": str(row["accepted"])} for row in rows],
     )
 

@@ -65,7 +65,7 @@ def json_line(record: Any) -> bytes:
 def json_value(record: Any) -> dict[str, Any]:
     """Return a record as JSON values, without fields that equal their default.
 
-    A field whose metadata have a predicate of the record, "stored", is left out where that is False.
+    A field with a function `stored` in its metadata is left out if `stored(record)` is False.
     """
     if isinstance(record, Mapping):
         return {key: value for key, value in record.items() if value is not None}

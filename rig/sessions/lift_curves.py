@@ -15,7 +15,7 @@ class LiftCurves:
     estimate: the fused angle. truth: the marker angle. tips: the angle of each fingertip, by serial.
     phases_s: start times of phases, "A", "B", "C" and "lower" among them; empty if unknown. onset_truth_s,
     onset_estimate_s: None without a slip. gaps: damaged parts of the recording, which are left out. axes:
-    ranges of the chart's axes, s and deg; None: from the curves (`rig.report.lift_chart.on_one_scale`).
+    ranges of the chart's axes, s and deg, see `rig.report.lift_chart.on_one_scale`; None: from the curves.
     """
 
     name: str

@@ -105,13 +105,12 @@ def show_again(
     observer: LiftEvents,
     known_phases: Mapping[str, int] = MappingProxyType({}),
     gaps: Gaps | None = None,
-) -> dict[str, int]:
+) -> None:
     """Replay the events of a recorded lift to an observer, exactly as they happened.
 
     An unfinished recording is replayed up to its end. known_phases: start times in ns of phases whose message
-    is in a gap. gaps: list to which damaged parts are added, see `recorded_messages`. Returns the start of
-    each phase in ns, by name.
-    Raises `SessionError` if the recording is missing, not of a complete lift, or, without `gaps`, damaged.
+    is in a gap. gaps: list to which damaged parts are added, see `recorded_messages`. Raises `SessionError`
+    if the recording is missing, not of a complete lift, or, without `gaps`, damaged.
     """
     phases, pose, gaps_before = PhaseTimes(path, gaps), None, 0
     hidden = {} if gaps is None else _hidden(path, known_phases)
@@ -141,7 +140,7 @@ def show_again(
             observer.frame(_frame(data, path, time_ns, sequence))
     for name, begins_ns in hidden.items():
         begin(name, begins_ns)
-    return phases.complete()
+    phases.complete()
 
 
 def _hidden(path: Path, known_phases: Mapping[str, int]) -> dict[str, int]:

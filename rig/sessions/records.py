@@ -435,7 +435,7 @@ class PoseRow:
 
 
 class _LiftCodec(Codec[Lift]):
-    """Reads a lift; one that counts has all figures that are not optional, one that does not has none."""
+    """Reads lifts. A lift that counts has all figures that are not optional; any other lift has none."""
 
     def parsed(self, text: bytes) -> Lift:
         """Return the lift of a JSON text. Raises `ValueError` naming the invalid key."""

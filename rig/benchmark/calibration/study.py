@@ -149,7 +149,7 @@ _FARTHEST_SIDES = 4.5
 
 
 def marker_limits(rows: Sequence[AngleRow], data: Path | None) -> list[Measured]:
-    """Return the limits on the usual scene of `angle_rows`, and those on real photographs."""
+    """Return the limits on the default `AngleScene`, and those on real photographs."""
     usual = next(row for row in rows if row.scene == str(AngleScene()))
     answered = usual.answered == 1.0
     return [

@@ -182,14 +182,15 @@ def score_lift(folder: Path, names: Sequence[str], row: Lift) -> LiftScores:
 def _scored(lift: RecordedLift, truth: Angles, samples: Mapping[str, list[SlipSample]]) -> SeriesScore:
     lift_ns, end_ns = lift.phases[Phase.LIFT], lift.phases[Phase.LOWER]
     angle = object_angle({serial: tip.sign for serial, tip in lift.tips.items()}, samples, lift_ns)
-    fused = Angles.of((s for s in angle.fused if s.time_ns < end_ns), FUSED)
+    lifted = [sample for sample in angle.fused if sample.time_ns < end_ns]
+    fused = Angles.of(lifted, FUSED)
     alarm_ns = angle.alarm.raised_ns
     return replace(
         score_angles(lift.name, fused, truth.at(fused.time_s), lift.phases[Phase.HOLD]),
         onset_truth_s=lift.row.onset_truth_s,
         onset_estimate_s=_since(estimated_onset_ns(fused), lift_ns),
         onset_event_s=_since(alarm_ns if alarm_ns is None or alarm_ns < end_ns else None, lift_ns),
-        has_rates=any(sample.rate_deg_s is not None for sample in angle.fused),
+        has_rates=any(sample.rate_deg_s is not None for sample in lifted),
     )
 
 

@@ -93,7 +93,7 @@ class SafetyRun:
     still_s: float
     way_mm: float
     dropped: bool
-    unasked: str  # see `Judged`
+    unasked: str  # see `campaign.unasked`
     kept: bool  # whether the lift finished before is whole on disk
     ended: int  # the program's exit code, negative for a signal
     said: str  # its last line

@@ -14,7 +14,7 @@ from scipy.spatial import KDTree
 from drivers.clock import NS_PER_S
 from drivers.types import Image
 from rig.tactile.contact.gate import ContactGate
-from rig.tactile.contact.relative import DARK_OFFSET
+from rig.tactile.contact.relative import DARK_OFFSET, smoothed
 
 # Standard deviations, px: marks are the difference to a blur by SHARP_PX; noise is reduced by NOISE_PX.
 SHARP_PX, NOISE_PX = 4.0, 1.0
@@ -126,7 +126,7 @@ class LaterMarks:
         clear = (cv2.resize(marked, size, interpolation=cv2.INTER_AREA) == 0).astype(np.float32)[..., None]
         sums = cv2.GaussianBlur(np.dstack([work * clear, clear]), (0, 0), FILL_PX)
         clean = np.where(clear > 0.0, work, sums[..., :3] / np.maximum(sums[..., 3:], 1e-3))
-        return ContactGate().find(np.asarray(cv2.GaussianBlur(clean, (5, 5), 0.7), np.float32)) is None
+        return ContactGate().find(smoothed(clean)) is None
 
     def add(self, difference: Field) -> bool:
         """Search a frame without contact; return whether the marks have changed.

@@ -29,6 +29,9 @@ NEGLIGIBLE = 1e-3
 SATURATED = 250
 # Smallest gain: a darker frame counts as black and is not scaled up further.
 DARKEST_GAIN = 0.02
+# Standard deviation of the blur against noise of single pixels, in pixels of the reduced copy; side of its
+# kernel.
+NOISE_BLUR_PX, NOISE_BLUR_SIDE = 0.7, 5
 CHANNELS = 3
 # Long side of the reduced copy: a quarter of a DIGIT's frame, fine enough because the gel blurs by 0.2 mm.
 WORK_LONG_SIDE_PX = 80
@@ -105,6 +108,12 @@ class RelativeDifference:
 
 def _even(image: Image) -> bool:
     return image.shape[0] % 2 == 0 and image.shape[1] % 2 == 0
+
+
+def smoothed(difference: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return a relative difference (h, w, 3) of the reduced copy without the noise of single pixels."""
+    side = (NOISE_BLUR_SIDE, NOISE_BLUR_SIDE)
+    return np.asarray(cv2.GaussianBlur(difference, side, NOISE_BLUR_PX), np.float32)
 
 
 def block_means(work: NDArray[Any]) -> NDArray[np.float64]:

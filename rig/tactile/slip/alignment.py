@@ -50,14 +50,22 @@ class Pose(NamedTuple):
     angle_rad: float
     point_px: complex
 
+    def moved(self, by: "Pose") -> "Pose":
+        """Return this pose after a rotation and a shift."""
+        return Pose(self.angle_rad + by.angle_rad, self.point_px + by.point_px)
+
+    def since(self, other: "Pose") -> "Pose":
+        """Return the rotation and the shift from another pose to this one."""
+        return Pose(self.angle_rad - other.angle_rad, self.point_px - other.point_px)
+
 
 @dataclass(frozen=True, slots=True)
 class Fit:
     """A pose, and how well the keyframes fit there.
 
     score: mean of -log(1 - correlation^2) / 2, summed over the channels. best: highest correlation of the
-    slopes. loss: what the curvature of the frame lacks in agreement with the richest keyframe, in units of
-    what a rotation by 10 degrees would take. rank: score less this lack. alone: whether from slopes alone.
+    slopes. loss: missing agreement of the frame's curvature with the richest keyframe, divided by the loss
+    after a rotation by 10 degrees. rank: score minus the mean missing agreement. alone: from slopes alone.
     """
 
     pose: Pose
@@ -91,7 +99,7 @@ class Reading:
 
     def moved(self, by: Pose) -> None:
         """Move the pose, for a frame that this reading has not aligned."""
-        self.pose = Pose(self.pose.angle_rad + by.angle_rad, self.pose.point_px + by.point_px)
+        self.pose = self.pose.moved(by)
 
     def anchor(self, by_px: complex) -> None:
         """Track another point of the object, which is now away from the present one by this."""
@@ -104,8 +112,8 @@ class Reading:
 
     def join(self, other: "Reading") -> None:
         """Take the pose of another reading, and move the keyframes with it."""
-        turn, shift = other.pose.angle_rad - self.pose.angle_rad, other.pose.point_px - self.pose.point_px
-        self.keys = [Pose(key.angle_rad + turn, key.point_px + shift) for key in self.keys]
+        by = other.pose.since(self.pose)
+        self.keys = [key.moved(by) for key in self.keys]
         self.pose = other.pose
 
 

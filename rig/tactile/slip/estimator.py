@@ -16,20 +16,19 @@ from drivers.types import Image
 from rig.tactile.blas_threads import one_blas_thread
 from rig.tactile.contact.gate import ContactGate, Region
 from rig.tactile.contact.gel_marks import LaterMarks, found_marks
-from rig.tactile.contact.relative import RelativeDifference, full_area, work_size
+from rig.tactile.contact.relative import RelativeDifference, full_area, smoothed, work_size
 from rig.tactile.sample import FreshFrameEstimator, SlipSample, State, Stopwatch
 from rig.tactile.settling import NEW_GRASP_NS
 from rig.tactile.slip.compiling import compile_all
 from rig.tactile.slip.gradient import CalibratedSlopes, LearntGradientMap, learn_map
 from rig.tactile.slip.height import Field
 from rig.tactile.slip.light import Light, Lit
-from rig.tactile.slip.parameters import ALIGNMENT, MOTION, SIGMA
+from rig.tactile.slip.parameters import ALIGNMENT, MOST_RATE_RAD_S, MOTION, SIGMA
 from rig.tactile.slip.tearing import Tearing
 from rig.tactile.slip.texture import Texture, fine_scale
 from rig.tactile.slip.texture_stage import TextureStage
-from rig.tactile.slip.tracker import MOST_RATE_RAD_S, Seen, Tracked, Tracker
+from rig.tactile.slip.tracker import Seen, Tracked, Tracker
 
-NOISE_BLUR_PX = 0.7
 WEAK_SHARE = 0.5
 """A contact that falls below this fraction of its largest strength times area may have ended."""
 LEAST_OWN = 1e-3
@@ -104,7 +103,7 @@ class SlipEstimator(FreshFrameEstimator):
         light = self._lit.light(work)
         planes = self._lit.of(work, light, (0, 0, work.shape[1], work.shape[0]))
         clean = np.asarray(cv2.merge(list(planes)), np.float32)
-        difference = np.asarray(cv2.GaussianBlur(clean, (5, 5), NOISE_BLUR_PX), np.float32)
+        difference = smoothed(clean)
         region = self._gate.find(difference)
         if self._only_marks(fine, light, region, time_ns):
             region = None

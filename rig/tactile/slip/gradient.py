@@ -32,7 +32,7 @@ from calibration.gel.visibility import change_by_slope
 from drivers.errors import CalibrationError
 from drivers.types import Image
 from rig.tactile.contact.relative import DARK_OFFSET, upper_median
-from rig.tactile.slip.height import Box, Field, Gradient, padded, relief, window, within
+from rig.tactile.slip.height import Box, Field, Gradient, padded, relief, window
 from rig.tactile.slip.pixels import slopes_in
 
 # Highest spatial frequency that is used, cycles per work pixel; above it there is more noise than shape.
@@ -67,17 +67,10 @@ class LearntGradientMap:
 
     planes: NDArray[np.complex64]
 
-    def apply(self, difference: Field, box: Box | None = None) -> Gradient:
-        """Return the gradient (h, w) of a relative difference (h, w, 3); its scale is arbitrary.
-
-        box: the gradient is computed only there, and is 0 elsewhere.
-        """
-        gradient = np.zeros(difference.shape[:2], np.complex64)
-        inside = within(box, gradient.shape)
-        red, green, blue = self.planes[:, *inside]
-        seen = difference[inside]
-        gradient[inside] = red * seen[..., 0] + green * seen[..., 1] + blue * seen[..., 2]
-        return gradient
+    def apply(self, difference: Field) -> Gradient:
+        """Return the gradient (h, w) of a relative difference (h, w, 3); its scale is arbitrary."""
+        red, green, blue = self.planes
+        return red * difference[..., 0] + green * difference[..., 1] + blue * difference[..., 2]
 
     def slopes(self, difference: Field, box: Box) -> Field:
         """Return the slopes along x and y in a box, (h, w, 2); their scale is arbitrary."""

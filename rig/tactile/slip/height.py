@@ -24,9 +24,9 @@ WINDOW_BLUR_PX = 2.0
 BOX_PX = 7
 
 
-def within(box: Box | None, shape: tuple[int, ...]) -> tuple[slice, slice]:
-    """Return the rows and columns of a box; without a box those of the whole shape."""
-    left, top, width, height = box or (0, 0, shape[1], shape[0])
+def within(box: Box) -> tuple[slice, slice]:
+    """Return the rows and columns of a box."""
+    left, top, width, height = box
     return slice(top, top + height), slice(left, left + width)
 
 

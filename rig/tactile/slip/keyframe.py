@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import cv2
 import numpy as np
@@ -28,8 +29,8 @@ from rig.tactile.slip.parameters import ALIGNMENT, SIGMA
 from rig.tactile.slip.slopes import CURVATURE, slope_planes
 from rig.tactile.slip.texture import Texture, along_both, strongest
 
-# Keyframes use the part of the dent that is deeper than a fraction of this quantile of the depth, because the
-# gel around it does not depend on the object alone.
+# Keyframes use the part of the dent that is deeper than DEPTH_SHARE of this quantile of the depth: the gel
+# around it does not depend on the object alone.
 SHALLOWER_SHARE, DEPTH_SHARE = 0.95, 0.25
 BORDER_PX, MIN_POINTS = 2, 24
 # Every Nth pixel of the contact is used for its depth, because the relief is smooth.
@@ -70,10 +71,10 @@ class Keyframe:
 
     rows: (3, ROWS, N), see `rig.tactile.slip.loops`; counted: number of points of each. center_px: of the
     points of the slopes. pixels: their rows and columns. unit: factor of the texture. richness: root energy
-    of the texture. own: what a rotation by `PROBE_RAD` takes from the agreement of the curvature with itself.
-    distinct, textured: what it changes in the slopes and in the texture, as a fraction of their energy.
-    oblong: by how much the dent curves less along one axis than along the other, 0 for a ball, 1 for a
-    cylinder. border: fraction of it at the border of the image, which may cut it.
+    of the texture. own: loss of the curvature's agreement with itself after a rotation by `PROBE_RAD`.
+    distinct, textured: fraction of the energy of slopes and of texture that this rotation changes. oblong:
+    relative difference of the dent's curvatures along its axes, 0 for a ball, 1 for a cylinder. border:
+    fraction of the contact at the border of the image, which may cut it.
     """
 
     source: Source
@@ -89,7 +90,7 @@ class Keyframe:
     oblong: float = 0.0
     border: float = 0.0
 
-    @property
+    @cached_property
     def area_px(self) -> int:
         """Area of the contact, work pixels."""
         return int(np.count_nonzero(self.source.mask))
@@ -140,7 +141,7 @@ def make_keyframe(source: Source, learnt: LearntGradientMap) -> Keyframe | None:
 
 def _with_curvature(key: Keyframe, planes: Field, box: Box) -> Keyframe:
     """Return a keyframe with its most curved points, of planes (4, h, w) in a box."""
-    mask = key.source.mask[within(box, key.source.mask.shape)]
+    mask = key.source.mask[within(box)]
     inside = cv2.erode(mask, _AROUND)
     rows, columns = np.nonzero(inside if inside.any() else mask)
     values = planes[CURVATURE, rows, columns]
@@ -163,9 +164,10 @@ def _with_curvature(key: Keyframe, planes: Field, box: Box) -> Keyframe:
 
 
 def _information(rows: Field, count: int, first: int, shape: tuple[int, int]) -> float:
-    """Return what a rotation changes in a channel, after elimination of all else, such as a shift.
+    """Return the fraction of a channel's energy that a rotation by `PROBE_RAD`, and no shift, changes.
 
-    first, shape: first row of the channel's Jacobian, and its number of parameters and of components.
+    The effects of shift, gain and constant slope are eliminated. first, shape: first row of the channel's
+    Jacobian, and its number of parameters and of components.
     """
     jacobian = rows[first : first + shape[0] * shape[1], :count].astype(np.float64).reshape(shape[0], -1)
     matrix = jacobian @ jacobian.T

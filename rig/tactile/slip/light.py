@@ -36,7 +36,7 @@ class Lit:
 
     def reduced(self, image: Image) -> Image:
         """Return the reduced copy, (h, w, 3) uint8."""
-        return image if image.shape[1::-1] == self._difference.size else self._difference.reduced(image)
+        return self._difference.reduced(image)
 
     def light(self, work: Image) -> Light:
         """Return the same as `RelativeDifference.light_of`."""

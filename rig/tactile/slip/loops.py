@@ -37,13 +37,43 @@ MOST_TURN_STEP_RAD, MOST_STEP_PX = 0.1, 1.5
 # A channel is never weighted as if it fitted better than this share of its energy.
 LEAST_MISFIT, LEAST_GAIN, MOST_GAIN = 0.02, 0.3, 2.0
 LEAST_UNEXPLAINED = 0.1
-# Result of an alignment: angle, point, score, standard deviation for one independent point, best correlation
-# of the slopes, loss of the richest keyframe, rank.
+# Result of an alignment: angle, x and y of the point, score, best correlation of the slopes, loss of the
+# richest keyframe, rank.
 ANGLE_AT, SCORE, BEST, LOSS, RANK, RESULTS = 0, 3, 4, 5, 6, 7
 # The cosine is not known better than this.
 LEAST_LOSS = 0.01
 # Rows of scratch memory per channel: robust weights, and these times the derivatives.
 SCRATCH = 13
+
+
+@compiled
+def _cell(
+    key: Values, i: int, cosine: np.float32, sine: np.float32, right: np.float32, down: np.float32,
+    last_x: np.float32, last_y: np.float32,
+) -> tuple[np.float32, np.uintp, np.uintp, np.float32, np.float32]:  # fmt: skip
+    """Return whether a moved point is inside, 1 or 0, its column and row, and the fractions beyond them."""
+    none, one = np.float32(0.0), np.float32(1.0)
+    at_x = key[X, i] * cosine + key[Y, i] * sine + right
+    at_y = key[Y, i] * cosine - key[X, i] * sine + down
+    in_x, in_y = min(max(at_x, none), last_x), min(max(at_y, none), last_y)
+    inside = one if at_x == in_x and at_y == in_y else none
+    column, row = np.intp(in_x), np.intp(in_y)
+    return inside, np.uintp(column), np.uintp(row), in_x - np.float32(column), in_y - np.float32(row)
+
+
+@compiled
+def _blended(
+    planes: Values, k: int, r: np.uintp, c: np.uintp, a: np.float32, b: np.float32, d: np.float32,
+    e: np.float32,
+) -> np.float32:  # fmt: skip
+    """Return the weighted mean of four neighbouring pixels of plane k."""
+    step = np.uintp(1)
+    return (
+        a * planes[k, r, c]
+        + b * planes[k, r, c + step]
+        + d * planes[k, r + step, c]
+        + e * planes[k, r + step, c + step]
+    )
 
 
 @compiled
@@ -57,35 +87,14 @@ def _read(
     right, down = np.float32(x * scale + view[1]), np.float32(y * scale + view[2])
     back, aslant = np.float32(math.cos(turns * angle) * unit), np.float32(math.sin(turns * angle) * unit)
     last_x, last_y = np.float32(planes.shape[2] - 1.001), np.float32(planes.shape[1] - 1.001)
-    none, one, third = np.float32(0.0), np.float32(1.0), np.float32(unit)
-    step = np.uintp(1)
+    one, third = np.float32(1.0), np.float32(unit)
     for i in range(count):
-        at_x = key[X, i] * cosine + key[Y, i] * sine + right
-        at_y = key[Y, i] * cosine - key[X, i] * sine + down
-        in_x, in_y = min(max(at_x, none), last_x), min(max(at_y, none), last_y)
-        inside = one if at_x == in_x and at_y == in_y else none
-        c, r = np.uintp(np.intp(in_x)), np.uintp(np.intp(in_y))
-        aside, under = in_x - np.float32(np.intp(in_x)), in_y - np.float32(np.intp(in_y))
+        inside, c, r, aside, under = _cell(key, i, cosine, sine, right, down, last_x, last_y)
         both = aside * under
         a, b, d = one - aside - under + both, aside - both, under - both
-        v = (
-            a * planes[0, r, c]
-            + b * planes[0, r, c + step]
-            + d * planes[0, r + step, c]
-            + both * planes[0, r + step, c + step]
-        )
-        w = (
-            a * planes[1, r, c]
-            + b * planes[1, r, c + step]
-            + d * planes[1, r + step, c]
-            + both * planes[1, r + step, c + step]
-        )
-        u = (
-            a * planes[2, r, c]
-            + b * planes[2, r, c + step]
-            + d * planes[2, r + step, c]
-            + both * planes[2, r + step, c + step]
-        )
+        v = _blended(planes, 0, r, c, a, b, d, both)
+        w = _blended(planes, 1, r, c, a, b, d, both)
+        u = _blended(planes, 2, r, c, a, b, d, both)
         values[0, i] = inside * (v * back - w * aslant)
         values[1, i] = inside * (v * aslant + w * back)
         values[2, i] = inside * u * third
@@ -99,15 +108,10 @@ def _agreement(
     cosine, sine = np.float32(math.cos(angle)), np.float32(math.sin(angle))
     right, down = np.float32(x + view[1]), np.float32(y + view[2])
     last_x, last_y = np.float32(plane.shape[1] - 1.001), np.float32(plane.shape[0] - 1.001)
-    none, one, step = np.float32(0.0), np.float32(1.0), np.uintp(1)
+    step = np.uintp(1)
     product, power, energy = np.float32(0.0), np.float32(1e-20), np.float32(1e-20)
     for i in range(count):
-        at_x = key[X, i] * cosine + key[Y, i] * sine + right
-        at_y = key[Y, i] * cosine - key[X, i] * sine + down
-        in_x, in_y = min(max(at_x, none), last_x), min(max(at_y, none), last_y)
-        inside = one if at_x == in_x and at_y == in_y else none
-        c, r = np.uintp(np.intp(in_x)), np.uintp(np.intp(in_y))
-        aside, under = in_x - np.float32(np.intp(in_x)), in_y - np.float32(np.intp(in_y))
+        inside, c, r, aside, under = _cell(key, i, cosine, sine, right, down, last_x, last_y)
         above = plane[r, c] + aside * (plane[r, c + step] - plane[r, c])
         below = plane[r + step, c] + aside * (plane[r + step, c + step] - plane[r + step, c])
         value = inside * (above + under * (below - above))
@@ -119,7 +123,7 @@ def _agreement(
 
 @compiled
 def kept(curved: Values, facts: Sums, slopes: Values, view: Sums, turn: float) -> float | np.floating:
-    """Return what a turn to either side takes from the cosine of the curvature with itself."""
+    """Return how much a rotation reduces the curvature's cosine with itself: mean of both directions."""
     cosine, x, y, count = 0.0, 0.0, 0.0, int(facts[COUNTED + CURVED])
     for i in range(count):
         x += curved[X, i] / count
@@ -204,7 +208,7 @@ def _equations(
 ) -> tuple[float | np.float32, float | np.float32]:  # fmt: skip
     """Compute pulls (P,), and robust weights, normal matrix and offset if `renew`.
 
-    Return what the matrix is weighted by, and the correlation of the frame with the template.
+    Return the weight of the matrix, and the correlation of the frame with the template.
     """
     components, size = 2 + channel, PARAMETERS - 3 * channel
     first, robust = FIRST + components, scratch[0]
@@ -417,7 +421,7 @@ def align(
 ) -> float:  # fmt: skip
     """Align a frame to keyframes jointly, from several starts (S, 3); `out` gets the result of highest rank.
 
-    The rank is the score less what the curvature of the frame lacks in agreement, times `score_of_loss`.
+    The rank is the score minus the missing agreement of the frame's curvature times `score_of_loss`.
     bank: (K, 3, ROWS, N), with facts (K, FACTS); used: which of them, the richest first. slopes: (4, h, w),
     texture: (3, h, w). views: of both, pixels per work pixel, and an offset in x and y. weights: (K, 2, N).
     channels: 1 for slopes alone, with plain weights. most: iterations. part: every Nth

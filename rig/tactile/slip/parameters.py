@@ -1,10 +1,13 @@
 """The parameters of `slip`, from `models/slip.json`: angles in rad, times in s, lengths in work pixels."""
 
 import json
+import math
 from dataclasses import dataclass
 
 from rig.tactile.contact.model_files import MODELS
 
+MOST_RATE_RAD_S = math.radians(200.0)
+"""Highest rotation rate of an object in a gripper."""
 FILE = "slip.json"
 Values = dict[str, dict[str, float]]
 """Parameters by group and name."""
@@ -99,11 +102,11 @@ class Keyframes:
 class Sigma:
     """Standard deviation of the angle.
 
-    loss_rad, worst_loss_rad: per loss of agreement of the curvature, present and largest so far.
-    worst_spread: per largest difference between the readings so far. turned: per rotation. indistinct_rad:
-    divided by what a turn changes in the curvature. least_rad: in any case. least_distinct, least_textured,
-    textured_oblong, least_oblong, cut_distinct, cut_oblong: see `Keyframe.observable`; smooth balls have
-    less. pace_s: time over which sigma follows.
+    loss_rad, worst_loss_rad: per loss of agreement of the curvature, present and largest, see `Tracked`.
+    worst_spread: per largest difference between the readings. turned: per rotation. indistinct_rad: divided
+    by `Keyframe.own`. least_rad: in any case. least_distinct, least_textured, textured_oblong, least_oblong,
+    cut_distinct, cut_oblong: see `Keyframe.observable`; smooth balls have less. pace_s: time over which sigma
+    follows.
     """
 
     loss_rad: float

@@ -69,7 +69,7 @@ class TextureStage:
             self._look(difference, (left, top), contact_box(mask, NETWORK_PX), time_ns)
         counts = self._moved_counts(time_ns, contact, (left, top, width, height))
         counts = counts * self._clear[top : top + height, left : left + width]
-        tensor = tensor_of(difference, clean[within(box, clean.shape[:2])], self._scale)
+        tensor = tensor_of(difference, clean[within(box)], self._scale)
         floor = self._floor
         if settle or floor is None:
             self._floor = floor = noise_floor(tensor)
@@ -95,12 +95,12 @@ class TextureStage:
         seen = difference[:, y : y + near[3], x : x + near[2]]
         around = top, top + difference.shape[1], left, left + difference.shape[2]
         self._counts[around[0] : around[1], around[2] : around[3]] = KEYFRAMES.least_count
-        self._counts[within(near, self._counts.shape)] = self._network.counts(seen, self._scale)
+        self._counts[within(near)] = self._network.counts(seen, self._scale)
         self._counts_ns = time_ns
 
     def _moved_counts(self, time_ns: int, contact: Contact | None, box: Box) -> Field:
         """Return the weights of the network in a box, moved with the object since they were computed."""
-        here, before = self._counts[within(box, self._counts.shape)], self._counts_pose
+        here, before = self._counts[within(box)], self._counts_pose
         if self._counts_ns == time_ns or contact is None or before is None:
             return here
         now = contact.expected(time_ns / NS_PER_S)

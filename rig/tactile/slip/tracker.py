@@ -20,12 +20,10 @@ from rig.tactile.slip.gradient import Learn, LearntGradientMap
 from rig.tactile.slip.height import Field, contact_box
 from rig.tactile.slip.keyframe import Keyframe, Source, make_keyframe
 from rig.tactile.slip.loops import MOST_KEYS
-from rig.tactile.slip.parameters import ALIGNMENT, KEYFRAMES, MOTION
+from rig.tactile.slip.parameters import ALIGNMENT, KEYFRAMES, MOST_RATE_RAD_S, MOTION
 from rig.tactile.slip.slopes import slope_planes
 from rig.tactile.slip.texture import Texture
 
-MOST_RATE_RAD_S = math.radians(200.0)
-"""Highest rotation rate of an object in a gripper."""
 FURTHER_SHARES = 0.02, 2.0
 """Weights of the slopes in the further readings: nearly texture alone, and mostly slopes."""
 ASIDES = -2.0, -1.0, 1.0, 2.0
@@ -49,8 +47,8 @@ AFTER_LEADING = 4
 """While the texture leads, the slopes are aligned alone in every fourth frame."""
 CLOSING_RAD = math.radians(5.0)
 """Starts beside the tracked angle for a direct alignment to an old keyframe."""
-FILTERED_FRAMES = 2
-"""Frames with the keyframe of a settled contact until the filtered angle has reached it."""
+STEPPING_FRAMES = 2
+"""Frames after the keyframe of a settled contact in which the angle may still step: none is a zero."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -74,7 +72,7 @@ class Seen:
         return self.time_ns / NS_PER_S
 
     def source(self, busy: bool) -> Source:
-        """Return what a keyframe of this frame is made from."""
+        """Return the source of a keyframe."""
         return Source(self.difference, self.region.mask, self.texture(busy))
 
 
@@ -83,9 +81,9 @@ class Tracked:
     """The fit of a frame.
 
     worst_loss, worst_spread_rad: largest loss of agreement, and largest difference between the readings,
-    since the contact began. turned_rad: rotation since the contact settled. rekeyed: whether a keyframe was
-    added, or slopes and texture have changed the lead. own: largest one of the keyframes, see `Keyframe`, 1
-    in the first frame. rate_rad_s: averaged.
+    since the contact settled; before that, since it began. turned_rad: rotation since the contact settled.
+    rekeyed: whether a keyframe was added, or slopes and texture have changed the lead. own: the largest `own`
+    of the keyframes, see `Keyframe`; 1 in the first frame. rate_rad_s: averaged.
     """
 
     fit: Fit
@@ -132,10 +130,10 @@ class Tracker:
     def _begun(self, touch: "Touch") -> "Contact | None":
         """Make the first keyframe of a contact; without a dent there is none."""
         learnt = self._learn(touch.source.difference, touch.source.mask)
-        key = None if learnt is None else make_keyframe(touch.source, learnt)
-        return (
-            None if learnt is None or key is None else Contact(self._learn, self._aligner, touch, learnt, key)
-        )
+        if learnt is None:
+            return None
+        key = make_keyframe(touch.source, learnt)
+        return None if key is None else Contact(self._learn, self._aligner, touch, learnt, key)
 
 
 class Touch:
@@ -189,7 +187,7 @@ class Contact:
     @property
     def settled(self) -> bool:
         """Whether later angles of this contact differ from the newest one by the measured rotation."""
-        return self._settled_frames > FILTERED_FRAMES
+        return self._settled_frames > STEPPING_FRAMES
 
     @property
     def richest(self) -> Keyframe:
@@ -307,12 +305,12 @@ class Contact:
         for k in range(len(self.keys)):
             fit = self._aligner.directly(k, frame, self._readings[0], starts)
             if fit.rank >= ALIGNMENT.closing_rank:
-                by = Pose(fit.angle_rad - first.angle_rad, fit.pose.point_px - first.point_px)
+                by = fit.pose.since(first)
                 if fit.rank < self._aligner.at(first).rank + ALIGNMENT.closing_gain:
                     return poses
                 for reading in self._readings:
                     reading.moved(by)
-                return [_sum(pose, by) for pose in poses]
+                return [pose.moved(by) for pose in poses]
         return poses
 
     def _learn_again(self, source: Source) -> None:
@@ -351,7 +349,7 @@ class Contact:
 
     def _accept(self, fit: Fit, time_s: float) -> None:
         """Take the pose of a frame, and update the motion; readings that did not align move with it."""
-        by = Pose(fit.angle_rad - self.pose.angle_rad, fit.pose.point_px - self.pose.point_px)
+        by = fit.pose.since(self.pose)
         bounded = by.point_px * min(1.0, MOTION.most_shift_px / max(abs(by.point_px), 1e-9))
         self._motion_px = 0.5 * (self._motion_px + bounded)
         elapsed_s = time_s - self._time_s
@@ -386,7 +384,7 @@ class Contact:
         self._looked_s = seen.time_s
         texture = seen.texture(busy)
         aligner.view_texture(texture)
-        joint = self._jointly(seen, start, alone, busy or texture.heavy)
+        joint = self._jointly(seen, start, alone, gap, busy or texture.heavy)
         self._read_further(joint, start, seen.time_s)
         angles = [reading.pose.angle_rad for reading in self._readings]
         if gap or max(angles) - min(angles) > APART_RAD:
@@ -413,10 +411,10 @@ class Contact:
         """Align in the other readings, from their own pose and from the first reading's rotation."""
         first = self._readings[0]
         k = self._aligner.used[0]
-        ahead, turned = _less(expected, first.pose), _less(joint.pose, first.pose)
-        from_key = _less(joint.pose, first.keys[k])
+        ahead, turned = expected.since(first.pose), joint.pose.since(first.pose)
+        from_key = joint.pose.since(first.keys[k])
         for reading in self._readings[1:]:
-            starts = [_sum(reading.pose, ahead), _sum(reading.pose, turned), _sum(reading.keys[k], from_key)]
+            starts = [reading.pose.moved(ahead), reading.pose.moved(turned), reading.keys[k].moved(from_key)]
             self._aligner.read_as(reading, starts[0].angle_rad)
             fit = self._aligner.both(_apart(starts))
             if abs(fit.angle_rad - reading.pose.angle_rad) <= self._reach_rad(time_s):
@@ -426,25 +424,23 @@ class Contact:
     def _with_others(self, joint: Fit, expected: Pose) -> Fit:
         """Return the fit of the first reading from the rotations of the others, if its rank is higher."""
         first, k = self._readings[0], self._aligner.used[0]
-        starts = [_sum(first.keys[k], _less(reading.pose, reading.keys[k])) for reading in self._aligned]
+        starts = [first.keys[k].moved(reading.pose.since(reading.keys[k])) for reading in self._aligned]
         if not starts:
             return joint
         self._aligner.read_as(first, expected.angle_rad)
         return max(joint, self._aligner.both(starts), key=lambda fit: fit.rank)
 
-    def _jointly(self, seen: Seen, start: Pose, alone: Fit | None, busy: bool) -> Fit:
-        """Align both channels, and search for a better pose if the fit is worse than usual."""
-        aligner, time_s = self._aligner, seen.time_s
-        own = self._joint
+    def _jointly(self, seen: Seen, start: Pose, alone: Fit | None, gap: bool, busy: bool) -> Fit:
+        """Align both channels, and search for a better pose after a gap or if the fit is worse than usual."""
+        aligner, own = self._aligner, self._joint
         found = aligner.both([start] if alone is None or own is None else [own, alone.pose])
         self._usual_score += 0.2 * (min(found.score, 1.5) - self._usual_score)
         self._checked += 1
         self.disagrees = found.loss >= ALIGNMENT.most_loss
-        gap = time_s - self._time_s > GAP_S
         if not gap and (busy or not self._doubtful(found, start)):
             return found
         self._checked = 0
-        best, first = aligner.coarse(self._starts(found, start, time_s, gap))
+        best, first = aligner.coarse(self._starts(found, start, seen.time_s, gap))
         if best.rank < first + BETTER:
             return found
         return max(found, aligner.both([best.pose]), key=lambda fit: fit.rank)
@@ -487,15 +483,7 @@ def _apart(starts: list[Pose]) -> list[Pose]:
     """Return the starts without those that lead to the same fit as an earlier one."""
     kept: list[Pose] = []
     for start in starts:
-        gaps = (_less(start, other) for other in kept)
+        gaps = (start.since(other) for other in kept)
         if all(abs(gap.angle_rad) > SAME_RAD or abs(gap.point_px) > SAME_PX for gap in gaps):
             kept.append(start)
     return kept
-
-
-def _sum(one: Pose, other: Pose) -> Pose:
-    return Pose(one.angle_rad + other.angle_rad, one.point_px + other.point_px)
-
-
-def _less(one: Pose, other: Pose) -> Pose:
-    return Pose(one.angle_rad - other.angle_rad, one.point_px - other.point_px)

@@ -14,9 +14,9 @@ from rig.tactile.slip.alignment import Aligner
 from rig.tactile.slip.estimator import SlipEstimator
 from rig.tactile.slip.gradient import learn_map
 from rig.tactile.slip.loops import MOST_KEYS
-from rig.tactile.slip.parameters import KEYFRAMES
+from rig.tactile.slip.parameters import KEYFRAMES, MOST_RATE_RAD_S
 from rig.tactile.slip.texture_stage import TextureStage
-from rig.tactile.slip.tracker import MOST_RATE_RAD_S, MOST_REACH_RAD, MOST_TURN_RAD, Contact, Tracked, Tracker
+from rig.tactile.slip.tracker import MOST_REACH_RAD, MOST_TURN_RAD, Contact, Tracked, Tracker
 from support.drawn_sensor import drawn_press
 from support.slip_frames import drawn, seen_at
 

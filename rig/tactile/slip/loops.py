@@ -34,6 +34,8 @@ GAIN_PRIOR, SLOPE_PRIOR, DAMPING = 1e-3, 10.0, 1e-3
 RENEWED_AFTER = 2
 DONE_RAD, DONE_PX = 1e-3, 3e-2
 MOST_TURN_STEP_RAD, MOST_STEP_PX = 0.1, 1.5
+# The expected angle pulls no stronger than from here (Huber): far starts would be torn from what they found.
+MOST_SURPRISE_RAD = 0.2
 # A channel is never weighted as if it fitted better than this share of its energy.
 LEAST_MISFIT, LEAST_GAIN, MOST_GAIN = 0.02, 0.3, 2.0
 LEAST_UNEXPLAINED = 0.1
@@ -381,7 +383,7 @@ def _align(
                     normal, pulled,
                 )  # fmt: skip
         normal[0, 0] += prior
-        pulled[0] += prior * (expected_rad - angle)
+        pulled[0] += prior * min(max(expected_rad - angle, -MOST_SURPRISE_RAD), MOST_SURPRISE_RAD)
         if last:
             break
         step = _solved(normal, pulled)

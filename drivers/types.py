@@ -66,6 +66,11 @@ class Pose:
         inverse = self.rotation.inv()
         return Pose.from_rotation(-inverse.apply(self.position_m), inverse)
 
+    def apart(self, other: "Pose") -> tuple[float, float]:
+        """Return how far another pose is away: its position in m, and its orientation in rad."""
+        straight = float(np.linalg.norm(np.subtract(other.position_m, self.position_m)))
+        return straight, float((self.rotation.inv() * other.rotation).magnitude())
+
     def translated(self, x_m: float = 0.0, y_m: float = 0.0, z_m: float = 0.0) -> "Pose":
         """Return this pose moved along the parent's axes."""
         x, y, z = self.position_m

@@ -78,6 +78,10 @@ DRIFT_COUNTS, DRIFT_COUNTS_S = 13, 20.0
 """Opening of fingers with the fault `drift`, in counts (about 8 mm), and its speed in counts per second."""
 
 
+MOTIONLESS = frozenset(("stuck", "false_success"))
+"""Faults with which the fingers do not move although the gripper reports that they arrived."""
+
+
 def overshot(start: float, end: float, lowest: float, highest: float) -> float:
     """Return where a motion from `start` to `end` ends with the fault `overshoot`, all in counts."""
     if abs(end - start) < 0.5:

@@ -19,9 +19,8 @@ from typing import Any, Concatenate, ParamSpec, TypeVar
 from drivers.children import python_command
 from drivers.clock import NS_PER_S, Clock, SystemClock, host_s, to_ns, wait_until
 from drivers.errors import DeviceError, DeviceTimeoutError, NotConnectedError
-from drivers.types import Vector6
-from drivers.ur5e.control_process import ControlCommands, Operation
 from drivers.ur5e.controller import Version
+from drivers.ur5e.processes import ControlCommands, Operation
 from drivers.ur5e.shared_state import SharedState, StateSample
 from drivers.values import require_fraction, require_number, require_numbers
 
@@ -40,14 +39,14 @@ Check = Callable[[], object]
 
 
 class ChildProcess:
-    """A Python module run as a child process; its output is kept for the error message if it dies."""
+    """A process of `drivers.ur5e.processes`; its output is kept for the error message if it dies."""
 
-    def __init__(self, name: str, module: str, arguments: tuple[object, ...], fds: tuple[int, ...]) -> None:
+    def __init__(self, name: str, kind: str, arguments: tuple[object, ...], fds: tuple[int, ...]) -> None:
         self.name = name
         self._output = tempfile.TemporaryFile()
         paths = [str(_ROOT), *filter(None, [os.environ.get("PYTHONPATH")])]
         self._process = subprocess.Popen(  # noqa: S603 - our own module, no shell
-            python_command("-m", module, *arguments),
+            python_command("-m", "drivers.ur5e.processes", kind, *arguments),
             stdin=subprocess.DEVNULL,
             stdout=self._output,
             stderr=subprocess.STDOUT,
@@ -66,7 +65,13 @@ class ChildProcess:
         if code is None:
             return f"{self.name} runs"
         how = f"by {signal.Signals(-code).name}" if code < 0 else f"with code {code}"
-        return f"{self.name} ended {how}{self._last_words()}"
+        lines = []
+        if not self._output.closed:
+            size = self._output.seek(0, os.SEEK_END)
+            self._output.seek(max(0, size - _TAIL_BYTES))
+            lines = [line.strip() for line in self._output.read().decode(errors="replace").split("\n")]
+        last = next((f" ({line})" for line in reversed(lines) if line), "")
+        return f"{self.name} ended {how}{last}"
 
     def wait(self, timeout_s: float) -> None:
         """Wait until the process ends, at most `timeout_s`."""
@@ -83,22 +88,19 @@ class ChildProcess:
         self.wait(_END_S)
         self._output.close()
 
-    def _last_words(self) -> str:
-        if self._output.closed:
-            return ""
-        size = self._output.seek(0, os.SEEK_END)
-        self._output.seek(max(0, size - _TAIL_BYTES))
-        words = self._output.read().decode(errors="replace").split("\n")
-        lines = [line.strip() for line in words if line.strip()]
-        return f" ({lines[-1]})" if lines else ""
-
 
 def no_check() -> None:
     """Permit a call unconditionally."""
 
 
-class Channel:
-    """Connection to a process; any thread may call, one call at a time.
+CALL_S, STOP_CALL_S = 1.0, 0.3
+"""Time limits of a call of the command process, and of the calls in `STOPS`: if that passes, the arm is
+stopped over the dashboard."""
+STOPS = (ControlCommands.stop_linear, ControlCommands.end_program)
+
+
+class ControlClient:
+    """Client of the command process; any thread may call, one call at a time.
 
     `multiprocessing.connection` is not used, because its `recv` has no deadline after the first byte of an
     answer: if the process were stopped at that point, the caller would wait forever.
@@ -119,28 +121,36 @@ class Channel:
         with self._lock:
             self._receive(timeout_s, "start", check)  # the ready report is not an answer: its number is 0
 
-    def call(
+    def ask(
         self,
-        method: Callable[Concatenate[Any, Arguments], Answer],
-        timeout_s: float,
-        check: Check,
+        command: Callable[Concatenate[ControlCommands, Arguments], Answer],
         /,
         *arguments: Arguments.args,
         **named: Arguments.kwargs,
     ) -> Answer:
-        """Call a method in the process, and return its answer as JSON decodes it.
+        """Call a method of `ControlCommands` in the process; return its answer as JSON decodes it.
 
-        check: called just before sending; may raise. Raises `DeviceError` if the process has ended or
-        answers with an error. If it does not answer, raises `DeviceTimeoutError` and ends the process, so
-        that it cannot execute the call later.
+        Raises `DeviceError` if the process has ended or answers with an error. If it does not answer, raises
+        `DeviceTimeoutError` and ends the process, so that it cannot execute the call later.
         """
-        name = method.__name__
+        return self.ask_if(no_check, command, *arguments, **named)
+
+    def ask_if(
+        self,
+        check: Check,
+        command: Callable[Concatenate[ControlCommands, Arguments], Answer],
+        /,
+        *arguments: Arguments.args,
+        **named: Arguments.kwargs,
+    ) -> Answer:
+        """Call a method as `ask` does. check: called just before sending; may raise."""
+        name, timeout_s = command.__name__, STOP_CALL_S if command in STOPS else CALL_S
         if not self._lock.acquire(timeout=host_s(self._clock, timeout_s)):
             raise DeviceTimeoutError(f"arm: {self._process.name} is busy; '{name}' was not sent")
         try:
             check()
             self._number += 1
-            request = {"number": self._number, "call": name, "arguments": arguments, "named": named}
+            request = {"number": self._number, "call": name, "arguments": arguments}
             try:
                 self._connection.settimeout(host_s(self._clock, _SEND_S))
                 self._connection.sendall(json.dumps(request).encode() + b"\n")
@@ -150,8 +160,16 @@ class Channel:
         finally:
             self._lock.release()
 
-    def close(self) -> None:
-        """Close the connection. Safe to call twice."""
+    def operation(self) -> Operation:
+        return Operation(*self.ask(ControlCommands.operation))
+
+    @property
+    def alive(self) -> bool:
+        return self._process.alive
+
+    def end(self) -> None:
+        """End the process now. Safe to call twice."""
+        self._process.end()
         self._connection.close()
 
     def _receive(self, timeout_s: float, name: str, check: Check = no_check) -> Any:
@@ -210,61 +228,6 @@ WITH_PAYLOAD: Version = (5, 6, 0, 0)
 """First controller software that reports the payload in its state."""
 _POLL_S = 0.005
 """Interval at which the first state is polled."""
-CALL_S = 1.0
-"""Time limit of a call of the command process."""
-STOP_CALL_S = 0.3
-STOPS = (ControlCommands.stop_linear, ControlCommands.end_program)
-"""Calls with the shorter time limit STOP_CALL_S: if it passes, the arm is stopped over the dashboard."""
-
-
-class ControlClient(Channel):
-    """Client of the command process, which executes the methods of `ControlCommands`.
-
-    Each call raises `DeviceError` if the process has ended or ur-rtde fails in it. If the process does not
-    answer, the call raises `DeviceTimeoutError` and the process is ended.
-    """
-
-    def __init__(self, host: str, state_fd: int, clock: SystemClock) -> None:
-        """Start the process. state_fd: file descriptor of the `SharedState` that it reads."""
-        here, there = socket.socketpair()
-        with there:
-            process = ChildProcess(
-                "the command process",
-                "drivers.ur5e.control_process",
-                (host, there.fileno(), state_fd, os.getpid(), clock.slowness),
-                (state_fd, there.fileno()),
-            )
-        super().__init__(here, process, clock)
-
-    @property
-    def alive(self) -> bool:
-        return self._process.alive
-
-    def end(self) -> None:
-        """End the process now. Safe to call twice."""
-        self._process.end()
-        self.close()
-
-    def ask(
-        self,
-        command: Callable[Concatenate[ControlCommands, Arguments], Answer],
-        /,
-        *arguments: Arguments.args,
-        **named: Arguments.kwargs,
-    ) -> Answer:
-        """Call a method of `ControlCommands` in the process, and return its result."""
-        limit_s = STOP_CALL_S if command in STOPS else CALL_S
-        return self.call(command, limit_s, no_check, *arguments, **named)
-
-    def operation(self) -> Operation:
-        return Operation(*self.ask(ControlCommands.operation))
-
-    def move_linear(
-        self, pose: Vector6, speed_m_s: float, acceleration_m_s2: float, check: Check
-    ) -> tuple[bool, int]:
-        """Start a straight motion, see `ControlCommands`. check: called just before sending; may raise."""
-        command = ControlCommands.move_linear
-        return self.call(command, CALL_S, check, pose, speed_m_s, acceleration_m_s2)
 
 
 class ArmLink:
@@ -276,15 +239,13 @@ class ArmLink:
         self._host, self._clock = host, clock
         self._state = SharedState()
         self._control: ControlClient | None = None
-        with_payload = int(version >= WITH_PAYLOAD)
-        arguments = (host, rate_hz, self._state.fd, os.getpid(), with_payload, clock.slowness)
-        self._listener = ChildProcess(
-            "the state process", "drivers.ur5e.state_process", arguments, (self._state.fd,)
-        )
+        self._common = (host, self._state.fd, os.getpid(), clock.slowness)
+        arguments = (*self._common, rate_hz, int(version >= WITH_PAYLOAD))
+        self._listener = ChildProcess("the state process", "state", arguments, (self._state.fd,))
         try:
             if not wait_until(self._clock, self._has_state, STREAM_START_S, _POLL_S):
                 raise DeviceTimeoutError(
-                    f"arm: {self._host} accepts connections but sends no state; restart the controller"
+                    f"arm: {host} accepts connections but sends no state; restart the controller"
                 )
         except DeviceError:
             self.close()
@@ -334,7 +295,11 @@ class ArmLink:
         """Start the command process, which uploads the control program. Nothing moves."""
         for left in reversed(range(START_TRIES)):
             self.end_control()
-            self._control = ControlClient(self._host, self._state.fd, self._clock)
+            here, there = socket.socketpair()
+            with there:
+                arguments, fds = (*self._common, there.fileno()), (self._state.fd, there.fileno())
+                process = ChildProcess("the command process", "control", arguments, fds)
+            self._control = ControlClient(here, process, self._clock)
             try:
                 return self._control.wait_ready(CONTROL_START_S, self.sample)
             except DeviceError:

@@ -4,16 +4,12 @@ from collections.abc import Callable
 from math import inf
 
 from drivers.clock import Clock, wait_until
-from drivers.errors import (
-    DeviceError,
-    NotConnectedError,
-    ProtectiveStopError,
-)
+from drivers.errors import DeviceError, NotConnectedError, ProtectiveStopError
 from drivers.interfaces import Arm
 from drivers.motion import PolledMotion, check_joints, check_motion, check_way
 from drivers.types import ArmLimits, ArmMode, ArmState, Pose, Vector6
 from fakes.faults import FaultScript
-from fakes.world.force_torque import FlangeSensor, carried_wrench, table_push_n
+from fakes.world.force_torque import FlangeSensor
 from fakes.world.kinematics import (
     ELBOW_UP,
     PHYSICAL_TOOL,
@@ -64,7 +60,7 @@ class FakeArm(Arm):
         self._joints = ELBOW_UP
         self._pose: Pose | None = None
         self._released = self._guided = False
-        self._sensor, self._encoders = FlangeSensor(world.seed), Encoders(world.seed)
+        self._sensor, self._encoders = FlangeSensor(world), Encoders(world.seed)
 
     @property
     def limits(self) -> ArmLimits:
@@ -84,14 +80,14 @@ class FakeArm(Arm):
         pose = self._world.tool.pose_at(now)
         if pose != self._pose:
             self._pose, self._joints = pose, self._reach(pose, ANY_JOINTS)
-        stopped = self._protective_stop(now)
         joints = self._encoders.shown(self._joints, now)
+        height_m = self._world.tool.position_at(now)[2]
         return ArmState(
             now,
             to_pose(compose(forward(joints), PHYSICAL_TOOL)),
             joints,
-            None if self._limits.max_contact_force_n is None else self._feel(now),
-            ArmMode.PROTECTIVE_STOP if stopped else ArmMode.RUNNING,
+            None if self._limits.max_contact_force_n is None else self._sensor.sense(now, height_m),
+            ArmMode.PROTECTIVE_STOP if self._protective_stop(now) else ArmMode.RUNNING,
         )
 
     def move_linear(self, base_T_tcp: Pose, speed_m_s: float, acceleration_m_s2: float) -> PolledMotion:  # noqa: N803
@@ -114,9 +110,7 @@ class FakeArm(Arm):
     def end_guiding(self) -> None:
         if self._guided:
             self.stop()
-            wait_until(
-                self._clock, lambda: self._world.tool.profile.done_at(self._clock.now_ns()), 1.0, 0.004
-            )
+            wait_until(self._clock, self._stands, 1.0, 0.004)
 
     def lead(self, to: Pose, over_s: float) -> None:
         """Lead the tool to a pose, as a person's hand would; it does nothing unless guiding is on."""
@@ -144,9 +138,12 @@ class FakeArm(Arm):
         self._released = self._released and active
         return active and not self._released
 
+    def _stands(self) -> bool:
+        return self._world.tool.profile.done_at(self._clock.now_ns())
+
     def _arrived(self) -> bool:
         self._check_running()
-        return self._world.tool.profile.done_at(self._clock.now_ns())
+        return self._stands()
 
     def _check_running(self) -> None:
         """Stop and raise `ProtectiveStopError` or `DeviceError` if the arm cannot move."""
@@ -167,10 +164,3 @@ class FakeArm(Arm):
     def _reach(self, pose: Pose, limits_rad: tuple[Vector6, Vector6]) -> Vector6:
         joints = nearest_inverse(compose(from_pose(pose), inverse(PHYSICAL_TOOL)), self._joints)
         return check_joints(joints, limits_rad, pose)
-
-    def _feel(self, time_ns: int) -> Vector6:
-        """Return the measured force (N) and torque (N m) at the TCP in the base's axes."""
-        tool = self._world.tool.position_at(time_ns)
-        a, b, c, d, e, f = self._sensor.drifted(carried_wrench(self._world, time_ns), time_ns)
-        push_n = table_push_n(self._world.layout.floor_z_m, tool[2])
-        return self._sensor.shown((a, b, c + push_n, d, e, f), time_ns)

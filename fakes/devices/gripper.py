@@ -1,16 +1,11 @@
 """A simulated Robotiq 3-Finger gripper: activation, motion in whole counts, contact by object width."""
 
 from drivers.clock import Clock, to_ns
-from drivers.errors import (
-    DeviceError,
-    GripperFaultError,
-    NotConnectedError,
-)
+from drivers.errors import DeviceError, GripperFaultError, NotConnectedError
 from drivers.interfaces import Gripper
 from drivers.motion import PolledMotion
 from drivers.types import BASIC_MODE, GripperSpec, GripperState
-from fakes.faults import DRIFT_COUNTS, DRIFT_COUNTS_S, FaultScript, overshot
-from fakes.world.motion import FingerPath
+from fakes.faults import MOTIONLESS, FaultScript, overshot
 from fakes.world.state import BenchLayout
 from fakes.world.world import FINGER_STIFFNESS_N_M, STALL_FORCE_N, World
 
@@ -76,7 +71,10 @@ class FakeGripper(Gripper):
 
     def state(self) -> GripperState:
         self._require_usable()
-        self._drift()
+        if not self._drifts and self._has("drift"):
+            self._drifts = True
+            lowest = float(self._world.layout.open_counts)
+            self._world.fingers = self._world.fingers.drifting(lowest, self._clock.now_ns())
         now = self._clock.now_ns() - self._period_ns
         squeeze = self._world.squeeze_at(now)
         counts = round(self._world.fingers.position_at(now))
@@ -89,10 +87,7 @@ class FakeGripper(Gripper):
             opening_m=self._spec.opening_at(shown - self._world.layout.open_counts),
             gripping=stalled or self._stalls or (blocked and self._requested > counts),
             obstructed=blocked and self._requested < counts,
-            raw={
-                "position_counts": shown,
-                "current_counts": round(4 + 6 * squeeze * FINGER_STIFFNESS_N_M),
-            },
+            raw={"position_counts": shown, "current_counts": round(4 + 6 * squeeze * FINGER_STIFFNESS_N_M)},
             mode=self.mode,
         )
 
@@ -112,34 +107,25 @@ class FakeGripper(Gripper):
         self._force_n = STALL_FORCE_N if force_n is None else force_n
         speed = SPEED_COUNTS_S if speed_m_s is None else speed_m_s / layout.opening_per_count_m
         now = self._clock.now_ns() + self._period_ns
-        start = self._world.fingers.position_at(now)
-        end = self._end(start, position_counts, now)
+        end = self._end(position_counts, now)
         self._requested, self._drifts = position_counts, False
         self._stalls = self._stall_counts(now) <= end < position_counts
-        self._world.fingers = FingerPath.moving(now, start, end, speed)
+        self._world.fingers = self._world.fingers.sent_to(end, speed, now)
         return PolledMotion("gripper", self._clock, self._arrived, self.stop)
 
     def stop(self) -> None:
         self._stalls = False
         self._world.fingers = self._world.fingers.cut_at(self._clock.now_ns() + self._period_ns)
 
-    def _end(self, start: float, position_counts: int, now_ns: int) -> float:
+    def _end(self, position_counts: int, now_ns: int) -> float:
         """Return the end of a motion in counts: its target, an object, or the position at a fault."""
-        if any(self._has(kind) for kind in ("blocked", "stuck", "false_success")):
+        start = self._world.fingers.position_at(now_ns)
+        if any(self._has(kind) for kind in ("blocked", *MOTIONLESS)):
             return start
         end = float(position_counts)
         if self._has("overshoot"):
             end = overshot(start, end, self._world.layout.open_counts, self._world.layout.closed_counts)
         return min(end, max(start, self._stall_counts(now_ns)))
-
-    def _drift(self) -> None:
-        """Begin to open without a command if the fault `drift` is active."""
-        if self._drifts or not self._has("drift"):
-            return
-        self._drifts, now = True, self._clock.now_ns()
-        start = self._world.fingers.position_at(now)
-        end = max(start - DRIFT_COUNTS, float(self._world.layout.open_counts))
-        self._world.fingers = FingerPath.moving(now, start, end, DRIFT_COUNTS_S)
 
     def _has(self, kind: str) -> bool:
         return self._faults.active(kind, self._clock.now_ns(), "gripper")

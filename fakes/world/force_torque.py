@@ -6,11 +6,13 @@ object then stays on its support, which carries the rest and adds a friction for
 """
 
 import math
+from operator import add, sub
 
 import numpy as np
 
 from drivers.clock import NS_PER_S
 from drivers.types import Vector6
+from fakes.world.kinematics import six
 from fakes.world.world import World
 
 NOTHING: Vector6 = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -29,11 +31,6 @@ precision of 3.5 N and 0.2 N m and an accuracy of 4.0 N and 0.3 N m over range, 
 _DRIFT_PERIODS_S = (8.0, 40.0)
 _CYCLE_NS = 2_000_000
 _NOISE_CYCLES = 9973
-
-
-def table_push_n(floor_z_m: float, tcp_z_m: float) -> float:
-    """Return the upward force of the table on the fingertips, N; 0 above the table."""
-    return max(floor_z_m - tcp_z_m, 0.0) * FLOOR_STIFFNESS_N_M
 
 
 def carried_wrench(world: World, time_ns: int) -> Vector6:
@@ -58,48 +55,48 @@ def carried_wrench(world: World, time_ns: int) -> Vector6:
 
 
 class FlangeSensor:
-    """Adds bias, drift and noise to a wrench and rounds it to the resolution; a new reading every 2 ms.
+    """Measures force (N) and torque (N m) at the TCP in base axes, compensated for the payload.
 
-    seed: of the bias, the drift and the noise.
+    It adds bias, drift and noise, all drawn from the world's seed, and rounds to the resolution; a new
+    reading every 2 ms. every: number of readings for which the slowly changing load is computed once.
     """
 
-    def __init__(self, seed: int) -> None:
-        rng = np.random.default_rng((seed, 43))
-        self.bias = _six(rng, BIAS_N, BIAS_NM)
+    def __init__(self, world: World, every: int = 1) -> None:
+        rng = np.random.default_rng((world.seed, 43))
+        self._world, self._every, self._readings = world, every, 0
+        self._floor_m = world.layout.floor_z_m
+        self._zero = self._load = NOTHING
+        self._bias = _six(rng, BIAS_N, BIAS_NM)
         self._noise = rng.normal(0.0, _spread(NOISE_N, NOISE_NM), (_NOISE_CYCLES, 6))
         self._drift = _six(rng, DRIFT_N, DRIFT_NM)
         self._rates = (2.0 * math.pi / rng.uniform(*_DRIFT_PERIODS_S, 6)).tolist()
         self._phases = rng.uniform(0.0, 2.0 * math.pi, 6).tolist()
 
-    def drifted(self, true: Vector6, time_ns: int) -> Vector6:
-        """Return a wrench with bias and drift, the slowly changing errors."""
-        time_s = time_ns / NS_PER_S
-        waves = zip(true, self.bias, self._drift, self._rates, self._phases, strict=True)
-        a, b, c, d, e, f = (w + o + size * math.sin(rate * time_s + p) for w, o, size, rate, p in waves)
-        return a, b, c, d, e, f
+    def sense(self, time_ns: int, tcp_z_m: float) -> Vector6:
+        """Return the reading at a time. tcp_z_m: height of the fingertips, which the table pushes up."""
+        if self._readings % self._every == 0:
+            time_s, true = time_ns / NS_PER_S, carried_wrench(self._world, time_ns)
+            waves = zip(true, self._bias, self._drift, self._rates, self._phases, strict=True)
+            self._load = six(w + o + size * math.sin(rate * time_s + p) for w, o, size, rate, p in waves)
+        self._readings += 1
+        noise = self._noise[time_ns // _CYCLE_NS % _NOISE_CYCLES].tolist()
+        push_n = max(self._floor_m - tcp_z_m, 0.0) * FLOOR_STIFFNESS_N_M
+        a, b, c, d, e, f = self._load
+        seen = zip((a, b, c + push_n, d, e, f), noise, _STEPS, strict=True)
+        shown = [round(round((value + n) / step) * step, 6) for value, n, step in seen]
+        return six(map(sub, shown, self._zero))
 
-    def shown(self, drifted: Vector6, time_ns: int) -> Vector6:
-        """Return the reading at a time: the result of `drifted` with noise, rounded to the resolution."""
-        n = self._noise[time_ns // _CYCLE_NS % _NOISE_CYCLES].tolist()
-        a, b, c, d, e, f = drifted
-        return (
-            _stepped(a + n[0], STEP_N),
-            _stepped(b + n[1], STEP_N),
-            _stepped(c + n[2], STEP_N),
-            _stepped(d + n[3], STEP_NM),
-            _stepped(e + n[4], STEP_NM),
-            _stepped(f + n[5], STEP_NM),
-        )
+    def zero(self, wrench: Vector6) -> None:
+        """Subtract a reading from all later ones."""
+        self._zero = six(map(add, self._zero, wrench))
 
 
 def _six(rng: np.random.Generator, force_n: float, torque_nm: float) -> Vector6:
-    a, b, c, d, e, f = rng.normal(0.0, _spread(force_n, torque_nm)).tolist()
-    return a, b, c, d, e, f
+    return six(rng.normal(0.0, _spread(force_n, torque_nm)).tolist())
 
 
 def _spread(force_n: float, torque_nm: float) -> tuple[float, ...]:
     return (force_n,) * 3 + (torque_nm,) * 3
 
 
-def _stepped(value: float, step: float) -> float:
-    return round(round(value / step) * step, 6)
+_STEPS = _spread(STEP_N, STEP_NM)

@@ -9,6 +9,7 @@ calibration. The inverse is in closed form: joints 2, 3 and 4 are parallel, so t
 """
 
 import math
+from collections.abc import Iterable
 from itertools import product
 
 import numpy as np
@@ -36,8 +37,12 @@ class Encoders:
 
     def shown(self, joints_rad: Vector6, time_ns: int) -> Vector6:
         noise = self._noise[time_ns // _CYCLE_NS % _NOISE_CYCLES]
-        a, b, c, d, e, f = (q + n for q, n in zip(joints_rad, noise, strict=True))
-        return a, b, c, d, e, f
+        return six(q + n for q, n in zip(joints_rad, noise, strict=True))
+
+
+def six(values: Iterable[float]) -> Vector6:
+    a, b, c, d, e, f = values
+    return a, b, c, d, e, f
 
 
 def compose(a: Frame, b: Frame) -> Frame:
@@ -207,8 +212,7 @@ def _solve(flange: Frame, near: Vector6, shoulder: int, wrist: int, elbow: int) 
     arm = _planar(flange, s1, c1, _wrist(s5, math.cos(q5), math.sin(q6), math.cos(q6)), elbow)
     if arm is None:
         return None
-    q = [a - _TWO_PI * round((a - n) / _TWO_PI) for a, n in zip((q1, *arm, q5, q6), near, strict=True)]
-    return q[0], q[1], q[2], q[3], q[4], q[5]
+    return six(a - _TWO_PI * round((a - n) / _TWO_PI) for a, n in zip((q1, *arm, q5, q6), near, strict=True))
 
 
 def _planar(

@@ -3,11 +3,11 @@
 import math
 from dataclasses import dataclass, replace
 
-import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
 from drivers.clock import NS_PER_S
 from drivers.types import Pose
+from fakes.faults import DRIFT_COUNTS, DRIFT_COUNTS_S
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,16 +145,20 @@ class FingerPath:
     profile: TrapezoidProfile
 
     @classmethod
-    def moving(cls, now_ns: int, start: float, end: float, speed: float) -> "FingerPath":
-        """Return a motion that begins now. speed: counts per second."""
-        return cls(start, end, TrapezoidProfile(now_ns, abs(end - start), speed, FINGER_ACCELERATION))
-
-    @classmethod
     def resting(cls, counts: float) -> "FingerPath":
         return cls(counts, counts, AT_REST)
 
     def position_at(self, time_ns: int) -> float:
         return self.start + self.profile.fraction_at(time_ns) * (self.end - self.start)
+
+    def sent_to(self, end: float, speed: float, now_ns: int) -> "FingerPath":
+        """Return a motion from the position now to `end`, in counts and counts per second."""
+        start = self.position_at(now_ns)
+        return FingerPath(start, end, TrapezoidProfile(now_ns, abs(end - start), speed, FINGER_ACCELERATION))
+
+    def drifting(self, lowest: float, now_ns: int) -> "FingerPath":
+        """Return the motion of the fault `drift`. lowest: position of open fingers, counts."""
+        return self.sent_to(max(self.position_at(now_ns) - DRIFT_COUNTS, lowest), DRIFT_COUNTS_S, now_ns)
 
     def cut_at(self, time_ns: int) -> "FingerPath":
         """Return the same path, stopped at `time_ns`."""
@@ -169,6 +173,5 @@ def tool_tilt(base_T_tcp: Pose) -> float:  # noqa: N803
 
 def distance(start: Pose, end: Pose) -> float:
     """Return the length of a straight motion, m; a pure rotation counts as 0.1 m per rad."""
-    straight = float(np.linalg.norm(np.subtract(end.position_m, start.position_m)))
-    turn = float((start.rotation.inv() * end.rotation).magnitude())
-    return max(straight, 0.1 * turn)
+    straight_m, turn_rad = start.apart(end)
+    return max(straight_m, 0.1 * turn_rad)

@@ -9,7 +9,7 @@ scissor are not modelled.
 from dataclasses import dataclass
 
 from drivers.clock import to_ns
-from fakes.faults import DRIFT_COUNTS, DRIFT_COUNTS_S, overshot
+from fakes.faults import MOTIONLESS, overshot
 from fakes.world.motion import FingerPath
 from fakes.world.world import FINGER_STIFFNESS_N_M, World
 
@@ -25,8 +25,6 @@ OFFSETS: dict[str, int] = dict(zip(AXES, (3, 6, 9, 12), strict=True))
 SCISSOR_OF_MODE = (0x89, 0xDC, 0x19, 0x19)
 """Scissor position of the modes basic (the manual's status example), pinch, wide and scissor (ours)."""
 CLOSED_COUNTS = 255
-MOTIONLESS = frozenset(("stuck", "false_success"))
-"""Faults with which the fingers do not move although the gripper reports that they arrived."""
 MOVING_CURRENT = 0x0F
 """Current in the manual's example while the fingers close."""
 MODE_CHANGE_S = 1.0
@@ -48,8 +46,7 @@ class FingerMotor:
 
     def go(self, end: float, speed: float, now_ns: int) -> None:
         """Start towards `end`, in counts and counts per second."""
-        self.path = FingerPath.moving(now_ns, self.path.position_at(now_ns), end, speed)
-        self.contact = 0
+        self.path, self.contact = self.path.sent_to(end, speed, now_ns), 0
 
     def stop(self, now_ns: int) -> None:
         self.path = self.path.cut_at(now_ns)
@@ -72,8 +69,7 @@ def mean_path(paths: list[FingerPath], now_ns: int) -> FingerPath:
     longest = max(moving, key=lambda path: path.profile.duration_s).profile
     if longest.start_ns == now_ns:
         return FingerPath(here, end, longest)
-    speed = longest.speed * len(moving) / len(paths)
-    return FingerPath.moving(now_ns, here, end, speed)
+    return FingerPath.resting(here).sent_to(end, longest.speed * len(moving) / len(paths), now_ns)
 
 
 class GripperModel:
@@ -110,7 +106,12 @@ class GripperModel:
         self._take(request, now_ns)
         self._latched = request
         self._advance(now_ns)
-        self._drift(now_ns)
+        drifts = "drift" in self.faults
+        if drifts and not self._drifted:
+            for name in self._fingers:
+                axis = self.axes[name]
+                axis.path, axis.contact = axis.path.drifting(self._open, now_ns), 0
+        self._drifted = drifts
         self._stop_at_contact(now_ns)
         paths = [self.axes[name].path for name in self._fingers]
         if paths != before:
@@ -188,14 +189,6 @@ class GripperModel:
             self._stage, self._mode = READY, self._latched[0] >> 1 & 3
             self._turn_scissor(now_ns)
 
-    def _drift(self, now_ns: int) -> None:
-        """Open the fingers once without a command while the fault `drift` is active."""
-        if "drift" in self.faults and not self._drifted:
-            for name in self._fingers:
-                start = self.axes[name].path.position_at(now_ns)
-                self.axes[name].go(max(start - DRIFT_COUNTS, self._open), DRIFT_COUNTS_S, now_ns)
-        self._drifted = "drift" in self.faults
-
     def _follow(self, now_ns: int) -> None:
         go_to = bool(self._latched[0] & 8)
         if go_to:
@@ -243,28 +236,20 @@ class GripperModel:
         moving = [self.axes[name].moving(now_ns) for name in AXES]
         image = bytearray(IMAGE_BYTES)
         image[0] = self._latched[0] & 7 | self._going << 3 | self._stage << 4
-        if self._going:
-            image[0] |= self._motion_status(any(moving)) << 6
+        if self._going and not any(moving):
+            stopped = sum(self.axes[name].contact > 0 for name in "ABC")
+            image[0] |= {0: 3, 3: 2}.get(stopped, 1) << 6
         image[2] = self._fault or self._refusal()
         for number, name in enumerate(AXES):
             axis, offset = self.axes[name], OFFSETS[name]
             if self._going and not moving[number]:
                 image[1] |= (axis.contact or 3) << 2 * number
             image[offset] = self._latched[offset]
-            image[offset + 1] = self._reported(axis, now_ns)
+            image[offset + 1] = round(axis.path.position_at(now_ns))
+            if "false_success" in self.faults and self._going:
+                image[offset + 1] = max(axis.asked[0], round(self._open))
             image[offset + 2] = MOVING_CURRENT if moving[number] else 0
         return bytes(image)
-
-    def _reported(self, axis: FingerMotor, now_ns: int) -> int:
-        if "false_success" in self.faults and self._going:
-            return max(axis.asked[0], round(self._open))
-        return round(axis.path.position_at(now_ns))
-
-    def _motion_status(self, moving: bool) -> int:
-        if moving:
-            return 0
-        stopped = sum(self.axes[name].contact > 0 for name in "ABC")
-        return {0: 3, 3: 2}.get(stopped, 1)
 
     def _refusal(self) -> int:
         """Return the priority fault of a motion that has to wait: 5, 6 or 7, also if rACT comes with rGTO."""

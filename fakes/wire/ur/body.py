@@ -1,7 +1,7 @@
 """The simulated arm: joints, flange and tool centre point, and the motions of a program or a guiding hand."""
 
 import math
-from collections.abc import Generator, Iterable
+from collections.abc import Callable, Generator
 from typing import Protocol
 
 from drivers.types import Vector6
@@ -13,6 +13,7 @@ from fakes.world.kinematics import (
     moved,
     nearest_inverse,
     rotation_between,
+    six,
     to_pose,
     tracked_inverse,
 )
@@ -84,6 +85,13 @@ class Body:
             raise OutOfReachError
         self.q, self.flange = joints_rad, forward(joints_rad)
 
+    def shift(self, way: Vector6, joint: bool) -> None:
+        """Move by a small step of the joints (rad), or of the TCP in base axes (m and rad)."""
+        if joint:
+            self.bend(six(q + w for q, w in zip(self.q, way, strict=True)))
+        else:
+            self.follow(moved(self.tcp, way[:3], way[3:]))
+
     def _can_step_to(self, joints_rad: Vector6) -> bool:
         return all(abs(b - a) <= MAX_STEP_RAD for a, b in zip(self.q, joints_rad, strict=True))
 
@@ -103,41 +111,44 @@ class Body:
         return self.still_cycles == 0
 
 
-class LinearMove:
-    """movel: the TCP moves straight and turns about one axis, as the in-process arm does."""
+class PathMove:
+    """A motion with a trapezoidal speed profile over a distance in m or rad.
 
-    def __init__(self, start: Frame, target: Frame, speed: float, acceleration: float) -> None:
-        self._start, self._target = start, target
-        self._turn = rotation_between(start, target)
-        way = distance(to_pose(start), to_pose(target))
+    go: moves the body to a fraction of the path, 0 to 1.
+    """
+
+    def __init__(
+        self, way: float, speed: float, acceleration: float, go: Callable[[Body, float], None]
+    ) -> None:
         self._travel = TrapezoidProfile(0, way, max(speed, _LEAST), max(acceleration, _LEAST))
-        self._elapsed_s = 0.0
+        self._go, self._elapsed_s = go, 0.0
 
     def step(self, body: Body, dt_s: float) -> bool:
         self._elapsed_s += dt_s
-        f = self._travel.fraction_at(round(self._elapsed_s * _NS))
-        if f >= 1.0:
-            body.follow(self._target)
-            return True
-        shift = tuple(f * (b - a) for a, b in zip(self._start[:3], self._target[:3], strict=True))
-        body.follow(moved(self._start, shift, tuple(f * r for r in self._turn)))
-        return False
+        fraction = self._travel.fraction_at(round(self._elapsed_s * _NS))
+        self._go(body, fraction)
+        return fraction >= 1.0
 
 
-class JointMove:
+def linear_move(start: Frame, target: Frame, speed: float, acceleration: float) -> PathMove:
+    """movel: the TCP moves straight and turns about one axis, as the in-process arm does."""
+    turn = rotation_between(start, target)
+
+    def go(body: Body, f: float) -> None:
+        shift = tuple(f * (b - a) for a, b in zip(start[:3], target[:3], strict=True))
+        body.follow(target if f >= 1.0 else moved(start, shift, tuple(f * r for r in turn)))
+
+    return PathMove(distance(to_pose(start), to_pose(target)), speed, acceleration, go)
+
+
+def joint_move(start: Vector6, target: Vector6, speed: float, acceleration: float) -> PathMove:
     """movej: all joints start and end together; the joint with the longest way reaches the speed, rad/s."""
+    way = six(b - a for a, b in zip(start, target, strict=True))
 
-    def __init__(self, start: Vector6, target: Vector6, speed: float, acceleration: float) -> None:
-        self._start, self._way = start, six(b - a for a, b in zip(start, target, strict=True))
-        longest = max(map(abs, self._way))
-        self._travel = TrapezoidProfile(0, longest, max(speed, _LEAST), max(acceleration, _LEAST))
-        self._elapsed_s = 0.0
+    def go(body: Body, f: float) -> None:
+        body.bend(six(a + f * w for a, w in zip(start, way, strict=True)))
 
-    def step(self, body: Body, dt_s: float) -> bool:
-        self._elapsed_s += dt_s
-        f = self._travel.fraction_at(round(self._elapsed_s * _NS))
-        body.bend(six(a + f * w for a, w in zip(self._start, self._way, strict=True)))
-        return f >= 1.0
+    return PathMove(max(map(abs, way)), speed, acceleration, go)
 
 
 class SpeedMove:
@@ -155,10 +166,8 @@ class SpeedMove:
         share = min(1.0, max(self.acceleration, _LEAST) * dt_s / (max(map(abs, gaps)) or 1.0))
         self._velocity = six(a + share * gap for a, gap in zip(self._velocity, gaps, strict=True))
         way = six(v * dt_s for v in self._velocity)
-        if self.joint:
-            body.bend(six(q + w for q, w in zip(body.q, way, strict=True)))
-        elif any(way):
-            body.follow(moved(body.tcp, way[:3], way[3:]))
+        if self.joint or any(way):
+            body.shift(way, self.joint)
         return False
 
 
@@ -186,7 +195,7 @@ class ServoMove:
             return False
         gaps = [b - a for a, b in zip(body.q, self._target, strict=True)]
         self._speeds = six(self._speed(v, gap, dt_s) for v, gap in zip(self._speeds, gaps, strict=True))
-        body.bend(six(q + v * dt_s for q, v in zip(body.q, self._speeds, strict=True)))
+        body.shift(six(v * dt_s for v in self._speeds), joint=True)
         return False
 
     def _speed(self, speed: float, gap: float, dt_s: float) -> float:
@@ -197,37 +206,25 @@ class ServoMove:
         return speed + max(-most, min(most, math.copysign(wanted, gap) - speed))
 
 
-class JointStop:
-    """stopj: every joint brakes along its path; `deceleration` in rad/s^2 for the fastest joint."""
+class Brake:
+    """stopj and stopl: brake along the path from a velocity as of `SpeedMove`.
 
-    def __init__(self, speeds: Vector6, deceleration: float) -> None:
-        self._speeds = speeds
-        self._left_s = self._brake_s = max(map(abs, speeds)) / max(deceleration, _LEAST)
+    deceleration: of the fastest joint (`joint`, rad/s^2), or of the TCP in m/s^2 (rad/s^2 for a pure
+    rotation).
+    """
 
-    def step(self, body: Body, dt_s: float) -> bool:
-        self._left_s -= dt_s
-        if self._left_s <= 0.0:
-            return True
-        k = dt_s * self._left_s / self._brake_s
-        body.bend(six(q + k * v for q, v in zip(body.q, self._speeds, strict=True)))
-        return False
-
-
-class LinearStop:
-    """stopl: the TCP brakes along its path; `deceleration` in m/s^2 (rad/s^2 for a pure rotation)."""
-
-    def __init__(self, twist: Vector6, deceleration: float) -> None:
-        self._twist = twist
-        speed = math.hypot(*twist[:3]) or math.hypot(*twist[3:])
+    def __init__(self, velocity: Vector6, deceleration: float, joint: bool) -> None:
+        self._velocity, self.joint = velocity, joint
+        speed = max(map(abs, velocity))
+        if not joint:
+            speed = math.hypot(*velocity[:3]) or math.hypot(*velocity[3:])
         self._left_s = self._brake_s = speed / max(deceleration, _LEAST)
 
     def step(self, body: Body, dt_s: float) -> bool:
         self._left_s -= dt_s
         if self._left_s <= 0.0:
             return True
-        k = dt_s * self._left_s / self._brake_s
-        way = [k * v for v in self._twist]
-        body.follow(moved(body.tcp, tuple(way[:3]), tuple(way[3:])))
+        body.shift(six(dt_s * self._left_s / self._brake_s * v for v in self._velocity), self.joint)
         return False
 
 
@@ -246,14 +243,11 @@ class GuidingHand:
     def pass_time(self, dt_s: float) -> None:
         """Push for one more cycle, slowly at the start and at the end."""
         before, self._elapsed_s = self._elapsed_s, min(self._elapsed_s + dt_s, self._total_s)
-        self._share = _covered(self._elapsed_s / self._total_s) - _covered(before / self._total_s)
+        start, end = (0.5 - 0.5 * math.cos(math.pi * t / self._total_s) for t in (before, self._elapsed_s))
+        self._share = end - start
 
     def step(self) -> Vector6:
         return six(self._share * value for value in self._way)
-
-
-def _covered(share_of_time: float) -> float:
-    return 0.5 - 0.5 * math.cos(math.pi * share_of_time)
 
 
 class Guided:
@@ -265,7 +259,7 @@ class Guided:
     def step(self, body: Body, dt_s: float) -> bool:
         way = self._hand.step()
         if any(way):
-            body.follow(moved(body.tcp, way[:3], way[3:]))
+            body.shift(way, joint=False)
         return False
 
 
@@ -283,8 +277,3 @@ def ended(thread: Thread) -> bool:
     except StopIteration:
         return True
     return False
-
-
-def six(values: Iterable[float]) -> Vector6:
-    a, b, c, d, e, f = values
-    return a, b, c, d, e, f

@@ -11,20 +11,10 @@ import math
 from collections.abc import Callable, Iterable
 
 from drivers.types import Vector6
-from fakes.wire.ur.body import (
-    Guided,
-    JointStop,
-    LinearStop,
-    ServoMove,
-    SpeedMove,
-    Thread,
-    ended,
-    move_until_done,
-    six,
-)
-from fakes.wire.ur.robot import ProgramError, Robot
+from fakes.wire.ur.body import Brake, Guided, ServoMove, SpeedMove, Thread, ended, move_until_done
+from fakes.wire.ur.robot import STEADY_CYCLES, ProgramError, Robot
 from fakes.wire.ur.script import run_line
-from fakes.world.kinematics import Frame, from_ur, to_ur
+from fakes.world.kinematics import Frame, from_ur, six, to_ur
 
 READY, DONE, STOP_SCRIPT = 1, 2, 255
 REALTIME = frozenset({6, 9, 10, 11, 24, 25, 26, 27, 38, 58, *range(66, 72)})
@@ -90,8 +80,14 @@ class ControlLoop:
         if self._asynchronous is not None:
             self._asynchronous = None
             self._report(FINISHED)
+
+        def reported() -> Thread:
+            self._report(0)
+            yield from operation
+            self._report(FINISHED)
+
         if self.integer(1) == 1:
-            self._asynchronous = self._reported(operation)
+            self._asynchronous = reported()
         else:
             yield from operation
 
@@ -105,7 +101,7 @@ class ControlLoop:
     def brake(self, deceleration: float, linear: bool = True) -> Thread:
         """Brake along the path, as stopl does, or along the way of the joints, as stopj does."""
         body = self.robot.body
-        stop = LinearStop(body.twist, deceleration) if linear else JointStop(body.qd, deceleration)
+        stop = Brake(body.twist if linear else body.qd, deceleration, joint=not linear)
         yield from move_until_done(body, stop)
 
     def along_path(self) -> Thread:
@@ -113,11 +109,6 @@ class ControlLoop:
         for index, line in enumerate(self._path):
             self._report(index)
             yield from run_line(self.robot, line)
-
-    def _reported(self, operation: Thread) -> Thread:
-        self._report(0)
-        yield from operation
-        self._report(FINISHED)
 
     def _report(self, progress: int) -> None:
         """Write the status register of asynchronous operations. progress: 0 at the start, or `FINISHED`."""
@@ -205,18 +196,9 @@ def _set_payload(loop: ControlLoop) -> None:
     loop.robot.load(mass, tuple(cog) if any(cog) else None)
 
 
-def _begin_teaching(loop: ControlLoop) -> None:
-    loop.robot.body.mover = Guided(loop.robot.hand)
-
-
 def _end_teaching(loop: ControlLoop) -> Thread | None:
     """Return to position control and brake the arm. Without teach mode nothing happens."""
     return loop.brake(FREEDRIVE_BRAKE) if isinstance(loop.robot.body.mover, Guided) else None
-
-
-def _start_watchdog(loop: ControlLoop) -> None:
-    (least_hz,) = loop.doubles(0, 1)
-    loop.robot.watch(f"input_int_register_{loop.offset}", least_hz)
 
 
 COMMANDS: dict[int, Command] = {
@@ -231,19 +213,19 @@ COMMANDS: dict[int, Command] = {
     15: _speed_stop,
     16: lambda loop: loop.brake(loop.doubles(0, 1)[0]),
     17: _set_payload,
-    18: _begin_teaching,
+    18: lambda loop: loop.robot.be_guided(),
     19: _end_teaching,
     29: lambda loop: loop.robot.set_tool(loop.frame(0)),
     30: lambda loop: loop.answer(loop.robot.solved(loop.frame(0), loop.joints(6))),
     31: lambda loop: loop.robot.protective_stop(),
     33: _stop(linear=True),
     34: _stop(linear=False),
-    35: _start_watchdog,
+    35: lambda loop: loop.robot.watch(f"input_int_register_{loop.offset}", *loop.doubles(0, 1)),
     36: _has_solution,
     40: lambda loop: loop.answer(to_ur(loop.robot.body.tool)),
     45: lambda loop: loop.operate(loop.along_path()),
     46: lambda loop: loop.answer(loop.robot.solved(loop.frame(0))),
-    47: lambda loop: loop.answer_integer(loop.robot.steady()),
+    47: lambda loop: loop.answer_integer(loop.robot.body.still_cycles >= STEADY_CYCLES),
     60: _has_solution,
     61: _has_solution,
 }

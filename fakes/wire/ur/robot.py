@@ -5,7 +5,6 @@ import math
 from collections import Counter
 from dataclasses import dataclass
 from enum import IntEnum
-from operator import add, sub
 
 from drivers.clock import NS_PER_S
 from drivers.errors import InputError
@@ -13,17 +12,18 @@ from drivers.types import Vector6
 from fakes.wire.ur.body import (
     STILL,
     Body,
+    Brake,
+    Guided,
     GuidingHand,
-    JointMove,
-    JointStop,
-    LinearMove,
     OutOfReachError,
+    PathMove,
     Thread,
     ended,
-    six,
+    joint_move,
+    linear_move,
 )
 from fakes.wire.ur.rtde import INPUTS, OutputBank, Value, Version, zero
-from fakes.world.force_torque import NOTHING, FlangeSensor, carried_wrench, table_push_n
+from fakes.world.force_torque import FlangeSensor
 from fakes.world.kinematics import (
     ELBOW_UP,
     PHYSICAL_TOOL,
@@ -56,7 +56,8 @@ class Runtime:
         self.last_error = ""
         self._program: Thread | None = None
         self._read: tuple[Thread, int] | None = None
-        self._written_ns: dict[str, int] = {}
+        self.written_ns: dict[str, int] = {}
+        """Time at which each register was last written."""
         self._watch: tuple[str, int] | None = None
 
     @property
@@ -75,23 +76,20 @@ class Runtime:
     def watch(self, register: str, least_hz: float, time_ns: int) -> None:
         """End the program if a register is written less often than `least_hz` (rtde_set_watchdog)."""
         self._watch = (register, round(NS_PER_S / least_hz)) if least_hz > 0.0 else None
-        self._written_ns[register] = time_ns
-
-    def note_written(self, register: str, time_ns: int) -> None:
-        self._written_ns[register] = time_ns
+        self.written_ns[register] = time_ns
 
     def stood_still(self, missed_ns: int, time_ns: int) -> None:
         """Do not count a time in which the simulated controller had no core as silence of its client.
 
         A real controller does not stop with the computer of its client.
         """
-        for register, written_ns in self._written_ns.items():
-            self._written_ns[register] = max(written_ns, min(written_ns + missed_ns, time_ns))
+        for register, written_ns in self.written_ns.items():
+            self.written_ns[register] = max(written_ns, min(written_ns + missed_ns, time_ns))
 
     def take_over(self, time_ns: int) -> bool:
         """Check the watchdog, start a program that has been read; return whether another one ended."""
         before = self._program
-        if self._watch is not None and time_ns - self._written_ns[self._watch[0]] > self._watch[1]:
+        if self._watch is not None and time_ns - self.written_ns[self._watch[0]] > self._watch[1]:
             self._end("watchdog: no communication")
         if self._read is not None and time_ns >= self._read[1]:
             program, self._read = self._read[0], None
@@ -196,6 +194,7 @@ JOINT_LIMIT_RAD = 2 * math.pi
 SAFETY_BRAKE, PROGRAM_BRAKE = 20.0, 10.0
 """Deceleration at a safety stop, and when a program ends during a motion, rad/s^2."""
 STEADY_CYCLES = 250
+"""An arm counts as steady after half a second at rest."""
 STOPPED, PLAYING = 1, 2
 FARTHEST_TCP_M = 10.0
 INSTALLED_KG, INSTALLED_COG_M = 2.5, (0.0, 0.0, 0.08)
@@ -203,31 +202,6 @@ INSTALLED_KG, INSTALLED_COG_M = 2.5, (0.0, 0.0, 0.08)
 _LOAD_EVERY = 4
 """The load changes slowly: it is computed every fourth cycle."""
 _log = logging.getLogger(__name__)
-
-
-class ForceSensor:
-    """Force (N) and torque (N m) at the TCP in base axes, compensated for the payload.
-
-    The sensor has an offset until it is zeroed.
-    """
-
-    def __init__(self, world: World) -> None:
-        self._world, self._floor_m = world, world.layout.floor_z_m
-        self._sensor = FlangeSensor(world.seed)
-        self._zero = self._slow = NOTHING
-        self._cycle = 0
-
-    def sense(self, time_ns: int, tcp: Frame) -> Vector6:
-        self._cycle += 1
-        if self._cycle % _LOAD_EVERY == 1:
-            self._slow = self._sensor.drifted(carried_wrench(self._world, time_ns), time_ns)
-        a, b, c, d, e, f = self._slow
-        push = table_push_n(self._floor_m, tcp[2])
-        return six(map(sub, self._sensor.shown((a, b, c + push, d, e, f), time_ns), self._zero))
-
-    def zero(self, wrench: Vector6) -> None:
-        """Subtract a reading from all later ones."""
-        self._zero = six(map(add, self._zero, wrench))
 
 
 class Robot:
@@ -251,7 +225,7 @@ class Robot:
         """How often each command of ur-rtde was executed."""
         self.time_ns = self.heard_ns = 0
         """Time of the newest cycle, and of the newest client data, which is later if cycles are late."""
-        self.force = ForceSensor(world)
+        self.force = FlangeSensor(world, _LOAD_EVERY)
         self.hand = GuidingHand()
         self._world, self._encoders = world, Encoders(world.seed)
         self._ignored: set[str] = set()
@@ -282,26 +256,23 @@ class Robot:
             raise ProgramError(f"joints {joints_rad} rad: the range is +-{JOINT_LIMIT_RAD:.2f} rad")
         return joints_rad
 
-    def move(
-        self, kind: str, pose: str, target: Vector6, speed: float, acceleration: float
-    ) -> JointMove | LinearMove:
+    def move(self, kind: str, pose: str, target: Vector6, speed: float, acceleration: float) -> PathMove:
         """Return a motion from here. kind: "j" for movej, "l" for movel. Raises `ProgramError`.
 
         pose: "p" if the target is a pose in the controller's notation, "" if it is joint angles in rad.
         """
         if kind == "j":
             joints = self.solved(from_ur(target)) if pose else self.in_range(target)
-            return JointMove(self.body.q, joints, speed, acceleration)
+            return joint_move(self.body.q, joints, speed, acceleration)
         end = from_ur(target) if pose else compose(forward(target), self.body.tool)
         self.solved(end)
-        return LinearMove(self.body.tcp, end, speed, acceleration)
-
-    def steady(self) -> bool:
-        """Whether the arm has stood still for half a second."""
-        return self.body.still_cycles >= STEADY_CYCLES
+        return linear_move(self.body.tcp, end, speed, acceleration)
 
     def zero_force_sensor(self) -> None:
         self.force.zero(self._wrench)
+
+    def be_guided(self) -> None:
+        self.body.mover = Guided(self.hand)
 
     def load(self, mass_kg: float, cog_m: tuple[float, ...] | None) -> None:
         """Set the payload; None keeps the centre of gravity. Raises `ProgramError` for NaN or infinity."""
@@ -328,7 +299,7 @@ class Robot:
     def write_inputs(self, values: dict[str, Value]) -> None:
         self.inputs.update(values)
         for name, value in values.items():
-            self.runtime.note_written(name, max(self.time_ns, self.heard_ns))
+            self.runtime.written_ns[name] = max(self.time_ns, self.heard_ns)
             if "_register" in name:
                 self.bank.set(name, value)
             elif value and not name.startswith("speed_slider") and name not in self._ignored:
@@ -376,7 +347,8 @@ class Robot:
         if self._moved():
             start, end = compose(before, PHYSICAL_TOOL), compose(self.body.flange, PHYSICAL_TOOL)
             travel = TrapezoidProfile(before_ns, 1.0, NS_PER_S / max(self.time_ns - before_ns, 1), 1e9)
-            self._world.tool = ToolPath(to_pose(start), to_pose(end), travel, (_tilt(start), _tilt(end)))
+            tilts = math.atan2(start[9], start[3]), math.atan2(end[9], end[3])
+            self._world.tool = ToolPath(to_pose(start), to_pose(end), travel, tilts)
             self._publish_pose()
         self._publish()
 
@@ -385,8 +357,9 @@ class Robot:
         self.bank.set("target_speed_fraction", self._slider)
 
     def _brake(self, deceleration: float) -> None:
-        if self.body.mover is not None and not isinstance(self.body.mover, JointStop):
-            self.body.mover = JointStop(self.body.qd, deceleration)
+        mover = self.body.mover
+        if mover is not None and not (isinstance(mover, Brake) and mover.joint):
+            self.body.mover = Brake(self.body.qd, deceleration, joint=True)
 
     def _moved(self) -> bool:
         was_moving = not self.body.settled
@@ -410,7 +383,7 @@ class Robot:
         joints = self._encoders.shown(self.body.q, self.time_ns)
         put("actual_q", joints)
         put("actual_TCP_pose", to_ur(compose(forward(joints), self.body.tool)))
-        self._wrench = self.force.sense(self.time_ns, self.body.tcp)
+        self._wrench = self.force.sense(self.time_ns, self.body.tcp[2])
         put("timestamp", self.time_ns / NS_PER_S)
         put("actual_TCP_force", self._wrench)
         put("tcp_force_scalar", math.hypot(*self._wrench[:3]))
@@ -425,7 +398,3 @@ class Robot:
 
 def _in_range(joints_rad: Vector6) -> bool:
     return all(abs(q) <= JOINT_LIMIT_RAD for q in joints_rad)
-
-
-def _tilt(tool_frame: Frame) -> float:
-    return math.atan2(tool_frame[9], tool_frame[3])

@@ -14,8 +14,9 @@ import re
 from collections.abc import Callable
 
 from drivers.errors import InputError
-from fakes.wire.ur.body import Thread, move_until_done, six
+from fakes.wire.ur.body import Thread, move_until_done
 from fakes.wire.ur.robot import CYCLE_S, ProgramError, Robot, RobotMode
+from fakes.world.kinematics import six
 
 _log = logging.getLogger(__name__)
 LONGEST_PROGRAM = 1_000_000
@@ -133,10 +134,6 @@ def _stop(robot: Robot) -> str:
     return "Stopped"
 
 
-def _unlock(robot: Robot) -> str:
-    return "Protective stop releasing" if robot.safety.unlock(robot.time_ns) else _SINCE_5S
-
-
 def _power(robot: Robot, mode: RobotMode, done: str) -> str:
     return done if robot.safety.power(mode) else "Failed: emergency stop"
 
@@ -149,7 +146,9 @@ _REQUESTS: dict[str, Callable[[Robot], str]] = {
     "robotmode": lambda robot: f"Robotmode: {robot.safety.robot_mode.name}",
     "safetymode": lambda robot: f"Safetymode: {robot.safety.mode.name}",
     "stop": _stop,
-    "unlock protective stop": _unlock,
+    "unlock protective stop": lambda robot: (
+        "Protective stop releasing" if robot.safety.unlock(robot.time_ns) else _SINCE_5S
+    ),
     "power on": lambda robot: _power(robot, RobotMode.IDLE, "Powering on"),
     "brake release": lambda robot: _power(robot, RobotMode.RUNNING, "Brake releasing"),
     "close safety popup": lambda _: "closing safety popup",

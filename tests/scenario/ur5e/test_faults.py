@@ -10,10 +10,9 @@ from drivers.errors import (
     ProtectiveStopError,
 )
 from drivers.types import ArmMode
-from drivers.ur5e.arm import UR5e
+from drivers.ur5e.arm import ToolSetting, UR5e
 from drivers.ur5e.link import ArmLink
-from drivers.ur5e.motion import PLAYING
-from drivers.ur5e.setup import ToolSetting
+from drivers.ur5e.status import PLAYING
 from fakes.wire.ur.controller import URController
 from support.ur5e import agree, first_error, make_arm, make_controller, stands
 from support.waiting import until
@@ -57,11 +56,11 @@ def test_program_that_ends_before_the_tool_is_known_is_restarted(
 ) -> None:
     kill = iter([True])
 
-    def compare(tool: ToolSetting, link: ArmLink) -> None:
+    def compare(tool: ToolSetting, link: ArmLink) -> bool:
         if next(kill, False):
             controller.inject("program_killed")
             until(lambda: link.sample().runtime_state != PLAYING)
-        original(tool, link)
+        return original(tool, link)
 
     original = ToolSetting.compare
     monkeypatch.setattr(ToolSetting, "compare", compare)

@@ -13,7 +13,7 @@ from drivers.clock import to_ns
 from drivers.errors import DeviceError
 from drivers.types import Vector6
 from drivers.ur5e.arm import UR5e
-from drivers.ur5e.motion import from_ur, to_ur
+from drivers.ur5e.status import from_ur, to_ur
 from fakes.wire.ur.controller import URController
 from support.marks import long
 from support.slow_motion import CLOCK, SLOWNESS, pause

@@ -65,12 +65,9 @@ def test_slowed_clock_is_rejected_by_the_drivers_of_local_devices() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "process", ["control_process 192.168.0.2 3 4 5 4", "state_process 192.168.0.2 500.0 3 4 1 4"]
-)
+@pytest.mark.parametrize("process", ["control 192.168.0.2 4 5 4 3", "state 192.168.0.2 3 4 4 500.0 1"])
 def test_slowed_clock_is_rejected_by_the_processes_of_a_real_arm(process: str) -> None:
-    name, *arguments = process.split()
-    command = [sys.executable, "-m", f"drivers.ur5e.{name}", *arguments]
+    command = [sys.executable, "-m", "drivers.ur5e.processes", *process.split()]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 1
     assert REFUSED in done.stderr
@@ -95,8 +92,7 @@ def test_real_bench_has_the_full_speed_whatever_its_file_and_the_environment_con
 
 
 PASSING_ON = {
-    "drivers/ur5e/arm.py", "drivers/ur5e/setup.py", "drivers/ur5e/control_process.py",
-    "drivers/ur5e/state_process.py", "fakes/clock.py", "fakes/wire/mjpeg/server.py",
+    "drivers/ur5e/arm.py", "drivers/ur5e/processes.py", "fakes/clock.py", "fakes/wire/mjpeg/server.py",
 }  # fmt: skip
 """Files that pass on the slowness of a given clock."""
 MOST_WITHOUT = {"started_fakes": 1, "hosted_fakes": 4, "build_real_bench": 2}

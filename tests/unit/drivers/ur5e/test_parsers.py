@@ -15,10 +15,10 @@ import pytest
 
 from drivers.clock import SystemClock
 from drivers.errors import DeviceError, InputError, OperatorStopError
-from drivers.ur5e.control_process import ControlCommands, Watchdog, answer
 from drivers.ur5e.controller import parse_version, read_package, refuse_local_control, serial_number
 from drivers.ur5e.heartbeat import Heartbeat, Program
-from drivers.ur5e.link import Channel, no_check
+from drivers.ur5e.link import ControlClient
+from drivers.ur5e.processes import ControlCommands, Watchdog, answer
 from drivers.ur5e.shared_state import SharedState
 from fakes.wire.ur.robot import Robot
 from fakes.wire.ur.script import LineReader, reply
@@ -120,12 +120,12 @@ def test_every_call_gets_its_own_answer_or_an_error(cases: Cases) -> None:
     heartbeat = Heartbeat(interface, state, Program(os.getppid()), clock)
     commands = ControlCommands(interface, Watchdog(None, clock), heartbeat)
     here, there = socket.socketpair()
-    channel = Channel(here, SimpleNamespace(name="it"), SystemClock())  # type: ignore[arg-type]
+    client = ControlClient(here, SimpleNamespace(name="it"), SystemClock())  # type: ignore[arg-type]
     asked = there.makefile("rb")
     failed, count = 0, cases(5_000)
     for number in range(1, count + 1):
         method, arguments, expected = rng.choice(CALLS)
-        request = {"number": number, "call": method.__name__, "arguments": arguments, "named": {}}
+        request = {"number": number, "call": method.__name__, "arguments": arguments}
         answered = answer(commands, request)
         line = json.dumps(answered).encode()
         for part in (line[: (cut := rng.randrange(len(line)))], line[cut:] + b"\n"):
@@ -133,9 +133,9 @@ def test_every_call_gets_its_own_answer_or_an_error(cases: Cases) -> None:
         if "error" in answered:
             failed += 1
             with pytest.raises(DeviceError, match="the text of the library"):
-                channel.call(method, 1.0, no_check, *arguments)
+                client.ask(method, *arguments)
         else:
-            assert channel.call(method, 1.0, no_check, *arguments) == expected
+            assert client.ask(method, *arguments) == expected
         assert json.loads(asked.readline()) == json.loads(json.dumps(request))
     assert 0 < failed < count
     for opened in (here, there, state):
@@ -158,12 +158,12 @@ class Interrupted(SystemClock):
 
 def test_late_answer_to_an_interrupted_call_is_not_given_to_the_next() -> None:
     here, there = socket.socketpair()
-    channel = Channel(here, SimpleNamespace(name="it"), Interrupted())  # type: ignore[arg-type]
+    client = ControlClient(here, SimpleNamespace(name="it"), Interrupted())  # type: ignore[arg-type]
     with pytest.raises(OperatorStopError):
-        channel.call(ControlCommands.is_steady, 1.0, no_check)
+        client.ask(ControlCommands.is_steady)
     for number, value in ((1, True), (2, [7, False])):
         there.sendall(json.dumps({"number": number, "value": value}).encode() + b"\n")
-    assert channel.call(ControlCommands.operation, 1.0, no_check) == [7, False]
+    assert client.ask(ControlCommands.operation) == [7, False]
     here.close()
     there.close()
 

@@ -11,7 +11,9 @@ from drivers.clock import NS_PER_S
 from drivers.errors import DeviceError, OutOfLimitsError, ProtectiveStopError
 from drivers.motion import check_joints, check_motion
 from drivers.types import ArmLimits, ArmMode, Pose
-from drivers.ur5e.motion import (
+from drivers.ur5e.processes import ClockMap
+from drivers.ur5e.shared_state import SharedState, StateSample
+from drivers.ur5e.status import (
     JOINT_RANGE_RAD,
     arm_mode,
     from_ur,
@@ -20,8 +22,6 @@ from drivers.ur5e.motion import (
     stop_reason,
     to_ur,
 )
-from drivers.ur5e.shared_state import SharedState, StateSample
-from drivers.ur5e.state_process import ClockMap
 
 SIX = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6)
 LIMITS = ArmLimits((0.0, -0.5, 0.0), (0.8, 0.5, 0.6), 0.5, 1.5, 5.0)

@@ -1,19 +1,15 @@
-"""A motion of the arm, followed by operation number and state stream; the controller's status as errors.
+"""The status of the arm's controller as modes and errors; its notation of poses.
 
 The controller writes a pose as x y z in m and a rotation vector in rad; `to_ur` and `from_ur` convert.
 Status values and bits: Universal Robots, "RTDE Guide", robot_mode, runtime_state, safety_status_bits.
 """
 
 import math
-from collections.abc import Callable
 
 from scipy.spatial.transform import Rotation
 
-from drivers.clock import Clock, to_ns
 from drivers.errors import DeviceError, ProtectiveStopError
-from drivers.motion import PolledMotion
 from drivers.types import ArmMode, Pose, Vector6
-from drivers.ur5e.control_process import Operation
 from drivers.ur5e.shared_state import StateSample
 
 PLAYING = 2
@@ -106,16 +102,8 @@ JOINT_RANGE_RAD: tuple[Vector6, Vector6] = (
     (_TURN, _TURN, _TURN, _TURN, _TURN, _TURN),
 )
 """Working range of a UR5e's joints: +-360 degrees (data sheet)."""
-BEGIN_LIMIT_S = 0.5
-"""A motion that was accepted begins within this time, or never."""
-ASK_S = 0.05
-"""Interval at which the controller is asked about a motion while the state stream shows it moving."""
-SETTLE_LIMIT_S = 0.3
-"""Longest time from the end of the operation until the state stream shows the arm at rest."""
 STILL_M_S, STILL_RAD_S = 0.002, 0.01
 """Speeds of the TCP below which the arm counts as standing."""
-NEAR_M, NEAR_RAD = 0.001, 0.01
-"""Largest distances from the target at which the arm counts as arrived."""
 
 
 def to_ur(pose: Pose) -> Vector6:
@@ -129,103 +117,5 @@ def from_ur(values: Vector6) -> Pose:
     return Pose.from_rotation((values[0], values[1], values[2]), Rotation.from_rotvec(values[3:]))
 
 
-class ArmMotion(PolledMotion):
-    """A straight motion to `target`. stopped: returns whether the arm was stopped since the motion began."""
-
-    def __init__(
-        self,
-        sample: Callable[[], StateSample],
-        operation: Callable[[], Operation],
-        stop: Callable[[], None],
-        target: Pose,
-        before: int,
-        start: Vector6,
-        clock: Clock,
-        stopped: Callable[[], bool],
-    ) -> None:
-        super().__init__("arm", clock, self._has_ended, stop)
-        self._sample, self._operation = sample, operation
-        self._target, self._before = target, before
-        self._stopped = stopped
-        self._began_ns = clock.now_ns()
-        self._ended_ns: int | None = None
-        self._asked_ns = self._began_ns
-        self._way_m = max(_distance(start, target), 1e-9)
-        self._done = False
-
-    def progress(self) -> float:
-        """Return the fraction of the path that is covered, 0 to 1."""
-        if self._done:
-            return 1.0
-        left = _distance(self._sample().pose, self._target)
-        return min(1.0, max(0.0, 1.0 - left / self._way_m))
-
-    def _has_ended(self) -> bool:
-        """Whether the arm has arrived, or stands still after a stop. Raises if the motion failed."""
-        if not self._done:
-            sample = self._sample()
-            if self._over(sample):
-                self._done = self._arrived(sample)
-        return self._done
-
-    def _over(self, sample: StateSample) -> bool:
-        """Whether the controller has finished the operation."""
-        if self._ended_ns is None:
-            if self._on_its_way(sample):
-                return False
-            number, running, halted = self._operation()
-            if halted:
-                raise DeviceError(f"arm: stopped on its way: {halted}")
-            if number == self._before:
-                return self._never_began(sample)
-            if running:
-                return False
-            self._ended_ns = self._clock.now_ns()
-        return True
-
-    def _on_its_way(self, sample: StateSample) -> bool:
-        """Whether the state stream alone shows that the motion continues; asking costs a round trip."""
-        now = self._clock.now_ns()
-        if not is_still(sample) and now - self._asked_ns < to_ns(ASK_S):
-            return True
-        self._asked_ns = now
-        return False
-
-    def _never_began(self, sample: StateSample) -> bool:
-        if self._clock.now_ns() - self._began_ns < to_ns(BEGIN_LIMIT_S):
-            return False
-        if not self._stopped() and not is_at(sample.pose, self._target):
-            raise DeviceError(
-                "arm: the controller accepted a motion and did not begin it; see the log on the pendant"
-            )
-        self._ended_ns = self._clock.now_ns()
-        return True
-
-    def _arrived(self, sample: StateSample) -> bool:
-        """Whether the state stream also shows the end; it may be one cycle late."""
-        settling = self._clock.now_ns() - (self._ended_ns or 0) < to_ns(SETTLE_LIMIT_S)
-        there = self._stopped() or is_at(sample.pose, self._target)
-        if is_still(sample) and there:
-            return True
-        if settling:
-            return False
-        if there:
-            return True
-        off_mm = 1000 * _distance(sample.pose, self._target)
-        raise DeviceError(
-            f"arm: the motion ended {off_mm:.1f} mm from its target; see the log on the pendant"
-        )
-
-
 def is_still(sample: StateSample) -> bool:
     return math.hypot(*sample.speed[:3]) < STILL_M_S and math.hypot(*sample.speed[3:]) < STILL_RAD_S
-
-
-def is_at(pose: Vector6, target: Pose) -> bool:
-    """Whether a pose of the controller is within NEAR_M and NEAR_RAD of the target."""
-    turn = (Rotation.from_rotvec(pose[3:]).inv() * target.rotation).magnitude()
-    return _distance(pose, target) < NEAR_M and turn < NEAR_RAD
-
-
-def _distance(pose: Vector6, target: Pose) -> float:
-    return math.dist(pose[:3], target.position_m)

@@ -1,12 +1,16 @@
-"""The calls of ur-rtde's control interface, and the process that executes them.
+"""The two processes in which ur-rtde runs: one receives the arm's states, one executes commands.
 
-When the interface loses its connection it reconnects, and crashes with a segmentation fault (ur-rtde 1.6.5).
-It therefore runs in a separate process, which exits as soon as the arm's state is too old, before the
-interface notices the loss.
+    python -m drivers.ur5e.processes state HOST STATE_FD PARENT_PID SLOWNESS RATE_HZ WITH_PAYLOAD
+    python -m drivers.ur5e.processes control HOST STATE_FD PARENT_PID SLOWNESS SOCKET_FD
 
-    python -m drivers.ur5e.control_process HOST SOCKET_FD STATE_FD PARENT_PID SLOWNESS
+State: if the controller sends nothing, the constructor of ur-rtde's receive interface holds the interpreter
+lock and waits forever; after the connection is lost, its getters keep returning the last values. Both are
+harmless in a separate process: it can be ended, and the controller's time in the state shows how old a sample
+is.
 
-Each line on the socket is {"number": n, "call": name, "arguments": [...], "named": {...}}; each answer is
+Control: when ur-rtde's control interface loses its connection it reconnects, and crashes with a segmentation
+fault (ur-rtde 1.6.5). The process therefore exits as soon as the arm's state is too old, before the interface
+notices the loss. Each line on the socket is {"number": n, "call": name, "arguments": [...]}; each answer is
 {"number": n, "value": ...} or {"number": n, "error": text}. Answer 0 reports that the process is ready.
 Between calls the process kicks the controller's watchdog: if this process ends, the program on the
 controller stops the arm within one period of `WATCHDOG_HZ`. If its parent ends, or does not poll the arm
@@ -15,6 +19,7 @@ during a motion (`drivers.ur5e.heartbeat`), this process stops the arm itself.
 
 import faulthandler
 import json
+import math
 import os
 import select
 import socket
@@ -22,12 +27,13 @@ import sys
 import threading
 from collections.abc import Sequence
 from contextlib import nullcontext
+from dataclasses import replace
 from typing import Any, NamedTuple
 
-from drivers.clock import Clock, SystemClock, host_s, require_full_speed, to_ns
+from drivers.clock import NS_PER_S, Clock, SystemClock, host_s, require_full_speed, to_ns
 from drivers.realtime import ask_for_realtime, ordinary
 from drivers.ur5e.heartbeat import Heartbeat, Program
-from drivers.ur5e.shared_state import SharedState
+from drivers.ur5e.shared_state import SharedState, StateSample
 
 KICK_S = 0.02
 """Interval at which the controller's watchdog is kicked."""
@@ -146,8 +152,6 @@ class ControlCommands:
         self._control.stopScript()
 
 
-START_LIMIT_S = 10.0
-"""Time limit for ur-rtde to connect and upload its program; then the process exits."""
 STATE_LIMIT_S = 0.6
 """Age of the arm's state at which this process exits; ur-rtde reconnects after 2.5 s."""
 WATCH_S = 0.05
@@ -158,8 +162,8 @@ STOP_S = 1.0
 """Time for the arm to stop before the process exits because its parent ended."""
 STOP_DECELERATION_M_S2 = 10.0
 """Deceleration of the stop after the client has closed the connection."""
-STATE_LOST, PARENT_LOST = 3, 4
-"""Exit codes of this process."""
+STATE_LOST, PARENT_LOST, CONNECTION_LOST = 3, 4, 3
+"""Exit codes: of the command process, and of the state process."""
 AT_ONCE = ("stop_linear", "end_program", "operation", "halted")
 """Calls that stop the arm or need no answer of the controller; they keep the real-time priority."""
 COMMANDS = {name: method for name, method in vars(ControlCommands).items() if not name.startswith("_")}
@@ -181,13 +185,13 @@ def serve(
             continue
         line = lines.readline()
         if not line:
-            answer(commands, {"call": "stop_linear", "arguments": [STOP_DECELERATION_M_S2], "named": {}})
+            answer(commands, {"call": "stop_linear", "arguments": [STOP_DECELERATION_M_S2]})
             return
         asked_ns, request = clock.now_ns(), json.loads(line)
         # while ur-rtde waits for the controller it busy-waits, and would take the core from everything else
         with nullcontext() if request["call"] in AT_ONCE else ordinary():
             reply = answer(commands, request)
-        connection.sendall(json.dumps(reply).encode() + b"\n")
+        _send(connection, reply)
         heartbeat.answered(asked_ns)
 
 
@@ -197,7 +201,7 @@ def answer(commands: ControlCommands, request: dict[str, Any]) -> dict[str, Any]
     try:
         return {
             "number": number,
-            "value": COMMANDS[request["call"]](commands, *request["arguments"], **request["named"]),
+            "value": COMMANDS[request["call"]](commands, *request["arguments"]),
         }
     except (RuntimeError, ValueError, TypeError, IndexError) as error:  # the exceptions that pybind11 raises
         return {"number": number, "error": str(error)}
@@ -215,30 +219,139 @@ def watch(state: SharedState, parent_pid: int, clock: Clock) -> None:
             os._exit(PARENT_LOST)
 
 
-def main(host: str, socket_fd: int, state_fd: int, parent_pid: int, slowness: int) -> None:
-    """Connect, report that the process is ready, and serve calls. slowness: of the clock of all limits."""
-    clock = SystemClock(slowness)
-    require_full_speed(clock, "arm", host)
-    faulthandler.dump_traceback_later(host_s(clock, START_LIMIT_S), exit=True)  # works while the GIL is held
-    state = SharedState(state_fd)
+POLL_S = 0.0004
+"""Interval at which ur-rtde is asked for a new state: shorter than the 2 ms between states."""
+OFFSET_BLOCK_S = 10.0
+"""The clock offset is the minimum over this block and the previous one."""
+VARIABLES = (
+    "timestamp",
+    "actual_q",
+    "actual_TCP_pose",
+    "actual_TCP_speed",
+    "actual_TCP_force",
+    "robot_mode",
+    "safety_status_bits",
+    "robot_status_bits",
+    "runtime_state",
+    "target_speed_fraction",
+)
+
+
+class ClockMap:
+    """Converts the controller's time to the computer's monotonic clock.
+
+    A package can arrive late but never early. So the smallest difference of the last 10 to 20 s is closest to
+    the true offset, and it follows slow drift between the clocks.
+    """
+
+    def __init__(self) -> None:
+        self._block_start_ns: int | None = None
+        self._before = self._current = sys.maxsize
+
+    def to_host_ns(self, controller_ns: int, received_ns: int) -> int:
+        """Return the monotonic time in ns at which the controller took a sample."""
+        offset = received_ns - controller_ns
+        if self._block_start_ns is None or received_ns - self._block_start_ns > to_ns(OFFSET_BLOCK_S):
+            self._block_start_ns = received_ns
+            self._before, self._current = self._current, offset
+        self._current = min(self._current, offset)
+        return controller_ns + min(self._before, self._current)
+
+
+def listen(
+    receive: Any, state: SharedState, parent_pid: int, rate_hz: float, with_payload: bool, clock: Clock
+) -> None:
+    """Publish each new sample until the connection is lost or the parent process has ended."""
+    times = ClockMap()
+    last_s = -math.inf
+    samples = gaps = 0
+    while receive.isConnected() and os.getppid() == parent_pid:
+        timestamp_s = receive.getTimestamp()
+        if timestamp_s == last_s:
+            clock.sleep_until(clock.now_ns() + to_ns(POLL_S))
+            continue
+        received_ns = clock.now_ns()
+        gaps += max(0, round((timestamp_s - last_s) * rate_hz) - 1) if samples else 0
+        samples, last_s = samples + 1, timestamp_s
+        sampled_ns = times.to_host_ns(round(timestamp_s * NS_PER_S), received_ns)
+        state.write(
+            StateSample(
+                timestamp_s,
+                received_ns,
+                sampled_ns,
+                *map(tuple, (receive.getActualQ(), receive.getActualTCPPose())),  # type: ignore[arg-type]
+                *map(tuple, (receive.getActualTCPSpeed(), receive.getActualTCPForce())),  # type: ignore[arg-type]
+                payload_kg=receive.getPayload() if with_payload else math.nan,
+                payload_cog_m=tuple(receive.getPayloadCog()) if with_payload else (math.nan,) * 3,  # type: ignore[arg-type]
+                speed_fraction=receive.getTargetSpeedFraction(),
+                robot_mode=receive.getRobotMode(),
+                safety_bits=receive.getSafetyStatusBits(),
+                status_bits=receive.getRobotStatus(),
+                runtime_state=receive.getRuntimeState(),
+                samples=samples,
+                gaps=gaps,
+            )
+        )
+
+
+def run_state(
+    host: str, state: SharedState, parent_pid: int, clock: Clock, rate_hz: str, with_payload: str
+) -> int:
+    """Connect and receive states; return the exit code."""
+    reports = with_payload == "1"
+    variables = [*VARIABLES, "payload", "payload_cog"] if reports else list(VARIABLES)
+    try:
+        from rtde_receive import RTDEReceiveInterface
+
+        ask_for_realtime()
+        receive = RTDEReceiveInterface(host, float(rate_hz), variables)
+    except (ImportError, RuntimeError, ValueError) as error:
+        sys.exit(" ".join(str(error).split()))
+    faulthandler.cancel_dump_traceback_later()
+    listen(receive, state, parent_pid, float(rate_hz), reports, clock)
+    if last := state.read():
+        state.write(replace(last, received_ns=0))  # older than any limit: the state is unknown from now on
+    return CONNECTION_LOST
+
+
+def run_control(host: str, state: SharedState, parent_pid: int, clock: SystemClock, socket_fd: str) -> int:
+    """Connect, report that the process is ready, and serve calls; return the exit code."""
     threading.Thread(target=watch, args=(state, parent_pid, clock), daemon=True).start()
-    connection = socket.socket(fileno=socket_fd)
+    connection = socket.socket(fileno=int(socket_fd))
     try:
         from rtde_control import RTDEControlInterface
 
         ask_for_realtime()
         control = RTDEControlInterface(host)
     except (ImportError, RuntimeError, ValueError) as error:
-        connection.sendall(json.dumps({"number": 0, "error": str(error)}).encode() + b"\n")
-        return
+        _send(connection, {"number": 0, "error": str(error)})
+        return 0
     faulthandler.cancel_dump_traceback_later()
-    connection.sendall(json.dumps({"number": 0, "value": "ready"}).encode() + b"\n")
+    _send(connection, {"number": 0, "value": "ready"})
     watchdog = Watchdog(control, clock)
-    heartbeat = Heartbeat(control, state, Program(parent_pid, slowness), clock)
+    heartbeat = Heartbeat(control, state, Program(parent_pid, clock.slowness), clock)
     serve(connection, ControlCommands(control, watchdog, heartbeat), watchdog, heartbeat, clock)
+    return 0
+
+
+def _send(connection: socket.socket, answered: dict[str, Any]) -> None:
+    connection.sendall(json.dumps(answered).encode() + b"\n")
+
+
+KINDS = {"state": (5.0, run_state), "control": (10.0, run_control)}
+"""Time limits, s, for ur-rtde to connect, and to upload its program; then the process exits."""
+
+
+def main(kind: str, host: str, state_fd: str, parent_pid: str, slowness: str, *own: str) -> None:
+    """Run one of the processes. slowness: of the clock of all limits."""
+    clock = SystemClock(int(slowness))
+    require_full_speed(clock, "arm", host)
+    limit_s, run = KINDS[kind]
+    faulthandler.dump_traceback_later(host_s(clock, limit_s), exit=True)  # works while the GIL is held
+    code = run(host, SharedState(int(state_fd)), int(parent_pid), clock, *own)
     sys.stdout.flush()
-    os._exit(0)  # the interface's destructor takes half a second and has nothing left to do
+    os._exit(code)  # the destructors of the interfaces take half a second and have nothing left to do
 
 
 if __name__ == "__main__":
-    main(sys.argv[1], *map(int, sys.argv[2:]))
+    main(*sys.argv[1:])

@@ -28,8 +28,15 @@ class Faults:
     _active: dict[str, tuple[dict[str, Any], int | None]] = field(default_factory=dict)
     _lock: threading.RLock = field(default_factory=threading.RLock)
 
-    def begin(self, kind: str, arguments: Mapping[str, Any]) -> dict[str, Any]:
-        """Start a fault and return its settings. Raises `InputError` for an unknown kind or argument."""
+    def inject(self, kind: str, **arguments: Any) -> dict[str, Any]:
+        """Start a fault and return its settings; end all with "clear".
+
+        Raises `InputError` for an unknown kind or argument.
+        """
+        if kind == "clear":
+            with self._lock:
+                self._active.clear()
+            return {}
         if kind not in self.known:
             raise unknown_name(f"fault of the {self.whose}", str(kind), (*self.known, "clear"))
         takes: dict[str, Any] = {**self.known[kind], "duration_s": None}
@@ -65,10 +72,6 @@ class Faults:
         """Return the kinds of the active faults."""
         with self._lock:
             return frozenset(kind for kind in list(self._active) if self.get(kind) is not None)
-
-    def clear(self) -> None:
-        with self._lock:
-            self._active.clear()
 
 
 OVERSHOOT_COUNTS = 30.0

@@ -88,16 +88,8 @@ _NOISE_BLUR_PX = 0.6
 _NOISE_SHIFTS = 128
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Texture:
-    """Texture of the object's plane.
-
-    rgba: (H, W, 4) uint8, premultiplied RGB and opacity. texel_T_plane: matrix (3, 3) from plane coordinates
-    (x, z, 1) in m to texels, whose centres are integers.
-    """
-
-    rgba: Image
-    texel_T_plane: NDArray[np.float64]  # noqa: N815
+_Texture = tuple[Image, NDArray[np.float64]]
+"""Of the object's plane: (H, W, 4) uint8, premultiplied RGB and opacity; `Canvas.texel_T_plane`."""
 
 
 @dataclass(slots=True, eq=False)
@@ -190,17 +182,23 @@ class MarkerScene:
         # The determinant is (x cross z) . position; it is negative if the markers face the camera.
         if depth.min() <= 0.01 or np.linalg.det(camera_T_plane) >= 0.0:
             return
-        window = self._window(self._project(outline, camera_T_plane))
-        if window is None:
+        seen = self._project(outline, camera_T_plane)
+        low = np.maximum(np.floor(seen.min(axis=0)) - 4, 0).astype(int)
+        high = np.minimum(np.ceil(seen.max(axis=0)) + 5, self.size).astype(int)
+        if (high <= low).any():
             return
+        window = np.s_[low[1] : high[1], low[0] : high[0]]
         # The blur of the texture depends on the distance; distances within 5 % share one texture.
         step = round(math.log(self.focal_px / float(depth.mean()), _SCALE_STEP))
         if step not in self._textures:
             self._textures[step] = self._draw_texture(_SCALE_STEP**step)
-        texture = self._textures[step]
-        texel_T_ray = texture.texel_T_plane @ np.linalg.inv(camera_T_plane)  # noqa: N806
-        where = cv2.perspectiveTransform(self._rays[window], texel_T_ray)
-        _blend(picture[window], cv2.remap(texture.rgba, where, None, cv2.INTER_LINEAR), self._light[window])  # type: ignore[arg-type]
+        texture, texel_T_plane = self._textures[step]  # noqa: N806
+        where = cv2.perspectiveTransform(self._rays[window], texel_T_plane @ np.linalg.inv(camera_T_plane))
+        rgba = cv2.remap(texture, where, None, cv2.INTER_LINEAR)  # type: ignore[call-overload]
+        opacity = cv2.bitwise_not(cv2.extractChannel(rgba, 3))
+        behind = cv2.multiply(picture[window], cv2.merge([opacity] * 3), scale=1 / 255)
+        lit = cv2.multiply(cv2.cvtColor(rgba, cv2.COLOR_RGBA2RGB), self._light[window], scale=1 / 255)
+        picture[window] = cv2.add(behind, lit)
 
     def _outline_m(self) -> NDArray[np.float64]:
         """Return the corners (4, 2), (x, z) in m, of a rectangle around the bar, the paper and the blur."""
@@ -211,31 +209,20 @@ class MarkerScene:
         high = np.maximum(centres.max(axis=0) + reach, half_bar) + self.marker_side_m / 8
         return np.array([[low[0], high[1]], [high[0], high[1]], [high[0], low[1]], [low[0], low[1]]])
 
-    def _window(self, outline_px: NDArray[np.float64]) -> tuple[slice, slice] | None:
-        width, height = self.size
-        low = np.maximum(np.floor(outline_px.min(axis=0)) - 4, 0).astype(int)
-        high = np.minimum(np.ceil(outline_px.max(axis=0)) + 5, (width, height)).astype(int)
-        if (high <= low).any():
-            return None
-        return np.s_[low[1] : high[1], low[0] : high[0]]
-
     def _draw_texture(self, px_per_m: float) -> _Texture:
         outline = self._outline_m()
         density = _TEXELS_PER_PX * px_per_m
         canvas = Canvas.blank(outline[0], outline[2], density)
         half = np.asarray(self.bar_m) / 2
         canvas.fill(-half, half, self.object_rgb)
+        dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, self.dictionary))
+        modules = dictionary.markerSize + 2  # with the border
         for marker_id, centre in zip(self.marker_ids, self.marker_centres_m, strict=True):
-            canvas.print_marker(self._modules(marker_id), np.asarray(centre), self.marker_side_m)
+            ink = (cv2.aruco.generateImageMarker(dictionary, marker_id, modules) == 0).astype(np.float32)
+            canvas.print_marker(ink, np.asarray(centre), self.marker_side_m)
         sigma = _TEXELS_PER_PX * math.hypot(self.blur_px, math.sqrt(_PIXEL_VARIANCE))
         blurred = cv2.GaussianBlur(canvas.rgba, (0, 0), sigma, borderType=cv2.BORDER_CONSTANT)
-        return _Texture(np.rint(blurred).astype(np.uint8), canvas.texel_T_plane)
-
-    def _modules(self, marker_id: int) -> NDArray[np.float32]:
-        """Return the modules (n, n) of a marker with its border, 1 for ink."""
-        dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, self.dictionary))
-        modules = dictionary.markerSize + 2
-        return (cv2.aruco.generateImageMarker(dictionary, marker_id, modules) == 0).astype(np.float32)
+        return np.rint(blurred).astype(np.uint8), canvas.texel_T_plane
 
 
 def _plane(camera_T_object: Pose) -> NDArray[np.float64]:  # noqa: N803
@@ -286,11 +273,3 @@ def _noise_fields(size: tuple[int, int], sigma_grey: float, rng: np.random.Gener
     signs = (np.clip(noise, 0, 255), np.clip(-noise, 0, 255))
     plus, minus = (np.repeat(field.astype(np.uint8)[..., None], 3, axis=2) for field in signs)
     return plus, minus
-
-
-def _blend(picture: Image, rgba: Image, light: Image) -> None:
-    """Draw a premultiplied image (h, w, 4) over `picture`, in place, under the bench's illumination."""
-    opacity = cv2.bitwise_not(cv2.extractChannel(rgba, 3))
-    behind = cv2.multiply(picture, cv2.merge([opacity] * 3), scale=1 / 255)
-    lit = cv2.multiply(cv2.cvtColor(rgba, cv2.COLOR_RGBA2RGB), light, scale=1 / 255)
-    picture[...] = cv2.add(behind, lit)

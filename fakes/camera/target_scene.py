@@ -29,8 +29,16 @@ def render_sheet(
     plane = np.column_stack([turn[:, :2], place])
     seen = np.full((height, width), np.float32(_BENCH_GREY))
     if place @ turn[:, 2] > 0.0 and place[2] > 0.05:
-        coarse = _coarser(sheet, _FINE * float(camera_matrix[0, 0]) / float(np.linalg.norm(place)))
-        fine_T_sheet = _fine(camera_matrix) @ plane @ np.linalg.inv(_sheet_T_plane(coarse))  # noqa: N806
+        wanted_px_per_m = _FINE * float(camera_matrix[0, 0]) / float(np.linalg.norm(place))
+        # reduced to about twice the wanted density, so that sampling it does not alias
+        coarse = _reduced(sheet, max(1, int(sheet.px_per_m / (2.0 * wanted_px_per_m))))
+        scale, (x, y) = coarse.px_per_m, coarse.origin_m
+        sheet_T_plane = np.array(  # noqa: N806 - frame names keep their case
+            [[scale, 0.0, -x * scale - 0.5], [0.0, scale, -y * scale - 0.5], [0.0, 0.0, 1.0]]
+        )
+        # pixel centres are integers in the supersampled image too
+        finer = np.array([[_FINE, 0, (_FINE - 1) / 2], [0, _FINE, (_FINE - 1) / 2], [0, 0, 1.0]])
+        fine_T_sheet = finer @ camera_matrix @ plane @ np.linalg.inv(sheet_T_plane)  # noqa: N806
         fine = cv2.warpPerspective(
             coarse.grey, fine_T_sheet, (_FINE * width, _FINE * height), borderValue=_BENCH_GREY
         )
@@ -38,22 +46,6 @@ def render_sheet(
     blurred = cv2.GaussianBlur(seen, (0, 0), _BLUR_PX)
     blurred += rng.standard_normal((height, width), np.float32) * np.float32(_NOISE_GREY)
     return np.repeat(np.clip(np.rint(blurred), 0, 255).astype(np.uint8)[..., None], 3, axis=2)
-
-
-def _fine(camera_matrix: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the camera matrix (3, 3) of the supersampled image; pixel centres are integers in both."""
-    return np.array([[_FINE, 0, (_FINE - 1) / 2], [0, _FINE, (_FINE - 1) / 2], [0, 0, 1.0]]) @ camera_matrix
-
-
-def _sheet_T_plane(sheet: Sheet) -> NDArray[np.float64]:  # noqa: N802 - frame names keep their case
-    scale = sheet.px_per_m
-    x, y = sheet.origin_m
-    return np.array([[scale, 0.0, -x * scale - 0.5], [0.0, scale, -y * scale - 0.5], [0.0, 0.0, 1.0]])
-
-
-def _coarser(sheet: Sheet, wanted_px_per_m: float) -> Sheet:
-    """Return the sheet reduced to about twice the wanted density, so that sampling it does not alias."""
-    return _reduced(sheet, max(1, int(sheet.px_per_m / (2.0 * wanted_px_per_m))))
 
 
 @lru_cache(maxsize=16)

@@ -11,21 +11,17 @@ from drivers.interfaces import TactileSensor
 from drivers.types import Image
 from fakes.devices.camera import FakeSource, Shutter
 from fakes.faults import FaultScript
+from fakes.gel.pad import turned
 from fakes.gel.sensor import GelSensor, Imprint
 from fakes.objects.catalogue import find_object
 from fakes.objects.surfaces import Surface, build_surface, depth_for_force
+from fakes.studio.clips import FORCE_N, PIVOT_MM, TILT
 
-RATE_HZ = 60.0
-CYCLE_S = 16.0
+RATE_HZ, CYCLE_S = 60.0, 16.0
 """Duration of a cycle, in which an object is pressed, turned twice and taken off."""
 TOUCH_S, HELD_S, TURNS_S, OFF_S = 3.0, 3.5, (6.0, 11.0), 15.5
 """Times in a cycle: first touch, full force, start of both rotations, object taken off."""
 TURN_RATE_DEG_S = 15.0
-FORCE_N = 0.8
-PIVOT_MM = (1.5, -2.0)
-"""Centre of rotation relative to the centre of the contact, x right and y down."""
-TILT = (0.008, -0.006)
-"""Slope of the pressed face relative to the gel, along x and y."""
 
 
 @dataclass(slots=True)
@@ -61,9 +57,14 @@ class DeskDigit(FakeSource, TactileSensor):
 
     def draw(self, time_ns: int, rng: np.random.Generator) -> Image:
         """Return the image at a time, (H, W, 3) uint8 RGB. rng: draws the noise."""
-        time_s = self._shown.since_start_s(time_ns)
-        share = _pressed(time_s % CYCLE_S)
-        return _gel(self._side).render(self._imprint(time_s, share) if share > 0.0 else None, time_s, rng)
+        time_s, imprint = self._shown.since_start_s(time_ns), None
+        if (share := _pressed(time_s % CYCLE_S)) > 0.0:
+            surface, depth_mm = _pressed_surface(self._side)
+            angle_deg = self._side * _turned_deg(time_s)
+            px, py = self._side * PIVOT_MM[0], PIVOT_MM[1]
+            x, y = turned(px, py, math.radians(angle_deg))
+            imprint = Imprint(surface, angle_deg, (px - x, py - y), share * depth_mm, TILT)
+        return _gel(self._side).render(imprint, time_s, rng)
 
     def turn_deg(self, time_ns: int) -> float | None:
         """Return the rotation of the object since its first touch, counter-clockwise positive in this image.
@@ -72,14 +73,6 @@ class DeskDigit(FakeSource, TactileSensor):
         """
         time_s = self._shown.since_start_s(time_ns)
         return self._side * _turned_deg(time_s) if _pressed(time_s % CYCLE_S) > 0.0 else None
-
-    def _imprint(self, time_s: float, share: float) -> Imprint:
-        surface, depth_mm = _pressed_surface(self._side)
-        angle_deg = self._side * _turned_deg(time_s)
-        cos, sin = math.cos(math.radians(angle_deg)), math.sin(math.radians(angle_deg))
-        px, py = self._side * PIVOT_MM[0], PIVOT_MM[1]
-        centre_mm = (px - (cos * px + sin * py), py - (cos * py - sin * px))
-        return Imprint(surface, angle_deg, centre_mm, share * depth_mm, TILT)
 
 
 def _pressed(in_cycle_s: float) -> float:

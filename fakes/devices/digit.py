@@ -13,6 +13,7 @@ from fakes.devices.camera import CameraPlan, FakeSource, Shutter, unit_seed
 from fakes.faults import FaultScript
 from fakes.gel.dots import Shear, shear_of
 from fakes.gel.look import Look
+from fakes.gel.pad import turned
 from fakes.gel.sensor import GelSensor, Imprint
 from fakes.gel.variation import FAMILY, Variation, coded, draw_variation, jpeg
 from fakes.objects.surfaces import Surface, build_surface, depth_for_force, soft_surface
@@ -158,7 +159,7 @@ class FakeDigit(FakeSource, TactileSensor):
         """Return the surface's origin on the gel; it turns about a pivot beside the centre of the contact."""
         variation, (off_x, off_y) = self._world.variation, self._off_mm(grasp)
         px, py = variation.pivot_mm
-        x, y = _turned(px, py, turn_rad)
+        x, y = turned(px, py, turn_rad)
         across = variation.misplacement_m[0] * 1e3 + px - x
         down = variation.misplacement_m[1] * 1e3 + py - y + state.slide_m * 1e3
         if self._conditions.face(grasp.site.contact)[1] is not None:
@@ -179,7 +180,7 @@ class FakeDigit(FakeSource, TactileSensor):
         variation = self._world.variation
         tx = variation.tilt_at_rest[0] + state.loaded * variation.tilt_under_load[0]
         ty = variation.tilt_at_rest[1] + state.loaded * variation.tilt_under_load[1]
-        x, y = _turned(tx, ty, turn_rad)
+        x, y = turned(tx, ty, turn_rad)
         return self._side * x, y
 
 
@@ -195,9 +196,3 @@ class BenchPlan:
 def _slipped(state: WorldState) -> float:
     """Return the total absolute rotation since the grasp, rad, from the slide that accompanies it."""
     return min(state.slide_m, PAD_M) / SLIDE_M_PER_RAD
-
-
-def _turned(x: float, y_down: float, turn_rad: float) -> tuple[float, float]:
-    """Rotate an image vector (x right, y down) counter-clockwise in the image."""
-    c, s = math.cos(turn_rad), math.sin(turn_rad)
-    return c * x + s * y_down, -s * x + c * y_down

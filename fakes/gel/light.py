@@ -58,9 +58,8 @@ def make_light(pad: GelPad, rng: np.random.Generator) -> Light:
     gain = gain * rng.uniform(0.85, 1.15, (3, 1, 1))
     common, apart = rng.uniform(0.004, 0.009, (2, 1)), rng.uniform(-0.003, 0.003, (2, 3))
     phase = rng.uniform(0.0, 2.0 * np.pi, (2, 1)) + rng.uniform(-0.5, 0.5, (2, 3))
-    return Light(
-        background, towards_x, towards_y, np.ascontiguousarray(gain, np.float32), common + apart, phase
-    )
+    gain = np.ascontiguousarray(gain, np.float32)
+    return Light(background, towards_x, towards_y, gain, common + apart, phase)
 
 
 def vary_light(light: Light, light_seed: int | None) -> Light:
@@ -131,12 +130,8 @@ def _red(u: Planes, v: Planes, rng: np.random.Generator) -> Planes:
     corner = 84.0 * _hill(u, v, (-0.08, 0.54), (0.60, 0.52))
     right = rng.uniform(55.0, 95.0) * _hill(u, v, (0.62, 0.26), (0.24, 0.26))
     spot = rng.uniform(10.0, 55.0) * _hill(u, v, (0.72, 0.33), (0.07, 0.06))
-    return (
-        24.0
-        + 20.0 * _hill(u, v, (0.4, 0.1), (0.5, 0.5))
-        + below * (left + corner + right) * _streaks(u, v, rng)
-        + spot
-    )
+    base = 24.0 + 20.0 * _hill(u, v, (0.4, 0.1), (0.5, 0.5))
+    return base + below * (left + corner + right) * _streaks(u, v, rng) + spot
 
 
 def _green(u: Planes, v: Planes, rng: np.random.Generator) -> Planes:
@@ -171,8 +166,7 @@ def _blemishes(shape: tuple[int, int], rng: np.random.Generator) -> Planes:
     rows, columns = shape
     v, u = np.mgrid[0:rows, 0:columns].astype(np.float32)
     radius = np.hypot((u - columns / 2) / columns, (v - rows / 2) / rows)
-    factor = 1.0 - 0.22 * radius**2 + rng.normal(0.0, 0.006, (1, columns))
-    factor = factor.astype(np.float32)
+    factor = (1.0 - 0.22 * radius**2 + rng.normal(0.0, 0.006, (1, columns))).astype(np.float32)
     for _ in range(int(rng.integers(2, 7))):
         x, y = int(rng.integers(5, columns - 5)), int(rng.integers(5, rows - 5))
         cv2.circle(factor, (x, y), int(rng.integers(1, 3)), float(rng.uniform(0.70, 0.9)), -1)
@@ -187,16 +181,13 @@ def _step(distance: Planes, softness: float) -> Planes:
     return 0.5 + 0.5 * np.tanh(distance / softness)
 
 
-_SIDES_RAD = np.pi / 2.0
-
-
 def other_make(light: Light, make_seed: int | None) -> Light:
     """Return the illumination of another make of sensor; unchanged for None."""
     if make_seed is None:
         return light
     rng = np.random.default_rng((make_seed, 53))
     order = rng.permutation(3)
-    turn = float(rng.integers(4)) * _SIDES_RAD + float(rng.normal(0.0, 0.25))
+    turn = float(rng.integers(4)) * (np.pi / 2.0) + float(rng.normal(0.0, 0.25))
     cos, sin = np.float32(np.cos(turn)), np.float32(np.sin(turn))
     x, y = light.towards_x[order], light.towards_y[order]
     towards_x, towards_y = cos * x + sin * y, cos * y - sin * x

@@ -11,7 +11,8 @@ Plane = NDArray[np.float32]
 class Look(Protocol):
     """Colours, background and noise of a real unit, used in place of a simulated illumination.
 
-    The bench passes a `calibration.gel.look.GelLook`, so that the simulator does not import `calibration`.
+    The bench passes a `calibration.gel.look.GelLook`, which describes the members; so the simulator does not
+    import `calibration`.
     """
 
     @property
@@ -24,30 +25,15 @@ class Look(Protocol):
     def dome_mm(self) -> float: ...
 
     @property
-    def background(self) -> Plane:
-        """(H, W, 3) grey levels of the untouched gel, RGB."""
-        ...
+    def background(self) -> Plane: ...
 
     @property
-    def jpeg_quality(self) -> int | None:
-        """JPEG quality of its frames; None if they are not compressed."""
-        ...
+    def jpeg_quality(self) -> int | None: ...
 
-    def draw_noise(self, shape: tuple[int, int], count: int, rng: np.random.Generator) -> Plane:
-        """Draw fields of noise, (count, H, W, 3) grey levels."""
-        ...
+    def draw_noise(self, shape: tuple[int, int], count: int, rng: np.random.Generator) -> Plane: ...
 
-    def varied(self, seed: int) -> "Look":
-        """Return the look of another plausible unit, with other LED directions, gains and noise."""
-        ...
+    def varied(self, seed: int) -> "Look": ...
 
-    def dent(self, pressed: Plane, dragged: Plane) -> Plane:
-        """Return the depth of the film, (h, w) mm.
+    def dent(self, pressed: Plane, dragged: Plane) -> Plane: ...
 
-        pressed: depth under the object. dragged: the same, for the membrane that trails behind the object.
-        """
-        ...
-
-    def change(self, dent: Plane) -> Plane:
-        """Return the colour change (h, w, 3) of a dent (h, w) mm, in grey levels, at half resolution."""
-        ...
+    def change(self, dent: Plane) -> Plane: ...

@@ -4,6 +4,7 @@ Image axes in mm: x right, y down, origin at the image centre. Angles are image 
 counter-clockwise positive as seen. The geometry is computed at half the image's resolution.
 """
 
+import math
 from dataclasses import dataclass, field
 
 import cv2
@@ -95,13 +96,11 @@ class GelPad:
         far = cv2.blur(cv2.blur(dragged, (gel.far_skirt_px,) * 2), (gel.far_skirt_px,) * 2)
         membrane = cv2.max(near * np.float32(gel.near_share), far * np.float32(gel.far_share))
         dent = np.asarray(cv2.blur(cv2.max(pressed, membrane), (gel.film_px,) * 2), np.float32)
-        return dent if self._marks_mm is None else self._marked(dent, self._marks_mm)
-
-    @staticmethod
-    def _marked(dent: DepthMap, marks_mm: DepthMap) -> DepthMap:
-        """Add the gel's specks and scratches to a dent; they never move, and only pressed gel shows them."""
-        pressed = np.minimum(dent * np.float32(1.0 / _MARKS_SHOW_MM), np.float32(1.0))
-        return np.asarray(dent + marks_mm * pressed, np.float32)
+        if self._marks_mm is None:
+            return dent
+        # specks and scratches of the gel never move, and only pressed gel shows them
+        share = np.minimum(dent * np.float32(1.0 / _MARKS_SHOW_MM), np.float32(1.0))
+        return np.asarray(dent + self._marks_mm * share, np.float32)
 
     def touching(self, imprint: Imprint) -> NDArray[np.bool_]:
         """Return the geometric contact, (H, W): true where object and gel touch."""
@@ -131,22 +130,6 @@ class GelPad:
 
     def _warped(self, surface: Surface, angle_deg: float, centre_mm: tuple[float, float]) -> DepthMap:
         rows, columns = self._dome_mm.shape
-        to_surface = self._image_to_surface(surface, angle_deg, centre_mm)
-        flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-        warped = cv2.warpAffine(
-            surface.height_mm,
-            to_surface,
-            (columns, rows),
-            flags=flags,
-            borderMode=cv2.BORDER_CONSTANT,
-            borderValue=FAR_MM,
-        )
-        return np.asarray(warped, np.float32)
-
-    def _image_to_surface(
-        self, surface: Surface, angle_deg: float, centre_mm: tuple[float, float]
-    ) -> NDArray[np.float64]:
-        """Return the matrix (2, 3) from geometry pixel (column, row, 1) to surface pixel (column, row)."""
         turn = np.deg2rad(angle_deg)
         cos, sin = np.cos(turn), np.sin(turn)
         # with y down, a counter-clockwise rotation as seen maps (1, 0) to (cos, -sin)
@@ -154,7 +137,19 @@ class GelPad:
         scale = np.diag([HALF * self.mm_per_px[0], HALF * self.mm_per_px[1]])
         first = np.array([self._x_mm[0, 0], self._y_mm[0, 0]], np.float64) - centre_mm
         middle = 0.5 * (np.array(surface.height_mm.shape[::-1]) - 1.0)
-        return np.column_stack([to_object @ scale, to_object @ first + middle])
+        # matrix (2, 3) from geometry pixel (column, row, 1) to surface pixel (column, row)
+        to_surface = np.column_stack([to_object @ scale, to_object @ first + middle])
+        warped = cv2.warpAffine(
+            surface.height_mm, to_surface, (columns, rows), flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
+            borderMode=cv2.BORDER_CONSTANT, borderValue=FAR_MM,
+        )  # fmt: skip
+        return np.asarray(warped, np.float32)
+
+
+def turned(x: float, y_down: float, turn_rad: float) -> tuple[float, float]:
+    """Rotate an image vector (x right, y down) counter-clockwise in the image."""
+    c, s = math.cos(turn_rad), math.sin(turn_rad)
+    return c * x + s * y_down, -s * x + c * y_down
 
 
 def pixel_grid_mm(

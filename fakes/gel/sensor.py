@@ -38,11 +38,7 @@ class GelSensor:
     """
 
     def __init__(
-        self,
-        unit_seed: int,
-        variation: Variation = FAMILY,
-        markers: bool = False,
-        look: Look | None = None,
+        self, unit_seed: int, variation: Variation = FAMILY, markers: bool = False, look: Look | None = None
     ) -> None:
         rng = np.random.default_rng((unit_seed, 17))
         shape = (320, 240) if look is None else look.shape
@@ -63,9 +59,8 @@ class GelSensor:
             self._noise = np.rint(look.draw_noise(large, _NOISE_FIELDS, rng) * _UNITS).astype(np.int16)
         self._markers = MarkerPrint(shape, mm_per_px, unit_seed) if markers else None
         rows, columns = self._light.background.shape[:2]
-        half = cv2.resize(
-            self._light.background, (columns // HALF, rows // HALF), interpolation=cv2.INTER_AREA
-        )
+        size = columns // HALF, rows // HALF
+        half = cv2.resize(self._light.background, size, interpolation=cv2.INTER_AREA)
         self._glow = np.ascontiguousarray(half.transpose(2, 0, 1), np.float32)
         self._drifted: tuple[float, NDArray[np.int16]] | None = None
         self._changed: tuple[Imprint, NDArray[np.int16]] | None = None
@@ -82,7 +77,9 @@ class GelSensor:
         """
         frame = self._lit_background(time_s).copy()
         if imprint is not None:
-            cv2.add(frame, self._change_by(imprint), dst=frame)
+            if self._changed is None or self._changed[0] != imprint:  # a still object makes equal imprints
+                self._changed = imprint, self._change(imprint)
+            cv2.add(frame, self._changed[1], dst=frame)
         if self._markers is not None:
             shear = None if imprint is None else imprint.shear
             touching = None if imprint is None or shear is None else self._pad.touching(imprint)
@@ -101,12 +98,6 @@ class GelSensor:
     def change(self, imprint: Imprint) -> NDArray[np.float32]:
         """Return the change by an imprint, (H, W, 3) in grey levels, without noise and drift of the light."""
         return self._change(imprint).astype(np.float32) / np.float32(_UNITS)
-
-    def _change_by(self, imprint: Imprint) -> NDArray[np.int16]:
-        """Return the change by an imprint, cached because a still object makes equal imprints."""
-        if self._changed is None or self._changed[0] != imprint:
-            self._changed = (imprint, self._change(imprint))
-        return self._changed[1]
 
     def _change(self, imprint: Imprint) -> NDArray[np.int16]:
         """Return the change by a dent, in units of a sixteenth grey level."""
@@ -136,10 +127,8 @@ class GelSensor:
         step = np.floor(time_s / _DRIFT_STEP_S) * _DRIFT_STEP_S
         if self._drifted is None or self._drifted[0] != step:
             factor = (self._light.drift_at(step) * _UNITS).astype(np.float32)
-            self._drifted = (
-                step,
-                (self._light.background * factor + np.float32(_UNITS / 2)).astype(np.int16),
-            )
+            lit = self._light.background * factor + np.float32(_UNITS / 2)
+            self._drifted = step, lit.astype(np.int16)
         return self._drifted[1]
 
     def _add_noise(self, frame: NDArray[np.int16], rng: np.random.Generator) -> None:
@@ -148,10 +137,7 @@ class GelSensor:
         if self._look is not None:  # a camera's noise differs between odd and even pixels
             down, across = down - down % 2, across - across % 2
         field = self._noise[which][down : down + rows, across : across + columns]
-        if sign:
-            cv2.add(frame, field, dst=frame)
-        else:
-            cv2.subtract(frame, field, dst=frame)
+        (cv2.add if sign else cv2.subtract)(frame, field, dst=frame)
 
 
 def _noise_fields(shape: tuple[int, int], sigma: float, rng: np.random.Generator) -> NDArray[np.int16]:

@@ -24,12 +24,14 @@ def shade(dent: DepthMap, light: Light, variation: Variation, px_mm: float) -> D
     """
     smooth = np.asarray(cv2.blur(dent, (9, 9)), np.float32)
     rim = np.maximum(smooth - dent, 0.0) * np.float32(variation.rim_per_mm)
-    lost = np.empty((3, *dent.shape), np.float32)
-    towards = [
-        (float(x.mean()), float(y.mean())) for x, y in zip(light.towards_x, light.towards_y, strict=True)
-    ]
+    (rows, columns), lost = dent.shape, np.empty((3, *dent.shape), np.float32)
+    ways = zip(light.towards_x, light.towards_y, strict=True)
+    towards = [(float(x.mean()), float(y.mean())) for x, y in ways]
+    px = _SHIFT_PX
+    padded = cv2.copyMakeBorder(smooth, px, px, px, px, cv2.BORDER_REPLICATE)
     for colour, (x, y) in enumerate(towards):
-        lost[colour] = _shifted(smooth, round(x * _SHIFT_PX), round(y * _SHIFT_PX))
+        top, left = px + round(y * px), px + round(x * px)
+        lost[colour] = padded[top : top + rows, left : left + columns]
     lost -= dent
     np.maximum(lost, 0.0, out=lost)
     lost *= np.float32(variation.shadow_per_mm)
@@ -66,11 +68,3 @@ def _long_shadow(dent: DepthMap, towards: tuple[float, float], px_mm: float) -> 
         shadow = np.maximum(shadow, moved * np.float32(np.exp(-step_px * px_mm / _STREAK_MM)))
         step_px *= 2.0
     return shadow
-
-
-def _shifted(field: DepthMap, dx: int, dy: int) -> DepthMap:
-    """Return the field shifted by -`dx`, -`dy` pixels; its border is repeated."""
-    rows, columns = field.shape
-    padded = cv2.copyMakeBorder(field, _SHIFT_PX, _SHIFT_PX, _SHIFT_PX, _SHIFT_PX, cv2.BORDER_REPLICATE)
-    top, left = _SHIFT_PX + dy, _SHIFT_PX + dx
-    return np.asarray(padded[top : top + rows, left : left + columns], np.float32)

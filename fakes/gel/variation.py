@@ -89,12 +89,8 @@ class Codec:
 
 
 def draw_codec(rng: np.random.Generator) -> Codec:
-    return Codec(
-        int(rng.integers(45, 90)),
-        float(rng.uniform(0.4, 1.6)),
-        float(rng.uniform(0.2, 1.2)),
-        int(rng.integers(1 << 31)),
-    )
+    quality, refresh_s, levels = rng.integers(45, 90), rng.uniform(0.4, 1.6), rng.uniform(0.2, 1.2)
+    return Codec(int(quality), float(refresh_s), float(levels), int(rng.integers(1 << 31)))
 
 
 def coded(image: Image, time_ns: int, codec: Codec) -> Image:

@@ -56,10 +56,15 @@ class ObjectModel:
 def load_catalogue() -> dict[str, ObjectModel]:
     """Return all objects by id, in the order of the file."""
     text = files("fakes.objects").joinpath("catalogue.toml").read_text(encoding="utf-8")
-    return {
-        key: ObjectModel(key, **{**table, "sites": tuple(map(_site, table["sites"]))})
-        for key, table in tomllib.loads(text).items()
-    }
+    models = {}
+    for key, table in tomllib.loads(text).items():
+        sites = []
+        for site in table.pop("sites"):
+            parts = tuple(SHAPES[part.pop("shape")](**part) for part in site.pop("parts"))
+            offset_m, width_m = site.pop("offset_m"), site.pop("width_m")
+            sites.append(GraspSite(offset_m, width_m, ContactShape(parts, **site)))
+        models[key] = ObjectModel(key, **table, sites=tuple(sites))
+    return models
 
 
 def find_object(text: str) -> ObjectModel:
@@ -141,14 +146,3 @@ def _plain_site(site: dict[str, Any], height_m: float) -> GraspSite:
     }
     contact = ContactShape((shapes[surface],), smooth_round=surface == "ball")
     return GraspSite(float(site["offset_m"]), float(site["width_m"]), contact)
-
-
-def _site(table: dict[str, Any]) -> GraspSite:
-    look = {key: value for key, value in table.items() if key not in ("offset_m", "width_m", "parts")}
-    return GraspSite(
-        table["offset_m"], table["width_m"], ContactShape(tuple(map(_part, table["parts"])), **look)
-    )
-
-
-def _part(table: dict[str, Any]) -> Shape:
-    return SHAPES[table["shape"]](**{key: value for key, value in table.items() if key != "shape"})

@@ -31,27 +31,9 @@ def texture_height(contact: ContactShape, x_mm: Field, z_mm: Field, rng: np.rand
 
 
 def _wave(distance: Field, pitch_mm: float, rng: np.random.Generator) -> Field:
-    phase = rng.uniform(0.0, 2.0 * np.pi)
-    return (0.5 + 0.5 * np.sin(distance * np.float32(2 * np.pi / pitch_mm) + np.float32(phase))).astype(
-        np.float32
-    )
-
-
-def _ribs(along: Field, across: Field, pitch_mm: float, rng: np.random.Generator) -> Field:
-    return _wave(along, pitch_mm, rng)
-
-
-def _knurl(along: Field, across: Field, pitch_mm: float, rng: np.random.Generator) -> Field:
-    return np.maximum(_wave(along + across, pitch_mm, rng), _wave(along - across, pitch_mm, rng))
-
-
-def _grain(along: Field, across: Field, pitch_mm: float, rng: np.random.Generator) -> Field:
-    """Return wood grain: fine lines along the axis that meander and break off."""
-    return _mottle(along, across, (8.0 * pitch_mm, pitch_mm), rng)
-
-
-def _leather(along: Field, across: Field, pitch_mm: float, rng: np.random.Generator) -> Field:
-    return _mottle(along, across, (pitch_mm, pitch_mm), rng)
+    phase = np.float32(rng.uniform(0.0, 2.0 * np.pi))
+    wave = np.sin(distance * np.float32(2 * np.pi / pitch_mm) + phase)
+    return (0.5 + 0.5 * wave).astype(np.float32)
 
 
 def _fabric(along: Field, across: Field, pitch_mm: float, rng: np.random.Generator) -> Field:
@@ -90,10 +72,13 @@ def _sampled(canvas: Field, along: Field, across: Field) -> Field:
 
 
 TEXTURES: dict[str, Texture] = {
-    "ribs": _ribs,
-    "knurl": _knurl,
-    "grain": _grain,
-    "leather": _leather,
+    "ribs": lambda along, across, pitch, rng: _wave(along, pitch, rng),
+    "knurl": lambda along, across, pitch, rng: np.maximum(
+        _wave(along + across, pitch, rng), _wave(along - across, pitch, rng)
+    ),
+    # wood grain: fine lines along the axis that meander and break off
+    "grain": lambda along, across, pitch, rng: _mottle(along, across, (8.0 * pitch, pitch), rng),
+    "leather": lambda along, across, pitch, rng: _mottle(along, across, (pitch, pitch), rng),
     "fabric": _fabric,
     "letters": _letters,
 }
@@ -155,10 +140,8 @@ def _corner(x_mm: Field, z_mm: Field, rng: np.random.Generator) -> Field:
     relief = np.zeros_like(x_mm)
     for leg in (tilt, tilt + opening):
         along, across = _axes(x, z, leg, 0.0)
-        length = float(rng.uniform(3.0, 9.0))
-        relief = np.minimum(
-            relief, -_line(along - np.float32(length / 2), across, length / 2, rng, ridge=True)
-        )
+        half = float(rng.uniform(3.0, 9.0)) / 2
+        relief = np.minimum(relief, -_line(along - np.float32(half), across, half, rng, ridge=True))
     return relief
 
 

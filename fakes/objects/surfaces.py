@@ -51,15 +51,15 @@ def build_surface(site: GraspSite | ContactShape, side: int, seed: int) -> Surfa
     if side not in (1, -1):
         raise InputError(f"side of a surface is {side}: use 1 (camera's side) or -1")
     contact = site.contact if isinstance(site, GraspSite) else site
-    x_mm, z_mm = _grid(SURFACE_PX, SURFACE_MM_PER_PX)
+    x_mm, z_mm = _grid()
     specimen = np.random.default_rng((seed, 11))
     parts = contact.parts if contact.exact else [_jittered(part, specimen) for part in contact.parts]
     height = np.minimum.reduce([part.height(x_mm, z_mm) for part in parts])
     if side < 0:
         height = height[:, ::-1]
-    height = height + texture_height(contact, side * x_mm, z_mm, np.random.default_rng((seed, 13, side + 1)))
-    height = np.minimum(height - height.min(), np.float32(FAR_MM))
-    return Surface(np.ascontiguousarray(height, np.float32), SURFACE_MM_PER_PX)
+    return _surface(
+        height + texture_height(contact, side * x_mm, z_mm, np.random.default_rng((seed, 13, side + 1)))
+    )
 
 
 def soft_surface(kind: str, side: int, seed: int) -> Surface:
@@ -67,9 +67,11 @@ def soft_surface(kind: str, side: int, seed: int) -> Surface:
 
     kind: one of `relief.KINDS`. side: +1 or -1.
     """
-    x_mm, z_mm = _grid(SURFACE_PX, SURFACE_MM_PER_PX)
-    height = soft_relief(kind, x_mm, z_mm, np.random.default_rng((seed, 71, side + 1)))
-    height = np.minimum(height - height.min(), np.float32(FAR_MM))
+    return _surface(soft_relief(kind, *_grid(), np.random.default_rng((seed, 71, side + 1))))
+
+
+def _surface(height_mm: Field) -> Surface:
+    height = np.minimum(height_mm - height_mm.min(), np.float32(FAR_MM))
     return Surface(np.ascontiguousarray(height, np.float32), SURFACE_MM_PER_PX)
 
 
@@ -104,18 +106,13 @@ def depth_for_force(
 
 
 def _clearance(
-    surface: Surface,
-    tilt: tuple[float, float],
-    angle_deg: float,
-    centre_mm: tuple[float, float],
+    surface: Surface, tilt: tuple[float, float], angle_deg: float, centre_mm: tuple[float, float],
     bulge: Bulge | None,
-) -> Field:
+) -> Field:  # fmt: skip
     """Return the gap between object and gel at depth 0, mm, for the points over the gel."""
     heights = surface.height_mm[::_FORCE_STRIDE, ::_FORCE_STRIDE]
-    first = -0.5 * (len(surface.height_mm) - 1) * surface.mm_per_px
-    axis = np.float32(first) + np.float32(_FORCE_STRIDE * surface.mm_per_px) * np.arange(
-        len(heights), dtype=np.float32
-    )
+    first, step = -0.5 * (len(surface.height_mm) - 1) * surface.mm_per_px, _FORCE_STRIDE * surface.mm_per_px
+    axis = np.float32(first) + np.float32(step) * np.arange(len(heights), dtype=np.float32)
     cos, sin = np.float32(np.cos(np.deg2rad(angle_deg))), np.float32(np.sin(np.deg2rad(angle_deg)))
     from_x = cos * axis[None, :] + sin * axis[:, None]
     from_y = cos * axis[:, None] - sin * axis[None, :]
@@ -128,8 +125,8 @@ def _clearance(
     return gap[over_gel]
 
 
-def _grid(size_px: int, mm_per_px: float) -> tuple[Field, Field]:
-    axis = ((np.arange(size_px) - 0.5 * (size_px - 1)) * mm_per_px).astype(np.float32)
+def _grid() -> tuple[Field, Field]:
+    axis = ((np.arange(SURFACE_PX) - 0.5 * (SURFACE_PX - 1)) * SURFACE_MM_PER_PX).astype(np.float32)
     x_mm, z_mm = np.meshgrid(axis, axis)
     return x_mm, z_mm
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from drivers.clock import to_ns
 from drivers.errors import InputError
 from drivers.types import Image
+from fakes.gel.pad import turned
 from fakes.gel.sensor import GelSensor, Imprint
 from fakes.objects.catalogue import GraspSite, find_object
 from fakes.objects.relief import Bulge
@@ -84,14 +85,8 @@ def render_clip(scene: Scene) -> Clip:
         sensor.render(_imprint(scene, surface, float(share)), float(t), rng)
         for t, share in zip(times_s, turned, strict=True)
     )
-    return Clip(
-        background,
-        frames,
-        tuple(map(to_ns, times_s)),
-        turned * scene.angle_deg,
-        to_ns(REST_S),
-        across / down,
-    )
+    times_ns = tuple(map(to_ns, times_s))
+    return Clip(background, frames, times_ns, turned * scene.angle_deg, to_ns(REST_S), across / down)
 
 
 def opposite(scene: Scene) -> Scene:
@@ -120,13 +115,8 @@ def _imprint(scene: Scene, surface: Surface, share: float) -> Imprint:
     if scene.contact == ROLLER:
         return roller_imprint(scene, surface, share)
     angle = share * scene.angle_deg
-    cos, sin = math.cos(math.radians(angle)), math.sin(math.radians(angle))
-    px, py = PIVOT_MM
-    # The pivot is fixed; the rotation is counter-clockwise as seen, with x right, y down.
-    center = (
-        scene.center_mm[0] + px - (cos * px + sin * py),
-        scene.center_mm[1] + py - (cos * py - sin * px),
-    )
+    x, y = turned(*PIVOT_MM, math.radians(angle))
+    center = scene.center_mm[0] + PIVOT_MM[0] - x, scene.center_mm[1] + PIVOT_MM[1] - y
     moving = 4.0 * share * (1.0 - share)
     depth = depth_for_force(
         surface, round(scene.force_n * (1.0 + scene.pressed * share), 3), TILT, 0.0, scene.center_mm

@@ -98,14 +98,14 @@ def mean_at_rest(unit: GelSensor, rng: np.random.Generator) -> Image:
 
 
 def _frame(
-    unit: GelSensor,
-    background: Image,
-    objects: Sequence[str],
-    random_share: float,
-    rng: np.random.Generator,
+    unit: GelSensor, background: Image, objects: Sequence[str], random_share: float, rng: np.random.Generator,
     hard: bool,
-) -> TrainingFrame:
-    name, contact = _drawn_object(objects, random_share, rng)
+) -> TrainingFrame:  # fmt: skip
+    if rng.random() < random_share:
+        name, contact = RANDOM_SHAPE, random_contact(rng)
+    else:
+        name = str(rng.choice(list(objects)))
+        contact = _any_site(name, rng).contact
     time_s = float(rng.uniform(0.0, _DRIFT_SPAN_S))
     if rng.random() < _NO_CONTACT_SHARE:
         return TrainingFrame(unit.render(None, time_s, rng), background, None, name)
@@ -114,14 +114,9 @@ def _frame(
     return TrainingFrame(image, background, unit.touching(imprint)[::2, ::2], name)
 
 
-def _drawn_object(
-    objects: Sequence[str], random_share: float, rng: np.random.Generator
-) -> tuple[str, ContactShape]:
-    if rng.random() < random_share:
-        return RANDOM_SHAPE, random_contact(rng)
-    name = str(rng.choice(list(objects)))
+def _any_site(name: str, rng: np.random.Generator) -> GraspSite:
     sites = load_catalogue()[name].sites
-    return name, sites[int(rng.integers(len(sites)))].contact
+    return sites[int(rng.integers(len(sites)))]
 
 
 def _imprint(contact: ContactShape, any_angle: bool, rng: np.random.Generator, hard: bool) -> Imprint:
@@ -133,10 +128,8 @@ def _imprint(contact: ContactShape, any_angle: bool, rng: np.random.Generator, h
     tilt = (float(rng.normal(0.0, 0.02)), float(rng.normal(0.0, 0.02)))
     # objects are grasped near the middle; a random shape may extend beyond the gel
     if any_angle and rng.random() < 0.4:
-        centre_mm = (
-            float(rng.uniform(-1.0, 1.0)) * GEL_HALF_MM[0],
-            float(rng.uniform(-1.0, 1.0)) * GEL_HALF_MM[1],
-        )
+        across, down = _between(rng, -1.0, 1.0), _between(rng, -1.0, 1.0)
+        centre_mm = across * GEL_HALF_MM[0], down * GEL_HALF_MM[1]
     else:
         centre_mm = (float(rng.normal(0.0, 2.0)), float(rng.normal(0.0, 2.2)))
     angle_deg = float(rng.uniform(-180.0, 180.0) if any_angle else rng.uniform(-60.0, 60.0))
@@ -161,23 +154,14 @@ def hard_frames(objects: Sequence[str], seed: int) -> Iterator[list[TrainingFram
         background = mean_at_rest(unit, rng)
         name = str(rng.choice(list(objects)))
         site = rng.choice(np.asarray(load_catalogue()[name].sites, object))
-        imprints = [_hard_imprint(site, conditions, lift, side, rng) for _ in range(FRAMES_PER_LIFT)]
-        yield [_hard_frame(unit, background, imprint, conditions, name, rng) for imprint in imprints]
-
-
-def _hard_frame(
-    unit: GelSensor,
-    background: np.ndarray,
-    imprint: Imprint,
-    conditions: Conditions,
-    name: str,
-    rng: np.random.Generator,
-) -> TrainingFrame:
-    time_s = float(rng.uniform(0.0, _LIFT_S))
-    image = unit.render(imprint, time_s, rng)
-    if conditions.codec is not None:
-        image = coded(image, to_ns(time_s), conditions.codec)
-    return TrainingFrame(image, background, unit.touching(imprint)[::2, ::2], name)
+        frames = []
+        for imprint in [_hard_imprint(site, conditions, lift, side, rng) for _ in range(FRAMES_PER_LIFT)]:
+            time_s = float(rng.uniform(0.0, _LIFT_S))
+            image = unit.render(imprint, time_s, rng)
+            if conditions.codec is not None:
+                image = coded(image, to_ns(time_s), conditions.codec)
+            frames.append(TrainingFrame(image, background, unit.touching(imprint)[::2, ::2], name))
+        yield frames
 
 
 def _hard_imprint(
@@ -191,15 +175,8 @@ def _hard_imprint(
     centre_mm = (float(rng.normal(0.0, 1.0)), float(rng.normal(0.0, 1.5)))
     tilt = (float(rng.normal(0.0, 0.02)), float(rng.normal(0.0, 0.02)))
     depth_mm = depth_for_force(surface, force_n, tilt, side * turn_deg, centre_mm, bulge)
-    return Imprint(
-        surface,
-        side * turn_deg,
-        centre_mm,
-        depth_mm,
-        tilt,
-        bulge=bulge,
-        bulge_mm=centre_mm if bulge else (0.0, 0.0),
-    )
+    bulge_mm = centre_mm if bulge else (0.0, 0.0)
+    return Imprint(surface, side * turn_deg, centre_mm, depth_mm, tilt, bulge=bulge, bulge_mm=bulge_mm)
 
 
 def random_contact(rng: np.random.Generator) -> ContactShape:

@@ -70,7 +70,7 @@ def turning_frames(seed: int, look: Look | None = None, part: int = 0) -> Iterat
         number, variation = int(rng.integers(1 << 31)), _draw_variation(wider, rng)
         unit = GelSensor(number, variation=variation, look=varied_look(look, rng))
         background = mean_at_rest(unit, rng)
-        surface, bulge = _draw_wider_face(rng) if wider else _draw_face(rng)
+        surface, bulge = _draw_face(wider, rng)
         imprints = [_draw_imprint(surface, bulge, rng) for _ in range(FRAMES_PER_FACE)]
         yield [_frame(unit, background, imprint, rng) for imprint in imprints]
 
@@ -86,14 +86,12 @@ def _draw_variation(wider: bool, rng: np.random.Generator) -> Variation:
     return replace(unit, film_px=film_px, noise=unit.noise * float(rng.uniform(1.0, _NOISIEST)))
 
 
-def _draw_face(rng: np.random.Generator) -> tuple[Surface, Bulge | None]:
-    kind, seed = draw_kind(_FACE_SHARES, rng), _draw_seed(rng)
-    if kind is None:
-        return build_surface(random_contact(rng), 1, seed), None
-    return soft_surface(kind, 1, seed), draw_bulge(kind, rng)
-
-
-def _draw_wider_face(rng: np.random.Generator) -> tuple[Surface, Bulge | None]:
+def _draw_face(wider: bool, rng: np.random.Generator) -> tuple[Surface, Bulge | None]:
+    if not wider:
+        kind, seed = draw_kind(_FACE_SHARES, rng), _draw_seed(rng)
+        if kind is None:
+            return build_surface(random_contact(rng), 1, seed), None
+        return soft_surface(kind, 1, seed), draw_bulge(kind, rng)
     if rng.random() < _TEXTURED:
         surface, kind = build_surface(_draw_textured(rng), 1, _draw_seed(rng)), "skin"
     else:
@@ -106,9 +104,8 @@ def _draw_wider_face(rng: np.random.Generator) -> tuple[Surface, Bulge | None]:
     if rng.random() >= _NARROW:
         return surface, draw_bulge(kind, rng)
     across = float(np.exp(rng.uniform(*np.log(_NARROW_MM))))
-    return surface, Bulge(
-        (across * float(rng.uniform(1.2, _LONGEST)), across), float(rng.uniform(0.0, 180.0))
-    )
+    radii_mm = across * float(rng.uniform(1.2, _LONGEST)), across
+    return surface, Bulge(radii_mm, float(rng.uniform(0.0, 180.0)))
 
 
 def _draw_textured(rng: np.random.Generator) -> ContactShape:

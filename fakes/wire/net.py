@@ -103,8 +103,7 @@ def require_free(address: str) -> None:
         raise InputError(
             f"{address} is no loopback address: fakes are for this computer alone, use 127.0.0.1"
         )
-    taken = taken_ports(address)
-    if taken:
+    if taken := taken_ports(address):
         ports = ", ".join(map(str, taken))
         raise InputError(
             f"{address}: port {ports} cannot be served (in use?); give another, as --host 127.0.0.2"
@@ -113,19 +112,14 @@ def require_free(address: str) -> None:
 
 def taken_ports(address: str) -> list[int]:
     """Return the controller ports that are in use, or that cannot be served at all."""
+    taken = []
     with ExitStack() as stack:
-        return [port for port in CONTROLLER_PORTS if not _can_bind(stack, address, port)]
-
-
-def _can_bind(stack: ExitStack, address: str, port: int) -> bool:
-    probe = stack.enter_context(socket.socket())
-    probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-    try:
-        probe.bind((address, port))
-        probe.listen()
-    except OSError:
-        return False
-    return True
+        for port in CONTROLLER_PORTS:
+            try:
+                stack.enter_context(socket.create_server((address, port)))
+            except OSError:
+                taken.append(port)
+    return taken
 
 
 class ControlServer(BackgroundServer):

@@ -65,23 +65,15 @@ def camera_T_target(  # noqa: N802 - frame names keep their case
 ) -> Pose:  # fmt: skip
     """Return the true camera_T_target. base_T_camera: pose of the fixed camera."""
     rng = np.random.default_rng((seed, 31))
-    if fixture.mount == "tool":
-        return base_T_camera.inverse() @ base_T_tcp @ _held(base_T_camera, sheet, rng)
+    if fixture.mount == "tool":  # the tool points down, a few cm from the TCP, roughly facing the camera
+        turn = _TOOL_DOWN.inv() * base_T_camera.rotation * Rotation.from_rotvec(rng.normal(0, 0.1, 3))
+        place = rng.normal((0.0, 0.0, -0.03), 0.005) - turn.apply(sheet.middle_m)
+        return base_T_camera.inverse() @ base_T_tcp @ Pose.from_rotation(place, turn)
     place, tilt = rng.normal(_CAMERA_ON_TOOL_M, 0.003), Rotation.from_rotvec(rng.normal(0, 0.03, 3))
-    return (base_T_tcp @ Pose.from_rotation(place, tilt)).inverse() @ _lying(base_T_table, sheet, rng)
-
-
-def _held(base_T_camera: Pose, sheet: Sheet, rng: np.random.Generator) -> Pose:  # noqa: N803
-    """Return `tcp_T_target` on a tool that points down: a few cm from the TCP, roughly facing the camera."""
-    turn = _TOOL_DOWN.inv() * base_T_camera.rotation * Rotation.from_rotvec(rng.normal(0, 0.1, 3))
-    return Pose.from_rotation(rng.normal((0.0, 0.0, -0.03), 0.005) - turn.apply(sheet.middle_m), turn)
-
-
-def _lying(base_T_table: Pose, sheet: Sheet, rng: np.random.Generator) -> Pose:  # noqa: N803
-    """Return `base_T_target` of a target that lies face up on the table, turned slightly."""
-    turn = Rotation.from_euler("z", rng.normal(0, 0.2)) * _TOOL_DOWN
+    base_T_camera = base_T_tcp @ Pose.from_rotation(place, tilt)  # noqa: N806
+    turn = Rotation.from_euler("z", rng.normal(0, 0.2)) * _TOOL_DOWN  # face up on the table, turned slightly
     place = np.add(base_T_table.position_m, rng.normal((0.0, 0.0, -0.04), 0.004))
-    return Pose.from_rotation(place - turn.apply(sheet.middle_m), turn)
+    return base_T_camera.inverse() @ Pose.from_rotation(place - turn.apply(sheet.middle_m), turn)
 
 
 _TIP_M = (0.0021, -0.0014, 0.0320)

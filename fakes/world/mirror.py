@@ -40,6 +40,12 @@ class Snapshot:
     fixture: Fixture | None
     seed: int
 
+    @property
+    def grasp(self) -> Grasp | None:
+        if self.object_id is None or self.site is None:
+            return None
+        return Grasp(find_object(self.object_id).sites[self.site], self.off_m)
+
 
 def snapshot_of(world: World, time_ns: int) -> Snapshot:
     """Advance the world to `time_ns`, and return the snapshot that the cameras need."""
@@ -62,7 +68,7 @@ class MirroredWorld:
         self.layout, self._patience_s = layout, patience_s
         self._arrived = threading.Condition()
         self._snapshots: deque[Snapshot] = deque(maxlen=KEPT)
-        self._set_seed(first.seed)
+        self.seed = -1  # seeds are not negative
         self.feed(first)
 
     def feed(self, snapshot: Snapshot) -> None:
@@ -70,16 +76,14 @@ class MirroredWorld:
         with self._arrived:
             self._snapshots.append(snapshot)
             if snapshot.seed != self.seed:
-                self._set_seed(snapshot.seed)
+                self.seed = snapshot.seed
+                self.variation = LiftVariation.from_rng(np.random.default_rng(self.seed))
             self._arrived.notify_all()
-
-    def _set_seed(self, seed: int) -> None:
-        self.seed, self.variation = seed, LiftVariation.from_rng(np.random.default_rng(seed))
 
     @property
     def grasp(self) -> Grasp | None:
         """The grasp of the held object in the newest snapshot; None if nothing is held."""
-        return _grasp(self._snapshots[-1])
+        return self._snapshots[-1].grasp
 
     @property
     def fixture(self) -> Fixture | None:
@@ -94,7 +98,7 @@ class MirroredWorld:
         before, after = self._around(time_ns)
         tool_m = _tool(before, after, time_ns).position_m
         state = _state(before, after, time_ns)
-        return object_pose(self.layout, self.variation, _grasp(after), state, tool_m)
+        return object_pose(self.layout, self.variation, after.grasp, state, tool_m)
 
     def tool_pose_at(self, time_ns: int) -> Pose:
         return _tool(*self._around(time_ns), time_ns)
@@ -117,12 +121,6 @@ WorldView = World | MirroredWorld
 
 def _state(before: Snapshot, after: Snapshot, time_ns: int) -> WorldState:
     return after.state if before is after else between(before.state, after.state, time_ns)
-
-
-def _grasp(snapshot: Snapshot) -> Grasp | None:
-    if snapshot.object_id is None or snapshot.site is None:
-        return None
-    return Grasp(find_object(snapshot.object_id).sites[snapshot.site], snapshot.off_m)
 
 
 def _tool(before: Snapshot, after: Snapshot, time_ns: int) -> Pose:

@@ -75,8 +75,7 @@ class World:
         self._rng = np.random.default_rng(self.seed)
         self.variation = LiftVariation.from_rng(self._rng)
         self.tool = ToolPath.resting(self.layout.home)
-        opened = float(self.layout.open_counts)
-        self.fingers = FingerPath.resting(opened)
+        self.fingers = FingerPath.resting(float(self.layout.open_counts))
         first = WorldState(self.start_ns, 0.0, 0.0, tool_tilt(self.layout.home), 0.0, 0.0, 0.0, False)
         self._history = deque([first], maxlen=HISTORY_STEPS)
 
@@ -106,8 +105,7 @@ class World:
                 self._rng = np.random.default_rng(seed)
                 self.variation = LiftVariation.from_rng(self._rng)
             self.model, self.site, self._slip, self.fixture = model, None, None, None
-            self._turned_by_hand = False
-            self.damaged = False
+            self._turned_by_hand = self.damaged = False
             self._slips_ns = []
 
     def hold(

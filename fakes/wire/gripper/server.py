@@ -58,6 +58,7 @@ REGISTERS = IMAGE_BYTES // 2
 READS = (3, 4, 23)
 """Modbus functions whose reply contains registers that the gripper refreshes."""
 WRITE_MANY = 16
+Server = ModbusTcpServer | ModbusSerialServer
 # Without a handler pymodbus would print refused requests on stderr.
 logging.getLogger("pymodbus").addHandler(logging.NullHandler())
 
@@ -110,16 +111,15 @@ class WireGripper(ABC):
     def inject(self, kind: str, **arguments: Any) -> None:
         """Start a fault of `FAULTS`, or end all with "clear". Raises `InputError` for an unknown one."""
         with self._lock:
-            if kind == "clear":
-                self._faults.clear()
-                self._model.clear_fault()
-            else:
-                settings, now_ns = self._faults.begin(kind, arguments), self._clock.now_ns()
-                if kind == "fault":
+            settings, now_ns = self._faults.inject(kind, **arguments), self._clock.now_ns()
+            match kind:
+                case "clear":
+                    self._model.clear_fault()
+                case "fault":
                     self._model.fail(settings["code"], now_ns)
-                elif kind == "power_lost":
+                case "power_lost":
                     self._model.lose_power(now_ns)
-                elif kind == "garbage":
+                case "garbage":
                     self._random.seed(settings["seed"])
             self._model.faults = self._faults.names()
 
@@ -142,13 +142,12 @@ class WireGripper(ABC):
     def _close(self) -> None:
         """Close the line and all connections. Safe to call twice."""
 
-    def _device(self) -> SimDevice:
+    def _server_of(self, kind: type[Server], **arguments: Any) -> Any:
+        """Return a server of pymodbus with the registers and the hooks."""
         firsts = sorted({self._command, self._status})
         blocks = [SimData(first, count=REGISTERS, datatype=DataType.REGISTERS) for first in firsts]
-        return SimDevice(self.unit, simdata=blocks, action=self._access)
-
-    def _hooks(self) -> dict[str, Any]:
-        return {"trace_pdu": self._pdu, "trace_packet": self._packet}
+        device = SimDevice(self.unit, simdata=blocks, action=self._access)
+        return kind(device, trace_pdu=self._pdu, trace_packet=self._packet, **arguments)
 
     async def _serve(self, opened: concurrent.futures.Future[None]) -> None:
         try:
@@ -256,13 +255,12 @@ class GripperServer(WireGripper):
 
     async def _open(self) -> None:
         host, port = self.address
-        server = ModbusTcpServer(self._device(), address=self.address, **self._hooks())
+        server = self._server_of(ModbusTcpServer, address=self.address)
         if not await server.listen():
             raise InputError(
                 f"simulated gripper: cannot listen at {host}:{port}; stop what uses it or choose another port"
             )
-        listener: Any = server.transport
-        self.address = host, listener.sockets[0].getsockname()[1]
+        self.address = host, server.transport.sockets[0].getsockname()[1]
         self._server = server
 
     def _close(self) -> None:
@@ -291,11 +289,8 @@ class GripperRtu(WireGripper):
         self._link = Path(link_path)
         self._ends: tuple[int, ...] = ()
         self._heard_ns = 0
-
-    @property
-    def device(self) -> str:
+        self.device = str(link_path)
         """Path to open as a serial device, from `start` on."""
-        return str(self._link)
 
     async def _open(self) -> None:
         if self._link.exists() and not self._link.is_symlink():
@@ -307,7 +302,7 @@ class GripperRtu(WireGripper):
         os.set_blocking(line, False)
         self._link.unlink(missing_ok=True)
         self._link.symlink_to(os.ttyname(theirs))
-        self._server = ModbusSerialServer(self._device(), **self._hooks()).callback_new_connection()
+        self._server = self._server_of(ModbusSerialServer).callback_new_connection()
         self._server.connection_made(_Line(line))
         asyncio.get_running_loop().add_reader(line, self._receive, line)
 

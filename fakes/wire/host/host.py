@@ -71,6 +71,7 @@ class FakesHost:
         self._track = Track()
         self._devices: dict[str, URController | WireGripper | _Stream] = {}
         self._served: dict[str, Any] = {}
+        """Address of each device: the arm, the gripper, and streams by their serials."""
         self._running = ExitStack()
         self._stopping = threading.Event()
         self._vital: list[URController | WireGripper | ControlServer | VitalThread] = []
@@ -102,31 +103,35 @@ class FakesHost:
                 raise DeviceError(f"fakes: a part has ended: {type(failure).__name__}: {failure}")
 
     def _start(self) -> Addresses:
-        arm = URController(self._world, self._clock, self._host, self._wire.polyscope)
-        first = snapshot_of(self._world, self._clock.now_ns())
-        renderer = Renderer(self._plan, self._clock, first, self._host)
-        self._arm = arm
+        wire, world, clock = self._wire, self._world, self._clock
+        arm = self._arm = URController(world, clock, self._host, wire.polyscope)
+        renderer = Renderer(self._plan, clock, snapshot_of(world, clock.now_ns()), self._host)
         self._running.callback(renderer.stop)
-        gripper = self._gripper()
+        if wire.rtu is not None:
+            gripper = GripperRtu(world, clock, wire.rtu, wire.fingers)
+        else:
+            gripper = GripperServer(world, clock, self._host, preset=wire.preset, fingers=wire.fingers)
         for device in (arm, gripper):
             device.start()
             self._running.callback(device.stop)
         streams = renderer.urls()
         self._devices = {"arm": arm, "gripper": gripper}
         self._devices |= {serial: _Stream(renderer, serial) for serial in streams}
-        control = ControlServer(self._commands(), self._host)
+        commands = {
+            "place": self._place, "fault": self._fault, "world": self._state, "track": self._since,
+            "guide": self._guide, "gap": lambda: {"gap_m": world.gap_at(clock.now_ns())},
+            "status": lambda: {
+                **self._state(), "devices": {name: d.snapshot() for name, d in self._devices.items()},
+            },
+            "identity": lambda: self._served,
+        }  # fmt: skip
+        control = ControlServer(commands, self._host)
         where = gripper.device if isinstance(gripper, GripperRtu) else gripper.address
         self._served = {"arm": self._host, "gripper": where, **streams}
         control.start()
         self._running.callback(control.stop)
         self._vital = [arm, gripper, control, self._ticker(renderer)]
         return Addresses(self._host, where, streams, control.address)
-
-    def _gripper(self) -> GripperServer | GripperRtu:
-        wire = self._wire
-        if wire.rtu is not None:
-            return GripperRtu(self._world, self._clock, wire.rtu, wire.fingers)
-        return GripperServer(self._world, self._clock, self._host, preset=wire.preset, fingers=wire.fingers)
 
     def _ticker(self, renderer: Renderer) -> VitalThread:
         """Advance the world and send it to the cameras, whether or not a device asks."""
@@ -146,12 +151,6 @@ class FakesHost:
         self._running.callback(self._stopping.set)
         return ticker
 
-    def _commands(self) -> dict[str, Any]:
-        return {
-            "place": self._place, "fault": self._fault, "gap": self._gap, "world": self._state,
-            "status": self._status, "identity": self._identity, "track": self._since, "guide": self._guide,
-        }  # fmt: skip
-
     def _place(self, object: str, seed: int | None = None) -> None:
         """Lay an object down or mount a target, as an operator does, if it can be drawn."""
         if not isinstance(object, str):
@@ -163,9 +162,6 @@ class FakesHost:
             self._plan.camera.printed(fixture.spec)
         self._world.lay(object, seed)
 
-    def _gap(self) -> dict[str, Any]:
-        return {"gap_m": self._world.gap_at(self._clock.now_ns())}
-
     def _guide(self, to: Sequence[float], over_s: float) -> None:
         """Let a person's hand guide the tool to a pose: x y z in m, rotation vector in rad, base axes."""
         try:
@@ -174,17 +170,9 @@ class FakesHost:
         except (TypeError, ValueError) as error:
             raise InputError(f"a pose is six numbers, and a time one, not {to!r} and {over_s!r}") from error
 
-    def _identity(self) -> dict[str, Any]:
-        """Return the address of each device: the arm, the gripper, and streams by their serials."""
-        return self._served
-
     def _fault(self, device: str, kind: str, **arguments: Any) -> None:
         if not isinstance(device, str) or not isinstance(kind, str):
             raise InputError(f"device and kind are names, not {device!r} and {kind!r}")
-        for name in self._named(device):
-            self._devices[name].inject(kind, **arguments)
-
-    def _named(self, device: str) -> list[str]:
         groups = {
             "tactile": [digit.serial for digit in self._plan.digits],
             "camera": [self._plan.camera.serial],
@@ -193,16 +181,14 @@ class FakesHost:
         names = groups.get(device, [device])
         if not set(names) <= set(self._devices):
             raise unknown_name("device", device, [*self._devices, *groups])
-        return names
+        for name in names:
+            self._devices[name].inject(kind, **arguments)
 
     def _since(self, since_ns: int) -> dict[str, Any]:
         """Return the true motion of tool and fingers since a time of the bench's system clock."""
         start_ns = self._clock.start_ns
         samples = self._track.since(since_ns - start_ns)
         return {"samples": [(time_ns + start_ns, *rest) for time_ns, *rest in samples]}
-
-    def _status(self) -> dict[str, Any]:
-        return {**self._state(), "devices": {name: d.snapshot() for name, d in self._devices.items()}}
 
     def _state(self) -> dict[str, Any]:
         now = self._clock.now_ns()

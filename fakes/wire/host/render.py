@@ -3,7 +3,6 @@
 import sys
 import threading
 from contextlib import suppress
-from functools import partial
 from multiprocessing.connection import Connection
 from typing import Any
 
@@ -104,7 +103,13 @@ def _render(
     sys.setswitchinterval(SWITCH_S)
     cv2.setNumThreads(1)
     world = MirroredWorld(plan.layout, first, host_s(clock, PATIENCE_S))
-    feeder = VitalThread(lambda: _keep_fed(world, feed), "updates of the mirrored world")
+
+    def keep_fed() -> None:
+        with suppress(EOFError, OSError):
+            while True:
+                world.feed(feed.recv())
+
+    feeder = VitalThread(keep_fed, "updates of the mirrored world")
     feeder.start()
     servers: dict[str, MjpegServer] = {}
     try:
@@ -115,7 +120,9 @@ def _render(
             servers[source.serial] = _serve(drawn, clock, host, phase)
         calls.send({serial: server.url for serial, server in servers.items()})
         while _answer_calls(servers, calls):
-            _require_alive(feeder, *servers.values())
+            for failure in (part.failure for part in (feeder, *servers.values())):
+                if failure is not None:
+                    raise DeviceError(f"fake cameras: {type(failure).__name__}: {failure}")
     except RigError as error:
         calls.send(error)
     finally:
@@ -124,36 +131,13 @@ def _render(
 
 
 def _serve(source: FakeDigit | FakeCamera, clock: SharedClock, host: str, phase: float) -> MjpegServer:
-    server = MjpegServer(
-        serial=source.serial,
-        render=partial(_drawn, source),
-        rate_hz=source.rate_hz,
-        clock=clock,
-        host=host,
-        kind="digit" if isinstance(source, FakeDigit) else "camera",
-        on_light=source.set_light if isinstance(source, FakeDigit) else None,
-        phase=phase,
-    )
+    def render(time_ns: int) -> Image:  # its noise depends on the time
+        return source.draw(time_ns, np.random.default_rng((unit_seed(source.serial), time_ns)))
+
+    kind, on_light = ("digit", source.set_light) if isinstance(source, FakeDigit) else ("camera", None)
+    server = MjpegServer(source.serial, render, source.rate_hz, clock, host, kind, on_light, phase)
     server.start()
     return server
-
-
-def _drawn(source: FakeDigit | FakeCamera, time_ns: int) -> Image:
-    """Return a frame of the world at `time_ns`; its noise depends on the time."""
-    return source.draw(time_ns, np.random.default_rng((unit_seed(source.serial), time_ns)))
-
-
-def _keep_fed(world: MirroredWorld, feed: Connection) -> None:
-    with suppress(EOFError, OSError):
-        while True:
-            world.feed(feed.recv())
-
-
-def _require_alive(*threads: VitalThread | MjpegServer) -> None:
-    """Raise a `DeviceError` with the reason if a thread has ended."""
-    for thread in threads:
-        if thread.failure is not None:
-            raise DeviceError(f"fake cameras: {type(thread.failure).__name__}: {thread.failure}")
 
 
 def _answer_calls(servers: dict[str, MjpegServer], calls: Connection) -> bool:

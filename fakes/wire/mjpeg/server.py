@@ -81,7 +81,7 @@ class MjpegSensor:
         self._size = (height, width) if kind == "digit" else (width, height)
         self._rates = DIGIT_MODES if kind == "digit" else {self._size: (rate_hz,)}
         self._rate_hz = rate_hz
-        self._faults = Faults("simulated sensor", FAULTS, clock.now_ns)
+        self.faults = Faults("simulated sensor", FAULTS, clock.now_ns)
         self._last: bytes | None = None
         self._greens = 0
         self._number, self._due_ns = 0, clock.now_ns()
@@ -119,15 +119,8 @@ class MjpegSensor:
                     self._on_light(light[0], light[1], light[2])
             return {"size_px": list(self._size), "rate_hz": self._rate_hz}
 
-    def inject(self, kind: str, **arguments: Any) -> None:
-        """Start a fault of `FAULTS`, or end all with "clear". Raises `InputError` for an unknown one."""
-        if kind == "clear":
-            self._faults.clear()
-        else:
-            self._faults.begin(kind, arguments)
-
     def active(self, kind: str) -> bool:
-        fault = self._faults.get(kind)
+        fault = self.faults.get(kind)
         return fault is not None and fault["frames"] != 0
 
     def due_ns(self, patience_ns: int) -> tuple[int, int]:
@@ -155,9 +148,9 @@ class MjpegSensor:
             self._greens = max(self._greens - 1, 0)
             shift, cut = self._hits("shift"), self._hits("truncate")
         if frozen is None:
-            frozen = self._last = encoded(
-                _empty(size) if empty else self._raw(time_ns, size, shift), JPEG_QUALITY
-            )
+            nothing = np.full((size[1], size[0], 3), _EMPTY_BUFFER_RGB, np.uint8)
+            image = nothing if empty else self._raw(time_ns, size, shift)
+            frozen = self._last = encoded(image, JPEG_QUALITY)
         return Capture(number, time_ns, frozen[: int(len(frozen) * _CUT_AT)] if cut else frozen)
 
     def _skip_until(self, time_ns: int) -> int:
@@ -170,12 +163,10 @@ class MjpegSensor:
 
     def _hits(self, kind: str) -> bool:
         """Whether a fault is active for this image; count the image."""
-        fault = self._faults.get(kind)
-        if fault is None or fault["frames"] == 0:
-            return False
-        if fault["frames"] is not None:
+        active, fault = self.active(kind), self.faults.get(kind)
+        if active and fault and fault["frames"] is not None:
             fault["frames"] -= 1
-        return True
+        return active
 
     def _raw(self, time_ns: int, size: tuple[int, int], shift: bool) -> Image:
         image = self._render(time_ns)
@@ -199,10 +190,6 @@ def _numbers(value: Any, count: int) -> tuple[float, ...]:
     if not isinstance(value, list) or len(value) != count or not all(type(v) in (int, float) for v in value):
         raise InputError(f"sensor: {value!r}: give {count} number{'s' * (count > 1)}")
     return tuple(float(v) for v in value)
-
-
-def _empty(size: tuple[int, int]) -> Image:
-    return np.full((size[1], size[0], 3), _EMPTY_BUFFER_RGB, np.uint8)
 
 
 LATENCY_S = 0.004
@@ -240,6 +227,7 @@ class MjpegServer:
         self.serial = serial
         phase = crc32(serial.encode()) % 1000 / 1000.0 if phase is None else phase
         self.sensor = MjpegSensor(render, rate_hz, clock, kind, on_light, phase)
+        self.inject = self.sensor.faults.inject
         self._clock = clock
         self._to_monotonic_ns = SystemClock(slowness_of(clock)).now_ns() - clock.now_ns()
         handler = type("Handler", (_Handler,), {"served": self})
@@ -271,9 +259,6 @@ class MjpegServer:
         self._http.stop()
         if self._thread.is_alive():
             self._thread.join()
-
-    def inject(self, kind: str, **args: Any) -> None:
-        self.sensor.inject(kind, **args)
 
     def snapshot(self) -> dict[str, Any]:
         """Return the counts since the start.
@@ -333,18 +318,15 @@ class MjpegServer:
                 if not self._clients:
                     self._changed.wait(POLL_S)
                     continue
-            self._capture_next()
-
-    def _capture_next(self) -> None:
-        due_ns, missed = self.sensor.due_ns(to_ns(PATIENCE_S))
-        self._clock.sleep_until(due_ns + to_ns(LATENCY_S))
-        capture = self.sensor.capture()
-        with self._changed:
-            self._counts["missed"] += missed
-            if capture is None:
-                self._counts["withheld"] += 1
-            else:
-                self._publish(capture)
+            due_ns, missed = self.sensor.due_ns(to_ns(PATIENCE_S))
+            self._clock.sleep_until(due_ns + to_ns(LATENCY_S))
+            capture = self.sensor.capture()
+            with self._changed:
+                self._counts["missed"] += missed
+                if capture is None:
+                    self._counts["withheld"] += 1
+                else:
+                    self._publish(capture)
 
     def _publish(self, capture: Capture) -> None:
         self._counts["served"] += 1

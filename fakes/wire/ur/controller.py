@@ -11,6 +11,7 @@ while they wait for the controller's answer.
 import contextlib
 import logging
 import math
+import os
 import re
 import selectors
 import socket
@@ -56,10 +57,6 @@ class Connection:
     last: bytes = b""
     closed: bool = False
 
-    @property
-    def behind(self) -> bool:
-        return bool(self.pending)
-
     def receive(self) -> bytes | None:
         """Return the received bytes, None if the client is gone."""
         try:
@@ -71,9 +68,7 @@ class Connection:
 
     def send(self, data: bytes, time_ns: int, droppable: bool = False) -> None:
         """Send what the socket takes and keep the rest. While it is full, droppable data is discarded."""
-        if self.behind and droppable:
-            data = b""
-        self.pending += data
+        self.pending += b"" if self.pending and droppable else data
         try:
             sent = self.socket.send(self.pending) if self.pending else 0
         except (BlockingIOError, InterruptedError):
@@ -88,17 +83,7 @@ class Connection:
             self.blocked_ns = time_ns
         elif time_ns - self.blocked_ns > GIVE_UP_S * 1e9:
             self.closed = True
-        if len(self.pending) > MOST_PENDING:
-            self.closed = True
-
-    def hang_up(self) -> None:
-        """Shut the connection down; the serving thread then closes it."""
-        with contextlib.suppress(OSError):
-            self.socket.shutdown(socket.SHUT_RDWR)
-
-    def close(self) -> None:
-        self.closed = True
-        self.socket.close()
+        self.closed |= len(self.pending) > MOST_PENDING
 
 
 def listen(host: str, ports: Iterable[int]) -> dict[int, socket.socket]:
@@ -106,40 +91,17 @@ def listen(host: str, ports: Iterable[int]) -> dict[int, socket.socket]:
     listeners: dict[int, socket.socket] = {}
     for port in ports:
         try:
-            listeners[port] = _listening(host, port)
+            listeners[port] = socket.create_server((host, port), backlog=16)
+            listeners[port].setblocking(False)
         except OSError as error:
             for listener in listeners.values():
                 listener.close()
+            why = os.strerror(error.errno or 0)
             raise InputError(
-                f"simulated controller: cannot listen on {host} port {port}: {error.strerror}; "
+                f"simulated controller: cannot listen on {host} port {port}: {why}; "
                 "its ports are fixed: give each controller its own address (127.0.0.2) or stop the other"
             ) from error
     return listeners
-
-
-def accept(listener: socket.socket) -> socket.socket | None:
-    """Accept the next client, None if it has disconnected already."""
-    try:
-        client, _ = listener.accept()
-    except OSError:
-        return None
-    client.setblocking(False)
-    client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-    client.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BYTES)
-    return client
-
-
-def _listening(host: str, port: int) -> socket.socket:
-    listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
-    try:
-        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        listener.bind((host, port))
-        listener.listen(16)
-        listener.setblocking(False)
-    except OSError:
-        listener.close()
-        raise
-    return listener
 
 
 RTDE_PORT, DASHBOARD_PORT, REALTIME_PORT = 30004, 29999, 30003
@@ -244,21 +206,20 @@ class URController:
             raise InputError("simulated controller: recipe_refused takes reply='NOT_FOUND' or 'IN_USE'")
         robot = self.robot
         with self._lock:
-            if kind == "clear":
-                self.faults.clear()
-                robot.safety.release_button()
-            else:
-                self.faults.begin(kind, arguments)
+            self.faults.inject(kind, **arguments)
             match kind:
+                case "clear":
+                    robot.safety.release_button()
                 case "protective_stop":
                     robot.protective_stop()
                 case "emergency_stop":
                     robot.safety.emergency_stop()
                 case "program_killed":
                     robot.end_program("killed")
-                case "socket_dropped":
+                case "socket_dropped":  # the serving thread then closes them
                     for connection in self._connections:
-                        connection.hang_up()
+                        with contextlib.suppress(OSError):
+                            connection.socket.shutdown(socket.SHUT_RDWR)
             self._set_remote_control()
 
     def _set_remote_control(self) -> None:
@@ -333,18 +294,22 @@ class URController:
             return
         for connection, session in self._sessions.items():
             if session.due(self._cycle):
-                if not (connection.behind or (frozen and connection.last)):
+                if not (connection.pending or (frozen and connection.last)):
                     connection.last = session.data()
                 connection.send(connection.last, self.robot.time_ns, droppable=True)
         self._remove_closed()
 
     def _accept(self, port: int) -> None:
-        client = accept(self._listeners[port])
-        if client is None:
+        try:
+            client, _ = self._listeners[port].accept()
+        except OSError:  # it has disconnected already
             return
         if len(self._connections) >= MOST_CLIENTS:
             client.close()
             return
+        client.setblocking(False)
+        client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        client.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BYTES)
         connection = Connection(client, port, lambda _: b"")
         greeting = b""
         if port == RTDE_PORT:
@@ -369,8 +334,7 @@ class URController:
         return self.faults.get("silent") is not None
 
     def _feed_dashboard(self, reader: LineReader, data: bytes) -> bytes:
-        lines = reader.feed(data)
-        return "".join(reply(self.robot, line) + "\n" for line in lines).encode()
+        return "".join(reply(self.robot, line) + "\n" for line in reader.feed(data)).encode()
 
     def _feed_script(self, reader: ProgramReader, data: bytes) -> bytes:
         for text in reader.feed(data):
@@ -397,4 +361,4 @@ class URController:
             self._connections.remove(connection)
             self._sessions.pop(connection, None)
             self._selector.unregister(connection.socket)
-            connection.close()
+            connection.socket.close()

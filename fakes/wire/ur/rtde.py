@@ -194,12 +194,12 @@ class RtdeSession:
         self.started = False
         self.ignored = 0
         self._replies: dict[int, Callable[[bytes], bytes]] = {
-            PackageType.PROTOCOL_VERSION: self._protocol,
+            PackageType.PROTOCOL_VERSION: lambda asked: bytes([asked == struct.pack(">H", PROTOCOL_VERSION)]),
             PackageType.CONTROLLER_VERSION: lambda _: struct.pack(">4I", *version),
             PackageType.SETUP_OUTPUTS: self._setup_outputs,
             PackageType.SETUP_INPUTS: self._setup_inputs,
-            PackageType.START: lambda _: bytes([self._start()]),
-            PackageType.PAUSE: lambda _: bytes([self._pause()]),
+            PackageType.START: lambda _: self._stream(bool(self._outputs), b""),
+            PackageType.PAUSE: lambda _: self._stream(False, b"\x01"),
         }
 
     def feed(self, data: bytes) -> bytes:
@@ -215,32 +215,28 @@ class RtdeSession:
         return package(PackageType.DATA, b"\x01" + self._bank.packed(self._outputs))
 
     def _answer(self, kind: int, payload: bytes) -> bytes:
-        if kind == PackageType.DATA:
-            self._take(payload)
-            return b""
-        reply = self._replies.get(kind)
-        if reply is None:
+        reply, names = self._replies.get(kind), self._inputs.get(payload[0]) if payload else None
+        if reply is not None:
+            return package(kind, reply(payload))
+        if kind == PackageType.DATA and names is not None:
+            self._write(unpacked(names, payload[1:]))
+        else:
             self.ignored += 1
-            return b""
-        return package(kind, reply(payload))
-
-    def _protocol(self, payload: bytes) -> bytes:
-        return bytes([payload == struct.pack(">H", PROTOCOL_VERSION)])
+        return b""
 
     def _setup_outputs(self, payload: bytes) -> bytes:
         if len(payload) < 8:
             raise InputError(f"RTDE output setup: {len(payload)} bytes, but the rate alone takes 8")
         (rate_hz,) = struct.unpack_from(">d", payload)
         names = _names(payload[8:])
-        kinds = [self._output_kind(name) for name in names]
+        # unlike an input, an output is never in use by another client
+        known = (None if self._refused(name) == "NOT_FOUND" else OUTPUTS.get(name) for name in names)
+        kinds = [kind or "NOT_FOUND" for kind in known]
         found = bool(names) and "NOT_FOUND" not in kinds
-        self._outputs = names if found else ()
-        self._every = _cycles(rate_hz)
+        self._outputs, self._every = names if found else (), 1
+        if rate_hz > 0.0:  # limited to 1 to 500 Hz; without a rate, all
+            self._every = math.floor(CONTROL_HZ / min(max(rate_hz, LEAST_HZ), CONTROL_HZ))
         return bytes([found]) + ",".join(kinds).encode()
-
-    def _output_kind(self, name: str) -> str:
-        """Return the type of an output. Unlike an input, it is never in use by another client."""
-        return "NOT_FOUND" if self._refused(name) == "NOT_FOUND" else OUTPUTS.get(name, "NOT_FOUND")
 
     def _setup_inputs(self, payload: bytes) -> bytes:
         """Set up a recipe. Recipes are numbered from 1 in the order of the requests; 0 if it is refused."""
@@ -253,30 +249,12 @@ class RtdeSession:
             self._inputs[number] = names
         return bytes([number]) + ",".join(kinds).encode()
 
-    def _start(self) -> bool:
-        self.started = bool(self._outputs)
-        return self.started
-
-    def _pause(self) -> bool:
-        self.started = False
-        return True
-
-    def _take(self, payload: bytes) -> None:
-        names = self._inputs.get(payload[0]) if payload else None
-        if names is None:
-            self.ignored += 1
-            return
-        self._write(unpacked(names, payload[1:]))
+    def _stream(self, started: bool, answer: bytes) -> bytes:
+        self.started = started
+        return answer or bytes([started])
 
 
 def _names(payload: bytes) -> tuple[str, ...]:
     """Split comma-separated names; ur-rtde leaves a comma at the end."""
     text = payload.decode("ascii", errors="replace")
     return tuple(name for name in text.split(",") if name)
-
-
-def _cycles(rate_hz: float) -> int:
-    """Return the control cycles between two packages at a rate, limited to 1 to 500 Hz; 1 without a rate."""
-    if not rate_hz > 0.0:
-        return 1
-    return math.floor(CONTROL_HZ / min(max(rate_hz, LEAST_HZ), CONTROL_HZ))

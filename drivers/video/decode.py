@@ -95,29 +95,23 @@ def decode_frame(raw: RawFrame, size_px: tuple[int, int] | None, upright: bool) 
     header, so that the coded image stays as received. Raises `DamagedFrameError`, and `DeviceError` for
     another size.
     """
-    frame = _decoded(raw)
-    height, width = frame.image.shape[:2]
+    data, jpeg = raw.encoded or b"", None
+    if raw.image is not None:
+        image = raw.image
+    elif data.startswith(_PNG):
+        if _PNG_END not in data[-16:]:
+            raise DamagedFrameError(f"PNG of {len(data)} bytes: its end is missing; copy it again")
+        image = decode(data)
+    else:
+        jpeg, _ = whole_jpeg(data)
+        image = decode(jpeg)
+    height, width = image.shape[:2]
     if upright and width > height:
-        jpeg = frame.jpeg
-        frame = DecodedFrame(
-            np.ascontiguousarray(np.rot90(frame.image)), None if jpeg is None else turned_left(jpeg)
-        )
+        image, jpeg = np.ascontiguousarray(np.rot90(image)), jpeg and turned_left(jpeg)
         height, width = width, height
     if size_px is not None and (width, height) != tuple(size_px):
         raise DeviceError(
             f"its images are {width} x {height} px, expected {size_px[0]} x {size_px[1]}; "
             "correct size_px in the bench file"
         )
-    return frame
-
-
-def _decoded(raw: RawFrame) -> DecodedFrame:
-    if raw.image is not None:
-        return DecodedFrame(raw.image, None)
-    data = raw.encoded or b""
-    if not data.startswith(_PNG):
-        jpeg, _ = whole_jpeg(data)
-        return DecodedFrame(decode(jpeg), jpeg)
-    if _PNG_END not in data[-16:]:
-        raise DamagedFrameError(f"PNG of {len(data)} bytes: its end is missing; copy it again")
-    return DecodedFrame(decode(data), None)
+    return DecodedFrame(image, jpeg)

@@ -51,8 +51,14 @@ class Digit(AddressedSource, TactileSensor):
     ) -> None:
         raw_px = (size_px[1], size_px[0])
         spec = SourceSpec(serial, address, raw_px, rate_hz)
-        if spec.is_device:
-            _check_mode(spec)
+        if spec.is_device and rate_hz not in MODES.get(raw_px, ()):
+            modes = "; ".join(
+                f"{y} x {x} px at {' or '.join(f'{rate:g}' for rate in rates)} Hz"
+                for (x, y), rates in MODES.items()
+            )
+            raise InputError(
+                f"{serial}: a DIGIT has no {raw_px[1]} x {raw_px[0]} px at {rate_hz:g} Hz; it has {modes}"
+            )
         super().__init__(spec, clock or SystemClock(), discover, open_device)
         self._size_px = size_px
         self._light = (1.0, 1.0, 1.0)
@@ -106,18 +112,6 @@ def light_value(light: tuple[float, float, float], revision: str = "") -> int:
     return red << 8 | green << 4 | blue
 
 
-def _check_mode(spec: SourceSpec) -> None:
-    if spec.size_px is None or spec.rate_hz in MODES.get(spec.size_px, ()):
-        return
-    wide, high = spec.size_px
-    modes = "; ".join(
-        f"{y} x {x} px at {' or '.join(f'{rate:g}' for rate in rates)} Hz" for (x, y), rates in MODES.items()
-    )
-    raise InputError(
-        f"{spec.serial}: a DIGIT has no {high} x {wide} px at {spec.rate_hz:g} Hz; it has {modes}"
-    )
-
-
 BANDS = 4
 """Bytes may be lost half-way through an image, so its columns are checked in four groups."""
 MAX_SHIFTED = 30
@@ -162,7 +156,9 @@ class GlitchCheck:
         """
         if is_green(image):
             return "green"
-        profile = _profile(image)
+        # the mean colour of each row in each group of columns, (H, 4, 3)
+        small = cv2.resize(image, (BANDS, image.shape[0]), interpolation=cv2.INTER_AREA)
+        profile = np.asarray(small, np.float32)
         if self._good is not None and self._good.shape == profile.shape and shifted(self._good, profile):
             self._shifted += 1
             if self._shifted >= MAX_SHIFTED:
@@ -196,7 +192,9 @@ def shifted(good: NDArray[np.float32], seen: NDArray[np.float32]) -> bool:
 
 def _is_shift(good: NDArray[np.float32], seen: NDArray[np.float32]) -> bool:
     rows = len(good)
-    shift = _best_shift(good, seen)
+    spectrum = np.fft.rfft(seen, axis=0) * np.conj(np.fft.rfft(good, axis=0))
+    # the circular shift with the largest correlation, summed over the colours
+    shift = int(np.fft.irfft(spectrum.sum(axis=1), n=rows).argmax())
     if min(shift, rows - shift) < _LEAST_SHIFT_PX:
         return False
     before = float(np.square(seen - good).mean())
@@ -204,15 +202,3 @@ def _is_shift(good: NDArray[np.float32], seen: NDArray[np.float32]) -> bool:
     steps = np.abs(np.diff(seen, axis=0)).sum(axis=1)
     seam = float(steps[max(shift - 2, 0) : shift + 1].max())
     return after < _MOST_REST * before and seam > _SEAM_OVER * float(np.quantile(steps, 0.9))
-
-
-def _best_shift(good: NDArray[np.float32], seen: NDArray[np.float32]) -> int:
-    """Return the circular shift in px with the largest correlation, summed over the colours."""
-    spectrum = np.fft.rfft(seen, axis=0) * np.conj(np.fft.rfft(good, axis=0))
-    return int(np.fft.irfft(spectrum.sum(axis=1), n=len(good)).argmax())
-
-
-def _profile(image: Image) -> NDArray[np.float32]:
-    """Return the mean colour of each row in each group of columns, (H, 4, 3)."""
-    small = cv2.resize(image, (BANDS, image.shape[0]), interpolation=cv2.INTER_AREA)
-    return np.asarray(small, np.float32)

@@ -14,7 +14,7 @@ from drivers.clock import Clock, SystemClock
 from drivers.interfaces import Camera
 from drivers.types import Image
 from drivers.video.decode import DecodedFrame, decode, decode_frame, whole_jpeg
-from drivers.video.source import AddressedSource, OpenSource, SourceSpec
+from drivers.video.source import AddressedSource, SourceSpec
 from drivers.video.stream import RawFrame
 from drivers.video.v4l2 import Discover, OpenCapture, list_video_nodes, open_capture
 
@@ -41,9 +41,6 @@ class ExternalCamera(AddressedSource, Camera):
         spec = SourceSpec(serial, address, size_px, rate_hz)
         super().__init__(spec, clock or SystemClock(), discover, open_device)
         self._size_px = size_px
-
-    def _prepare(self, source: OpenSource) -> None:
-        """Set nothing: size and rate are already set."""
 
     def _decode(self, raw: RawFrame) -> DecodedFrame:
         return decode_frame(raw, self._size_px, upright=False)

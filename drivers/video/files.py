@@ -35,14 +35,10 @@ class RecordedStream(FrameStream):
     def close(self) -> None:
         """Do nothing: no resource is held."""
 
-    def _await_next(self, after_s: float | None = None) -> tuple[int, int]:
-        """Wait until the next image is due; return its number and its time.
-
-        after_s: time since the first image; by default that of the frame rate.
-        """
+    def _await_next(self, after_s: float) -> tuple[int, int]:
+        """Wait until the next image is due, `after_s` after the first; return its number and its time."""
         if self._start_ns is None:
             self._start_ns = self._clock.now_ns()
-        after_s = self._number / self._rate_hz if after_s is None else after_s
         due_ns = self._start_ns + round(after_s * NS_PER_S)
         self._stopped.wait(max(due_ns - self._clock.now_ns(), 0) / NS_PER_S)
         if self._stopped.is_set():
@@ -66,7 +62,7 @@ class FolderStream(RecordedStream):
     def read(self) -> RawFrame:
         if self._number >= len(self._files):
             raise self._ended()
-        number, due_ns = self._await_next()
+        number, due_ns = self._await_next(self._number / self._rate_hz)
         try:
             data = self._files[number].read_bytes()
         except OSError as error:

@@ -18,6 +18,7 @@ import re
 import socket
 from collections import deque
 from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from email.message import Message
 from typing import Any
@@ -124,7 +125,8 @@ class MultipartParser:
     def _body_end(self) -> int | None:
         """Return where a body of unknown length ends: with its JPEG, at the latest before a delimiter."""
         if self._coded == 0 and self._buffer[:2] == _JPEG_START:
-            self._coded = _coded_from(self._buffer)
+            with suppress(DamagedFrameError):  # also while its header is incomplete
+                self._coded = read_header(self._buffer)[1]
         line = b"\n" + self._delimiter
         image_end = self._buffer.find(_JPEG_END, max(self._searched, self._coded)) if self._coded else -1
         found = self._buffer.find(line, self._searched, image_end if image_end >= 0 else len(self._buffer))
@@ -143,14 +145,6 @@ class MultipartParser:
 def _headers(block: bytes) -> dict[str, str]:
     pairs = (line.partition(":") for line in block.decode("latin-1").splitlines())
     return {name.strip().lower(): value.strip() for name, colon, value in pairs if colon}
-
-
-def _coded_from(data: bytearray) -> int:
-    """Return the offset of a JPEG's coded data; 0 while its header is incomplete or if it is damaged."""
-    try:
-        return read_header(data)[1]
-    except DamagedFrameError:
-        return 0
 
 
 READ_TIMEOUT_S = 1.5
@@ -177,13 +171,13 @@ class MjpegStream(FrameStream):
         self._timeout_s = max(READ_TIMEOUT_S, 3.0 / rate_hz)
         self._ready: deque[tuple[Part, int]] = deque()
         parts = split_url(url)
-        self._connection = _connection(parts, host_s(clock, self._timeout_s))
-        self._response: http.client.HTTPResponse | None = None
-        self._socket: socket.socket | None = None
+        connection = _connection(parts, host_s(clock, self._timeout_s))
+        self._opened = ExitStack()
+        self._opened.callback(connection.close)
         try:
-            self._connection.connect()
-            self._socket = self._connection.sock
-            self._response = _request(self._connection, parts, "GET")
+            connection.connect()
+            self._socket = self._opened.enter_context(connection.sock)
+            self._response = self._opened.enter_context(_request(connection, parts, "GET"))
             self._parser = MultipartParser(boundary_of(self._response.getheader("Content-Type", "")))
         except (OSError, http.client.HTTPException, ValueError, DeviceError) as error:
             self.close()
@@ -199,11 +193,18 @@ class MjpegStream(FrameStream):
                 raise DeviceError(
                     f"{self._name}: no image within {self._timeout_s:g} s; is the server stuck?"
                 )
-            data = self._received()
+            try:
+                data = self._response.read1(_PORTION)
+            except (OSError, http.client.HTTPException, ValueError) as error:
+                raise DeviceError(f"{self._name}: {_cause(error)}") from error
+            if not data:
+                raise DeviceError(f"{self._name}: the server closed the connection; check that it still runs")
             now = self._clock.now_ns()
             self._ready.extend((part, now) for part in self._parser.feed(data))
         part, arrived_ns = self._ready.popleft()
-        return RawFrame(arrived_ns, part.body, None, _stamp(part.headers), _number(part.headers))
+        text = part.headers.get("x-sequence", "")
+        number = int(text) if text.isascii() and text.isdecimal() and len(text) < 16 else None
+        return RawFrame(arrived_ns, part.body, None, _stamp(part.headers), number)
 
     def configure(self, settings: Sequence[dict[str, Any]]) -> None:
         """Send settings one after the other, if the server accepts settings. Raises `DeviceError`."""
@@ -212,27 +213,11 @@ class MjpegStream(FrameStream):
                 send_settings(self.control_url, setting, host_s(self._clock, READ_TIMEOUT_S))
 
     def interrupt(self) -> None:
-        if self._socket is not None:
-            try:
-                self._socket.shutdown(socket.SHUT_RDWR)
-            except OSError:
-                return
+        with suppress(OSError):
+            self._socket.shutdown(socket.SHUT_RDWR)
 
     def close(self) -> None:
-        if self._response is not None:
-            self._response.close()
-        self._connection.close()
-        if self._socket is not None:
-            self._socket.close()
-
-    def _received(self) -> bytes:
-        try:
-            data = self._response.read1(_PORTION) if self._response is not None else b""
-        except (OSError, http.client.HTTPException, ValueError) as error:
-            raise DeviceError(f"{self._name}: {_cause(error)}") from error
-        if not data:
-            raise DeviceError(f"{self._name}: the server closed the connection; check that it still runs")
-        return data
+        self._opened.close()
 
 
 def split_url(url: str) -> SplitResult:
@@ -308,8 +293,3 @@ def _stamp(headers: dict[str, str]) -> int | None:
     if fraction and not (fraction.isascii() and fraction.isdecimal()):
         return None
     return int(whole) * NS_PER_S + int(fraction[:9].ljust(9, "0"))
-
-
-def _number(headers: dict[str, str]) -> int | None:
-    text = headers.get("x-sequence", "")
-    return int(text) if text.isascii() and text.isdecimal() and len(text) < 16 else None

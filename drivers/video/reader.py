@@ -266,9 +266,7 @@ class FrameReader(FrameSource):
                 run.buffer.fail(str(error), over)
                 if over:
                     return
-            except (
-                Exception
-            ) as error:  # a bug in this program: callers waiting for a frame get an error first
+            except Exception as error:  # a bug: callers waiting for a frame get an error first
                 run.buffer.fail(f"its reader failed ({type(error).__name__}: {error}); report this", True)
                 raise
             pause_s = FIRST_PAUSE_S if self._counts["frames"] > frames else min(2 * pause_s, LONGEST_PAUSE_S)
@@ -279,7 +277,11 @@ class FrameReader(FrameSource):
         run.stream = stream = self._open_stream()
         times = CaptureTimes(stream.stamp)
         try:
-            self._warm_up(run, stream)
+            for _ in range(stream.warm_up):
+                if run.stopping.is_set():
+                    return
+                stream.read()
+                self._counts["warm_up"] += 1
             failed_before = run.streams > 0
             run.streams += 1
             self._counts["reopened"] += failed_before
@@ -289,13 +291,6 @@ class FrameReader(FrameSource):
                 self._take(run, stream, times, news)
         finally:
             stream.close()
-
-    def _warm_up(self, run: _Run, stream: FrameStream) -> None:
-        for _ in range(stream.warm_up):
-            if run.stopping.is_set():
-                return
-            stream.read()
-            self._counts["warm_up"] += 1
 
     def _take(self, run: _Run, stream: FrameStream, times: CaptureTimes, news: PictureNews) -> None:
         raw = stream.read()

@@ -4,7 +4,6 @@
 """
 
 from abc import abstractmethod
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -38,8 +37,17 @@ class SourceSpec:
             raise InputError(f"{self.serial}: rate_hz is {self.rate_hz}; give frames per second")
         if self.size_px is not None and min(self.size_px) < 1:
             raise InputError(f"{self.serial}: size_px is {self.size_px}; give width and height in px")
-        if self.address is not None:
-            self._check(self.address)
+        address = self.address
+        if address is not None and "://" in address:
+            split_url(address)
+        elif address is not None and not self.is_device:
+            path = Path(address)
+            if not path.exists():
+                raise InputError(
+                    f"{self.serial}: '{without_passwords(address)}' does not exist; give /dev/videoN, "
+                    "http://HOST:PORT/PATH, a folder of images or a video file"
+                )
+            (image_files if path.is_dir() else check_video)(path)
 
     @property
     def is_device(self) -> bool:
@@ -50,21 +58,6 @@ class SourceSpec:
     def host(self) -> str | None:
         """Network host of a stream; None for any other source."""
         return split_url(self.address).hostname if self.address and "://" in self.address else None
-
-    def _check(self, address: str) -> None:
-        if "://" in address:
-            split_url(address)
-        elif not self.is_device:
-            path = Path(address)
-            if not path.exists():
-                raise InputError(
-                    f"{self.serial}: '{without_passwords(address)}' does not exist; give /dev/videoN, "
-                    "http://HOST:PORT/PATH, a folder of images or a video file"
-                )
-            if path.is_dir():
-                image_files(path)
-            else:
-                check_video(path)
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,7 +73,15 @@ def open_source(spec: SourceSpec, clock: Clock, discover: Discover, open_device:
     """Open a source, and set its size and rate. Raises `DeviceError`."""
     address = spec.address
     if address is None or spec.is_device:
-        return _open_device(spec, clock, discover, open_device)
+        nodes = discover()
+        if address is None:
+            node = find_video_node(spec.serial, nodes)
+        else:  # udev need not list it
+            known = (node for node in nodes if node.device == address)
+            node = next(known, VideoNode(address, spec.serial))
+        sharing = on_same_bus(node, nodes)
+        stream = V4l2Stream(node.device, spec.size_px, spec.rate_hz, clock, open_device, sharing)
+        return OpenSource(stream, node.device, node)
     if "://" in address:
         stream = MjpegStream(address, spec.rate_hz, clock)
         try:
@@ -94,19 +95,6 @@ def open_source(spec: SourceSpec, clock: Clock, discover: Discover, open_device:
     path = Path(address)
     kind = FolderStream if path.is_dir() else VideoStream
     return OpenSource(kind(path, spec.rate_hz, clock), address)
-
-
-def _open_device(spec: SourceSpec, clock: Clock, discover: Discover, open_device: OpenCapture) -> OpenSource:
-    nodes = discover()
-    node = find_video_node(spec.serial, nodes) if spec.address is None else _node_at(spec, nodes)
-    stream = V4l2Stream(node.device, spec.size_px, spec.rate_hz, clock, open_device, on_same_bus(node, nodes))
-    return OpenSource(stream, node.device, node)
-
-
-def _node_at(spec: SourceSpec, nodes: Sequence[VideoNode]) -> VideoNode:
-    """Return the node at the given address; udev need not list it."""
-    known = [node for node in nodes if node.device == spec.address]
-    return known[0] if known else VideoNode(spec.address or "", spec.serial)
 
 
 class AddressedSource(FrameReader):
@@ -132,9 +120,8 @@ class AddressedSource(FrameReader):
             "capture time": self.time_kind,
         }
 
-    @abstractmethod
     def _prepare(self, source: OpenSource) -> None:
-        """Set up a source after it was opened. Raises `DeviceError`."""
+        """Set up a source after it was opened, beyond its size and rate. Raises `DeviceError`."""
 
     @abstractmethod
     def _decode(self, raw: RawFrame) -> DecodedFrame:

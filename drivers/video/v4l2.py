@@ -81,25 +81,12 @@ def _captures(device: Any) -> bool:
 
 
 def _node(device: Any) -> VideoNode:
-    properties = device.properties
-    bus, port = _usb_place(device)
-    return VideoNode(
-        device=device.device_node or "",
-        serial=properties.get("ID_SERIAL_SHORT", ""),
-        model=properties.get("ID_MODEL", ""),
-        revision=properties.get("ID_REVISION", ""),
-        usb_bus=bus,
-        usb_port=port,
-    )
-
-
-def _usb_place(device: Any) -> tuple[str, str]:
-    """Return the root hub ("usb1") and the port ("1-2.3") of a device; empty if it is not on USB."""
+    names = ("ID_SERIAL_SHORT", "ID_MODEL", "ID_REVISION")
+    serial, model, revision = (device.properties.get(name, "") for name in names)
     parent = device.find_parent("usb", "usb_device")
-    if parent is None:
-        return "", ""
-    port = parent.sys_name
-    return f"usb{port.split('-')[0]}", port
+    port = "" if parent is None else parent.sys_name  # such as "1-2.3", on the root hub "usb1"
+    bus = port and f"usb{port.split('-')[0]}"
+    return VideoNode(device.device_node or "", serial, model, revision, bus, port)
 
 
 def open_capture(device: str) -> cv2.VideoCapture:
@@ -150,7 +137,7 @@ class V4l2Stream(FrameStream):
         """Wait for the next buffer; OpenCV waits at most 10 s."""
         there, data = self._capture.read()
         if not there or data is None:
-            raise DeviceError(self._no_image())
+            raise DeviceError(f"{self._device}: {self._no_image()}")
         self._received_any = True
         arrived_ns = self._clock.now_ns()
         stamped_ns = round(self._capture.get(cv2.CAP_PROP_POS_MSEC) * 1e6)
@@ -186,12 +173,12 @@ class V4l2Stream(FrameStream):
 
     def _no_image(self) -> str:
         if self._received_any:
-            return f"{self._device}: it stopped sending; check its cable"
+            return "it stopped sending; check its cable"
         if not self._sharing:
-            return f"{self._device}: opened, but it sends nothing; unplug it and plug it in again"
+            return "opened, but it sends nothing; unplug it and plug it in again"
         others = ", ".join(f"{node.serial or node.model} at {node.device}" for node in self._sharing)
         return (
-            f"{self._device}: opened, but it sends nothing: most likely no USB bandwidth is left (the "
+            "opened, but it sends nothing: most likely no USB bandwidth is left (the "
             "kernel log then says 'not enough bandwidth' or 'No space left on device'). Bus "
             f"{self._sharing[0].usb_bus} also carries {others}: plug one of them into another host "
             "controller (a hub does not help), or lower rate_hz"

@@ -39,11 +39,11 @@ def check_way(limits: ArmLimits, way: Sequence[Pose]) -> None:
     From inside a box, only a segment straight up is permitted.
     """
     for here, there in pairwise(pose.position_m for pose in way):
+        across = max(abs(here[0] - there[0]), abs(here[1] - there[1]))
+        straight_up = across <= UPRIGHT_M and there[2] > here[2]
         for box in limits.keep_out:
-            if meets(box, here, there) and not (
-                all(low < v < high for low, v, high in zip(box.min_m, here, box.max_m, strict=True))
-                and _straight_up(here, there)
-            ):
+            inside = all(low < v < high for low, v, high in zip(box.min_m, here, box.max_m, strict=True))
+            if meets(box, here, there) and not (inside and straight_up):
                 raise OutOfLimitsError(
                     f"arm: the path from {_text(here)} to {_text(there)} m leads the hand into '{box.name}', "
                     "which the bench file keeps it out of; see [[keep_out]], top_m of [table], and the "
@@ -78,11 +78,6 @@ def meets(box: Box, here: Vector3, there: Vector3) -> bool:
         first, last = sorted(((low - a) / (b - a), (high - a) / (b - a)))
         enters, leaves = max(enters, first), min(leaves, last)
     return enters < leaves
-
-
-def _straight_up(here: Vector3, there: Vector3) -> bool:
-    across = max(abs(here[0] - there[0]), abs(here[1] - there[1]))
-    return across <= UPRIGHT_M and there[2] > here[2]
 
 
 def _text(point: Vector3) -> str:

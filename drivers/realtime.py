@@ -19,7 +19,6 @@ def ask_for_realtime() -> None:
     Objects that exist now are excluded from garbage collection, because a pass over them takes up to 0.1 s.
     """
     _come_first()
-    _keep_from_collection()
 
 
 @contextmanager
@@ -29,7 +28,6 @@ def realtime() -> Iterator[None]:
     Threads that are started in the block keep their priority.
     """
     before = _come_first()
-    _keep_from_collection()
     try:
         yield
     finally:
@@ -39,31 +37,21 @@ def realtime() -> Iterator[None]:
 
 
 def _come_first() -> dict[int, int]:
-    """Request real-time priority for threads without it; return their previous scheduling policies."""
-    threads = _ordinary_threads()
-    for thread in threads:
-        _schedule(thread, os.SCHED_RR, LOWEST_REAL_TIME)
-    return threads
+    """Request real-time priority, and keep existing objects from garbage collection.
 
-
-def _keep_from_collection() -> None:
+    Returns the native ids of the interpreter's threads that had no such priority, with their scheduling
+    policies; empty if the operating system has no such priority.
+    """
+    found: dict[int, int] = {}
+    if hasattr(os, "sched_getscheduler"):
+        for thread in filter(None, (thread.native_id for thread in threading.enumerate())):
+            with suppress(OSError):  # the thread has just ended
+                policy = os.sched_getscheduler(thread)
+                if policy not in (os.SCHED_RR, os.SCHED_FIFO):
+                    found[thread] = policy
+                    _schedule(thread, os.SCHED_RR, LOWEST_REAL_TIME)
     gc.collect()
     gc.freeze()
-
-
-def _ordinary_threads() -> dict[int, int]:
-    """Return the native ids of the interpreter's threads without real-time priority, and their policies.
-
-    Empty if the operating system has no such priority.
-    """
-    if not hasattr(os, "sched_getscheduler"):
-        return {}
-    found: dict[int, int] = {}
-    for thread in filter(None, (thread.native_id for thread in threading.enumerate())):
-        with suppress(OSError):  # the thread has just ended
-            policy = os.sched_getscheduler(thread)
-            if policy not in (os.SCHED_RR, os.SCHED_FIFO):
-                found[thread] = policy
     return found
 
 

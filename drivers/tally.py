@@ -97,7 +97,10 @@ class PictureNews:
 
     def add(self, image: Image, time_ns: int) -> None:
         """Process the next picture, (H, W, 3) uint8 RGB, and its capture time."""
-        seen = _sampled(image)
+        step = max(image.shape[:2]) / SAMPLES
+        height, width = (BLOCK * max(1, round(side / step / BLOCK)) for side in image.shape[:2])
+        # single pixels on a grid, whose sides are multiples of BLOCK
+        seen = np.asarray(cv2.resize(image, (width, height), interpolation=cv2.INTER_NEAREST), np.uint8)
         changes = [_change(seen, old) for old in self._earlier if old.shape == seen.shape]
         least = NOISE_SHARE * self._usual_noise()
         self.repeated = any(share < FEW_SHARE or busy < least for share, _, busy in changes)
@@ -115,13 +118,6 @@ class PictureNews:
         noise = sorted(self._noise)
         quartile = noise[LEARNT_PICTURES // 4]
         return quartile if noise[-1] <= MOST_UNSTEADY * quartile else 0.0
-
-
-def _sampled(image: Image) -> Image:
-    """Return single pixels of a picture on a grid, whose sides are multiples of `BLOCK`."""
-    step = max(image.shape[:2]) / SAMPLES
-    height, width = (BLOCK * max(1, round(side / step / BLOCK)) for side in image.shape[:2])
-    return np.asarray(cv2.resize(image, (width, height), interpolation=cv2.INTER_NEAREST), np.uint8)
 
 
 def _change(image: Image, earlier: Image) -> tuple[float, float, float]:
@@ -143,19 +139,15 @@ class FrameTally:
 
     def __init__(self) -> None:
         self.frames = self.dropped = self.jumped = 0
+        self.out_of_time = False
+        """Whether the newest frame's time jumped, so that it is not the time at which the image was taken."""
         self._times = StreamTimes()
-        self._out_of_time = False
         self._last: Frame | None = None
 
     def add(self, frame: Frame) -> None:
         last, self._last = self._last, frame
         self.frames += 1
-        self._out_of_time = not self._times.follows(frame.time_ns)
-        self.jumped += self._out_of_time
+        self.out_of_time = not self._times.follows(frame.time_ns)
+        self.jumped += self.out_of_time
         if last is not None:
             self.dropped += frame.sequence - last.sequence - 1
-
-    @property
-    def out_of_time(self) -> bool:
-        """Whether the newest frame's time jumped, so that it is not the time at which the image was taken."""
-        return self._out_of_time

@@ -6,8 +6,6 @@ Also pictures of something at rest, for other calibrations.
 from collections.abc import Callable
 from dataclasses import dataclass
 
-import numpy as np
-
 from drivers.bench import Bench
 from drivers.clock import to_ns
 from drivers.errors import DeviceTimeoutError, OutOfLimitsError
@@ -73,7 +71,15 @@ def capture_hand_eye(
                 continue
             motion.wait(MOTION_TIMEOUT_S)
             wait_until_still(bench)
-            keep(_capture(bench, name))
+            # a picture captured after the standstill, between two readings of the arm that agree
+            before = bench.arm.state().base_T_tcp
+            frame = _captured_since(bench, bench.clock.now_ns())
+            after = bench.arm.state().base_T_tcp
+            if _moved(before, after):
+                raise DeviceTimeoutError(
+                    f"arm: moved while picture {name} was taken; is a person guiding it?"
+                )
+            keep(HandEyeCapture(name, after, frame))
     except BaseException:
         bench.arm.stop()
         raise
@@ -100,16 +106,6 @@ def wait_until_still(bench: Bench) -> None:
     )
 
 
-def _capture(bench: Bench, name: str) -> HandEyeCapture:
-    """Return a picture captured after the standstill, between two readings of the arm that agree."""
-    before = bench.arm.state().base_T_tcp
-    frame = _captured_since(bench, bench.clock.now_ns())
-    after = bench.arm.state().base_T_tcp
-    if _moved(before, after):
-        raise DeviceTimeoutError(f"arm: moved while picture {name} was taken; is a person guiding it?")
-    return HandEyeCapture(name, after, frame)
-
-
 def _captured_since(bench: Bench, time_ns: int) -> Frame:
     """Return the first frame captured at `time_ns` or later: an earlier one may show the arm moving.
 
@@ -126,8 +122,8 @@ def _captured_since(bench: Bench, time_ns: int) -> Frame:
 
 
 def _moved(one: Pose, other: Pose) -> bool:
-    step = one.inverse() @ other
-    return bool(np.linalg.norm(step.position_m) > _STILL_M or step.rotation.magnitude() > _STILL_RAD)
+    off_m, off_rad = one.apart(other)
+    return off_m > _STILL_M or off_rad > _STILL_RAD
 
 
 FRAME_AGE_S = 0.25

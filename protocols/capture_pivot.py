@@ -63,8 +63,10 @@ def capture_pivot(
             name = f"{number:02d}"
             turn = tilt * start.rotation
             try:
-                if hole is not None:
-                    _turn_above(bench, hole, turn, tip)
+                if hole is not None:  # rise straight up and turn there, with the estimated tip above the hole
+                    _rise(bench)
+                    above = np.add(hole, (0.0, 0.0, ABOVE_M)) - turn.apply(tip)
+                    _go(bench, Pose.from_rotation(above, turn))
                 _seat(bench, name, nudge)
             except OutOfLimitsError as error:
                 skipped(name, str(error))
@@ -90,13 +92,6 @@ def _seat(bench: Bench, name: str, nudge: Nudge) -> None:
         pose = bench.arm.state().base_T_tcp
         _go(bench, Pose.from_rotation(np.add(pose.position_m, step), pose.rotation))
     raise OutOfLimitsError(f"pose {name}: the tip still did not sit after {MOST_NUDGES} steps")
-
-
-def _turn_above(bench: Bench, hole: np.ndarray, turn: Rotation, tip: Vector3) -> None:
-    """Rise straight up and turn there, with the estimated tip above the hole."""
-    _rise(bench)
-    above = np.add(hole, (0.0, 0.0, ABOVE_M)) - turn.apply(tip)
-    _go(bench, Pose.from_rotation(above, turn))
 
 
 def _rise(bench: Bench) -> None:

@@ -43,7 +43,8 @@ class Touch:
     """One closing. gauge: what the operator places, such as "ball:6.31"; name: for people.
 
     base_T_grasp: TCP pose of the closing. width_m: of the gauge. grip_m: closing beyond the first contact.
-    slack_m: extra opening, in addition to the margin, with which the fingers come down around the gauge.
+    slack_m: extra opening, in addition to the margin, with which the fingers come down around the gauge, if
+    there is room.
     """
 
     id: str
@@ -128,26 +129,17 @@ def _each(
             if before is None or before.gauge != touch.gauge:
                 _leave(bench, before, pump)
                 operator.place(touch.gauge, touch.name)
-                approach(bench, touch.base_T_grasp, _width_with_slack(bench, touch), touch.name)
-            else:
-                _beside(bench, touch, pump)
+                room_m = bench.gripper.spec.open_m - 2 * MARGIN_M
+                width_m = max(touch.width_m, min(touch.width_m + touch.slack_m, room_m))
+                approach(bench, touch.base_T_grasp, width_m, touch.name)
+            else:  # open around the gauge and move to the next place, along the gels
+                open_around(bench, touch.width_m, pump)
+                bench.hand.note(HandState(Holding.AROUND, touch.name, touch.base_T_grasp, touch.width_m))
+                move(bench, touch.base_T_grasp, LOWER_SPEED_M_S).wait(MOTION_TIMEOUT_S)
             before = touch
             pump = start_watching(bench, observer, REFERENCE_S)
             touched(pump, touch, close_to_contact(bench, pump, observer))
         _leave(bench, before, pump)
-
-
-def _width_with_slack(bench: Bench, touch: Touch) -> float:
-    """Return the width around which the fingers come down, m: with the slack, if there is room."""
-    room_m = bench.gripper.spec.open_m - 2 * MARGIN_M
-    return max(touch.width_m, min(touch.width_m + touch.slack_m, room_m))
-
-
-def _beside(bench: Bench, touch: Touch, pump: Pump | None) -> None:
-    """Open the fingers around the gauge and move to the next place, along the gels."""
-    open_around(bench, touch.width_m, pump)
-    bench.hand.note(HandState(Holding.AROUND, touch.name, touch.base_T_grasp, touch.width_m))
-    move(bench, touch.base_T_grasp, LOWER_SPEED_M_S).wait(MOTION_TIMEOUT_S)
 
 
 def _leave(bench: Bench, touch: Touch | None, pump: Pump | None) -> None:

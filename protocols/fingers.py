@@ -56,8 +56,10 @@ def move_fingers(bench: Bench, opening_m: float, pump: Pump | None = None) -> Gr
     reached = bench.gripper.state()
     problem = _problem(reached, opening_m, opens, bench.gripper.spec)
     if problem is None:
-        if pump is not None:
-            pump.expect_fingers(_allowed_m(reached.opening_m, opening_m, bench.gripper.spec))
+        if pump is not None:  # fingers that stopped at an object close further if it gives way
+            slack_m = tolerance_m(bench.gripper.spec) + _ROUNDING_M
+            low_m, high_m = sorted((reached.opening_m, opening_m))
+            pump.expect_fingers((low_m - slack_m, high_m + slack_m))
         return reached
     with suppress(DeviceError):  # the error below is more informative
         bench.gripper.stop()
@@ -103,15 +105,6 @@ def doubt_hand(bench: Bench, why: str) -> None:
 def tolerance_m(spec: GripperSpec) -> float:
     """Return the tolerance of a reached opening, m: `REACHED_M`, at least one step of this gripper."""
     return max(REACHED_M, spec.resolution_m)
-
-
-def _allowed_m(reached_m: float, requested_m: float, spec: GripperSpec) -> tuple[float, float]:
-    """Return the openings that a motion allows afterwards, m: from the reached one to the requested one.
-
-    Fingers that stopped at an object close further if it gives way.
-    """
-    slack_m = tolerance_m(spec) + _ROUNDING_M
-    return min(reached_m, requested_m) - slack_m, max(reached_m, requested_m) + slack_m
 
 
 def _problem(state: GripperState, opening_m: float, opens: bool, spec: GripperSpec) -> str | None:

@@ -1,7 +1,7 @@
 """Object files: where each object is grasped. The package's files are in `protocols/objects`."""
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -166,17 +166,14 @@ def find_grasp_file(text: str, own: Sequence[GraspFile] = ()) -> GraspFile:
     for grasp_file in files:
         if name in grasp_file.names:
             return grasp_file
-    raise unknown_name("object", text, [each for f in files for each in f.names], listed=_listed(files))
+    listed = ", ".join(f"{f.id} {f.name}" for f in sorted(files, key=_order))
+    raise unknown_name("object", text, [each for f in files for each in f.names], listed=listed)
 
 
 def grasp_poses(grasp_file: GraspFile) -> list[GraspPose]:
     """Return the grasp poses of an object: each orientation at each position."""
     pairs = [(p, o) for p in grasp_file.position for o in grasp_file.orientations_deg]
     return [GraspPose(n, position, orientation) for n, (position, orientation) in enumerate(pairs, 1)]
-
-
-def _listed(files: Iterable[GraspFile]) -> str:
-    return ", ".join(f"{f.id} {f.name}" for f in sorted(files, key=_order))
 
 
 def _order(grasp_file: GraspFile) -> tuple[bool, bool, int, str]:

@@ -1,9 +1,5 @@
 """Move to the home pose, where the arm waits while objects are placed. Part of every plan."""
 
-from collections.abc import Sequence
-
-import numpy as np
-
 from drivers.bench import Bench
 from drivers.errors import OutOfLimitsError
 from drivers.motion import check_way
@@ -34,20 +30,7 @@ def go_home(bench: Bench) -> None:
     if _is_there(here, home):
         return
     top = max(pose.position_m[2] for pose in (here, home, bench.base_T_table.translated(z_m=CLEARANCE_M)))
-    way = (_at_height(here, top), _at_height(home, top), home)
-    _require_within(bench, way)
-    check_way(bench.arm.limits, (here, *way))
-    for pose in way:
-        if not _is_there(here, pose):
-            move(bench, pose, TRAVEL_SPEED_M_S).wait(MOTION_TIMEOUT_S)
-            here = pose
-
-
-def _at_height(pose: Pose, z_m: float) -> Pose:
-    return pose.translated(z_m=z_m - pose.position_m[2])
-
-
-def _require_within(bench: Bench, way: Sequence[Pose]) -> None:
+    way = (*(pose.translated(z_m=top - pose.position_m[2]) for pose in (here, home)), home)
     limits = bench.arm.limits
     for pose in way:
         if not limits.has_inside(pose.position_m):
@@ -56,8 +39,13 @@ def _require_within(bench: Bench, way: Sequence[Pose]) -> None:
                 f"arm: the path home leads through {pose.position_m} m, outside {low} to {high} m; "
                 "bring the arm inside with the pendant, then start again"
             )
+    check_way(limits, (here, *way))
+    for pose in way:
+        if not _is_there(here, pose):
+            move(bench, pose, TRAVEL_SPEED_M_S).wait(MOTION_TIMEOUT_S)
+            here = pose
 
 
 def _is_there(here: Pose, there: Pose) -> bool:
-    step = here.inverse() @ there
-    return bool(np.linalg.norm(step.position_m) < _THERE_M and step.rotation.magnitude() < _THERE_RAD)
+    off_m, off_rad = here.apart(there)
+    return off_m < _THERE_M and off_rad < _THERE_RAD

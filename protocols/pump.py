@@ -136,15 +136,15 @@ class Pump:
                 return first.source, first.take()
             if (camera := self._camera) is not None:
                 camera.poll()
-                if camera.waiting is not None and self._time_for(camera.waiting, first.next_ns):
+                now_ns = self._bench.clock.now_ns()
+                # if processing the picture delays no fingertip, or the picture has waited too long
+                if camera.waiting is not None and (
+                    first.next_ns - now_ns >= to_ns(PICTURE_S)
+                    or not 0 <= now_ns - camera.waiting.time_ns < to_ns(PATIENCE_S)
+                ):
                     return camera.source, camera.take()
                 camera.check_alive(self._bench.clock.now_ns())
             first.fetch()
-
-    def _time_for(self, picture: Frame, due_ns: int) -> bool:
-        """Whether processing a camera picture delays no fingertip, or the picture has waited too long."""
-        now_ns = self._bench.clock.now_ns()
-        return due_ns - now_ns >= to_ns(PICTURE_S) or not 0 <= now_ns - picture.time_ns < to_ns(PATIENCE_S)
 
     def _deliver(self, source: FrameSource, frame: Frame) -> None:
         if source is self._bench.camera and self._bench.actuators:

@@ -66,18 +66,10 @@ class Reflex:
     """
 
     def __init__(
-        self,
-        bench: Bench,
-        pump: Pump,
-        observer: LiftEvents,
-        reaction: Reaction | None,
-        contact_m: float,
+        self, bench: Bench, pump: Pump, observer: LiftEvents, reaction: Reaction | None, contact_m: float,
         grip_steps: int,
-    ) -> None:
-        self._bench = bench
-        self._pump = pump
-        self._observer = observer
-        self._reaction = reaction
+    ) -> None:  # fmt: skip
+        self._bench, self._pump, self._observer, self._reaction = bench, pump, observer, reaction
         spec = bench.gripper.spec
         contact = spec.step_at(contact_m)
         self._position = contact + grip_steps
@@ -101,19 +93,16 @@ class Reflex:
         rising: the arm's motion, if any. Frames are delivered during the reaction.
         """
         self._left -= 1
-        self._stop(rising)
-        caught = self._tighten() and self._left > 0
-        self._report(ReactionStep.REST if caught else ReactionStep.ENDS)
-        if not caught:
-            self._left = 0
-        return caught
-
-    def _stop(self, rising: Motion | None) -> None:
         self._report(ReactionStep.STOP)
         self._bench.arm.stop()
         if rising is not None:
             self._pump.run_until(rising.done, MOTION_TIMEOUT_S, "the arm did not stop after a slip")
         self._report(ReactionStep.STANDS)
+        caught = self._tighten() and self._left > 0
+        self._report(ReactionStep.REST if caught else ReactionStep.ENDS)
+        if not caught:
+            self._left = 0
+        return caught
 
     def _tighten(self) -> bool:
         """Close step by step until the object is at rest; return whether the lift may continue.
@@ -125,20 +114,16 @@ class Reflex:
         if self._reaction is None or self._reaction.kind is not ReactionKind.TIGHTEN:
             return False
         while self._position < self._firmest:
-            self._close(min(self._position + self._closing, self._firmest))
+            self._position = min(self._position + self._closing, self._firmest)
+            self._report(ReactionStep.CLOSE)
+            opening_m = self._bench.gripper.spec.opening_at(self._position)
+            self._observer.gripper(move_fingers(self._bench, opening_m, self._pump))
+            self._report(ReactionStep.CLOSED)
             self._closing *= 2
             if self._comes_to_rest(self._reaction.sense.at_rest):
                 return True
         self._comes_to_rest(self._reaction.sense.at_rest)
         return not self._reaction.sense.another_is_too_much()
-
-    def _close(self, position: int) -> None:
-        """Close to a position in steps of the gripper's resolution from open."""
-        self._position = position
-        self._report(ReactionStep.CLOSE)
-        opening_m = self._bench.gripper.spec.opening_at(position)
-        self._observer.gripper(move_fingers(self._bench, opening_m, self._pump))
-        self._report(ReactionStep.CLOSED)
 
     def _comes_to_rest(self, at_rest: Callable[[], bool]) -> bool:
         end_ns = self._bench.clock.now_ns() + to_ns(REST_TIMEOUT_S)

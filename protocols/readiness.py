@@ -4,6 +4,7 @@ The state of the hand comes from the program that moved it last (`Bench.hand`, s
 the gripper. Unless both report it free, a person at the bench is asked before fingers open or the arm moves.
 """
 
+from contextlib import suppress
 from dataclasses import replace
 
 from drivers.bench import Bench
@@ -46,7 +47,10 @@ def free_hand(bench: Bench, operator: Operator, after_fault: bool = False) -> No
         _free(bench, operator, hand, "The last lift ended in a fault. " if after_fault else "")
     elif after_fault:
         operator.look("The last lift ended in a fault; nothing is held. Look at the bench: shall it go on?")
-    bench.hand.note(HandState(Holding.FREE, finger_opening_m=_finger_opening_m(bench)))
+    opening_m = None
+    with suppress(GripperFaultError):
+        opening_m = bench.gripper.state().opening_m
+    bench.hand.note(HandState(Holding.FREE, finger_opening_m=opening_m))
 
 
 def agree_to_carry(bench: Bench, operator: Operator) -> None:
@@ -94,23 +98,22 @@ def _free(bench: Bench, operator: Operator, hand: HandState, why: str) -> None:
     """
     place = hand.base_T_grasp
     held = hand.holding is Holding.HELD
-    if held and place is not None and is_above(bench.arm.state().base_T_tcp, place):
-        operator.look(
-            f"{why}{_seen(hand)} Shall it be set down where it was taken, the fingers open and the arm rise?"
-        )
-        bench.hand.note(hand)
+    lowers = held and place is not None and is_above(bench.arm.state().base_T_tcp, place)
+    question = "Hold any object between the fingers: shall they open now, and the arm rise?"
+    if lowers:
+        question = "Shall it be set down where it was taken, the fingers open and the arm rise?"
+    operator.look(f"{why}{_seen(hand)} {question}")
+    bench.hand.note(hand)
+    if lowers and place is not None:
         move(bench, place, LOWER_SPEED_M_S).wait(MOTION_TIMEOUT_S)
-    else:
-        operator.look(
-            f"{why}{_seen(hand)} Hold any object between the fingers: shall they open now, and the arm rise?"
-        )
-        bench.hand.note(hand)
-    opening_m = _open(bench, operator)
-    operator.look(
-        f"The fingers have opened to {1e3 * opening_m:.1f} mm. Is the hand empty, and may the arm rise?"
-    )
+    _activate(bench, operator)
+    opening_mm = 1e3 * move_fingers(bench, bench.gripper.spec.open_m).opening_m
+    operator.look(f"The fingers have opened to {opening_mm:.1f} mm. Is the hand empty, and may the arm rise?")
     bench.hand.note(replace(hand, holding=Holding.AROUND))
-    _rise(bench)
+    pose = bench.arm.state().base_T_tcp
+    rise_m = bench.base_T_table.position_m[2] + CLEARANCE_M - pose.position_m[2]
+    if rise_m > 0.0:
+        move(bench, pose.translated(z_m=rise_m), LOWER_SPEED_M_S).wait(MOTION_TIMEOUT_S)
 
 
 def _seen(hand: HandState) -> str:
@@ -121,19 +124,6 @@ def _seen(hand: HandState) -> str:
         Holding.HELD: f"The hand holds {what}.",
         Holding.UNKNOWN: f"It is unknown whether the fingers hold something ({hand.what}).",
     }[hand.holding]
-
-
-def _finger_opening_m(bench: Bench) -> float | None:
-    try:
-        return bench.gripper.state().opening_m
-    except GripperFaultError:
-        return None
-
-
-def _open(bench: Bench, operator: Operator) -> float:
-    """Activate the gripper if needed, open the fingers, and return the opening that they reached, m."""
-    _activate(bench, operator)
-    return move_fingers(bench, bench.gripper.spec.open_m).opening_m
 
 
 def _activate(bench: Bench, operator: Operator) -> None:
@@ -148,11 +138,3 @@ def _activate(bench: Bench, operator: Operator) -> None:
     except GripperFaultError as error:
         operator.look(f"{error}. Activate it now? Its fingers sweep their range and drop any object.")
     bench.gripper.activate()
-
-
-def _rise(bench: Bench) -> None:
-    """Rise straight up to the clearance height above the table."""
-    pose = bench.arm.state().base_T_tcp
-    rise = bench.base_T_table.position_m[2] + CLEARANCE_M - pose.position_m[2]
-    if rise > 0.0:
-        move(bench, pose.translated(z_m=rise), LOWER_SPEED_M_S).wait(MOTION_TIMEOUT_S)

@@ -8,7 +8,6 @@
 A second interrupt ends that as well: everything stops immediately and stays.
 """
 
-import math
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 
@@ -70,10 +69,9 @@ def halt(bench: Bench) -> str:
 
 def is_above(pose: Pose, base_T_grasp: Pose) -> bool:  # noqa: N803
     """Whether the TCP is straight above a grasp, with the same orientation."""
-    (x, y, z), (grasp_x, grasp_y, grasp_z) = pose.position_m, base_T_grasp.position_m
-    turn = float((pose.rotation.inv() * base_T_grasp.rotation).magnitude())
-    beside = math.hypot(x - grasp_x, y - grasp_y)
-    return beside <= BESIDE_M and turn <= TURNED_RAD and z >= grasp_z - BESIDE_M
+    above_m = pose.position_m[2] - base_T_grasp.position_m[2]
+    beside_m, turn_rad = pose.translated(z_m=-above_m).apart(base_T_grasp)
+    return beside_m <= BESIDE_M and turn_rad <= TURNED_RAD and above_m >= -BESIDE_M
 
 
 def is_around(pose: Pose, hand: HandState) -> bool:

@@ -9,18 +9,11 @@ from protocols.observer import LiftObserver, Phase
 from protocols.pump import Pump
 from protocols.reaction import Reaction, Reflex
 from protocols.safe_end import safe_end
-from protocols.steps import (
-    approach,
-    close_to_contact,
-    lift,
-    lower_and_release,
-    start_watching,
-    tighten,
-)
+from protocols.steps import approach, close_to_contact, lift, lower_and_release, start_watching, tighten
 
 REFERENCE_S = 0.25
-GRASP_S = 3.0
-SETTLE_S = 0.8
+GRASP_S, SETTLE_S = 3.0, 0.8
+"""Duration of phase A, and least time from the end of the closing until the lift."""
 LIFT_S = 1.5
 HOLD_S = 1.2
 SEEN_S = 0.3
@@ -59,7 +52,11 @@ def run_lift(bench: Bench, plan: LiftPlan, observer: LiftObserver, reaction: Rea
     with safe_end(bench):
         approach(bench, plan.base_T_grasp, plan.width_m, plan.object_name)
         pump = start_watching(bench, observer, REFERENCE_S)
-        contact_m = _grasp(bench, pump, observer, plan)
+        began_ns = bench.clock.now_ns()
+        contact_m = close_to_contact(bench, pump, observer)
+        tighten(bench, pump, observer, contact_m, plan.grip_steps)
+        spent_s = (bench.clock.now_ns() - began_ns) / 1e9
+        pump.run_for(max(GRASP_S - spent_s, SETTLE_S))
         reflex = Reflex(bench, pump, observer, reaction, contact_m, plan.grip_steps)
         observer.phase(Phase.LIFT, pump.seen_ns)
         lifted = _rise(bench, pump, plan, reflex)
@@ -70,19 +67,6 @@ def run_lift(bench: Bench, plan: LiftPlan, observer: LiftObserver, reaction: Rea
             pump.run_for(SEEN_S)
         observer.phase(Phase.LOWER, pump.seen_ns)
         lower_and_release(bench, plan.base_T_grasp, plan.width_m, pump)
-
-
-def _grasp(bench: Bench, pump: Pump, observer: LiftObserver, plan: LiftPlan) -> float:
-    """Close to first contact, a few steps further, and wait until phase A has lasted GRASP_S.
-
-    Returns the opening at first contact, m.
-    """
-    began_ns = bench.clock.now_ns()
-    contact_m = close_to_contact(bench, pump, observer)
-    tighten(bench, pump, observer, contact_m, plan.grip_steps)
-    spent_s = (bench.clock.now_ns() - began_ns) / 1e9
-    pump.run_for(max(GRASP_S - spent_s, SETTLE_S))
-    return contact_m
 
 
 def _rise(bench: Bench, pump: Pump, plan: LiftPlan, reflex: Reflex) -> bool:

@@ -11,7 +11,7 @@ import numpy as np
 
 from drivers.bench import Bench
 from drivers.errors import ContactForceError, FingerMotionError, GraspError, OutOfLimitsError
-from drivers.interfaces import Arm, Motion
+from drivers.interfaces import Motion
 from drivers.motion import PolledMotion, check_way
 from drivers.types import ArmState, GripperSpec, GripperState, HandState, Holding, Pose
 from protocols.fingers import MOTION_TIMEOUT_S, doubt_hand, move_fingers, release, wait_with
@@ -31,27 +31,23 @@ def guarded(bench: Bench, motion: Motion, before: ArmState) -> Motion:
     limit_n = bench.arm.limits.max_contact_force_n
 
     def has_ended() -> bool:
-        state = bench.arm.state()
+        now = bench.arm.state()
         if limit_n is not None:
-            _require_no_contact(bench.arm, before, state, limit_n)
+            change_n = float(np.linalg.norm(np.subtract(now.force_n, before.force_n)))
+            if not change_n <= limit_n:
+                bench.arm.stop()
+                x, y, z = now.base_T_tcp.position_m
+                raise ContactForceError(
+                    f"arm: met an obstacle on its way down at ({x:.3f}, {y:.3f}, {z:.3f}) m: the force "
+                    f"changed by {change_n:.0f} N (max_contact_force_n {limit_n:g}); it was stopped. Check "
+                    "what is in the way, and that the table's and the object's heights in the bench file are "
+                    "right"
+                )
         if bench.hand.state.holding is not Holding.HELD:
             bench.gripper.state()
         return motion.done()
 
     return PolledMotion("arm", bench.clock, has_ended, bench.arm.stop)
-
-
-def _require_no_contact(arm: Arm, before: ArmState, now: ArmState, limit_n: float) -> None:
-    change_n = float(np.linalg.norm(np.subtract(now.force_n, before.force_n)))
-    if change_n <= limit_n:
-        return
-    arm.stop()
-    x, y, z = now.base_T_tcp.position_m
-    raise ContactForceError(
-        f"arm: met an obstacle on its way down at ({x:.3f}, {y:.3f}, {z:.3f}) m: the force changed by "
-        f"{change_n:.0f} N (max_contact_force_n {limit_n:g}); it was stopped. Check what is in the "
-        "way, and that the table's and the object's heights in the bench file are right"
-    )
 
 
 TRAVEL_SPEED_M_S = 0.25
@@ -190,23 +186,13 @@ def lift(bench: Bench, base_T_grasp: Pose, height_m: float, duration_s: float) -
     return bench.arm.move_linear(base_T_grasp.translated(z_m=height_m), speed, acceleration)
 
 
-def lower_and_release(
-    bench: Bench,
-    base_T_grasp: Pose,  # noqa: N803
-    width_m: float,
-    pump: Pump | None = None,
-) -> None:
+def lower_and_release(bench: Bench, base_T_grasp: Pose, width_m: float, pump: Pump | None = None) -> None:  # noqa: N803
     """Set the object down, open the fingers, and retreat upwards, as `open_and_rise` does."""
     wait_with(pump, move(bench, base_T_grasp, LOWER_SPEED_M_S), "the arm")
     open_and_rise(bench, base_T_grasp, width_m, pump)
 
 
-def open_and_rise(
-    bench: Bench,
-    base_T_grasp: Pose,  # noqa: N803
-    width_m: float,
-    pump: Pump | None = None,
-) -> None:
+def open_and_rise(bench: Bench, base_T_grasp: Pose, width_m: float, pump: Pump | None = None) -> None:  # noqa: N803
     """Open the fingers around an object that rests on its support, and rise straight up.
 
     pump: delivers frames until the fingers are open; with one, the fingertips must then show no contact.

@@ -1,6 +1,5 @@
 """Teach where an object is grasped: a person brings the hand there, the fingers measure its width."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -50,22 +49,20 @@ def lead_by_hand(bench: Bench, operator: Operator, question: str, where: Pose, l
     with operator.guide(question, where) as there:
         try:
             bench.arm.begin_guiding()
-            _wait_led(bench, there, limit_s)
+            end_ns = bench.clock.now_ns() + to_ns(limit_s)
+            while not there():
+                if bench.arm.state().mode is not ArmMode.RUNNING:
+                    raise ProtectiveStopError(
+                        "arm: it stopped itself while it was guided by hand; inspect it, then start again"
+                    )
+                if bench.clock.now_ns() >= end_ns:
+                    raise OperatorStopError(
+                        f"stopped: no confirmation within {limit_s:g} s that the hand is there"
+                    )
+                bench.clock.sleep_until(bench.clock.now_ns() + to_ns(POLL_S))
         finally:
             bench.arm.end_guiding()
     return bench.arm.state().base_T_tcp
-
-
-def _wait_led(bench: Bench, there: Callable[[], bool], limit_s: float) -> None:
-    end_ns = bench.clock.now_ns() + to_ns(limit_s)
-    while not there():
-        if bench.arm.state().mode is not ArmMode.RUNNING:
-            raise ProtectiveStopError(
-                "arm: it stopped itself while it was guided by hand; inspect it, then start again"
-            )
-        if bench.clock.now_ns() >= end_ns:
-            raise OperatorStopError(f"stopped: no confirmation within {limit_s:g} s that the hand is there")
-        bench.clock.sleep_until(bench.clock.now_ns() + to_ns(POLL_S))
 
 
 def step_by_keys(bench: Bench, operator: Operator, question: str, where: Pose) -> Pose:
@@ -86,7 +83,9 @@ def step_by_keys(bench: Bench, operator: Operator, question: str, where: Pose) -
                 size = key
             elif (target := stepped(here, key, size)) is not None:
                 try:
-                    _step(bench, target)
+                    before = bench.arm.state()
+                    motion = bench.arm.move_linear(target, STEP_SPEED_M_S, STEP_ACCELERATION_M_S2)
+                    guarded(bench, motion, before).wait(MOTION_TIMEOUT_S)
                 except OutOfLimitsError as error:
                     text = f"refused: {error}"
 
@@ -101,12 +100,6 @@ def stepped(here: Pose, key: str, size: str) -> Pose | None:
         turn = Rotation.from_euler("y", -sign * STEPS_DEG[size], degrees=True)
         return Pose.from_rotation(here.position_m, turn * here.rotation)
     return None
-
-
-def _step(bench: Bench, target: Pose) -> None:
-    before = bench.arm.state()
-    motion = bench.arm.move_linear(target, STEP_SPEED_M_S, STEP_ACCELERATION_M_S2)
-    guarded(bench, motion, before).wait(MOTION_TIMEOUT_S)
 
 
 def open_hand(bench: Bench) -> None:

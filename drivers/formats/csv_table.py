@@ -39,7 +39,14 @@ def parse_number(text: str) -> float:
 
     Raises `FormatError` that begins with the text; callers prefix its place.
     """
-    value = float(_checked(text))
+    text = text.strip(_BLANKS)
+    if _COMMA.fullmatch(text):
+        raise FormatError(
+            f"{shown(text)} has a comma: write numbers with a decimal point, without thousands separators"
+        )
+    if not _NUMBER.fullmatch(text):
+        raise FormatError(f"{shown(text)} is not a number")
+    value = float(text)
     if not math.isfinite(value):
         raise FormatError(f"{shown(text)} is too large")
     return value
@@ -90,17 +97,6 @@ def _in(parse: Callable[[str], Value], row: Mapping[str, str], column: str, wher
         return parse(row.get(column, ""))
     except FormatError as error:
         raise FormatError(f"{where}: column {column}: {error}") from error
-
-
-def _checked(text: str) -> str:
-    text = text.strip(_BLANKS)
-    if _NUMBER.fullmatch(text):
-        return text
-    if _COMMA.fullmatch(text):
-        raise FormatError(
-            f"{shown(text)} has a comma: write numbers with a decimal point, without thousands separators"
-        )
-    raise FormatError(f"{shown(text)} is not a number")
 
 
 def _exact(text: str, value: float) -> Decimal:

@@ -42,7 +42,7 @@ def parse_json(data: bytes, where: str) -> Any:
     """Parse a JSON text in UTF-8. where: its name in errors. Raises `FormatError`."""
     try:
         text = data.decode("utf-8-sig")
-        value = json.loads(text, parse_int=_whole, parse_float=_finite, parse_constant=_no_number)
+        value = json.loads(text, parse_int=_whole, parse_float=_finite, parse_constant=_finite)
         if "\\ud" in text.lower():  # half of a surrogate pair: it can be neither written nor printed
             json.dumps(value, ensure_ascii=False).encode()
     except RecursionError as error:
@@ -67,12 +67,11 @@ def _whole(text: str) -> int:
 def _finite(text: str) -> float:
     value = float(text)
     if not math.isfinite(value):
-        raise ValueError(f"the number {text[:LONGEST_WHOLE]} is too large")
+        is_number = text[-1].isdigit()  # otherwise NaN or Infinity
+        raise ValueError(
+            f"the number {text[:LONGEST_WHOLE]} is too large" if is_number else f"{text} is not a number"
+        )
     return value
-
-
-def _no_number(text: str) -> float:
-    raise ValueError(f"{text} is not a number")
 
 
 def read_toml(path: Path) -> dict[str, Any]:
@@ -136,13 +135,9 @@ def _yaml_whole(loader: _Loader, node: yaml.ScalarNode) -> int:
     return int(text, 8 if text.lstrip("+-").startswith("0") and text.lstrip("+-").isdigit() else 0)
 
 
-def _opencv_matrix(loader: _Loader, node: yaml.MappingNode) -> dict[Any, Any]:
-    return loader.construct_mapping(node, deep=True)
-
-
 _Loader.yaml_implicit_resolvers = {
     first: [(tag, pattern) for tag, pattern in kinds if not tag.endswith(":timestamp")]
     for first, kinds in _Loader.yaml_implicit_resolvers.items()
 }
 _Loader.add_constructor("tag:yaml.org,2002:int", _yaml_whole)
-_Loader.add_constructor(_OPENCV_MATRIX, _opencv_matrix)
+_Loader.add_constructor(_OPENCV_MATRIX, lambda loader, node: loader.construct_mapping(node, deep=True))

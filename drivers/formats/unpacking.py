@@ -58,22 +58,20 @@ def check_pieces(where: str, packed: int, pieces: Iterable[tuple[str, bytes]]) -
 
 def _sizes(kind: str, data: bytes) -> Iterable[int]:
     """Yield the sizes of a piece's decompressed parts."""
-    start = _STARTS.get(kind)
-    if start is None:
+    if kind == "zstd":
+        # any window size: only the counted part of it is used, and other decoders accept larger ones
+        unpack = zstandard.ZstdDecompressor(max_window_size=1 << 31)
+        read = unpack.stream_reader(data, read_across_frames=True).read
+    elif kind in _DECOMPRESSORS:
+        read = _bounded(_DECOMPRESSORS[kind], data)
+    else:
         yield len(data)
         return
-    read = start(data)
     try:
         while size := len(read(_STEP)):
             yield size
     except (zstandard.ZstdError, OSError, EOFError, RuntimeError, ValueError):
         return
-
-
-def _zstd(data: bytes) -> Callable[[int], bytes]:
-    # any window size: only the counted part of it is used, and other decoders accept larger ones
-    unpack = zstandard.ZstdDecompressor(max_window_size=1 << 31)
-    return unpack.stream_reader(data, read_across_frames=True).read
 
 
 def _bounded(make: Callable[[], Any], data: bytes) -> Callable[[int], bytes]:
@@ -95,11 +93,7 @@ def _bounded(make: Callable[[], Any], data: bytes) -> Callable[[int], bytes]:
     return read
 
 
-_STARTS: dict[str, Callable[[bytes], Callable[[int], bytes]]] = {
-    "zstd": _zstd,
-    "lz4": lambda data: _bounded(lz4.frame.LZ4FrameDecompressor, data),
-    "bz2": lambda data: _bounded(bz2.BZ2Decompressor, data),
-}
+_DECOMPRESSORS = {"lz4": lz4.frame.LZ4FrameDecompressor, "bz2": bz2.BZ2Decompressor}
 
 
 _INSIDE = {

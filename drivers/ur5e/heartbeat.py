@@ -102,14 +102,13 @@ class Heartbeat:
         self.halted = ""
         """Reason if this class stopped the newest motion; otherwise empty."""
 
-    def begin(self, speed_m_s: float) -> None:
-        self._watch(silence_limit_s(speed_m_s), LONGEST_S, guided=False)
-
-    def begin_guiding(self) -> None:
-        self._watch(GUIDED_S, GUIDED_S, guided=True)
-
-    def _watch(self, limit_s: float, longest_s: float, guided: bool) -> None:
-        self._limit_ns, self._longest_ns, self._guided = to_ns(limit_s), to_ns(longest_s), guided
+    def begin(self, speed_m_s: float | None) -> None:
+        """Supervise a motion at a speed, or, without one, guiding by hand."""
+        self._guided = speed_m_s is None
+        limit_s, longest_s = GUIDED_S, GUIDED_S
+        if speed_m_s is not None:
+            limit_s, longest_s = silence_limit_s(speed_m_s), LONGEST_S
+        self._limit_ns, self._longest_ns = to_ns(limit_s), to_ns(longest_s)
         self.halted = ""
         self._state.note_guiding_lost(False)
         self._began_ns = self._checked_ns = self._clock.now_ns()

@@ -128,7 +128,7 @@ class ControlCommands:
     def begin_guiding(self) -> bool:
         """Let a person lead the arm by hand (URScript teach_mode)."""
         self._guided = True
-        self._heartbeat.begin_guiding()
+        self._heartbeat.begin(None)
         return self._control.teachMode()
 
     def end_guiding(self) -> bool:
@@ -279,8 +279,8 @@ def listen(
                 timestamp_s,
                 received_ns,
                 sampled_ns,
-                *map(tuple, (receive.getActualQ(), receive.getActualTCPPose())),  # type: ignore[arg-type]
-                *map(tuple, (receive.getActualTCPSpeed(), receive.getActualTCPForce())),  # type: ignore[arg-type]
+                *(tuple(receive.getActualQ()), tuple(receive.getActualTCPPose())),  # type: ignore[arg-type]
+                *(tuple(receive.getActualTCPSpeed()), tuple(receive.getActualTCPForce())),  # type: ignore[arg-type]
                 payload_kg=receive.getPayload() if with_payload else math.nan,
                 payload_cog_m=tuple(receive.getPayloadCog()) if with_payload else (math.nan,) * 3,  # type: ignore[arg-type]
                 speed_fraction=receive.getTargetSpeedFraction(),

@@ -9,7 +9,7 @@ import contextlib
 import mmap
 import os
 import struct
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 from drivers.values import Vector3, Vector6
@@ -74,28 +74,24 @@ class SharedState:
     def write(self, sample: StateSample) -> None:
         """Publish a sample. Only one process may write."""
         count = self._words[_COUNT]
-        _SAMPLE.pack_into(
-            self._memory,
-            _place(count + 1),
-            *(sample.timestamp_s, sample.received_ns, sample.sampled_ns),
-            *(*sample.joints_rad, *sample.pose, *sample.speed, *sample.wrench),
-            *(sample.payload_kg, *sample.payload_cog_m, sample.speed_fraction),
-            *(sample.robot_mode, sample.safety_bits, sample.status_bits, sample.runtime_state),
-            *(sample.samples, sample.gaps),
-        )
+        values = (getattr(sample, field.name) for field in fields(sample))
+        flat = [v for value in values for v in (value if isinstance(value, tuple) else (value,))]
+        _SAMPLE.pack_into(self._memory, _place(count + 1), *flat)
         self._words[_COUNT] = count + 1
 
     def note_poll(self, time_ns: int) -> None:
-        with contextlib.suppress(ValueError):  # closed
-            self._words[_POLLED] = time_ns
+        self._note(_POLLED, time_ns)
 
     def polled_ns(self) -> int:
         """Monotonic time of the newest poll; 0 before the first."""
         return self._words[_POLLED]
 
     def note_guiding_lost(self, lost: bool) -> None:
+        self._note(_GUIDING_LOST, lost)
+
+    def _note(self, word: int, value: int) -> None:
         with contextlib.suppress(ValueError):  # closed
-            self._words[_GUIDING_LOST] = lost
+            self._words[word] = value
 
     def guiding_lost(self) -> bool:
         """Whether guiding by hand was ended because the program did not poll; False after `close`."""
@@ -120,10 +116,6 @@ def _place(count: int) -> int:
 
 
 def _sample(values: tuple[Any, ...]) -> StateSample:
-    timestamp_s, received_ns, sampled_ns, *rest = values
-    joints, pose, speed, wrench = (tuple(rest[i : i + 6]) for i in range(0, 24, 6))
-    payload_kg, *rest = rest[24:]
-    cog = (rest[0], rest[1], rest[2])
-    return StateSample(
-        timestamp_s, received_ns, sampled_ns, joints, pose, speed, wrench, payload_kg, cog, *rest[3:]
-    )
+    vectors = (values[i : i + 6] for i in range(3, 27, 6))
+    nested = [*values[:3], *vectors, values[27], values[28:31], *values[31:]]
+    return StateSample(*nested)

@@ -13,11 +13,11 @@ that doing so often wears the gripper out.
 """
 
 import threading
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 
-from drivers.clock import Clock, SystemClock, require_full_speed
-from drivers.errors import DeviceError, NotConnectedError
+from drivers.clock import Clock, SystemClock, require_full_speed, to_ns
+from drivers.errors import DeviceError, DeviceTimeoutError, NotConnectedError
 from drivers.interfaces import Gripper
 from drivers.motion import PolledMotion
 from drivers.robotiq_3f.modbus import GripperLine, Link, StatusSample, rtu_link, tcp_link
@@ -27,12 +27,13 @@ from drivers.robotiq_3f.registers import (
     MAX_SPEED_M_S,
     MIN_FORCE_N,
     MIN_SPEED_M_S,
+    REFRESH_S,
     Command,
     GripperCommands,
     ObjectStatus,
-    Sent,
     Stage,
     Status,
+    echoes,
     pack_command,
     require_ready,
     require_sound,
@@ -80,7 +81,7 @@ class Robotiq3F(Gripper):
         open_counts: int = OPEN_COUNTS,
     ) -> None:
         self._link = link
-        self._commands = GripperCommands.of(fingers, spec, open_counts, speed_m_s, force_n)
+        self._commands = GripperCommands(tuple(fingers), spec, open_counts, speed_m_s, force_n)
         self._clock = clock or SystemClock()
         require_full_speed(self._clock, link.name, link.host)
         self._line: GripperLine | None = None
@@ -91,7 +92,8 @@ class Robotiq3F(Gripper):
         self._forget()
 
     def _forget(self) -> None:
-        self._sent: Sent | None = None
+        self._sent: tuple[Command, int | None] | None = None
+        """The last motion command, and the time (ns) of its acknowledgement; None before that."""
         self._parked: dict[str, int] | None = None
         self._was_ready = False
 
@@ -125,13 +127,25 @@ class Robotiq3F(Gripper):
         Ends in basic mode, without faults. Raises `GripperFaultError` (0x0D: the sweep was blocked),
         `DeviceTimeoutError`, and `DeviceError` if `stop` ended it.
         """
-        with self._as_sequence(ACTIVATION):
+
+        def activated(status: Status) -> bool:
+            if not status.activated:
+                raise DeviceError(
+                    f"{self._link.name}: the activation was ended by a reset from another client"
+                )
+            return self._sound(status).ready
+
+        # named, so that `stop` resets it whatever the status shows
+        self._stopped, self._sequence = False, ACTIVATION
+        try:
             self._forget()
             self._send(Command())
             self._watch("the reset", lambda s: not s.activated and s.stage is Stage.RESET, RESET_TIMEOUT_S)
             self._send(Command(activate=True))
             self._watch("the activation bit", lambda s: s.activated, RESET_TIMEOUT_S)
-            self._watch("activation", self._still_activating, ACTIVATION_TIMEOUT_S)
+            self._watch("activation", activated, ACTIVATION_TIMEOUT_S)
+        finally:
+            self._sequence = ""
 
     def state(self) -> GripperState:
         """Return the newest state, at most 10 ms old while the connection is good.
@@ -151,14 +165,11 @@ class Robotiq3F(Gripper):
             time_ns=sample.time_ns,
             activated=status.ready or status.stage is Stage.CHANGING_MODE,
             moving=self._awaits_echo(sample) or under_way(status),
-            opening_m=self._commands.opening_at(counts),
+            opening_m=self.spec.opening_at(counts - self._commands.open_counts),
             fault_code=status.fault,
             gripping=any(axis.status is ObjectStatus.CONTACT_CLOSING for axis in grasping),
             obstructed=any(axis.status is ObjectStatus.CONTACT_OPENING for axis in grasping),
-            raw={
-                "position_counts": counts,
-                "current_counts": max(axis.current for axis in grasping),
-            },
+            raw={"position_counts": counts, "current_counts": max(axis.current for axis in grasping)},
             mode=status.mode.name.lower(),
         )
 
@@ -198,11 +209,11 @@ class Robotiq3F(Gripper):
 
     def round_trips_s(self) -> Sequence[float]:
         """Return the durations of the last answered requests, s; at most 1000."""
-        return self._connected().round_trips_s()
+        return tuple(self._connected().requests.round_trips_s)
 
     def counters(self) -> dict[str, int]:
         """Return the number of failed requests since `connect`, retried ones included."""
-        return {"failed_requests": self._connected().failures()}
+        return {"failed_requests": self._connected().requests.failures}
 
     def _connected(self) -> GripperLine:
         line = self._line
@@ -215,15 +226,6 @@ class Robotiq3F(Gripper):
         self._was_ready = self._sequence != ACTIVATION and (self._was_ready or status.ready)
         return status
 
-    @contextmanager
-    def _as_sequence(self, name: str) -> Iterator[None]:
-        """Name the sequence in progress, so that `stop` resets it whatever the status shows."""
-        self._stopped, self._sequence = False, name
-        try:
-            yield
-        finally:
-            self._sequence = ""
-
     def _send(self, command: Command) -> None:
         with self._lock:
             self._require_unstopped()
@@ -234,29 +236,32 @@ class Robotiq3F(Gripper):
             raise DeviceError(f"{self._link.name}: the {self._sequence} was ended by a stop")
 
     def _write(self, command: Command) -> None:
-        self._sent = Sent(command, None) if command.go_to else None
+        self._sent = (command, None) if command.go_to else None
         try:
             self._connected().send(pack_command(command))
         except DeviceError:
             self._sent = None
             raise
         if command.go_to:
-            self._sent = Sent(command, self._clock.now_ns())
-
-    def _still_activating(self, status: Status) -> bool:
-        if not status.activated:
-            raise DeviceError(f"{self._link.name}: the activation was ended by a reset from another client")
-        return self._sound(status).ready
+            self._sent = command, self._clock.now_ns()
 
     def _awaits_echo(self, sample: StatusSample) -> bool:
         """Whether the status does not show the last motion yet. Raises if it never does."""
         sent = self._sent
         if sent is None:
             return False
-        if sent.awaited(sample.status, sample.time_ns, self._link.name):
+        command, sent_ns = sent
+        if sent_ns is None:
             return True
-        self._sent = None if self._sent is sent else self._sent
-        return False
+        if sample.time_ns >= sent_ns + to_ns(REFRESH_S) and echoes(sample.status, command):
+            self._sent = None if self._sent is sent else self._sent
+            return False
+        if sample.time_ns > sent_ns + to_ns(ECHO_TIMEOUT_S):
+            raise DeviceTimeoutError(
+                f"{self._link.name}: acknowledged a motion but did not start it within {ECHO_TIMEOUT_S} s; "
+                "check the preset (rtu, tcp, tcp-2014), then activate again"
+            )
+        return True
 
     def _watch(self, what: str, reached: Callable[[Status], bool], timeout_s: float) -> None:
         """Wait for a step of a sequence. Raises if `stop` has ended the sequence."""

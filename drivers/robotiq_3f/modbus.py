@@ -115,7 +115,13 @@ class StatusClient:
     def read_status(self) -> Sequence[int]:
         """Return the 8 status registers. Raises `DeviceError`."""
         preset = self._link.preset
-        registers = self._retried(lambda client: _read(client, preset), preset.read).registers
+
+        def read(client: "ModbusClient") -> "ModbusPDU":
+            holding = preset.read == READ_HOLDING
+            function = client.read_holding_registers if holding else client.read_input_registers
+            return function(preset.status, count=REGISTERS, device_id=preset.unit)
+
+        registers = self._retried(read, preset.read).registers
         if len(registers) != REGISTERS:
             self._fail()
             raise DeviceError(
@@ -127,11 +133,11 @@ class StatusClient:
     def write_command(self, registers: Sequence[int]) -> None:
         """Write the 8 command registers. Raises `DeviceError`; the gripper may nevertheless have got them."""
         preset = self._link.preset
-        values = list(registers)
-        self._retried(
-            lambda client: client.write_registers(preset.command, values, device_id=preset.unit),
-            WRITE_MULTIPLE,
-        )
+
+        def write(client: "ModbusClient") -> "ModbusPDU":
+            return client.write_registers(preset.command, list(registers), device_id=preset.unit)
+
+        self._retried(write, WRITE_MULTIPLE)
 
     def close(self) -> None:
         """Close the connection. Safe to call twice."""
@@ -151,15 +157,14 @@ class StatusClient:
         if self._failed_ns is not None:
             self._clock.sleep_until(self._failed_ns + to_ns(self._link.settle_s))
         try:
-            reply = self._reply(ask)
-            self._check(reply, function)
+            reply = self._reply(ask, function)
         except DeviceError:
             self._fail()
             raise
         self._failed_ns = None
         return reply
 
-    def _reply(self, ask: "Callable[[ModbusClient], ModbusPDU]") -> "ModbusPDU":
+    def _reply(self, ask: "Callable[[ModbusClient], ModbusPDU]", function: int) -> "ModbusPDU":
         from pymodbus.exceptions import ModbusIOException
 
         name = self._link.name
@@ -178,19 +183,17 @@ class StatusClient:
             ) from error
         except Exception as error:  # invalid data make pymodbus's decoders raise almost anything
             raise DeviceError(f"{name}: the line failed ({error}); check power and cable") from error
-        return reply
-
-    def _check(self, reply: "ModbusPDU", function: int) -> None:
         if reply.isError():
             raise DeviceError(
-                f"{self._link.name}: rejected the request with Modbus exception {reply.exception_code}; "
+                f"{name}: rejected the request with Modbus exception {reply.exception_code}; "
                 "check preset (rtu, tcp, tcp-2014) and unit"
             )
         if reply.function_code != function:
             raise DeviceError(
-                f"{self._link.name}: got a reply to function {reply.function_code} instead of {function}; "
+                f"{name}: got a reply to function {reply.function_code} instead of {function}; "
                 "check that no other client uses the line"
             )
+        return reply
 
     def _fail(self) -> None:
         self.failures += 1
@@ -202,11 +205,6 @@ def _preset(name: str) -> Preset:
     if name not in PRESETS:
         raise InputError(f"gripper: no preset '{name}': use one of {', '.join(PRESETS)}")
     return PRESETS[name]
-
-
-def _read(client: "ModbusClient", preset: Preset) -> "ModbusPDU":
-    read = client.read_holding_registers if preset.read == READ_HOLDING else client.read_input_registers
-    return read(preset.status, count=REGISTERS, device_id=preset.unit)
 
 
 POLL_S = 0.01
@@ -233,7 +231,7 @@ class GripperLine:
     def __init__(self, link: Link, clock: Clock) -> None:
         self._name = link.name
         self._clock = clock
-        self._requests = StatusClient(link, clock)
+        self.requests = StatusClient(link, clock)
         self._jobs: queue.Queue[tuple[Registers, Future[None]]] = queue.Queue()
         self._news = threading.Condition()
         self._newest: StatusSample | None = None
@@ -297,14 +295,6 @@ class GripperLine:
                 "check power and preset, then activate again"
             )
 
-    def round_trips_s(self) -> Sequence[float]:
-        """Return the durations of the last answered requests, s; at most 1000."""
-        return tuple(self._requests.round_trips_s)
-
-    def failures(self) -> int:
-        """Return the number of failed requests since the connection was opened, retried ones included."""
-        return self._requests.failures
-
     def _require_open(self) -> None:
         if self._closing.is_set():
             raise NotConnectedError(f"{self._name}: used after disconnect; connect the bench first")
@@ -312,8 +302,15 @@ class GripperLine:
     def _own(self) -> None:
         while not self._closing.is_set():
             self._carry_out_next()
-            self._poll()
-        self._requests.close()
+            asked_ns, sample, failure = self._clock.now_ns(), self._newest, None
+            try:
+                sample = StatusSample(asked_ns, unpack_status(self.requests.read_status()))
+            except DeviceError as error:
+                failure = error
+            with self._news:
+                self._newest, self._error = sample, failure
+                self._news.notify_all()
+        self.requests.close()
 
     def _carry_out_next(self) -> None:
         try:
@@ -324,22 +321,8 @@ class GripperLine:
         if self._closing.is_set() or not done.set_running_or_notify_cancel():
             return
         try:
-            self._requests.write_command(registers)
+            self.requests.write_command(registers)
         except DeviceError as error:
             done.set_exception(error)
         else:
             done.set_result(None)
-
-    def _poll(self) -> None:
-        asked_ns = self._clock.now_ns()
-        try:
-            status = unpack_status(self._requests.read_status())
-        except DeviceError as error:
-            self._publish(self._newest, error)
-        else:
-            self._publish(StatusSample(asked_ns, status), None)
-
-    def _publish(self, sample: StatusSample | None, error: DeviceError | None) -> None:
-        with self._news:
-            self._newest, self._error = sample, error
-            self._news.notify_all()

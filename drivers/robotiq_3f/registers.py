@@ -9,8 +9,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import IntEnum
 
-from drivers.clock import to_ns
-from drivers.errors import DeviceError, DeviceTimeoutError, GripperFaultError, InputError, OutOfLimitsError
+from drivers.errors import DeviceError, GripperFaultError, InputError, OutOfLimitsError
 from drivers.types import GripperSpec
 
 REGISTERS = 8
@@ -165,7 +164,11 @@ def pack_command(command: Command) -> tuple[int, ...]:
     action = command.activate | command.mode << 1 | command.go_to << 3 | command.release << 4
     options = command.glove | command.individual_fingers << 2 | command.individual_scissor << 3
     axes = [value for axis in command.axes for value in (axis.position, axis.speed, axis.force)]
-    return _to_registers([action, options, 0, *axes])
+    values = [action, options, 0, *axes]
+    if not all(isinstance(value, int) and 0 <= value <= 255 for value in values):
+        raise OutOfLimitsError(f"gripper: a register byte is outside 0 to 255 in {values}")
+    values += [0] * (2 * REGISTERS - len(values))
+    return tuple(high << 8 | low for high, low in zip(values[::2], values[1::2], strict=True))
 
 
 def unpack_status(registers: Sequence[int]) -> Status:
@@ -176,6 +179,10 @@ def unpack_status(registers: Sequence[int]) -> Status:
             f"expected {REGISTERS} of 16 bits: check the preset (rtu, tcp, tcp-2014)"
         )
     data = b"".join(register.to_bytes(2, "big") for register in registers)
+    axes = [
+        AxisState(data[at], data[at + 1], data[at + 2], ObjectStatus(data[1] >> 2 * number & 3))
+        for number, at in enumerate((3, 6, 9, 12))
+    ]
     return Status(
         activated=bool(data[0] & 1),
         mode=GraspMode(data[0] >> 1 & 3),
@@ -183,7 +190,7 @@ def unpack_status(registers: Sequence[int]) -> Status:
         stage=Stage(data[0] >> 4 & 3),
         motion=MotionStatus(data[0] >> 6),
         fault=data[2],
-        axes=tuple(_axis_state(data, number) for number in range(len(AXES))),
+        axes=tuple(axes),
     )
 
 
@@ -206,18 +213,6 @@ def speed_counts(speed_m_s: float) -> int:
     return round(255 * (speed_m_s - MIN_SPEED_M_S) / (MAX_SPEED_M_S - MIN_SPEED_M_S))
 
 
-def _axis_state(data: bytes, number: int) -> AxisState:
-    requested, position, current = data[3 + 3 * number : 6 + 3 * number]
-    return AxisState(requested, position, current, ObjectStatus(data[1] >> 2 * number & 3))
-
-
-def _to_registers(values: Sequence[int]) -> tuple[int, ...]:
-    if not all(isinstance(value, int) and 0 <= value <= 255 for value in values):
-        raise OutOfLimitsError(f"gripper: a register byte is outside 0 to 255 in {list(values)}")
-    padded = [*values, *[0] * (2 * REGISTERS - len(values))]
-    return tuple(high << 8 | low for high, low in zip(padded[::2], padded[1::2], strict=True))
-
-
 ECHO_TIMEOUT_S = 0.8
 """Time in which the gripper must echo a command; it refreshes its registers every 5 ms."""
 NOT_ACTIVE = (FaultCode.ACTIVATION_NEEDED, FaultCode.NOT_ACTIVATED)
@@ -225,35 +220,26 @@ NOT_ACTIVE = (FaultCode.ACTIVATION_NEEDED, FaultCode.NOT_ACTIVATED)
 
 @dataclass(frozen=True, slots=True)
 class GripperCommands:
-    """The grasping fingers, their range, and the default speed and force (rSP, rFR) of a motion.
+    """The grasping fingers, their range, and the default speed and force of a motion.
 
     open_counts: position of the open fingers. A step of `spec` is one count, so an opening's position in
-    counts is `open_counts` plus its step.
+    counts is `open_counts` plus its step. Raises `InputError` and `OutOfLimitsError`.
     """
 
-    fingers: tuple[str, ...]
+    fingers: Sequence[str]
     spec: GripperSpec
     open_counts: int
-    effort: AxisRequest
+    speed_m_s: float
+    force_n: float
 
-    @classmethod
-    def of(
-        cls, fingers: Sequence[str], spec: GripperSpec, open_counts: int, speed_m_s: float, force_n: float
-    ) -> "GripperCommands":
-        """Check the values and build. Raises `InputError` and `OutOfLimitsError`."""
+    def __post_init__(self) -> None:
+        fingers, closed_counts = self.fingers, self.open_counts + self.spec.steps
         if len(fingers) < 2 or len(set(fingers)) < len(fingers) or not set(fingers) <= set(FINGERS):
             raise InputError(f"gripper: fingers {list(fingers)}: name two or three of A, B and C")
-        closed_counts = open_counts + spec.steps
-        if not 0 <= open_counts < closed_counts <= 255:
-            raise InputError(f"gripper: positions {open_counts} to {closed_counts}: not within 0 to 255")
-        effort = AxisRequest(0, speed_counts(speed_m_s), force_counts(force_n))
-        return cls(tuple(fingers), spec, open_counts, effort)
-
-    def counts_at(self, opening_m: float) -> int:
-        return self.open_counts + self.spec.step_at(opening_m)
-
-    def opening_at(self, counts: int) -> float:
-        return self.spec.opening_at(counts - self.open_counts)
+        if not 0 <= self.open_counts < closed_counts <= 255:
+            raise InputError(f"gripper: positions {self.open_counts} to {closed_counts}: not within 0 to 255")
+        speed_counts(self.speed_m_s)
+        force_counts(self.force_n)
 
     def grasping(self, status: Status) -> list[AxisState]:
         """Return the states of the grasping axes: the fingers, or in scissor mode the scissor axis."""
@@ -265,53 +251,25 @@ class GripperCommands:
         return {name: status.axis(name).position for name in FINGERS if name not in self.fingers}
 
     def motion(
-        self,
-        opening_m: float,
-        speed_m_s: float | None,
-        force_n: float | None,
-        mode: GraspMode,
+        self, opening_m: float, speed_m_s: float | None, force_n: float | None, mode: GraspMode,
         parked: Mapping[str, int],
-    ) -> Command:
+    ) -> Command:  # fmt: skip
         """Return the command for a motion; `parked` fingers are commanded to stay at their counts.
 
-        speed_m_s, force_n: those of `effort` if None. If all fingers move together, or the scissor axis
-        grasps, A's request is for the whole hand (manual, POSITION REQUEST). Raises `OutOfLimitsError`.
+        speed_m_s, force_n: the defaults if None. If all fingers move together, or the scissor axis grasps,
+        A's request is for the whole hand (manual, POSITION REQUEST). Raises `OutOfLimitsError`.
         """
         self.spec.require_command(opening_m, speed_m_s, force_n)
         asked = AxisRequest(
-            self.counts_at(opening_m),
-            self.effort.speed if speed_m_s is None else speed_counts(speed_m_s),
-            self.effort.force if force_n is None else force_counts(force_n),
+            self.open_counts + self.spec.step_at(opening_m),
+            speed_counts(self.speed_m_s if speed_m_s is None else speed_m_s),
+            force_counts(self.force_n if force_n is None else force_n),
         )
         command = Command(activate=True, mode=mode, go_to=True)
         if mode is GraspMode.SCISSOR or len(self.fingers) == len(FINGERS):
             return replace(command, axes=(asked, *command.axes[1:]))
         fingers = [replace(asked, position=parked[n]) if n in parked else asked for n in FINGERS]
         return replace(command, individual_fingers=True, axes=(*fingers, AxisRequest()))
-
-
-@dataclass(frozen=True, slots=True)
-class Sent:
-    """A motion command, and the time (ns) of its acknowledgement; None before that."""
-
-    command: Command
-    time_ns: int | None
-
-    def awaited(self, status: Status, time_ns: int, name: str) -> bool:
-        """Whether a status requested at `time_ns` does not show the command yet.
-
-        Raises `DeviceTimeoutError` if the gripper `name` never echoed the command.
-        """
-        if self.time_ns is None:
-            return True
-        if time_ns >= self.time_ns + to_ns(REFRESH_S) and echoes(status, self.command):
-            return False
-        if time_ns > self.time_ns + to_ns(ECHO_TIMEOUT_S):
-            raise DeviceTimeoutError(
-                f"{name}: acknowledged a motion but did not start it within {ECHO_TIMEOUT_S} s; "
-                "check the preset (rtu, tcp, tcp-2014), then activate again"
-            )
-        return True
 
 
 def under_way(status: Status) -> bool:

@@ -19,7 +19,6 @@ class Clock(Protocol):
 
     def sleep_until(self, time_ns: int) -> None:
         """Return when `now_ns() >= time_ns`; immediately if that time has passed."""
-        ...
 
 
 class SystemClock:

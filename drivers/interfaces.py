@@ -23,7 +23,6 @@ class Motion(Protocol):
 
         If the wait ends early, also by an interrupt, the motion is stopped.
         """
-        ...
 
 
 class Diagnosable(Protocol):
@@ -56,11 +55,9 @@ class Arm(Diagnosable, Protocol):
 
     def connect(self) -> None:
         """Connect to the arm without moving it."""
-        ...
 
     def disconnect(self) -> None:
         """Stop any motion and close the connection. Safe to call twice."""
-        ...
 
     def state(self) -> ArmState:
         """Return the newest state. Raises `DeviceError` if it is stale or the connection is lost."""
@@ -75,7 +72,6 @@ class Arm(Diagnosable, Protocol):
 
     def stop(self) -> None:
         """Stop as fast as the arm can. Callable from any thread at any time; raises no error."""
-        ...
 
     def begin_guiding(self) -> None:
         """Let a person lead the arm by hand (freedrive), until `end_guiding` or `stop`.
@@ -105,7 +101,6 @@ class Arm(Diagnosable, Protocol):
         confirm: asks that person a question, and raises unless they agree. Does nothing if the arm is
         running. Raises `DeviceError` if the arm cannot be set running.
         """
-        ...
 
 
 class Gripper(Diagnosable, Protocol):
@@ -118,15 +113,12 @@ class Gripper(Diagnosable, Protocol):
 
     def connect(self) -> None:
         """Connect to the gripper without moving it."""
-        ...
 
     def disconnect(self) -> None:
         """Stop any motion and close the connection. Safe to call twice."""
-        ...
 
     def activate(self) -> None:
         """Run the activation sequence: the fingers sweep their range. Only on explicit request."""
-        ...
 
     def state(self) -> GripperState:
         """Return the newest state. Raises `DeviceError` if the gripper is disconnected or in fault."""
@@ -144,7 +136,6 @@ class Gripper(Diagnosable, Protocol):
 
     def stop(self) -> None:
         """Hold the fingers where they are."""
-        ...
 
 
 class FrameSource(Diagnosable, Protocol):
@@ -167,11 +158,9 @@ class FrameSource(Diagnosable, Protocol):
 
     def connect(self) -> None:
         """Start capturing."""
-        ...
 
     def disconnect(self) -> None:
         """Stop capturing. Safe to call twice."""
-        ...
 
     def next_frame(self, timeout_s: float) -> Frame:
         """Return the oldest frame that was not read yet; wait if there is none. Raises `DeviceTimeoutError`.
@@ -191,7 +180,6 @@ class TactileSensor(FrameSource, Protocol):
 
     def set_light(self, red: float, green: float, blue: float) -> None:
         """Set the LEDs' intensities, 0 to 1."""
-        ...
 
 
 class Camera(FrameSource, Protocol):

@@ -16,21 +16,18 @@ class Operator(Protocol):
 
     def confirm(self, question: str) -> None:
         """Ask before something moves. Raises `OperatorStopError` unless the person agrees."""
-        ...
 
     def look(self, question: str) -> None:
         """Ask a question that only a person looking at the bench can answer; it cannot be agreed beforehand.
 
         Raises `OperatorStopError` unless the person agrees.
         """
-        ...
 
     def place(self, object_id: str, name: str) -> None:
         """Make sure that an object lies in its place; ask for it to be placed unless it was set down there.
 
         Raises `OperatorStopError`.
         """
-        ...
 
     def hold(
         self,
@@ -46,7 +43,6 @@ class Operator(Protocol):
         None if no gel is touched. turning: whether the person turns it to and fro. Raises
         `OperatorStopError` unless the person holds it.
         """
-        ...
 
     def nudge(self, question: str) -> Vector3 | None:
         """Ask for the tool's remaining displacement, m, base axes; None when it has arrived.
@@ -71,4 +67,3 @@ class Operator(Protocol):
 
     def displaced(self) -> None:
         """Note that the object is no longer in its place: it fell, or a fault left it at an unknown place."""
-        ...

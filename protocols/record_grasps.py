@@ -25,7 +25,6 @@ class CaptureObserver(LiftObserver, Protocol):
 
     def want(self, images: int, grip_steps: int) -> None:
         """Capture this many more images, at a grip of `grip_steps` steps beyond first contact."""
-        ...
 
     def satisfied(self) -> bool:
         """Whether all requested images have been captured."""
@@ -81,7 +80,6 @@ class HandObserver(LiftEvents, Protocol):
 
     def want_of(self, serial: str, images: int) -> None:
         """Capture this many more images of a fingertip that show contact."""
-        ...
 
     def satisfied(self) -> bool:
         """Whether all requested images have been captured."""

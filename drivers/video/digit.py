@@ -18,10 +18,9 @@ from drivers.clock import Clock, SystemClock
 from drivers.errors import DeviceError, InputError, OutOfLimitsError
 from drivers.interfaces import TactileSensor
 from drivers.types import Image
-from drivers.video.decode import DecodedFrame, decode_frame
 from drivers.video.mjpeg import MjpegStream
 from drivers.video.source import AddressedSource, OpenSource, SourceSpec
-from drivers.video.stream import RawFrame
+from drivers.video.stream import DecodedFrame, RawFrame, decode_frame
 from drivers.video.v4l2 import Discover, OpenCapture, V4l2Stream, list_video_nodes, open_capture
 
 MODES = {(320, 240): (60.0, 30.0), (640, 480): (30.0, 15.0)}

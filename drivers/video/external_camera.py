@@ -13,9 +13,8 @@ import numpy as np
 from drivers.clock import Clock, SystemClock
 from drivers.interfaces import Camera
 from drivers.types import Image
-from drivers.video.decode import DecodedFrame, decode, decode_frame, whole_jpeg
 from drivers.video.source import AddressedSource, SourceSpec
-from drivers.video.stream import RawFrame
+from drivers.video.stream import DecodedFrame, RawFrame, decode, decode_frame, whole_jpeg
 from drivers.video.v4l2 import Discover, OpenCapture, list_video_nodes, open_capture
 
 

@@ -27,8 +27,7 @@ from urllib.parse import SplitResult, unquote, urljoin, urlsplit
 from drivers.clock import NS_PER_S, Clock, host_s, to_ns
 from drivers.errors import DamagedFrameError, DeviceError, FormatError, InputError
 from drivers.formats import parse_json, without_passwords
-from drivers.video.decode import read_header
-from drivers.video.stream import FrameStream, RawFrame
+from drivers.video.stream import FrameStream, RawFrame, read_header
 
 MAX_HEADER = 16_384
 """Size limit of the header of one part, bytes."""

@@ -22,8 +22,7 @@ from drivers.errors import (
 from drivers.interfaces import FrameSource
 from drivers.tally import PictureNews
 from drivers.types import Frame
-from drivers.video.decode import DecodedFrame
-from drivers.video.stream import CaptureTimes, FrameStream, RawFrame, SequenceCounter
+from drivers.video.stream import CaptureTimes, DecodedFrame, FrameStream, RawFrame, SequenceCounter
 
 _HINT = "check that it still streams, its cable and its port"
 

@@ -10,11 +10,10 @@ from pathlib import Path
 from drivers.clock import Clock, require_full_speed
 from drivers.errors import DeviceError, InputError
 from drivers.formats import without_passwords
-from drivers.video.decode import DecodedFrame
 from drivers.video.files import FolderStream, VideoStream, check_video, image_files
 from drivers.video.mjpeg import MjpegStream, split_url
 from drivers.video.reader import FrameReader
-from drivers.video.stream import FrameStream, RawFrame
+from drivers.video.stream import DecodedFrame, FrameStream, RawFrame
 from drivers.video.v4l2 import Discover, OpenCapture, V4l2Stream, VideoNode, find_video_node, on_same_bus
 
 

@@ -12,8 +12,7 @@ from drivers.clock import NS_PER_S, Clock, to_ns
 from drivers.errors import DeviceError, DeviceTimeoutError, NotConnectedError, StaleFrameError
 from drivers.interfaces import Camera
 from drivers.types import Frame, Image, Pose
-from fakes.camera.marker_scene import MarkerScene
-from fakes.camera.target_scene import render_sheet
+from fakes.camera.marker_scene import MarkerScene, render_sheet
 from fakes.faults import FaultScript
 from fakes.gel.variation import decoded, encoded
 from fakes.world.fixture import PrintedSheet, camera_T_target, nothing_printed

@@ -12,15 +12,13 @@ from drivers.types import Image
 from fakes.devices.camera import CameraPlan, FakeSource, Shutter, unit_seed
 from fakes.faults import FaultScript
 from fakes.gel.dots import Shear, shear_of
-from fakes.gel.look import Look
 from fakes.gel.pad import turned
 from fakes.gel.sensor import GelSensor, Imprint
-from fakes.gel.variation import FAMILY, Variation, coded, draw_variation, jpeg
+from fakes.gel.variation import FAMILY, Look, Variation, coded, draw_variation, jpeg
 from fakes.objects.surfaces import Surface, build_surface, depth_for_force, soft_surface
 from fakes.studio.conditions import EASY, Conditions, Difficulty, draw_conditions
 from fakes.world.mirror import WorldView
-from fakes.world.slip import PAD_M, SLIDE_M_PER_RAD
-from fakes.world.state import BenchLayout, Grasp, WorldState
+from fakes.world.state import PAD_M, SLIDE_M_PER_RAD, BenchLayout, Grasp, WorldState
 
 _FORCE_GRID_N = np.array([0.02, 0.05, 0.1, 0.2, 0.4, 0.7, 1.0, 1.4, 1.9, 2.6, 4.0, 15.0])
 

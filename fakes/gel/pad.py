@@ -12,10 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fakes.gel.dots import Shear
-from fakes.gel.look import Look
-from fakes.gel.variation import FAMILY, Variation
-from fakes.objects.relief import Bulge
-from fakes.objects.surfaces import FAR_MM, GEL_DOME_RADIUS_MM, Surface
+from fakes.gel.variation import FAMILY, Look, Variation
+from fakes.objects.surfaces import FAR_MM, GEL_DOME_RADIUS_MM, Bulge, Surface
 
 HALF = 2
 """Image pixels per pixel of the geometry."""

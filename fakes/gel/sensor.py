@@ -12,11 +12,9 @@ from numpy.typing import NDArray
 
 from drivers.types import Image
 from fakes.gel.dots import MarkerPrint
-from fakes.gel.light import Light, make_light, other_make, vary_light
-from fakes.gel.look import Look
+from fakes.gel.light import Light, make_light, other_make, shade, vary_light
 from fakes.gel.pad import HALF, GelPad, Imprint
-from fakes.gel.shadow import shade
-from fakes.gel.variation import FAMILY, Variation
+from fakes.gel.variation import FAMILY, Look, Variation
 from fakes.objects.surfaces import GEL_DOME_RADIUS_MM
 
 __all__ = ["GelSensor", "Imprint"]

@@ -8,6 +8,7 @@ depends only on the image and its time, so that all readers get the same.
 
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Protocol
 
 import cv2
 import numpy as np
@@ -124,3 +125,37 @@ def _offsets(codec: Codec, refresh: int, shape: tuple[int, int]) -> NDArray[np.i
     levels = np.random.default_rng((codec.seed, refresh)).normal(0.0, codec.block_levels, (rows, columns, 3))
     wide = np.rint(levels).astype(np.int16).repeat(BLOCK_PX, axis=0).repeat(BLOCK_PX, axis=1)
     return np.ascontiguousarray(wide[: shape[0], : shape[1]])
+
+
+Plane = NDArray[np.float32]
+
+
+class Look(Protocol):
+    """Colours, background and noise of a real unit, used in place of a simulated illumination.
+
+    The bench passes a `calibration.gel.look.GelLook`, which describes the members; so the simulator does not
+    import `calibration`.
+    """
+
+    @property
+    def shape(self) -> tuple[int, int]: ...
+
+    @property
+    def mm_per_px(self) -> tuple[float, float]: ...
+
+    @property
+    def dome_mm(self) -> float: ...
+
+    @property
+    def background(self) -> Plane: ...
+
+    @property
+    def jpeg_quality(self) -> int | None: ...
+
+    def draw_noise(self, shape: tuple[int, int], count: int, rng: np.random.Generator) -> Plane: ...
+
+    def varied(self, seed: int) -> "Look": ...
+
+    def dent(self, pressed: Plane, dragged: Plane) -> Plane: ...
+
+    def change(self, dent: Plane) -> Plane: ...

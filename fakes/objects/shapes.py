@@ -179,7 +179,7 @@ def _crown(distance: Field, radius_mm: float) -> Field:
 class ContactShape:
     """The shape of an object at one grasp site: the union of its parts, with a texture.
 
-    texture: name of one of `fakes.objects.relief.TEXTURES`. texture_mm, pitch_mm, texture_deg: its height,
+    texture: name of one of `fakes.objects.surfaces.TEXTURES`. texture_mm, pitch_mm, texture_deg: its height,
     spacing and direction. smooth_round: whether a rotation of the contact is invisible. exact: whether sizes
     are exact, as those of a gauge; sizes of other objects vary by a few per cent.
     """

@@ -16,9 +16,8 @@ from drivers.types import Image
 from fakes.gel.pad import turned
 from fakes.gel.sensor import GelSensor, Imprint
 from fakes.objects.catalogue import GraspSite, find_object
-from fakes.objects.relief import Bulge
 from fakes.objects.shapes import Ball, ContactShape, Pad
-from fakes.objects.surfaces import Surface, build_surface, depth_for_force
+from fakes.objects.surfaces import Bulge, Surface, build_surface, depth_for_force
 
 REST_S, AFTER_S = 0.4, 0.2
 PIVOT_MM = (1.5, -2.0)

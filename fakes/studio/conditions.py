@@ -12,8 +12,8 @@ from typing import Literal
 import numpy as np
 
 from fakes.gel.variation import FAMILY, Codec, Variation, draw_codec
-from fakes.objects.relief import KINDS, Bulge, draw_bulge
 from fakes.objects.shapes import ContactShape
+from fakes.objects.surfaces import KINDS, Bulge, draw_bulge
 
 Difficulty = Literal["easy", "hard"]
 

@@ -13,13 +13,11 @@ import numpy as np
 
 from drivers.clock import to_ns
 from drivers.types import Image
-from fakes.gel.look import Look
 from fakes.gel.sensor import GelSensor, Imprint
-from fakes.gel.variation import FAMILY, coded, draw_variation
+from fakes.gel.variation import FAMILY, Look, coded, draw_variation
 from fakes.objects.catalogue import GraspSite, load_catalogue
-from fakes.objects.relief import TEXTURES
 from fakes.objects.shapes import Ball, ContactShape, Cylinder, Edge, Pad, Rim, Shape
-from fakes.objects.surfaces import GEL_HALF_MM, build_surface, depth_for_force, soft_surface
+from fakes.objects.surfaces import GEL_HALF_MM, TEXTURES, build_surface, depth_for_force, soft_surface
 from fakes.studio.conditions import Conditions, draw_conditions
 
 FRAMES_PER_UNIT = 12

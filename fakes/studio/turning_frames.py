@@ -12,12 +12,18 @@ from numpy.typing import NDArray
 
 from drivers.clock import to_ns
 from drivers.types import Image
-from fakes.gel.look import Look
 from fakes.gel.sensor import GelSensor, Imprint
-from fakes.gel.variation import Variation, coded, draw_codec, draw_variation
-from fakes.objects.relief import TEXTURES, Bulge, draw_bulge
+from fakes.gel.variation import Look, Variation, coded, draw_codec, draw_variation
 from fakes.objects.shapes import ContactShape, Pad
-from fakes.objects.surfaces import Surface, build_surface, depth_for_force, soft_surface
+from fakes.objects.surfaces import (
+    TEXTURES,
+    Bulge,
+    Surface,
+    build_surface,
+    depth_for_force,
+    draw_bulge,
+    soft_surface,
+)
 from fakes.studio.conditions import draw_kind, draw_unit
 from fakes.studio.training_frames import mean_at_rest, random_contact, varied_look
 

@@ -17,11 +17,13 @@ from drivers.types import Pose, Vector3
 from fakes.objects.catalogue import GraspSite, ObjectModel, find_object
 from fakes.world.fixture import Fixture, gap_m, parse_fixture
 from fakes.world.motion import FingerPath, ToolPath, tool_tilt
-from fakes.world.slip import GRAVITY, GripLoad, SlipDynamics
 from fakes.world.state import (
+    GRAVITY,
     BenchLayout,
     Grasp,
+    GripLoad,
     LiftVariation,
+    SlipDynamics,
     WorldState,
     between,
     hand_turn_rad,

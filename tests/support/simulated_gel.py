@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.types import Image
-from fakes.gel.look import Look
 from fakes.gel.sensor import GelSensor, Imprint
+from fakes.gel.variation import Look
 from fakes.objects.shapes import SURFACE_MM_PER_PX
 from fakes.objects.surfaces import FAR_MM, GEL_DOME_RADIUS_MM, SURFACE_PX, Surface
 

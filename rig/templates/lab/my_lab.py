@@ -16,9 +16,8 @@ from drivers.errors import GripperFaultError, NotConnectedError
 from drivers.interfaces import Arm, Gripper, TactileSensor
 from drivers.motion import PolledMotion
 from drivers.types import ArmLimits, ArmMode, ArmState, GripperSpec, GripperState, Image, Pose, Vector3
-from drivers.video.decode import decode_frame
 from drivers.video.reader import FrameReader
-from drivers.video.stream import FrameStream, RawFrame
+from drivers.video.stream import FrameStream, RawFrame, decode_frame
 from rig.tactile.sample import SlipSample, State, TactileEstimator
 
 CHANGED_GREY, LEAST_PX = 12, 60

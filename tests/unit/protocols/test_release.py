@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.types import Image
-from protocols.release import LEFT_SHARE, Imprint, imprint, share_left
+from protocols.pump import LEFT_SHARE, Imprint, imprint, share_left
 
 SIZE = (320, 240, 3)
 

@@ -9,8 +9,8 @@ import pytest
 
 from drivers.clock import SystemClock
 from drivers.errors import DeviceError, DeviceTimeoutError, InputError, OutOfLimitsError
-from drivers.video.decode import decode
 from drivers.video.digit import Digit
+from drivers.video.stream import decode
 from fakes.gel.sensor import GelSensor
 from fakes.wire.mjpeg.server import MjpegServer
 from support.connected import connected

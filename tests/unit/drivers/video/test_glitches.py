@@ -9,8 +9,8 @@ import pytest
 
 from drivers.errors import DeviceError
 from drivers.images import encode_jpeg
-from drivers.video.decode import decode
 from drivers.video.digit import MAX_SHIFTED, GlitchCheck, is_green
+from drivers.video.stream import decode
 from fakes.gel.sensor import GelSensor
 
 SHIFTS = (3, 5, 12, 37, 160, 317)

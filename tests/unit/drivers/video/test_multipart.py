@@ -11,8 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.errors import DamagedFrameError
-from drivers.video.decode import decode, turned_left, whole_jpeg
 from drivers.video.mjpeg import MAX_PART, MultipartParser, Part, boundary_of
+from drivers.video.stream import decode, turned_left, whole_jpeg
 
 Cases = Callable[[int], int]
 

@@ -13,9 +13,9 @@ import pytest
 
 from drivers.errors import DeviceError, DeviceTimeoutError
 from drivers.images import encode_jpeg
-from drivers.video.decode import decode
 from drivers.video.digit import Digit, light_value
 from drivers.video.external_camera import ExternalCamera
+from drivers.video.stream import decode
 from drivers.video.v4l2 import VideoNode
 from fakes.gel.sensor import GelSensor
 from support.connected import connected

@@ -15,8 +15,7 @@ from fakes.faults import FaultScript
 from fakes.gel.pad import GelPad, Imprint
 from fakes.gel.variation import Variation
 from fakes.objects.catalogue import find_object
-from fakes.objects.relief import KINDS, Bulge
-from fakes.objects.surfaces import soft_surface
+from fakes.objects.surfaces import KINDS, Bulge, soft_surface
 from fakes.studio.conditions import Difficulty, draw_conditions
 from fakes.world.mirror import MirroredWorld, snapshot_of
 from fakes.world.motion import FingerPath, ToolPath, TrapezoidProfile

@@ -5,7 +5,7 @@ import pytest
 from drivers.types import Pose
 from fakes.faults import DRIFT_COUNTS
 from fakes.objects.catalogue import find_object
-from fakes.wire.gripper.model import GripperModel
+from fakes.wire.gripper.server import GripperModel
 from fakes.world.motion import ToolPath
 from fakes.world.world import FINGER_STIFFNESS_N_M, World
 from support.worlds import HOME, TABLE, empty_world

@@ -9,8 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fakes.world.force_torque import carried_wrench
-from fakes.world.slip import GripLoad, SlipDynamics
-from fakes.world.state import WorldState
+from fakes.world.state import GripLoad, SlipDynamics, WorldState
 
 DT_S = 0.002
 LIFTED_M = 0.06

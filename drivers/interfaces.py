@@ -26,7 +26,13 @@ class Motion(Protocol):
 
 
 class Diagnosable(Protocol):
-    """Diagnostics of a device and its connection. Default of each method: not supported, returns no data."""
+    """A device: its connection, and diagnostics, which by default are not supported and return no data."""
+
+    def connect(self) -> None:
+        """Connect to the device without moving anything; a source of frames starts capturing."""
+
+    def disconnect(self) -> None:
+        """Stop any motion or capturing, and close the connection. Safe to call twice."""
 
     def identity(self) -> Mapping[str, str]:
         """Return model, serial number, firmware and the like by name, as far as they are known."""
@@ -52,12 +58,6 @@ class Arm(Diagnosable, Protocol):
     def limits(self) -> ArmLimits:
         """The limits that motions are checked against."""
         ...
-
-    def connect(self) -> None:
-        """Connect to the arm without moving it."""
-
-    def disconnect(self) -> None:
-        """Stop any motion and close the connection. Safe to call twice."""
 
     def state(self) -> ArmState:
         """Return the newest state. Raises `DeviceError` if it is stale or the connection is lost."""
@@ -111,12 +111,6 @@ class Gripper(Diagnosable, Protocol):
         """Range and resolution of the fingers, range of speed and force."""
         ...
 
-    def connect(self) -> None:
-        """Connect to the gripper without moving it."""
-
-    def disconnect(self) -> None:
-        """Stop any motion and close the connection. Safe to call twice."""
-
     def activate(self) -> None:
         """Run the activation sequence: the fingers sweep their range. Only on explicit request."""
 
@@ -155,12 +149,6 @@ class FrameSource(Diagnosable, Protocol):
     def waits(self) -> bool:
         """Whether frames wait until they are read, so that none is dropped. Only a file can do this."""
         return False
-
-    def connect(self) -> None:
-        """Start capturing."""
-
-    def disconnect(self) -> None:
-        """Stop capturing. Safe to call twice."""
 
     def next_frame(self, timeout_s: float) -> Frame:
         """Return the oldest frame that was not read yet; wait if there is none. Raises `DeviceTimeoutError`.

@@ -199,10 +199,7 @@ def answer(commands: ControlCommands, request: dict[str, Any]) -> dict[str, Any]
     """Execute one call. An error of the library is also an answer."""
     number = request.get("number")
     try:
-        return {
-            "number": number,
-            "value": COMMANDS[request["call"]](commands, *request["arguments"]),
-        }
+        return {"number": number, "value": COMMANDS[request["call"]](commands, *request["arguments"])}
     except (RuntimeError, ValueError, TypeError, IndexError) as error:  # the exceptions that pybind11 raises
         return {"number": number, "error": str(error)}
 

@@ -19,7 +19,7 @@ from drivers.errors import DeviceError, InputError, OutOfLimitsError
 from drivers.interfaces import TactileSensor
 from drivers.types import Image
 from drivers.video.mjpeg import MjpegStream
-from drivers.video.source import AddressedSource, OpenSource, SourceSpec
+from drivers.video.reader import AddressedSource, OpenSource, SourceSpec
 from drivers.video.stream import DecodedFrame, RawFrame, decode_frame
 from drivers.video.v4l2 import Discover, OpenCapture, V4l2Stream, list_video_nodes, open_capture
 

@@ -13,7 +13,7 @@ import numpy as np
 from drivers.clock import Clock, SystemClock
 from drivers.interfaces import Camera
 from drivers.types import Image
-from drivers.video.source import AddressedSource, SourceSpec
+from drivers.video.reader import AddressedSource, SourceSpec
 from drivers.video.stream import DecodedFrame, RawFrame, decode, decode_frame, whole_jpeg
 from drivers.video.v4l2 import Discover, OpenCapture, list_video_nodes, open_capture
 

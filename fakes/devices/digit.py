@@ -11,7 +11,7 @@ from drivers.interfaces import TactileSensor
 from drivers.types import Image
 from fakes.devices.camera import CameraPlan, FakeSource, Shutter, unit_seed
 from fakes.faults import FaultScript
-from fakes.gel.dots import Shear, shear_of
+from fakes.gel.dots import shear_of
 from fakes.gel.pad import turned
 from fakes.gel.sensor import GelSensor, Imprint
 from fakes.gel.variation import FAMILY, Look, Variation, coded, draw_variation, jpeg
@@ -123,30 +123,30 @@ class FakeDigit(FakeSource, TactileSensor):
         if not state.held or state.force_n <= 0.0 or grasp is None:
             return None
         surface, depths = self._surface(grasp)
-        turn = state.object_turn_rad - state.wrist_rad
+        side, variation, turn = self._side, self._world.variation, state.object_turn_rad - state.wrist_rad
+        (off_x, off_y), slid_mm, shear = self._off_mm(grasp), state.slide_m * 1e3, None
+        right, low = (place * 1e3 for place in variation.misplacement_m)
+        if self._markers:  # shear of the gel's surface since the fingers closed
+            pivot = side * (right + variation.pivot_mm[0]) + off_x, low + variation.pivot_mm[1] + off_y
+            shear = shear_of(math.degrees(side * turn), pivot, (0.0, slid_mm))
+        # the tilt is fixed to the object, and grows with the weight on the pads
+        (rest_x, rest_y), (load_x, load_y) = variation.tilt_at_rest, variation.tilt_under_load
+        tilt_x, tilt_y = turned(rest_x + state.loaded * load_x, rest_y + state.loaded * load_y, turn)
         force_n = state.force_n
         if not grasp.site.contact.exact:
             force_n *= self._conditions.pressed_more(math.degrees(_slipped(state)))
         bulge = self._conditions.face(grasp.site.contact)[1]
         return Imprint(
             surface=surface,
-            angle_deg=math.degrees(self._side * turn),
+            angle_deg=math.degrees(side * turn),
             centre_mm=self._centre_mm(grasp, state, turn),
             depth_mm=float(np.interp(force_n, _FORCE_GRID_N, depths)),
-            tilt=self._tilt(state, turn),
-            lag_deg=math.degrees(self._side * state.torsion_rad),
-            shear=self._shear(grasp, state, turn) if self._markers else None,
+            tilt=(side * tilt_x, tilt_y),
+            lag_deg=math.degrees(side * state.torsion_rad),
+            shear=shear,
             bulge=bulge,
             bulge_mm=self._bulge_mm(grasp, state) if bulge else (0.0, 0.0),
         )
-
-    def _shear(self, grasp: Grasp, state: WorldState, turn_rad: float) -> Shear:
-        """Return the shear of the gel's surface by the object since the fingers closed on it."""
-        (off_x, off_y), variation = self._off_mm(grasp), self._world.variation
-        across = self._side * (variation.misplacement_m[0] * 1e3 + variation.pivot_mm[0]) + off_x
-        down = variation.misplacement_m[1] * 1e3 + variation.pivot_mm[1] + off_y
-        slid = (0.0, state.slide_m * 1e3)
-        return shear_of(math.degrees(self._side * turn_rad), (across, down), slid)
 
     def _off_mm(self, grasp: Grasp) -> tuple[float, float]:
         """Return the grasp site's position on the gel, x right, y down; (0, 0) if the hand closed on it."""
@@ -172,14 +172,6 @@ class FakeDigit(FakeSource, TactileSensor):
         right = variation.misplacement_m[0] * 1e3 + rock_x * _slipped(state)
         down = (variation.misplacement_m[1] + state.slide_m) * 1e3 + rock_y * _slipped(state)
         return self._side * right + off_x, down + off_y
-
-    def _tilt(self, state: WorldState, turn_rad: float) -> tuple[float, float]:
-        """Return the tilt of the pressed face: fixed to the object, growing with the weight on the pads."""
-        variation = self._world.variation
-        tx = variation.tilt_at_rest[0] + state.loaded * variation.tilt_under_load[0]
-        ty = variation.tilt_at_rest[1] + state.loaded * variation.tilt_under_load[1]
-        x, y = turned(tx, ty, turn_rad)
-        return self._side * x, y
 
 
 @dataclass(frozen=True, slots=True)

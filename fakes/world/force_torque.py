@@ -64,7 +64,6 @@ class FlangeSensor:
     def __init__(self, world: World, every: int = 1) -> None:
         rng = np.random.default_rng((world.seed, 43))
         self._world, self._every, self._readings = world, every, 0
-        self._floor_m = world.layout.floor_z_m
         self._zero = self._load = NOTHING
         self._bias = _six(rng, BIAS_N, BIAS_NM)
         self._noise = rng.normal(0.0, _spread(NOISE_N, NOISE_NM), (_NOISE_CYCLES, 6))
@@ -80,7 +79,7 @@ class FlangeSensor:
             self._load = six(w + o + size * math.sin(rate * time_s + p) for w, o, size, rate, p in waves)
         self._readings += 1
         noise = self._noise[time_ns // _CYCLE_NS % _NOISE_CYCLES].tolist()
-        push_n = max(self._floor_m - tcp_z_m, 0.0) * FLOOR_STIFFNESS_N_M
+        push_n = max(self._world.layout.floor_z_m - tcp_z_m, 0.0) * FLOOR_STIFFNESS_N_M
         a, b, c, d, e, f = self._load
         seen = zip((a, b, c + push_n, d, e, f), noise, _STEPS, strict=True)
         shown = [round(round((value + n) / step) * step, 6) for value, n, step in seen]

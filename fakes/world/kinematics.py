@@ -178,10 +178,7 @@ def tracked_inverse(base_T_flange: Frame, near_rad: Vector6) -> Vector6 | None: 
 
 def _wrist(s5: float, c5: float, s6: float, c6: float) -> Frame:
     """Return the transform from frame 4 to the flange."""
-    return (
-        *(-s5 * D6_M, c5 * D6_M, D5_M),
-        *(c5 * c6, -c5 * s6, -s5, s5 * c6, -s5 * s6, c5, -s6, -c6, 0.0),
-    )
+    return (*(-s5 * D6_M, c5 * D6_M, D5_M), *(c5 * c6, -c5 * s6, -s5, s5 * c6, -s5 * s6, c5, -s6, -c6, 0.0))
 
 
 def _wrist_centre(flange: Frame) -> tuple[float, float]:

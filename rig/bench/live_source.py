@@ -12,7 +12,7 @@ from drivers.formats import without_passwords
 from drivers.interfaces import FrameSource
 from drivers.video.digit import Digit
 from drivers.video.external_camera import ExternalCamera, GelSightMini
-from drivers.video.source import AddressedSource
+from drivers.video.reader import AddressedSource
 from drivers.video.v4l2 import VideoNode, list_video_nodes
 from fakes.devices.desk import Demonstration, DeskDigit
 

@@ -11,8 +11,18 @@ import math
 from collections.abc import Callable, Iterable
 
 from drivers.types import Vector6
-from fakes.wire.ur.body import Brake, Guided, ServoMove, SpeedMove, Thread, ended, move_until_done
-from fakes.wire.ur.robot import STEADY_CYCLES, ProgramError, Robot
+from fakes.wire.ur.robot import (
+    STEADY_CYCLES,
+    Brake,
+    Guided,
+    ProgramError,
+    Robot,
+    ServoMove,
+    SpeedMove,
+    Thread,
+    ended,
+    move_until_done,
+)
 from fakes.wire.ur.script import run_line
 from fakes.world.kinematics import Frame, from_ur, six, to_ur
 

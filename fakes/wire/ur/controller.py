@@ -27,9 +27,8 @@ from drivers.errors import InputError
 from drivers.types import Vector6
 from fakes.faults import Faults
 from fakes.wire.net import VitalThread
-from fakes.wire.ur.body import Guided
 from fakes.wire.ur.control_loop import ControlLoop
-from fakes.wire.ur.robot import CYCLE_NS, Robot
+from fakes.wire.ur.robot import CYCLE_NS, Guided, Robot
 from fakes.wire.ur.rtde import RtdeSession
 from fakes.wire.ur.script import BANNER, LineReader, ProgramReader, control_program, reply, run_other
 from fakes.world.kinematics import PHYSICAL_TOOL, compose, from_ur, rotation_between

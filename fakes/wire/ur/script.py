@@ -14,8 +14,7 @@ import re
 from collections.abc import Callable
 
 from drivers.errors import InputError
-from fakes.wire.ur.body import Thread, move_until_done
-from fakes.wire.ur.robot import CYCLE_S, ProgramError, Robot, RobotMode
+from fakes.wire.ur.robot import CYCLE_S, ProgramError, Robot, RobotMode, Thread, move_until_done
 from fakes.world.kinematics import six
 
 _log = logging.getLogger(__name__)

@@ -2,6 +2,7 @@
 
 import socket
 import threading
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -226,7 +227,8 @@ def test_the_speed_slider_is_read_before_and_while_the_arm_is_connected(controll
 
 def test_descent_is_stopped_at_the_table(controller: URController, arm: UR5e) -> None:
     table_m = 0.2
-    controller.robot.force._floor_m = table_m
+    world = controller.robot._world
+    world.layout = replace(world.layout, floor_z_m=table_m)
     nothing = SimpleNamespace(state=HandState(Holding.FREE))
     bench: Any = SimpleNamespace(
         arm=arm, clock=CLOCK, hand=nothing, gripper=SimpleNamespace(state=lambda: None)

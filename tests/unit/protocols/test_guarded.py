@@ -11,6 +11,7 @@ from drivers.errors import ContactForceError, DeviceError, DeviceTimeoutError, I
 from drivers.types import GripperState, HandState, Holding
 from fakes.devices.arm import FakeArm
 from fakes.devices.gripper import FakeGripper
+from fakes.world.force_torque import FlangeSensor
 from protocols.observer import Phase
 from protocols.safe_end import safe_end
 from protocols.slip_trial import run_lift
@@ -97,11 +98,11 @@ def test_descent_stops_at_invalid_wrench(
     start = world.tool.pose_at(bench.clock.now_ns())
     half_m = start.position_m[2] - 0.05
 
-    def feel(arm: FakeArm, time_ns: int) -> Any:
+    def feel(sensor: FlangeSensor, time_ns: int, tcp_z_m: float) -> Any:
         down = world.tool.pose_at(time_ns).position_m[2] < half_m
         return (*(after if down else before), 0.0, 0.0, 0.0)
 
-    monkeypatch.setattr(FakeArm, "_feel", feel)
+    monkeypatch.setattr(FlangeSensor, "sense", feel)
     with pytest.raises(DeviceError, match="wrench"):
         move(bench, start.translated(z_m=-0.1), LOWER_SPEED_M_S).wait(MOTION_TIMEOUT_S)
     bench.clock.sleep_until(bench.clock.now_ns() + to_ns(1.0))
@@ -113,13 +114,13 @@ def test_lift_ends_as_a_fault_at_invalid_wrench_on_the_way_up(
     lift_of: Callable[[], Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     lift = lift_of()
-    felt = FakeArm._feel
+    felt = FlangeSensor.sense
 
-    def feel(arm: FakeArm, time_ns: int) -> Any:
-        rising = lift.observer.phase_now is Phase.LIFT
-        return (NAN, *felt(arm, time_ns)[1:]) if rising else felt(arm, time_ns)
+    def feel(sensor: FlangeSensor, time_ns: int, tcp_z_m: float) -> Any:
+        wrench = felt(sensor, time_ns, tcp_z_m)
+        return (NAN, *wrench[1:]) if lift.observer.phase_now is Phase.LIFT else wrench
 
-    monkeypatch.setattr(FakeArm, "_feel", feel)
+    monkeypatch.setattr(FlangeSensor, "sense", feel)
     with pytest.raises(InvalidStateError, match="wrench") as ended:
         run_lift(lift.bench, lift.plan, lift.observer)
     assert "stopped, fingers left as they are, still holding" in ended.value.__notes__[0]
@@ -141,7 +142,7 @@ def test_missing_wrench_stops_the_descent_of_an_arm_with_force_sensor(
 ) -> None:
     lift = lift_of()
     start = lift.bench.arm.state().base_T_tcp
-    monkeypatch.setattr(FakeArm, "_feel", lambda *_: None)
+    monkeypatch.setattr(FlangeSensor, "sense", lambda *_: None)
     with pytest.raises(InvalidStateError, match="wrench is None"):
         move(lift.bench, start.translated(z_m=-0.1), LOWER_SPEED_M_S).wait(MOTION_TIMEOUT_S)
     assert lift.bench.arm.state().base_T_tcp.position_m[2] > start.position_m[2] - 0.001

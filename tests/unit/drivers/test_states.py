@@ -88,20 +88,14 @@ def test_invalid_value_of_any_field_is_rejected(state: Any, name: str, data: st.
         replace(state, **{name: value})
 
 
-def test_invalid_state_is_a_device_error() -> None:
+def test_arm_state_without_a_required_value_is_rejected() -> None:
     assert issubclass(InvalidStateError, DeviceError)
-
-
-def test_arm_without_force_sensor_has_no_force() -> None:
-    state = replace(ARM, wrench=None)
+    for name in ("time_ns", "base_T_tcp", "joints_rad", "mode"):
+        with pytest.raises(InvalidStateError, match=f"{name} is None"):
+            replace(ARM, **{name: None})
+    state = replace(ARM, wrench=None)  # an arm without a force sensor
     with pytest.raises(InvalidStateError, match="wrench"):
         _ = state.force_n
-
-
-@pytest.mark.parametrize("name", ["time_ns", "base_T_tcp", "joints_rad", "mode"])
-def test_arm_state_without_a_required_value_is_rejected(name: str) -> None:
-    with pytest.raises(InvalidStateError, match=f"{name} is None"):
-        replace(ARM, **{name: None})
 
 
 SPEC = GripperSpec(0.1, 0.098, 1e-4, (0.01, 0.1), (10.0, 50.0))

@@ -178,14 +178,11 @@ def test_agreed_release_that_fails_moves_no_arm(lift_of: LiftOf, kind: str) -> N
     assert lift.bench.hand.state.holding is Holding.HELD
 
 
-def test_tolerance_follows_the_resolution_of_the_gripper(lift_of: LiftOf) -> None:
-    spec = lift_of().bench.gripper.spec
-    assert tolerance_m(spec) // spec.resolution_m == 3
-    assert tolerance_m(replace(spec, resolution_m=0.004)) == 0.004
-
-
 def test_failed_opening_of_a_free_hand_makes_it_unknown(lift_of: LiftOf) -> None:
     lift = lift_of()
+    spec = lift.bench.gripper.spec
+    assert tolerance_m(spec) // spec.resolution_m == 3
+    assert tolerance_m(replace(spec, resolution_m=0.004)) == 0.004
     move_fingers(lift.bench, opening_m(lift.bench.gripper, 100))
     lift.bench.hand.note(HandState(Holding.FREE))
     lift.break_gripper("stuck")
@@ -218,26 +215,9 @@ def test_fingers_that_drift_open_without_a_command_end_the_lift(lift_of: LiftOf,
     assert not was_carried(lift)
 
 
-@pytest.mark.parametrize("counts", [-13, -4, 4, 13, 60])
-def test_change_of_the_opening_by_another_program_ends_the_lift(lift_of: LiftOf, counts: int) -> None:
+@pytest.mark.parametrize("counts", [-13, -4, -2, -1, 1, 2, 4, 13, 60])
+def test_change_of_the_opening_by_more_than_noise_ends_the_lift(lift_of: LiftOf, counts: int) -> None:
     """Fingers that are opened or closed by another client of the gripper, in the air."""
-    lift = lift_of()
-    begin, state = lift.observer.phase, lift.bench.gripper.state
-    shift_m = [0.0]
-
-    def begin_and_shift(now: Phase, time_ns: int) -> None:
-        begin(now, time_ns)
-        if now is Phase.HOLD:
-            shift_m[0] = counts * lift.bench.gripper.spec.resolution_m
-
-    lift.observer.phase = begin_and_shift
-    lift.bench.gripper.state = lambda: replace(state(), opening_m=state().opening_m + shift_m[0])
-    with pytest.raises(FingerMotionError, match="without a command"):
-        run_lift(lift.bench, lift.plan, lift.observer)
-
-
-@pytest.mark.parametrize("counts", [-2, -1, 1, 2])
-def test_readings_that_differ_by_a_few_counts_do_not_end_the_lift(lift_of: LiftOf, counts: int) -> None:
     lift = lift_of()
     begin, state = lift.observer.phase, lift.bench.gripper.state
     shift_m = [0.0]
@@ -248,4 +228,8 @@ def test_readings_that_differ_by_a_few_counts_do_not_end_the_lift(lift_of: LiftO
 
     lift.observer.phase = begin_and_shift
     lift.bench.gripper.state = lambda: replace(state(), opening_m=state().opening_m + shift_m[0])
-    assert lift.run() == "done"
+    if abs(counts) > 2:
+        with pytest.raises(FingerMotionError, match="without a command"):
+            run_lift(lift.bench, lift.plan, lift.observer)
+    else:
+        assert lift.run() == "done"

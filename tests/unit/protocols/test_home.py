@@ -72,24 +72,19 @@ def stand_at(bench: Bench, arm: WatchedArm, x: float, y: float, z: float) -> Non
     arm.sent.clear()
 
 
-def test_home_is_reached_by_rising_then_across_then_down(watched: tuple[Bench, WatchedArm]) -> None:
-    bench, arm = watched
-    stand_at(bench, arm, 0.60, 0.10, 0.07)
-    go_home(bench)
-    assert [pose.position_m for pose in arm.sent] == [pytest.approx((0.60, 0.10, HOME[2]), abs=NOISE_M), HOME]
-    assert bench.arm.state().base_T_tcp.position_m == pytest.approx(HOME, abs=NOISE_M)
-
-
-def test_arm_above_home_height_travels_first_and_then_descends(
-    watched: tuple[Bench, WatchedArm],
+@pytest.mark.parametrize(
+    ("start", "between"),
+    [((0.60, 0.10, 0.07), (0.60, 0.10, HOME[2])), ((0.50, 0.10, 0.40), (HOME[0], HOME[1], 0.40))],
+)
+def test_home_is_reached_by_rising_then_across_then_down(
+    watched: tuple[Bench, WatchedArm], start: tuple[float, ...], between: tuple[float, ...]
 ) -> None:
+    """An arm above the height of home travels first and then descends."""
     bench, arm = watched
-    stand_at(bench, arm, 0.50, 0.10, 0.40)
+    stand_at(bench, arm, *start)
     go_home(bench)
-    assert [pose.position_m for pose in arm.sent] == [
-        pytest.approx((HOME[0], HOME[1], 0.40), abs=NOISE_M),
-        HOME,
-    ]
+    assert [pose.position_m for pose in arm.sent] == [pytest.approx(between, abs=NOISE_M), HOME]
+    assert bench.arm.state().base_T_tcp.position_m == pytest.approx(HOME, abs=NOISE_M)
 
 
 def test_way_to_a_low_home_avoids_the_objects(
@@ -103,14 +98,10 @@ def test_way_to_a_low_home_avoids_the_objects(
     assert [pose.position_m[2] for pose in arm.sent] == pytest.approx([over, over, 0.08])
 
 
-def test_no_motion_if_the_arm_is_home(watched: tuple[Bench, WatchedArm]) -> None:
+def test_bench_is_ready_once_the_arm_is_home(watched: tuple[Bench, WatchedArm]) -> None:
     bench, arm = watched
     make_ready(bench, ConsoleOperator(lambda _: False))
     assert not arm.sent
-
-
-def test_a_bench_is_ready_once_the_arm_is_home(watched: tuple[Bench, WatchedArm]) -> None:
-    bench, arm = watched
     stand_at(bench, arm, 0.50, 0.0, 0.16)
     make_ready(bench, ConsoleOperator(lambda _: False))
     assert arm.sent[-1].position_m == HOME

@@ -1,5 +1,7 @@
 """The pump delivers every frame once, fingertips in order of capture, for all phases and jitter."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from itertools import pairwise
 
@@ -8,13 +10,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from drivers.bench import Bench
 from drivers.clock import to_ns
 from drivers.errors import DeviceError, DeviceTimeoutError, StaleFrameError
-from drivers.types import ArmState, Frame, GripperState
+from drivers.types import Frame
 from fakes.clock import SimulatedClock
 from fakes.devices.camera import FakeSource, Shutter
 from fakes.faults import FaultScript
-from protocols.observer import Phase
+from protocols.observer import LiftObserver
 from protocols.pump import Pump
 from rig.bench.assembly import build_bench
 from rig.config import load_bench
@@ -22,15 +25,11 @@ from rig.config import load_bench
 BENCH = load_bench("fake")
 
 
-class Seen:
+class Seen(LiftObserver):
     """An observer that records what it receives."""
 
     def __init__(self) -> None:
         self.frames: list[Frame] = []
-
-    def phase(self, phase: Phase, time_ns: int) -> None: ...
-    def arm(self, state: ArmState) -> None: ...
-    def gripper(self, state: GripperState) -> None: ...
 
     def touching(self, serial: str) -> bool:
         return False
@@ -54,13 +53,20 @@ def pumped(shutters: list[Shutter], duration_s: float) -> tuple[list[Frame], int
     tips = tuple(replace(tip, sensor=s) for tip, s in zip(bench.fingertips, sources[:2], strict=True))
     bench = replace(bench, fingertips=tips, camera=sources[2])
     seen = Seen()
-    with bench.connected():
-        bench.clock.sleep_until(to_ns(0.2))
-        pump = Pump(bench, seen)
-        pump.start()
+    with pumping(bench, seen) as pump:
         began = bench.clock.now_ns()
         pump.run_for(duration_s)
     return seen.frames, began
+
+
+@contextmanager
+def pumping(bench: Bench, observer: LiftObserver | None = None) -> Iterator[Pump]:
+    """A started pump of a connected bench."""
+    with bench.connected():
+        bench.clock.sleep_until(to_ns(0.2))
+        pump = Pump(bench, observer or Seen())
+        pump.start()
+        yield pump
 
 
 PHASES = st.floats(0.0, 0.016)
@@ -103,10 +109,7 @@ def test_camera_picture_is_not_processed_shortly_before_a_fingertip_frame(phase_
 
 def test_silent_camera_is_an_error_while_the_fingertips_continue() -> None:
     bench, _ = build_bench(BENCH)
-    with bench.connected():
-        bench.clock.sleep_until(to_ns(0.2))
-        pump = Pump(bench, Seen())
-        pump.start()
+    with pumping(bench) as pump:
         silent_ns = bench.clock.now_ns()
         bench.camera._active = lambda kind, index: kind == "drop"  # type: ignore[attr-defined]
         with pytest.raises(StaleFrameError, match="SIM-C0001"):
@@ -129,11 +132,7 @@ def test_source_with_repeated_frames_counts_as_frozen() -> None:
         return np.zeros((8, 8, 3), np.uint8)
 
     camera = FakeSource(("SIM-C0001",), Shutter(30.0, 0.0), frozen, bench.clock, FaultScript(), 0)
-    bench = replace(bench, camera=camera)
-    with bench.connected():
-        bench.clock.sleep_until(to_ns(0.2))
-        pump = Pump(bench, Seen())
-        pump.start()
+    with pumping(replace(bench, camera=camera)) as pump:
         with pytest.raises(StaleFrameError, match=r"SIM-C0001: it has repeated its picture for 0\.5 s"):
             pump.run_for(2.0)
 
@@ -141,10 +140,7 @@ def test_source_with_repeated_frames_counts_as_frozen() -> None:
 def test_frame_of_another_sensor_is_a_fault() -> None:
     bench, _ = build_bench(BENCH)
     sensor = bench.fingertips[0].sensor
-    with bench.connected():
-        bench.clock.sleep_until(to_ns(0.2))
-        pump = Pump(bench, Seen())
-        pump.start()
+    with pumping(bench) as pump:
         pump.run_for(0.2)
         frames = sensor.next_frame
         sensor.next_frame = lambda timeout_s: replace(frames(timeout_s), serial="SIM-D0002")  # type: ignore[method-assign]
@@ -153,13 +149,8 @@ def test_frame_of_another_sensor_is_a_fault() -> None:
 
 
 def test_time_limit_names_what_was_missed_and_the_devices_if_frames_are_in_time() -> None:
-    bench, _ = build_bench(BENCH)
-    with bench.connected():
-        bench.clock.sleep_until(to_ns(0.2))
-        pump = Pump(bench, Seen())
-        pump.start()
-        with pytest.raises(DeviceTimeoutError) as raised:
-            pump.run_until(lambda: False, 1.5, "the arm did not stop")
+    with pumping(build_bench(BENCH)[0]) as pump, pytest.raises(DeviceTimeoutError) as raised:
+        pump.run_until(lambda: False, 1.5, "the arm did not stop")
     assert str(raised.value).startswith("bench: the arm did not stop within 1.5 s; check the devices")
     assert "if the computer may be overloaded, end other programs on it" in str(raised.value)
 
@@ -173,12 +164,8 @@ def test_time_limit_names_the_overloaded_computer_if_frames_are_late() -> None:
         def frame(self, frame: Frame) -> None:
             bench.clock.sleep_until(bench.clock.now_ns() + to_ns(0.05))
 
-    with bench.connected():
-        bench.clock.sleep_until(to_ns(0.2))
-        pump = Pump(bench, Slow())
-        pump.start()
-        with pytest.raises(DeviceTimeoutError) as raised:
-            pump.run_for(2.0)
+    with pumping(bench, Slow()) as pump, pytest.raises(DeviceTimeoutError) as raised:
+        pump.run_for(2.0)
     said = str(raised.value)
     assert said.startswith(
         "bench: the frames of 2 s were not processed within 5 s; the fingertips' frames are"

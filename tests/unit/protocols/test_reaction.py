@@ -9,11 +9,7 @@ import pytest
 from drivers.errors import DeviceError
 from drivers.types import Holding
 from protocols.observer import Phase, ReactionStep
-from protocols.reaction import (
-    MOST_REACTIONS,
-    Reaction,
-    ReactionKind,
-)
+from protocols.reaction import MOST_REACTIONS, Reaction, ReactionKind
 from protocols.slip_trial import run_lift
 
 FIRST_CLOSING_STEPS = 6

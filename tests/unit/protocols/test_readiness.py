@@ -40,20 +40,24 @@ def restarted(lift: Any, state: HandState) -> Any:
     return replace(lift.bench, hand=Hand(state, lift.kept.append))
 
 
-def test_free_hand_needs_no_question(lift_of: LiftOf) -> None:
+def test_free_hand_is_asked_about_after_a_fault_only(lift_of: LiftOf) -> None:
     lift, person = lift_of(), Person(agrees=False)
     make_ready(lift.bench, person)
+    agree_to_carry(lift.bench, person)
     assert person.asked == []
     assert lift.bench.hand.state == HandState(Holding.FREE, finger_opening_m=lift.bench.gripper.spec.open_m)
+    make_ready(lift.bench, agreeing := Person(), after_fault=True)
+    assert len(agreeing.asked) == 1
 
 
-def test_object_held_by_the_last_program_is_set_down_at_its_place(lift_of: LiftOf) -> None:
+@pytest.mark.parametrize("after_fault", [False, True])
+def test_object_held_by_the_last_program_is_set_down_at_its_place(lift_of: LiftOf, after_fault: bool) -> None:
     lift, person = left_in_the_air(lift_of), Person()
     bench = restarted(lift, lift.bench.hand.state)
-    make_ready(bench, person)
+    make_ready(bench, person, after_fault)
     assert len(person.asked) == 2
     assert "Is the hand empty" in person.asked[1]
-    assert "holds wrench" in person.asked[0]
+    assert ("ended in a fault. The hand holds wrench" if after_fault else "holds wrench") in person.asked[0]
     assert "set down" in person.asked[0]
     place = lift.plan.base_T_grasp.position_m[2]
     assert next(z for _, z, _, held in lift.trace if not held) == pytest.approx(place, abs=1e-4)
@@ -64,9 +68,12 @@ def test_object_held_by_the_last_program_is_set_down_at_its_place(lift_of: LiftO
 def test_object_stays_held_without_an_answer_even_with_yes(lift_of: LiftOf) -> None:
     lift, person = left_in_the_air(lift_of), Person(agrees=False)
     before = (lift.pose, lift.counts)
-    with pytest.raises(OperatorStopError, match="nothing was moved"):
-        make_ready(restarted(lift, lift.bench.hand.state), person)
+    bench = restarted(lift, lift.bench.hand.state)
+    for ask in (make_ready, agree_to_carry):
+        with pytest.raises(OperatorStopError, match="nothing was moved"):
+            ask(bench, person)
     assert (lift.pose, lift.counts, lift.held) == (*before, True)
+    assert "The arm will move with it" in person.asked[1]
 
 
 def test_fingers_closed_for_unknown_reason_open_only_after_a_question(lift_of: LiftOf) -> None:
@@ -124,45 +131,10 @@ def test_open_fingers_of_an_inactive_gripper_do_not_free_the_hand(lift_of: LiftO
     assert check_hand(lift.bench) == known
 
 
-def test_arm_with_an_object_moves_only_after_a_question(lift_of: LiftOf) -> None:
-    lift, person = left_in_the_air(lift_of), Person(agrees=False)
-    with pytest.raises(OperatorStopError):
-        agree_to_carry(restarted(lift, lift.bench.hand.state), person)
-    assert "The arm will move with it" in person.asked[0]
-
-
-def test_free_hand_moves_without_a_question(lift_of: LiftOf) -> None:
-    person = Person(agrees=False)
-    agree_to_carry(lift_of().bench, person)
-    assert person.asked == []
-
-
-def test_after_a_fault_one_question_is_asked(lift_of: LiftOf) -> None:
-    lift, person = lift_of(), Person()
-    make_ready(lift.bench, person, after_fault=True)
-    assert len(person.asked) == 1
-
-
-def test_fault_with_object_in_the_air_is_asked_about_before_and_after_the_release(lift_of: LiftOf) -> None:
-    lift, person = left_in_the_air(lift_of), Person()
-    make_ready(lift.bench, person, after_fault=True)
-    assert len(person.asked) == 2
-    assert "ended in a fault. The hand holds wrench" in person.asked[0]
-
-
 @pytest.mark.parametrize("mode", ["wide", "pinch", "scissor"])
-def test_other_grasp_mode_is_named_and_activated_in_basic_mode_before_the_first_motion(
+def test_other_grasp_mode_is_left_by_an_activation_that_a_person_agrees_to(
     lift_of: LiftOf, mode: str
 ) -> None:
-    lift, person = lift_of(), Person()
-    lift.bench.gripper.mode = mode
-    make_ready(lift.bench, person)
-    assert person.asked == [] or mode in person.asked[0]
-    assert lift.bench.gripper.state().mode == "basic"
-
-
-@pytest.mark.parametrize("mode", ["wide", "pinch", "scissor"])
-def test_nothing_moves_in_another_grasp_mode_without_agreement(lift_of: LiftOf, mode: str) -> None:
     lift = lift_of()
     asked: list[str] = []
     lift.bench.gripper.mode = mode
@@ -172,3 +144,5 @@ def test_nothing_moves_in_another_grasp_mode_without_agreement(lift_of: LiftOf, 
     assert f"in {mode} mode. Activate it now in basic mode?" in asked[0]
     assert lift.trace == []
     assert lift.bench.gripper.state().mode == mode
+    make_ready(lift.bench, Person())
+    assert lift.bench.gripper.state().mode == "basic"

@@ -178,27 +178,25 @@ def test_emergency_stop_in_the_hold_phase_is_noticed_within_two_frames(
     assert lift.held
 
 
-def test_too_wide_object_is_rejected_before_any_motion(lift_of: LiftOf) -> None:
-    lift = lift_of()
-    before = (lift.pose, lift.counts)
-    lift.plan = replace(lift.plan, width_m=0.118)
-    with pytest.raises(OutOfLimitsError, match=r"118\.0 mm wide is too wide.*open 120\.0 mm"):
-        run_lift(lift.bench, lift.plan, lift.observer)
-    assert (lift.pose, lift.counts) == before
-
-
-@pytest.mark.parametrize("z_m", [0.10, 0.20])
-def test_plan_into_a_keep_out_box_is_refused_before_any_motion(
-    lift_of: LiftOf, monkeypatch: pytest.MonkeyPatch, z_m: float
+@pytest.mark.parametrize(
+    ("width_m", "box_z_m", "said"),
+    [
+        (0.118, 0.5, r"118\.0 mm wide is too wide.*open 120\.0 mm"),
+        (0.012, 0.10, "into 'lamp'"),
+        (0.012, 0.20, "into 'lamp'"),
+    ],
+)
+def test_plan_beyond_the_limits_is_rejected_before_any_motion(
+    lift_of: LiftOf, monkeypatch: pytest.MonkeyPatch, width_m: float, box_z_m: float, said: str
 ) -> None:
     lift = lift_of()
     x, y, _ = lift.plan.base_T_grasp.position_m
-    box = Box("lamp", (x - 0.05, y - 0.05, z_m), (x + 0.05, y + 0.05, z_m + 0.02))
-    lift.plan = replace(lift.plan, lift_height_m=0.2)
+    box = Box("lamp", (x - 0.05, y - 0.05, box_z_m), (x + 0.05, y + 0.05, box_z_m + 0.02))
+    lift.plan = replace(lift.plan, lift_height_m=0.2, width_m=width_m)
     limits = replace(lift.bench.arm.limits, keep_out=(box,))
     monkeypatch.setattr(FakeArm, "limits", property(lambda arm: limits))
     before = (lift.pose, lift.counts)
-    with pytest.raises(OutOfLimitsError, match="into 'lamp'"):
+    with pytest.raises(OutOfLimitsError, match=said):
         run_lift(lift.bench, lift.plan, lift.observer)
     assert (lift.pose, lift.counts) == before
 

@@ -21,12 +21,7 @@ FAULTS: list[tuple[str, dict[str, object], type[DeviceError], str]] = [
     ("truncate", {"size": 4}, DeviceTimeoutError, "reply"),
     ("garbage", {}, DeviceError, "check power"),
     ("exception", {"code": 2}, DeviceError, "exception 2"),
-    (
-        "disconnect",
-        {},
-        DeviceError,
-        "cannot be opened|the line failed",
-    ),  # depends on the first request that fails
+    ("disconnect", {}, DeviceError, "cannot be opened|the line failed"),  # by the first request that fails
     ("fault", {"code": 0x0E}, GripperFaultError, "0x0E"),
     ("fault", {"code": 0x0A}, GripperFaultError, "0x0A"),
     ("power_lost", {"duration_s": 0.1}, DeviceError, "activation"),

@@ -102,16 +102,13 @@ def test_every_status_is_unchanged_after_packing_and_parsing(status: Status) -> 
     assert unpack_status(pack_status(status)) == status
 
 
-@pytest.mark.parametrize("registers", [[], [0] * 7, [0] * 9, [0x10000] * 8, [-1] * 8])
-def test_invalid_register_image_is_rejected(registers: list[int]) -> None:
-    with pytest.raises(DeviceError, match="preset"):
-        unpack_status(registers)
-
-
-@pytest.mark.parametrize("position", [-1, 256, 100.0, None])
-def test_counts_outside_a_byte_are_rejected(position: object) -> None:
-    with pytest.raises(OutOfLimitsError, match="0 to 255"):
-        pack_command(whole_hand(position))  # type: ignore[arg-type]
+def test_invalid_register_images_and_counts_are_rejected() -> None:
+    for registers in ([], [0] * 7, [0] * 9, [0x10000] * 8, [-1] * 8):
+        with pytest.raises(DeviceError, match="preset"):
+            unpack_status(registers)
+    for position in (-1, 256, 100.0, None):
+        with pytest.raises(OutOfLimitsError, match="0 to 255"):
+            pack_command(whole_hand(position))  # type: ignore[arg-type]
 
 
 def test_every_fault_code_has_a_name_and_a_remedy() -> None:

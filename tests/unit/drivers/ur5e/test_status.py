@@ -149,32 +149,26 @@ def test_clock_map_follows_a_slow_drift() -> None:
     assert 0 <= arrived_ns - dated <= 20 * 50_000
 
 
-@pytest.mark.parametrize(
-    ("target", "speed", "acceleration", "what"),
-    [
+INSIDE = Pose((0.4, 0.0, 0.3))
+
+
+def test_motion_outside_the_limits_is_rejected() -> None:
+    check_motion(LIMITS, INSIDE, 0.1, 0.5)
+    for target, speed, acceleration, what in (
         (Pose((0.9, 0.0, 0.3)), 0.1, 0.5, "workspace"),
         (Pose((math.nan, 0.0, 0.3)), 0.1, 0.5, "workspace"),
         (Pose((0.4, 0.0, 0.3), (math.nan, 0.0, 0.0, 1.0)), 0.1, 0.5, "not a valid pose"),
-        (Pose((0.4, 0.0, 0.3)), 0.6, 0.5, "speed"),
-        (Pose((0.4, 0.0, 0.3)), 0.0, 0.5, "speed"),
-        (Pose((0.4, 0.0, 0.3)), math.nan, 0.5, "speed"),
-        (Pose((0.4, 0.0, 0.3)), 0.1, math.inf, "acceleration"),
-    ],
-)
-def test_a_motion_outside_the_limits_is_refused(
-    target: Pose, speed: float, acceleration: float, what: str
-) -> None:
-    with pytest.raises(OutOfLimitsError, match=what):
-        check_motion(LIMITS, target, speed, acceleration)
-
-
-def test_joints_outside_their_range_are_refused() -> None:
-    check_motion(LIMITS, Pose((0.4, 0.0, 0.3)), 0.1, 0.5)
-    check_joints(SIX, JOINT_RANGE_RAD, Pose((0.4, 0.0, 0.3)))
-    with pytest.raises(OutOfLimitsError, match="joint 3"):
-        check_joints((0, 0, 7.0, 0, 0, 0), JOINT_RANGE_RAD, Pose((0.4, 0.0, 0.3)))
-    with pytest.raises(OutOfLimitsError, match="reach"):
-        check_joints(None, JOINT_RANGE_RAD, Pose((0.4, 0.0, 0.3)))
+        (INSIDE, 0.6, 0.5, "speed"),
+        (INSIDE, 0.0, 0.5, "speed"),
+        (INSIDE, math.nan, 0.5, "speed"),
+        (INSIDE, 0.1, math.inf, "acceleration"),
+    ):
+        with pytest.raises(OutOfLimitsError, match=what):
+            check_motion(LIMITS, target, speed, acceleration)
+    check_joints(SIX, JOINT_RANGE_RAD, INSIDE)
+    for joints, what in (((0, 0, 7.0, 0, 0, 0), "joint 3"), (None, "reach")):
+        with pytest.raises(OutOfLimitsError, match=what):
+            check_joints(joints, JOINT_RANGE_RAD, INSIDE)
 
 
 def test_poses_in_the_controllers_notation() -> None:

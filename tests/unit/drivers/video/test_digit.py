@@ -135,11 +135,7 @@ def test_setting_light_without_leds_is_an_error(tmp_path) -> None:
 
 @pytest.mark.parametrize(
     ("fault", "counter", "words"),
-    [
-        ("green", "green", "images are green"),
-        ("shift", "shifted", "images are shifted"),
-        ("truncate", "damaged", "end is"),
-    ],
+    [("green", "green", "are green"), ("shift", "shifted", "are shifted"), ("truncate", "damaged", "end is")],
 )
 def test_damaged_images_are_withheld_counted_and_named(
     server: MjpegServer, digit: Digit, fault: str, counter: str, words: str

@@ -126,13 +126,10 @@ def test_missing_buffers_are_detected_from_kernel_times() -> None:
     assert sorted(np.diff(frames))[-2:] == [1, 8]
 
 
-def test_missing_first_image_on_a_shared_bus_is_reported_as_bandwidth() -> None:
+def test_missing_first_image_is_reported_as_bandwidth_on_a_shared_bus_only() -> None:
     digit = digit_on(FakeCapture(sends=0))
     with pytest.raises(DeviceError, match=r"no USB bandwidth is left.*usb1 also carries D2 at /dev/video2"):
         digit.connect()
-
-
-def test_missing_first_image_alone_on_a_bus_is_not_reported_as_bandwidth() -> None:
     capture = FakeCapture(sends=0)
     camera = ExternalCamera("C1", "/dev/video9", discover=lambda: NODES, open_device=lambda device: capture)
     with pytest.raises(DeviceError, match="sends nothing; unplug it"):

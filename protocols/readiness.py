@@ -8,58 +8,13 @@ from contextlib import suppress
 from dataclasses import replace
 
 from drivers.bench import Bench
-from drivers.errors import GripperFaultError, OutOfLimitsError
-from drivers.motion import check_way
-from drivers.types import BASIC_MODE, HandState, Holding, Pose
+from drivers.errors import GripperFaultError
+from drivers.types import BASIC_MODE, HandState, Holding
 from protocols.fingers import move_fingers
+from protocols.home import go_home
 from protocols.operator import Operator
 from protocols.safe_end import is_above, is_around, safe_end
-from protocols.steps import CLEARANCE_M, LOWER_SPEED_M_S, MOTION_TIMEOUT_S, TRAVEL_SPEED_M_S, move
-
-_THERE_M, _THERE_RAD = 1e-3, 5e-3
-"""Largest distances from a pose at which the arm counts as being there."""
-
-
-def home_plan(base_T_home: Pose, when: str) -> str:  # noqa: N803
-    """Describe the motion home, for the plan that a person agrees to. when: such as "Before each lift"."""
-    x, y, z = base_T_home.position_m
-    return (
-        f"{when} the arm goes home at up to {TRAVEL_SPEED_M_S} m/s: straight up, across, then down to "
-        f"({x:.3f}, {y:.3f}, {z:.3f}) m."
-    )
-
-
-def go_home(bench: Bench) -> None:
-    """Move a free hand home from any pose: straight up, across, down. If the arm is at home, nothing moves.
-
-    The arm moves across at the height of home, or at its own height if that is higher, and never lower than
-    `CLEARANCE_M` above the table. Raises `OutOfLimitsError` before anything moves if the path leaves the
-    workspace.
-    """
-    here, home = bench.arm.state().base_T_tcp, bench.base_T_home
-    if _is_there(here, home):
-        return
-    top = max(pose.position_m[2] for pose in (here, home, bench.base_T_table.translated(z_m=CLEARANCE_M)))
-    way = (*(pose.translated(z_m=top - pose.position_m[2]) for pose in (here, home)), home)
-    limits = bench.arm.limits
-    for pose in way:
-        if not limits.has_inside(pose.position_m):
-            low, high = limits.workspace_min_m, limits.workspace_max_m
-            raise OutOfLimitsError(
-                f"arm: the path home leads through {pose.position_m} m, outside {low} to {high} m; "
-                "bring the arm inside with the pendant, then start again"
-            )
-    check_way(limits, (here, *way))
-    for pose in way:
-        if not _is_there(here, pose):
-            move(bench, pose, TRAVEL_SPEED_M_S).wait(MOTION_TIMEOUT_S)
-            here = pose
-
-
-def _is_there(here: Pose, there: Pose) -> bool:
-    off_m, off_rad = here.apart(there)
-    return off_m < _THERE_M and off_rad < _THERE_RAD
-
+from protocols.steps import CLEARANCE_M, LOWER_SPEED_M_S, MOTION_TIMEOUT_S, move
 
 OPEN_M = 0.002
 """Fingers closed by at most this from fully open, m, hold nothing: three steps of a Robotiq 3-Finger."""
@@ -72,7 +27,7 @@ def make_ready(bench: Bench, operator: Operator, after_fault: bool = False) -> N
     """Release a protective stop, free the hand, activate the gripper in basic mode, go home: each if needed.
 
     After a fault, and if an object may be in the hand, a person at the bench is asked. Activation is asked
-    for because the fingers sweep their range. The motion home is part of the agreed plan.
+    for because the fingers sweep their range. The motion home is part of the agreed plan (`protocols.home`).
     If it ends early, the arm stays where it is.
     """
     free_hand(bench, operator, after_fault)

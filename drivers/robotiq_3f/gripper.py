@@ -2,7 +2,7 @@
 
 Two of its three fingers grasp. Each is commanded to its own position (individual control, rICF); the third is
 commanded to stay at its present position. Openings in m are converted to position counts only in this package
-(`commands.py`). A light grip closes in steps of one count until the tactile images show contact
+(`registers.py`). A light grip closes in steps of one count until the tactile images show contact
 (`protocols/steps.py`), because rFR = 0 already pushes with 15 N; one count is about 0.6 mm of opening for a
 stroke of 155 mm.
 

@@ -13,9 +13,9 @@ from drivers.errors import CalibrationError, RecordingError
 from drivers.images import encode_png
 from drivers.types import Frame, Image, Pose
 from protocols.capture_touch import Touch
+from protocols.home import home_plan
 from protocols.observer import LiftObserver, Phase
 from protocols.operator import Operator
-from protocols.readiness import home_plan
 from protocols.steps import TRAVEL_SPEED_M_S, way_to
 from rig.bench.assembly import TABLE_M, TOOL_DOWN, home_pose
 from rig.bench.operators import ConsoleOperator

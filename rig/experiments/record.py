@@ -15,7 +15,8 @@ from drivers.errors import InputError, SessionError
 from drivers.images import encode_png, load_image
 from drivers.types import Image
 from protocols.grasps import grasp_poses
-from protocols.readiness import free_hand, home_plan
+from protocols.home import home_plan
+from protocols.readiness import free_hand
 from protocols.record_grasps import record_reference, record_untouched
 from protocols.steps import TRAVEL_SPEED_M_S, way_to
 from rig.bench.assembly import home_pose

@@ -8,7 +8,7 @@ from pathlib import Path
 from drivers.errors import InputError
 from drivers.types import Pose
 from protocols.grasps import TRIAL_OBJECTS, GraspFile, find_grasp_file
-from protocols.readiness import home_plan
+from protocols.home import home_plan
 from protocols.slip_trial import LIFT_S, LiftPlan
 from protocols.steps import TRAVEL_SPEED_M_S, way_to
 from rig.bench.assembly import home_pose

@@ -10,7 +10,8 @@ from drivers.bench import Bench
 from drivers.errors import DeviceError, OperatorStopError, OutOfLimitsError
 from drivers.interfaces import Arm, Motion
 from drivers.types import ArmLimits, ArmState, Pose
-from protocols.readiness import go_home, make_ready
+from protocols.home import go_home
+from protocols.readiness import make_ready
 from protocols.steps import CLEARANCE_M
 from rig.bench.assembly import TOOL_DOWN, build_bench
 from rig.bench.operators import ConsoleOperator

@@ -11,15 +11,15 @@ m by 2 mm without larger residuals. So the change of the estimate with cameras t
 added.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from scipy.stats import f as f_distribution
 
+from calibration.camera.model import CameraModel
 from calibration.hand_eye.closed_form import Transforms
-from calibration.hand_eye.samples import Problem
 
 Array = NDArray[np.floating]
 
@@ -29,6 +29,62 @@ _STILL = 1e-9
 """Relative change of the cost below which the iteration has converged."""
 _NEAREST_M = 1e-3
 """Smallest depth used in a projection, so that points behind the camera do not divide by zero."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Problem:
+    """The samples as arrays. Both setups satisfy A_i Z = X B_i.
+
+    X is the result (base_T_camera or tcp_T_camera), Z the pose of the target (tcp_T_target or base_T_target).
+    A is base_T_tcp for eye to hand, tcp_T_base for eye in hand. a_R: (N, 3, 3); a_t: (N, 3) m. points_m: (M,
+    3) on the target. seen_px: (M, 2) px in the picture of `camera`; pixels: the same, undistorted. owner:
+    (M,) index of each point's sample.
+    """
+
+    ids: tuple[str, ...]
+    a_R: Array  # noqa: N815
+    a_t: Array
+    points_m: Array
+    seen_px: Array
+    pixels: Array
+    owner: NDArray[np.int64]
+    camera: CameraModel
+
+    @property
+    def focal(self) -> Array:
+        """Focal lengths, (2,) px."""
+        return self.camera.matrix[[0, 1], [0, 1]]
+
+    @property
+    def centre(self) -> Array:
+        """Principal point, (2,) px."""
+        return self.camera.matrix[:2, 2]
+
+    def seen_by(self, camera: CameraModel) -> "Problem":
+        """Return the problem with the same pictures, but another camera's calibration."""
+        return replace(self, pixels=camera.undistorted(self.seen_px), camera=camera)
+
+    def without(self, sample: int) -> "Problem":
+        return self.subset(np.delete(np.arange(len(self.ids)), sample))
+
+    def subset(self, samples: NDArray[np.int64]) -> "Problem":
+        """Return the problem with only these samples, in this order."""
+        rows = [np.flatnonzero(self.owner == i) for i in samples]
+        chosen = np.concatenate(rows) if rows else np.empty(0, np.int64)
+        owner = np.repeat(np.arange(len(samples)), [len(r) for r in rows])
+        return Problem(
+            tuple(self.ids[i] for i in samples), self.a_R[samples], self.a_t[samples],
+            self.points_m[chosen], self.seen_px[chosen], self.pixels[chosen], owner, self.camera,
+        )  # fmt: skip
+
+    def inverted(self) -> "Problem":
+        """Return the problem with all robot poses inverted."""
+        turned = self.a_R.transpose(0, 2, 1)
+        return replace(self, a_R=turned, a_t=-(turned @ self.a_t[..., None])[..., 0])
+
+    def shifted(self, by: int) -> "Problem":
+        """Return the problem with poses and pictures paired with an offset."""
+        return replace(self, a_R=np.roll(self.a_R, by, axis=0), a_t=np.roll(self.a_t, by, axis=0))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -2,7 +2,9 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from enum import StrEnum
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
@@ -16,18 +18,10 @@ from calibration.hand_eye.closed_form import (
     nearest_rotation,
     observability,
 )
-from calibration.hand_eye.refine import Refined, Uncertainty, linearised, refine, uncertainty
-from calibration.hand_eye.samples import (
-    HandEyeSample,
-    Problem,
-    Setup,
-    consistent_choice,
-    make_problem,
-    target_poses,
-    usable_samples,
-)
-from calibration.targets.boards import View
-from calibration.verdict import Assessment, Rejected, floor, limit, rests_on
+from calibration.hand_eye.refine import Problem, Refined, Uncertainty, linearised, refine, uncertainty
+from calibration.poses import REACH_M, pose_fault, repeated_pose
+from calibration.targets.boards import View, outside
+from calibration.verdict import Assessment, Rejected, floor, limit, rests_on, sift
 from drivers.errors import CalibrationError, counted
 from drivers.types import Pose
 
@@ -41,7 +35,7 @@ _STANDS_OUT = 3.0
 """A sample is an outlier above this multiple of the median error."""
 _LEAST_OUTLIER_PX = 1.0
 """Samples with a smaller error are never rejected."""
-_MOST_REJECTED = 0.34
+MOST_REJECTED = 0.34
 """Largest fraction of rejected samples; above it the data contradict themselves."""
 _DRAWS = 6
 """Random halves of the samples that give further initial values."""
@@ -51,6 +45,26 @@ _GOOD_RMS_PX, _GOOD_SAMPLES = 1.5, 10
 """Largest residual and fewest samples of a good calibration."""
 _LOOSE = "residual of the samples {value:.2f} px: is the target rigidly mounted, the robot at rest?"
 _BETTER_CAMERA = "calibrate the camera again before this, with tilted and nearer views"
+
+
+class Setup(StrEnum):
+    """Where the camera is mounted.
+
+    Eye to hand: the camera is fixed, the target is on the tool; the answer is base_T_camera.
+    Eye in hand: the camera is on the tool, the target is fixed; the answer is tcp_T_camera.
+    """
+
+    EYE_TO_HAND = "eye-to-hand"
+    EYE_IN_HAND = "eye-in-hand"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HandEyeSample:
+    """One moment at rest: `base_T_tcp` from the robot, and the target in the camera's picture."""
+
+    id: str
+    base_T_tcp: Pose  # noqa: N815 - frame names keep their case
+    view: View
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -99,7 +113,7 @@ def calibrate_hand_eye(samples: Sequence[HandEyeSample], camera: CameraModel, se
     kept = np.flatnonzero(missed <= bound)
     outliers = np.setdiff1d(np.arange(len(problem.ids)), kept)
     sample_px = dict(zip(problem.ids, missed.tolist(), strict=True))
-    if len(outliers) > _MOST_REJECTED * len(problem.ids) or len(kept) < FEWEST_SAMPLES:
+    if len(outliers) > MOST_REJECTED * len(problem.ids) or len(kept) < FEWEST_SAMPLES:
         reason = _contradiction(problem, start)
         return HandEyeResult(setup, Assessment((reason,)), tuple(rejected), motion, sample_px=sample_px)
     rejected += [
@@ -297,3 +311,83 @@ def _sigma_m(information: Array, noise_px: float) -> float:
     covariance = np.linalg.pinv(information / np.outer(scale, scale), hermitian=True) / np.outer(scale, scale)
     turn, move = np.diag(covariance)[:3].sum(), np.diag(covariance)[3:6].sum()
     return float(noise_px * np.sqrt(move + _LEVER_M**2 * turn))
+
+
+def make_problem(samples: Sequence[HandEyeSample], camera: CameraModel, setup: Setup) -> Problem:
+    """Collect samples into arrays, with undistorted pixels."""
+    poses = [s.base_T_tcp if setup is Setup.EYE_TO_HAND else s.base_T_tcp.inverse() for s in samples]
+    seen = np.vstack([s.view.image_px for s in samples])
+    return Problem(
+        ids=tuple(s.id for s in samples),
+        a_R=np.array([p.rotation.as_matrix() for p in poses]),
+        a_t=np.array([p.position_m for p in poses]),
+        points_m=np.vstack([s.view.board_m for s in samples]),
+        seen_px=seen,
+        pixels=camera.undistorted(seen),
+        owner=np.repeat(np.arange(len(samples)), [len(s.view.ids) for s in samples]),
+        camera=camera,
+    )
+
+
+def target_poses(problem: Problem) -> tuple[Array, Array]:
+    """Return camera_T_target per sample and solution: (N, 2, 3, 3) and (N, 2, 3) m, the better-fitting first.
+
+    A flat target allows two poses that look almost alike (IPPE, Collins and Bartoli 2014); a single picture
+    of a small marker cannot distinguish them. Raises `CalibrationError`.
+    """
+    turns, moves = [], []
+    for i, name in enumerate(problem.ids):
+        mine = problem.owner == i
+        flat = (problem.pixels[mine] - problem.centre) / problem.focal
+        try:
+            count, rotations, translations, _ = cv2.solvePnPGeneric(
+                problem.points_m[mine], flat, np.eye(3), None, flags=cv2.SOLVEPNP_IPPE
+            )
+        except cv2.error as error:
+            raise CalibrationError(
+                f"hand-eye: sample {name}: no pose of the target fits ({error.err})"
+            ) from error
+        if count == 0 or not np.isfinite(np.array(rotations)).all():
+            raise CalibrationError(f"hand-eye: sample {name}: no pose of the target fits its corners")
+        turns.append(
+            Rotation.from_rotvec(np.array([r.ravel() for r in (rotations[0], rotations[-1])])).as_matrix()
+        )
+        moves.append([t.ravel() for t in (translations[0], translations[-1])])
+    return np.array(turns), np.array(moves, np.float64)
+
+
+def consistent_choice(turns: Array, expected: Array) -> NDArray[np.int64]:
+    """(N,) index of the pose that is nearer to the (N, 3, 3) expected orientations."""
+    agreement = np.einsum("nkij,nij->nk", turns, expected)
+    return np.argmax(agreement, axis=1)
+
+
+def usable_samples(
+    samples: Sequence[HandEyeSample], camera: CameraModel
+) -> tuple[list[HandEyeSample], list[Rejected]]:
+    """Separate usable samples from unusable ones, each of these with its reason."""
+    return sift(samples, lambda s: s.id, lambda s, kept: _fault(s, camera) or _repeats(s, kept))
+
+
+def _fault(sample: HandEyeSample, camera: CameraModel) -> str | None:
+    view = sample.view
+    if not (np.isfinite(view.image_px).all() and np.isfinite(view.board_m).all()):
+        return "a corner is NaN or infinite"
+    if len(view.ids) < 4:
+        return f"{counted(len(view.ids), 'point')} of the target seen, at least 4 are needed"
+    if view.size != camera.size:
+        return f"picture of {view.size} px, the camera was calibrated at {camera.size}"
+    beyond = outside(view)
+    if beyond is not None:
+        return beyond
+    spread = np.linalg.svd(view.image_px - view.image_px.mean(axis=0), compute_uv=False)
+    if spread[1] < 0.02 * spread[0]:
+        return "all points seen lie on one line"
+    return pose_fault(sample.base_T_tcp, "robot pose", REACH_M)
+
+
+def _repeats(sample: HandEyeSample, others: list[HandEyeSample]) -> str | None:
+    """Reject a repeated pose: it adds no information, and makes leave-one-out meaningless."""
+    if any(other.id == sample.id for other in others):
+        return f"a second sample with the id {sample.id}"
+    return repeated_pose(sample.base_T_tcp, ((other.id, other.base_T_tcp) for other in others))

@@ -7,11 +7,10 @@ from pathlib import Path
 
 from calibration.camera.files import read_camera, unstated
 from calibration.camera.model import CameraModel
-from calibration.store import write_bytes
 from drivers.bench import Bench
 from drivers.errors import CalibrationError, RecordingError
-from drivers.images import encode_png
 from drivers.types import Frame, Image, Pose
+from protocols.capture_hand_eye import SPEED_M_S
 from protocols.capture_touch import Touch
 from protocols.home import home_plan
 from protocols.observer import LiftObserver, Phase
@@ -111,6 +110,10 @@ def _emptied(folder: Path) -> None:
         ) from error
 
 
+def visits(poses: Sequence[tuple[str, Pose]]) -> list[PlannedMotion]:
+    return [PlannedMotion(f"{name} visited", pose, (pose,), SPEED_M_S) for name, pose in poses]
+
+
 def touch_motions(config: BenchConfig, touches: Sequence[Touch]) -> list[PlannedMotion]:
     """Return the motions from home to the poses at which the fingers close."""
     home = home_pose(config)
@@ -182,17 +185,3 @@ def grasp_at(config: BenchConfig, x_m: float = 0.0, z_m: float = 0.0) -> Pose:
     """
     mark_m = config.table.position_m if config.has("table") else TABLE_M
     return Pose.from_rotation(Pose(mark_m).translated(x_m=x_m, z_m=z_m).position_m, TOOL_DOWN)
-
-
-def write_picture(path: Path, image: Image) -> None:
-    """Write a picture, (H, W) or (H, W, 3) uint8 RGB, as PNG. Raises `RecordingError`."""
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_bytes(encode_png(image))
-    except OSError as error:
-        raise RecordingError(f"{path}: cannot be written ({error.strerror}); choose another --out") from error
-
-
-def write_table(path: Path, header: str, rows: Sequence[str]) -> None:
-    """Write a CSV file, as `--from` reads it. Raises `RecordingError`."""
-    write_bytes(path, ("\n".join([header, *rows]) + "\n").encode())

@@ -5,16 +5,15 @@ from pathlib import Path
 
 import numpy as np
 
-from calibration.gel.balls import BALLS_MM, BallPress
-from calibration.gel.presses import find_press
-from calibration.gel.untouched import Circle, Pressed
+from calibration.gel.balls import BALLS_MM, BallPress, find_press
+from calibration.gel.look_fit import Circle, Pressed
 from calibration.targets.boards import SAME_VIEW_PX
 from calibration.verdict import Rejected, length_guess
 from drivers.errors import InputError
 from drivers.formats import number_in, read_csv_rows
 from drivers.images import read_image
 from drivers.types import Image
-from rig.calibrate.sources import picture_files
+from rig.calibrate.samples import picture_files
 
 Row = tuple[str, float, Path | None, tuple[float, float] | None]
 """Picture, ball diameter in mm, its own background, place of the ball in mm (x right, y down)."""

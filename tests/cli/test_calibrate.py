@@ -17,7 +17,7 @@ from drivers.types import Pose
 from fakes.studio.calibration_scenes import MarkerPictures
 from rig.benchmark.calibration.board_scenes import BOARD, CAMERA, board_pose, render_target
 from rig.benchmark.calibration.motion_scenes import general_scene, wiggle_scene
-from rig.calibrate.bench_hand_eye import pose_row
+from rig.calibrate.samples import pose_row
 from support.command_line import rig
 from support.motions import pivot_scene
 from support.simulated_gel import SimulatedGel
@@ -188,9 +188,7 @@ def write_tip_poses(folder: Path, poses: Sequence[tuple[str, Pose]], child_frame
     (folder / "poses.csv").write_text("\n".join([header, *rows]))
 
 
-def test_tip_poses_need_a_stated_frame_and_tcp_poses_are_converted(
-    tmp_path: Path,
-) -> None:
+def test_tip_poses_need_a_stated_frame_and_tcp_poses_are_converted(tmp_path: Path) -> None:
     tip, poses = pivot_scene(np.random.default_rng(0), 12)
     write_tip_poses(tmp_path, poses, "")
     done = calibrate("tcp", "--from", tmp_path, "--bench", "fake")

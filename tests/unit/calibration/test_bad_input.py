@@ -10,21 +10,17 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from calibration.camera.checks import assess_camera
-from calibration.camera.intrinsics import calibrate_camera
+from calibration.camera.intrinsics import assess_camera, calibrate_camera
 from calibration.camera.model import CameraModel
-from calibration.gel.balls import BallPress, calibrate_gel
-from calibration.gel.presses import Press, find_press
+from calibration.gel.balls import BallPress, Press, calibrate_gel, find_press
 from calibration.gel.reference import assess_reference, drift_since, make_reference
-from calibration.markers.angle import MarkerAngle
-from calibration.markers.planar import PlanarAngle
+from calibration.markers.angle import MarkerAngle, PlanarAngle
 from calibration.markers.tracker import MarkerTracker
 from calibration.opening import Direction, GripperResult, OpeningSample, calibrate_opening
 from calibration.poses import pose_from_matrix, pose_from_quaternion, pose_from_rotation_vector
 from calibration.targets.aruco import Refusal, refine_edges
 from calibration.targets.boards import View, parse_target
-from calibration.time_offset import time_offset
-from calibration.timed_signal import TimedSignal, make_stream
+from calibration.time_offset import TimedSignal, make_stream, time_offset
 from drivers.errors import RigError
 from drivers.types import Pose
 from fakes.studio.calibration_scenes import MarkerPictures

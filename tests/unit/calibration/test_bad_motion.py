@@ -13,19 +13,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from calibration.hand_eye.samples import HandEyeSample, Setup
-from calibration.hand_eye.solve import calibrate_hand_eye
-from calibration.time_offset import time_offset
-from calibration.timed_signal import TimedSignal
+from calibration.hand_eye.solve import HandEyeSample, Setup, calibrate_hand_eye
+from calibration.time_offset import TimedSignal, time_offset
 from calibration.tool_tip import calibrate_pivot
 from drivers.errors import RigError
 from drivers.types import Pose
-from rig.benchmark.calibration.motion_scenes import (
-    CAMERA,
-    Truth,
-    general_scene,
-    wiggle_scene,
-)
+from rig.benchmark.calibration.motion_scenes import CAMERA, Truth, general_scene, wiggle_scene
 from support.marks import long
 from support.motions import motion_scene, pivot_scene
 

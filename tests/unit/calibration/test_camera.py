@@ -6,8 +6,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calibration.camera.checks import assess_camera, camera_difference_px, projection_sigma_px
-from calibration.camera.intrinsics import CameraFit, calibrate_camera, predict
+from calibration.camera.intrinsics import (
+    CameraFit,
+    assess_camera,
+    calibrate_camera,
+    camera_difference_px,
+    predict,
+    projection_sigma_px,
+)
 from calibration.targets.boards import Chessboard, Marker, Target, View, parse_target, usable_views
 from calibration.targets.sheets import sheet_svg
 from calibration.verdict import Verdict

@@ -6,9 +6,16 @@ import cv2
 import numpy as np
 import pytest
 
-from calibration.gel.balls import BallFit, BallPress, ball_radius_mm, calibrate_gel, fit_scale
+from calibration.gel.balls import (
+    BallFit,
+    BallPress,
+    Press,
+    ball_radius_mm,
+    calibrate_gel,
+    find_press,
+    fit_scale,
+)
 from calibration.gel.gradient_map import GradientMap, fit_gradient_map
-from calibration.gel.presses import Press, find_press
 from calibration.gel.reference import assess_reference, drift_since, make_reference
 from calibration.verdict import Verdict
 from drivers.errors import CalibrationError

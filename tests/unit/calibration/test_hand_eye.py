@@ -8,8 +8,14 @@ import pytest
 
 from calibration.camera.model import CameraModel, CameraUncertainty
 from calibration.hand_eye.closed_form import park, shah
-from calibration.hand_eye.samples import HandEyeSample, Setup, make_problem, target_poses
-from calibration.hand_eye.solve import calibrate_hand_eye, next_pose
+from calibration.hand_eye.solve import (
+    HandEyeSample,
+    Setup,
+    calibrate_hand_eye,
+    make_problem,
+    next_pose,
+    target_poses,
+)
 from calibration.verdict import Verdict
 from drivers.types import Pose
 from rig.benchmark.calibration.motion_scenes import CAMERA, general_scene

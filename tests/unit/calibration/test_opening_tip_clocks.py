@@ -5,8 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from calibration.opening import Direction, OpeningSample, calibrate_opening
-from calibration.time_offset import time_offset
-from calibration.timed_signal import make_stream, turning_rate
+from calibration.time_offset import make_stream, time_offset, turning_rate
 from calibration.tool_tip import calibrate_pivot
 from calibration.verdict import Verdict
 from drivers.errors import CalibrationError

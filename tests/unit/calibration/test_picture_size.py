@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from calibration.camera.intrinsics import calibrate_camera
-from calibration.hand_eye.samples import Setup
-from calibration.hand_eye.solve import calibrate_hand_eye
+from calibration.hand_eye.solve import Setup, calibrate_hand_eye
 from calibration.targets.boards import outside
 from drivers.errors import CalibrationError
 from drivers.images import encode_png

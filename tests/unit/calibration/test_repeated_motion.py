@@ -7,8 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from calibration.time_offset import time_offset
-from calibration.timed_signal import TimedSignal, make_stream
+from calibration.time_offset import TimedSignal, make_stream, time_offset
 from calibration.verdict import Verdict
 
 Array = np.ndarray

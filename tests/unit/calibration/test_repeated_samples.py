@@ -7,13 +7,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from calibration.hand_eye.pose_pairs import PoseSample
-from calibration.hand_eye.pose_solve import calibrate_pose_pairs
-from calibration.hand_eye.samples import Setup
-from calibration.hand_eye.solve import calibrate_hand_eye
+from calibration.hand_eye.pose_pairs import PoseSample, calibrate_pose_pairs
+from calibration.hand_eye.solve import Setup, calibrate_hand_eye
 from calibration.opening import Direction, OpeningSample, calibrate_opening
-from calibration.time_offset import time_offset
-from calibration.timed_signal import TimedSignal, make_stream
+from calibration.time_offset import TimedSignal, make_stream, time_offset
 from calibration.tool_tip import calibrate_pivot
 from calibration.verdict import Verdict
 from drivers.types import Pose

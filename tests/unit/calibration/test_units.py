@@ -7,13 +7,13 @@ import pytest
 
 from calibration.opening import Direction, OpeningSample, calibrate_opening
 from calibration.poses import pose_fault
-from calibration.timed_signal import make_stream
+from calibration.time_offset import make_stream
 from calibration.tool_tip import calibrate_pivot
 from calibration.verdict import Verdict
 from drivers.errors import CalibrationError, InputError
 from drivers.images import encode_png
 from drivers.types import Pose
-from rig.calibrate.from_tables import gripper_from_folder
+from rig.calibrate.gripper import gripper_from_folder
 from rig.calibrate.tactile import read_press_folder, tactile_from_folder
 from support.motions import pivot_scene
 from support.simulated_gel import SimulatedGel

@@ -80,12 +80,20 @@ def calibrate_opening(samples: Sequence[OpeningSample], step_m: float = STEP_M) 
     wrong = _wrong_unit(good if len(good) > len(rejected) else samples, step_m)
     if wrong is not None:
         return GripperResult(Assessment((wrong,)), {}, tuple(rejected))
-    tables, missed = {}, []
+    tables: dict[Direction, OpeningTable] = {}
+    missed: list[Array] = []
     for direction in Direction:
         chosen = [s for s in good if s.direction is direction]
         if len(_distinct([s.counts for s in chosen])) >= FEWEST_COUNTS:
-            tables[direction], rest = _table(chosen)
-            missed.append(rest)
+            # isotonic regression over the mean at each count
+            openings = np.array([s.opening_m for s in chosen])
+            places, where, repeats = np.unique(
+                [s.counts for s in chosen], return_inverse=True, return_counts=True
+            )
+            means = np.bincount(where, openings) / repeats
+            fitted = np.asarray(isotonic_regression(means, weights=repeats, increasing=False).x)
+            tables[direction] = OpeningTable(places, fitted)
+            missed.append(openings - fitted[where])
     if Direction.CLOSING not in tables:
         closing = sum(s.direction is Direction.CLOSING for s in good)
         text = (
@@ -134,16 +142,6 @@ def _wrong_unit(samples: Sequence[OpeningSample], step_m: float) -> str | None:
         f"the openings change by {1e3 * found_m:.3g} mm per count, those of the gripper by "
         f"{1e3 * step_m:.2g} mm: opening_mm is not in mm{guess}"
     )
-
-
-def _table(samples: list[OpeningSample]) -> tuple[OpeningTable, Array]:
-    """Return the isotonic regression over the mean at each count, and the residual of each sample in m."""
-    counts = np.array([s.counts for s in samples], np.float64)
-    openings = np.array([s.opening_m for s in samples])
-    places, where, repeats = np.unique(counts, return_inverse=True, return_counts=True)
-    means = np.bincount(where, openings) / repeats
-    fitted = np.asarray(isotonic_regression(means, weights=repeats, increasing=False).x)
-    return OpeningTable(places, fitted), openings - fitted[where]
 
 
 def _hysteresis_m(tables: dict[Direction, OpeningTable]) -> float | None:

@@ -114,7 +114,15 @@ def turning_rate(
     # the comparison is False for NaN
     usable = _in_order(times, np.abs(np.linalg.norm(values, axis=1) - 1.0) < 0.01)
     times, values = times[usable], values[usable]
-    middle = times[_inside(times)] if len(times) else times
+    middle = times
+    if len(times):  # samples up to half a span on each side, without a large gap
+        half = _SPAN_NS // 2
+        first = np.searchsorted(times, times - half, "right") - 1
+        last = np.searchsorted(times, times + half)
+        whole = (first >= 0) & (last < len(times))
+        wide = np.zeros(len(times), bool)
+        wide[whole] = times[last[whole]] - times[first[whole]] < 3 * _SPAN_NS
+        middle = times[wide]
     if not len(middle):
         raise CalibrationError(
             f"sync: {name}: no orientations over 0.1 s without a gap; is the stream too slow?"
@@ -131,16 +139,6 @@ def _in_order(times: NDArray[np.int64], usable: NDArray[np.bool_]) -> NDArray[np
     found = found[np.argsort(times[found], kind="stable")]
     _, first = np.unique(times[found] // _SAME_NS, return_index=True)
     return found[first]
-
-
-def _inside(times: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """(N,) whether there are samples up to half a span on each side, without a large gap."""
-    half = _SPAN_NS // 2
-    first, last = np.searchsorted(times, times - half, "right") - 1, np.searchsorted(times, times + half)
-    whole = (first >= 0) & (last < len(times))
-    wide = np.zeros(len(times), bool)
-    wide[whole] = times[last[whole]] - times[first[whole]] < 3 * _SPAN_NS
-    return wide
 
 
 def _spikes(rates: NDArray[np.floating]) -> NDArray[np.bool_]:
@@ -183,7 +181,11 @@ def time_offset(
     """
     zero = first.time_ns[0]
     t1, t2 = ((s.time_ns - zero).astype(np.float64) / 1e9 for s in (first, second))
-    inside = (t2 > t1[0] + search_s) & (t2 < t1[-1] - search_s) & _measured(t1, t2, search_s)
+    inside = (t2 > t1[0] + search_s) & (t2 < t1[-1] - search_s)
+    gap = np.diff(t1)
+    wide = gap > max(10.0 * float(np.median(gap)), 0.02)
+    for start, end in zip(t1[:-1][wide] - search_s, t1[1:][wide] + search_s, strict=True):
+        inside &= (t2 < start) | (t2 > end)
     t2, wanted = t2[inside], second.values[inside]
     if len(t2) < FEWEST:
         text = f"the streams overlap by {counted(len(t2), 'sample')} (search ±{search_s:g} s): record longer"
@@ -261,18 +263,34 @@ def _minimum(streams: _Streams, offset_s: float, drift: float) -> _Minimum:
 def _result(streams: _Streams, minima: list[_Minimum], search_s: float, worst_ms: float) -> TimeOffset:
     best, count = minima[0], len(streams.t2)
     system, rest = streams.linearised(best.offset_s, best.drift)
-    alike = _autocorrelation(rest)
+    power = float(rest @ rest)
+    alike = float(rest[1:] @ rest[:-1]) / power if power > 0.0 else 0.0  # lag-1 autocorrelation
     fewer = np.sqrt((1.0 + alike) / (1.0 - alike)) if 0.0 < alike < 0.999 else 1.0
-    sigma = best.noise * _unit_sigmas(system) * fewer
+    scale, unit = np.linalg.norm(system, axis=0), np.full(system.shape[1], np.inf)
+    if not (scale < 1e-12).any():  # otherwise a parameter is undetermined
+        _, strengths, directions = np.linalg.svd(system / scale, full_matrices=False)
+        unit = np.linalg.norm(directions / np.maximum(strengths, 1e-15)[:, None], axis=0) / scale
+    sigma = best.noise * unit * fewer
     explained = 1.0 - best.cost / float(((streams.wanted - streams.wanted.mean()) ** 2).sum())
     period_s = _period_s(streams, minima, count / fewer**2)
-    assessment = _assess(
-        explained, alike, (float(sigma[0]), worst_ms / 1e3), best.offset_s, search_s, period_s
-    )
+    sigma_s, assessment = float(sigma[0]), None
+    if not explained >= _LEAST_EXPLAINED or not np.isfinite(sigma_s):
+        share = f"the signals share only {max(explained, 0.0):.0%} of their motion"
+        reason = f"{share}: wiggle by several degrees"
+    elif explained < _WELL_EXPLAINED and alike > _NOT_NOISE:
+        reason = "the residual at the best offset is not noise: the offset may lie outside the search range"
+    elif period_s is not None:
+        reason = f"the motion repeats every {1e3 * period_s:.0f} ms, so several offsets fit: move irregularly"
+    elif abs(best.offset_s) > search_s - 2 * _GRID_S:
+        reason = f"the offset lies at the end of the search (+-{search_s:g} s): search wider"
+    else:
+        reason = "the offset is known to {value:.2f} ms only: wiggle faster or longer"
+        assessment = limit(1e3 * sigma_s, 1.0, worst_ms, reason)
+    assessment = assessment or Assessment((reason,))
     if assessment.refusals:
         return TimeOffset(assessment, explained=explained, used=count)
     drifts = (1e6 * best.drift, 1e6 * float(sigma[3])) if streams.with_drift else (None, None)
-    return TimeOffset(assessment, best.offset_s, float(sigma[0]), *drifts, best.gain, explained, count)
+    return TimeOffset(assessment, best.offset_s, sigma_s, *drifts, best.gain, explained, count)
 
 
 def _period_s(streams: _Streams, minima: list[_Minimum], independent: float) -> float | None:
@@ -294,40 +312,6 @@ def _period_s(streams: _Streams, minima: list[_Minimum], independent: float) -> 
     return min(periods, default=None)
 
 
-def _assess(
-    explained: float,
-    autocorrelation: float,
-    sigma_and_worst_s: tuple[float, float],
-    offset_s: float,
-    search_s: float,
-    period_s: float | None,
-) -> Assessment:
-    sigma_s, worst_s = sigma_and_worst_s
-    if not explained >= _LEAST_EXPLAINED or not np.isfinite(sigma_s):
-        share = f"the signals share only {max(explained, 0.0):.0%} of their motion"
-        reason = f"{share}: wiggle by several degrees"
-    elif explained < _WELL_EXPLAINED and autocorrelation > _NOT_NOISE:
-        reason = "the residual at the best offset is not noise: the offset may lie outside the search range"
-    elif period_s is not None:
-        reason = f"the motion repeats every {1e3 * period_s:.0f} ms, so several offsets fit: move irregularly"
-    elif abs(offset_s) > search_s - 2 * _GRID_S:
-        reason = f"the offset lies at the end of the search (+-{search_s:g} s): search wider"
-    else:
-        return limit(
-            1e3 * sigma_s,
-            1.0,
-            1e3 * worst_s,
-            "the offset is known to {value:.2f} ms only: wiggle faster or longer",
-        )
-    return Assessment((reason,))
-
-
-def _autocorrelation(rest: Array) -> float:
-    """Return the lag-1 autocorrelation of a series; 0 for a series of zeros."""
-    power = float(rest @ rest)
-    return float(rest[1:] @ rest[:-1]) / power if power > 0.0 else 0.0
-
-
 def _explained(t1: Array, signal: Array, at: Array, wanted: Array) -> tuple[float, float, float]:
     """Return the residual sum of squares, the gain, and one sigma of the residual, at the best fit."""
     seen = np.interp(at, t1, signal)
@@ -337,15 +321,6 @@ def _explained(t1: Array, signal: Array, at: Array, wanted: Array) -> tuple[floa
     rest = goal - gain * centred
     cost = float(rest @ rest)
     return cost, gain, float(np.sqrt(cost / max(len(at) - 3, 1)))
-
-
-def _unit_sigmas(system: Array) -> Array:
-    """Return one sigma of each parameter for unit noise, by SVD; infinite if undetermined."""
-    scale = np.linalg.norm(system, axis=0)
-    if (scale < 1e-12).any():
-        return np.full(system.shape[1], np.inf)
-    _, strengths, directions = np.linalg.svd(system / scale, full_matrices=False)
-    return np.linalg.norm(directions / np.maximum(strengths, 1e-15)[:, None], axis=0) / scale
 
 
 def _valleys(costs: Array) -> list[int]:
@@ -360,15 +335,3 @@ def _valleys(costs: Array) -> list[int]:
         if all(costs[min(i, j) : max(i, j) + 1].max() > _HILL * costs[i] for j in found):
             found.append(i)
     return found[:_MOST_VALLEYS]
-
-
-def _measured(t1: Array, t2: Array, search_s: float) -> NDArray[np.bool_]:
-    """(N,) whether the first stream has no gap around each sample of the second."""
-    gap = np.diff(t1)
-    allowed = max(10.0 * float(np.median(gap)), 0.02)
-    starts = t1[:-1][gap > allowed] - search_s
-    ends = t1[1:][gap > allowed] + search_s
-    outside = np.ones(len(t2), bool)
-    for start, end in zip(starts, ends, strict=True):
-        outside &= (t2 < start) | (t2 > end)
-    return outside

@@ -37,7 +37,10 @@ class PivotResult:
 
 def calibrate_pivot(poses: Sequence[tuple[str, Pose]]) -> PivotResult:
     """Solve R_i tip + p_i = point by least squares over named `base_T_tool` poses, without outliers."""
-    good, rejected = sift(poses, lambda named: named[0], _fault)
+    good, rejected = sift(
+        poses, lambda named: named[0],
+        lambda named, kept: pose_fault(named[1], "robot pose", REACH_M) or repeated_pose(named[1], kept),
+    )  # fmt: skip
     if len(good) < FEWEST:
         text = f"{counted(len(good), 'usable distinct pose')}; at least {FEWEST} are needed, 10 are good"
         return PivotResult(Assessment((text,)), tuple(rejected))
@@ -50,21 +53,12 @@ def calibrate_pivot(poses: Sequence[tuple[str, Pose]]) -> PivotResult:
     kept = _inliers(turns, moves)
     rejected += [Rejected(names[i], "its tip misses the point of the others") for i in np.flatnonzero(~kept)]
     names = [name for name, used in zip(names, kept, strict=True) if used]
-    return _finish(names, turns[kept], moves[kept], tuple(rejected))
-
-
-def solve_pivot(turns: Array, moves: Array) -> tuple[Array, Array]:
-    """Return tip and fixed point, (3,) m each, from rotations (N, 3, 3) and positions (N, 3) m."""
-    both, *_ = np.linalg.lstsq(_system(turns), -moves.reshape(-1), rcond=None)
-    return both[:3], both[3:]
-
-
-def _finish(names: list[str], turns: Array, moves: Array, rejected: tuple[Rejected, ...]) -> PivotResult:
+    turns, moves = turns[kept], moves[kept]
     cone_deg, assessment = _gate(turns)
     if len(names) < FEWEST and not assessment.refusals:
         assessment = Assessment((f"{counted(len(names), 'agreeing pose')}; at least {FEWEST} are needed",))
     if assessment.refusals:
-        return PivotResult(assessment, rejected, cone_deg)
+        return PivotResult(assessment, tuple(rejected), cone_deg)
     tip, point = solve_pivot(turns, moves)
     missed = turns @ tip + moves - point
     distance = np.linalg.norm(missed, axis=1)
@@ -78,9 +72,15 @@ def _finish(names: list[str], turns: Array, moves: Array, rejected: tuple[Reject
     )
     assessment += floor(len(names), 8, FEWEST, f"{counted(len(names), 'pose')} used; 10 are good")
     if assessment.refusals:
-        return PivotResult(assessment, rejected, cone_deg)
+        return PivotResult(assessment, tuple(rejected), cone_deg)
     residual = dict(zip(names, distance.tolist(), strict=True))
-    return PivotResult(assessment, rejected, cone_deg, tip, covariance, residual)
+    return PivotResult(assessment, tuple(rejected), cone_deg, tip, covariance, residual)
+
+
+def solve_pivot(turns: Array, moves: Array) -> tuple[Array, Array]:
+    """Return tip and fixed point, (3,) m each, from rotations (N, 3, 3) and positions (N, 3) m."""
+    both, *_ = np.linalg.lstsq(_system(turns), -moves.reshape(-1), rcond=None)
+    return both[:3], both[3:]
 
 
 def _spread(turns: Array, moves: Array, tip: Array, missed: Array) -> Array:
@@ -103,17 +103,11 @@ def _inliers(turns: Array, moves: Array) -> NDArray[np.bool_]:
         tip, point = solve_pivot(turns[kept], moves[kept])
         distance = np.linalg.norm(turns @ tip + moves - point, axis=1)
         worst = int(np.argmax(np.where(kept, distance, -1.0)))
-        if distance[worst] <= max(3.0 * float(np.median(distance[kept])), 1e-3) or kept.sum() <= 0.7 * len(
-            turns
-        ):
+        bound = max(3.0 * float(np.median(distance[kept])), 1e-3)
+        if distance[worst] <= bound or kept.sum() <= 0.7 * len(turns):
             return kept
         kept[worst] = False
     return kept
-
-
-def _fault(named: tuple[str, Pose], others: list[tuple[str, Pose]]) -> str | None:
-    _, pose = named
-    return pose_fault(pose, "robot pose", REACH_M) or repeated_pose(pose, others)
 
 
 def _gate(turns: Array) -> tuple[float, Assessment]:

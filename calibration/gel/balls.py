@@ -48,6 +48,9 @@ _SMALLEST_RADIUS_PX = 8.0
 _RIM_ROUNDS = 3
 _RIM_RAYS = 180
 _RIM_WIDTH_PX = 4.0
+_FEWEST_POINTS = 12
+"""Fewest points of an outline."""
+_NOT_ROUND = "the contact is not round, or only a small part of it is in the picture"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -76,13 +79,23 @@ def find_press(image: Image, reference: NDArray[np.float32], name: str) -> Press
     grey = cv2.GaussianBlur(image.astype(np.float32) - reference, (0, 0), 2.0)
     strength = np.linalg.norm(grey, axis=2).astype(np.float32)
     bound = max(_LEAST_CHANGE_GREY, _SHARE_OF_PEAK * float(np.percentile(strength, 99.5)))
-    outline = _outline(strength > bound)
-    if outline is None:
+    # the outline of the largest region, small holes closed
+    changed = cv2.morphologyEx(
+        (strength > bound).astype(np.uint8), cv2.MORPH_CLOSE, np.ones((9, 9), np.uint8)
+    )
+    outlines, _ = cv2.findContours(changed, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    outline = max(outlines, key=cv2.contourArea, default=np.zeros((0, 2))).reshape(-1, 2)
+    if len(outline) < _FEWEST_POINTS:
         return f"no contact: nothing changed by more than {bound:.0f} grey"
-    circle = _circle(outline, strength.shape)
-    if circle is None:
-        return "the contact is not round, or only a small part of it is in the picture"
-    x, y, reach = circle
+    rows, columns = strength.shape
+    inside = (outline > 1).all(axis=1) & (outline < (columns - 2, rows - 2)).all(axis=1)
+    points = outline[inside].astype(np.float64)
+    if len(points) < max(0.4 * len(outline), _FEWEST_POINTS):
+        return _NOT_ROUND
+    x, y, reach = circle_through(points)
+    off = np.abs(np.hypot(points[:, 0] - x, points[:, 1] - y) - reach)
+    if reach <= 0.0 or float(np.median(off)) > 0.25 * reach:
+        return _NOT_ROUND
     if reach < _SMALLEST_RADIUS_PX:
         return f"the contact is {reach:.0f} px wide only: press harder"
     return Press(name, change, strength, (x, y), reach, rim_radius(strength, (x, y), reach))
@@ -114,28 +127,19 @@ def rim_centre(press: Press) -> tuple[float, float]:
         radius = np.arange(0.55 * reach, 1.3 * reach, 0.5)
         rays = np.stack([x + np.cos(angle) * radius, y + np.sin(angle) * radius], axis=-1)
         values = cv2.remap(press.strength, rays.astype(np.float32), None, cv2.INTER_LINEAR)  # type: ignore[call-overload]
-        edge = _steepest(np.maximum(-np.diff(values, axis=1), 0.0), (radius[1:] + radius[:-1]) / 2.0)
+        # the centroid of the fall around its maximum
+        fall, middle = np.maximum(-np.diff(values, axis=1), 0.0), (radius[1:] + radius[:-1]) / 2.0
+        weight = fall * (np.abs(middle - middle[fall.argmax(axis=1)][:, None]) < _RIM_WIDTH_PX)
+        edge = (weight * middle).sum(axis=1) / np.maximum(weight.sum(axis=1), 1e-9)
         points = np.column_stack([x + np.cos(angle[:, 0]) * edge, y + np.sin(angle[:, 0]) * edge])
-        (x, y), reach = _robust_circle(points, press.strength.shape)
+        rows, columns = press.strength.shape
+        inside = (points > 2.0).all(axis=1) & (points < (columns - 3.0, rows - 3.0)).all(axis=1)
+        x, y, reach = circle_through(points[inside])
+        for _ in range(_RIM_ROUNDS):
+            off = np.abs(np.hypot(points[:, 0] - x, points[:, 1] - y) - reach)
+            inside &= off < max(3.0 * float(np.median(off[inside])), 0.7)
+            x, y, reach = circle_through(points[inside])
     return x, y
-
-
-def _steepest(fall: Array, middle: Array) -> Array:
-    """(N,) radius of the steepest fall along each ray: the centroid of the fall around its maximum."""
-    top = middle[fall.argmax(axis=1)]
-    weight = fall * (np.abs(middle - top[:, None]) < _RIM_WIDTH_PX)
-    return (weight * middle).sum(axis=1) / np.maximum(weight.sum(axis=1), 1e-9)
-
-
-def _robust_circle(points: Array, shape: tuple[int, ...]) -> tuple[tuple[float, float], float]:
-    """Circle through the points inside the picture, outliers left out iteratively."""
-    inside = (points > 2.0).all(axis=1) & (points < np.subtract(shape[::-1], 3.0)).all(axis=1)
-    x, y, radius = circle_through(points[inside])
-    for _ in range(_RIM_ROUNDS):
-        off = np.abs(np.hypot(points[:, 0] - x, points[:, 1] - y) - radius)
-        inside &= off < max(3.0 * float(np.median(off[inside])), 0.7)
-        x, y, radius = circle_through(points[inside])
-    return (x, y), radius
 
 
 def circle_through(points: Array) -> tuple[float, float, float]:
@@ -146,30 +150,6 @@ def circle_through(points: Array) -> tuple[float, float, float]:
     (cx, cy, rest), *_ = np.linalg.lstsq(system, (from_middle**2).sum(axis=1), rcond=None)
     radius = float(np.sqrt(max(rest + cx**2 + cy**2, 0.0)))
     return float(middle[0] + cx), float(middle[1] + cy), radius
-
-
-def _outline(changed: NDArray[np.bool_]) -> NDArray[np.int64] | None:
-    """(N, 2) px, the outline of the largest region, small holes closed."""
-    closed = cv2.morphologyEx(changed.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((9, 9), np.uint8))
-    outlines, _ = cv2.findContours(closed, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-    if not outlines:
-        return None
-    largest = max(outlines, key=cv2.contourArea).reshape(-1, 2)
-    return largest.astype(np.int64) if len(largest) >= 12 else None
-
-
-def _circle(outline: NDArray[np.int64], shape: tuple[int, ...]) -> tuple[float, float, float] | None:
-    """Circle (x, y, radius) through an outline, the picture's border left out (Kasa fit)."""
-    x, y = outline.T
-    inside = (x > 1) & (x < shape[1] - 2) & (y > 1) & (y < shape[0] - 2)
-    points = outline[inside].astype(np.float64)
-    if len(points) < 0.4 * len(outline) or len(points) < 12:
-        return None
-    cx, cy, radius = circle_through(points)
-    off = np.abs(np.hypot(points[:, 0] - cx, points[:, 1] - cy) - radius)
-    if radius <= 0.0 or float(np.median(off)) > 0.25 * radius:
-        return None
-    return cx, cy, radius
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -250,7 +230,9 @@ def calibrate_gel(presses: Sequence[BallPress], mm_per_px: tuple[float, float], 
         raise CalibrationError(
             f"gel: {counted(len(good), 'usable picture')} of presses, {FEWEST_PRESSES} are the least ({why})"
         )
-    good = _find_centres(good, mm_per_px)
+    for _ in range(_ROUNDS):
+        fitted = _fit_to(good, mm_per_px)
+        good = [_centred(press, fitted, mm_per_px) for press in good]
     held_out, errors, nulls = _held_out(good, mm_per_px, min(folds, len(good)))
     return BallFit(
         _fit_to(good, mm_per_px),
@@ -263,17 +245,7 @@ def calibrate_gel(presses: Sequence[BallPress], mm_per_px: tuple[float, float], 
     )
 
 
-def _find_centres(presses: Sequence[BallPress], mm_per_px: tuple[float, float]) -> list[BallPress]:
-    """Fit map and centres alternately: a press is centred where its normals, times R, point back to."""
-    presses = list(presses)
-    for _ in range(_ROUNDS):
-        fitted = _fit_to(presses, mm_per_px)
-        presses = [_centred(press, fitted, mm_per_px) for press in presses]
-    return presses
-
-
 def _fit_to(presses: Sequence[BallPress], mm_per_px: tuple[float, float]) -> GradientMap:
-    """The map for presses whose centres are taken as they are."""
     rows, columns = presses[0].press.strength.shape
     change, places, normals = zip(*(_samples(press, mm_per_px) for press in presses), strict=True)
     still, away = zip(*(_untouched(press.press) for press in presses), strict=True)
@@ -309,6 +281,7 @@ def _samples(press: BallPress, mm_per_px: tuple[float, float]) -> tuple[Array, A
 
 
 def _centred(press: BallPress, fitted: GradientMap, mm_per_px: tuple[float, float]) -> BallPress:
+    """Return a press centred where its normals, times R, point back to."""
     change, places = core_pixels(press.press)
     back = places - fitted.normals(change, places) * press.radius_mm / np.asarray(mm_per_px)
     x, y = (float(v) for v in back.mean(axis=0))
@@ -329,14 +302,11 @@ def _held_out(
             radii[press.press.id] = ball_radius_mm(press.press, fitted, mm_per_px)
             change, places, truth = _samples(press, mm_per_px)
             errors.append(float(np.sqrt(((fitted.normals(change, places) - truth) ** 2).mean())))
-            nulls.append(_null(press.press, fitted))
+            # far from the contact the normal's components should be zero
+            change, places = _untouched(press.press)
+            rms = float(np.sqrt((fitted.normals(change, places) ** 2).mean())) if len(places) else 0.0
+            nulls.append(rms)
     return radii, errors, nulls
-
-
-def _null(press: Press, fitted: GradientMap) -> float:
-    """Rms of a component of the normal far from the contact, where it should be zero."""
-    change, places = _untouched(press)
-    return float(np.sqrt((fitted.normals(change, places) ** 2).mean())) if len(places) else 0.0
 
 
 def _untouched(press: Press) -> tuple[Array, Array]:
@@ -390,7 +360,6 @@ class GelScale:
 
     @property
     def pixel_aspect(self) -> float:
-        """Width over height of a pixel on the gel."""
         return float(self.mm_per_px[0] / self.mm_per_px[1])
 
 

@@ -78,7 +78,6 @@ class GelLook:
         return self.background.shape[0], self.background.shape[1]
 
     def draw_noise(self, shape: tuple[int, int], count: int, rng: np.random.Generator) -> Plane:
-        """Draw fields of its noise, (count, H, W, 3) grey levels."""
         return self.noise.draw(shape, count, rng)
 
     @property
@@ -125,7 +124,6 @@ class GelLook:
         return np.einsum("spc,phw->schw", by_slope, places).astype(np.float32)
 
     def with_background(self, background: Plane) -> "GelLook":
-        """The look of images of another size, whose background (H, W, 3) is given."""
         scale = [
             mm * old / new
             for mm, old, new in zip(self.mm_per_px, self.shape[::-1], background.shape[1::-1], strict=True)
@@ -133,7 +131,6 @@ class GelLook:
         return replace(self, background=background, mm_per_px=(scale[0], scale[1]))
 
     def packed(self) -> bytes:
-        """The look as the content of an .npz file."""
         facts = {
             "schema": SCHEMA, "place_degree": self.place_degree, "by_background": self.by_background,
             "shadows": self.shadows, "mm_per_px": self.mm_per_px,
@@ -223,7 +220,6 @@ class Visibility:
 
 
 def visibility(look: GelLook) -> Visibility:
-    """Measure how well a unit shows slopes, on a grid of places."""
     grid = slice(_GRID_PX // 2, None, _GRID_PX)
     response = change_by_slope(look, _SHOWN_SLOPE)[grid, grid]
     whitened = np.linalg.solve(np.linalg.cholesky(look.noise.colours), response)

@@ -73,16 +73,14 @@ def jpeg_quality(image: Image) -> int | None:
 
     A picture that was compressed at a quality hardly changes when it is compressed so again.
     """
-    errors = [_recompression_error(image, quality) for quality in _JPEG_QUALITIES]
+    errors = []
+    for quality in _JPEG_QUALITIES:
+        _, data = cv2.imencode(".jpg", image[..., ::-1], (cv2.IMWRITE_JPEG_QUALITY, quality))
+        again = np.asarray(cv2.imdecode(data, cv2.IMREAD_COLOR_RGB), np.float32)
+        errors.append(float(np.sqrt(((again - image) ** 2).mean())))
     drop = np.array(errors[1:-1]) / np.maximum(np.minimum(errors[:-2], errors[2:]), 1e-3)
     found = int(np.argmin(drop))
     return _JPEG_QUALITIES[found + 1] if drop[found] < _JPEG_DIP else None
-
-
-def _recompression_error(image: Image, quality: int) -> float:
-    _, data = cv2.imencode(".jpg", image[..., ::-1], (cv2.IMWRITE_JPEG_QUALITY, quality))
-    again = np.asarray(cv2.imdecode(data, cv2.IMREAD_COLOR_RGB), np.float32)
-    return float(np.sqrt(((again - image) ** 2).mean()))
 
 
 def background_and_noise(
@@ -172,7 +170,14 @@ def fit_look(
         raise CalibrationError(f"gel: {counted(len(presses), 'usable picture')}, {FEWEST} are needed")
     mean, noise = background_and_noise(presses, background, untouched)
     largest = GelLook(mean, np.zeros((0, 3)), *_MODELS[-1], mm_per_px, noise, jpeg_quality(background))
-    adjusted = _adjust_all(presses, largest)
+    adjusted = list(presses)
+    for _ in range(_ROUNDS):
+        total = _total([_sums_of(press, press.circle, largest) for press in adjusted])
+        weights = _solve(total, np.arange(len(total.squares)))
+        adjusted = [
+            _adjust(press, first.circle, weights, largest)
+            for press, first in zip(adjusted, presses, strict=True)
+        ]
     sums = [_sums_of(press, press.circle, largest) for press in adjusted]
     model, used = _best_model(sums)
     drawn = _circles_as_given(presses, adjusted)
@@ -227,7 +232,6 @@ class _Sums:
     count: int
 
     def error(self, weights: Array, used: NDArray[np.intp]) -> float:
-        """Rms error in grey levels of these weights."""
         explained = (weights * (self.squares[np.ix_(used, used)] @ weights - 2.0 * self.products[used])).sum()
         return float(np.sqrt(max(self.power + explained, 0.0) / self.count))
 
@@ -279,19 +283,6 @@ def _columns(model: Model, features: int) -> NDArray[np.intp]:
     slopes, count = SLOPE_TERMS, monomials(most) + 3
     lost = range(slopes * count, features) if shadows else ()
     return np.array([*(slope * count + place for slope in range(slopes) for place in places), *lost])
-
-
-def _adjust_all(presses: Sequence[Pressed], look: GelLook) -> list[Pressed]:
-    """Adjust the circles and the model alternately, some rounds."""
-    adjusted = list(presses)
-    for _ in range(_ROUNDS):
-        total = _total([_sums_of(press, press.circle, look) for press in adjusted])
-        weights = _solve(total, np.arange(len(total.squares)))
-        adjusted = [
-            _adjust(press, first.circle, weights, look)
-            for press, first in zip(adjusted, presses, strict=True)
-        ]
-    return adjusted
 
 
 def _adjust(press: Pressed, first: Circle, weights: Array, look: GelLook) -> Pressed:

@@ -37,15 +37,9 @@ class Observability:
     rotation_gap: float
 
 
-def pair_indices(count: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the indices (i, j), i < j, of all pairs."""
-    first, second = np.triu_indices(count, 1)
-    return first, second
-
-
 def observability(a_R: Array) -> Observability:  # noqa: N803
     """Measure the motions between all pairs of (N, 3, 3) robot orientations."""
-    first, second = pair_indices(len(a_R))
+    first, second = np.triu_indices(len(a_R), 1)
     if len(first) == 0:
         return Observability(0.0, 0.0, 0.0, 0.0)
     turns = a_R[second] @ a_R[first].transpose(0, 2, 1)
@@ -53,9 +47,9 @@ def observability(a_R: Array) -> Observability:  # noqa: N803
     turning = angles[angles > 1.0]
     strengths = np.linalg.svd((turns - np.eye(3)).reshape(-1, 3), compute_uv=False)
     ratio = 0.0 if strengths[0] < 1e-9 else float(strengths[-1] / strengths[0])
-    return Observability(
-        float(angles.max()), float(turning.min()) if len(turning) else 0.0, ratio, _rotation_gap(turns)
-    )
+    squares = np.linalg.svd(rotation_system(turns, turns), compute_uv=False) ** 2
+    gap = 0.0 if squares[0] < 1e-12 else float(squares[-2] / squares[0])
+    return Observability(float(angles.max()), float(turning.min()) if len(turning) else 0.0, ratio, gap)
 
 
 def assess_motion(seen: Observability) -> Assessment:
@@ -97,15 +91,6 @@ def rotation_system(a_R: Array, b_R: Array) -> Array:  # noqa: N803
     eye = np.eye(3)
     blocks = [np.kron(a, eye) - np.kron(eye, b.T) for a, b in zip(a_R, b_R, strict=True)]
     return np.vstack(blocks)
-
-
-def _rotation_gap(turns: Array) -> float:
-    system = rotation_system(turns, turns)
-    strengths = np.linalg.svd(system, compute_uv=False) ** 2
-    return 0.0 if strengths[0] < 1e-12 else float(strengths[-2] / strengths[0])
-
-
-Array = NDArray[np.floating]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -161,7 +146,7 @@ def nearest_rotation(matrix: Array) -> Array:
 
 def motions(turns: Array, moves: Array) -> tuple[Array, Array]:
     """Return the motions between all pairs of poses: T_j T_i^-1."""
-    first, second = pair_indices(len(turns))
+    first, second = np.triu_indices(len(turns), 1)
     relative = turns[second] @ turns[first].transpose(0, 2, 1)
     return relative, moves[second] - (relative @ moves[first][..., None])[..., 0]
 

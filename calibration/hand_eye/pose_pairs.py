@@ -104,11 +104,6 @@ def sample_fault(sample: PoseSample, others: list[PoseSample]) -> str | None:
     )
 
 
-def repeated_pair(sample: PoseSample, others: list[PoseSample]) -> str | None:
-    """Return that a sample repeats the robot pose of an accepted one, or None."""
-    return repeated_pose(sample.base_T_tcp, ((other.id, other.base_T_tcp) for other in others))
-
-
 def pair_residuals(pairs: PosePairs, at: Transforms) -> tuple[Array, Array]:
     """Return residuals (N, 6) and their derivatives (N, 6, 12).
 
@@ -211,7 +206,6 @@ class _Fit:
         return (left @ self.by_step[rows]).sum(axis=0), (left @ self.missed[rows, :, None]).sum(axis=0)[:, 0]
 
     def step(self, rows: NDArray[np.int64] | slice = slice(None)) -> Array:
-        """Return the (12,) Gauss-Newton step of these pairs."""
         matrix, target = self.normal(rows)
         scale = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
         return -np.linalg.lstsq(matrix / np.outer(scale, scale), target / scale, rcond=1e-13)[0] / scale
@@ -224,31 +218,40 @@ def calibrate_pose_pairs(samples: Sequence[PoseSample], setup: Setup) -> HandEye
     """
     usable, rejected = sift(samples, lambda s: s.id, sample_fault)
     chosen = [usable[i] for i in _spaced(len(usable), _MOST_PAIRS)]
-    good, repeated = sift(chosen, lambda s: s.id, repeated_pair)
+    good, repeated = sift(
+        chosen, lambda s: s.id,
+        lambda s, kept: repeated_pose(s.base_T_tcp, ((other.id, other.base_T_tcp) for other in kept)),
+    )  # fmt: skip
     rejected += repeated
     if len(good) < FEWEST_SAMPLES:
         text = f"{counted(len(good), 'usable pair')}; at least {FEWEST_SAMPLES} are needed, 15 are good"
         return HandEyeResult(setup, Assessment((text,)), tuple(rejected))
     pairs = make_pairs(good, setup)
-    motion = observability(thinned(pairs, _FOR_STARTS).a_R)
+    motion = observability(pairs.subset(_spaced(len(pairs.ids), _FOR_STARTS)).a_R)
     gate = assess_motion(motion)
     if gate.refusals:
         return HandEyeResult(setup, gate, tuple(rejected), motion)
     kept, fit, sigmas = _robust(pairs, _best_start(pairs))
-    refusal = _wrong_size(pairs, fit.at, sigmas) or _contradiction(pairs, len(kept))
+    count = len(pairs.ids)
+    refusal = _wrong_size(pairs, fit.at, sigmas)
+    if refusal is None and len(kept) < max((1.0 - MOST_REJECTED) * count, FEWEST_SAMPLES):
+        refusal = (
+            f"{count - len(kept)} of {count} pairs contradict the others: check the pairing, the pose "
+            "convention (inverted? quaternion order?), that the target is rigidly mounted, and its size"
+        )
     if refusal is not None:
         return HandEyeResult(setup, Assessment((refusal,)), tuple(rejected), motion)
-    out = np.setdiff1d(np.arange(len(pairs.ids)), kept)
+    out = np.setdiff1d(np.arange(count), kept)
     rejected += [Rejected(pairs.ids[i], "contradicts the other pairs") for i in out]
     # alike: the largest of six correlations of neighbours' whitened errors; 0 if it is not significant
     white = (np.linalg.cholesky(fit.inverse).transpose(0, 2, 1) @ fit.missed[..., None])[..., 0]
     found = float(((white[1:] * white[:-1]).sum(axis=0) / np.maximum((white**2).sum(axis=0), 1e-300)).max())
     alike = found if found > 3.5 / np.sqrt(len(white)) else 0.0
-    covariance, count = _spread(fit, alike)
+    covariance, blocks = _spread(fit, alike)
     return HandEyeResult(
-        setup, gate + _assess(covariance, count, len(out), len(pairs.ids), alike), tuple(rejected), motion,
+        setup, gate + _assess(covariance, blocks, len(out), count, alike), tuple(rejected), motion,
         as_pose(fit.at.x_R, fit.at.x_t), as_pose(fit.at.z_R, fit.at.z_t), covariance=covariance,
-        sigmas=sigmas, samples=count, used=tuple(pairs.ids[i] for i in kept),
+        sigmas=sigmas, samples=blocks, used=tuple(pairs.ids[i] for i in kept),
     )  # fmt: skip
 
 
@@ -270,29 +273,21 @@ def _assess(covariance: Array, count: int, left_out: int, pairs: int, alike: flo
     )  # fmt: skip
 
 
-def thinned(pairs: PosePairs, most: int) -> PosePairs:
-    """Return at most `most` pairs, evenly spaced."""
-    return pairs.subset(_spaced(len(pairs.ids), most))
-
-
 def _spaced(count: int, most: int) -> NDArray[np.int64]:
     """Return at most `most` indices of `count`, evenly spaced."""
     return np.linspace(0, count - 1, min(count, most)).astype(np.int64)
 
 
-def _contradiction(pairs: PosePairs, kept: int) -> str | None:
-    count = len(pairs.ids)
-    if kept >= max((1.0 - MOST_REJECTED) * count, FEWEST_SAMPLES):
-        return None
-    return (
-        f"{count - kept} of {count} pairs contradict the others: check the pairing, the pose convention "
-        "(inverted? quaternion order?), that the target is rigidly mounted, and its size"
-    )
-
-
 def _wrong_size(pairs: PosePairs, at: Transforms, sigmas: Array) -> str | None:
     """Return that the distances fit another target size, if that explains the data much better; or None."""
-    scale = _distance_scale(thinned(pairs, _FOR_STARTS), at)
+    # distances are too long by a factor, in which the problem of motions between all pairs is linear, as in
+    # X's position, after X's rotation is known (Andreff et al. 2001)
+    some = pairs.subset(_spaced(len(pairs.ids), _FOR_STARTS))
+    turns, moves = motions(some.a_R, some.a_t)
+    _, seen = motions(some.b_R, some.b_t)
+    system = np.concatenate([turns - np.eye(3), -(seen @ at.x_R.T)[..., None]], axis=2).reshape(-1, 4)
+    answer, *_ = np.linalg.lstsq(system, -moves.reshape(-1), rcond=None)
+    scale = 1.0 / float(answer[3]) if abs(answer[3]) > 1e-9 else np.inf
     if not 0.02 < scale < 50.0 or abs(scale - 1.0) < _SIZE_MATTERS:
         return None
     scaled = replace(pairs, b_t=pairs.b_t / scale)
@@ -310,18 +305,6 @@ def _surprise(pairs: PosePairs, at: Transforms, sigmas: Array) -> float:
     fit = _at(pairs, at, sigmas)
     tails = 0.5 * (_TAIL + 6.0) * np.log1p(fit.distance / _TAIL)
     return float((tails - 0.5 * np.linalg.slogdet(fit.inverse)[1]).sum())
-
-
-def _distance_scale(pairs: PosePairs, at: Transforms) -> float:
-    """Return the factor by which distances to the target are too long, from motions between all pairs.
-
-    The problem is linear in that factor and X's position after its rotation is known (Andreff et al. 2001).
-    """
-    turns, moves = motions(pairs.a_R, pairs.a_t)
-    _, seen = motions(pairs.b_R, pairs.b_t)
-    system = np.concatenate([turns - np.eye(3), -(seen @ at.x_R.T)[..., None]], axis=2).reshape(-1, 4)
-    answer, *_ = np.linalg.lstsq(system, -moves.reshape(-1), rcond=None)
-    return 1.0 / float(answer[3]) if abs(answer[3]) > 1e-9 else np.inf
 
 
 def _fit(pairs: PosePairs, at: Transforms, sigmas: Array, rounds: int = _ROUNDS) -> _Fit:
@@ -344,7 +327,7 @@ def _at(pairs: PosePairs, at: Transforms, sigmas: Array) -> _Fit:
 
 def _best_start(pairs: PosePairs) -> Transforms:
     """Return the best of closed forms over all pairs and random subsets (fixed seed), fitted robustly."""
-    some = thinned(pairs, _FOR_STARTS)
+    some = pairs.subset(_spaced(len(pairs.ids), _FOR_STARTS))
     everyone, rng = np.arange(len(some.ids)), np.random.default_rng(0)
     tries = [(name, everyone) for name in CLOSED_FORMS]
     if len(everyone) > _DRAWN:

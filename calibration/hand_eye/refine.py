@@ -52,20 +52,11 @@ class Problem:
 
     @property
     def focal(self) -> Array:
-        """Focal lengths, (2,) px."""
         return self.camera.matrix[[0, 1], [0, 1]]
 
     @property
     def centre(self) -> Array:
-        """Principal point, (2,) px."""
         return self.camera.matrix[:2, 2]
-
-    def seen_by(self, camera: CameraModel) -> "Problem":
-        """Return the problem with the same pictures, but another camera's calibration."""
-        return replace(self, pixels=camera.undistorted(self.seen_px), camera=camera)
-
-    def without(self, sample: int) -> "Problem":
-        return self.subset(np.delete(np.arange(len(self.ids)), sample))
 
     def subset(self, samples: NDArray[np.int64]) -> "Problem":
         """Return the problem with only these samples, in this order."""
@@ -78,12 +69,10 @@ class Problem:
         )  # fmt: skip
 
     def inverted(self) -> "Problem":
-        """Return the problem with all robot poses inverted."""
         turned = self.a_R.transpose(0, 2, 1)
         return replace(self, a_R=turned, a_t=-(turned @ self.a_t[..., None])[..., 0])
 
     def shifted(self, by: int) -> "Problem":
-        """Return the problem with poses and pictures paired with an offset."""
         return replace(self, a_R=np.roll(self.a_R, by, axis=0), a_t=np.roll(self.a_t, by, axis=0))
 
 
@@ -97,7 +86,6 @@ class Refined:
 
     @property
     def rms_px(self) -> float:
-        """Rms distance of the points, px."""
         return float(np.sqrt((self.missed_px**2).sum(axis=1).mean()))
 
     def sample_rms_px(self, problem: Problem) -> Array:
@@ -160,7 +148,6 @@ def linearised(problem: Problem, at: Transforms) -> tuple[Array, Array]:
 
 
 def moved(at: Transforms, step: Array) -> Transforms:
-    """Apply a (12,) step to both transforms."""
     turns = Rotation.from_rotvec(step.reshape(4, 3)[[0, 2]]).as_matrix()
     return Transforms(at.x_R @ turns[0], at.x_t + step[3:6], at.z_R @ turns[1], at.z_t + step[9:])
 
@@ -228,7 +215,6 @@ class Uncertainty:
 
     @property
     def held_out_rms_px(self) -> float:
-        """Rms of `held_out_px`."""
         return float(np.sqrt((self.held_out_px**2).mean()))
 
     def holds(self, error: Array) -> bool:
@@ -242,24 +228,20 @@ def uncertainty(problem: Problem, answer: Refined) -> Uncertainty:
     count = len(problem.ids)
     changes, held_out = np.zeros((count, 6)), np.zeros(count)
     for i in range(count):
-        without = refine(problem.without(i), answer.transforms).transforms
+        others = problem.subset(np.delete(np.arange(count), i))
+        without = refine(others, answer.transforms).transforms
         changes[i] = _change(answer.transforms, without)
         missed, _ = linearised(problem.subset(np.array([i])), without)
         held_out[i] = np.sqrt((missed**2).sum(axis=1).mean())
     jackknife = (count - 1) / count * changes.T @ changes
-    camera = _camera_covariance(problem, answer)
+    by_camera = []
+    for camera in problem.camera.off_by_one_sigma():
+        seen = replace(problem, pixels=camera.undistorted(problem.seen_px), camera=camera)
+        by_camera.append(_change(answer.transforms, refine(seen, answer.transforms).transforms))
+    stacked = np.array(by_camera).reshape(-1, 6)
+    from_camera = stacked.T @ stacked
     samples = larger_of(_fit_covariance(problem, answer.transforms), jackknife)
-    return Uncertainty(samples + camera, camera, held_out, count)
-
-
-def _camera_covariance(problem: Problem, answer: Refined) -> Array:
-    """Return the covariance (6, 6) of X from refits with cameras that are wrong by one sigma."""
-    changes = [
-        _change(answer.transforms, refine(problem.seen_by(camera), answer.transforms).transforms)
-        for camera in problem.camera.off_by_one_sigma()
-    ]
-    stacked = np.array(changes).reshape(-1, 6)
-    return stacked.T @ stacked
+    return Uncertainty(samples + from_camera, from_camera, held_out, count)
 
 
 def _change(one: Transforms, other: Transforms) -> Array:

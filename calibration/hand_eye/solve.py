@@ -20,7 +20,7 @@ from calibration.hand_eye.closed_form import (
 )
 from calibration.hand_eye.refine import Problem, Refined, Uncertainty, linearised, refine, uncertainty
 from calibration.poses import REACH_M, pose_fault, repeated_pose
-from calibration.targets.boards import View, outside
+from calibration.targets.boards import View, on_one_line, outside, view_fault
 from calibration.verdict import Assessment, Rejected, floor, limit, rests_on, sift
 from drivers.errors import CalibrationError, counted
 from drivers.types import Pose
@@ -43,7 +43,6 @@ _WORST_RMS_PX = 5.0
 """Residual above which the result is refused."""
 _GOOD_RMS_PX, _GOOD_SAMPLES = 1.5, 10
 """Largest residual and fewest samples of a good calibration."""
-_LOOSE = "residual of the samples {value:.2f} px: is the target rigidly mounted, the robot at rest?"
 _BETTER_CAMERA = "calibrate the camera again before this, with tilted and nearer views"
 
 
@@ -97,7 +96,7 @@ class HandEyeResult:
 
 def calibrate_hand_eye(samples: Sequence[HandEyeSample], camera: CameraModel, setup: Setup) -> HandEyeResult:
     """Solve; bad data give a refused result with its reasons."""
-    good, rejected = usable_samples(samples, camera)
+    good, rejected = sift(samples, lambda s: s.id, lambda s, kept: _fault(s, camera, kept))
     if len(good) < FEWEST_SAMPLES:
         why = "; ".join(f"{r.id}: {r.reason}" for r in rejected[:5])
         text = f"{counted(len(good), 'usable sample')}; at least {FEWEST_SAMPLES} are needed, 15 are good"
@@ -120,35 +119,29 @@ def calibrate_hand_eye(samples: Sequence[HandEyeSample], camera: CameraModel, se
         Rejected(problem.ids[i], f"misses the estimate of the others by {sample_px[problem.ids[i]]:.1f} px")
         for i in outliers
     ]
-    return _finish(setup, problem.subset(kept), start, tuple(rejected), sample_px)
-
-
-def _finish(
-    setup: Setup,
-    problem: Problem,
-    start: Refined,
-    rejected: tuple[Rejected, ...],
-    sample_px: dict[str, float],
-) -> HandEyeResult:
+    problem = problem.subset(kept)
     motion = observability(problem.a_R)
     gate = assess_motion(motion)
     final = refine(problem, start.transforms)
     if gate.refusals or final.rms_px > _WORST_RMS_PX:
         reasons = gate if gate.refusals else Assessment((_contradiction(problem, final),))
-        return HandEyeResult(setup, reasons, rejected, motion, sample_px=sample_px)
+        return HandEyeResult(setup, reasons, tuple(rejected), motion, sample_px=sample_px)
     spread = uncertainty(problem, final)
-    sample_px = sample_px | dict(zip(problem.ids, final.sample_rms_px(problem).tolist(), strict=True))
-    assessment = gate + _assess(final, spread, len(rejected), problem.camera)
+    sample_px |= dict(zip(problem.ids, final.sample_rms_px(problem).tolist(), strict=True))
     t = final.transforms
     return HandEyeResult(
-        setup, assessment, rejected, motion, as_pose(t.x_R, t.x_t),
-        as_pose(t.z_R, t.z_t), final.rms_px, sample_px, spread, problem.ids, problem, final,
+        setup, gate + _assess(final, spread, len(rejected), camera), tuple(rejected), motion,
+        as_pose(t.x_R, t.x_t), as_pose(t.z_R, t.z_t), final.rms_px, sample_px, spread, problem.ids, problem,
+        final,
     )  # fmt: skip
 
 
 def _assess(final: Refined, spread: Uncertainty, rejected: int, camera: CameraModel) -> Assessment:
     return (
-        limit(final.rms_px, _GOOD_RMS_PX, _WORST_RMS_PX, _LOOSE)
+        limit(
+            final.rms_px, _GOOD_RMS_PX, _WORST_RMS_PX,
+            "residual of the samples {value:.2f} px: is the target rigidly mounted, the robot at rest?",
+        )
         + _assess_sigma(
             1e3 * spread.sigma_m, 1e3 * spread.camera_sigma_m, 1.0, 50.0,
             "position known only to {value:.2f} mm", ": add samples", ".2f",
@@ -194,7 +187,9 @@ def _robust_start(problem: Problem) -> Refined:
     for number, subset in enumerate(subsets):
         for name in CLOSED_FORMS if number == 0 else ("shah",):
             found = refine(problem, _closed(name, problem, subset, turns, moves), _SOFT_PX)
-            if _finite(found) and (best is None or found.cost < best.cost * (1 - 1e-6)):
+            t = found.transforms
+            finite = np.isfinite(found.cost) and np.isfinite(t.x_t).all() and np.isfinite(t.x_R).all()
+            if finite and (best is None or found.cost < best.cost * (1 - 1e-6)):
                 best = found
     if best is None:  # all poses are finite, so this is a bug and not bad input
         raise ArithmeticError("hand-eye: no initial value led to a finite estimate")
@@ -231,18 +226,14 @@ def _closed(name: str, problem: Problem, subset: NDArray[np.int64], turns: Array
     for _ in range(3):
         b_R, b_t = turns[subset][rows, choice], moves[subset][rows, choice]  # noqa: N806
         answer = CLOSED_FORMS[name](a_R, a_t, b_R, b_t)
-        again = consistent_choice(turns[subset], answer.x_R.T @ a_R @ answer.z_R)
+        expected = answer.x_R.T @ a_R @ answer.z_R
+        again = np.argmax(np.einsum("nkij,nij->nk", turns[subset], expected), axis=1)
         if (again == choice).all():
             break
         choice = again
     if answer is None or not np.isfinite(answer.x_t).all():
         return Transforms(nearest_rotation(np.eye(3)), np.zeros(3), np.eye(3), np.zeros(3))
     return answer
-
-
-def _finite(found: Refined) -> bool:
-    t = found.transforms
-    return bool(np.isfinite(found.cost) and np.isfinite(t.x_t).all() and np.isfinite(t.x_R).all())
 
 
 _BORDER_PX = 10.0
@@ -277,26 +268,25 @@ def next_pose(result: HandEyeResult, camera: CameraModel, candidates: Sequence[P
     best: NextPose | None = None
     for index, pose in enumerate(candidates):
         robot = pose if result.setup is Setup.EYE_TO_HAND else pose.inverse()
-        view = _predicted_view(camera, points, camera_T_base_or_tcp @ robot @ result.target)
-        if view is None:
+        camera_T_target = camera_T_base_or_tcp @ robot @ result.target  # noqa: N806
+        in_camera = camera_T_target.rotation.apply(points) + np.asarray(camera_T_target.position_m)
+        sight = np.asarray(camera_T_target.position_m) / np.linalg.norm(camera_T_target.position_m)
+        facing = abs(float(camera_T_target.rotation.as_matrix()[:, 2] @ sight))
+        if in_camera[:, 2].min() < 0.05 or facing < _LARGEST_TILT:
             continue
+        pixels = camera.project(in_camera)
+        if not ((pixels > _BORDER_PX) & (pixels < np.subtract(camera.size, 1 + _BORDER_PX))).all():
+            continue
+        view = View("next", np.arange(len(points)), points, pixels, camera.size)
         seen = make_problem([HandEyeSample("next", pose, view)], camera, result.setup)
-        sigma_m = _sigma_m(known + _information(seen, at), noise)
+        information = known + _information(seen, at)
+        scale = np.sqrt(np.diag(information))
+        scales = np.outer(scale, scale)
+        variances = np.diag(np.linalg.pinv(information / scales, hermitian=True) / scales)
+        sigma_m = float(noise * np.sqrt(variances[3:6].sum() + _LEVER_M**2 * variances[:3].sum()))
         if best is None or sigma_m < best.sigma_m:
             best = NextPose(index, sigma_m)
     return best
-
-
-def _predicted_view(camera: CameraModel, points_m: Array, camera_T_target: Pose) -> View | None:  # noqa: N803
-    """Return what the camera would see; None if the target is outside the picture or too oblique."""
-    in_camera = camera_T_target.rotation.apply(points_m) + np.asarray(camera_T_target.position_m)
-    normal = camera_T_target.rotation.as_matrix()[:, 2]
-    sight = np.asarray(camera_T_target.position_m) / np.linalg.norm(camera_T_target.position_m)
-    if in_camera[:, 2].min() < 0.05 or abs(float(normal @ sight)) < _LARGEST_TILT:
-        return None
-    pixels = camera.project(in_camera)
-    inside = (pixels > _BORDER_PX).all() and (pixels < np.subtract(camera.size, 1 + _BORDER_PX)).all()
-    return View("next", np.arange(len(points_m)), points_m, pixels, camera.size) if inside else None
 
 
 def _information(problem: Problem, at: Transforms) -> Array:
@@ -306,15 +296,7 @@ def _information(problem: Problem, at: Transforms) -> Array:
     return rows.T @ rows
 
 
-def _sigma_m(information: Array, noise_px: float) -> float:
-    scale = np.sqrt(np.diag(information))
-    covariance = np.linalg.pinv(information / np.outer(scale, scale), hermitian=True) / np.outer(scale, scale)
-    turn, move = np.diag(covariance)[:3].sum(), np.diag(covariance)[3:6].sum()
-    return float(noise_px * np.sqrt(move + _LEVER_M**2 * turn))
-
-
 def make_problem(samples: Sequence[HandEyeSample], camera: CameraModel, setup: Setup) -> Problem:
-    """Collect samples into arrays, with undistorted pixels."""
     poses = [s.base_T_tcp if setup is Setup.EYE_TO_HAND else s.base_T_tcp.inverse() for s in samples]
     seen = np.vstack([s.view.image_px for s in samples])
     return Problem(
@@ -356,38 +338,18 @@ def target_poses(problem: Problem) -> tuple[Array, Array]:
     return np.array(turns), np.array(moves, np.float64)
 
 
-def consistent_choice(turns: Array, expected: Array) -> NDArray[np.int64]:
-    """(N,) index of the pose that is nearer to the (N, 3, 3) expected orientations."""
-    agreement = np.einsum("nkij,nij->nk", turns, expected)
-    return np.argmax(agreement, axis=1)
+def _fault(sample: HandEyeSample, camera: CameraModel, others: list[HandEyeSample]) -> str | None:
+    """Return why a sample cannot be used, or None; others: the accepted ones.
 
-
-def usable_samples(
-    samples: Sequence[HandEyeSample], camera: CameraModel
-) -> tuple[list[HandEyeSample], list[Rejected]]:
-    """Separate usable samples from unusable ones, each of these with its reason."""
-    return sift(samples, lambda s: s.id, lambda s, kept: _fault(s, camera) or _repeats(s, kept))
-
-
-def _fault(sample: HandEyeSample, camera: CameraModel) -> str | None:
+    A repeated pose adds no information, and makes leave-one-out meaningless.
+    """
     view = sample.view
-    if not (np.isfinite(view.image_px).all() and np.isfinite(view.board_m).all()):
-        return "a corner is NaN or infinite"
-    if len(view.ids) < 4:
-        return f"{counted(len(view.ids), 'point')} of the target seen, at least 4 are needed"
-    if view.size != camera.size:
-        return f"picture of {view.size} px, the camera was calibrated at {camera.size}"
-    beyond = outside(view)
-    if beyond is not None:
-        return beyond
-    spread = np.linalg.svd(view.image_px - view.image_px.mean(axis=0), compute_uv=False)
-    if spread[1] < 0.02 * spread[0]:
-        return "all points seen lie on one line"
-    return pose_fault(sample.base_T_tcp, "robot pose", REACH_M)
-
-
-def _repeats(sample: HandEyeSample, others: list[HandEyeSample]) -> str | None:
-    """Reject a repeated pose: it adds no information, and makes leave-one-out meaningless."""
-    if any(other.id == sample.id for other in others):
-        return f"a second sample with the id {sample.id}"
-    return repeated_pose(sample.base_T_tcp, ((other.id, other.base_T_tcp) for other in others))
+    few = f"{counted(len(view.ids), 'point')} of the target seen, at least 4 are needed"
+    resized = f"picture of {view.size} px, the camera was calibrated at {camera.size}"
+    reason = view_fault(view, 4, few, camera.size, resized) or outside(view)
+    if reason is None and on_one_line(view.image_px):
+        reason = "all points seen lie on one line"
+    reason = reason or pose_fault(sample.base_T_tcp, "robot pose", REACH_M)
+    if reason is None and any(other.id == sample.id for other in others):
+        reason = f"a second sample with the id {sample.id}"
+    return reason or repeated_pose(sample.base_T_tcp, ((other.id, other.base_T_tcp) for other in others))

@@ -50,7 +50,13 @@ class MarkerPlane:
             # one small marker allows two poses; the second marker resolves the ambiguity
             poses = _two_poses(np.linalg.solve(camera_matrix, first))
             guesses = [np.append(turn.as_rotvec(), move) for turn, move in poses]
-        self.starts = [np.append(g, _second_marker(self.image_T_plane(g), ideal_px)) for g in guesses]
+        self.starts = []
+        for guess in guesses:  # x, y and rotation of the second marker
+            back = np.linalg.inv(self.image_T_plane(guess))
+            corners = cv2.perspectiveTransform(ideal_px[1][None], back)[0]
+            centre = corners.mean(axis=0)
+            square, seen = SQUARE @ (1, 1j), (corners - centre) @ (1, 1j)
+            self.starts.append(np.concatenate([guess, centre, [np.angle((square.conj() * seen).sum())]]))
 
     def image_T_plane(self, parameters: Array) -> Array:  # noqa: N802
         """Return the homography (3, 3)."""
@@ -59,16 +65,6 @@ class MarkerPlane:
         pose = Rotation.from_rotvec(parameters[:3]).as_matrix()
         pose[:, 2] = parameters[3:6]
         return self._camera_matrix @ pose
-
-    def normal_and_middle(self, parameters: Array) -> tuple[Array, Array] | None:
-        """Return the unit vector towards the camera, (3,), and the middle of both markers, (3,), in sides.
-
-        Both in camera axes; None if the camera is unknown.
-        """
-        if self._camera_matrix is None:
-            return None
-        turn, (x, y) = Rotation.from_rotvec(parameters[:3]), _corners_in_plane(parameters[-3:]).mean(axis=0)
-        return turn.as_matrix()[:, 2], turn.apply([x, y, 0.0]) + parameters[3:6]
 
 
 def _two_poses(rays_T_plane: Array) -> list[tuple[Rotation, Array]]:  # noqa: N803
@@ -86,14 +82,6 @@ def _two_poses(rays_T_plane: Array) -> list[tuple[Rotation, Array]]:  # noqa: N8
     from_sight = sight.as_matrix()
     leaning_back = from_sight.T @ mirror @ from_sight @ turn @ mirror
     return [(Rotation.from_matrix(r), pose[:, 2]) for r in (turn, leaning_back)]
-
-
-def _second_marker(image_T_plane: Array, ideal_px: Array) -> Array:  # noqa: N803
-    """Return the second marker in the first one's plane: x, y, rotation in rad."""
-    corners = cv2.perspectiveTransform(ideal_px[1][None], np.linalg.inv(image_T_plane))[0]
-    centre = corners.mean(axis=0)
-    square, seen = SQUARE @ (1, 1j), (corners - centre) @ (1, 1j)
-    return np.append(centre, np.angle((square.conj() * seen).sum()))
 
 
 def _corners_in_plane(second: Array) -> Array:
@@ -207,9 +195,18 @@ def fit_plane(corners_px: Array, camera: CameraModel | None = None) -> PlaneRefe
         )
     shifted = np.vstack([parameters, parameters + spread])
     off = () if camera is None else tuple(camera.off_by_one_sigma())
-    seen_off = [_seen_by(other, mean) for other in off]
-    inverse = np.array([np.linalg.inv(model.image_T_plane(p)) for p in shifted] + seen_off)
-    normal, middle = model.normal_and_middle(parameters) or (None, None)
+    inverses = [np.linalg.inv(model.image_T_plane(p)) for p in shifted]
+    for other in off:
+        seen = other.undistorted(mean)
+        plane = MarkerPlane(seen, other.matrix)
+        inverses.append(np.linalg.inv(plane.image_T_plane(solve(plane, seen, 0.0)[0])))
+    inverse = np.array(inverses)
+    normal = tilt_deg = distance = None
+    if camera is not None:
+        turn, (x, y) = Rotation.from_rotvec(parameters[:3]), _corners_in_plane(parameters[-3:]).mean(axis=0)
+        normal = turn.as_matrix()[:, 2]
+        tilt_deg = float(np.degrees(np.arctan2(np.hypot(*normal[:2]), -normal[2])))
+        distance = float(np.linalg.norm(turn.apply([x, y, 0.0]) + parameters[3:6]))
     reference = PlaneReference(
         corners_px=mean,
         plane_T_image=inverse,
@@ -220,17 +217,10 @@ def fit_plane(corners_px: Array, camera: CameraModel | None = None) -> PlaneRefe
         camera=camera,
         off=off,
         normal_camera=normal,
-        tilt_deg=None if normal is None else float(np.degrees(np.arctan2(np.hypot(*normal[:2]), -normal[2]))),
-        distance_sides=None if middle is None else float(np.linalg.norm(middle)),
+        tilt_deg=tilt_deg,
+        distance_sides=distance,
     )
     return replace(reference, template=_in_plane(inverse, reference.undistorted(mean)))
-
-
-def _seen_by(camera: CameraModel, mean_px: Array) -> Array:
-    """Return `plane_T_image` (3, 3) for this camera."""
-    ideal = camera.undistorted(mean_px)
-    model = MarkerPlane(ideal, camera.matrix)
-    return np.linalg.inv(model.image_T_plane(solve(model, ideal, 0.0)[0]))
 
 
 def in_plane_angle(corners_px: Array, reference: PlaneReference) -> PlanarAngle:
@@ -245,7 +235,14 @@ def in_plane_angle(corners_px: Array, reference: PlaneReference) -> PlanarAngle:
         raise CalibrationError("markers: a corner is NaN or infinite; refuse the frame instead")
     ideal = reference.undistorted(corners_px)
     points, template = _in_plane(reference.plane_T_image, ideal), reference.template
-    weights = _agreement(points[:1], template[:1], reference)
+    # 1 if all corners rotate together, else Cauchy weights
+    usual = max(_USUAL_PX, 3.0 * reference.scatter_px) / reference.side_px
+    weights = np.ones(8)
+    for _ in range(_REWEIGHTED):
+        _, missed, _ = _rigid_turn(points[:1], template[:1], weights)
+        if missed.max() <= usual:
+            break
+        weights = 1.0 / (1.0 + (missed[0] / usual) ** 2)
     turn, missed, size = _rigid_turn(points, template, weights)
     from_reference = float(np.linalg.norm(_apart(turn)))
     # 16 coordinates minus rotation, scale and two of translation; counted by weight
@@ -300,20 +297,6 @@ def _rigid_turn(
     return turn, np.abs(points - turn[:, None] * template), size
 
 
-def _agreement(
-    points: NDArray[np.complex128], template: NDArray[np.complex128], reference: PlaneReference
-) -> Array:
-    """Return the corners' weights, (8,): 1 if all rotate together, else Cauchy weights. points: (1, 8)."""
-    usual = max(_USUAL_PX, 3.0 * reference.scatter_px) / reference.side_px
-    weights = np.ones(8)
-    for _ in range(_REWEIGHTED):
-        _, missed, _ = _rigid_turn(points, template, weights)
-        if missed.max() <= usual:
-            break
-        weights = 1.0 / (1.0 + (missed[0] / usual) ** 2)
-    return weights
-
-
 def wrapped_deg(angle_deg: float) -> float:
     """Return the same angle in (-180, 180]."""
     return 180.0 - float((180.0 - angle_deg) % 360.0)
@@ -335,7 +318,9 @@ def _check_static(corners_px: Array) -> None:
         )
     if not np.isfinite(corners_px).all():
         raise CalibrationError("markers: the reference contains NaN or infinite corners; measure it again")
-    if (_areas(corners_px.mean(axis=0)) < _SMALLEST_AREA_PX).any():
+    x, y = np.moveaxis(corners_px.mean(axis=0), -1, 0)
+    areas = 0.5 * (x * np.roll(y, -1, axis=-1) - y * np.roll(x, -1, axis=-1)).sum(axis=-1)  # shoelace formula
+    if (areas < _SMALLEST_AREA_PX).any():
         raise CalibrationError(
             "markers: corners in the reference span no plane; are they in clockwise order?"
         )
@@ -344,12 +329,6 @@ def _check_static(corners_px: Array) -> None:
         raise CalibrationError(
             f"markers: a corner moved by {worst:.1f} px (1 sigma) in the reference; it must be at rest"
         )
-
-
-def _areas(quads_px: Array) -> Array:
-    """Return the areas of (M, 4, 2) px quads, positive for clockwise corners (shoelace formula)."""
-    x, y = quads_px[..., 0], quads_px[..., 1]
-    return 0.5 * (x * np.roll(y, -1, axis=-1) - y * np.roll(x, -1, axis=-1)).sum(axis=-1)
 
 
 class MarkerAngle:
@@ -465,20 +444,17 @@ def assess_markers(pictures: Sequence[Image], angle: MarkerAngle) -> MarkerRepor
     sigma = float(rest.std(ddof=1))
     parts = turn_sigma_deg(plane, TURN_DEG)
     doubts = rests_on("camera", () if plane.camera is None else plane.camera.doubts)
-    assessment = _assess(plane, sigma, drift, len(rest) / len(answers)) + _assess_turn(*parts) + doubts
-    corners = np.array([found for found in seen if not isinstance(found, Refusal)])
-    return MarkerReport(assessment, plane, rest, corners, sigma, drift, refused, *parts)
-
-
-def _assess_turn(plane_deg: float, camera_deg: float) -> Assessment:
-    """Assess the uncertainty of a rotation; the reason names its main cause."""
+    plane_deg, camera_deg = parts
     cause = (
         f"{camera_deg:.3f} of it from the camera's intrinsics: calibrate it again, with tilted, nearer views"
         if camera_deg > plane_deg
         else "by the corners at rest: more light, larger markers, less tilt"
     )
     text = f"a rotation of {TURN_DEG:.0f} degrees is known only to {{value:.3f}} degrees, " + cause
-    return limit(float(np.hypot(plane_deg, camera_deg)), 0.1, 1.0, text)
+    turn = limit(float(np.hypot(plane_deg, camera_deg)), 0.1, 1.0, text)
+    assessment = _assess(plane, sigma, drift, len(rest) / len(answers)) + turn + doubts
+    corners = np.array([found for found in seen if not isinstance(found, Refusal)])
+    return MarkerReport(assessment, plane, rest, corners, sigma, drift, refused, *parts)
 
 
 def _assess(plane: PlaneReference, sigma_deg: float, drift_deg: float, answered: float) -> Assessment:

@@ -50,7 +50,6 @@ class Station:
         tell(Event("progress", text, done, total))
 
     def left_out(self, name: str, reason: str) -> None:
-        """Print and report a step without a result, with the reason."""
         self.say(f"  {name}: {reason}")
         tell(Event("fault", f"{name}: {reason}"))
 
@@ -156,7 +155,6 @@ class TouchObserver(LiftObserver):
                 self._finders[serial] = ContactFinder(self.reference[serial])
 
     def frame(self, frame: Frame) -> None:
-        """Analyse a frame, then pass it to the viewer."""
         self.look(frame)
         if self.shown is not None:
             self.shown(frame)
@@ -174,7 +172,6 @@ class TouchObserver(LiftObserver):
         self._touches.setdefault(frame.serial, TouchDebounce()).update(seen)
 
     def touching(self, serial: str) -> bool:
-        """Whether a fingertip has shown contact in its last frames."""
         return serial in self._touches and self._touches[serial].sure
 
 

@@ -223,7 +223,6 @@ def _floor_lines(low: Array, high: Array, step: float) -> list[Array]:
 
 
 def _over_picture(axes: Axes, extent: tuple[int, int, int, int]) -> None:
-    """Show a part of a picture. extent: left, right, bottom, top in px."""
     axes.set(xlim=extent[:2], ylim=extent[2:], xlabel="x, px", ylabel="y, px")
 
 

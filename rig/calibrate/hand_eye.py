@@ -209,7 +209,6 @@ def _pair_figures(result: HandEyeResult) -> tuple[dict[str, object], dict[str, s
 
 
 def _axes(values: NDArray[np.floating], digits: int) -> str:
-    """Return three values by axis as text. digits: decimals."""
     return ", ".join(f"{axis} {value:.{digits}f}" for axis, value in zip("xyz", values, strict=True))
 
 
@@ -319,8 +318,6 @@ def looking_poses(config: BenchConfig, seed: int) -> list[Pose]:
 
 
 class _Session:
-    """Chooses the poses and keeps the samples."""
-
     def __init__(
         self, target: Target, camera: CameraModel, setup: Setup, candidates: list[Pose], count: int,
         station: Station,
@@ -341,7 +338,6 @@ class _Session:
         return f"{self._visited:03d}", self._left.pop(self._choice())
 
     def keep(self, capture: HandEyeCapture) -> None:
-        """Keep picture and pose, and look for the target in the picture."""
         grey = np.asarray(cv2.cvtColor(capture.frame.image, cv2.COLOR_RGB2GRAY), np.uint8)
         write_picture(self.raw / f"{capture.id}.png", grey)
         if self._station.show is not None:
@@ -356,7 +352,6 @@ class _Session:
             self.skip(capture.id, view)
 
     def skip(self, name: str, reason: str) -> None:
-        """Note why a pose gave no sample."""
         self.rejected.append(Rejected(name, reason))
         self._station.left_out(name, reason)
 

@@ -45,11 +45,9 @@ class CalibrationResult:
 
     @property
     def about(self) -> str:
-        """The devices by role, as text."""
         return ", ".join(f"{role} {serial}" for role, serial in self.serials.items())
 
     def marked(self, simulated: bool) -> "CalibrationResult":
-        """Return a copy with `simulated`: whether it was made on simulated devices."""
         return replace(self, simulated=simulated)
 
 

@@ -88,7 +88,6 @@ def write_picture(path: Path, image: Image) -> None:
 
 
 def write_table(path: Path, header: str, rows: Sequence[str]) -> None:
-    """Write a CSV file, as `--from` reads it. Raises `RecordingError`."""
     write_bytes(path, ("\n".join([header, *rows]) + "\n").encode())
 
 

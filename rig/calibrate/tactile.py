@@ -187,7 +187,6 @@ def _assess_background(background: Image, look: LookFit) -> Assessment:
 
 
 def _scale(presses: PressFolder) -> GelScale | None:
-    """Fit the scale to known moves; None if the catalog has none. Raises `CalibrationError`."""
     moved = [p for p in presses.found if p.press.id in presses.moves_mm]
     if not moved:
         return None

@@ -94,19 +94,15 @@ class Station:
             benches.for_lift(self.seed, "calibration") as (bench, operator),
         ):
             for folder in self._folders:
-                _emptied(folder)
+                try:
+                    folder.mkdir(parents=True, exist_ok=True)
+                    for old in [*folder.glob("*.png"), *folder.glob("*.csv")]:
+                        old.unlink()
+                except OSError as error:
+                    raise RecordingError(
+                        f"{folder}: cannot be written ({error.strerror}); choose another --out"
+                    ) from error
             yield bench, operator
-
-
-def _emptied(folder: Path) -> None:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        for old in [*folder.glob("*.png"), *folder.glob("*.csv")]:
-            old.unlink()
-    except OSError as error:
-        raise RecordingError(
-            f"{folder}: cannot be written ({error.strerror}); choose another --out"
-        ) from error
 
 
 def visits(poses: Sequence[tuple[str, Pose]]) -> list[PlannedMotion]:

@@ -256,7 +256,13 @@ def collect_camera(station: Station, target: Target, count: int) -> CalibrationR
     """
     config = station.config
     raw = station.raw("camera")
-    poses = board_poses(config, target, station.seed, count)
+    # the tool poses that constrain the camera best, with the board on the tool, facing the camera
+    base_T_camera, outline = config.base_T_camera(), _outline_m(target)  # noqa: N806 - frame names
+    turn = TOOL_DOWN.inv() * base_T_camera.rotation
+    held = Pose.from_rotation(np.subtract(_HELD_M, turn.apply(outline.mean(axis=0))), turn)
+    candidates = _candidates(config, np.random.default_rng((station.seed, 33)))
+    placed = [base_T_camera.inverse() @ pose @ held for pose in candidates]
+    poses = [candidates[i] for i in most_telling(config.camera_model(), outline, placed, count)]
     if not config.moves:
         poses = [poses[i % len(poses)] if poses else Pose((0.0, 0.0, 0.0)) for i in range(count)]
     if len(poses) < FEWEST_VIEWS:
@@ -315,17 +321,6 @@ def _show_on_tool(
         capture_hand_eye(bench, lambda: left.pop(0) if left else None, keep, station.left_out)
 
 
-def board_poses(config: BenchConfig, target: Target, seed: int, count: int) -> list[Pose]:
-    """Return the tool poses that constrain the camera best, at several distances and all over the image.
-
-    The board is assumed on the tool as `rig calibrate camera` asks for, facing the camera.
-    """
-    model, base_T_camera = config.camera_model(), config.base_T_camera()  # noqa: N806 - frame names
-    candidates = _candidates(config, np.random.default_rng((seed, 33)))
-    placed = [base_T_camera.inverse() @ pose @ _held(target, base_T_camera) for pose in candidates]
-    return [candidates[i] for i in most_telling(model, _outline_m(target), placed, count)]
-
-
 def _candidates(config: BenchConfig, rng: np.random.Generator) -> list[Pose]:
     """Draw poses all over the picture, from near to where the camera looks, inside the workspace."""
     limits = config.arm.limits if config.has("arm") else ArmLimitsConfig()
@@ -344,12 +339,6 @@ def _candidates(config: BenchConfig, rng: np.random.Generator) -> list[Pose]:
         if (tool > low + _INSIDE_M).all() and (tool < high - _INSIDE_M).all():
             poses.append(Pose.from_rotation(tool, turned))
     return poses
-
-
-def _held(target: Target, base_T_camera: Pose) -> Pose:  # noqa: N803
-    """Return `tcp_T_board` of a board that faces the camera while the tool points down."""
-    turn = TOOL_DOWN.inv() * base_T_camera.rotation
-    return Pose.from_rotation(np.subtract(_HELD_M, turn.apply(_outline_m(target).mean(axis=0))), turn)
 
 
 def _outline_m(target: Target) -> NDArray[np.float64]:

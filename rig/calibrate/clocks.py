@@ -179,16 +179,14 @@ class WiggleObserver(TouchObserver):
             return
         grey = np.asarray(cv2.cvtColor(frame.image, cv2.COLOR_RGB2GRAY), np.uint8)
         seen = self.tracker.detect(grey) if self.tracker is not None else Refusal.NOT_FOUND
-        if not isinstance(seen, Refusal):
-            self._markers.append((frame.time_ns, self._shown_by(np.asarray(seen, np.float64))))
-
-    def _shown_by(self, corners: NDArray[np.float64]) -> float:
-        """Return the markers' height (px), or, if turned by hand, their angle since the first frame (rad)."""
-        if self.arm_device is not None:
-            return float(corners[..., 1].mean())
+        if isinstance(seen, Refusal):
+            return
         if self._first_corners is None:
-            self._first_corners = corners
-        return turned_rad(self._first_corners, corners)
+            self._first_corners = seen
+        # the markers' height (px), or, if turned by hand, their angle since the first frame (rad)
+        by_hand = self.arm_device is None
+        value = turned_rad(self._first_corners, seen) if by_hand else float(seen[..., 1].mean())
+        self._markers.append((frame.time_ns, value))
 
     def streams(self) -> dict[str, tuple[NDArray[np.int64], NDArray[np.float64]]]:
         """Return times (ns) and values by stream: the arm's height, and each sensor's change by the wiggle.

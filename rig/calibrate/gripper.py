@@ -150,7 +150,15 @@ def tip_from_folder(
         if flange_T_tcp is not None:
             tcp_m = np.asarray(flange_T_tcp.position_m)
             out_m = flange_T_tcp.rotation.inv().apply(found.tip_m - tcp_m)
-            assessment += _change(float(np.linalg.norm(out_m)), accept_change)
+            apart_m = float(np.linalg.norm(out_m))
+            if apart_m > LARGEST_TIP_M:
+                text = (
+                    f"the tip is {1e3 * apart_m:.0f} mm from the bench file's tcp_m, and a clamped tip is "
+                    f"within {1e3 * LARGEST_TIP_M:.0f} mm of it: check tcp_m and the mounted hand"
+                )
+                cure = "if the tip is right, solve its samples with --from and --accept-change"
+                refused = Assessment((f"{text}; {cure}",))
+                assessment += Assessment(doubts=(text,)) if accept_change else refused
             value |= {"bench_file_tcp_m": tcp_m, "tip_from_tcp_m": out_m}
             numbers |= {
                 "tcp_m of the bench file, from the flange": _mm(tcp_m),
@@ -160,18 +168,6 @@ def tip_from_folder(
         "tcp", {"tool": serial}, assessment, str(folder), value, quality, numbers,
         len(found.residual_m or ()), [*rejected, *found.rejected], [path], pictures,
     )  # fmt: skip
-
-
-def _change(apart_m: float, accepted: bool) -> Assessment:
-    if apart_m <= LARGEST_TIP_M:
-        return Assessment()
-    text = (
-        f"the tip is {1e3 * apart_m:.0f} mm from the bench file's tcp_m, and a clamped tip is within "
-        f"{1e3 * LARGEST_TIP_M:.0f} mm of it: check tcp_m and the mounted hand"
-    )
-    if accepted:
-        return Assessment(doubts=(text,))
-    return Assessment((f"{text}; if the tip is right, solve its samples with --from and --accept-change",))
 
 
 def _flange_poses(path: Path, flange_T_tcp: Pose | None) -> tuple[dict[str, Pose], list[Rejected]]:  # noqa: N803

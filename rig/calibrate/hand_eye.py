@@ -335,7 +335,12 @@ class _Session:
         if len(self.samples) >= self._count or not self._left:
             return None
         self._visited += 1
-        return f"{self._visited:03d}", self._left.pop(self._choice())
+        choice = 0
+        if len(self.samples) >= FIRST_POSES:
+            result = calibrate_hand_eye(self.samples, self._camera, self._setup)
+            best = None if result.pose is None else next_pose(result, self._camera, self._left)
+            choice = 0 if best is None else best.index
+        return f"{self._visited:03d}", self._left.pop(choice)
 
     def keep(self, capture: HandEyeCapture) -> None:
         grey = np.asarray(cv2.cvtColor(capture.frame.image, cv2.COLOR_RGB2GRAY), np.uint8)
@@ -354,12 +359,3 @@ class _Session:
     def skip(self, name: str, reason: str) -> None:
         self.rejected.append(Rejected(name, reason))
         self._station.left_out(name, reason)
-
-    def _choice(self) -> int:
-        if len(self.samples) < FIRST_POSES:
-            return 0
-        result = calibrate_hand_eye(self.samples, self._camera, self._setup)
-        if result.pose is None:
-            return 0
-        best = next_pose(result, self._camera, self._left)
-        return 0 if best is None else best.index

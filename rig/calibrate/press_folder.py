@@ -80,12 +80,13 @@ def read_press_folder(
         if repeated is not None:
             presses.rejected.append(Rejected(name, repeated))
             continue
-        if circle is not None and not _inside(circle, image):
-            x, y, _ = circle
-            size = f"{image.shape[1]} x {image.shape[0]} px"
-            text = f"the centre of its circle, ({x:.0f}, {y:.0f}), is outside the picture of {size}"
-            presses.rejected.append(Rejected(name, text))
-            continue
+        if circle is not None:
+            (x, y, _), (rows_px, columns_px) = circle, image.shape[:2]
+            if not (0.0 <= x < columns_px and 0.0 <= y < rows_px):
+                size = f"{columns_px} x {rows_px} px"
+                text = f"the centre of its circle, ({x:.0f}, {y:.0f}), is outside the picture of {size}"
+                presses.rejected.append(Rejected(name, text))
+                continue
         if isinstance(found, str):
             presses.rejected.append(Rejected(name, found))
         else:
@@ -107,12 +108,6 @@ def _repeated(circle: Circle, diameter_mm: float, pressed: list[Pressed]) -> str
         if 2.0 * other.radius_mm == diameter_mm and apart_px < SAME_VIEW_PX:
             return f"same press as {other.id}"
     return None
-
-
-def _inside(circle: Circle, image: Image) -> bool:
-    x, y, _ = circle
-    rows, columns = image.shape[:2]
-    return 0.0 <= x < columns and 0.0 <= y < rows
 
 
 def read_circled(folder: Path) -> tuple[Image, list[tuple[Image, Circle]]]:

@@ -70,7 +70,12 @@ def tactile_from_folder(
         ),
     )  # fmt: skip
     try:
-        scale = None if mm_per_px else _scale(presses)
+        moved = [] if mm_per_px else [p for p in presses.found if p.press.id in presses.moves_mm]
+        scale = None
+        if moved:
+            moves = np.array([presses.moves_mm[p.press.id] for p in moved])
+            centres = np.array([rim_centre(p.press) for p in moved])
+            scale = fit_scale(moves, centres, np.array([p.radius_mm for p in moved]))
         used = mm_per_px or (scale.mm_per_px if scale else NOMINAL_MM_PER_PX)
         across, along = (float(v) for v in used)
         _require_gel(presses.background, (across, along))
@@ -84,7 +89,14 @@ def tactile_from_folder(
         left_out = tuple(f"colour map left out: {reason}" for reason in assessment.reasons)
         assessment = Assessment(doubts=left_out)
     assessment += _assess_look(look) + _dark_or_saturated(fit, presses.background)
-    assessment += _assess_background(presses.background, look)
+    # a contact in the background shows in a comparison with the untouched parts of all presses
+    picture = presses.background
+    still = Reference(picture.astype(np.float32), 0.0, float((picture >= 250).mean()), 0)
+    touched = assess_reference(still, drift_since(still, look.look.background))
+    if touched.reasons:
+        cure = "background: take it again if anything touched the gel; give 30 frames without contact"
+        touched += Assessment(doubts=(f"{cure} with --untouched",))
+    assessment += touched
     if scale is not None:
         assessment += scale.assessment
     elif mm_per_px is None:
@@ -174,25 +186,6 @@ def _dark_or_saturated(fit: BallFit, background: Image) -> Assessment:
     if fit.assessment.refusals and (lost or fit.null_rms >= NULL_REFUSED):
         return Assessment((text,))
     return Assessment(doubts=(text,) if lost else ())
-
-
-def _assess_background(background: Image, look: LookFit) -> Assessment:
-    """Compare the background with the untouched parts of all presses, to find a contact in it."""
-    still = Reference(background.astype(np.float32), 0.0, float((background >= 250).mean()), 0)
-    assessment = assess_reference(still, drift_since(still, look.look.background))
-    if assessment.reasons:
-        cure = "background: take it again if anything touched the gel; give 30 frames without contact"
-        assessment += Assessment(doubts=(f"{cure} with --untouched",))
-    return assessment
-
-
-def _scale(presses: PressFolder) -> GelScale | None:
-    moved = [p for p in presses.found if p.press.id in presses.moves_mm]
-    if not moved:
-        return None
-    moves = np.array([presses.moves_mm[p.press.id] for p in moved])
-    centres = np.array([rim_centre(p.press) for p in moved])
-    return fit_scale(moves, centres, np.array([p.radius_mm for p in moved]))
 
 
 def _quality(fit: BallFit, scale: GelScale | None, look: LookFit) -> dict[str, object]:

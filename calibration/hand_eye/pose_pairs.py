@@ -16,8 +16,16 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
-from calibration.hand_eye.closed_form import CLOSED_FORMS, Transforms, assess_motion, motions, observability
-from calibration.hand_eye.refine import cross_matrices, larger_of, moved
+from calibration.hand_eye.refine import (
+    CLOSED_FORMS,
+    Transforms,
+    assess_motion,
+    cross_matrices,
+    larger_of,
+    motions,
+    moved,
+    observability,
+)
 from calibration.hand_eye.solve import FEWEST_SAMPLES, MOST_REJECTED, HandEyeResult, Setup, as_pose
 from calibration.poses import REACH_M, pose_fault, repeated_pose
 from calibration.verdict import Assessment, Rejected, floor, limit, sift

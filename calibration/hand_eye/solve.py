@@ -10,15 +10,20 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from calibration.camera.model import CameraModel
-from calibration.hand_eye.closed_form import (
+from calibration.hand_eye.refine import (
     CLOSED_FORMS,
     Observability,
+    Problem,
+    Refined,
     Transforms,
+    Uncertainty,
     assess_motion,
+    linearised,
     nearest_rotation,
     observability,
+    refine,
+    uncertainty,
 )
-from calibration.hand_eye.refine import Problem, Refined, Uncertainty, linearised, refine, uncertainty
 from calibration.poses import REACH_M, pose_fault, repeated_pose
 from calibration.targets.boards import View, on_one_line, outside, view_fault
 from calibration.verdict import Assessment, Rejected, floor, limit, rests_on, sift

@@ -11,8 +11,15 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from calibration.opening import STEP_M, Direction, OpeningSample, calibrate_opening
-from calibration.tool_tip import FEWEST, Array, calibrate_pivot
+from calibration.gripper import (
+    FEWEST,
+    STEP_M,
+    Array,
+    Direction,
+    OpeningSample,
+    calibrate_opening,
+    calibrate_pivot,
+)
 from calibration.verdict import Assessment, Rejected
 from drivers.errors import InputError, counted
 from drivers.formats import number_in, read_csv_rows

@@ -14,8 +14,8 @@ from scipy.spatial.transform import Rotation
 
 from calibration.camera.files import read_camera
 from calibration.camera.model import CameraModel
-from calibration.hand_eye.closed_form import LEAST_GAP, LEAST_RATIO, LEAST_TURN_DEG
 from calibration.hand_eye.pose_pairs import PoseSample, calibrate_pose_pairs
+from calibration.hand_eye.refine import LEAST_GAP, LEAST_RATIO, LEAST_TURN_DEG
 from calibration.hand_eye.solve import HandEyeResult, HandEyeSample, Setup, calibrate_hand_eye, next_pose
 from calibration.targets.boards import Target, View
 from calibration.verdict import Rejected

@@ -13,7 +13,6 @@ from calibration.camera.intrinsics import camera_difference_px
 from calibration.poses import pose_from_quaternion
 from calibration.store import read_yaml
 from drivers.errors import CalibrationError
-from drivers.types import Pose
 from rig.calibrate.camera import camera_from_folder, collect_camera, collect_markers, markers_from_folder
 from rig.calibrate.clocks import collect_streams, sync_from_folder
 from rig.calibrate.gripper import collect_openings, collect_tip, gripper_from_folder, tip_from_folder
@@ -81,9 +80,12 @@ def _cameras(one: Path, other: Path) -> Figures:
 
 def _hand_eye(one: Content, other: Content) -> Figures:
     """Compare the positions that the two answers give to points in the workspace."""
-    x, y = _pose(one), _pose(other)
-    in_hand = one.get("setup") == "eye-in-hand"
-    ahead = (x.inverse() @ _pose(one["target"])).position_m if in_hand else (0.0, 0.0, 0.7)
+    nodes = [one, other, *([one["target"]] if one.get("setup") == "eye-in-hand" else [])]
+    x, y, *target = (
+        pose_from_quaternion(node["translation_m"], node["quaternion_xyzw"], "calibration file")
+        for node in nodes
+    )
+    ahead = (x.inverse() @ target[0]).position_m if target else (0.0, 0.0, 0.7)
     corners = ahead + WORKSPACE_M * np.array(list(product((-1, 1), repeat=3)))
     apart = x.rotation.apply(corners) + x.position_m - (y.rotation.apply(corners) + y.position_m)
     return {
@@ -110,10 +112,6 @@ def _tip(one: Content, other: Content) -> Figures:
 
 def _sync(one: Content, other: Content) -> Figures:
     return {"offset_ms": round(1e3 * (other["add_to_stream_s"] - one["add_to_stream_s"]), 4)}
-
-
-def _pose(node: Content) -> Pose:
-    return pose_from_quaternion(node["translation_m"], node["quaternion_xyzw"], "calibration file")
 
 
 KINDS = {

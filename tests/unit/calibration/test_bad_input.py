@@ -14,9 +14,9 @@ from calibration.camera.intrinsics import assess_camera, calibrate_camera
 from calibration.camera.model import CameraModel
 from calibration.gel.balls import BallPress, Press, calibrate_gel, find_press
 from calibration.gel.reference import assess_reference, drift_since, make_reference
+from calibration.gripper import Direction, GripperResult, OpeningSample, calibrate_opening
 from calibration.markers.angle import MarkerAngle, PlanarAngle
 from calibration.markers.tracker import MarkerTracker
-from calibration.opening import Direction, GripperResult, OpeningSample, calibrate_opening
 from calibration.poses import pose_from_matrix, pose_from_quaternion, pose_from_rotation_vector
 from calibration.targets.aruco import Refusal, refine_edges
 from calibration.targets.boards import View, parse_target

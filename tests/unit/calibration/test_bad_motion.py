@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from calibration.gripper import calibrate_pivot
 from calibration.hand_eye.solve import HandEyeSample, Setup, calibrate_hand_eye
 from calibration.time_offset import TimedSignal, time_offset
-from calibration.tool_tip import calibrate_pivot
 from drivers.errors import RigError
 from drivers.types import Pose
 from rig.benchmark.calibration.motion_scenes import CAMERA, Truth, general_scene, wiggle_scene

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from calibration.camera.model import CameraModel, CameraUncertainty
-from calibration.hand_eye.closed_form import park, shah
+from calibration.hand_eye.refine import park, shah
 from calibration.hand_eye.solve import (
     HandEyeSample,
     Setup,

@@ -7,11 +7,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from calibration.gripper import Direction, OpeningSample, calibrate_opening, calibrate_pivot
 from calibration.hand_eye.pose_pairs import PoseSample, calibrate_pose_pairs
 from calibration.hand_eye.solve import Setup, calibrate_hand_eye
-from calibration.opening import Direction, OpeningSample, calibrate_opening
 from calibration.time_offset import TimedSignal, make_stream, time_offset
-from calibration.tool_tip import calibrate_pivot
 from calibration.verdict import Verdict
 from drivers.types import Pose
 from rig.benchmark.calibration.motion_scenes import CAMERA, general_scene, wiggle_scene

@@ -5,10 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calibration.opening import Direction, OpeningSample, calibrate_opening
+from calibration.gripper import Direction, OpeningSample, calibrate_opening, calibrate_pivot
 from calibration.poses import pose_fault
 from calibration.time_offset import make_stream
-from calibration.tool_tip import calibrate_pivot
 from calibration.verdict import Verdict
 from drivers.errors import CalibrationError, InputError
 from drivers.images import encode_png

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calibration.opening import Direction
+from calibration.gripper import Direction
 from rig.calibrate.clocks import sync_from_folder
 from rig.calibrate.gripper import gripper_from_folder
 from rig.calibrate.samples import read_poses, read_stream

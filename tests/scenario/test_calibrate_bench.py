@@ -143,9 +143,9 @@ def test_ball_presses_give_pixel_aspect_and_scale(tmp_path: Path) -> None:
         # one ball size does not determine the gel's bulge: its scale is up to a tenth too large
         assert 1.0 < outcome.value["mm_per_px"][0] / truth[0] < 1.12
         filed = file_result(outcome, tmp_path)
-        content = yaml.safe_load(filed.path.read_text())
+        content = yaml.safe_load(Path(filed["file"]).read_text())
         assert content["pixel_aspect"] == pytest.approx(measured)
-        assert filed.page.read_text().count('<svg role="img"') >= 3
+        assert Path(filed["page"]).read_text().count('<svg role="img"') >= 3
 
 
 def test_ball_presses_are_stored_for_each_fingertip(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

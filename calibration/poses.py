@@ -71,20 +71,17 @@ def pose_fault(pose: Pose, name: str, farthest_m: float = FARTHEST_M) -> str | N
     return None
 
 
-def same_pose(pose: Pose, other: Pose) -> bool:
-    """Return whether two robot poses are closer than `SAME_POSE_M` and `SAME_POSE_RAD`.
+def repeated_pose(pose: Pose, others: Iterable[tuple[str, Pose]]) -> str | None:
+    """Return that a robot pose repeats one of the named others, or None.
 
     A repeated pose repeats the robot's errors. If it counted as an independent sample, sigma would be too
     small.
     """
-    if np.linalg.norm(np.subtract(pose.position_m, other.position_m)) >= SAME_POSE_M:
-        return False
-    return bool((other.rotation.inv() * pose.rotation).magnitude() < SAME_POSE_RAD)
-
-
-def repeated_pose(pose: Pose, others: Iterable[tuple[str, Pose]]) -> str | None:
-    """Return that a robot pose repeats one of the named others, or None."""
-    return next((f"same robot pose as {name}" for name, other in others if same_pose(pose, other)), None)
+    for name, other in others:
+        near = np.linalg.norm(np.subtract(pose.position_m, other.position_m)) < SAME_POSE_M
+        if near and (other.rotation.inv() * pose.rotation).magnitude() < SAME_POSE_RAD:
+            return f"same robot pose as {name}"
+    return None
 
 
 def require_near(pose: Pose, name: str, farthest_m: float = FARTHEST_M) -> None:

@@ -153,30 +153,26 @@ class _Dumper(yaml.SafeDumper):
         return True
 
 
-def _numbers_on_one_line(dumper: _Dumper, data: list[Any]) -> yaml.SequenceNode:
-    flat = all(isinstance(item, int | float) for item in data)
-    return dumper.represent_sequence("tag:yaml.org,2002:seq", data, flow_style=flat)
-
-
-_Dumper.add_representer(list, _numbers_on_one_line)
+_Dumper.add_representer(
+    list,
+    lambda dumper, data: dumper.represent_sequence(
+        "tag:yaml.org,2002:seq", data, flow_style=all(isinstance(item, int | float) for item in data)
+    ),
+)
 
 
 def _from_about(about: Mapping[str, Any], value: Mapping[str, Any]) -> CalibrationFile:
+    for name in ("quality", "inputs", "software"):
+        if not isinstance(about.get(name, {}), Mapping):
+            raise ValueError(f"'{name}' is not a mapping")
     return CalibrationFile(
         kind=about["kind"],
         serials={str(k): str(v) for k, v in about["serials"].items()},
         value=value,
         assessment=Assessment(tuple(about["refusals"]), tuple(about["doubts"])),
         created=datetime.fromisoformat(about["created"]).isoformat(),
-        quality=_mapping(about, "quality"),
+        quality=about.get("quality", {}),
         rejected=tuple(Rejected(str(r["id"]), str(r["reason"])) for r in about.get("rejected", [])),
-        inputs=_mapping(about, "inputs"),
-        software=_mapping(about, "software"),
+        inputs=about.get("inputs", {}),
+        software=about.get("software", {}),
     )
-
-
-def _mapping(about: Mapping[str, Any], name: str) -> Mapping[str, Any]:
-    value = about.get(name, {})
-    if not isinstance(value, Mapping):
-        raise ValueError(f"'{name}' is not a mapping")
-    return value

@@ -1,21 +1,33 @@
 """Estimate offset and drift between two clocks from one motion that both streams recorded.
 
-Convention: `offset_s` is added to the times of the second stream to get those of the first. With a drift
-`d` (ppm) the offset holds at the middle of the overlap and grows by d microseconds per second.
+Streams are made from values or from orientations. Convention: `offset_s` is added to the times of the second
+stream to get those of the first. With a drift `d` (ppm) the offset holds at the middle of the overlap and
+grows by d microseconds per second.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import median_filter
+from scipy.spatial.transform import Rotation, Slerp
 
-from calibration.timed_signal import FEWEST, TimedSignal
 from calibration.verdict import Assessment, limit
-from drivers.errors import counted
+from drivers.errors import CalibrationError, counted
 from drivers.progress import steps
 
 Array = NDArray[np.floating]
 
+FEWEST = 20
+"""Fewest samples of a stream, and of the overlap."""
+SHORTEST_S, LONGEST_S = 0.2, 1.0
+"""Shortest stream, and longest usual interval of its samples; beyond them, times have another unit."""
+_SPAN_NS = 100_000_000
+"""Interval over which an angular speed is measured: shorter is noisy, longer smooths the motion away."""
+_SAME_NS = 100_000
+"""Samples in the same interval of this length count once; a stream of 5 kHz keeps all of its samples."""
+_AROUND = 15
+"""Samples of the running median: more than twice the spikes that one flip of a detector causes."""
 WORST_MS = 5.0
 """Largest standard deviation of an offset that is used, ms."""
 _LEAST_EXPLAINED = 0.5
@@ -41,6 +53,103 @@ _CLEARLY_WORSE = 25.0
 squares is larger by this fraction of the effective number of samples, and at least by 15 %."""
 _DRIFT_FROM_S = 60.0
 """Shortest overlap for which a drift is fitted."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TimedSignal:
+    """A signal on one clock: time_ns (N,) int64 increasing, values (N,) float64."""
+
+    time_ns: NDArray[np.int64]
+    values: Array
+
+
+def make_stream(time_ns: NDArray[np.int64], values: Array, name: str) -> TimedSignal:
+    """Sort samples by time; remove repeated samples (within 0.1 ms), and values that are NaN or infinite.
+
+    name: of the stream, for errors. Raises `CalibrationError` for times that are not integers, shapes that
+    differ, a clock that jumps by more than an hour, or fewer than 20 samples.
+    """
+    times, signal = np.asarray(time_ns), np.asarray(values, np.float64)
+    if times.dtype.kind not in "iu" or times.ndim != 1 or times.shape != signal.shape:
+        raise CalibrationError(f"sync: {name}: times in integer ns and as many values are needed")
+    times = times.astype(np.int64)
+    usable = _in_order(times, np.isfinite(signal))
+    _require_seconds(times[np.isfinite(signal)], times[usable], name)
+    if len(usable) < FEWEST:
+        raise CalibrationError(
+            f"sync: {name}: {counted(len(usable), 'usable sample')}; at least {FEWEST} are needed"
+        )
+    longest_s = float(np.diff(times[usable]).max()) / 1e9
+    if longest_s > 3600.0:
+        raise CalibrationError(f"sync: {name}: its clock jumps by {longest_s / 3600:.1f} h; record again")
+    return TimedSignal(times[usable], signal[usable])
+
+
+def _require_seconds(all_ns: NDArray[np.int64], usable_ns: NDArray[np.int64], name: str) -> None:
+    """Raise `CalibrationError` for times of a wrong unit: a short stream, or samples over a second apart."""
+    if len(all_ns) < FEWEST:
+        return
+    lasts_s = float(np.ptp(all_ns)) / 1e9
+    interval_s = float(np.median(np.diff(usable_ns))) / 1e9 if len(usable_ns) > 1 else 0.0
+    if 0.0 < lasts_s < SHORTEST_S or interval_s > LONGEST_S:
+        unit = "ms" if interval_s > LONGEST_S else "microseconds or ms"
+        raise CalibrationError(
+            f"sync: {name}: {len(all_ns)} samples in {lasts_s:.4g} s: time_ns is in ns and t_s in s; are the "
+            f"times in {unit}?"
+        )
+
+
+def turning_rate(
+    time_ns: NDArray[np.int64], quaternions_xyzw: NDArray[np.floating], name: str
+) -> TimedSignal:
+    """Return the angular speed in rad/s over 0.1 s around each time; orientations are interpolated by slerp.
+
+    A robot and a camera on it have the same speed in any frame, so no hand-eye transform is needed (Furrer et
+    al. 2017 correlate speeds). time_ns: (N,) int64; quaternions_xyzw: (N, 4), invalid ones are skipped.
+    Raises `CalibrationError` if too few valid orientations remain, and as `make_stream` does.
+    """
+    times, values = np.asarray(time_ns), np.asarray(quaternions_xyzw, np.float64)
+    if values.shape != (len(times), 4):
+        raise CalibrationError(f"sync: {name}: (N, 4) quaternions for N times are needed, got {values.shape}")
+    # the comparison is False for NaN
+    usable = _in_order(times, np.abs(np.linalg.norm(values, axis=1) - 1.0) < 0.01)
+    times, values = times[usable], values[usable]
+    middle = times
+    if len(times):  # samples up to half a span on each side, without a large gap
+        half = _SPAN_NS // 2
+        first = np.searchsorted(times, times - half, "right") - 1
+        last = np.searchsorted(times, times + half)
+        whole = (first >= 0) & (last < len(times))
+        wide = np.zeros(len(times), bool)
+        wide[whole] = times[last[whole]] - times[first[whole]] < 3 * _SPAN_NS
+        middle = times[wide]
+    if not len(middle):
+        raise CalibrationError(
+            f"sync: {name}: no orientations over 0.1 s without a gap; is the stream too slow?"
+        )
+    turn = Slerp(times - times[0], Rotation.from_quat(values))
+    before, after = (turn(middle - times[0] + step) for step in (-_SPAN_NS // 2, _SPAN_NS // 2))
+    rates = (before.inv() * after).magnitude() / (_SPAN_NS / 1e9)
+    return make_stream(middle, np.where(_spikes(rates), np.nan, rates), name)
+
+
+def _in_order(times: NDArray[np.int64], usable: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """Return the indices of usable samples, sorted by time; of samples within `_SAME_NS` the first."""
+    found = np.flatnonzero(usable)
+    found = found[np.argsort(times[found], kind="stable")]
+    _, first = np.unique(times[found] // _SAME_NS, return_index=True)
+    return found[first]
+
+
+def _spikes(rates: NDArray[np.floating]) -> NDArray[np.bool_]:
+    """(N,) whether a rate is an outlier among its neighbours, as when a detector mirrors the target.
+
+    Hampel filter: more than five robust standard deviations from the running median.
+    """
+    middle = median_filter(rates, _AROUND, mode="nearest")
+    away = np.abs(rates - middle)
+    usual = median_filter(away, 8 * _AROUND + 1, mode="nearest")
+    return away > 5.0 * 1.4826 * usual + 0.05
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,7 +181,11 @@ def time_offset(
     """
     zero = first.time_ns[0]
     t1, t2 = ((s.time_ns - zero).astype(np.float64) / 1e9 for s in (first, second))
-    inside = (t2 > t1[0] + search_s) & (t2 < t1[-1] - search_s) & _measured(t1, t2, search_s)
+    inside = (t2 > t1[0] + search_s) & (t2 < t1[-1] - search_s)
+    gap = np.diff(t1)
+    wide = gap > max(10.0 * float(np.median(gap)), 0.02)
+    for start, end in zip(t1[:-1][wide] - search_s, t1[1:][wide] + search_s, strict=True):
+        inside &= (t2 < start) | (t2 > end)
     t2, wanted = t2[inside], second.values[inside]
     if len(t2) < FEWEST:
         text = f"the streams overlap by {counted(len(t2), 'sample')} (search ±{search_s:g} s): record longer"
@@ -150,18 +263,34 @@ def _minimum(streams: _Streams, offset_s: float, drift: float) -> _Minimum:
 def _result(streams: _Streams, minima: list[_Minimum], search_s: float, worst_ms: float) -> TimeOffset:
     best, count = minima[0], len(streams.t2)
     system, rest = streams.linearised(best.offset_s, best.drift)
-    alike = _autocorrelation(rest)
+    power = float(rest @ rest)
+    alike = float(rest[1:] @ rest[:-1]) / power if power > 0.0 else 0.0  # lag-1 autocorrelation
     fewer = np.sqrt((1.0 + alike) / (1.0 - alike)) if 0.0 < alike < 0.999 else 1.0
-    sigma = best.noise * _unit_sigmas(system) * fewer
+    scale, unit = np.linalg.norm(system, axis=0), np.full(system.shape[1], np.inf)
+    if not (scale < 1e-12).any():  # otherwise a parameter is undetermined
+        _, strengths, directions = np.linalg.svd(system / scale, full_matrices=False)
+        unit = np.linalg.norm(directions / np.maximum(strengths, 1e-15)[:, None], axis=0) / scale
+    sigma = best.noise * unit * fewer
     explained = 1.0 - best.cost / float(((streams.wanted - streams.wanted.mean()) ** 2).sum())
     period_s = _period_s(streams, minima, count / fewer**2)
-    assessment = _assess(
-        explained, alike, (float(sigma[0]), worst_ms / 1e3), best.offset_s, search_s, period_s
-    )
+    sigma_s, assessment = float(sigma[0]), None
+    if not explained >= _LEAST_EXPLAINED or not np.isfinite(sigma_s):
+        share = f"the signals share only {max(explained, 0.0):.0%} of their motion"
+        reason = f"{share}: wiggle by several degrees"
+    elif explained < _WELL_EXPLAINED and alike > _NOT_NOISE:
+        reason = "the residual at the best offset is not noise: the offset may lie outside the search range"
+    elif period_s is not None:
+        reason = f"the motion repeats every {1e3 * period_s:.0f} ms, so several offsets fit: move irregularly"
+    elif abs(best.offset_s) > search_s - 2 * _GRID_S:
+        reason = f"the offset lies at the end of the search (+-{search_s:g} s): search wider"
+    else:
+        reason = "the offset is known to {value:.2f} ms only: wiggle faster or longer"
+        assessment = limit(1e3 * sigma_s, 1.0, worst_ms, reason)
+    assessment = assessment or Assessment((reason,))
     if assessment.refusals:
         return TimeOffset(assessment, explained=explained, used=count)
     drifts = (1e6 * best.drift, 1e6 * float(sigma[3])) if streams.with_drift else (None, None)
-    return TimeOffset(assessment, best.offset_s, float(sigma[0]), *drifts, best.gain, explained, count)
+    return TimeOffset(assessment, best.offset_s, sigma_s, *drifts, best.gain, explained, count)
 
 
 def _period_s(streams: _Streams, minima: list[_Minimum], independent: float) -> float | None:
@@ -183,40 +312,6 @@ def _period_s(streams: _Streams, minima: list[_Minimum], independent: float) -> 
     return min(periods, default=None)
 
 
-def _assess(
-    explained: float,
-    autocorrelation: float,
-    sigma_and_worst_s: tuple[float, float],
-    offset_s: float,
-    search_s: float,
-    period_s: float | None,
-) -> Assessment:
-    sigma_s, worst_s = sigma_and_worst_s
-    if not explained >= _LEAST_EXPLAINED or not np.isfinite(sigma_s):
-        share = f"the signals share only {max(explained, 0.0):.0%} of their motion"
-        reason = f"{share}: wiggle by several degrees"
-    elif explained < _WELL_EXPLAINED and autocorrelation > _NOT_NOISE:
-        reason = "the residual at the best offset is not noise: the offset may lie outside the search range"
-    elif period_s is not None:
-        reason = f"the motion repeats every {1e3 * period_s:.0f} ms, so several offsets fit: move irregularly"
-    elif abs(offset_s) > search_s - 2 * _GRID_S:
-        reason = f"the offset lies at the end of the search (+-{search_s:g} s): search wider"
-    else:
-        return limit(
-            1e3 * sigma_s,
-            1.0,
-            1e3 * worst_s,
-            "the offset is known to {value:.2f} ms only: wiggle faster or longer",
-        )
-    return Assessment((reason,))
-
-
-def _autocorrelation(rest: Array) -> float:
-    """Return the lag-1 autocorrelation of a series; 0 for a series of zeros."""
-    power = float(rest @ rest)
-    return float(rest[1:] @ rest[:-1]) / power if power > 0.0 else 0.0
-
-
 def _explained(t1: Array, signal: Array, at: Array, wanted: Array) -> tuple[float, float, float]:
     """Return the residual sum of squares, the gain, and one sigma of the residual, at the best fit."""
     seen = np.interp(at, t1, signal)
@@ -226,15 +321,6 @@ def _explained(t1: Array, signal: Array, at: Array, wanted: Array) -> tuple[floa
     rest = goal - gain * centred
     cost = float(rest @ rest)
     return cost, gain, float(np.sqrt(cost / max(len(at) - 3, 1)))
-
-
-def _unit_sigmas(system: Array) -> Array:
-    """Return one sigma of each parameter for unit noise, by SVD; infinite if undetermined."""
-    scale = np.linalg.norm(system, axis=0)
-    if (scale < 1e-12).any():
-        return np.full(system.shape[1], np.inf)
-    _, strengths, directions = np.linalg.svd(system / scale, full_matrices=False)
-    return np.linalg.norm(directions / np.maximum(strengths, 1e-15)[:, None], axis=0) / scale
 
 
 def _valleys(costs: Array) -> list[int]:
@@ -249,15 +335,3 @@ def _valleys(costs: Array) -> list[int]:
         if all(costs[min(i, j) : max(i, j) + 1].max() > _HILL * costs[i] for j in found):
             found.append(i)
     return found[:_MOST_VALLEYS]
-
-
-def _measured(t1: Array, t2: Array, search_s: float) -> NDArray[np.bool_]:
-    """(N,) whether the first stream has no gap around each sample of the second."""
-    gap = np.diff(t1)
-    allowed = max(10.0 * float(np.median(gap)), 0.02)
-    starts = t1[:-1][gap > allowed] - search_s
-    ends = t1[1:][gap > allowed] + search_s
-    outside = np.ones(len(t2), bool)
-    for start, end in zip(starts, ends, strict=True):
-        outside &= (t2 < start) | (t2 > end)
-    return outside

@@ -40,7 +40,6 @@ class Assessment:
 
     @property
     def verdict(self) -> Verdict:
-        """Refused if there is a refusal; otherwise weak if there is a doubt; otherwise good."""
         if self.refusals:
             return Verdict.REFUSED
         return Verdict.WEAK if self.doubts else Verdict.GOOD
@@ -75,15 +74,13 @@ def counted_reasons(rejected: Sequence[Rejected]) -> list[str]:
     kinds: dict[str, list[Rejected]] = {}
     for each in rejected:
         kinds.setdefault(re.sub(r"\S*\d\S*", "...", each.reason), []).append(each)
-    return [_line(kind, found) for kind, found in kinds.items()]
-
-
-def _line(kind: str, found: list[Rejected]) -> str:
-    reason = found[0].reason if len({each.reason for each in found}) == 1 else kind
-    if len(found) == 1:
-        return f"{found[0].id}: {reason}"
-    more = f" and {len(found) - _NAMED} more" if len(found) > _NAMED else ""
-    return f"{len(found)} ({', '.join(each.id for each in found[:_NAMED])}{more}): {reason}"
+    lines = []
+    for kind, found in kinds.items():
+        reason = found[0].reason if len({each.reason for each in found}) == 1 else kind
+        names = ", ".join(each.id for each in found[:_NAMED])
+        more = f" and {len(found) - _NAMED} more" if len(found) > _NAMED else ""
+        lines.append(f"{names}: {reason}" if len(found) == 1 else f"{len(found)} ({names}{more}): {reason}")
+    return lines
 
 
 def sift(

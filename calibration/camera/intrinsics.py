@@ -1,7 +1,10 @@
-"""Estimate intrinsics from views of a board, select the lens model on held-out views, and plan further views.
+"""Estimate intrinsics from views of a board, select the lens model on held-out views, assess, and plan views.
 
 The residual of the fit itself is no evidence: fifteen square-on views fit to 0.06 px and project with an
 error of 15 px. So every figure here comes from held-out views or from the covariance.
+
+Projection uncertainty over the picture is mrcal's method (`mrcal-show-projection-uncertainty`): an error that
+a rotation of the camera compensates does not count, so the best rotation is removed first.
 """
 
 from collections.abc import Sequence
@@ -10,11 +13,13 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
 
 from calibration.camera.model import LENS_MODELS, CameraModel, LensModel
-from calibration.targets.boards import View, outside, usable_views
-from calibration.verdict import Rejected
-from drivers.errors import CalibrationError
+from calibration.targets.boards import View, coverage, outside, usable_views
+from calibration.verdict import Assessment, Rejected, floor, limit
+from drivers.errors import CalibrationError, counted
 from drivers.progress import steps
 from drivers.types import Pose
 
@@ -27,7 +32,10 @@ _BAD_VIEW = 3.0
 _LEAST_BAD_PX = 0.3
 """Views with a smaller error are never rejected."""
 _WORTH = 0.99
-"""A richer lens model must reduce the error on held-out views at least to this fraction."""
+"""A richer lens model must reduce the error on held-out views at least to this fraction; else the simpler one
+is chosen."""
+_GRID = (16, 12)
+"""Columns and rows of the grid over the picture, including its border."""
 _STOP = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 60, 1e-9)
 
 
@@ -69,7 +77,6 @@ class CameraFit:
 
     @property
     def sigma(self) -> Array:
-        """(P,) one sigma of each free term."""
         return np.sqrt(np.diag(self.covariance))
 
 
@@ -98,8 +105,13 @@ def calibrate_camera(views: Sequence[View], folds: int = 5, keep_all: bool = Fal
         good, bad = _without_bad_views(good)
         rejected += bad
     held_out = {lens.name: held_out_error(good, lens, folds) for lens in steps(LENS_MODELS)}
-    lens = _chosen(held_out)
-    best = fit_camera(good, lens)
+    chosen = LENS_MODELS[0]
+    for lens in LENS_MODELS[1:]:
+        if held_out[lens.name] < _WORTH * held_out[chosen.name]:
+            chosen = lens
+    if not np.isfinite(held_out[chosen.name]):
+        raise CalibrationError("camera: no lens model could be fitted to these views")
+    best = fit_camera(good, chosen)
     finite = {name: error_px for name, error_px in held_out.items() if np.isfinite(error_px)}
     return CameraFit(best, *lens_covariance(best), finite, tuple(rejected))
 
@@ -223,15 +235,94 @@ def _without_bad_views(views: list[View]) -> tuple[list[View], list[Rejected]]:
     return views, rejected
 
 
-def _chosen(held_out: dict[str, float]) -> LensModel:
-    """Return the simplest lens model whose held-out error is within 1 % of every simpler and richer one."""
-    chosen = LENS_MODELS[0]
-    for lens in LENS_MODELS[1:]:
-        if held_out[lens.name] < _WORTH * held_out[chosen.name]:
-            chosen = lens
-    if not np.isfinite(held_out[chosen.name]):
-        raise CalibrationError("camera: no lens model could be fitted to these views")
-    return chosen
+def board_tilts_deg(result: CameraFit) -> tuple[float, float]:
+    """Return the largest angle between the board's normals in two views, and to the optical axis, deg."""
+    normals = Rotation.from_rotvec(result.fit.rotations).as_matrix()[:, :, 2]
+    sines = np.linalg.norm(np.cross(normals[:, None], normals[None]), axis=-1)
+    spread = np.degrees(np.arctan2(sines, np.abs(normals @ normals.T))).max()
+    tilts = np.arctan2(np.hypot(normals[:, 0], normals[:, 1]), np.abs(normals[:, 2]))
+    return float(spread), float(np.degrees(tilts).max())
+
+
+def covered(result: CameraFit) -> float:
+    return float((coverage(result.fit.views) > 0).mean())
+
+
+def projection_sigma_px(result: CameraFit) -> Array:
+    """Return one sigma of the projection of a distant point, in the worst direction, (12, 16) px."""
+    camera = result.fit.camera
+    rays = camera.rays(camera.grid_px(*_GRID))
+    _, jacobian = camera.project_from(rays, np.zeros(3), np.zeros(3))
+    turn, lens = jacobian[:, :3], jacobian[:, [6 + c for c in result.fit.lens.free]]
+    q, _ = np.linalg.qr(turn)
+    moved = (lens - q @ (q.T @ lens)).reshape(len(rays), 2, -1)
+    spread = moved @ result.covariance @ moved.transpose(0, 2, 1)
+    return np.sqrt(np.linalg.eigvalsh(spread)[:, -1]).reshape(_GRID[::-1])
+
+
+def camera_difference_px(one: CameraModel, other: CameraModel) -> Array:
+    """Return the differences in projection between two cameras, (12, 16, 2) px, best rotation removed.
+
+    Raises `CalibrationError` for cameras of different picture sizes.
+    """
+    if one.size != other.size:
+        raise CalibrationError(
+            f"cameras differ in picture size: {one.size} and {other.size}; nothing to compare"
+        )
+    points = one.grid_px(*_GRID)
+    rays = one.rays(points)
+
+    def missed(turn: Array) -> Array:
+        return (other.project(Rotation.from_rotvec(turn).apply(rays)) - points).reshape(-1)
+
+    best = least_squares(missed, np.zeros(3), method="lm", x_scale="jac")
+    return np.asarray(best.fun, np.float64).reshape(*_GRID[::-1], 2)
+
+
+def assess_camera(result: CameraFit) -> Assessment:
+    """Assess a camera fit by tilt, focal uncertainty, coverage, number of views and held-out error."""
+    views = len(result.fit.views)
+    focal = float(result.sigma[:2].max() / result.fit.camera.matrix[0, 0])
+    # square-on views do not determine the focal length; a single tilt determines it badly
+    spread_deg, largest_deg = board_tilts_deg(result)
+    hint = "tilt the board by 30 degrees each way"
+    if spread_deg < 10.0 and largest_deg < 15.0:
+        text = f"all views are square-on (tilted by {largest_deg:.1f} degrees at most): {hint}"
+        tilts = Assessment(refusals=(text,))
+    else:
+        tilts = floor(
+            spread_deg, 20.0, 0.0, "the board's tilt varied only by {value:.1f} degrees: " + hint,
+            "the board's tilt varied by {value:.1f} degrees",
+        )  # fmt: skip
+    return (
+        limit(
+            neighbour_correlation(result.fit), 0.4, np.inf,
+            "errors of neighbouring corners are correlated ({value:.2f}; noise: 0): focus moved, or board "
+            "bent?",
+            "correlation of the errors of neighbouring corners: {value:.2f}",
+        )
+        + tilts
+        + limit(
+            100 * focal, 0.5, 10.0,
+            "the focal length is known only to {value:.2g} %: add tilted, nearer views",
+        )
+        + limit(
+            result.held_out_rms_px / max(result.fit.rms_px, 0.02), 2.0, 10.0,
+            "held-out views have {value:.1f} times the error of fitted ones: something moved, or too few "
+            "views",
+        )
+        + limit(
+            float(projection_sigma_px(result).max()), 0.5, np.inf,
+            "projection is uncertain by up to {value:.2f} px in the picture: add nearer views, tilted by 30 "
+            "degrees, over its corners",
+        )
+        + floor(
+            covered(result), 0.6, 0.0,
+            "corners cover {value:.0%} of the picture; the lens is extrapolated elsewhere: add views there",
+        )
+        + floor(views, 10, 3, f"{counted(views, 'distinct view')}; ten to twenty are good")
+        + limit(result.noise_px, 1.0, 5.0, "corners are found only to {value:.2f} px: is the board in focus?")
+    )  # fmt: skip
 
 
 _BORDER_PX = 8.0

@@ -21,18 +21,14 @@ class LensModel:
     free: tuple[int, ...]
 
 
-def _model(name: str, flags: int, *distortion: int) -> LensModel:
-    return LensModel(name, flags, (0, 1, 2, 3, *(4 + d for d in distortion)))
-
-
-_NO_TANGENT = cv2.CALIB_ZERO_TANGENT_DIST
+_NO_TANGENT, _NO_K3 = cv2.CALIB_ZERO_TANGENT_DIST, cv2.CALIB_FIX_K3
 LENS_MODELS = (
-    _model("pinhole", _NO_TANGENT | cv2.CALIB_FIX_K1 | cv2.CALIB_FIX_K2 | cv2.CALIB_FIX_K3),
-    _model("radial1", _NO_TANGENT | cv2.CALIB_FIX_K2 | cv2.CALIB_FIX_K3, 0),
-    _model("radial2", _NO_TANGENT | cv2.CALIB_FIX_K3, 0, 1),
-    _model("plumb_bob4", cv2.CALIB_FIX_K3, 0, 1, 2, 3),
-    _model("plumb_bob", 0, 0, 1, 2, 3, 4),
-    _model("rational", cv2.CALIB_RATIONAL_MODEL, 0, 1, 2, 3, 4, 5, 6, 7),
+    LensModel("pinhole", _NO_TANGENT | cv2.CALIB_FIX_K1 | cv2.CALIB_FIX_K2 | _NO_K3, (0, 1, 2, 3)),
+    LensModel("radial1", _NO_TANGENT | cv2.CALIB_FIX_K2 | _NO_K3, (0, 1, 2, 3, 4)),
+    LensModel("radial2", _NO_TANGENT | _NO_K3, (0, 1, 2, 3, 4, 5)),
+    LensModel("plumb_bob4", _NO_K3, tuple(range(8))),
+    LensModel("plumb_bob", 0, tuple(range(9))),
+    LensModel("rational", cv2.CALIB_RATIONAL_MODEL, tuple(range(12))),
 )
 """From simple to rich; `plumb_bob` and `rational` are ROS' names."""
 
@@ -48,14 +44,6 @@ class CameraUncertainty:
     terms: tuple[int, ...] = ()
     covariance: Array = field(default_factory=lambda: np.zeros((0, 0)))
     doubts: tuple[str, ...] = ()
-
-    def one_sigma_steps(self) -> Array:
-        """Return (P, 12) steps of all terms whose outer products sum to the covariance, without zeros."""
-        scale = np.sqrt(np.maximum(np.diag(self.covariance), 1e-300))
-        values, vectors = np.linalg.eigh(self.covariance / np.outer(scale, scale))
-        steps = np.zeros((len(values), 12))
-        steps[:, list(self.terms)] = (vectors * np.sqrt(np.maximum(values, 0.0))).T * scale
-        return steps[values > 0.0]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -91,15 +79,19 @@ class CameraModel:
         """
         if self.uncertainty is None:
             return []
-        return [self._moved(step) for step in self.uncertainty.one_sigma_steps()]
-
-    def _moved(self, step: Array) -> "CameraModel":
-        """Return the camera with (12,) steps of fx, fy, cx, cy and the distortion added."""
-        matrix = self.matrix.copy()
-        matrix[[0, 1, 0, 1], [0, 1, 2, 2]] += step[:4]
-        terms = 5 if len(self.distortion) <= 5 and not step[9:].any() else 8
-        distortion = np.pad(self.distortion, (0, terms - len(self.distortion))) + step[4 : 4 + terms]
-        return replace(self, matrix=matrix, distortion=distortion, uncertainty=None)
+        covariance, cameras = self.uncertainty.covariance, []
+        scale = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+        values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
+        # (P, 12) steps of fx, fy, cx, cy and the distortion, whose outer products sum to the covariance
+        steps = np.zeros((len(values), 12))
+        steps[:, list(self.uncertainty.terms)] = (vectors * np.sqrt(np.maximum(values, 0.0))).T * scale
+        for step in steps[values > 0.0]:
+            matrix = self.matrix.copy()
+            matrix[[0, 1, 0, 1], [0, 1, 2, 2]] += step[:4]
+            terms = 5 if len(self.distortion) <= 5 and not step[9:].any() else 8
+            distortion = np.pad(self.distortion, (0, terms - len(self.distortion))) + step[4 : 4 + terms]
+            cameras.append(replace(self, matrix=matrix, distortion=distortion, uncertainty=None))
+        return cameras
 
     def project(self, points: Array) -> Array:
         """Project (N, 3) points in camera axes to (N, 2) px."""
@@ -127,10 +119,8 @@ class CameraModel:
         stop = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 60, 1e-12)
         flat = np.ascontiguousarray(points_px, np.float64).reshape(-1, 1, 2)
         undistort = getattr(cv2, "undistortPointsIter", None)
-        if undistort is None:
-            ideal = cv2.undistortPoints(flat, self.matrix, self.distortion)
-        else:
-            ideal = undistort(flat, self.matrix, self.distortion, np.eye(3), np.eye(3), stop)
+        lens = flat, self.matrix, self.distortion
+        ideal = undistort(*lens, np.eye(3), np.eye(3), stop) if undistort else cv2.undistortPoints(*lens)
         rays = np.column_stack([ideal.reshape(-1, 2), np.ones(len(flat))])
         return rays / np.linalg.norm(rays, axis=1, keepdims=True)
 

@@ -1,5 +1,6 @@
 """The gel's colour map from presses of balls of known diameter, and its millimetres per pixel.
 
+The contact of a ball is found in the picture: its centre and its width.
 Inside a ball's contact the gel takes the ball's shape, so the surface normal there is the place
 relative to the centre over the radius: n = (p - c) / R. The centres are not known; they are found
 together with the map, alternately. Held-out presses check the map.
@@ -15,14 +16,16 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
-from calibration.gel.gradient_map import GradientMap, fit_gradient_map
-from calibration.gel.presses import Press, rim_radius
+from calibration.gel.gradient_map import GradientMap, colour_change, fit_gradient_map
+from calibration.gel.reference import check_light
 from calibration.verdict import Assessment, Rejected, floor, limit, sift
 from drivers.errors import CalibrationError, counted
+from drivers.types import Image
 
 Array = NDArray[np.floating]
 
@@ -39,6 +42,114 @@ BALLS_MM = (1.0, 100.0)
 """Smallest and largest diameter of a ball: smaller ones vanish in a gel, larger ones are flat on it."""
 _THIN = 5
 """Every fifth pixel is used: after smoothing, neighbours carry the same information."""
+_LEAST_CHANGE_GREY = 10.0
+_SHARE_OF_PEAK = 0.3
+_SMALLEST_RADIUS_PX = 8.0
+_RIM_ROUNDS = 3
+_RIM_RAYS = 180
+_RIM_WIDTH_PX = 4.0
+_FEWEST_POINTS = 12
+"""Fewest points of an outline."""
+_NOT_ROUND = "the contact is not round, or only a small part of it is in the picture"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Press:
+    """A ball's contact. change: (H, W, 3) colour change. strength: (H, W), its size in grey levels.
+
+    centre_px: (x, y). reach_px: radius of the changed area. rim_px: radius where the change falls most
+    steeply.
+    """
+
+    id: str
+    change: NDArray[np.float32]
+    strength: NDArray[np.float32]
+    centre_px: tuple[float, float]
+    reach_px: float
+    rim_px: float
+
+
+def find_press(image: Image, reference: NDArray[np.float32], name: str) -> Press | str:
+    """Find the one round contact in a (H, W, 3) uint8 RGB picture, or say why there is none.
+
+    Raises `CalibrationError` for a picture of another size, or one without light.
+    """
+    check_light(image, name)
+    change = colour_change(image, reference)
+    grey = cv2.GaussianBlur(image.astype(np.float32) - reference, (0, 0), 2.0)
+    strength = np.linalg.norm(grey, axis=2).astype(np.float32)
+    bound = max(_LEAST_CHANGE_GREY, _SHARE_OF_PEAK * float(np.percentile(strength, 99.5)))
+    # the outline of the largest region, small holes closed
+    changed = cv2.morphologyEx(
+        (strength > bound).astype(np.uint8), cv2.MORPH_CLOSE, np.ones((9, 9), np.uint8)
+    )
+    outlines, _ = cv2.findContours(changed, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    outline = max(outlines, key=cv2.contourArea, default=np.zeros((0, 2))).reshape(-1, 2)
+    if len(outline) < _FEWEST_POINTS:
+        return f"no contact: nothing changed by more than {bound:.0f} grey"
+    rows, columns = strength.shape
+    inside = (outline > 1).all(axis=1) & (outline < (columns - 2, rows - 2)).all(axis=1)
+    points = outline[inside].astype(np.float64)
+    if len(points) < max(0.4 * len(outline), _FEWEST_POINTS):
+        return _NOT_ROUND
+    x, y, reach = circle_through(points)
+    off = np.abs(np.hypot(points[:, 0] - x, points[:, 1] - y) - reach)
+    if reach <= 0.0 or float(np.median(off)) > 0.25 * reach:
+        return _NOT_ROUND
+    if reach < _SMALLEST_RADIUS_PX:
+        return f"the contact is {reach:.0f} px wide only: press harder"
+    return Press(name, change, strength, (x, y), reach, rim_radius(strength, (x, y), reach))
+
+
+def rim_radius(strength: Array, centre_px: tuple[float, float], reach_px: float) -> float:
+    """Radius in px at which the change, averaged around the centre, falls most steeply."""
+    rows, columns = np.indices(strength.shape)
+    distance = np.hypot(columns - centre_px[0], rows - centre_px[1])
+    near = distance < 1.2 * reach_px
+    ring = distance[near].astype(int)
+    counts = np.bincount(ring)
+    profile = np.bincount(ring, strength[near]) / np.maximum(counts, 1)
+    smooth = np.convolve(np.pad(profile, 2, mode="edge"), np.full(5, 0.2), "valid")
+    first, last = int(0.35 * reach_px), max(int(1.1 * reach_px), int(0.35 * reach_px) + 2)
+    fall = -np.gradient(smooth)[first : min(last, len(smooth))]
+    return float(first + np.argmax(fall)) if len(fall) else reach_px
+
+
+def rim_centre(press: Press) -> tuple[float, float]:
+    """Centre of a contact (x, y) px, from its rim, where the change falls most steeply.
+
+    The brightness of a slope depends on the light and on the place; its edge does not. So this centre
+    follows the contact alone, as the centre of the bright area does not.
+    """
+    (x, y), reach = press.centre_px, press.reach_px
+    for _ in range(_RIM_ROUNDS):
+        angle = np.linspace(0.0, 2.0 * np.pi, _RIM_RAYS, endpoint=False)[:, None]
+        radius = np.arange(0.55 * reach, 1.3 * reach, 0.5)
+        rays = np.stack([x + np.cos(angle) * radius, y + np.sin(angle) * radius], axis=-1)
+        values = cv2.remap(press.strength, rays.astype(np.float32), None, cv2.INTER_LINEAR)  # type: ignore[call-overload]
+        # the centroid of the fall around its maximum
+        fall, middle = np.maximum(-np.diff(values, axis=1), 0.0), (radius[1:] + radius[:-1]) / 2.0
+        weight = fall * (np.abs(middle - middle[fall.argmax(axis=1)][:, None]) < _RIM_WIDTH_PX)
+        edge = (weight * middle).sum(axis=1) / np.maximum(weight.sum(axis=1), 1e-9)
+        points = np.column_stack([x + np.cos(angle[:, 0]) * edge, y + np.sin(angle[:, 0]) * edge])
+        rows, columns = press.strength.shape
+        inside = (points > 2.0).all(axis=1) & (points < (columns - 3.0, rows - 3.0)).all(axis=1)
+        x, y, reach = circle_through(points[inside])
+        for _ in range(_RIM_ROUNDS):
+            off = np.abs(np.hypot(points[:, 0] - x, points[:, 1] - y) - reach)
+            inside &= off < max(3.0 * float(np.median(off[inside])), 0.7)
+            x, y, reach = circle_through(points[inside])
+    return x, y
+
+
+def circle_through(points: Array) -> tuple[float, float, float]:
+    """Circle (x, y, radius) closest to (N, 2) points (Kasa fit: linear least squares)."""
+    middle = points.mean(axis=0)
+    from_middle = points - middle
+    system = np.column_stack([2.0 * from_middle, np.ones(len(points))])
+    (cx, cy, rest), *_ = np.linalg.lstsq(system, (from_middle**2).sum(axis=1), rcond=None)
+    radius = float(np.sqrt(max(rest + cx**2 + cy**2, 0.0)))
+    return float(middle[0] + cx), float(middle[1] + cy), radius
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -119,7 +230,9 @@ def calibrate_gel(presses: Sequence[BallPress], mm_per_px: tuple[float, float], 
         raise CalibrationError(
             f"gel: {counted(len(good), 'usable picture')} of presses, {FEWEST_PRESSES} are the least ({why})"
         )
-    good = _find_centres(good, mm_per_px)
+    for _ in range(_ROUNDS):
+        fitted = _fit_to(good, mm_per_px)
+        good = [_centred(press, fitted, mm_per_px) for press in good]
     held_out, errors, nulls = _held_out(good, mm_per_px, min(folds, len(good)))
     return BallFit(
         _fit_to(good, mm_per_px),
@@ -132,17 +245,7 @@ def calibrate_gel(presses: Sequence[BallPress], mm_per_px: tuple[float, float], 
     )
 
 
-def _find_centres(presses: Sequence[BallPress], mm_per_px: tuple[float, float]) -> list[BallPress]:
-    """Fit map and centres alternately: a press is centred where its normals, times R, point back to."""
-    presses = list(presses)
-    for _ in range(_ROUNDS):
-        fitted = _fit_to(presses, mm_per_px)
-        presses = [_centred(press, fitted, mm_per_px) for press in presses]
-    return presses
-
-
 def _fit_to(presses: Sequence[BallPress], mm_per_px: tuple[float, float]) -> GradientMap:
-    """The map for presses whose centres are taken as they are."""
     rows, columns = presses[0].press.strength.shape
     change, places, normals = zip(*(_samples(press, mm_per_px) for press in presses), strict=True)
     still, away = zip(*(_untouched(press.press) for press in presses), strict=True)
@@ -178,6 +281,7 @@ def _samples(press: BallPress, mm_per_px: tuple[float, float]) -> tuple[Array, A
 
 
 def _centred(press: BallPress, fitted: GradientMap, mm_per_px: tuple[float, float]) -> BallPress:
+    """Return a press centred where its normals, times R, point back to."""
     change, places = core_pixels(press.press)
     back = places - fitted.normals(change, places) * press.radius_mm / np.asarray(mm_per_px)
     x, y = (float(v) for v in back.mean(axis=0))
@@ -198,14 +302,11 @@ def _held_out(
             radii[press.press.id] = ball_radius_mm(press.press, fitted, mm_per_px)
             change, places, truth = _samples(press, mm_per_px)
             errors.append(float(np.sqrt(((fitted.normals(change, places) - truth) ** 2).mean())))
-            nulls.append(_null(press.press, fitted))
+            # far from the contact the normal's components should be zero
+            change, places = _untouched(press.press)
+            rms = float(np.sqrt((fitted.normals(change, places) ** 2).mean())) if len(places) else 0.0
+            nulls.append(rms)
     return radii, errors, nulls
-
-
-def _null(press: Press, fitted: GradientMap) -> float:
-    """Rms of a component of the normal far from the contact, where it should be zero."""
-    change, places = _untouched(press)
-    return float(np.sqrt((fitted.normals(change, places) ** 2).mean())) if len(places) else 0.0
 
 
 def _untouched(press: Press) -> tuple[Array, Array]:
@@ -259,7 +360,6 @@ class GelScale:
 
     @property
     def pixel_aspect(self) -> float:
-        """Width over height of a pixel on the gel."""
         return float(self.mm_per_px[0] / self.mm_per_px[1])
 
 

@@ -2,6 +2,10 @@
 
 The colour change is linear in products of slope terms and place terms, plus light that is lost in the
 neighbourhood of a dent. All of it is fitted to photographs of pressed balls (`calibration.gel.look_fit`).
+
+`visibility` compares the colours with the noise. The three LEDs stand on different sides, so that a slope in
+any direction changes a colour. Where the light of two LEDs comes from opposite sides and the third is weak,
+slopes in one direction change hardly anything.
 """
 
 import io
@@ -41,6 +45,9 @@ DOME_MM = 46.0
 """Radius of the gel's convex face. On 31 presses of D20641 with this radius, adjusted circles agree with the
 hand-drawn ones all over the gel; a flat gel has them 10 px apart, 5 mm from the middle."""
 _GLOW_SMOOTH_PX = 4.0
+_SHOWN_SLOPE = 0.1
+"""Slope (mm/mm) of a broad contact, as of a bottle in the fingers."""
+_GRID_PX = 20
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +78,6 @@ class GelLook:
         return self.background.shape[0], self.background.shape[1]
 
     def draw_noise(self, shape: tuple[int, int], count: int, rng: np.random.Generator) -> Plane:
-        """Draw fields of its noise, (count, H, W, 3) grey levels."""
         return self.noise.draw(shape, count, rng)
 
     @property
@@ -118,7 +124,6 @@ class GelLook:
         return np.einsum("spc,phw->schw", by_slope, places).astype(np.float32)
 
     def with_background(self, background: Plane) -> "GelLook":
-        """The look of images of another size, whose background (H, W, 3) is given."""
         scale = [
             mm * old / new
             for mm, old, new in zip(self.mm_per_px, self.shape[::-1], background.shape[1::-1], strict=True)
@@ -126,7 +131,6 @@ class GelLook:
         return replace(self, background=background, mm_per_px=(scale[0], scale[1]))
 
     def packed(self) -> bytes:
-        """The look as the content of an .npz file."""
         facts = {
             "schema": SCHEMA, "place_degree": self.place_degree, "by_background": self.by_background,
             "shadows": self.shadows, "mm_per_px": self.mm_per_px,
@@ -201,6 +205,40 @@ def shadow_terms(dent: Plane, px_mm: float) -> Plane:
         cv2.warpAffine(smooth, shift, dent.shape[::-1], dst=term, flags=cv2.INTER_NEAREST)
     np.maximum(terms[1:] - dent, 0.0, out=terms[1:])
     return terms
+
+
+@dataclass(frozen=True, slots=True)
+class Visibility:
+    """Colour change by a slope of 0.1 in the direction that shows least, in sigma of the noise.
+
+    median: over the gel. worst: of the place at worst_px (x, y).
+    """
+
+    median: float
+    worst: float
+    worst_px: tuple[float, float]
+
+
+def visibility(look: GelLook) -> Visibility:
+    grid = slice(_GRID_PX // 2, None, _GRID_PX)
+    response = change_by_slope(look, _SHOWN_SLOPE)[grid, grid]
+    whitened = np.linalg.solve(np.linalg.cholesky(look.noise.colours), response)
+    least = np.linalg.svd(whitened, compute_uv=False)[..., 1]
+    row, column = np.unravel_index(int(least.argmin()), least.shape)
+    at = ((int(column) + 0.5) * _GRID_PX * HALF, (int(row) + 0.5) * _GRID_PX * HALF)
+    return Visibility(float(np.median(least)), float(least.min()), at)
+
+
+def change_by_slope(look: GelLook, slope: float) -> NDArray[np.float32]:
+    """Colour change (h, w, 3, 2), grey levels, by a slope (mm/mm) along x and along y, without shadows."""
+    slopes = replace(look, shadows=False, weights=look.weights[: SLOPE_TERMS * len(look.places)])
+    rows, columns = (size // HALF for size in look.shape)
+    across, along = (HALF * slope * mm for mm in look.mm_per_px)
+    ramps = (
+        np.arange(columns) * np.full((rows, 1), across),
+        np.arange(rows)[:, None] * np.full(columns, along),
+    )
+    return np.stack([slopes.change(ramp.astype(np.float32)) for ramp in ramps], axis=-1)
 
 
 def load_look(path: Path) -> GelLook:

@@ -2,7 +2,8 @@
 
 In its contact the gel has the shape of the ball, and around it the shape of the membrane, so every pixel of a
 photograph is a sample of the colour at a known slope. Circles drawn by hand or detected are inexact; position
-and radius of each are adjusted together with the model.
+and radius of each are adjusted together with the model. The parts of the photographs that nothing touches
+show background, noise and JPEG compression.
 """
 
 from collections.abc import Sequence
@@ -13,12 +14,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.gel.look import DOME_MM, HALF, SLOPE_TERMS, GelLook, membrane, shadow_terms, slope_terms
-from calibration.gel.untouched import Circle, Pressed, background_and_noise, jpeg_quality
+from calibration.gel.noise import CameraNoise, measure_noise
 from drivers.errors import CalibrationError, counted
 from drivers.types import Image
 
 Array = NDArray[np.floating]
 
+Circle = tuple[float, float, float]
+"""x, y and radius of a contact, px of the image."""
+
+ENOUGH_FRAMES = 8
+"""Number of untouched frames from which the presses are not needed for the background."""
+_UNTOUCHED = 2.2
+"""Beyond this, in radii of the circle of its contact, a press leaves the gel as it is."""
+_LIGHT_PX = 8.0
+"""Standard deviation of a blur; broader structure is light, not noise."""
+_NOISE_PX = 2.0
+"""Standard deviation of a blur that removes most of a camera's noise."""
+_MEDIAN_VARIANCE = np.pi / 2.0
+"""Variance of the median of N normal values, times N, over their variance."""
+_JPEG_QUALITIES = range(50, 97)
+_JPEG_DIP = 0.8
+"""Compressing a picture again with its own quality changes it by less than this share of the next quality."""
 FEWEST = 8
 _AROUND = 1.7
 """Pixels nearer than this, in radii of a circle, belong to its press."""
@@ -39,6 +56,73 @@ _MODELS: tuple[Model, ...] = (
 """Degree of the polynomial in position, whether the background scales the slopes, whether shadows exist."""
 _BETTER = 0.97
 """A larger model must lower the held-out error to this share, else the smaller one is kept."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Pressed:
+    """A photograph of a pressed ball, and the circle of its contact."""
+
+    id: str
+    image: Image
+    circle: Circle
+    radius_mm: float
+
+
+def jpeg_quality(image: Image) -> int | None:
+    """Quality of the JPEG compression that a picture shows; None if it shows none.
+
+    A picture that was compressed at a quality hardly changes when it is compressed so again.
+    """
+    errors = []
+    for quality in _JPEG_QUALITIES:
+        _, data = cv2.imencode(".jpg", image[..., ::-1], (cv2.IMWRITE_JPEG_QUALITY, quality))
+        again = np.asarray(cv2.imdecode(data, cv2.IMREAD_COLOR_RGB), np.float32)
+        errors.append(float(np.sqrt(((again - image) ** 2).mean())))
+    drop = np.array(errors[1:-1]) / np.maximum(np.minimum(errors[:-2], errors[2:]), 1e-3)
+    found = int(np.argmin(drop))
+    return _JPEG_QUALITIES[found + 1] if drop[found] < _JPEG_DIP else None
+
+
+def background_and_noise(
+    presses: Sequence[Pressed], background: Image, untouched: Sequence[Image]
+) -> tuple[NDArray[np.float32], CameraNoise]:
+    """Median background (H, W, 3), and the noise of single frames, from pixels without contact."""
+    frames = [np.asarray(frame, np.float32) for frame in (background, *untouched)]
+    free = [np.ones(background.shape[:2], bool) for _ in frames]
+    rows, columns = np.indices(background.shape[:2])
+    for press in () if len(untouched) >= ENOUGH_FRAMES else presses:
+        x, y, radius = press.circle
+        frames.append(press.image.astype(np.float32))
+        free.append(np.hypot(columns - x, rows - y) > _UNTOUCHED * radius)
+    level = np.array([np.median((f - frames[0])[m], axis=0) for f, m in zip(frames, free, strict=True)])
+    still = np.stack(frames) - level[:, None, None].astype(np.float32)
+    still[~np.stack(free)] = np.nan
+    # the median, because light that a contact takes away far from it counts as untouched in some presses
+    mean = _without_noise(np.nanmedian(still, axis=0).astype(np.float32), still, np.stack(free).sum(axis=0))
+    noise = [_fine(np.where(np.isnan(f), 0.0, f - mean), m) for f, m in zip(still, free, strict=True)]
+    return mean, measure_noise(noise, free)
+
+
+def _without_noise(
+    median: NDArray[np.float32], still: Array, count: NDArray[np.integer]
+) -> NDArray[np.float32]:
+    """Remove from a median of few frames the noise that is left in it (Wiener filter); dust remains.
+
+    still: (N, H, W, 3), NaN where a frame is not free. count: (H, W), frames that are free.
+    """
+    smooth = cv2.GaussianBlur(median, (0, 0), _NOISE_PX)
+    scatter = np.nanmean((still[:, ::4, ::4] - median[::4, ::4]) ** 2, axis=(0, 1, 2))
+    left = scatter * _MEDIAN_VARIANCE / np.maximum(count, 1)[..., None]
+    local = cv2.GaussianBlur((median - smooth) ** 2, (0, 0), 2.0 * _NOISE_PX)
+    kept = np.maximum(1.0 - left / np.maximum(local, 1e-6), 0.0)
+    return np.asarray(smooth + kept * (median - smooth), np.float32)
+
+
+def _fine(noise: Array, free: NDArray[np.bool_]) -> Array:
+    """Noise of a frame (H, W, 3) without broad structure, which is light; 0 in contacts."""
+    share = cv2.GaussianBlur(free.astype(np.float32), (0, 0), _LIGHT_PX)[..., None]
+    broad = cv2.GaussianBlur(noise.astype(np.float32), (0, 0), _LIGHT_PX) / np.maximum(share, 0.05)
+    return np.asarray(np.where(free[..., None], noise - broad, 0.0), np.float32)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -86,7 +170,14 @@ def fit_look(
         raise CalibrationError(f"gel: {counted(len(presses), 'usable picture')}, {FEWEST} are needed")
     mean, noise = background_and_noise(presses, background, untouched)
     largest = GelLook(mean, np.zeros((0, 3)), *_MODELS[-1], mm_per_px, noise, jpeg_quality(background))
-    adjusted = _adjust_all(presses, largest)
+    adjusted = list(presses)
+    for _ in range(_ROUNDS):
+        total = _total([_sums_of(press, press.circle, largest) for press in adjusted])
+        weights = _solve(total, np.arange(len(total.squares)))
+        adjusted = [
+            _adjust(press, first.circle, weights, largest)
+            for press, first in zip(adjusted, presses, strict=True)
+        ]
     sums = [_sums_of(press, press.circle, largest) for press in adjusted]
     model, used = _best_model(sums)
     drawn = _circles_as_given(presses, adjusted)
@@ -141,7 +232,6 @@ class _Sums:
     count: int
 
     def error(self, weights: Array, used: NDArray[np.intp]) -> float:
-        """Rms error in grey levels of these weights."""
         explained = (weights * (self.squares[np.ix_(used, used)] @ weights - 2.0 * self.products[used])).sum()
         return float(np.sqrt(max(self.power + explained, 0.0) / self.count))
 
@@ -193,19 +283,6 @@ def _columns(model: Model, features: int) -> NDArray[np.intp]:
     slopes, count = SLOPE_TERMS, monomials(most) + 3
     lost = range(slopes * count, features) if shadows else ()
     return np.array([*(slope * count + place for slope in range(slopes) for place in places), *lost])
-
-
-def _adjust_all(presses: Sequence[Pressed], look: GelLook) -> list[Pressed]:
-    """Adjust the circles and the model alternately, some rounds."""
-    adjusted = list(presses)
-    for _ in range(_ROUNDS):
-        total = _total([_sums_of(press, press.circle, look) for press in adjusted])
-        weights = _solve(total, np.arange(len(total.squares)))
-        adjusted = [
-            _adjust(press, first.circle, weights, look)
-            for press, first in zip(adjusted, presses, strict=True)
-        ]
-    return adjusted
 
 
 def _adjust(press: Pressed, first: Circle, weights: Array, look: GelLook) -> Pressed:

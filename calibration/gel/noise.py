@@ -51,7 +51,6 @@ class CameraNoise:
         return cls(covariance)
 
     def scaled(self, factor: float) -> "CameraNoise":
-        """Return this noise with its standard deviation multiplied by a factor."""
         return replace(self, covariance=self.covariance * factor**2)
 
     def draw(self, shape: tuple[int, int], count: int, rng: np.random.Generator) -> Fields:
@@ -62,7 +61,9 @@ class CameraNoise:
         for field in fields:
             white = np.fft.rfft2(rng.standard_normal((rows, columns, _VALUES)), axes=(0, 1))
             coloured = np.einsum("hwij,hwj->hwi", factor, white)
-            field[:] = _pixels(np.fft.irfft2(coloured, (rows, columns), axes=(0, 1)))
+            cells = np.fft.irfft2(coloured, (rows, columns), axes=(0, 1))
+            split = cells.reshape(rows, columns, CELL_PX, CELL_PX, 3).transpose(0, 2, 1, 3, 4)
+            field[:] = split.reshape(field.shape)
         return fields[:, : shape[0], : shape[1]]
 
     def _factor(self, rows: int, columns: int) -> NDArray[np.complexfloating]:
@@ -90,7 +91,10 @@ def measure_noise(frames: Sequence[Array], free: Sequence[NDArray[np.bool_]]) ->
         used = _cells(np.repeat(where[..., None], 3, axis=2).astype(np.float32)).min(axis=2)
         cells = _cells(np.asarray(frame, np.float32)) * used[..., None]
         for down, across in pairs:
-            first, second = _shifted(used.shape, down, across)
+            # cells that have a neighbour at the offset, and these neighbours
+            rows, columns = used.shape
+            first = slice(0, rows - down), slice(max(0, -across), columns - max(0, across))
+            second = slice(down, rows), slice(max(0, across), columns + min(0, across))
             product = cells[first].reshape(-1, _VALUES).T @ cells[second].reshape(-1, _VALUES)
             covariance[_REACH + down, _REACH + across] += product
             counts[down, across] += int((used[first] * used[second]).sum())
@@ -101,23 +105,9 @@ def measure_noise(frames: Sequence[Array], free: Sequence[NDArray[np.bool_]]) ->
     return CameraNoise(covariance)
 
 
-def _shifted(shape: tuple[int, ...], down: int, across: int) -> tuple[tuple[slice, slice], ...]:
-    """Return slices of the cells that have a neighbour at the offset, and of these neighbours."""
-    rows, columns = shape
-    first = slice(0, rows - down), slice(max(0, -across), columns - max(0, across))
-    return first, (slice(down, rows), slice(max(0, across), columns + min(0, across)))
-
-
 def _cells(image: Fields) -> Fields:
     """Return the cells (h, w, 12) of an image (H, W, 3), without an odd last row or column."""
     rows, columns = image.shape[0] // CELL_PX, image.shape[1] // CELL_PX
     whole = image[: CELL_PX * rows, : CELL_PX * columns]
     split = whole.reshape(rows, CELL_PX, columns, CELL_PX, 3).transpose(0, 2, 1, 3, 4)
     return split.reshape(rows, columns, _VALUES)
-
-
-def _pixels(cells: Array) -> Array:
-    """Return the image (H, W, 3) of cells (h, w, 12)."""
-    rows, columns = cells.shape[:2]
-    split = cells.reshape(rows, columns, CELL_PX, CELL_PX, 3).transpose(0, 2, 1, 3, 4)
-    return split.reshape(CELL_PX * rows, CELL_PX * columns, 3)

@@ -70,7 +70,9 @@ def make_reference(frames: Sequence[Image]) -> Reference:
             f"tactile reference: {change:.0%} of the picture changed while it was taken; "
             "nothing may touch the gel"
         )
-    return Reference(image, noise, float((image >= _SATURATED).mean()), _hot_pixels(image))
+    grey = image.max(axis=2)
+    hot_pixels = int((np.abs(grey - cv2.medianBlur(grey, 3)) > _HOT_GREY).sum())
+    return Reference(image, noise, float((image >= _SATURATED).mean()), hot_pixels)
 
 
 def check_light(frame: Image, name: str) -> None:
@@ -101,7 +103,6 @@ def drift_since(reference: Reference, earlier: NDArray[np.float32]) -> Drift:
 
 
 def assess_reference(reference: Reference, drift: Drift | None = None) -> Assessment:
-    """Assess the light and, against an earlier reference, the drift."""
     assessment = limit(
         100 * reference.saturated, 1.0, 30.0, "{value:.0f} % of the values are saturated: dim the LEDs"
     )
@@ -139,11 +140,6 @@ def changed_share(one: NDArray[np.float32], other: NDArray[np.float32], noise_gr
     smooth = cv2.GaussianBlur(np.asarray(other - one, np.float32), (0, 0), 3.0)
     bound = max(_CONTACT_SIGMAS * noise_grey / 10.0, _LEAST_CHANGE_GREY)
     return float((np.abs(smooth).max(axis=2) > bound).mean())
-
-
-def _hot_pixels(image: NDArray[np.float32]) -> int:
-    grey = image.max(axis=2)
-    return int((np.abs(grey - cv2.medianBlur(grey, 3)) > _HOT_GREY).sum())
 
 
 def _detail(image: NDArray[np.float32]) -> NDArray[np.float32]:

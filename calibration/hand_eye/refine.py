@@ -1,4 +1,10 @@
-"""Least squares on pixels over X and Z together, plain or robust, and the uncertainty of the estimate.
+"""Solutions of A Z = X B: closed forms, and least squares on pixels over X and Z together; their uncertainty.
+
+Whether robot motions determine a hand-eye transform is measured by `observability`: three numbers, none of
+which is sufficient alone. The closed forms are in numpy because OpenCV 5.0 lacks them in Python (opencv
+#29565). Each takes (N, 3, 3) and (N, 3) arrays of A and B, and returns X and Z. They initialise the
+refinement. They are not final results, because they weight errors in depth and across the view equally,
+although a picture measures depth much worse.
 
 The pose of one marker is uncertain in depth and tilt but accurate across the view, while pixel errors are
 equal in both axes. Because the robot connects the views, fitting pixels is several times as accurate as
@@ -11,24 +17,214 @@ m by 2 mm without larger residuals. So the change of the estimate with cameras t
 added.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from scipy.stats import f as f_distribution
 
-from calibration.hand_eye.closed_form import Transforms
-from calibration.hand_eye.samples import Problem
+from calibration.camera.model import CameraModel
+from calibration.verdict import Assessment, floor
 
 Array = NDArray[np.floating]
 
+LEAST_TURN_DEG, LEAST_RATIO, LEAST_GAP = 20.0, 0.2, 1e-2
+"""Smallest `max_angle_deg`, `translation_ratio` and `rotation_gap` of a good calibration."""
+_HINT = "turn the tool by 30 degrees and more about two axes at least, between still poses"
 _ROUNDS = 60
 """Most iterations of the refinement."""
 _STILL = 1e-9
 """Relative change of the cost below which the iteration has converged."""
 _NEAREST_M = 1e-3
 """Smallest depth used in a projection, so that points behind the camera do not divide by zero."""
+
+
+@dataclass(frozen=True, slots=True)
+class Observability:
+    """The three numbers, and the smallest rotation.
+
+    max_angle_deg: largest rotation between two poses. least_angle_deg: smallest rotation among pairs that
+    rotate. translation_ratio: smallest over largest singular value of the stacked (R - I). rotation_gap:
+    second smallest over largest eigenvalue of the rotation system R X = X R.
+    """
+
+    max_angle_deg: float
+    least_angle_deg: float
+    translation_ratio: float
+    rotation_gap: float
+
+
+def observability(a_R: Array) -> Observability:  # noqa: N803
+    """Measure the motions between all pairs of (N, 3, 3) robot orientations."""
+    first, second = np.triu_indices(len(a_R), 1)
+    if len(first) == 0:
+        return Observability(0.0, 0.0, 0.0, 0.0)
+    turns = a_R[second] @ a_R[first].transpose(0, 2, 1)
+    angles = np.degrees(Rotation.from_matrix(turns).magnitude())
+    turning = angles[angles > 1.0]
+    strengths = np.linalg.svd((turns - np.eye(3)).reshape(-1, 3), compute_uv=False)
+    ratio = 0.0 if strengths[0] < 1e-9 else float(strengths[-1] / strengths[0])
+    squares = np.linalg.svd(rotation_system(turns, turns), compute_uv=False) ** 2
+    gap = 0.0 if squares[0] < 1e-12 else float(squares[-2] / squares[0])
+    return Observability(float(angles.max()), float(turning.min()) if len(turning) else 0.0, ratio, gap)
+
+
+def assess_motion(seen: Observability) -> Assessment:
+    """Refuse motions that leave a degree of freedom undetermined; doubt those that nearly do.
+
+    All three numbers are needed: a pure translation passes two of them, rotations by 180 degrees the other
+    two.
+    """
+    if seen.max_angle_deg < 5.0:
+        reason = f"the tool rotated by at most {seen.max_angle_deg:.2f} degrees: {_HINT}"
+    elif seen.rotation_gap < 1e-4 and seen.least_angle_deg > 150.0:
+        reason = (
+            "all rotations between poses are near 180 degrees, which allows mirror solutions: use 30 to 120"
+        )
+    elif seen.translation_ratio < 0.01 or seen.rotation_gap < 1e-4:
+        reason = f"all rotations are about parallel axes: {_HINT}"
+    else:
+        return (
+            floor(
+                seen.max_angle_deg, LEAST_TURN_DEG, 5.0,
+                "the tool rotated by at most {value:.1f} degrees: " + _HINT,
+            )
+            + floor(
+                seen.translation_ratio, LEAST_RATIO, 0.01,
+                "rotations are about nearly parallel axes (ratio {value:.2f}): " + _HINT,
+                "how far the axes of rotation differ, as a ratio: {value:.2f}",
+            )
+            + floor(
+                seen.rotation_gap, LEAST_GAP, 1e-4,
+                "the rotation is weakly determined (gap {value:.2g}): " + _HINT,
+                "how well the rotations determine the orientation, as a gap of eigenvalues: {value:.2g}",
+            )
+        )  # fmt: skip
+    return Assessment((reason,))
+
+
+def rotation_system(a_R: Array, b_R: Array) -> Array:  # noqa: N803
+    """Return (9 K, 9): R_A X - X R_B = 0 for row-major vec(X), over K pairs."""
+    eye = np.eye(3)
+    blocks = [np.kron(a, eye) - np.kron(eye, b.T) for a, b in zip(a_R, b_R, strict=True)]
+    return np.vstack(blocks)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Transforms:
+    """X and Z as rotation matrices (3, 3) and translations (3,) in m."""
+
+    x_R: Array  # noqa: N815
+    x_t: Array
+    z_R: Array  # noqa: N815
+    z_t: Array
+
+
+def park(a_R: Array, a_t: Array, b_R: Array, b_t: Array) -> Transforms:  # noqa: N803
+    """Park and Martin 1994 over all pairs: rotation from axis-angle vectors, then translation."""
+    pa_R, _ = motions(a_R, a_t)  # noqa: N806
+    pb_R, _ = motions(b_R, b_t)  # noqa: N806
+    alpha, beta = Rotation.from_matrix(pa_R).as_rotvec(), Rotation.from_matrix(pb_R).as_rotvec()
+    x_R = nearest_rotation(alpha.T @ beta)  # noqa: N806
+    return _with_translations(x_R, a_R, a_t, b_R, b_t)
+
+
+def kronecker(a_R: Array, a_t: Array, b_R: Array, b_t: Array) -> Transforms:  # noqa: N803
+    """Null vector of the linear rotation system over all pairs (Andreff et al. 1999)."""
+    pa_R, _ = motions(a_R, a_t)  # noqa: N806
+    pb_R, _ = motions(b_R, b_t)  # noqa: N806
+    _, _, right = np.linalg.svd(rotation_system(pa_R, pb_R), full_matrices=False)
+    x = right[-1].reshape(3, 3)
+    x_R = nearest_rotation(x * np.sign(np.linalg.det(x) or 1.0))  # noqa: N806
+    return _with_translations(x_R, a_R, a_t, b_R, b_t)
+
+
+def shah(a_R: Array, a_t: Array, b_R: Array, b_t: Array) -> Transforms:  # noqa: N803
+    """Shah 2013: rotations of X and Z from one SVD of the sum of Kronecker products, then translations."""
+    total = np.einsum("nij,nkl->ikjl", a_R, b_R).reshape(9, 9)
+    left, _, right = np.linalg.svd(total)
+    x, z = left[:, 0].reshape(3, 3), right[0].reshape(3, 3)
+    x_R, z_R = (nearest_rotation(m * np.sign(np.linalg.det(m) or 1.0)) for m in (x, z))  # noqa: N806
+    count = len(a_R)
+    system = np.concatenate([a_R, np.broadcast_to(-np.eye(3), (count, 3, 3))], axis=2).reshape(-1, 6)
+    both, *_ = np.linalg.lstsq(system, (b_t @ x_R.T - a_t).reshape(-1), rcond=None)
+    return Transforms(x_R, both[3:], z_R, both[:3])
+
+
+CLOSED_FORMS = {"park": park, "kronecker": kronecker, "shah": shah}
+
+
+def nearest_rotation(matrix: Array) -> Array:
+    """Return the rotation nearest to a (3, 3) matrix; never a reflection."""
+    left, _, right = np.linalg.svd(matrix)
+    mirror = np.diag([1.0, 1.0, np.sign(np.linalg.det(left @ right)) or 1.0])
+    return left @ mirror @ right
+
+
+def motions(turns: Array, moves: Array) -> tuple[Array, Array]:
+    """Return the motions between all pairs of poses: T_j T_i^-1."""
+    first, second = np.triu_indices(len(turns), 1)
+    relative = turns[second] @ turns[first].transpose(0, 2, 1)
+    return relative, moves[second] - (relative @ moves[first][..., None])[..., 0]
+
+
+def _with_translations(x_R: Array, a_R: Array, a_t: Array, b_R: Array, b_t: Array) -> Transforms:  # noqa: N803
+    """Solve the translation of X from (R_A - I) t = X t_B - t_A over all pairs; Z is the sample mean."""
+    pa_R, pa_t = motions(a_R, a_t)  # noqa: N806
+    _, pb_t = motions(b_R, b_t)
+    x_t, *_ = np.linalg.lstsq(
+        (pa_R - np.eye(3)).reshape(-1, 3), (pb_t @ x_R.T - pa_t).reshape(-1), rcond=None
+    )
+    back = a_R.transpose(0, 2, 1)
+    z_R = nearest_rotation((back @ x_R @ b_R).mean(axis=0))  # noqa: N806
+    z_t = (back @ (b_t @ x_R.T + x_t - a_t)[..., None])[..., 0].mean(axis=0)
+    return Transforms(x_R, x_t, z_R, z_t)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Problem:
+    """The samples as arrays. Both setups satisfy A_i Z = X B_i.
+
+    X is the result (base_T_camera or tcp_T_camera), Z the pose of the target (tcp_T_target or base_T_target).
+    A is base_T_tcp for eye to hand, tcp_T_base for eye in hand. a_R: (N, 3, 3); a_t: (N, 3) m. points_m: (M,
+    3) on the target. seen_px: (M, 2) px in the picture of `camera`; pixels: the same, undistorted. owner:
+    (M,) index of each point's sample.
+    """
+
+    ids: tuple[str, ...]
+    a_R: Array  # noqa: N815
+    a_t: Array
+    points_m: Array
+    seen_px: Array
+    pixels: Array
+    owner: NDArray[np.int64]
+    camera: CameraModel
+
+    @property
+    def focal(self) -> Array:
+        return self.camera.matrix[[0, 1], [0, 1]]
+
+    @property
+    def centre(self) -> Array:
+        return self.camera.matrix[:2, 2]
+
+    def subset(self, samples: NDArray[np.int64]) -> "Problem":
+        """Return the problem with only these samples, in this order."""
+        rows = [np.flatnonzero(self.owner == i) for i in samples]
+        chosen = np.concatenate(rows) if rows else np.empty(0, np.int64)
+        owner = np.repeat(np.arange(len(samples)), [len(r) for r in rows])
+        return Problem(
+            tuple(self.ids[i] for i in samples), self.a_R[samples], self.a_t[samples],
+            self.points_m[chosen], self.seen_px[chosen], self.pixels[chosen], owner, self.camera,
+        )  # fmt: skip
+
+    def inverted(self) -> "Problem":
+        turned = self.a_R.transpose(0, 2, 1)
+        return replace(self, a_R=turned, a_t=-(turned @ self.a_t[..., None])[..., 0])
+
+    def shifted(self, by: int) -> "Problem":
+        return replace(self, a_R=np.roll(self.a_R, by, axis=0), a_t=np.roll(self.a_t, by, axis=0))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,7 +237,6 @@ class Refined:
 
     @property
     def rms_px(self) -> float:
-        """Rms distance of the points, px."""
         return float(np.sqrt((self.missed_px**2).sum(axis=1).mean()))
 
     def sample_rms_px(self, problem: Problem) -> Array:
@@ -104,7 +299,6 @@ def linearised(problem: Problem, at: Transforms) -> tuple[Array, Array]:
 
 
 def moved(at: Transforms, step: Array) -> Transforms:
-    """Apply a (12,) step to both transforms."""
     turns = Rotation.from_rotvec(step.reshape(4, 3)[[0, 2]]).as_matrix()
     return Transforms(at.x_R @ turns[0], at.x_t + step[3:6], at.z_R @ turns[1], at.z_t + step[9:])
 
@@ -172,7 +366,6 @@ class Uncertainty:
 
     @property
     def held_out_rms_px(self) -> float:
-        """Rms of `held_out_px`."""
         return float(np.sqrt((self.held_out_px**2).mean()))
 
     def holds(self, error: Array) -> bool:
@@ -186,24 +379,20 @@ def uncertainty(problem: Problem, answer: Refined) -> Uncertainty:
     count = len(problem.ids)
     changes, held_out = np.zeros((count, 6)), np.zeros(count)
     for i in range(count):
-        without = refine(problem.without(i), answer.transforms).transforms
+        others = problem.subset(np.delete(np.arange(count), i))
+        without = refine(others, answer.transforms).transforms
         changes[i] = _change(answer.transforms, without)
         missed, _ = linearised(problem.subset(np.array([i])), without)
         held_out[i] = np.sqrt((missed**2).sum(axis=1).mean())
     jackknife = (count - 1) / count * changes.T @ changes
-    camera = _camera_covariance(problem, answer)
+    by_camera = []
+    for camera in problem.camera.off_by_one_sigma():
+        seen = replace(problem, pixels=camera.undistorted(problem.seen_px), camera=camera)
+        by_camera.append(_change(answer.transforms, refine(seen, answer.transforms).transforms))
+    stacked = np.array(by_camera).reshape(-1, 6)
+    from_camera = stacked.T @ stacked
     samples = larger_of(_fit_covariance(problem, answer.transforms), jackknife)
-    return Uncertainty(samples + camera, camera, held_out, count)
-
-
-def _camera_covariance(problem: Problem, answer: Refined) -> Array:
-    """Return the covariance (6, 6) of X from refits with cameras that are wrong by one sigma."""
-    changes = [
-        _change(answer.transforms, refine(problem.seen_by(camera), answer.transforms).transforms)
-        for camera in problem.camera.off_by_one_sigma()
-    ]
-    stacked = np.array(changes).reshape(-1, 6)
-    return stacked.T @ stacked
+    return Uncertainty(samples + from_camera, from_camera, held_out, count)
 
 
 def _change(one: Transforms, other: Transforms) -> Array:

@@ -2,32 +2,31 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from enum import StrEnum
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from calibration.camera.model import CameraModel
-from calibration.hand_eye.closed_form import (
+from calibration.hand_eye.refine import (
     CLOSED_FORMS,
     Observability,
+    Problem,
+    Refined,
     Transforms,
+    Uncertainty,
     assess_motion,
+    linearised,
     nearest_rotation,
     observability,
+    refine,
+    uncertainty,
 )
-from calibration.hand_eye.refine import Refined, Uncertainty, linearised, refine, uncertainty
-from calibration.hand_eye.samples import (
-    HandEyeSample,
-    Problem,
-    Setup,
-    consistent_choice,
-    make_problem,
-    target_poses,
-    usable_samples,
-)
-from calibration.targets.boards import View
-from calibration.verdict import Assessment, Rejected, floor, limit, rests_on
+from calibration.poses import REACH_M, pose_fault, repeated_pose
+from calibration.targets.boards import View, on_one_line, outside, view_fault
+from calibration.verdict import Assessment, Rejected, floor, limit, rests_on, sift
 from drivers.errors import CalibrationError, counted
 from drivers.types import Pose
 
@@ -41,7 +40,7 @@ _STANDS_OUT = 3.0
 """A sample is an outlier above this multiple of the median error."""
 _LEAST_OUTLIER_PX = 1.0
 """Samples with a smaller error are never rejected."""
-_MOST_REJECTED = 0.34
+MOST_REJECTED = 0.34
 """Largest fraction of rejected samples; above it the data contradict themselves."""
 _DRAWS = 6
 """Random halves of the samples that give further initial values."""
@@ -49,8 +48,27 @@ _WORST_RMS_PX = 5.0
 """Residual above which the result is refused."""
 _GOOD_RMS_PX, _GOOD_SAMPLES = 1.5, 10
 """Largest residual and fewest samples of a good calibration."""
-_LOOSE = "residual of the samples {value:.2f} px: is the target rigidly mounted, the robot at rest?"
 _BETTER_CAMERA = "calibrate the camera again before this, with tilted and nearer views"
+
+
+class Setup(StrEnum):
+    """Where the camera is mounted.
+
+    Eye to hand: the camera is fixed, the target is on the tool; the answer is base_T_camera.
+    Eye in hand: the camera is on the tool, the target is fixed; the answer is tcp_T_camera.
+    """
+
+    EYE_TO_HAND = "eye-to-hand"
+    EYE_IN_HAND = "eye-in-hand"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HandEyeSample:
+    """One moment at rest: `base_T_tcp` from the robot, and the target in the camera's picture."""
+
+    id: str
+    base_T_tcp: Pose  # noqa: N815 - frame names keep their case
+    view: View
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -83,7 +101,7 @@ class HandEyeResult:
 
 def calibrate_hand_eye(samples: Sequence[HandEyeSample], camera: CameraModel, setup: Setup) -> HandEyeResult:
     """Solve; bad data give a refused result with its reasons."""
-    good, rejected = usable_samples(samples, camera)
+    good, rejected = sift(samples, lambda s: s.id, lambda s, kept: _fault(s, camera, kept))
     if len(good) < FEWEST_SAMPLES:
         why = "; ".join(f"{r.id}: {r.reason}" for r in rejected[:5])
         text = f"{counted(len(good), 'usable sample')}; at least {FEWEST_SAMPLES} are needed, 15 are good"
@@ -99,42 +117,36 @@ def calibrate_hand_eye(samples: Sequence[HandEyeSample], camera: CameraModel, se
     kept = np.flatnonzero(missed <= bound)
     outliers = np.setdiff1d(np.arange(len(problem.ids)), kept)
     sample_px = dict(zip(problem.ids, missed.tolist(), strict=True))
-    if len(outliers) > _MOST_REJECTED * len(problem.ids) or len(kept) < FEWEST_SAMPLES:
+    if len(outliers) > MOST_REJECTED * len(problem.ids) or len(kept) < FEWEST_SAMPLES:
         reason = _contradiction(problem, start)
         return HandEyeResult(setup, Assessment((reason,)), tuple(rejected), motion, sample_px=sample_px)
     rejected += [
         Rejected(problem.ids[i], f"misses the estimate of the others by {sample_px[problem.ids[i]]:.1f} px")
         for i in outliers
     ]
-    return _finish(setup, problem.subset(kept), start, tuple(rejected), sample_px)
-
-
-def _finish(
-    setup: Setup,
-    problem: Problem,
-    start: Refined,
-    rejected: tuple[Rejected, ...],
-    sample_px: dict[str, float],
-) -> HandEyeResult:
+    problem = problem.subset(kept)
     motion = observability(problem.a_R)
     gate = assess_motion(motion)
     final = refine(problem, start.transforms)
     if gate.refusals or final.rms_px > _WORST_RMS_PX:
         reasons = gate if gate.refusals else Assessment((_contradiction(problem, final),))
-        return HandEyeResult(setup, reasons, rejected, motion, sample_px=sample_px)
+        return HandEyeResult(setup, reasons, tuple(rejected), motion, sample_px=sample_px)
     spread = uncertainty(problem, final)
-    sample_px = sample_px | dict(zip(problem.ids, final.sample_rms_px(problem).tolist(), strict=True))
-    assessment = gate + _assess(final, spread, len(rejected), problem.camera)
+    sample_px |= dict(zip(problem.ids, final.sample_rms_px(problem).tolist(), strict=True))
     t = final.transforms
     return HandEyeResult(
-        setup, assessment, rejected, motion, as_pose(t.x_R, t.x_t),
-        as_pose(t.z_R, t.z_t), final.rms_px, sample_px, spread, problem.ids, problem, final,
+        setup, gate + _assess(final, spread, len(rejected), camera), tuple(rejected), motion,
+        as_pose(t.x_R, t.x_t), as_pose(t.z_R, t.z_t), final.rms_px, sample_px, spread, problem.ids, problem,
+        final,
     )  # fmt: skip
 
 
 def _assess(final: Refined, spread: Uncertainty, rejected: int, camera: CameraModel) -> Assessment:
     return (
-        limit(final.rms_px, _GOOD_RMS_PX, _WORST_RMS_PX, _LOOSE)
+        limit(
+            final.rms_px, _GOOD_RMS_PX, _WORST_RMS_PX,
+            "residual of the samples {value:.2f} px: is the target rigidly mounted, the robot at rest?",
+        )
         + _assess_sigma(
             1e3 * spread.sigma_m, 1e3 * spread.camera_sigma_m, 1.0, 50.0,
             "position known only to {value:.2f} mm", ": add samples", ".2f",
@@ -180,7 +192,9 @@ def _robust_start(problem: Problem) -> Refined:
     for number, subset in enumerate(subsets):
         for name in CLOSED_FORMS if number == 0 else ("shah",):
             found = refine(problem, _closed(name, problem, subset, turns, moves), _SOFT_PX)
-            if _finite(found) and (best is None or found.cost < best.cost * (1 - 1e-6)):
+            t = found.transforms
+            finite = np.isfinite(found.cost) and np.isfinite(t.x_t).all() and np.isfinite(t.x_R).all()
+            if finite and (best is None or found.cost < best.cost * (1 - 1e-6)):
                 best = found
     if best is None:  # all poses are finite, so this is a bug and not bad input
         raise ArithmeticError("hand-eye: no initial value led to a finite estimate")
@@ -217,18 +231,14 @@ def _closed(name: str, problem: Problem, subset: NDArray[np.int64], turns: Array
     for _ in range(3):
         b_R, b_t = turns[subset][rows, choice], moves[subset][rows, choice]  # noqa: N806
         answer = CLOSED_FORMS[name](a_R, a_t, b_R, b_t)
-        again = consistent_choice(turns[subset], answer.x_R.T @ a_R @ answer.z_R)
+        expected = answer.x_R.T @ a_R @ answer.z_R
+        again = np.argmax(np.einsum("nkij,nij->nk", turns[subset], expected), axis=1)
         if (again == choice).all():
             break
         choice = again
     if answer is None or not np.isfinite(answer.x_t).all():
         return Transforms(nearest_rotation(np.eye(3)), np.zeros(3), np.eye(3), np.zeros(3))
     return answer
-
-
-def _finite(found: Refined) -> bool:
-    t = found.transforms
-    return bool(np.isfinite(found.cost) and np.isfinite(t.x_t).all() and np.isfinite(t.x_R).all())
 
 
 _BORDER_PX = 10.0
@@ -263,26 +273,25 @@ def next_pose(result: HandEyeResult, camera: CameraModel, candidates: Sequence[P
     best: NextPose | None = None
     for index, pose in enumerate(candidates):
         robot = pose if result.setup is Setup.EYE_TO_HAND else pose.inverse()
-        view = _predicted_view(camera, points, camera_T_base_or_tcp @ robot @ result.target)
-        if view is None:
+        camera_T_target = camera_T_base_or_tcp @ robot @ result.target  # noqa: N806
+        in_camera = camera_T_target.rotation.apply(points) + np.asarray(camera_T_target.position_m)
+        sight = np.asarray(camera_T_target.position_m) / np.linalg.norm(camera_T_target.position_m)
+        facing = abs(float(camera_T_target.rotation.as_matrix()[:, 2] @ sight))
+        if in_camera[:, 2].min() < 0.05 or facing < _LARGEST_TILT:
             continue
+        pixels = camera.project(in_camera)
+        if not ((pixels > _BORDER_PX) & (pixels < np.subtract(camera.size, 1 + _BORDER_PX))).all():
+            continue
+        view = View("next", np.arange(len(points)), points, pixels, camera.size)
         seen = make_problem([HandEyeSample("next", pose, view)], camera, result.setup)
-        sigma_m = _sigma_m(known + _information(seen, at), noise)
+        information = known + _information(seen, at)
+        scale = np.sqrt(np.diag(information))
+        scales = np.outer(scale, scale)
+        variances = np.diag(np.linalg.pinv(information / scales, hermitian=True) / scales)
+        sigma_m = float(noise * np.sqrt(variances[3:6].sum() + _LEVER_M**2 * variances[:3].sum()))
         if best is None or sigma_m < best.sigma_m:
             best = NextPose(index, sigma_m)
     return best
-
-
-def _predicted_view(camera: CameraModel, points_m: Array, camera_T_target: Pose) -> View | None:  # noqa: N803
-    """Return what the camera would see; None if the target is outside the picture or too oblique."""
-    in_camera = camera_T_target.rotation.apply(points_m) + np.asarray(camera_T_target.position_m)
-    normal = camera_T_target.rotation.as_matrix()[:, 2]
-    sight = np.asarray(camera_T_target.position_m) / np.linalg.norm(camera_T_target.position_m)
-    if in_camera[:, 2].min() < 0.05 or abs(float(normal @ sight)) < _LARGEST_TILT:
-        return None
-    pixels = camera.project(in_camera)
-    inside = (pixels > _BORDER_PX).all() and (pixels < np.subtract(camera.size, 1 + _BORDER_PX)).all()
-    return View("next", np.arange(len(points_m)), points_m, pixels, camera.size) if inside else None
 
 
 def _information(problem: Problem, at: Transforms) -> Array:
@@ -292,8 +301,60 @@ def _information(problem: Problem, at: Transforms) -> Array:
     return rows.T @ rows
 
 
-def _sigma_m(information: Array, noise_px: float) -> float:
-    scale = np.sqrt(np.diag(information))
-    covariance = np.linalg.pinv(information / np.outer(scale, scale), hermitian=True) / np.outer(scale, scale)
-    turn, move = np.diag(covariance)[:3].sum(), np.diag(covariance)[3:6].sum()
-    return float(noise_px * np.sqrt(move + _LEVER_M**2 * turn))
+def make_problem(samples: Sequence[HandEyeSample], camera: CameraModel, setup: Setup) -> Problem:
+    poses = [s.base_T_tcp if setup is Setup.EYE_TO_HAND else s.base_T_tcp.inverse() for s in samples]
+    seen = np.vstack([s.view.image_px for s in samples])
+    return Problem(
+        ids=tuple(s.id for s in samples),
+        a_R=np.array([p.rotation.as_matrix() for p in poses]),
+        a_t=np.array([p.position_m for p in poses]),
+        points_m=np.vstack([s.view.board_m for s in samples]),
+        seen_px=seen,
+        pixels=camera.undistorted(seen),
+        owner=np.repeat(np.arange(len(samples)), [len(s.view.ids) for s in samples]),
+        camera=camera,
+    )
+
+
+def target_poses(problem: Problem) -> tuple[Array, Array]:
+    """Return camera_T_target per sample and solution: (N, 2, 3, 3) and (N, 2, 3) m, the better-fitting first.
+
+    A flat target allows two poses that look almost alike (IPPE, Collins and Bartoli 2014); a single picture
+    of a small marker cannot distinguish them. Raises `CalibrationError`.
+    """
+    turns, moves = [], []
+    for i, name in enumerate(problem.ids):
+        mine = problem.owner == i
+        flat = (problem.pixels[mine] - problem.centre) / problem.focal
+        try:
+            count, rotations, translations, _ = cv2.solvePnPGeneric(
+                problem.points_m[mine], flat, np.eye(3), None, flags=cv2.SOLVEPNP_IPPE
+            )
+        except cv2.error as error:
+            raise CalibrationError(
+                f"hand-eye: sample {name}: no pose of the target fits ({error.err})"
+            ) from error
+        if count == 0 or not np.isfinite(np.array(rotations)).all():
+            raise CalibrationError(f"hand-eye: sample {name}: no pose of the target fits its corners")
+        turns.append(
+            Rotation.from_rotvec(np.array([r.ravel() for r in (rotations[0], rotations[-1])])).as_matrix()
+        )
+        moves.append([t.ravel() for t in (translations[0], translations[-1])])
+    return np.array(turns), np.array(moves, np.float64)
+
+
+def _fault(sample: HandEyeSample, camera: CameraModel, others: list[HandEyeSample]) -> str | None:
+    """Return why a sample cannot be used, or None; others: the accepted ones.
+
+    A repeated pose adds no information, and makes leave-one-out meaningless.
+    """
+    view = sample.view
+    few = f"{counted(len(view.ids), 'point')} of the target seen, at least 4 are needed"
+    resized = f"picture of {view.size} px, the camera was calibrated at {camera.size}"
+    reason = view_fault(view, 4, few, camera.size, resized) or outside(view)
+    if reason is None and on_one_line(view.image_px):
+        reason = "all points seen lie on one line"
+    reason = reason or pose_fault(sample.base_T_tcp, "robot pose", REACH_M)
+    if reason is None and any(other.id == sample.id for other in others):
+        reason = f"a second sample with the id {sample.id}"
+    return reason or repeated_pose(sample.base_T_tcp, ((other.id, other.base_T_tcp) for other in others))

@@ -42,10 +42,7 @@ class MarkerTracker:
     """
 
     def __init__(
-        self,
-        ids: tuple[int, int],
-        dictionary: str = "DICT_4X4_50",
-        refine: Refine = refine_quick,
+        self, ids: tuple[int, int], dictionary: str = "DICT_4X4_50", refine: Refine = refine_quick
     ) -> None:
         if ids[0] == ids[1]:
             raise InputError(f"markers: two different ids are needed, got {ids}")
@@ -93,21 +90,6 @@ class MarkerTracker:
             found = self._search_regions(gray, expected)
             if not isinstance(found, Refusal):
                 return found
-        return self._search_picture(gray, expected)
-
-    def _search_regions(self, gray: Image, expected: Corners) -> Corners | Refusal:
-        quads = []
-        for marker_id, place, motion in zip(self._ids, expected, self._motion, strict=True):
-            margin = _REGION_MARGIN * mean_side(place) + np.abs(motion).max()
-            window = _window(place, float(margin), gray.shape)
-            if window is None:
-                return Refusal.NOT_FOUND
-            seen = detect_all(self._near, gray[window]).get(marker_id, [])
-            offset = (window[1].start, window[0].start)
-            quads.append(_chosen([quad + offset for quad in seen], place))
-        return _paired(quads)
-
-    def _search_picture(self, gray: Image, expected: Corners | None) -> Corners | Refusal:
         places = (None, None) if expected is None else expected
         seen = detect_all(self._full, gray)
         found = _paired([_chosen(seen.get(i, []), place) for i, place in zip(self._ids, places, strict=True)])
@@ -115,6 +97,20 @@ class MarkerTracker:
             return found
         moved = np.linalg.norm(found - expected, axis=-1).max()
         return Refusal.JUMP if moved > mean_side(expected) * (1 + self._missed) else found
+
+    def _search_regions(self, gray: Image, expected: Corners) -> Corners | Refusal:
+        quads = []
+        for marker_id, place, motion in zip(self._ids, expected, self._motion, strict=True):
+            margin = float(_REGION_MARGIN * mean_side(place) + np.abs(motion).max())
+            low = np.maximum(np.floor(place.min(axis=0) - margin).astype(int), 0)
+            high = np.minimum(np.ceil(place.max(axis=0) + margin).astype(int) + 1, gray.shape[::-1])
+            if (high - low < SMALLEST_SIDE_PX).any():
+                return Refusal.NOT_FOUND
+            window = np.s_[low[1] : high[1], low[0] : high[0]]
+            seen = detect_all(self._near, gray[window]).get(marker_id, [])
+            offset = (window[1].start, window[0].start)
+            quads.append(_chosen([quad + offset for quad in seen], place))
+        return _paired(quads)
 
 
 def _chosen(quads: list[Corners], place: Corners | None) -> Corners | Refusal:
@@ -143,11 +139,3 @@ def _paired(quads: list[Corners | Refusal]) -> Corners | Refusal:
     if min(first, second) < SMALLEST_SIDE_PX:
         return Refusal.TOO_SMALL
     return corners if 0.6 < first / second < 1.6 else Refusal.UNEQUAL
-
-
-def _window(quad: Corners, margin_px: float, shape: tuple[int, ...]) -> tuple[slice, slice] | None:
-    low = np.maximum(np.floor(quad.min(axis=0) - margin_px).astype(int), 0)
-    high = np.minimum(np.ceil(quad.max(axis=0) + margin_px).astype(int) + 1, (shape[1], shape[0]))
-    if (high - low < SMALLEST_SIDE_PX).any():
-        return None
-    return np.s_[low[1] : high[1], low[0] : high[0]]

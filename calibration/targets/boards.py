@@ -79,7 +79,7 @@ class Charuco:
             return f"no ChArUco corner found ({seen} of its markers seen{hint})"
         flat = ids.reshape(-1).astype(np.int64)
         places = np.asarray(board.getChessboardCorners(), np.float64)[flat]
-        return View(view_id, flat, places, corners.reshape(-1, 2).astype(np.float64), _size(gray))
+        return View(view_id, flat, places, corners.reshape(-1, 2).astype(np.float64), gray.shape[::-1])
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,7 +117,7 @@ class Chessboard:
         half = self.window_px or int(np.clip(0.35 * min(steps), 3, 11))
         stop = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 30, 0.005)
         fine = cv2.cornerSubPix(gray, seen, (half, half), (-1, -1), stop).reshape(-1, 2)
-        return View(view_id, np.arange(len(fine)), self.places_m, fine.astype(np.float64), _size(gray))
+        return View(view_id, np.arange(len(fine)), self.places_m, fine.astype(np.float64), gray.shape[::-1])
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,7 +147,7 @@ class Marker:
         fine = refine_edges(gray, quads[0][None])
         if isinstance(fine, Refusal):
             return str(fine)
-        return View(view_id, np.arange(4), self.places_m, fine[0], _size(gray))
+        return View(view_id, np.arange(4), self.places_m, fine[0], gray.shape[::-1])
 
 
 Target = Charuco | Chessboard | Marker
@@ -198,10 +198,6 @@ def _mm(text: str) -> float:
     return value / 1e3
 
 
-def _size(gray: Image) -> tuple[int, int]:
-    return gray.shape[1], gray.shape[0]
-
-
 def usable_views(views: Sequence[View]) -> tuple[list[View], list[Rejected]]:
     """Reject unusable views: not finite, too few points, collinear, or of another size.
 
@@ -209,21 +205,34 @@ def usable_views(views: Sequence[View]) -> tuple[list[View], list[Rejected]]:
     copies would count as independent measurements.
     """
     common = Counter(view.size for view in views).most_common(1)[0][0] if views else (0, 0)
-    return sift(views, lambda view: view.id, lambda view, kept: _fault(view, common) or _repeats(view, kept))
+
+    def fault(view: View, kept: list[View]) -> str | None:
+        (width, height), (wide, high) = view.size, common
+        resized = f"size {width} x {height} differs from the others' {wide} x {high}"
+        few = f"{counted(len(view.ids), 'corner')} found, at least {FEWEST_POINTS} are needed"
+        reason = view_fault(view, FEWEST_POINTS, few, common, resized)
+        if reason is None and (on_one_line(view.board_m[:, :2]) or on_one_line(view.image_px)):
+            reason = "all corners lie on one line"
+        return reason or _repeats(view, kept)
+
+    return sift(views, lambda view: view.id, fault)
 
 
-def _fault(view: View, size: tuple[int, int]) -> str | None:
+def view_fault(view: View, fewest: int, few: str, size: tuple[int, int], resized: str) -> str | None:
+    """Return why a view cannot be used, or None: not finite, fewer points, or a picture of another size.
+
+    few, resized: the reasons for fewer points than `fewest`, and for another size than `size`.
+    """
     if not (np.isfinite(view.image_px).all() and np.isfinite(view.board_m).all()):
         return "a corner is NaN or infinite"
-    if len(view.ids) < FEWEST_POINTS:
-        return f"{counted(len(view.ids), 'corner')} found, at least {FEWEST_POINTS} are needed"
-    if view.size != size:
-        return f"size {view.size[0]} x {view.size[1]} differs from the others' {size[0]} x {size[1]}"
-    for points in (view.board_m[:, :2], view.image_px):
-        spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
-        if spread[1] < 0.02 * spread[0]:
-            return "all corners lie on one line"
-    return None
+    if len(view.ids) < fewest:
+        return few
+    return resized if view.size != size else None
+
+
+def on_one_line(points: Array) -> bool:
+    spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+    return bool(spread[1] < 0.02 * spread[0])
 
 
 def outside(view: View) -> str | None:

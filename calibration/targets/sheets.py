@@ -123,7 +123,6 @@ class _Drawn:
 
 
 def _drawn(spec: str) -> _Drawn:
-    """Draw a target. Raises `InputError`."""
     target = parse_target(spec)
     if isinstance(target, Marker):
         side = target.side_m

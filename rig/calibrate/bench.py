@@ -7,11 +7,10 @@ from pathlib import Path
 
 from calibration.camera.files import read_camera, unstated
 from calibration.camera.model import CameraModel
-from calibration.store import write_bytes
 from drivers.bench import Bench
 from drivers.errors import CalibrationError, RecordingError
-from drivers.images import encode_png
 from drivers.types import Frame, Image, Pose
+from protocols.capture_hand_eye import SPEED_M_S
 from protocols.capture_touch import Touch
 from protocols.home import home_plan
 from protocols.observer import LiftObserver, Phase
@@ -51,7 +50,6 @@ class Station:
         tell(Event("progress", text, done, total))
 
     def left_out(self, name: str, reason: str) -> None:
-        """Print and report a step without a result, with the reason."""
         self.say(f"  {name}: {reason}")
         tell(Event("fault", f"{name}: {reason}"))
 
@@ -96,19 +94,19 @@ class Station:
             benches.for_lift(self.seed, "calibration") as (bench, operator),
         ):
             for folder in self._folders:
-                _emptied(folder)
+                try:
+                    folder.mkdir(parents=True, exist_ok=True)
+                    for old in [*folder.glob("*.png"), *folder.glob("*.csv")]:
+                        old.unlink()
+                except OSError as error:
+                    raise RecordingError(
+                        f"{folder}: cannot be written ({error.strerror}); choose another --out"
+                    ) from error
             yield bench, operator
 
 
-def _emptied(folder: Path) -> None:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        for old in [*folder.glob("*.png"), *folder.glob("*.csv")]:
-            old.unlink()
-    except OSError as error:
-        raise RecordingError(
-            f"{folder}: cannot be written ({error.strerror}); choose another --out"
-        ) from error
+def visits(poses: Sequence[tuple[str, Pose]]) -> list[PlannedMotion]:
+    return [PlannedMotion(f"{name} visited", pose, (pose,), SPEED_M_S) for name, pose in poses]
 
 
 def touch_motions(config: BenchConfig, touches: Sequence[Touch]) -> list[PlannedMotion]:
@@ -153,7 +151,6 @@ class TouchObserver(LiftObserver):
                 self._finders[serial] = ContactFinder(self.reference[serial])
 
     def frame(self, frame: Frame) -> None:
-        """Analyse a frame, then pass it to the viewer."""
         self.look(frame)
         if self.shown is not None:
             self.shown(frame)
@@ -171,7 +168,6 @@ class TouchObserver(LiftObserver):
         self._touches.setdefault(frame.serial, TouchDebounce()).update(seen)
 
     def touching(self, serial: str) -> bool:
-        """Whether a fingertip has shown contact in its last frames."""
         return serial in self._touches and self._touches[serial].sure
 
 
@@ -182,17 +178,3 @@ def grasp_at(config: BenchConfig, x_m: float = 0.0, z_m: float = 0.0) -> Pose:
     """
     mark_m = config.table.position_m if config.has("table") else TABLE_M
     return Pose.from_rotation(Pose(mark_m).translated(x_m=x_m, z_m=z_m).position_m, TOOL_DOWN)
-
-
-def write_picture(path: Path, image: Image) -> None:
-    """Write a picture, (H, W) or (H, W, 3) uint8 RGB, as PNG. Raises `RecordingError`."""
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_bytes(encode_png(image))
-    except OSError as error:
-        raise RecordingError(f"{path}: cannot be written ({error.strerror}); choose another --out") from error
-
-
-def write_table(path: Path, header: str, rows: Sequence[str]) -> None:
-    """Write a CSV file, as `--from` reads it. Raises `RecordingError`."""
-    write_bytes(path, ("\n".join([header, *rows]) + "\n").encode())

@@ -1,59 +1,85 @@
-"""`rig calibrate camera, markers`: a camera from pictures of a board, and how well it knows angles."""
+"""`rig calibrate camera, markers`: a camera from pictures of a board, and the noise of the marker angle.
 
+On a bench the arm or a person shows the board in many poses; markers are seen at rest.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from calibration.camera.checks import assess_camera, board_tilts_deg, covered, projection_sigma_px
 from calibration.camera.files import TERMS, camera_info
-from calibration.camera.intrinsics import CameraFit, calibrate_camera
+from calibration.camera.intrinsics import (
+    FEWEST_VIEWS,
+    CameraFit,
+    assess_camera,
+    board_tilts_deg,
+    calibrate_camera,
+    covered,
+    most_telling,
+    projection_sigma_px,
+)
 from calibration.camera.model import CameraModel
 from calibration.markers.angle import TURN_DEG, MarkerAngle, assess_markers
 from calibration.markers.tracker import MarkerTracker
 from calibration.targets.boards import Target, View, coverage
+from calibration.targets.sheets import target_picture
 from calibration.verdict import Assessment, Rejected
-from drivers.errors import CalibrationError
+from drivers.errors import CalibrationError, InputError
 from drivers.images import read_image
 from drivers.progress import steps
 from drivers.types import Pose
+from protocols.capture_hand_eye import SPEED_M_S, HandEyeCapture, capture_hand_eye, capture_still
+from protocols.grasps import find_grasp_file
+from protocols.readiness import agree_to_carry
+from rig.bench.assembly import TOOL_DOWN
+from rig.bench.twins import refuse_undrawn
 from rig.calibrate import figures
-from rig.calibrate.result import CalibrationResult, Picture, Thumbnail
-from rig.calibrate.sources import picture_files
+from rig.calibrate.bench import Station, visits
+from rig.calibrate.figures import Picture, thumbnails
+from rig.calibrate.result import CalibrationResult
+from rig.calibrate.samples import picture_files, write_picture
+from rig.config import BenchConfig
+from rig.config.fields import ArmLimitsConfig
+
+_CANDIDATES = 400
+_NEAREST_M, _TILTS_DEG, _INSIDE_M = 0.25, (10.0, 40.0), 0.01
+_HELD_M = (0.0, 0.0, -0.03)
+"""Assumed position of a board's middle on the tool."""
+_STILL_FRAMES = 60
 
 
 def camera_from_folder(
     folder: Path, pattern: str, target: Target, serial: str, keep_all: bool
 ) -> CalibrationResult:
     """Find the target in a folder's pictures and fit the camera. Raises `InputError`."""
-    files = picture_files(folder, pattern)
-    found = {path.name: target.find(read_image(path, grey=True), path.name) for path in steps(files)}
-    views = [view for view in found.values() if isinstance(view, View)]
+    files = {path.name: path for path in picture_files(folder, pattern)}
+    found = {name: target.find(read_image(path, grey=True), name) for name, path in steps(files.items())}
     rejected = [Rejected(name, reason) for name, reason in found.items() if isinstance(reason, str)]
-    serials, source = {"camera": serial}, str(folder)
+    read = CalibrationResult(
+        "camera", {"camera": serial}, Assessment(), str(folder), rejected=rejected, files=list(files.values())
+    )
     try:
-        result = calibrate_camera(views, keep_all=keep_all)
+        fit = calibrate_camera([v for v in found.values() if isinstance(v, View)], keep_all=keep_all)
     except CalibrationError as error:
-        thumbs = [Thumbnail.of(r, folder / r.id) for r in rejected[:12]]
-        refused = Assessment((str(error),))
-        return CalibrationResult(
-            "camera", serials, refused, source, rejected=rejected, files=files, thumbnails=thumbs
+        return replace(
+            read, assessment=Assessment((str(error),)), thumbnails=thumbnails(rejected[:12], files)
         )
-    rejected += result.rejected
-    projected_px = projection_sigma_px(result)
-    return CalibrationResult(
-        "camera",
-        serials,
-        assess_camera(result),
-        source,
-        camera_info(result.fit.camera, serial),
-        _quality(result, target, float(projected_px.max())),
-        _numbers(result, projected_px),
-        len(result.fit.views),
-        rejected,
-        files,
-        _pictures(result, projected_px, folder),
-        [Thumbnail.of(r, folder / r.id, found[r.id]) for r in rejected],
+    rejected = [*rejected, *fit.rejected]
+    projected_px = projection_sigma_px(fit)
+    return replace(
+        read,
+        assessment=assess_camera(fit),
+        value=camera_info(fit.fit.camera, serial),
+        quality=_quality(fit, target, float(projected_px.max())),
+        numbers=_numbers(fit, projected_px),
+        used=len(fit.fit.views),
+        rejected=rejected,
+        pictures=_pictures(fit, projected_px, folder),
+        thumbnails=thumbnails(rejected, files, found),
     )
 
 
@@ -108,59 +134,56 @@ def _pictures(result: CameraFit, projected_px: figures.Array, folder: Path) -> l
     worst = int(np.argmax(fit.view_rms_px))
     shown = fit.views[worst]
     return [
-        Picture(
-            "Poses in 3D",
+        figures.poses(
             "The board in each view, in the camera's frame. The longest axis is z, the line of sight.",
-            figures.poses({"board": boards, "camera": [Pose((0.0, 0.0, 0.0))]}),
+            {"board": boards, "camera": [Pose((0.0, 0.0, 0.0))]},
         ),
-        Picture(
+        figures.residuals(
             "Residuals of the worst view",
             f"{shown.id}: each arrow points from a corner projected with the calibrated camera to the "
             "detected one.",
-            figures.arrows(
-                fitted[worst],
-                shown.image_px - fitted[worst],
-                size,
-                "residuals",
-                read_image(folder / shown.id, grey=True),
-            ),
+            fitted[worst],
+            shown.image_px - fitted[worst],
+            size,
+            read_image(folder / shown.id, grey=True),
         ),
-        Picture(
+        figures.residuals(
             "Residuals of all views",
             "Noise points anywhere; arrows that agree show a lens that the model does not follow.",
-            figures.arrows(np.vstack(fitted), points - np.vstack(fitted), size, "residuals"),
+            np.vstack(fitted),
+            points - np.vstack(fitted),
+            size,
         ),
-        Picture(
+        figures.field(
             "Uncertainty over the picture",
             "One sigma of where a distant point is projected, the best turn of "
             "the camera taken out; dots: corners seen.",
-            figures.field(projected_px, size, "one sigma, px", points),
+            projected_px,
+            size,
+            "one sigma, px",
+            points,
         ),
-        Picture(
-            "Coverage",
-            "Corners per cell of the picture.",
-            figures.field(coverage(fit.views), size, "corners", points),
+        figures.field(
+            "Coverage", "Corners per cell of the picture.", coverage(fit.views), size, "corners", points
         ),
-        Picture(
+        figures.bars(
             "Error per view",
             "Rms residual of each view used. Dashed: three times the median.",
-            figures.bars(_view_rms_px(result), "rms, px", limit),
+            _view_rms_px(result),
+            "rms, px",
+            limit,
         ),
-        Picture(
+        figures.bars(
             "Lens models",
             "Rms residual of views held out: the simplest model within 1 % of the best is taken.",
-            figures.bars(by_lens, "rms, px"),
+            by_lens,
+            "rms, px",
         ),
     ]
 
 
 def markers_from_folder(
-    folder: Path,
-    pattern: str,
-    ids: tuple[int, int],
-    dictionary: str,
-    camera: CameraModel | None,
-    serial: str,
+    folder: Path, pattern: str, ids: tuple[int, int], dictionary: str, camera: CameraModel | None, serial: str
 ) -> CalibrationResult:
     """Assess the angle from twenty pictures of the markers at rest. Raises `CalibrationError`."""
     files = picture_files(folder, pattern)
@@ -181,7 +204,6 @@ def markers_from_folder(
         reasons = (f"{count} ({reason})" for reason, count in report.refused.items())
         numbers["pictures without an angle"] = ", ".join(reasons)
     places = np.arange(float(len(report.rest_deg)))
-    shown = figures.curves({"angle": (places, report.rest_deg)}, "picture", "angle, degrees")
     mean = np.broadcast_to(plane.corners_px, report.corners_px.shape)
     return CalibrationResult(
         "markers",
@@ -206,18 +228,141 @@ def markers_from_folder(
         len(files),
         files=files,
         pictures=[
-            Picture(
+            figures.residuals(
                 "Corners at rest",
                 "Each arrow points from a corner's mean over the first half of the pictures to its place in "
                 "one of the others. Scattered arrows are noise; arrows that agree show a marker that moved.",
-                figures.arrows(
-                    mean.reshape(-1, 2),
-                    (report.corners_px - mean).reshape(-1, 2),
-                    pictures[0].shape[::-1],
-                    "residuals",
-                    pictures[0],
-                ),
+                mean.reshape(-1, 2),
+                (report.corners_px - mean).reshape(-1, 2),
+                pictures[0].shape[::-1],
+                pictures[0],
             ),
-            Picture("Angle at rest", "It should scatter around zero, without a trend.", shown),
+            figures.curves(
+                "Angle at rest",
+                "It should scatter around zero, without a trend.",
+                {"angle": (places, report.rest_deg)},
+                "picture",
+                "angle, degrees",
+            ),
         ],
     )
+
+
+def collect_camera(station: Station, target: Target, count: int) -> CalibrationResult:
+    """Show the board, firm on the tool, to the camera from `count` poses, and fit the camera.
+
+    Where no arm can be moved, a person holds the board in `count` places. Raises `OperatorStopError` unless
+    the operator agrees to the motion or holds the board, `DeviceError`, `InputError`.
+    """
+    config = station.config
+    raw = station.raw("camera")
+    # the tool poses that constrain the camera best, with the board on the tool, facing the camera
+    base_T_camera, outline = config.base_T_camera(), _outline_m(target)  # noqa: N806 - frame names
+    turn = TOOL_DOWN.inv() * base_T_camera.rotation
+    held = Pose.from_rotation(np.subtract(_HELD_M, turn.apply(outline.mean(axis=0))), turn)
+    candidates = _candidates(config, np.random.default_rng((station.seed, 33)))
+    placed = [base_T_camera.inverse() @ pose @ held for pose in candidates]
+    poses = [candidates[i] for i in most_telling(config.camera_model(), outline, placed, count)]
+    if not config.moves:
+        poses = [poses[i % len(poses)] if poses else Pose((0.0, 0.0, 0.0)) for i in range(count)]
+    if len(poses) < FEWEST_VIEWS:
+        raise InputError(
+            f"the workspace of [arm.limits] holds {len(poses)} places where the whole of {target.spec} "
+            "is in the picture: see position_m and look_at_m of [camera], or take a smaller board"
+        )
+    left = [(f"{i:03d}", pose) for i, pose in enumerate(poses, start=1)]
+    kept: list[str] = []
+
+    def keep(capture: HandEyeCapture) -> None:
+        write_picture(raw / f"{capture.id}.png", capture.frame.image)
+        if station.show is not None:
+            station.show(capture.frame)
+        kept.append(capture.id)
+        station.note(f"{capture.id}: kept", len(kept), len(poses))
+
+    (_show_on_tool if config.moves else _show_by_hand)(station, target, left, keep)
+    result = camera_from_folder(raw, "*.png", target, config.camera.serial, keep_all=False)
+    return result.marked(config.gives_simulated(config.camera.serial))
+
+
+def _show_by_hand(
+    station: Station, target: Target, left: list[tuple[str, Pose]], keep: Callable[[HandEyeCapture], None]
+) -> None:
+    """Have a person hold the board before the camera, once for each pose.
+
+    They choose where; the poses are for a simulated person.
+    """
+    with station.connected(
+        f"Nothing moves. You hold the board {target.spec} before the camera, {len(left)} times."
+    ) as (bench, operator):
+        for name, pose in left:
+            operator.hold(
+                f"{name} of {len(left)}: hold the board {target.spec} still, all of it in the picture, each "
+                "time elsewhere in the picture and tilted another way by 10 to 40 degrees. Is it still?",
+                f"{target.spec}@tool",
+                pose,
+                None,
+            )
+            keep(HandEyeCapture(name, pose, capture_still(bench, bench.camera, 1)[0]))
+
+
+def _show_on_tool(
+    station: Station, target: Target, left: list[tuple[str, Pose]], keep: Callable[[HandEyeCapture], None]
+) -> None:
+    """Have the arm show the board, firm on the tool, from each pose; `left` is empty afterwards."""
+    count = len(left)
+    with station.connected(
+        f"The arm will visit {count} poses before the camera at up to {SPEED_M_S} m/s, tilted by up to "
+        f"{_TILTS_DEG[1]:g} degrees, with the board {target.spec} on the tool.",
+        motions=visits(left),
+    ) as (bench, operator):
+        agree_to_carry(bench, operator)
+        operator.place(f"{target.spec}@tool", f"board {target.spec}, firm on the tool, facing the camera")
+        capture_hand_eye(bench, lambda: left.pop(0) if left else None, keep, station.left_out)
+
+
+def _candidates(config: BenchConfig, rng: np.random.Generator) -> list[Pose]:
+    """Draw poses all over the picture, from near to where the camera looks, inside the workspace."""
+    limits = config.arm.limits if config.has("arm") else ArmLimitsConfig()
+    low, high = np.array(limits.workspace_min_m), np.array(limits.workspace_max_m)
+    base_T_camera = config.base_T_camera()  # noqa: N806
+    half = np.divide(config.camera.size_px, 2.0 * config.camera.focal_px)
+    farthest_m = config.object_distance_m()
+    poses = []
+    for _ in range(_CANDIDATES):
+        away_m = rng.uniform(min(_NEAREST_M, farthest_m), farthest_m)
+        place = base_T_camera.rotation.apply(away_m * np.append(half * rng.uniform(-1, 1, 2), 1.0))
+        axis = rng.normal(0, 1, 3)
+        turn = Rotation.from_rotvec(axis / np.linalg.norm(axis) * np.radians(rng.uniform(*_TILTS_DEG)))
+        turned = turn * TOOL_DOWN
+        tool = place + base_T_camera.position_m - turned.apply(_HELD_M)
+        if (tool > low + _INSIDE_M).all() and (tool < high - _INSIDE_M).all():
+            poses.append(Pose.from_rotation(tool, turned))
+    return poses
+
+
+def _outline_m(target: Target) -> NDArray[np.float64]:
+    """Return points all over a target's print, (30, 3) m in its axes."""
+    sheet = target_picture(target.spec)
+    height, width = np.array(sheet.grey.shape[:2]) / sheet.px_per_m
+    x, y = np.meshgrid(np.linspace(0, width, 6), np.linspace(0, height, 5))
+    points = np.column_stack([x.ravel(), y.ravel(), np.zeros(30)])
+    return points + np.append(np.asarray(sheet.origin_m, float)[:2], 0.0)
+
+
+def collect_markers(station: Station, object_name: str) -> CalibrationResult:
+    """Take sixty pictures of the markers of an object at rest. Nothing moves."""
+    config = station.config
+    grasps = find_grasp_file(object_name, config.objects)
+    refuse_undrawn(config, grasps)
+    raw = station.raw("markers")
+    with station.connected("Nothing moves; the camera takes pictures of an object.") as (bench, operator):
+        operator.place(grasps.id, grasps.name)
+        for number, frame in enumerate(capture_still(bench, bench.camera, _STILL_FRAMES, station.show)):
+            write_picture(raw / f"{number:03d}.png", frame.image)
+        station.note(f"{grasps.name}: {_STILL_FRAMES} pictures", 1, 1)
+    camera = config.camera
+    result = markers_from_folder(
+        raw, "*.png", camera.marker_ids, camera.marker_dictionary, station.camera(), camera.serial
+    )
+    return result.marked(config.gives_simulated(camera.serial))

@@ -1,8 +1,10 @@
 """Figures of the calibration pages, SVG in the page's own colours; and sheets to print, as PDF."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from io import BytesIO
 from itertools import cycle
+from pathlib import Path
 from typing import Any
 
 import cv2
@@ -15,10 +17,13 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
+from calibration.targets.boards import View
 from calibration.targets.sheets import TEXT_MM, target_sheet
-from drivers.images import encode_png
+from calibration.verdict import Rejected
+from drivers.images import encode_png, read_image
 from drivers.types import Image, Pose
 from rig.pages.figure import drawing, legend_above, svg
+from rig.pages.page import data_uri
 from rig.pages.palette import ESTIMATE, INK, LINE, SERIES, WARNING
 
 Array = NDArray[np.floating]
@@ -36,7 +41,22 @@ _MOST_NAMES = 14
 """Names below an axis that a phone still shows apart."""
 
 
-def bars(values: Mapping[str, float], label: str, limit: float | None = None) -> Markup:
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """A figure of the page with what it shows, as the page's `chart` draws it.
+
+    svg: the figure, or an element with PNG bytes. spots: without values the figure is static.
+    """
+
+    title: str
+    caption: str
+    svg: Markup
+    spots: tuple[()] = ()
+
+
+def bars(
+    title: str, caption: str, values: Mapping[str, float], label: str, limit: float | None = None
+) -> Picture:
     """Draw a bar per sample, the ones above `limit` in another colour."""
     names, heights = list(values), list(values.values())
     beyond = [limit is not None and height > limit for height in heights]
@@ -49,10 +69,12 @@ def bars(values: Mapping[str, float], label: str, limit: float | None = None) ->
         axes.grid(False, axis="x")
         if limit:
             axes.axhline(limit, color=INK.light, linewidth=1.0, linestyle=(0, (4, 2)))
-        return svg(figure, f"bars: {label}")
+        return Picture(title, caption, svg(figure, f"bars: {label}"))
 
 
-def field(values: Array, size: tuple[int, int], label: str, points: Array | None = None) -> Markup:
+def field(
+    title: str, caption: str, values: Array, size: tuple[int, int], label: str, points: Array | None = None
+) -> Picture:
     """Draw a number over the picture, and the corners seen on top of it."""
     with drawing(330, _WIDTH_PX) as figure:
         axes = figure.subplots()
@@ -64,13 +86,18 @@ def field(values: Array, size: tuple[int, int], label: str, points: Array | None
             axes.plot(points[:, 0], points[:, 1], ".", color="white", markersize=1.5, alpha=0.6)
         axes.grid(False)
         _over_picture(axes, (0, size[0], size[1], 0))
-        return svg(figure, f"over the picture: {label}")
+        return Picture(title, caption, svg(figure, f"over the picture: {label}"))
 
 
-def arrows(
-    places: Array, vectors: Array, size: tuple[int, int], label: str, picture: Image | None = None
-) -> Markup:
-    """Draw vectors over the picture, enlarged so that they can be seen.
+def residuals(
+    title: str,
+    caption: str,
+    places: Array,
+    vectors: Array,
+    size: tuple[int, int],
+    picture: Image | None = None,
+) -> Picture:
+    """Draw residuals as arrows over the picture, enlarged so that they can be seen.
 
     picture: (H, W) grey, drawn below them as far as they reach, with a margin.
     """
@@ -93,27 +120,35 @@ def arrows(
         )  # fmt: skip
         axes.set_aspect("equal")
         _over_picture(axes, extent)
-        axes.set_title(f"{label} (enlarged {scale:.0f} times)")
-        return svg(figure, f"arrows: {label}")
+        axes.set_title(f"residuals (enlarged {scale:.0f} times)")
+        return Picture(title, caption, svg(figure, "arrows: residuals"))
 
 
-def curves(groups: Mapping[str, tuple[Array, Array]], x_label: str, y_label: str, style: str = "-") -> Markup:
+def curves(
+    title: str, caption: str, groups: Mapping[str, tuple[Array, Array]], x: str, y: str, style: str = "-"
+) -> Picture:
     """Draw curves of several groups over one axis; with style "." points in a plane, its axes equal."""
     points = style == "."
     with drawing(330 if points else 280, _WIDTH_PX) as figure:
         axes = figure.subplots()
-        for (name, (x, y)), colour in zip(groups.items(), cycle(SERIES), strict=False):
+        for (name, values), colour in zip(groups.items(), cycle(SERIES), strict=False):
             size = 4.0 if points else 3.5
-            axes.plot(x, y, style, label=name, markersize=size, linewidth=1.2, color=colour.light)
-        axes.set(xlabel=x_label, ylabel=y_label)
+            axes.plot(*values, style, label=name, markersize=size, linewidth=1.2, color=colour.light)
+        axes.set(xlabel=x, ylabel=y)
         if points:
             axes.set_aspect("equal", adjustable="datalim")
         if len(groups) > 1:
             legend_above(axes, 2)
-        return svg(figure, f"{y_label} over {x_label}: {', '.join(groups)}")
+        return Picture(title, caption, svg(figure, f"{y} over {x}: {', '.join(groups)}"))
 
 
-def poses(groups: Mapping[str, Sequence[Pose]]) -> Markup:
+def image(title: str, caption: str, picture: Image) -> Picture:
+    """Show a small copy of a picture, (H, W, 3) RGB."""
+    element = Markup('<img src="{}" alt="{}">').format(data_uri(thumbnail(picture)), title)
+    return Picture(title, caption, element)
+
+
+def poses(caption: str, groups: Mapping[str, Sequence[Pose]]) -> Picture:
     """Draw poses of several groups in 3D, in one parent frame: a dot each, with its x, y and z axes.
 
     The z axis is the longest line: a camera looks along it, a tool points along it. The figure is the first
@@ -160,7 +195,7 @@ def poses(groups: Mapping[str, Sequence[Pose]]) -> Markup:
     place = Markup(
         '<div class="poses"><ul class="key">{}</ul>{}<script type="application/json">{}</script></div>'
     )
-    return place.format(key, drawn, htmlsafe_json_dumps(data))
+    return Picture("Poses in 3D", caption, place.format(key, drawn, htmlsafe_json_dumps(data)))
 
 
 def _flat(points: Array) -> Array:
@@ -188,7 +223,6 @@ def _floor_lines(low: Array, high: Array, step: float) -> list[Array]:
 
 
 def _over_picture(axes: Axes, extent: tuple[int, int, int, int]) -> None:
-    """Show a part of a picture. extent: left, right, bottom, top in px."""
     axes.set(xlim=extent[:2], ylim=extent[2:], xlabel="x, px", ylabel="y, px")
 
 
@@ -201,6 +235,23 @@ def thumbnail(picture: Image, marks: Sequence[Array] = ()) -> bytes:
     scale = 320.0 / colour.shape[1]
     small = cv2.resize(np.asarray(colour, np.uint8), None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
     return encode_png(np.asarray(small, np.uint8))
+
+
+def thumbnails(
+    rejected: Sequence[Rejected],
+    files: Mapping[str, Path],
+    views: Mapping[str, View | str] | None = None,
+    grey: bool = True,
+) -> dict[str, bytes]:
+    """Return PNG bytes of rejected samples by id, the points of their views marked; none without a file.
+
+    files: pictures by id. Raises `InputError`.
+    """
+    found = {r.id: (views or {}).get(r.id) for r in rejected if r.id in files}
+    return {
+        name: thumbnail(read_image(files[name], grey=grey), [view.image_px] if isinstance(view, View) else [])
+        for name, view in found.items()
+    }
 
 
 def sheet_pdf(spec: str) -> bytes:

@@ -1,44 +1,74 @@
-"""`rig calibrate hand-eye`: the pose of a camera, from pictures or poses of a target at known robot poses."""
+"""`rig calibrate hand-eye`: the pose of a camera, from pictures or poses of a target at known robot poses.
+
+On a bench poses are chosen and visited, the samples are stored as files, and then solved.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
+from calibration.camera.files import read_camera
 from calibration.camera.model import CameraModel
-from calibration.hand_eye.closed_form import LEAST_GAP, LEAST_RATIO, LEAST_TURN_DEG
-from calibration.hand_eye.pose_pairs import PoseSample
-from calibration.hand_eye.pose_solve import calibrate_pose_pairs
-from calibration.hand_eye.samples import HandEyeSample, Setup
-from calibration.hand_eye.solve import HandEyeResult, calibrate_hand_eye
+from calibration.hand_eye.pose_pairs import PoseSample, calibrate_pose_pairs
+from calibration.hand_eye.refine import LEAST_GAP, LEAST_RATIO, LEAST_TURN_DEG
+from calibration.hand_eye.solve import HandEyeResult, HandEyeSample, Setup, calibrate_hand_eye, next_pose
 from calibration.targets.boards import Target, View
 from calibration.verdict import Rejected
+from drivers.errors import InputError, counted
 from drivers.images import read_image
 from drivers.types import Pose
+from protocols.capture_hand_eye import SPEED_M_S, HandEyeCapture, capture_hand_eye
+from protocols.readiness import agree_to_carry
+from rig.bench.assembly import TOOL_DOWN
 from rig.calibrate import figures
-from rig.calibrate.result import CalibrationResult, Picture, Thumbnail
-from rig.calibrate.sources import picture_files, read_poses
+from rig.calibrate.bench import Station, visits
+from rig.calibrate.figures import Picture, thumbnails
+from rig.calibrate.result import CalibrationResult
+from rig.calibrate.samples import picture_files, pose_row, read_poses, write_picture, write_poses
+from rig.config import BenchConfig
 
 FRAMES = {Setup.EYE_TO_HAND: ("base", "camera", "tcp"), Setup.EYE_IN_HAND: ("tcp", "camera", "base")}
 """Parent and child frame of the answer, and the parent of the target, by setup."""
 TARGETS = "targets.csv"
+FIRST_POSES = 6
+"""Visited as drawn; from then on each next pose is the most informative one."""
 _NOISE = ("robot_turn_rad", "robot_m", "tilt_rad", "turn_rad", "across_m", "depth_m")
 """Of the robot's poses, then of the target's."""
 _ORDER = "rotation vector about the child's axes (rad), translation in the parent (m)"
+_CANDIDATES = 60
+_MOUNTED = {
+    Setup.EYE_TO_HAND: ("tool", "on the tool, facing the camera"),
+    Setup.EYE_IN_HAND: (
+        "bench",
+        "on the table's mark, face up; the camera is on the tool, looking past the fingers",
+    ),
+}
 
 
 def hand_eye_from_folder(
-    folder: Path, target: Target, camera: CameraModel, serial: str, setup: Setup
+    folder: Path, target: Target, camera_file: Path | None, serial: str, setup: Setup
 ) -> CalibrationResult:
-    """Pair pictures `<id>.png` with the rows of poses.csv by id, and solve. Raises `InputError`."""
-    files = picture_files(folder)
+    """Solve from pictures of a target, or from its poses if the folder holds them.
+
+    Pictures `<id>.png` are paired with the rows of poses.csv by id. Raises `InputError`.
+    """
+    if (folder / TARGETS).is_file():
+        return _from_poses(folder, serial, setup)
+    if camera_file is None:
+        raise InputError("hand-eye needs the camera's intrinsics: give --camera FILE (rig calibrate camera)")
+    camera = read_camera(camera_file, None if serial == "unknown" else serial)
     poses, rejected = read_poses(folder / "poses.csv")
     samples: list[HandEyeSample] = []
+    pictures: dict[str, Path] = {}
     views: dict[str, View | str] = {}
-    for path in files:
+    for path in picture_files(folder):
         name = path.stem
+        pictures[name] = path
         if name not in poses:
             if name not in {r.id for r in rejected}:
                 rejected.append(Rejected(name, "no pose of this id in poses.csv"))
@@ -48,70 +78,65 @@ def hand_eye_from_folder(
             rejected.append(Rejected(name, view))
         else:
             samples.append(HandEyeSample(name, poses[name], view))
-    pictures = {path.stem: path for path in files}
     rejected += [Rejected(name, "no picture of this id") for name in poses.keys() - pictures.keys()]
-    result = hand_eye_result(samples, camera, serial, setup, str(folder), rejected, target, pictures)
-    thumbs = [Thumbnail.of(r, pictures.get(r.id), views.get(r.id)) for r in result.rejected]
-    return replace(result, files=[*files, folder / "poses.csv"], thumbnails=thumbs)
+    result = _solved(samples, rejected, folder, target, camera, serial, setup)
+    return replace(result, thumbnails=thumbnails(result.rejected, pictures, views))
 
 
-def hand_eye_from_poses(folder: Path, serial: str, setup: Setup) -> CalibrationResult:
-    """Pair `poses.csv` (base_T_tcp) and `targets.csv` (camera_T_target) by id, and solve.
-
-    Raises `InputError`.
-    """
+def _from_poses(folder: Path, serial: str, setup: Setup) -> CalibrationResult:
+    """Pair `poses.csv` (base_T_tcp) and `targets.csv` (camera_T_target) by id, and solve."""
     files = [folder / "poses.csv", folder / TARGETS]
     (robot, rejected), (seen, also) = (read_poses(path) for path in files)
     rejected = rejected + also
     rejected += [Rejected(name, "no pose of the target of this id") for name in robot.keys() - seen.keys()]
     rejected += [Rejected(name, "no robot pose of this id") for name in seen.keys() - robot.keys()]
-    samples = [PoseSample(name, robot[name], seen[name]) for name in robot if name in seen]
-    result = calibrate_pose_pairs(samples, setup)
-    quality, numbers = _pair_figures(result)
-    return replace(_filed(result, serial, str(folder), rejected, robot, quality, numbers), files=files)
+    found = calibrate_pose_pairs(
+        [PoseSample(name, robot[name], seen[name]) for name in robot if name in seen], setup
+    )
+    quality, numbers = _pair_figures(found)
+    return _filed(found, serial, folder, rejected, robot, quality, numbers, files, [])
 
 
-def hand_eye_result(
-    samples: Sequence[HandEyeSample],
-    camera: CameraModel,
-    serial: str,
-    setup: Setup,
-    source: str,
-    rejected: Sequence[Rejected],
-    target: Target,
-    files: Mapping[str, Path],
-) -> CalibrationResult:
-    """Solve, and make the figures of the page. files: the pictures by the id of their sample."""
-    result = calibrate_hand_eye(samples, camera, setup)
+def _solved(
+    samples: Sequence[HandEyeSample], rejected: Sequence[Rejected], folder: Path, target: Target,
+    camera: CameraModel, serial: str, setup: Setup,
+) -> CalibrationResult:  # fmt: skip
+    """Solve, and make the figures of the page. folder: of the pictures and poses.csv."""
+    found = calibrate_hand_eye(samples, camera, setup)
     robot = {sample.id: sample.base_T_tcp for sample in samples}
-    filed = _filed(result, serial, source, rejected, robot, _quality(result, target), _numbers(result))
-    views = [sample.view for sample in samples]
-    more = [*_residuals(result, camera, files), *_pictures(result, views, camera)]
-    return replace(filed, pictures=[*filed.pictures, *more])
+    pictures = {path.stem: path for path in picture_files(folder)}
+    shown = _pictures(found, [sample.view for sample in samples], camera, pictures)
+    files = [*picture_files(folder), folder / "poses.csv"]
+    return _filed(
+        found, serial, folder, rejected, robot, _quality(found, target), _numbers(found), files, shown
+    )
 
 
 def _filed(
-    result: HandEyeResult,
-    serial: str,
-    source: str,
-    rejected: Sequence[Rejected],
-    robot: Mapping[str, Pose],
-    quality: Mapping[str, object],
-    numbers: Mapping[str, str],
-) -> CalibrationResult:
-    """Return the calibration with the poses in 3D. robot: base_T_tcp by sample."""
+    found: HandEyeResult, serial: str, folder: Path, rejected: Sequence[Rejected], robot: Mapping[str, Pose],
+    quality: Mapping[str, object], numbers: Mapping[str, str], files: Sequence[Path],
+    pictures: Sequence[Picture],
+) -> CalibrationResult:  # fmt: skip
+    """Return the calibration with all poses in 3D. robot: base_T_tcp by sample."""
+    setup, pose, target = found.setup, found.pose, found.target
+    value: dict[str, object] = {}
+    if pose is not None and target is not None:
+        parent, child, holder = FRAMES[setup]
+        value = {"setup": str(setup), **_transform(parent, child, pose)}
+        value["target"] = _transform(holder, "target", target)
+        moving, used = setup is Setup.EYE_IN_HAND, [robot[name] for name in found.used]
+        groups = {
+            "TCP": used,
+            "camera": [at @ pose for at in used] if moving else [pose],
+            "target": [target] if moving else [at @ target for at in used],
+            "base": [Pose((0.0, 0.0, 0.0))],
+        }
+        text = "Axes of each frame, in the robot's base frame; the longest is z: the camera looks along it."
+        pictures = [figures.poses(text, groups), *pictures]
     return CalibrationResult(
-        "hand-eye",
-        {"camera": serial},
-        result.assessment,
-        source,
-        _value(result),
-        quality,
-        numbers,
-        len(result.used),
-        [*rejected, *result.rejected],
-        pictures=_poses_picture(result, [robot[name] for name in result.used]),
-    )
+        "hand-eye", {"camera": serial}, found.assessment, str(folder), value, quality, numbers,
+        len(found.used), [*rejected, *found.rejected], files, pictures,
+    )  # fmt: skip
 
 
 def _transform(parent: str, child: str, pose: Pose) -> dict[str, object]:
@@ -121,32 +146,6 @@ def _transform(parent: str, child: str, pose: Pose) -> dict[str, object]:
         "translation_m": pose.position_m,
         "quaternion_xyzw": pose.quaternion_xyzw,
     }
-
-
-def _value(result: HandEyeResult) -> dict[str, object]:
-    """Return the value of a hand-eye file; nothing without an answer."""
-    setup, pose, target = result.setup, result.pose, result.target
-    if pose is None or target is None:
-        return {}
-    parent, child, holder = FRAMES[setup]
-    return {
-        "setup": str(setup),
-        **_transform(parent, child, pose),
-        "target": _transform(holder, "target", target),
-    }
-
-
-def _poses_picture(result: HandEyeResult, robot: Sequence[Pose]) -> list[Picture]:
-    """Draw robot, camera and target of all samples in the base frame; nothing without an answer."""
-    pose, target = result.pose, result.target
-    if pose is None or target is None:
-        return []
-    moving = result.setup is Setup.EYE_IN_HAND
-    cameras = [at @ pose for at in robot] if moving else [pose]
-    targets = [target] if moving else [at @ target for at in robot]
-    groups = {"TCP": robot, "camera": cameras, "target": targets, "base": [Pose((0.0, 0.0, 0.0))]}
-    text = "Axes of each frame, in the robot's base frame; the longest is z: the camera looks along it."
-    return [Picture("Poses in 3D", text, figures.poses(groups))]
 
 
 def _quality(result: HandEyeResult, target: Target) -> dict[str, object]:
@@ -210,7 +209,6 @@ def _pair_figures(result: HandEyeResult) -> tuple[dict[str, object], dict[str, s
 
 
 def _axes(values: NDArray[np.floating], digits: int) -> str:
-    """Return three values by axis as text. digits: decimals."""
     return ", ".join(f"{axis} {value:.{digits}f}" for axis, value in zip("xyz", values, strict=True))
 
 
@@ -221,39 +219,143 @@ def _pose_numbers(pose: Pose, name: str) -> dict[str, str]:
     }
 
 
-def _residuals(result: HandEyeResult, camera: CameraModel, files: Mapping[str, Path]) -> list[Picture]:
-    """Draw residuals: the worst sample's on its picture, and all; nothing without an answer."""
-    problem, refined = result.problem, result.refined
-    if problem is None or refined is None:
-        return []
-    worst = int(np.argmax(refined.sample_rms_px(problem)))
-    name, own = problem.ids[worst], problem.owner == worst
-    text = "each arrow points from the projection of a target point, as calibrated, to its detection."
-    of_all = "Arrows of one sample that agree show a robot pose or a picture that does not fit the others."
-    shown = figures.arrows(
-        problem.seen_px[own], -refined.missed_px[own], camera.size, "residuals",
-        read_image(files[name], grey=True),
-    )  # fmt: skip
-    everywhere = figures.arrows(problem.seen_px, -refined.missed_px, camera.size, "residuals")
-    return [
-        Picture("Residuals of the worst sample", f"{name}: {text}", shown),
-        Picture("Residuals of all samples", of_all, everywhere),
-    ]
-
-
-def _pictures(result: HandEyeResult, views: list[View], camera: CameraModel) -> list[Picture]:
-    pictures = []
+def _pictures(
+    result: HandEyeResult, views: list[View], camera: CameraModel, files: Mapping[str, Path]
+) -> list[Picture]:
+    """Draw the residuals, the worst sample's on its picture, and where the target was seen."""
+    pictures, problem, refined = [], result.problem, result.refined
+    if problem is not None and refined is not None:
+        worst = int(np.argmax(refined.sample_rms_px(problem)))
+        name, own = problem.ids[worst], problem.owner == worst
+        text = "each arrow points from the projection of a target point, as calibrated, to its detection."
+        of_all = (
+            "Arrows of one sample that agree show a robot pose or a picture that does not fit the others."
+        )
+        pictures += [
+            figures.residuals(
+                "Residuals of the worst sample", f"{name}: {text}", problem.seen_px[own],
+                -refined.missed_px[own], camera.size, read_image(files[name], grey=True),
+            ),
+            figures.residuals(
+                "Residuals of all samples", of_all, problem.seen_px, -refined.missed_px, camera.size
+            ),
+        ]  # fmt: skip
     if result.sample_px:
         limit = 3.0 * float(np.median(list(result.sample_px.values())))
         text = "Rms residual of each sample. Dashed: three times the median."
-        pictures.append(Picture("Error per sample", text, figures.bars(result.sample_px, "rms, px", limit)))
+        pictures.append(figures.bars("Error per sample", text, result.sample_px, "rms, px", limit))
     if result.spread is not None:
         held = dict(zip(result.used, result.spread.held_out_px.tolist(), strict=True))
         text = "Rms residual of each sample for the answer from all others."
-        pictures.append(Picture("Error of samples left out", text, figures.bars(held, "rms, px")))
+        pictures.append(figures.bars("Error of samples left out", text, held, "rms, px"))
     if views and result.motion is not None:
         points = np.vstack([v.image_px for v in views])
         places = {"points": (points[:, 0], camera.size[1] - points[:, 1])}
-        shown = figures.curves(places, "x, px", "up, px", ".")
-        pictures.append(Picture("Where the target was seen", "Its points in all samples.", shown))
+        text = "Its points in all samples."
+        pictures.append(figures.curves("Where the target was seen", text, places, "x, px", "up, px", "."))
     return pictures
+
+
+def collect_hand_eye(station: Station, target: Target, setup: Setup, count: int) -> CalibrationResult:
+    """Visit `count` poses on a bench and solve. Raw pictures and poses.csv stay beside the result.
+
+    The target is firm on the tool (eye-to-hand), or firm on the bench with the camera on the tool
+    (eye-in-hand). Raises `OperatorStopError` unless the operator agrees to the motion,
+    `DeviceError`, `InputError`.
+    """
+    config = station.config
+    mount, where = _MOUNTED[setup]
+    poses = facing_poses(config, station.seed) if mount == "tool" else looking_poses(config, station.seed)
+    camera = station.camera()
+    session = _Session(target, camera, setup, poses, count, station)
+    around = config.camera.look_at_m if mount == "tool" else config.table.position_m
+    with station.connected(
+        f"The arm will visit {counted(count, 'pose')} around {around} m at up to {SPEED_M_S} m/s, tilted by "
+        f"up to 35 degrees, with the target {target.spec} {where}; it chooses from these "
+        "places, and leaves out what would be refused.",
+        motions=visits([(f"{i:03d}", pose) for i, pose in enumerate(poses, start=1)]),
+    ) as (bench, operator):
+        agree_to_carry(bench, operator)
+        operator.place(f"{target.spec}@{mount}", f"target {target.spec}, firm {where}")
+        capture_hand_eye(bench, session.next, session.keep, session.skip)
+    write_poses(session.raw, session.rows, "tcp")
+    result = _solved(
+        session.samples, session.rejected, session.raw, target, camera, config.camera.serial, setup
+    )
+    return result.marked(config.simulated)
+
+
+def facing_poses(
+    config: BenchConfig, seed: int, reach_m: tuple[float, float, float] = (0.08, 0.08, 0.08)
+) -> list[Pose]:
+    """Return tool poses near the point where the camera is aimed, turned by 10 to 35 degrees, any axis."""
+    rng = np.random.default_rng((seed, 30))
+    middle = np.add(config.camera.look_at_m, (0.0, 0.0, 0.08))
+    poses = []
+    for _ in range(_CANDIDATES):
+        axis = rng.normal(0, 1, 3)
+        turn = Rotation.from_rotvec(axis / np.linalg.norm(axis) * np.radians(rng.uniform(10, 35)))
+        poses.append(Pose.from_rotation(middle + rng.uniform(-1, 1, 3) * reach_m, turn * TOOL_DOWN))
+    return poses
+
+
+def looking_poses(config: BenchConfig, seed: int) -> list[Pose]:
+    """Return poses from which a camera that looks along the tool sees the table's mark.
+
+    From 0.26 to 0.36 m, tilted by up to 28 degrees any way, turned by up to 50 about the tool's axis.
+    """
+    rng = np.random.default_rng((seed, 32))
+    poses = []
+    for _ in range(_CANDIDATES):
+        way = rng.uniform(0.0, 2.0 * np.pi)
+        tilt = Rotation.from_rotvec(
+            np.radians(rng.uniform(5, 28)) * np.array([np.cos(way), np.sin(way), 0.0])
+        )
+        turn = tilt * TOOL_DOWN * Rotation.from_euler("z", rng.uniform(-50, 50), degrees=True)
+        aim = np.add(config.table.position_m, (*rng.uniform(-0.03, 0.03, 2), 0.0))
+        poses.append(Pose.from_rotation(aim - turn.apply([0.0, 0.0, rng.uniform(0.26, 0.36)]), turn))
+    return poses
+
+
+class _Session:
+    def __init__(
+        self, target: Target, camera: CameraModel, setup: Setup, candidates: list[Pose], count: int,
+        station: Station,
+    ) -> None:  # fmt: skip
+        self._target, self._camera, self._setup = target, camera, setup
+        self._left, self._count, self._station = candidates, count, station
+        self.raw: Path = station.raw("hand-eye")
+        self.samples: list[HandEyeSample] = []
+        self.rejected: list[Rejected] = []
+        self.rows: list[str] = []
+        self._visited = 0
+
+    def next(self) -> tuple[str, Pose] | None:
+        """Return the next pose: first those as drawn, then the one that lowers the predicted sigma most."""
+        if len(self.samples) >= self._count or not self._left:
+            return None
+        self._visited += 1
+        choice = 0
+        if len(self.samples) >= FIRST_POSES:
+            result = calibrate_hand_eye(self.samples, self._camera, self._setup)
+            best = None if result.pose is None else next_pose(result, self._camera, self._left)
+            choice = 0 if best is None else best.index
+        return f"{self._visited:03d}", self._left.pop(choice)
+
+    def keep(self, capture: HandEyeCapture) -> None:
+        grey = np.asarray(cv2.cvtColor(capture.frame.image, cv2.COLOR_RGB2GRAY), np.uint8)
+        write_picture(self.raw / f"{capture.id}.png", grey)
+        if self._station.show is not None:
+            self._station.show(capture.frame)
+        self.rows.append(pose_row(capture.id, capture.base_T_tcp))
+        view = self._target.find(grey, capture.id)
+        if isinstance(view, View):
+            self.samples.append(HandEyeSample(capture.id, capture.base_T_tcp, view))
+            kept = len(self.samples)
+            self._station.note(f"{capture.id}: kept, {kept} of {self._count}", kept, self._count)
+        else:
+            self.skip(capture.id, view)
+
+    def skip(self, name: str, reason: str) -> None:
+        self.rejected.append(Rejected(name, reason))
+        self._station.left_out(name, reason)

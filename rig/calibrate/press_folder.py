@@ -5,16 +5,15 @@ from pathlib import Path
 
 import numpy as np
 
-from calibration.gel.balls import BALLS_MM, BallPress
-from calibration.gel.presses import find_press
-from calibration.gel.untouched import Circle, Pressed
+from calibration.gel.balls import BALLS_MM, BallPress, find_press
+from calibration.gel.look_fit import Circle, Pressed
 from calibration.targets.boards import SAME_VIEW_PX
 from calibration.verdict import Rejected, length_guess
 from drivers.errors import InputError
 from drivers.formats import number_in, read_csv_rows
 from drivers.images import read_image
 from drivers.types import Image
-from rig.calibrate.sources import picture_files
+from rig.calibrate.samples import picture_files
 
 Row = tuple[str, float, Path | None, tuple[float, float] | None]
 """Picture, ball diameter in mm, its own background, place of the ball in mm (x right, y down)."""
@@ -77,16 +76,19 @@ def read_press_folder(
         circle = by_hand.get(_key(Path(name).stem))
         if circle is None and not isinstance(found, str):
             circle = *found.centre_px, found.rim_px
-        repeated = None if circle is None else _repeated(circle, diameter_mm, presses.pressed)
-        if repeated is not None:
-            presses.rejected.append(Rejected(name, repeated))
-            continue
-        if circle is not None and not _inside(circle, image):
-            x, y, _ = circle
-            size = f"{image.shape[1]} x {image.shape[0]} px"
-            text = f"the centre of its circle, ({x:.0f}, {y:.0f}), is outside the picture of {size}"
-            presses.rejected.append(Rejected(name, text))
-            continue
+        if circle is not None:
+            # a copy of a picture, or of its row, would be in the fit while the other is held out
+            same = [p for p in presses.pressed if 2.0 * p.radius_mm == diameter_mm]
+            near = [p for p in same if np.abs(np.subtract(circle, p.circle)).max() < SAME_VIEW_PX]
+            if near:
+                presses.rejected.append(Rejected(name, f"same press as {near[0].id}"))
+                continue
+            (x, y, _), (rows_px, columns_px) = circle, image.shape[:2]
+            if not (0.0 <= x < columns_px and 0.0 <= y < rows_px):
+                size = f"{columns_px} x {rows_px} px"
+                text = f"the centre of its circle, ({x:.0f}, {y:.0f}), is outside the picture of {size}"
+                presses.rejected.append(Rejected(name, text))
+                continue
         if isinstance(found, str):
             presses.rejected.append(Rejected(name, found))
         else:
@@ -96,24 +98,6 @@ def read_press_folder(
         if circle is not None:
             presses.pressed.append(Pressed(name, image, circle, diameter_mm / 2.0))
     return presses
-
-
-def _repeated(circle: Circle, diameter_mm: float, pressed: list[Pressed]) -> str | None:
-    """Return that a press repeats an accepted one, or None.
-
-    A copy of a picture, or of its row, would be in the fit while the other is held out.
-    """
-    for other in pressed:
-        apart_px = np.abs(np.subtract(circle, other.circle)).max()
-        if 2.0 * other.radius_mm == diameter_mm and apart_px < SAME_VIEW_PX:
-            return f"same press as {other.id}"
-    return None
-
-
-def _inside(circle: Circle, image: Image) -> bool:
-    x, y, _ = circle
-    rows, columns = image.shape[:2]
-    return 0.0 <= x < columns and 0.0 <= y < rows
 
 
 def read_circled(folder: Path) -> tuple[Image, list[tuple[Image, Circle]]]:

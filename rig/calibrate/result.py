@@ -8,43 +8,13 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from markupsafe import Markup
-
 from calibration.store import CalibrationFile, plain, save, write_bytes
-from calibration.targets.boards import View
 from calibration.verdict import Assessment, Rejected, Verdict
 from drivers.errors import CalibrationError
-from drivers.images import read_image
-from rig.calibrate.figures import thumbnail
+from rig.calibrate.figures import Picture
 from rig.pages.page import render
+from rig.report.parts import Notice
 from rig.version import VERSION
-
-
-@dataclass(frozen=True, slots=True)
-class Picture:
-    """A figure of the page: SVG, or a picture's PNG bytes, with what it shows."""
-
-    title: str
-    text: str
-    shown: Markup | bytes
-
-
-@dataclass(frozen=True, slots=True)
-class Thumbnail:
-    """A rejected sample as the page shows it; png: None where the sample has no picture."""
-
-    id: str
-    reason: str
-    png: bytes | None = None
-
-    @classmethod
-    def of(
-        cls, rejected: Rejected, path: Path | None, view: View | str | None = None, grey: bool = True
-    ) -> "Thumbnail":
-        """Make the thumbnail of a rejected sample; mark its points. Raises `InputError`."""
-        marks = [view.image_px] if isinstance(view, View) else []
-        png = None if path is None else thumbnail(read_image(path, grey=grey), marks)
-        return cls(rejected.id, rejected.reason, png)
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,8 +22,9 @@ class CalibrationResult:
     """A calibration before it is filed.
 
     source: folder of the samples. value, quality: as in the file. numbers: the figures at the top of the
-    page, as text. used: number of samples. files: the samples, for the hash. part: of the kind, if it has
-    several files. attached: content of further files of the same name, by suffix; not written if refused.
+    page, as text. used: number of samples. files: the samples, for the hash. thumbnails: PNG bytes of
+    rejected samples by id. part: of the kind, if it has several files. attached: content of further files of
+    the same name, by suffix; not written if refused.
     """
 
     kind: str
@@ -67,60 +38,42 @@ class CalibrationResult:
     rejected: Sequence[Rejected] = ()
     files: Sequence[Path] = ()
     pictures: Sequence[Picture] = ()
-    thumbnails: Sequence[Thumbnail] = ()
+    thumbnails: Mapping[str, bytes] = field(default_factory=dict)
     simulated: bool = False
     part: str = ""
     attached: Mapping[str, bytes] = field(default_factory=dict)
 
+    @property
+    def about(self) -> str:
+        return ", ".join(f"{role} {serial}" for role, serial in self.serials.items())
+
     def marked(self, simulated: bool) -> "CalibrationResult":
-        """Return a copy with `simulated`: whether it was made on simulated devices."""
         return replace(self, simulated=simulated)
 
 
-@dataclass(frozen=True, slots=True)
-class Filed:
-    """A calibration on disk: its file, its page, and its figures for `--json`."""
+def file_result(result: CalibrationResult, folder: Path) -> dict[str, Any]:
+    """Write file and page into a folder; return the figures for `--json`, with the paths "file" and "page".
 
-    path: Path
-    page: Path
-    figures: dict[str, object]
-
-
-def file_result(result: CalibrationResult, folder: Path) -> Filed:
-    """Write file and page into a folder. Raises `CalibrationError` for a refused one, after writing both."""
+    Raises `CalibrationError` for a refused calibration, after writing both.
+    """
     part = [result.part] if result.part else []
     stem = "-".join([result.kind, *part, *result.serials.values()])
     path, page = folder / f"{stem}.yaml", folder / f"{stem}.html"
     filed, verdict = _as_file(result), result.assessment.verdict
     save(filed, path)
-    text = render(
-        "rig.calibrate",
-        "page.html",
-        result=result,
-        head=_head(result),
-        tiles=[
-            (str(verdict), "verdict (good, weak or refused)"),
-            (str(result.used), "samples used"),
-            (str(len(result.rejected)), "samples left out"),
-        ],
-        reasons=_notices(result.assessment),
-        rotates=any(isinstance(p.shown, Markup) and 'class="poses"' in p.shown for p in result.pictures),
-        created=f"{filed.created[:16].replace('T', ' ')} UTC",
-        software=", ".join(f"{name} {number}" for name, number in filed.software.items()),
-        inputs=filed.inputs,
-    )
-    write_bytes(page, text.encode())
+    write_bytes(page, _page(result, filed).encode())
     if verdict is Verdict.REFUSED:
         reasons = "; ".join(result.assessment.refusals)
-        about = ", ".join(f"{role} {serial}" for role, serial in result.serials.items())
-        raise CalibrationError(f"{result.kind} calibration, {about}: refused: {reasons} (page: {page})")
+        raise CalibrationError(
+            f"{result.kind} calibration, {result.about}: refused: {reasons} (page: {page})"
+        )
     for suffix, content in result.attached.items():
         write_bytes(folder / f"{stem}{suffix}", content)
     figures = {
         "kind": result.kind,
         "file": path,
         "page": page,
-        "verdict": str(verdict),
+        "verdict": verdict,
         "reasons": result.assessment.reasons,
         "used": result.used,
         "numbers": result.numbers,
@@ -129,27 +82,37 @@ def file_result(result: CalibrationResult, folder: Path) -> Filed:
         "quality": result.quality,
         "simulated": result.simulated,
     }
-    return Filed(path, page, plain(figures, str(path)))
+    return plain(figures, str(path))
 
 
-def _head(result: CalibrationResult) -> dict[str, str]:
+def _page(result: CalibrationResult, filed: CalibrationFile) -> str:
     kind = "TCP" if result.kind == "tcp" else f"{result.kind[:1].upper()}{result.kind[1:]}"
-    return {
-        "mark": "SIMULATED" if result.simulated else "",
-        "bench": ", ".join(f"{role} {serial}" for role, serial in result.serials.items()),
-        "what": f"{kind} calibration{result.part and f', {result.part}'}",
-        "details": f"samples: {result.source}",
-        "remarks": "",
-    }
-
-
-def _notices(assessment: Assessment) -> list[dict[str, str]]:
-    """Return the reasons of a verdict as the page's notices."""
-    if not assessment.reasons:
-        return [{"level": "good", "what": "All measured values are within their limits.", "advice": ""}]
-    reasons = [("bad", reason) for reason in assessment.refusals]
-    reasons += [("warn", reason) for reason in assessment.doubts]
-    return [{"level": level, "what": f"{r[:1].upper()}{r[1:]}.", "advice": ""} for level, r in reasons]
+    found = (("bad", result.assessment.refusals), ("warn", result.assessment.doubts))
+    notices = [
+        Notice(level, f"{reason[:1].upper()}{reason[1:]}.", "") for level, of in found for reason in of
+    ]
+    return render(
+        "rig.calibrate",
+        "page.html",
+        result=result,
+        head={
+            "mark": "SIMULATED" if result.simulated else "",
+            "bench": result.about,
+            "what": f"{kind} calibration{result.part and f', {result.part}'}",
+            "details": f"samples: {result.source}",
+            "remarks": "",
+        },
+        tiles=[
+            (str(result.assessment.verdict), "verdict (good, weak or refused)"),
+            (str(result.used), "samples used"),
+            (str(len(result.rejected)), "samples left out"),
+        ],
+        reasons=notices or [Notice("good", "All measured values are within their limits.", "")],
+        rotates=any('class="poses"' in picture.svg for picture in result.pictures),
+        created=f"{filed.created[:16].replace('T', ' ')} UTC",
+        software=", ".join(f"{name} {number}" for name, number in filed.software.items()),
+        inputs=filed.inputs,
+    )
 
 
 def _as_file(result: CalibrationResult) -> CalibrationFile:

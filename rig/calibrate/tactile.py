@@ -1,4 +1,7 @@
-"""`rig calibrate tactile`: a gel's scale, colour map and look from a folder of ball presses."""
+"""`rig calibrate tactile`: a gel's scale, colour map and look from ball presses, and its picture at rest.
+
+On a bench the fingers press balls of known diameter, or the fingertips take frames without contact.
+"""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
@@ -7,23 +10,26 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from calibration.gel.balls import NULL_REFUSED, BallFit, BallPress, GelScale, calibrate_gel, fit_scale
-from calibration.gel.look import GelLook
+from calibration.gel.balls import NULL_REFUSED, BallFit, GelScale, calibrate_gel, fit_scale, rim_centre
+from calibration.gel.look import visibility
 from calibration.gel.look_fit import LookFit, fit_look
-from calibration.gel.presses import rim_centre
-from calibration.gel.reference import Reference, assess_reference, drift_since
-from calibration.gel.visibility import visibility
+from calibration.gel.reference import Reference, assess_reference, drift_since, make_reference
 from calibration.verdict import Assessment, length_guess, limit
-from drivers.errors import CalibrationError
+from drivers.errors import CalibrationError, InputError
+from drivers.images import load_image
 from drivers.types import Image
+from protocols.capture_hand_eye import capture_still
+from protocols.capture_touch import Touch, capture_presses
 from rig.calibrate import figures
+from rig.calibrate.bench import Station, TouchObserver, grasp_at, touch_motions
+from rig.calibrate.figures import Picture, thumbnails
 from rig.calibrate.press_folder import PressFolder, read_press_folder
-from rig.calibrate.result import CalibrationResult, Picture, Thumbnail
+from rig.calibrate.result import CalibrationResult
+from rig.calibrate.samples import write_picture, write_table
+from rig.config import BenchConfig
 
 NOMINAL_MM_PER_PX = (0.060, 0.060)
 """Scale of a DIGIT at 240 x 320 px. Lengths in mm depend on it; the radius of a ball does not."""
-
-
 _DARK_GREY = 16.0
 _LOST_SHARE = 0.05
 """Share of the picture with a dark or saturated colour from which the calibration is doubtful."""
@@ -31,6 +37,13 @@ _GEL_SIDE_MM = (5.0, 100.0)
 """Range of the longer side of the gel in a picture; 19 mm for a DIGIT."""
 _GRID = (3, 4)
 """Columns and rows of the fields of a gel, each of which should have been pressed."""
+_FRAMES = 30
+_REACH_MM = (3.6, 5.6)
+"""How far from the gel's middle balls are pressed, across and along it."""
+_GRIP_M = (0.0006, 0.0025)
+"""Lightest and firmest press past contact, m: one and four steps of a Robotiq 3-Finger."""
+_GOLDEN = (5.0**0.5 - 1.0) / 2.0
+_CATALOG = "image,diameter(mm),x_mm,y_mm,background"
 
 
 def tactile_from_folder(
@@ -50,16 +63,19 @@ def tactile_from_folder(
     """
     presses = read_press_folder(folder, ball_mm, background, circles, untouched)
     result = CalibrationResult(
-        "tactile",
-        {"tactile": serial},
-        Assessment(),
-        str(folder),
-        rejected=presses.rejected,
+        "tactile", {"tactile": serial}, Assessment(), str(folder), rejected=presses.rejected,
         files=presses.files,
-        thumbnails=[Thumbnail.of(r, presses.folder / r.id, grey=False) for r in presses.rejected],
-    )
+        thumbnails=thumbnails(
+            presses.rejected, {r.id: presses.folder / r.id for r in presses.rejected}, grey=False
+        ),
+    )  # fmt: skip
     try:
-        scale = None if mm_per_px else _scale(presses)
+        moved = [] if mm_per_px else [p for p in presses.found if p.press.id in presses.moves_mm]
+        scale = None
+        if moved:
+            moves = np.array([presses.moves_mm[p.press.id] for p in moved])
+            centres = np.array([rim_centre(p.press) for p in moved])
+            scale = fit_scale(moves, centres, np.array([p.radius_mm for p in moved]))
         used = mm_per_px or (scale.mm_per_px if scale else NOMINAL_MM_PER_PX)
         across, along = (float(v) for v in used)
         _require_gel(presses.background, (across, along))
@@ -73,13 +89,31 @@ def tactile_from_folder(
         left_out = tuple(f"colour map left out: {reason}" for reason in assessment.reasons)
         assessment = Assessment(doubts=left_out)
     assessment += _assess_look(look) + _dark_or_saturated(fit, presses.background)
-    assessment += _assess_background(presses.background, look.look)
+    # a contact in the background shows in a comparison with the untouched parts of all presses
+    picture = presses.background
+    still = Reference(picture.astype(np.float32), 0.0, float((picture >= 250).mean()), 0)
+    touched = assess_reference(still, drift_since(still, look.look.background))
+    if touched.reasons:
+        cure = "background: take it again if anything touched the gel; give 30 frames without contact"
+        touched += Assessment(doubts=(f"{cure} with --untouched",))
+    assessment += touched
     if scale is not None:
         assessment += scale.assessment
     elif mm_per_px is None:
         assessment += Assessment(
             doubts=("mm per px is a DIGIT's nominal 0.06: give --mm-per-px, or x_mm and y_mm in catalog.csv",)
         )
+    rows, columns = fit.map.shape
+    value: dict[str, object] = {
+        "image_height": rows, "image_width": columns, "mm_per_px": (across, along)
+    }  # fmt: skip
+    if scale is not None:
+        value["pixel_aspect"] = scale.pixel_aspect
+    if mapped:
+        value["gradient_map"] = {
+            "features": "log colour change x place, calibration.gel.gradient_map",
+            "weights": fit.map.weights,
+        }
     about = {
         "serial": serial,
         "balls_mm": sorted({2.0 * p.radius_mm for p in presses.pressed}),
@@ -90,12 +124,12 @@ def tactile_from_folder(
     return replace(
         result,
         assessment=assessment,
-        value=_value(fit, (across, along), scale, mapped) | {"look": f"tactile-{serial}.npz"},
-        quality=_quality(fit, scale) | _look_quality(look),
-        numbers=_numbers(fit, (across, along), scale) | _look_numbers(look),
+        value=value | {"look": f"tactile-{serial}.npz"},
+        quality=_quality(fit, scale, look),
+        numbers=_numbers(fit, (across, along), scale, look),
         used=len(fit.true_mm),
         rejected=[*presses.rejected, *fit.rejected],
-        pictures=[*_residuals(scale, presses.background), *_pictures(fit, presses.found)],
+        pictures=_pictures(fit, presses, scale),
         attached={".npz": replace(look.look, about=about).packed()},
     )
 
@@ -154,78 +188,7 @@ def _dark_or_saturated(fit: BallFit, background: Image) -> Assessment:
     return Assessment(doubts=(text,) if lost else ())
 
 
-def _assess_background(background: Image, look: GelLook) -> Assessment:
-    """Compare the background with the untouched parts of all presses, to find a contact in it."""
-    still = Reference(background.astype(np.float32), 0.0, float((background >= 250).mean()), 0)
-    assessment = assess_reference(still, drift_since(still, look.background))
-    if assessment.reasons:
-        cure = "background: take it again if anything touched the gel; give 30 frames without contact"
-        assessment += Assessment(doubts=(f"{cure} with --untouched",))
-    return assessment
-
-
-def _look_quality(fit: LookFit) -> dict[str, object]:
-    return {
-        "look_error_share": fit.error_share,
-        "look_held_out_grey": {p.id: p.rms_grey for p in fit.held_out},
-        "look_held_out_adjusted_grey": {p.id: p.adjusted_grey for p in fit.held_out},
-        "colour_change_grey": {p.id: p.change_grey for p in fit.held_out},
-        "noise_grey": fit.look.noise.sigma_grey,
-    }
-
-
-def _look_numbers(fit: LookFit) -> dict[str, str]:
-    def rms(values: Iterable[float]) -> float:
-        return float(np.sqrt(np.mean(np.square(list(values)))))
-
-    look = fit.look
-    terms = [f"place to degree {look.place_degree}"]
-    terms += ["local background"] if look.by_background else []
-    terms += ["light lost beside a dent"] if look.shadows else []
-    seen = visibility(look)
-    noise = ", ".join(f"{sigma:.1f}" for sigma in look.noise.sigma_grey)
-    return {
-        "look, colour error of presses left out": (
-            f"{rms(p.rms_grey for p in fit.held_out):.1f} grey from their circles, "
-            f"{rms(p.adjusted_grey for p in fit.held_out):.1f} with circles adjusted, of a change of "
-            f"{rms(p.change_grey for p in fit.held_out):.1f}"
-        ),
-        "look, terms that presses left out support": ", ".join(terms),
-        "noise (R, G, B)": f"{noise} grey",
-        "colour change by a slope of 0.1 in the direction that shows least": (
-            f"{seen.median:.1f} sigma of the noise (median over the gel), {seen.worst:.1f} at worst, at "
-            f"x, y = ({seen.worst_px[0]:.0f}, {seen.worst_px[1]:.0f}) px"
-        ),
-        "JPEG quality": "no compression found" if look.jpeg_quality is None else str(look.jpeg_quality),
-    }
-
-
-def _scale(presses: PressFolder) -> GelScale | None:
-    """Fit the scale to known moves; None if the catalog has none. Raises `CalibrationError`."""
-    moved = [p for p in presses.found if p.press.id in presses.moves_mm]
-    if not moved:
-        return None
-    moves = np.array([presses.moves_mm[p.press.id] for p in moved])
-    centres = np.array([rim_centre(p.press) for p in moved])
-    return fit_scale(moves, centres, np.array([p.radius_mm for p in moved]))
-
-
-def _value(
-    fit: BallFit, mm_per_px: tuple[float, float], scale: GelScale | None, mapped: bool
-) -> dict[str, object]:
-    rows, columns = fit.map.shape
-    value: dict[str, object] = {"image_height": rows, "image_width": columns, "mm_per_px": mm_per_px}
-    if scale is not None:
-        value["pixel_aspect"] = scale.pixel_aspect
-    if mapped:
-        value["gradient_map"] = {
-            "features": "log colour change x place, calibration.gel.gradient_map",
-            "weights": fit.map.weights,
-        }
-    return value
-
-
-def _quality(fit: BallFit, scale: GelScale | None) -> dict[str, object]:
+def _quality(fit: BallFit, scale: GelScale | None, look: LookFit) -> dict[str, object]:
     quality: dict[str, object] = {
         "normal_rms_held_out": fit.normal_rms,
         "null_rms": fit.null_rms,
@@ -238,10 +201,21 @@ def _quality(fit: BallFit, scale: GelScale | None) -> dict[str, object]:
             "pixel_aspect_sigma": scale.aspect_sigma,
             "moves_missed_px": scale.residual_px,
         }
-    return quality
+    return quality | {
+        "look_error_share": look.error_share,
+        "look_held_out_grey": {p.id: p.rms_grey for p in look.held_out},
+        "look_held_out_adjusted_grey": {p.id: p.adjusted_grey for p in look.held_out},
+        "colour_change_grey": {p.id: p.change_grey for p in look.held_out},
+        "noise_grey": look.look.noise.sigma_grey,
+    }
 
 
-def _numbers(fit: BallFit, mm_per_px: tuple[float, float], scale: GelScale | None) -> dict[str, str]:
+def _numbers(
+    fit: BallFit, mm_per_px: tuple[float, float], scale: GelScale | None, look_fit: LookFit
+) -> dict[str, str]:
+    def rms(values: Iterable[float]) -> float:
+        return float(np.sqrt(np.mean(np.square(list(values)))))
+
     across, along = mm_per_px
     numbers = {"scale along x, y": f"{across:.5f}, {along:.5f} mm per px"}
     if scale is not None:
@@ -250,50 +224,183 @@ def _numbers(fit: BallFit, mm_per_px: tuple[float, float], scale: GelScale | Non
         numbers["pixel, width over height"] = f"{scale.pixel_aspect:.4f} ± {scale.aspect_sigma:.4f}"
     for radius, error in fit.radius_error().items():
         numbers[f"balls of {2 * radius:g} mm, left out"] = f"{100 * error:+.1f} % in radius (median)"
+    look, held_out = look_fit.look, look_fit.held_out
+    terms = [f"place to degree {look.place_degree}"]
+    terms += ["local background"] if look.by_background else []
+    terms += ["light lost beside a dent"] if look.shadows else []
+    seen = visibility(look)
+    noise = ", ".join(f"{sigma:.1f}" for sigma in look.noise.sigma_grey)
     return numbers | {
         "slope where nothing touches": f"{fit.null_rms:.4f}",
         "error of a normal's part, left out": f"{fit.normal_rms:.4f}",
+        "look, colour error of presses left out": (
+            f"{rms(p.rms_grey for p in held_out):.1f} grey from their circles, "
+            f"{rms(p.adjusted_grey for p in held_out):.1f} with circles adjusted, of a change of "
+            f"{rms(p.change_grey for p in held_out):.1f}"
+        ),
+        "look, terms that presses left out support": ", ".join(terms),
+        "noise (R, G, B)": f"{noise} grey",
+        "colour change by a slope of 0.1 in the direction that shows least": (
+            f"{seen.median:.1f} sigma of the noise (median over the gel), {seen.worst:.1f} at worst, at "
+            f"x, y = ({seen.worst_px[0]:.0f}, {seen.worst_px[1]:.0f}) px"
+        ),
+        "JPEG quality": "no compression found" if look.jpeg_quality is None else str(look.jpeg_quality),
     }
 
 
-def _residuals(scale: GelScale | None, background: Image) -> list[Picture]:
-    """Draw the residuals of the scale on the untouched gel; nothing without known moves of the presses."""
-    if scale is None:
-        return []
-    grey = cv2.cvtColor(background, cv2.COLOR_RGB2GRAY)
-    rows, columns = grey.shape
-    vectors = -scale.missed_px
-    shown = figures.arrows(
-        scale.centres_px - vectors, vectors, (columns, rows), "residuals", np.asarray(grey, np.uint8)
-    )
-    text = "Each arrow points from the position of a contact by motion and scale to the measured one."
-    return [Picture("Residuals of the scale", text, shown)]
-
-
-def _pictures(fit: BallFit, presses: list[BallPress]) -> list[Picture]:
+def _pictures(fit: BallFit, presses: PressFolder, scale: GelScale | None) -> list[Picture]:
+    """Draw the presses and, if their moves are known, the residuals of the scale on the untouched gel."""
     rows, columns = fit.map.shape
+    pictures = []
+    if scale is not None:
+        grey, vectors = cv2.cvtColor(presses.background, cv2.COLOR_RGB2GRAY), -scale.missed_px
+        text = "Each arrow points from the position of a contact by motion and scale to the measured one."
+        pictures.append(
+            figures.residuals(
+                "Residuals of the scale", text, scale.centres_px - vectors, vectors, grey.shape[::-1],
+                np.asarray(grey, np.uint8),
+            )
+        )  # fmt: skip
     places = {}
     for radius in sorted(set(fit.true_mm.values())):
         x, y = np.array([fit.centres_px[i] for i, true in fit.true_mm.items() if true == radius]).T
         places[f"{2 * radius:g} mm"] = x, rows - y
-    press = max((p.press for p in presses), key=lambda p: float(p.strength.max()))
+    press = max((p.press for p in presses.found), key=lambda p: float(p.strength.max()))
     x, y = np.meshgrid(np.arange(0, columns, 2), np.arange(0, rows, 2))
     at = np.column_stack([x.ravel(), y.ravel()]).astype(np.float64)
     slopes = fit.map.slopes(press.change[y.ravel(), x.ravel()], at)[:, 0].reshape(x.shape)
+    balls = {i: 2 * fit.held_out_mm[i] for i in fit.true_mm}
+    of_balls = "Estimated by the colour map that was fitted to the other presses."
+    of_places = "The colour map is not fitted where no ball was pressed."
+    of_slopes = f"{press.id}: the slope dz/dx that the colour map estimates."
     return [
-        Picture(
-            "Ball diameter of each press left out",
-            "Estimated by the colour map that was fitted to the other presses.",
-            figures.bars({i: 2 * fit.held_out_mm[i] for i in fit.true_mm}, "diameter, mm"),
-        ),
-        Picture(
-            "Where the balls were pressed",
-            "The colour map is not fitted where no ball was pressed.",
-            figures.curves(places, "x, px", "up, px", "."),
-        ),
-        Picture(
-            "Slopes of one press",
-            f"{press.id}: the slope dz/dx that the colour map estimates.",
-            figures.field(slopes, (columns, rows), "dz/dx"),
-        ),
+        *pictures,
+        figures.bars("Ball diameter of each press left out", of_balls, balls, "diameter, mm"),
+        figures.curves("Where the balls were pressed", of_places, places, "x, px", "up, px", "."),
+        figures.field("Slopes of one press", of_slopes, slopes, (columns, rows), "dz/dx"),
     ]
+
+
+def collect_tactile(station: Station, balls_mm: Sequence[float], count: int) -> list[CalibrationResult]:
+    """Press balls, each `count` times; without balls take frames at rest. Raises as these two do."""
+    return collect_presses(station, balls_mm, count) if balls_mm else collect_references(station)
+
+
+def collect_references(station: Station) -> list[CalibrationResult]:
+    """Take thirty frames of every fingertip, untouched; nothing moves.
+
+    The mean picture is kept as `tactile-reference-<serial>.png`; one kept earlier is compared with.
+    Raises `DeviceError`, `CalibrationError` for a sensor that is touched, dark or frozen.
+    """
+    results = []
+    with station.connected("Nothing moves; the fingertips take frames without contact.") as (bench, _):
+        for tip in bench.fingertips:
+            frames = [frame.image for frame in capture_still(bench, tip.sensor, _FRAMES, station.show)]
+            serial = tip.sensor.serial
+            simulated = station.config.gives_simulated(serial)
+            results.append(_reference_result(make_reference(frames), serial, station.folder, simulated))
+            station.note(f"{serial}: frames taken", len(results), len(bench.fingertips))
+    return results
+
+
+def collect_presses(station: Station, balls_mm: Sequence[float], count: int) -> list[CalibrationResult]:
+    """Press each ball at `count` places of both gels at once, and solve for scale and colour map.
+
+    The arm moves the contact over the gels by known steps; so the scale along x and y needs no
+    ruler. Raises `InputError` for balls the fingers cannot take, `OperatorStopError`, `DeviceError`.
+    """
+    config = station.config
+    if not balls_mm or min(balls_mm) < 2.0 or max(balls_mm) > 30.0:
+        raise InputError(
+            f"balls of {list(balls_mm)} mm: diameters of 2 to 30 mm make a print of a gel's size"
+        )
+    folders = {tip.serial: station.raw(f"tactile-{tip.serial}") for tip in config.tactile}
+    rows: dict[str, list[str]] = {tip.serial: [] for tip in config.tactile}
+    touches = [touch for mm in balls_mm for touch in _places(config, mm, count, station.seed)]
+    with station.connected(
+        f"The fingers will close gently on a ball on its post, {count} times for each of "
+        f"{len(balls_mm)} balls, up to {max(_REACH_MM):.0f} mm from its middle, at most "
+        f"{1e3 * _GRIP_M[1]:.1f} mm past contact.",
+        from_home=True,
+        motions=touch_motions(config, touches),
+    ) as (bench, operator):
+        watch = TouchObserver(tuple(folders), shown=station.show)
+
+        def keep(touch: Touch) -> None:
+            right, _, up = np.subtract(touch.base_T_grasp.position_m, config.table.position_m) * 1e3
+            for tip in config.tactile:
+                folder, untouched = folders[tip.serial], watch.reference[tip.serial]
+                picture, background = f"{touch.id}.png", f"untouched-{touch.id}.png"
+                write_picture(folder / picture, watch.newest[tip.serial].image)
+                write_picture(folder / background, untouched)
+                if not (folder / "background.png").exists():
+                    write_picture(folder / "background.png", untouched)
+                at = f"{-tip.sign * right:.4f},{up:.4f}"
+                rows[tip.serial].append(f"{picture},{1e3 * touch.width_m:g},{at},{background}")
+            pressed = len(rows[config.tactile[0].serial])
+            station.note(f"{touch.id}: pressed", pressed, len(touches))
+
+        capture_presses(bench, operator, watch, touches, keep)
+    for serial, folder in folders.items():
+        write_table(folder / "catalog.csv", _CATALOG, rows[serial])
+    return [
+        tactile_from_folder(folder, serial, None).marked(config.simulated)
+        for serial, folder in folders.items()
+    ]
+
+
+def _places(config: BenchConfig, ball_mm: float, count: int, seed: int) -> list[Touch]:
+    """Return places spread over the gels, pressed more and less deep."""
+    rng = np.random.default_rng((seed, 33, round(100 * ball_mm)))
+    first = rng.uniform()
+    spec = config.gripper_spec()
+    lightest, firmest = map(spec.steps_for, _GRIP_M)
+    touches = []
+    for i in range(count):
+        # a Fibonacci lattice: along the gel step by step, across it by the golden ratio
+        x, z = 2.0 * ((first + i * _GOLDEN) % 1.0) - 1.0, 2.0 * (i + 0.5) / count - 1.0
+        pose = grasp_at(config, 1e-3 * float(x) * _REACH_MM[0], 1e-3 * float(z) * _REACH_MM[1])
+        grip_m = int(rng.integers(lightest, firmest + 1)) * spec.resolution_m
+        name = f"ball of {ball_mm:g} mm on its post"
+        touches.append(Touch(f"{ball_mm:g}-{i:02d}", f"ball:{ball_mm:g}", name, pose, ball_mm / 1e3, grip_m))
+    return touches
+
+
+def _reference_result(reference: Reference, serial: str, folder: Path, simulated: bool) -> CalibrationResult:
+    path = folder / f"tactile-reference-{serial}.png"
+    drift = None
+    if path.exists():
+        earlier = load_image(path)
+        if earlier is None:
+            raise CalibrationError(f"{path}: the earlier reference cannot be read; remove it to start again")
+        drift = drift_since(reference, earlier.astype(np.float32))
+    assessment, mean = assess_reference(reference, drift), np.rint(reference.image).astype(np.uint8)
+    if not assessment.refusals:
+        write_picture(path, mean)
+    rows, columns = mean.shape[:2]
+    quality: dict[str, object] = {
+        "noise_grey": reference.noise_grey,
+        "saturated": reference.saturated,
+        "hot_pixels": reference.hot_pixels,
+    }
+    numbers = {"noise": f"{reference.noise_grey:.2f} grey", "saturated": f"{reference.saturated:.2%}"}
+    if drift is not None:
+        if np.isfinite(drift.gain).all():
+            moved = {"changed": drift.contact_share, "moved_px": drift.moved_px}
+            quality["drift"] = {"gain": drift.gain, **moved}
+        numbers["light since the earlier reference (R, G, B)"] = ", ".join(f"{g:.3f}" for g in drift.gain)
+        numbers["picture that changed shape"] = f"{drift.contact_share:.2%}"
+    return CalibrationResult(
+        "tactile",
+        {"tactile": serial},
+        assessment,
+        f"{_FRAMES} frames at rest",
+        {"image_height": rows, "image_width": columns, "reference_image": path.name},
+        quality,
+        numbers,
+        _FRAMES,
+        files=[path] if path.exists() else [],
+        pictures=[figures.image("Reference", "The mean of the frames.", mean)],
+        simulated=simulated,
+        part="reference",
+    )

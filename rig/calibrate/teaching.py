@@ -1,6 +1,6 @@
 """Teach the grasp positions of an object: move the hand there, measure the position, check all limits."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -92,7 +92,13 @@ def teach(
         found = []
         for name in lesson.positions:
             found.append(_taught(lesson, name, bench, operator))
-            say("; ".join([_said(found[-1]), *found[-1].problems]))
+            v = found[-1].values
+            told = (
+                f"'{name}': {1e3 * v['offset_m']:+.1f} mm along the object, {1e3 * v['height_m']:+.1f} mm "
+                f"over the mark, turned by {v['turn_deg']:+.1f} deg, {1e3 * v['width_m']:.1f} mm wide, "
+                f"lifted by {1e3 * v['lift_height_m']:.0f} mm"
+            )
+            say("; ".join([told, *found[-1].problems]))
         return found
 
 
@@ -145,25 +151,12 @@ def judged(config: BenchConfig, name: str, taught: Taught, lift_m: float) -> Tau
         place = Position.model_validate({"name": name, **values})
     except ValidationError as error:
         return TaughtPosition(name, values, (*problems, validation_text(error)))
-    return TaughtPosition(name, values, (*problems, *_refused(config, place)))
-
-
-def _refused(config: BenchConfig, place: Position) -> Sequence[str]:
-    """Return why a trial would refuse this position: room for the fingers, reach, limits, table, boxes."""
-    grasp, home = grasp_pose(Pose(config.table.position_m), place, 0.0), home_pose(config)
-    way = (*way_to(home, grasp), grasp.translated(z_m=place.lift_height_m))
-    found = list(make_plan(config, [], [PlannedMotion(place.name, grasp, way, TRAVEL_SPEED_M_S)]).refused)
+    # why a trial would refuse this position: reach, limits, table, boxes; room for the fingers
+    grasp = grasp_pose(Pose(config.table.position_m), place, 0.0)
+    way = (*way_to(home_pose(config), grasp), grasp.translated(z_m=place.lift_height_m))
+    problems += make_plan(config, [], [PlannedMotion(name, grasp, way, TRAVEL_SPEED_M_S)]).refused
     try:
         require_room(config.gripper_spec(), place.width_m)
     except OutOfLimitsError as error:
-        found.append(str(error))
-    return found
-
-
-def _said(found: TaughtPosition) -> str:
-    v = found.values
-    return (
-        f"'{found.name}': {1e3 * v['offset_m']:+.1f} mm along the object, {1e3 * v['height_m']:+.1f} mm over "
-        f"the mark, turned by {v['turn_deg']:+.1f} deg, {1e3 * v['width_m']:.1f} mm wide, lifted by "
-        f"{1e3 * v['lift_height_m']:.0f} mm"
-    )
+        problems.append(str(error))
+    return TaughtPosition(name, values, tuple(problems))

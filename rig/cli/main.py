@@ -11,7 +11,7 @@ import typer
 from drivers.errors import OperatorStopError, RigError
 from rig.cli.benchmark import Program, benchmark
 from rig.cli.bridge import bridge
-from rig.cli.calibrate.commands import calibrate
+from rig.cli.calibrate import calibrate
 from rig.cli.common import STOPS, Exit, begin_answer, emit_error, exit_code, say, stop_on_signals
 from rig.cli.compare import compare
 from rig.cli.doctor import doctor

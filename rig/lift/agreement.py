@@ -8,8 +8,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from calibration.time_offset import time_offset
-from calibration.timed_signal import FEWEST, TimedSignal
+from calibration.time_offset import FEWEST, TimedSignal, time_offset
 from rig.sessions.records import ClockLag, TurnsAgainst
 from rig.tactile.angles import Angles
 

@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from calibration.markers.angle import MarkerAngle
-from calibration.markers.planar import FEWEST_FRAMES, PlaneReference, wrapped_deg
+from calibration.markers.angle import FEWEST_FRAMES, MarkerAngle, PlaneReference, wrapped_deg
 from calibration.targets.aruco import Corners, Refusal
 from drivers.clock import NS_PER_S
 from drivers.errors import CalibrationError, InputError, counted

@@ -7,12 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from calibration.camera.checks import assess_camera
 from calibration.camera.files import TERMS
-from calibration.camera.intrinsics import calibrate_camera
-from calibration.hand_eye.pose_pairs import PoseSample
-from calibration.hand_eye.pose_solve import calibrate_pose_pairs
-from calibration.hand_eye.samples import Setup
+from calibration.camera.intrinsics import assess_camera, calibrate_camera
+from calibration.hand_eye.pose_pairs import PoseSample, calibrate_pose_pairs
+from calibration.hand_eye.solve import Setup
 from calibration.poses import pose_from_matrix, pose_matrix
 from calibration.targets.boards import View
 from drivers import arguments

@@ -3,7 +3,7 @@
 import json
 import re
 import subprocess
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from hashlib import sha256
 from pathlib import Path
 
@@ -17,7 +17,7 @@ from drivers.types import Pose
 from fakes.studio.calibration_scenes import MarkerPictures
 from rig.benchmark.calibration.board_scenes import BOARD, CAMERA, board_pose, render_target
 from rig.benchmark.calibration.motion_scenes import general_scene, wiggle_scene
-from rig.calibrate.bench_hand_eye import pose_row
+from rig.calibrate.samples import pose_row
 from support.command_line import rig
 from support.motions import pivot_scene
 from support.simulated_gel import SimulatedGel
@@ -102,16 +102,17 @@ def test_hand_eye_is_calibrated_on_the_simulated_bench_and_again_from_its_files(
     assert hashes != {sha256().hexdigest()}
 
 
+def write_pairs(folder: Path, rows: Mapping[str, Sequence[str]]) -> None:
+    for name, lines in rows.items():
+        (folder / name).write_text("\n".join(["id,x_m,y_m,z_m,qx,qy,qz,qw", *lines]) + "\n")
+
+
 def test_hand_eye_from_target_poses_needs_no_camera(tmp_path: Path) -> None:
     truth, samples = general_scene(np.random.default_rng(2), 15)
-    rows = {"poses.csv": [], "targets.csv": []}
-    for sample in samples:
-        seen = truth.x.inverse() @ sample.base_T_tcp @ truth.z
-        rows["poses.csv"].append(pose_row(sample.id, sample.base_T_tcp))
-        rows["targets.csv"].append(pose_row(sample.id, seen))
-    rows["targets.csv"][3] = rows["targets.csv"][3].replace(samples[3].id, "99", 1)
-    for name, lines in rows.items():
-        (tmp_path / name).write_text("\n".join(["id,x_m,y_m,z_m,qx,qy,qz,qw", *lines]) + "\n")
+    seen = [pose_row(s.id, truth.x.inverse() @ s.base_T_tcp @ truth.z) for s in samples]
+    seen[3] = seen[3].replace(samples[3].id, "99", 1)
+    poses = [pose_row(s.id, s.base_T_tcp) for s in samples]
+    write_pairs(tmp_path, {"poses.csv": poses, "targets.csv": seen})
     done = figures("hand-eye", "--from", tmp_path, "--out", tmp_path / "out")
     assert np.linalg.norm(np.subtract(done["value"]["translation_m"], truth.x.position_m)) < 1e-3
     assert {r["id"] for r in done["rejected"]} == {samples[3].id, "99"}
@@ -188,9 +189,7 @@ def write_tip_poses(folder: Path, poses: Sequence[tuple[str, Pose]], child_frame
     (folder / "poses.csv").write_text("\n".join([header, *rows]))
 
 
-def test_tip_poses_need_a_stated_frame_and_tcp_poses_are_converted(
-    tmp_path: Path,
-) -> None:
+def test_tip_poses_need_a_stated_frame_and_tcp_poses_are_converted(tmp_path: Path) -> None:
     tip, poses = pivot_scene(np.random.default_rng(0), 12)
     write_tip_poses(tmp_path, poses, "")
     done = calibrate("tcp", "--from", tmp_path, "--bench", "fake")
@@ -262,15 +261,11 @@ def test_usage_errors_are_one_line_and_exit_with_2(arguments: tuple[str, ...], s
 def test_reasons_of_rejected_rows_are_counted_on_the_terminal(count: int, tmp_path: Path) -> None:
     """Each pose stands three times, three rows are damaged; with four poses the calibration is refused."""
     truth, samples = general_scene(np.random.default_rng(0), count)
-    head = "id,x_m,y_m,z_m,qx,qy,qz,qw"
-    tables: dict[str, list[str]] = {"poses.csv": [head], "targets.csv": [head]}
-    for i, sample in enumerate(samples * 3):
-        seen = truth.x.inverse() @ sample.base_T_tcp @ truth.z
-        for rows, pose in zip(tables.values(), (sample.base_T_tcp, seen), strict=True):
-            rows.append(f"{i:03d}," + ",".join(f"{v:.9f}" for v in (*pose.position_m, *pose.quaternion_xyzw)))
-    tables["poses.csv"] += ["900,0,0,0,0,0,0,", "901,0,0,0,0,0,x,1", "001,0,0,0,0,0,0,1"]
-    for name, rows in tables.items():
-        (tmp_path / name).write_text("\n".join(rows))
+    named = [(f"{i:03d}", sample.base_T_tcp) for i, sample in enumerate(samples * 3)]
+    poses = [pose_row(name, pose) for name, pose in named]
+    seen = [pose_row(name, truth.x.inverse() @ pose @ truth.z) for name, pose in named]
+    poses += ["900,0,0,0,0,0,0,", "901,0,0,0,0,0,x,1", "001,0,0,0,0,0,0,1"]
+    write_pairs(tmp_path, {"poses.csv": poses, "targets.csv": seen})
     done = calibrate("hand-eye", "--from", tmp_path, "--out", tmp_path)
     assert done.returncode == (2 if count == 4 else 0)
     lines = [line for line in done.stderr.splitlines() if line.startswith("left out")]

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import yaml
 
-from calibration.hand_eye.samples import Setup
+from calibration.hand_eye.solve import Setup
 from calibration.targets.boards import parse_target
 from calibration.verdict import Verdict
 from drivers.errors import DeviceError, InputError
@@ -26,13 +26,12 @@ from fakes.world.world import World
 from rig.bench.operators import ConsoleOperator
 from rig.benchmark.wire.campaign import as_real
 from rig.calibrate.bench import Station, grasp_at
-from rig.calibrate.bench_camera import collect_camera
-from rig.calibrate.bench_clocks import WiggleObserver, collect_streams
-from rig.calibrate.bench_hand_eye import collect_hand_eye
-from rig.calibrate.bench_tactile import collect_presses
-from rig.calibrate.bench_tip import collect_openings, collect_tip
-from rig.calibrate.from_tables import tip_from_folder
+from rig.calibrate.camera import collect_camera
+from rig.calibrate.clocks import WiggleObserver, collect_streams
+from rig.calibrate.gripper import collect_openings, collect_tip, tip_from_folder
+from rig.calibrate.hand_eye import collect_hand_eye
 from rig.calibrate.result import file_result
+from rig.calibrate.tactile import collect_presses
 from rig.config import BenchConfig, load_bench
 from rig.config.write import write_bench
 from support.benches import lighter
@@ -144,14 +143,14 @@ def test_ball_presses_give_pixel_aspect_and_scale(tmp_path: Path) -> None:
         # one ball size does not determine the gel's bulge: its scale is up to a tenth too large
         assert 1.0 < outcome.value["mm_per_px"][0] / truth[0] < 1.12
         filed = file_result(outcome, tmp_path)
-        content = yaml.safe_load(filed.path.read_text())
+        content = yaml.safe_load(Path(filed["file"]).read_text())
         assert content["pixel_aspect"] == pytest.approx(measured)
-        assert filed.page.read_text().count('<svg role="img"') >= 3
+        assert Path(filed["page"]).read_text().count('<svg role="img"') >= 3
 
 
 def test_ball_presses_are_stored_for_each_fingertip(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """`tests/cli/test_calibrate.py` solves such a folder."""
-    monkeypatch.setattr("rig.calibrate.bench_tactile.tactile_from_folder", Mock())
+    monkeypatch.setattr("rig.calibrate.tactile.tactile_from_folder", Mock())
     assert len(collect_presses(station(tmp_path, bench=lighter(tip_hz=15.0)), [12.0], 2)) == 2
     placed = {}
     for serial in ("SIM-D0001", "SIM-D0002"):

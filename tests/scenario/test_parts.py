@@ -15,9 +15,8 @@ from protocols.grasps import find_grasp_file
 from rig.bench.operators import ConsoleOperator
 from rig.bench.source import session_bench
 from rig.calibrate.bench import Station
-from rig.calibrate.bench_camera import collect_camera
-from rig.calibrate.bench_clocks import collect_streams
-from rig.calibrate.from_tables import sync_from_folder
+from rig.calibrate.camera import collect_camera
+from rig.calibrate.clocks import collect_streams, sync_from_folder
 from rig.config import BENCHES, load_bench
 from rig.experiments.pose_attempt import RecordSettings
 from rig.experiments.record import run_record

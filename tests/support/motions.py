@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from calibration.hand_eye.pose_pairs import PoseSample
-from calibration.hand_eye.samples import HandEyeSample, Setup
+from calibration.hand_eye.solve import HandEyeSample, Setup
 from drivers.types import Pose
 from rig.benchmark.calibration.motion_scenes import (
     NOISE,

@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from calibration.camera.model import CameraModel
-from calibration.hand_eye.samples import HandEyeSample, Setup
+from calibration.hand_eye.solve import HandEyeSample, Setup
 from calibration.targets.boards import Marker, View
-from calibration.timed_signal import TimedSignal, make_stream
+from calibration.time_offset import TimedSignal, make_stream
 from drivers.types import Pose
 
 Array = NDArray[np.floating]

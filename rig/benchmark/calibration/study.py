@@ -14,15 +14,17 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.camera.checks import assess_camera, camera_difference_px
-from calibration.camera.intrinsics import CameraFit, calibrate_camera, predict
+from calibration.camera.intrinsics import (
+    CameraFit,
+    assess_camera,
+    calibrate_camera,
+    camera_difference_px,
+    predict,
+)
 from calibration.camera.model import CameraModel
-from calibration.gel.balls import BallPress, calibrate_gel
-from calibration.gel.presses import find_press
-from calibration.hand_eye.samples import Setup
-from calibration.hand_eye.solve import HandEyeResult, calibrate_hand_eye
-from calibration.markers.angle import MarkerAngle
-from calibration.markers.planar import wrapped_deg
+from calibration.gel.balls import BallPress, calibrate_gel, find_press
+from calibration.hand_eye.solve import HandEyeResult, Setup, calibrate_hand_eye
+from calibration.markers.angle import MarkerAngle, wrapped_deg
 from calibration.markers.tracker import MarkerTracker, Refine
 from calibration.targets import aruco
 from calibration.targets.aruco import Refusal

@@ -27,8 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
-from calibration.gel.look import GelLook
-from calibration.gel.visibility import change_by_slope
+from calibration.gel.look import GelLook, change_by_slope
 from drivers.errors import CalibrationError
 from drivers.types import Image
 from rig.tactile.contact.relative import DARK_OFFSET, upper_median

@@ -10,21 +10,16 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from calibration.camera.checks import assess_camera
-from calibration.camera.intrinsics import calibrate_camera
+from calibration.camera.intrinsics import assess_camera, calibrate_camera
 from calibration.camera.model import CameraModel
-from calibration.gel.balls import BallPress, calibrate_gel
-from calibration.gel.presses import Press, find_press
-from calibration.gel.reference import assess_reference, drift_since, make_reference
-from calibration.markers.angle import MarkerAngle
-from calibration.markers.planar import PlanarAngle
+from calibration.gel.balls import BallPress, Press, calibrate_gel, find_press
+from calibration.gripper import Direction, OpeningSample, calibrate_opening
+from calibration.markers.angle import MarkerAngle, PlanarAngle
 from calibration.markers.tracker import MarkerTracker
-from calibration.opening import Direction, GripperResult, OpeningSample, calibrate_opening
 from calibration.poses import pose_from_matrix, pose_from_quaternion, pose_from_rotation_vector
 from calibration.targets.aruco import Refusal, refine_edges
 from calibration.targets.boards import View, parse_target
-from calibration.time_offset import time_offset
-from calibration.timed_signal import TimedSignal, make_stream
+from calibration.time_offset import TimedSignal, make_stream, time_offset
 from drivers.errors import RigError
 from drivers.types import Pose
 from fakes.studio.calibration_scenes import MarkerPictures
@@ -205,30 +200,6 @@ def test_picture_without_a_round_press_is_refused(change: Callable[[Image], Imag
     assert reason in refusal(lambda: find_press(picture, GEL.reference, "press"))
 
 
-def reference_reasons(frames: list[Image]) -> str:
-    reference = make_reference(frames)
-    return "; ".join(assess_reference(reference, drift_since(reference, GEL.reference)).reasons)
-
-
-def test_unusable_gel_reference_is_refused() -> None:
-    draws, touched = rng(), GEL.presses(1)[0].image
-    still = [GEL.frame(draws) for _ in range(10)]
-
-    def lit(*gain: float) -> list[Image]:
-        return [np.clip(frame * np.array(gain), 0, 255).astype(np.uint8) for frame in still]
-
-    other = SimulatedGel(seed=8)
-    for frames, reason in (
-        (lit(0.05, 1.0, 1.0), "LED went out"),
-        (lit(0.8, 0.8, 0.8), "light changed"),
-        (lit(6.0, 6.0, 6.0), "saturated"),
-        ([touched] * 10, "changed shape"),
-        ([other.frame(draws) for _ in range(10)], "changed shape"),
-        ([*still[:6], *[touched] * 6], "changed while"),
-    ):
-        assert reason in refusal(lambda frames=frames: reference_reasons(frames))
-
-
 def test_three_presses_are_too_few_for_a_colour_map() -> None:
     found = [(find_press(p.image, GEL.reference, p.name), p.radius_mm) for p in GEL.presses(3)]
     presses = [BallPress(press, radius_mm) for press, radius_mm in found if isinstance(press, Press)]
@@ -256,29 +227,21 @@ def test_streams_without_overlap_are_refused() -> None:
     assert "overlap" in "; ".join(time_offset(robot, later).assessment.reasons)
 
 
-def openings(*more: OpeningSample) -> list[OpeningSample]:
-    samples = [
-        OpeningSample(f"{way} {counts}", counts, 0.12 - 0.0005 * counts, way)
-        for way in Direction
-        for counts in range(10, 210, 20)
-    ]
-    return [*samples, *more]
-
-
-def closing_at_100_m(found: GripperResult) -> float:
-    """Opening at 100 counts in the table of closing fingers, m."""
-    table = found.tables[Direction.CLOSING]
-    return float(np.interp(100.0, table.counts, table.opening_m))
-
-
 @pytest.mark.parametrize(
     ("counts", "opening_m"), [(300.0, 0.05), (100.0, 50.0), (100.0, float("nan"))],
     ids=["counts above 255", "opening in mm", "NaN"],
 )  # fmt: skip
 def test_bad_opening_is_left_out_and_named(counts: float, opening_m: float) -> None:
-    found = calibrate_opening(openings(OpeningSample("bad", counts, opening_m, Direction.CLOSING)))
+    samples = [OpeningSample("bad", counts, opening_m, Direction.CLOSING)]
+    samples += [
+        OpeningSample(f"{way} {at}", at, 0.12 - 0.0005 * at, way)
+        for way in Direction
+        for at in range(10, 210, 20)
+    ]
+    found = calibrate_opening(samples)
     assert [rejected.id for rejected in found.rejected] == ["bad"]
-    assert closing_at_100_m(found) == pytest.approx(0.07, abs=1e-6)
+    table = found.tables[Direction.CLOSING]
+    assert np.interp(100.0, table.counts, table.opening_m) == pytest.approx(0.07, abs=1e-6)
 
 
 def matrix_with(turn: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -6,12 +6,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calibration.camera.checks import assess_camera, camera_difference_px, projection_sigma_px
-from calibration.camera.intrinsics import CameraFit, calibrate_camera, predict
-from calibration.targets.boards import Chessboard, Marker, Target, View, parse_target, usable_views
+from calibration.camera.intrinsics import (
+    CameraFit,
+    assess_camera,
+    calibrate_camera,
+    camera_difference_px,
+    predict,
+    projection_sigma_px,
+)
+from calibration.targets.boards import Chessboard, Marker, Target, View, outside, parse_target, usable_views
 from calibration.targets.sheets import sheet_svg
 from calibration.verdict import Verdict
-from drivers.errors import InputError
+from drivers.errors import CalibrationError, InputError
 from drivers.images import read_image
 from drivers.types import Pose
 from rig.benchmark.calibration.board_scenes import BOARD, CAMERA, board_pose, render_target
@@ -137,3 +143,29 @@ def _found(target: Target, photos: list[Path]) -> list[View]:
     views = [target.find(read_image(p, grey=True), p.name) for p in photos]
     assert views
     return [view for view in views if isinstance(view, View)]
+
+
+@pytest.mark.parametrize(
+    ("size", "swapped"), [((720, 1280), True), ((640, 480), False), ((1280, 500), False), ((900, 720), False)]
+)
+def test_points_outside_the_stated_size_are_refused(size: tuple[int, int], swapped: bool) -> None:
+    with pytest.raises(CalibrationError, match=f"outside the picture of {size[0]} x {size[1]} px") as refused:
+        calibrate_camera([replace(view, size=size) for view in views(10)])
+    assert ("are width and height swapped?" in str(refused.value)) is swapped
+
+
+def test_one_view_with_a_point_outside_is_enough() -> None:
+    seen = views(10)
+    beyond = seen[4].image_px.copy()
+    beyond[3] = (1290.0, 300.0)
+    seen[4] = replace(seen[4], image_px=beyond, id="04")
+    with pytest.raises(CalibrationError, match=r"view 04: 1 point outside .* as at \(1290, 300\)"):
+        calibrate_camera(seen)
+
+
+def test_points_refined_at_the_border_are_inside() -> None:
+    (view,) = views(1)
+    for point, inside in ((-0.9, True), (-1.5, False), (1279.9, True), (1281.0, False)):
+        seen = view.image_px.copy()
+        seen[0, 0] = point
+        assert (outside(replace(view, image_px=seen)) is None) is inside

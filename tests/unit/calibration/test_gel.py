@@ -6,9 +6,16 @@ import cv2
 import numpy as np
 import pytest
 
-from calibration.gel.balls import BallFit, BallPress, ball_radius_mm, calibrate_gel, fit_scale
+from calibration.gel.balls import (
+    BallFit,
+    BallPress,
+    Press,
+    ball_radius_mm,
+    calibrate_gel,
+    find_press,
+    fit_scale,
+)
 from calibration.gel.gradient_map import GradientMap, fit_gradient_map
-from calibration.gel.presses import Press, find_press
 from calibration.gel.reference import assess_reference, drift_since, make_reference
 from calibration.verdict import Verdict
 from drivers.errors import CalibrationError
@@ -90,15 +97,26 @@ def test_a_reference_is_judged_against_the_earlier_one() -> None:
         drift_since(same, earlier[:100])
 
 
-def test_invalid_references_are_rejected() -> None:
-    for frames, seen in (
+def test_unusable_references_are_refused_with_the_reason() -> None:
+    other = SimulatedGel(seed=8)
+    for frames, reason in (
         ([], "at least 5 are needed"),
         (_still((0.0, 0.0, 0.0)), "alike"),
         (_still((0.03, 0.03, 0.03)), "dark"),
         ([*_still(), np.zeros((9, 9, 3), np.uint8)], "differ"),
+        (_still((0.05, 1.0, 1.0)), "LED went out"),
+        (_still((0.8, 0.8, 0.8)), "light changed"),
+        (_still((6.0, 6.0, 6.0)), "saturated"),
+        (_still(press=True), "changed shape"),
+        ([other.frame(np.random.default_rng(i)) for i in range(10)], "changed shape"),
+        ([*_still(count=6), *_still(count=6, press=True)], "changed while"),
     ):
-        with pytest.raises(CalibrationError, match=seen):
-            make_reference(frames)
+        try:
+            reference = make_reference(frames)
+            said = str(assess_reference(reference, drift_since(reference, GEL.reference)))
+        except CalibrationError as error:
+            said = str(error)
+        assert reason in said
 
 
 def test_scales_along_x_and_y_are_distinguished() -> None:

@@ -7,9 +7,15 @@ import numpy as np
 import pytest
 
 from calibration.camera.model import CameraModel, CameraUncertainty
-from calibration.hand_eye.closed_form import park, shah
-from calibration.hand_eye.samples import HandEyeSample, Setup, make_problem, target_poses
-from calibration.hand_eye.solve import calibrate_hand_eye, next_pose
+from calibration.hand_eye.refine import park, shah
+from calibration.hand_eye.solve import (
+    HandEyeSample,
+    Setup,
+    calibrate_hand_eye,
+    make_problem,
+    next_pose,
+    target_poses,
+)
 from calibration.verdict import Verdict
 from drivers.types import Pose
 from rig.benchmark.calibration.motion_scenes import CAMERA, general_scene
@@ -144,10 +150,14 @@ def test_invalid_samples_are_left_out_and_named() -> None:
         replace(samples[2], id="mm", base_T_tcp=Pose((450.0, 10.0, 300.0))),
         replace(samples[3], id="again"),
         replace(samples[4], id="size", view=replace(samples[4].view, size=(640, 480))),
+        replace(
+            samples[6], id="outside", view=replace(samples[6].view, image_px=samples[6].view.image_px + 2e3)
+        ),
         replace(samples[5], id="quaternion", base_T_tcp=Pose((0.4, 0.0, 0.3), (0.0, 0.0, 0.0, 0.9))),
     ]
     result = solved([*samples, *odd])
     assert {r.id for r in result.rejected} == {o.id for o in odd}
+    assert [r.id for r in result.rejected if "outside the picture" in r.reason] == ["outside"]
     assert result.pose is not None
     assert truth.error(result.pose)[0] < 1.0
 

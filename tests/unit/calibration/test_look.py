@@ -9,10 +9,8 @@ import cv2
 import numpy as np
 import pytest
 
-from calibration.gel.look import load_look
-from calibration.gel.look_fit import LookFit, ball_dent, fit_look
-from calibration.gel.untouched import Pressed, jpeg_quality
-from calibration.gel.visibility import visibility
+from calibration.gel.look import load_look, visibility
+from calibration.gel.look_fit import LookFit, Pressed, ball_dent, fit_look, jpeg_quality
 from drivers.errors import CalibrationError
 from fakes.gel.sensor import GelSensor
 from rig.tactile.contact.relative import RelativeDifference

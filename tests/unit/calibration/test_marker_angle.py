@@ -5,15 +5,9 @@ import numpy as np
 import pytest
 
 from calibration.camera.model import CameraModel
-from calibration.markers.angle import MarkerAngle, assess_markers
-from calibration.markers.planar import PlanarAngle
+from calibration.markers.angle import MarkerAngle, PlanarAngle, assess_markers
 from calibration.markers.tracker import MarkerTracker, Refine
-from calibration.targets.aruco import (
-    Refusal,
-    detector,
-    refine_edges,
-    refine_quick,
-)
+from calibration.targets.aruco import Refusal, detector, refine_edges, refine_quick
 from calibration.verdict import Verdict
 from drivers.errors import CalibrationError
 from fakes.studio.calibration_scenes import MarkerPictures

@@ -85,29 +85,22 @@ def test_frame_with_a_hidden_marker_is_refused(scene):
             assert tracker.detect(hidden(gray, marker)) is Refusal.ONE_HIDDEN
 
 
-def test_duplicate_marker_in_the_first_frame_is_refused(scene):
-    gray, exact = picture(scene, seen_from()), scene.exact_corners_px(seen_from())
-    tracker = MarkerTracker((0, 1))
-    assert tracker.detect(copied(gray, exact[0], (60, 60))) is Refusal.DUPLICATE
-
-
-def test_duplicate_marker_alone_is_refused_as_a_jump(scene):
-    gray, exact = picture(scene, seen_from()), scene.exact_corners_px(seen_from())
-    tracker = MarkerTracker((0, 1))
-    tracker.detect(gray)
-    phantom = copied(hidden(gray, exact[0]), exact[0], (60, 60))
-    phantom[60:120, 60:120] = copied(gray, exact[0], (60, 60))[60:120, 60:120]
-    assert tracker.detect(phantom) is Refusal.JUMP
-
-
-def test_two_copies_as_near_as_each_other_are_refused(scene):
+def test_copies_of_a_marker_are_refused(scene):
     gray, (first, _) = picture(scene, seen_from()), scene.exact_corners_px(seen_from())
-    tracker = MarkerTracker((0, 1))
-    tracker.detect(gray)
+    beside = copied(gray, first, (60, 60))
+    alone = hidden(beside, first)
     x, y = first.min(axis=0).astype(int) - 8
-    above = copied(gray, first, (x, y - 30))
-    above[y + 30 :] = copied(gray, first, (x, y + 30))[y + 30 :]
-    assert tracker.detect(above) is Refusal.DUPLICATE
+    equally_near = copied(gray, first, (x, y - 30))
+    equally_near[y + 30 :] = copied(gray, first, (x, y + 30))[y + 30 :]
+    for before, seen, refusal in (
+        ([], beside, Refusal.DUPLICATE),
+        ([gray], alone, Refusal.JUMP),
+        ([gray], equally_near, Refusal.DUPLICATE),
+    ):
+        tracker = MarkerTracker((0, 1))
+        for known in before:
+            tracker.detect(known)
+        assert tracker.detect(seen) is refusal
 
 
 def test_markers_are_found_at_a_new_position_after_missed_frames(scene):

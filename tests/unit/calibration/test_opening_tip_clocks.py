@@ -4,10 +4,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from calibration.opening import Direction, OpeningSample, calibrate_opening
-from calibration.time_offset import time_offset
-from calibration.timed_signal import make_stream, turning_rate
-from calibration.tool_tip import calibrate_pivot
+from calibration.gripper import Direction, OpeningSample, calibrate_opening, calibrate_pivot
+from calibration.time_offset import make_stream, time_offset, turning_rate
 from calibration.verdict import Verdict
 from drivers.errors import CalibrationError
 from drivers.types import Pose

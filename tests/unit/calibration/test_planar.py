@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from calibration.camera.model import CameraModel
-from calibration.markers.planar import fit_plane, in_plane_angle
+from calibration.markers.angle import fit_plane, in_plane_angle
 from drivers.errors import CalibrationError
 from support.marks import long
 

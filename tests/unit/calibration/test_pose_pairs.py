@@ -7,9 +7,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 from scipy.stats import f as f_distribution
 
-from calibration.hand_eye.pose_solve import calibrate_pose_pairs
-from calibration.hand_eye.samples import Setup
-from calibration.hand_eye.solve import HandEyeResult
+from calibration.hand_eye.pose_pairs import calibrate_pose_pairs
+from calibration.hand_eye.solve import HandEyeResult, Setup
 from calibration.verdict import Verdict
 from drivers.types import Pose
 from rig.benchmark.calibration.motion_scenes import Truth

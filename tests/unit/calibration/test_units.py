@@ -5,34 +5,22 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calibration.opening import Direction, OpeningSample, calibrate_opening
+from calibration.gripper import Direction, OpeningSample, calibrate_opening, calibrate_pivot
 from calibration.poses import pose_fault
-from calibration.timed_signal import make_stream
-from calibration.tool_tip import calibrate_pivot
+from calibration.time_offset import make_stream
 from calibration.verdict import Verdict
-from drivers.errors import CalibrationError, InputError
-from drivers.images import encode_png
+from drivers.errors import CalibrationError
 from drivers.types import Pose
-from rig.calibrate.from_tables import gripper_from_folder
-from rig.calibrate.tactile import read_press_folder, tactile_from_folder
+from rig.calibrate.gripper import gripper_from_folder
 from support.motions import pivot_scene
-from support.simulated_gel import SimulatedGel
-
-IN_MM = {"metres": 1e-3, "cm": 0.1, "inches": 1 / 25.4, "micrometres": 1e3}
-"""How much smaller the number of a length is than its number of mm."""
-GEL = SimulatedGel(seed=3)
-units = pytest.mark.parametrize("unit", IN_MM)
-
-
-def _write_presses(folder: Path) -> None:
-    (folder / "background.png").write_bytes(encode_png(np.rint(GEL.reference).astype(np.uint8)))
-    for number, press in enumerate(GEL.presses(2)):
-        (folder / f"{number:06d}.png").write_bytes(encode_png(press.image))
+from support.units import IN_MM, units
 
 
 @units
-@pytest.mark.parametrize("mm_per_count", [0.25, 0.6, 0.9])
-@pytest.mark.parametrize("counts", [range(10, 230, 24), range(100, 160, 8)], ids=["all", "the middle"])
+@pytest.mark.parametrize(
+    ("mm_per_count", "counts"),
+    [(0.25, range(10, 230, 24)), (0.6, range(100, 160, 8)), (0.9, range(10, 230, 24))],
+)
 def test_gripper_table_of_another_unit_is_refused(
     unit: str, mm_per_count: float, counts: range, tmp_path: Path
 ) -> None:
@@ -94,23 +82,3 @@ def test_times_of_another_unit_are_refused(factor: float, said: str, rate_hz: in
         pytest.skip("such a stream could be one of 1 to 8 Hz")
     with pytest.raises(CalibrationError, match=said.replace("?", r"\?")):
         make_stream(times, np.sin(np.arange(len(times))), "camera")
-
-
-@units
-def test_ball_diameter_of_another_unit_is_refused(unit: str, tmp_path: Path) -> None:
-    _write_presses(tmp_path)
-    diameter = 8.8 * IN_MM[unit]
-    with pytest.raises(InputError, match=rf"fit a gel; in .*{unit}.*\?"):
-        read_press_folder(tmp_path, ball_mm=diameter)
-    (tmp_path / "catalog.csv").write_text(f"image,diameter(mm)\n000000.png,{diameter}\n")
-    with pytest.raises(InputError, match=rf"line 2: .*; in .*{unit}.*\?"):
-        read_press_folder(tmp_path)
-
-
-@units
-def test_scale_of_a_gel_in_another_unit_is_refused(unit: str, tmp_path: Path) -> None:
-    _write_presses(tmp_path)
-    scale = 0.06 * IN_MM[unit]
-    found = tactile_from_folder(tmp_path, "T1", (scale, scale), ball_mm=8.8)
-    assert found.assessment.verdict is Verdict.REFUSED
-    assert unit in str(found.assessment).split("; in ")[1]

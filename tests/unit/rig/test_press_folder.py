@@ -6,13 +6,15 @@ import cv2
 import numpy as np
 import pytest
 
+from calibration.verdict import Verdict
 from drivers.errors import InputError
 from drivers.images import encode_png, load_image
 from rig.benchmark.segmentation import read_presses
 from rig.calibrate.press_folder import read_press_folder
-from rig.calibrate.tactile import unpressed_fields
+from rig.calibrate.tactile import tactile_from_folder, unpressed_fields
 from rig.config.load import load_bench, parse_bench
 from support.simulated_gel import SimulatedGel
+from support.units import IN_MM, units
 
 GEL = SimulatedGel(seed=3)
 LOOK_BENCH = 'name = "desk"\n[[tactile]]\ndriver = "fake"\nserial = "S1"\n'
@@ -96,3 +98,29 @@ def test_repeated_press_counts_once(folder: Path, copy: str) -> None:
     presses = read_press_folder(folder)
     assert len(presses.pressed) == len(presses.found) == 2
     assert [(r.id, r.reason) for r in presses.rejected] == [(name, "same press as 000000.png")]
+
+
+@pytest.mark.parametrize("centre", [(119, 500), (300, 100), (-4, 100)])
+def test_circle_outside_its_picture_is_rejected(centre: tuple[int, int], folder: Path) -> None:
+    (folder / "circles.csv").write_text(f"frame,center_x,center_y,radius\n0,{centre[0]},{centre[1]},40\n")
+    presses = read_press_folder(folder, ball_mm=8.8)
+    assert [press.id for press in presses.pressed] == ["000001.png"]
+    assert "outside the picture of 240 x 320 px" in presses.rejected[0].reason
+
+
+@units
+def test_ball_diameter_of_another_unit_is_refused(unit: str, folder: Path) -> None:
+    diameter = 8.8 * IN_MM[unit]
+    with pytest.raises(InputError, match=rf"fit a gel; in .*{unit}.*\?"):
+        read_press_folder(folder, ball_mm=diameter)
+    (folder / "catalog.csv").write_text(f"image,diameter(mm)\n000000.png,{diameter}\n")
+    with pytest.raises(InputError, match=rf"line 2: .*; in .*{unit}.*\?"):
+        read_press_folder(folder)
+
+
+@units
+def test_scale_of_a_gel_in_another_unit_is_refused(unit: str, folder: Path) -> None:
+    scale = 0.06 * IN_MM[unit]
+    found = tactile_from_folder(folder, "T1", (scale, scale), ball_mm=8.8)
+    assert found.assessment.verdict is Verdict.REFUSED
+    assert unit in str(found.assessment).split("; in ")[1]

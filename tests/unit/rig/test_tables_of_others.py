@@ -5,9 +5,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calibration.opening import Direction
-from rig.calibrate.from_tables import gripper_from_folder, sync_from_folder
-from rig.calibrate.sources import read_poses, read_stream
+from calibration.gripper import Direction
+from rig.calibrate.clocks import sync_from_folder
+from rig.calibrate.gripper import gripper_from_folder
+from rig.calibrate.samples import read_poses, read_stream
 from rig.frames.times import times_from_table
 
 

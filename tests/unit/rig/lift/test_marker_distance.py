@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from calibration.camera.model import CameraModel
-from calibration.markers.planar import fit_plane
+from calibration.markers.angle import fit_plane
 from drivers.types import Pose
 from fakes.camera.marker_scene import MarkerScene
 from rig.config import BenchConfig

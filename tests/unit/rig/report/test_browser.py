@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from calibration.verdict import floor, limit
 from drivers.types import Pose
 from rig.calibrate import figures
-from rig.calibrate.result import CalibrationResult, Picture, file_result
+from rig.calibrate.result import CalibrationResult, file_result
 from rig.report.compare import compare_lifts
 from rig.report.compare_page import compare_page
 from rig.report.parts import Table
@@ -72,16 +72,18 @@ def calibration(folder: Path) -> Path:
     places = np.random.default_rng(0).uniform(20, 460, (40, 2))
     samples = {f"sample {i:03d}": 0.001 * (i + 1) for i in range(40)}
     curve = np.linspace(0.0, 1.0, 50), np.linspace(-0.004, 0.004, 50)
-    charts = (
-        figures.bars(samples, "px", limit=0.03),
-        figures.field(np.ones((6, 8)), (640, 480), "sigma, px", places),
-        figures.arrows(places, places / 1e4, (640, 480), "misses"),
-        figures.arrows(places, places / 1e4, (640, 480), "misses", np.full((480, 640), 90, np.uint8)),
-        figures.curves({"arm": curve, "camera SIM-C0001, moved": curve}, "s", "value"),
-        figures.curves({"points": (places[:, 0], places[:, 1])}, "x, px", "up, px", "."),
-        figures.poses({"TCP": POSES, "camera": [Pose((0.9, 0.1, 0.4))], "base": [Pose((0.0, 0.0, 0.0))]}),
-    )
-    pictures = [Picture(f"Chart {i}", "What it shows.", chart) for i, chart in enumerate(charts)]
+    text, grey = "What it shows.", np.full((480, 640), 90, np.uint8)
+    streams, points = {"arm": curve, "camera SIM-C0001, moved": curve}, {"points": tuple(places.T)}
+    placed = {"TCP": POSES, "camera": [Pose((0.9, 0.1, 0.4))], "base": [Pose((0.0, 0.0, 0.0))]}
+    pictures = [
+        figures.bars("Bars", text, samples, "px", limit=0.03),
+        figures.field("Field", text, np.ones((6, 8)), (640, 480), "sigma, px", places),
+        figures.residuals("Residuals", text, places, places / 1e4, (640, 480)),
+        figures.residuals("Residuals on a picture", text, places, places / 1e4, (640, 480), grey),
+        figures.curves("Curves", text, streams, "s", "value"),
+        figures.curves("Points", text, points, "x, px", "up, px", "."),
+        figures.poses(text, placed),
+    ]
     numbers = {
         "to add to the stream": "1.2 ms",
         "a long name of a number with a long value": "2 " * 30,
@@ -93,7 +95,7 @@ def calibration(folder: Path) -> Path:
         "sync", {"stream": "SIM-C0001"}, checked, "folder", {"add_to_stream_s": 0.001},
         numbers=numbers, used=40, pictures=pictures, simulated=True,
     )  # fmt: skip
-    return file_result(result, folder).page
+    return Path(file_result(result, folder)["page"])
 
 
 POSES = [

@@ -1,9 +1,11 @@
-"""Time offsets on a bench, from one motion of an object with markers that all devices recorded.
+"""`rig calibrate sync`: time offsets between streams that recorded one motion, from tables or on a bench.
 
-The arm wiggles it and is the reference; without an arm, a person turns it by hand, and the camera is.
+On a bench an object with markers is moved. The arm wiggles it and is the reference; without an arm, a person
+turns it by hand, and the camera is.
 """
 
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -11,6 +13,8 @@ from numpy.typing import NDArray
 
 from calibration.markers.tracker import MarkerTracker
 from calibration.targets.aruco import Refusal
+from calibration.time_offset import time_offset
+from drivers.clock import NS_PER_S
 from drivers.errors import CalibrationError, InputError, counted
 from drivers.interfaces import Arm
 from drivers.progress import steps
@@ -19,9 +23,10 @@ from protocols.capture_touch import Stroke, Touch, capture_turning_by_hand, capt
 from protocols.grasps import find_grasp_file
 from protocols.observer import Phase
 from rig.bench.twins import refuse_undrawn
-from rig.calibrate.bench import Station, TouchObserver, grasp_at, touch_motions, write_table
-from rig.calibrate.from_tables import sync_from_folder
+from rig.calibrate import figures
+from rig.calibrate.bench import Station, TouchObserver, grasp_at, touch_motions
 from rig.calibrate.result import CalibrationResult
+from rig.calibrate.samples import read_stream, write_table
 from rig.config import BenchConfig
 
 ARM = "arm"
@@ -34,6 +39,44 @@ MOST_LAG_S, LAG_STEP_S = 0.5, 0.01
 """Lags at which the patterns of a gel are compared with the markers' angle, as `--search` by default."""
 _FIRM_M = 0.0037
 """Closing past contact, m, six steps of a Robotiq 3-Finger: holds a block at its middle without slip."""
+
+
+def sync_from_folder(folder: Path, first: str, second: str, search_s: float) -> CalibrationResult:
+    """Find the offset of two CSV files of one motion, `<name>.csv` with time_ns (or t_s) and value."""
+    paths = [folder / f"{name}.csv" for name in (first, second)]
+    one, other = (read_stream(path) for path in paths)
+    found = time_offset(one, other, search_s)
+    quality = {
+        "sigma_s": found.sigma_s,
+        "drift_sigma_ppm": found.drift_sigma_ppm,
+        "explained": found.explained,
+    }
+    value, numbers, pictures = {}, {}, []
+    if found.offset_s is not None:
+        value = {
+            "reference": first,
+            "stream": second,
+            "add_to_stream_s": found.offset_s,
+            "drift_ppm": found.drift_ppm,
+        }
+        numbers = {
+            "to add to the stream": f"{1e3 * found.offset_s:.3f} ± {1e3 * (found.sigma_s or 0.0):.3f} ms",
+            "motion explained": f"{found.explained:.1%}",
+        }
+        if found.drift_ppm is not None:
+            numbers["drift of the clocks"] = (
+                f"{found.drift_ppm:.2f} ± {found.drift_sigma_ppm:.2f} ppm; the bench uses the offset alone"
+            )
+        at_s, other_s = ((stream.time_ns - one.time_ns[0]) / NS_PER_S for stream in (one, other))
+        moved = other_s + found.offset_s, (other.values - other.values.mean()) / (found.gain or 1.0)
+        shown = {first: (at_s, one.values - one.values.mean()), f"{second}, moved": moved}
+        text = "The second is shifted by the offset and scaled; both should coincide."
+        pictures = [figures.curves("Both streams", text, shown, "time, s", "value without its mean")]
+    return CalibrationResult(
+        "sync", {"reference": first, "stream": second}, found.assessment, str(folder), value,
+        {name: figure for name, figure in quality.items() if figure is not None}, numbers, found.used,
+        files=paths, pictures=pictures,
+    )  # fmt: skip
 
 
 def collect_streams(station: Station, object_name: str, search_s: float) -> list[CalibrationResult]:
@@ -49,7 +92,15 @@ def collect_streams(station: Station, object_name: str, search_s: float) -> list
     watch = WiggleObserver(tips, shown=station.show, tracker=tracker, camera=camera.serial)
     by_arm = config.moves and len(tips) > 1
     if by_arm:
-        _wiggle_by_arm(station, touch, watch)
+        with station.connected(
+            f"The arm will hold {touch.name} and move it up and down between {1e3 * _HEIGHTS_M[0]:.0f} and "
+            f"{1e3 * _HEIGHTS_M[1]:.0f} mm over the table {_STROKES} times, at up to {_SPEEDS_M_S[1]} m/s.",
+            from_home=True,
+            motions=touch_motions(config, [touch]),
+        ) as (bench, operator):
+            watch.arm_device = bench.arm
+            capture_wiggle(bench, operator, watch, touch, strokes(station.seed))
+            station.note(f"{touch.name}: moved up and down", 1, 1)
     else:
         with station.connected(f"Nothing moves. You turn {touch.name} by hand.") as (bench, operator):
             capture_turning_by_hand(bench, operator, watch, touch)
@@ -62,19 +113,6 @@ def collect_streams(station: Station, object_name: str, search_s: float) -> list
         sync_from_folder(raw, reference, name, search_s).marked(config.gives_simulated(name))
         for name in sensors
     ]
-
-
-def _wiggle_by_arm(station: Station, touch: Touch, watch: "WiggleObserver") -> None:
-    config = station.config
-    with station.connected(
-        f"The arm will hold {touch.name} and move it up and down between {1e3 * _HEIGHTS_M[0]:.0f} and "
-        f"{1e3 * _HEIGHTS_M[1]:.0f} mm over the table {_STROKES} times, at up to {_SPEEDS_M_S[1]} m/s.",
-        from_home=True,
-        motions=touch_motions(config, [touch]),
-    ) as (bench, operator):
-        watch.arm_device = bench.arm
-        capture_wiggle(bench, operator, watch, touch, strokes(station.seed))
-        station.note(f"{touch.name}: moved up and down", 1, 1)
 
 
 def _touch(config: BenchConfig, name: str) -> Touch:
@@ -141,16 +179,14 @@ class WiggleObserver(TouchObserver):
             return
         grey = np.asarray(cv2.cvtColor(frame.image, cv2.COLOR_RGB2GRAY), np.uint8)
         seen = self.tracker.detect(grey) if self.tracker is not None else Refusal.NOT_FOUND
-        if not isinstance(seen, Refusal):
-            self._markers.append((frame.time_ns, self._shown_by(np.asarray(seen, np.float64))))
-
-    def _shown_by(self, corners: NDArray[np.float64]) -> float:
-        """Return the markers' height (px), or, if turned by hand, their angle since the first frame (rad)."""
-        if self.arm_device is not None:
-            return float(corners[..., 1].mean())
+        if isinstance(seen, Refusal):
+            return
         if self._first_corners is None:
-            self._first_corners = corners
-        return turned_rad(self._first_corners, corners)
+            self._first_corners = seen
+        # the markers' height (px), or, if turned by hand, their angle since the first frame (rad)
+        by_hand = self.arm_device is None
+        value = turned_rad(self._first_corners, seen) if by_hand else float(seen[..., 1].mean())
+        self._markers.append((frame.time_ns, value))
 
     def streams(self) -> dict[str, tuple[NDArray[np.int64], NDArray[np.float64]]]:
         """Return times (ns) and values by stream: the arm's height, and each sensor's change by the wiggle.

@@ -1,22 +1,43 @@
-"""The difference between two calibrations, in px over the picture or mm in the workspace."""
+"""The kinds of calibrations, and the difference between two files of one kind."""
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from calibration.camera.checks import camera_difference_px
 from calibration.camera.files import camera_from, read_camera
+from calibration.camera.intrinsics import camera_difference_px
 from calibration.poses import pose_from_quaternion
 from calibration.store import read_yaml
 from drivers.errors import CalibrationError
-from drivers.types import Pose
+from rig.calibrate.camera import camera_from_folder, collect_camera, collect_markers, markers_from_folder
+from rig.calibrate.clocks import collect_streams, sync_from_folder
+from rig.calibrate.gripper import collect_openings, collect_tip, gripper_from_folder, tip_from_folder
+from rig.calibrate.hand_eye import collect_hand_eye, hand_eye_from_folder
+from rig.calibrate.result import CalibrationResult
+from rig.calibrate.tactile import collect_tactile, tactile_from_folder
 
+Content = Mapping[str, Any]
 Figures = dict[str, float | None]
 WORKSPACE_M = 0.15
 """Half the side of the cube around the target in which hand-eye answers are compared."""
+
+
+@dataclass(frozen=True, slots=True)
+class Kind:
+    """A kind of calibration.
+
+    solve: reads the samples of a folder, solves and assesses them, and draws the figures of the page.
+    collect: takes the samples on a bench first. compare: returns how far two files differ, in px over the
+    picture or in mm; None if only their pages can be compared.
+    """
+
+    solve: Callable[..., CalibrationResult]
+    collect: Callable[..., CalibrationResult | list[CalibrationResult]]
+    compare: Callable[[Content, Content], Figures] | None = None
 
 
 def compare_files(one: Path, other: Path) -> dict[str, float | str | None]:
@@ -27,23 +48,18 @@ def compare_files(one: Path, other: Path) -> dict[str, float | str | None]:
         raise CalibrationError(
             f"{one} is a calibration of {kinds[0]}, {other} of {kinds[1]}: nothing to compare"
         )
-    compared: dict[str, Callable[[Mapping[str, Any], Mapping[str, Any]], Figures]] = {
-        "hand-eye": _hand_eye,
-        "gripper": _gripper,
-        "tcp": _place,
-        "sync": _sync,
-    }
-    if kinds[0] == "camera":
+    if kinds[0] == "camera":  # with their uncertainty, and from files of other programs
         return {"kind": "camera", **_cameras(one, other)}
-    if kinds[0] not in compared:
+    kind = KINDS.get(kinds[0])
+    if kind is None or kind.compare is None:
         raise CalibrationError(f"calibrations of {kinds[0]} cannot be compared; open their pages instead")
     try:
-        return {"kind": kinds[0], **compared[kinds[0]](*contents)}
+        return {"kind": kinds[0], **kind.compare(*contents)}
     except (KeyError, TypeError, ValueError) as error:
         raise CalibrationError(f"{one} or {other}: damaged ({error!r})") from error
 
 
-def _kind(content: Mapping[str, Any], path: Path) -> str:
+def _kind(content: Content, path: Path) -> str:
     about = content.get("calibration")
     if isinstance(about, Mapping):
         return str(about.get("kind"))
@@ -62,11 +78,14 @@ def _cameras(one: Path, other: Path) -> Figures:
     }
 
 
-def _hand_eye(one: Mapping[str, Any], other: Mapping[str, Any]) -> Figures:
+def _hand_eye(one: Content, other: Content) -> Figures:
     """Compare the positions that the two answers give to points in the workspace."""
-    x, y = _pose(one), _pose(other)
-    in_hand = one.get("setup") == "eye-in-hand"
-    ahead = (x.inverse() @ _pose(one["target"])).position_m if in_hand else (0.0, 0.0, 0.7)
+    nodes = [one, other, *([one["target"]] if one.get("setup") == "eye-in-hand" else [])]
+    x, y, *target = (
+        pose_from_quaternion(node["translation_m"], node["quaternion_xyzw"], "calibration file")
+        for node in nodes
+    )
+    ahead = (x.inverse() @ target[0]).position_m if target else (0.0, 0.0, 0.7)
     corners = ahead + WORKSPACE_M * np.array(list(product((-1, 1), repeat=3)))
     apart = x.rotation.apply(corners) + x.position_m - (y.rotation.apply(corners) + y.position_m)
     return {
@@ -76,7 +95,7 @@ def _hand_eye(one: Mapping[str, Any], other: Mapping[str, Any]) -> Figures:
     }
 
 
-def _gripper(one: Mapping[str, Any], other: Mapping[str, Any]) -> Figures:
+def _gripper(one: Content, other: Content) -> Figures:
     """Return the largest difference of the tables of closing fingers; None without counts in common."""
     tables = [file["closing"] for file in (one, other) if "closing" in file]
     if len(tables) < 2:
@@ -86,14 +105,22 @@ def _gripper(one: Mapping[str, Any], other: Mapping[str, Any]) -> Figures:
     return {"closing_worst_mm": round(1e3 * float(np.abs(gaps).max()), 3) if len(at) else None}
 
 
-def _place(one: Mapping[str, Any], other: Mapping[str, Any]) -> Figures:
+def _tip(one: Content, other: Content) -> Figures:
     apart = np.subtract(one["translation_m"], other["translation_m"])
     return {"move_mm": round(1e3 * float(np.linalg.norm(apart)), 3)}
 
 
-def _sync(one: Mapping[str, Any], other: Mapping[str, Any]) -> Figures:
+def _sync(one: Content, other: Content) -> Figures:
     return {"offset_ms": round(1e3 * (other["add_to_stream_s"] - one["add_to_stream_s"]), 4)}
 
 
-def _pose(node: Mapping[str, Any]) -> Pose:
-    return pose_from_quaternion(node["translation_m"], node["quaternion_xyzw"], "calibration file")
+KINDS = {
+    "camera": Kind(camera_from_folder, collect_camera),
+    "hand-eye": Kind(hand_eye_from_folder, collect_hand_eye, _hand_eye),
+    "markers": Kind(markers_from_folder, collect_markers),
+    "tactile": Kind(tactile_from_folder, collect_tactile),
+    "gripper": Kind(gripper_from_folder, collect_openings, _gripper),
+    "tcp": Kind(tip_from_folder, collect_tip, _tip),
+    "sync": Kind(sync_from_folder, collect_streams, _sync),
+}
+"""The kinds by their name in files and commands."""

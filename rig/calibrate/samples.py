@@ -1,17 +1,19 @@
-"""Samples from a folder: pictures, robot poses, streams, tables; paired by name, never by order."""
+"""Samples in a folder: pictures, robot poses, streams, tables; paired by name, never by order."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from calibration.poses import pose_from_quaternion, pose_from_rotation_vector
-from calibration.timed_signal import TimedSignal, make_stream, turning_rate
+from calibration.store import write_bytes
+from calibration.time_offset import TimedSignal, make_stream, turning_rate
 from calibration.verdict import Rejected
 from drivers.errors import CalibrationError, FormatError, InputError
 from drivers.formats import number_in, read_csv_rows, time_ns_in, whole_in
-from drivers.images import SUFFIXES
-from drivers.types import Pose
+from drivers.images import SUFFIXES, encode_png
+from drivers.types import Image, Pose
 
 QUATERNION = ("qx", "qy", "qz", "qw")
 
@@ -78,3 +80,22 @@ def _pose(row: dict[str, str], where: str) -> Pose:
     if "rx_rad" in row:
         return pose_from_rotation_vector(position, read("rx_rad", "ry_rad", "rz_rad"), where)
     raise CalibrationError(f"{where}: no orientation; qx, qy, qz, qw or rx_rad, ry_rad, rz_rad are needed")
+
+
+def write_picture(path: Path, image: Image) -> None:
+    """Write a picture, (H, W) or (H, W, 3) uint8 RGB, as PNG. Raises `RecordingError`."""
+    write_bytes(path, encode_png(image))
+
+
+def write_table(path: Path, header: str, rows: Sequence[str]) -> None:
+    write_bytes(path, ("\n".join([header, *rows]) + "\n").encode())
+
+
+def pose_row(name: str, pose: Pose) -> str:
+    return ",".join([name, *(f"{v:.12g}" for v in (*pose.position_m, *pose.quaternion_xyzw))])
+
+
+def write_poses(folder: Path, rows: Sequence[str], child_frame: str) -> None:
+    """Write poses.csv as `--from` reads it. child_frame: "tcp" for base_T_tcp, "flange" for base_T_flange."""
+    header = "id,x_m,y_m,z_m,qx,qy,qz,qw,child_frame"
+    write_table(folder / "poses.csv", header, [f"{row},{child_frame}" for row in rows])

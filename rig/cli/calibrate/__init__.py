@@ -1,1 +1,0 @@
-"""`rig calibrate` and its subcommands."""

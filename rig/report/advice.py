@@ -1,19 +1,23 @@
-"""Warnings about a trial: observation, place and advice."""
+"""Warnings about a session: observation, place and advice."""
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
 
 import numpy as np
 
+from calibration.store import age_days, age_text
+from calibration.verdict import Verdict
 from drivers.errors import counted, without_values
 from protocols.reaction import ReactionKind
-from rig.report.calibrations import calibration_notices
-from rig.report.coverage import sigma_notices
-from rig.report.parts import Notice, joined
+from rig.config.in_use import FileInUse
+from rig.report.charts import FEWEST_FRAMES, sigma_ratios
+from rig.report.parts import Notice, Table, joined
 from rig.report.session import Trial, curves_of
 from rig.results.metrics import FEWEST_LIFTS
 from rig.results.summary import ADVICE, main_refusal
+from rig.sessions.lift_curves import LiftCurves
+from rig.sessions.manifest import BenchManifest
 from rig.sessions.records import Lift, LiftOutcome
 
 LEAST_ANSWERED = 0.95
@@ -265,3 +269,94 @@ def _false_alarms(trial: Trial) -> list[Notice]:
 
 def _tactile_frames(row: Lift) -> int:
     return sum(count for source, count in row.frames.items() if source != "camera")
+
+
+LEAST_COVERED = 0.90
+MOST_BEYOND = 0.3
+"""Accepted fraction of a lift's frames with an error beyond 2 sigma; the expected fraction is 5 %."""
+
+
+def sigma_notices(lifts: Sequence[LiftCurves]) -> list[Notice]:
+    """Return the warnings; none for lifts without a sigma."""
+    return [*_overall(lifts), *_single(lifts)]
+
+
+def _overall(lifts: Sequence[LiftCurves]) -> list[Notice]:
+    ratios = sigma_ratios(lifts)
+    if ratios.size < FEWEST_FRAMES:
+        return []
+    covered = float(np.mean(ratios <= 2.0))
+    if covered >= LEAST_COVERED:
+        return []
+    factor = float(np.percentile(ratios, 95.0)) / 2.0
+    what = f"Sigma is too small: {covered:.0%} of the errors are within 2 sigma, 95 % should be."
+    return [Notice("warn", what, f"Read the bands as if they were {factor:.1f} times as wide.")]
+
+
+def _single(lifts: Sequence[LiftCurves]) -> list[Notice]:
+    """Warn of single lifts, worst first, because the fraction over all lifts can hide them."""
+    shares: list[tuple[float, str]] = []
+    for lift in lifts:
+        ratios = sigma_ratios([lift])
+        if ratios.size >= FEWEST_FRAMES and (beyond := float(np.mean(ratios > 2.0))) > MOST_BEYOND:
+            shares.append((beyond, lift.name))
+    if not shares:
+        return []
+    named = joined([f"{name} ({share:.0%})" for share, name in sorted(shares, reverse=True)])
+    what = f"More than {MOST_BEYOND:.0%} of the frames are beyond 2 sigma in {named}."
+    advice = (
+        "Their errors are larger than their sigmas: inspect the curves and frames of these lifts before "
+        "using their angles."
+    )
+    return [Notice("warn", what, advice)]
+
+
+OLD_DAYS = 30.0
+NEEDED = ("camera", "hand-eye")
+"""Calibrations that the marker angle depends on."""
+
+
+def calibration_table(manifest: BenchManifest, now: datetime) -> Table | None:
+    """Return a row per calibration in the manifest; None if there is none."""
+    rows = [
+        [name, about.file, about.verdict, _age(about, now)] for name, about in manifest.calibration.items()
+    ]
+    return Table(("calibration", "file", "verdict", "age"), rows, text=(0, 1, 2, 3)) if rows else None
+
+
+def calibration_notices(manifest: BenchManifest, now: datetime) -> list[Notice]:
+    """Return notices about calibrations that are old, weak, or missing on a real bench."""
+    named = manifest.calibration
+    notices = []
+    missing = [kind for kind in NEEDED if not any(name.startswith(kind) for name in named)]
+    if missing and not manifest.simulated:
+        advice = (
+            "The values in the bench file are used instead, and limit the accuracy of the marker angle. Run "
+            f"rig calibrate {missing[0]}."
+        )
+        notices.append(Notice("warn", f"No calibration of {joined(missing)} is in use.", advice))
+    old = [
+        f"{name} ({_age(about, now)})"
+        for name, about in named.items()
+        if (_days(about, now) or 0.0) > OLD_DAYS
+    ]
+    if old:
+        advice = "Check that they are still valid with rig calibrate compare, or calibrate again."
+        notices.append(Notice("warn", f"Old calibrations: {joined(old)}.", advice))
+    weak = [name for name, about in named.items() if about.verdict == Verdict.WEAK]
+    if weak:
+        advice = "Their pages state the reasons; more or better samples improve them."
+        notices.append(Notice("warn", f"Weak calibrations: {joined(weak)}.", advice))
+    return notices
+
+
+def _days(about: FileInUse, now: datetime) -> float | None:
+    try:
+        return age_days(about.created, now)
+    except ValueError:
+        return None
+
+
+def _age(about: FileInUse, now: datetime) -> str:
+    days = _days(about, now)
+    return "unknown" if days is None else age_text(days)

@@ -8,15 +8,13 @@ from textwrap import fill
 import numpy as np
 from matplotlib.axes import Axes
 
-from rig.pages.figure import drawing
+from rig.pages.figure import Spot, drawing
 from rig.pages.page import render
 from rig.pages.palette import FIRST, INK, MUTED, SECOND, TRUTH
-from rig.pages.plot_data import Spot
 from rig.report.compare import ERROR, Comparison, Paired, differences, verdict
 from rig.report.explored import explored, pair_panels
 from rig.report.lift_chart import pair_chart
-from rig.report.parts import Chart, Table
-from rig.report.text import made_text
+from rig.report.parts import Chart, Table, made_text
 from rig.results.metrics import FEWEST_LIFTS, INTERVAL
 
 _ROW_PX = 30

@@ -4,6 +4,7 @@ Times are in s from the start of phase B, angles in deg. A refused value is null
 page's palette.
 """
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import cycle
@@ -12,6 +13,7 @@ from typing import Any
 
 import cv2
 import numpy as np
+from jinja2.utils import htmlsafe_json_dumps
 
 from drivers.clock import NS_PER_S
 from drivers.types import Image
@@ -19,6 +21,8 @@ from rig.pages.page import data_uri
 from rig.pages.palette import ESTIMATE, FIRST, INK, SECOND, TRUTH, Colour
 from rig.report.curves import signed_errors
 from rig.report.lift_chart import SIGMAS, angle_range, shown_range
+from rig.report.parts import anchor
+from rig.report.session import UNREADABLE, Trial
 from rig.report.strips import pictures
 from rig.results.metrics import Floats
 from rig.sessions.lift_curves import LiftCurves
@@ -26,6 +30,7 @@ from rig.sessions.manifest import TrialManifest
 from rig.sessions.reading import recorded_gripper, recorded_joints
 from rig.sessions.recorder import GRIPPER_TOPIC, JOINTS_TOPIC
 from rig.sessions.recording_file import recorded_messages
+from rig.sessions.records import Lift
 
 FRAMES_BEFORE, FRAMES_OF_LIFT, FILM_HEIGHT_PX = 4, 20, 144
 """Number of images of a film in phase A, in which nothing turns, and from phase B on; height of an image."""
@@ -208,3 +213,34 @@ def _seconds(times_ns: Sequence[int], zero_ns: int) -> Floats:
 
 def _numbers(values: Floats, digits: int) -> list[float | None]:
     return [round(v, digits) if np.isfinite(v) else None for v in values.tolist()]
+
+
+MOST_BYTES, LEAST_FILM_BYTES = 5_900_000, 6_000
+"""Size limit of a page, and least size reserved for a film, even if the page then exceeds its limit."""
+
+
+def film_mark(lift: Lift) -> str:
+    """Return the placeholder of a lift's film in the page's data."""
+    return f"film of {anchor(lift)}"
+
+
+def with_films(page: str, trial: Trial) -> str:
+    """Return a trial's page with films in place of the placeholders, as large as the size limit allows."""
+    marks = {f'"film":"{film_mark(lift)}"': lift for lift in trial.lifts}
+    marks = {mark: lift for mark, lift in marks.items() if mark in page}
+    room = (MOST_BYTES - len(page.encode())) // max(len(marks), 1)
+    most_bytes = max(room * 3 // 4, LEAST_FILM_BYTES)  # base64 adds a third
+    films = {mark: htmlsafe_json_dumps(_film_of(trial, lift, most_bytes)) for mark, lift in marks.items()}
+    # in one pass, so that a placeholder inside a film's data is not replaced
+    pattern = "|".join(map(re.escape, films)) or "(?!)"
+    return re.sub(pattern, lambda found: f'"film":{films[found.group()]}', page)
+
+
+def _film_of(trial: Trial, lift: Lift, most_bytes: int) -> dict[str, object] | None:
+    if lift.curves is None:
+        return None
+    path = trial.folder / lift.recording
+    try:
+        return lift_film(path, lift.curves, lift.zero_ns, trial.manifest, most_bytes)
+    except UNREADABLE:  # the page has a notice about the damaged recording
+        return None

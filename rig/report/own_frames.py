@@ -10,9 +10,8 @@ from drivers.types import Image
 from rig.frames.estimation import EstimatedSeries
 from rig.pages.page import render
 from rig.report.lift_chart import key, lift_chart
-from rig.report.parts import Notice, Table
+from rig.report.parts import Notice, Table, angle_text, made_text
 from rig.report.strips import FRAMES, Still, TipFrames, caption, drawn, still, tip_at_zero
-from rig.report.text import angle_text, made_text
 from rig.sessions.lift_curves import LiftCurves
 from rig.tactile.angles import Angles
 from rig.tactile.contact.finder import ContactFinder

@@ -9,12 +9,10 @@ from urllib.parse import quote
 from markupsafe import Markup
 from matplotlib.dates import AutoDateLocator, ConciseDateFormatter, date2num
 
-from rig.pages.figure import drawing
+from rig.pages.figure import Spot, drawing
 from rig.pages.page import render
 from rig.pages.palette import ESTIMATE
-from rig.pages.plot_data import Spot
-from rig.report.parts import Chart, Table
-from rig.report.text import made_text
+from rig.report.parts import Chart, Table, made_text
 from rig.report.write import REPORT, write_page
 from rig.results.listing import SessionEntry
 from rig.results.metrics import INTERVAL, Mare, mare_text

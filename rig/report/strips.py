@@ -17,7 +17,7 @@ from drivers.errors import SessionError
 from drivers.images import decode_stored, encode_jpeg
 from drivers.types import Frame, Image
 from rig.pages.palette import ESTIMATE, TRUTH
-from rig.report.text import angle_text
+from rig.report.parts import angle_text
 from rig.results.metrics import Floats
 from rig.sessions.lift_curves import LiftCurves
 from rig.sessions.reading import recorded_frames, recorded_jpeg

@@ -1,34 +1,42 @@
 """The report of a trial."""
 
+from collections import Counter
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
+from pathlib import Path
 
 import numpy as np
 
-from drivers.errors import counted
+from drivers.errors import InputError, counted
 from drivers.progress import steps
+from protocols.reaction import ReactionKind
 from rig.pages.page import render
-from rig.report.advice import trial_notices
-from rig.report.calibrations import calibration_table
-from rig.report.counts import counts_table, onset_delays_ms, onset_table, stage_table, state_table
+from rig.report.advice import calibration_table, trial_notices
+from rig.report.charts import (
+    Final,
+    boxes,
+    coverage_chart,
+    error_against_angle,
+    error_against_rate,
+    error_over_time,
+    finals_chart,
+    grip_chart,
+    object_chart,
+    sigma_ratios,
+    surface_chart,
+)
 from rig.report.curves import signed_errors
-from rig.report.distributions import boxes, error_against_angle, error_against_rate, error_over_time
-from rig.report.explored import angle_panels, explored, recorded_lift
-from rig.report.groups import object_chart, surface_chart
-from rig.report.lift_chart import key, lift_chart
-from rig.report.lift_films import film_mark, with_films
-from rig.report.lift_rows import anchor, lift_caption, lift_table
-from rig.report.parts import Chart, Notice, ReportPage, Table, linked
-from rig.report.reacted import beside
+from rig.report.explored import angle_panels, explored, film_mark, recorded_lift, with_films
+from rig.report.lift_chart import key, lift_chart, on_one_scale
+from rig.report.parts import Chart, Notice, ReportPage, Table, anchor, header, linked, made_text, mare_tile
 from rig.report.session import UNREADABLE, Trial, curves_of
 from rig.report.strips import Still, strip
-from rig.report.text import header, made_text, mare_tile
-from rig.report.trial_charts import Final, coverage_chart, finals_chart, grip_chart, sigma_ratios
-from rig.results.metrics import INTERVAL, mare_of, mare_text, summarize
+from rig.results.metrics import FEWEST_LIFTS, INTERVAL, Floats, mare_of, mare_text, summarize
 from rig.results.summary import ObjectSummary, TrialSummary, summarize_trial
 from rig.sessions.lift_curves import LiftCurves
-from rig.sessions.records import ErrorSummary, Lift
+from rig.sessions.records import SHOWN, ErrorSummary, Lift, LiftOutcome
+from rig.sessions.timing import LiftTiming, StageTimes
 
 WORST_LIFTS = 3
 
@@ -203,3 +211,224 @@ def _chart_of_lift(trial: Trial, lift: Lift, curves: LiftCurves) -> Chart:
     except UNREADABLE:  # the page has a notice about the damaged recording
         data = explored(curves, angle_panels(curves))
     return replace(lift_chart(curves, lift_caption(lift)), anchor=anchor(lift), explored=data)
+
+
+def stage_table(timing: Sequence[LiftTiming]) -> Table | None:
+    """Return a table of the wall time per stage and frame: percentiles of the median and the worst lift."""
+    stages: dict[str, list[StageTimes]] = {}
+    for row in timing:
+        for name, spent in row.stages.items():
+            stages.setdefault(name, []).append(spent)
+    if not stages:
+        return None
+    middle = {name: _middle(spent) for name, spent in stages.items()}
+    ordered = sorted(stages, key=lambda name: (name == "total", -middle[name].p50_ms))
+    rows = [
+        [
+            name,
+            f"{middle[name].p50_ms:.2f}",
+            f"{middle[name].p95_ms:.2f}",
+            f"{middle[name].p99_ms:.2f}",
+            f"{max(spent.p99_ms for spent in stages[name]):.2f}",
+        ]
+        for name in ordered
+    ]
+    columns = ("stage", "median, ms", "95 %, ms", "99 %, ms", "99 % in the worst lift, ms")
+    return Table(columns, rows, total=True)
+
+
+def counts_table(rows: Sequence[Lift]) -> Table | None:
+    """Return a table of received and dropped frames per source."""
+    frames: Counter[str] = Counter()
+    dropped: Counter[str] = Counter()
+    for row in rows:
+        frames.update(row.frames)
+        dropped.update(row.dropped)
+    if not frames:
+        return None
+    cells = [[source, f"{frames[source]}", f"{dropped[source]}"] for source in frames]
+    return Table(("source", "frames", "dropped"), cells)
+
+
+def onset_delays_ms(rows: Sequence[Lift]) -> dict[str, Floats]:
+    """Return the delays of the estimated onset and of the slip event after the true onset, (N,) ms.
+
+    The slip event is compared with `slip_start_s`, which also exists if a reaction stops the rotation early.
+    """
+    seen = {
+        "estimated curve": [(row.onset_estimate_s, row.onset_truth_s) for row in rows],
+        "slip event": [(row.onset_alarm_s, row.slip_start_s) for row in rows],
+    }
+    return {
+        name: np.array([(s - t) * 1e3 for s, t in onsets if s is not None and t is not None], float)
+        for name, onsets in seen.items()
+    }
+
+
+def onset_table(rows: Sequence[Lift]) -> Table | None:
+    """Return a table of medians and 90 % ranges of `onset_delays_ms`; None if no lift has a true slip.
+
+    Below `FEWEST_LIFTS` delays there is no range.
+    """
+    slips = [
+        sum(row.onset_truth_s is not None for row in rows),
+        sum(row.slip_start_s is not None for row in rows),
+    ]
+    if not any(slips):
+        return None
+    still = [row for row in rows if row.slip_start_s is None and not row.reactions]
+    unasked = (
+        sum(row.onset_estimate_s is not None for row in still),
+        sum(row.onset_alarm_s is not None for row in still),
+    )
+    cells = []
+    for (name, late_ms), true, false in zip(onset_delays_ms(rows).items(), slips, unasked, strict=True):
+        middle = f"{np.median(late_ms):+.0f}" if late_ms.size else "-"
+        ends = (
+            [f"{v:+.0f}" for v in np.percentile(late_ms, [5, 95])]
+            if late_ms.size >= FEWEST_LIFTS
+            else ["-"] * 2
+        )
+        cells.append([name, f"{late_ms.size} of {true}", middle, *ends, str(false)])
+    columns = ("onset by", "slips seen", "median, ms", "5 %, ms", "95 %, ms", "in lifts without a slip")
+    return Table(columns, cells)
+
+
+def state_table(rows: Sequence[Lift]) -> Table | None:
+    """Return a table of the estimator's states, its skipped stages, and disagreements of the fingertips."""
+    states: Counter[str] = Counter()
+    skipped: Counter[str] = Counter()
+    apart: Counter[str] = Counter()
+    for row in rows:
+        states.update(row.states)
+        skipped.update(row.skipped)
+        apart.update(row.disagreements)
+    frames = sum(states.values())
+    if not frames:
+        return None
+    cells = [
+        [f"{kind} {name.replace('_', ' ')}", f"{count}", f"{count / frames:.1%}"]
+        for kind, counts in (("state:", states), ("skipped:", skipped), ("fingertips apart:", apart))
+        for name, count in counts.items()
+    ]
+    return Table(("of all tactile frames", "frames", "share"), cells)
+
+
+def _middle(spent: list[StageTimes]) -> StageTimes:
+    return StageTimes(*np.median([(s.p50_ms, s.p95_ms, s.p99_ms) for s in spent], axis=0).tolist())
+
+
+def lift_table(lifts: Sequence[Lift]) -> Table:
+    """Return a table with a row per lift and links to the charts; `Lift` declares the further columns."""
+    filters = {2 + number: column.filter for number, column in enumerate(SHOWN) if column.filter}
+    rows = [
+        [
+            linked(lift.title, {lift.title: anchor(lift)} if lift.curves else {}),
+            lift.label,
+            *(column.text(lift) for column in SHOWN),
+        ]
+        for lift in lifts
+    ]
+    columns = ("lift", "object", *(column.heading for column in SHOWN))
+    return Table(columns, rows, text=(0, 1, 2, 3), filters={1: "choose", **filters})
+
+
+def lift_caption(lift: Lift) -> str:
+    """Return outcome, grip and error of a lift in one line."""
+    error = lift.re
+    parts = [
+        f"{lift.outcome}, {lift.position}, grip {lift.grip_counts}",
+        f"error {error.mean_deg:.2f} ± {error.std_deg:.2f}°, at most {error.max_deg:.1f}°"
+        if error
+        else "no answer",
+    ]
+    if lift.answered < 1.0:
+        parts.append(f"{lift.answered:.0%} answered")
+    if (late := lift.onset_delay_s) is not None:
+        parts.append(f"onset seen {late * 1e3:+.0f} ms")
+    return "; ".join(parts)
+
+
+MOST_SHOWN = 3
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Beside:
+    """Data of the comparison.
+
+    table: all lifts of both. pairs: charts without and with a reaction, of the lifts with the largest
+    improvement.
+    """
+
+    table: Table
+    pairs: list[list[Chart]]
+    without: Path
+    reacted: Path
+
+
+def beside(trial: Trial, other: Trial) -> Beside:
+    """Pair lifts of equal object, number and seed. Raises `InputError` if there is no pair."""
+    without, reacted = _in_order(trial, other)
+    kept = {_same(lift): lift for lift in without.lifts}
+    both = [(kept[_same(lift)], lift) for lift in reacted.lifts if _same(lift) in kept]
+    if not both:
+        raise InputError(
+            f"{other.folder}: no lift of the same object, number and seed as in {trial.folder}; repeat them "
+            "with the same --seed"
+        )
+    return Beside(_table(both), _pairs(both), without.folder, reacted.folder)
+
+
+def _in_order(trial: Trial, other: Trial) -> tuple[Trial, Trial]:
+    """Return the session without a reaction and the one with a reaction. Raises `InputError`."""
+    reacts = [each.manifest.react is not ReactionKind.NONE for each in (trial, other)]
+    if reacts[0] == reacts[1]:
+        both = "both react" if reacts[0] else "neither reacts"
+        raise InputError(
+            f"{trial.folder}, {other.folder}: {both} to slip; give one with --react beside one without"
+        )
+    return (other, trial) if reacts[0] else (trial, other)
+
+
+def _same(row: Lift) -> tuple[str, int, int]:
+    return row.object, row.lift, row.seed
+
+
+def _table(both: Sequence[tuple[Lift, Lift]]) -> Table:
+    columns = ("lift", "true end turn without, °", "with, °", "reactions", "grip steps added", "outcome")
+    rows = [
+        [
+            lift.title,
+            _turn(before),
+            _turn(lift),
+            str(len(lift.reactions or ())),
+            str(lift.counts_added or 0),
+            lift.outcome.value,
+        ]
+        for before, lift in both
+    ]
+    return Table(columns, rows, text=(0, 5))
+
+
+def _pairs(both: Sequence[tuple[Lift, Lift]]) -> list[list[Chart]]:
+    """Return the charts of caught lifts with the largest reduction of the final rotation."""
+    caught = [pair for pair in both if pair[1].outcome is LiftOutcome.CAUGHT]
+    caught.sort(key=lambda pair: abs(pair[1].final_truth_deg or 0.0) - abs(pair[0].final_truth_deg or 0.0))
+    curves = [(pair, [lift.curves for lift in pair if lift.curves is not None]) for pair in caught]
+    drawn = [(pair, on_one_scale(both)) for pair, both in curves if len(both) == len(pair)]
+    return [[_chart(lift, own) for lift, own in zip(*each, strict=True)] for each in drawn[:MOST_SHOWN]]
+
+
+def _chart(row: Lift, curves: LiftCurves) -> Chart:
+    if not row.reactions:
+        return lift_chart(curves, f"without a reaction: turned {_turn(row)}°, {row.outcome.value}")
+    first = row.reactions[0].command_s
+    reactions = (
+        f"{counted(len(row.reactions), 'reaction')}, the first {first:.2f} s into the lift, "
+        f"{counted(row.counts_added or 0, 'grip step')} added"
+    )
+    return lift_chart(curves, f"with '{row.react.value}': turned {_turn(row)}°; {reactions}")
+
+
+def _turn(row: Lift) -> str:
+    return "-" if row.final_truth_deg is None else f"{row.final_truth_deg:+.1f}"

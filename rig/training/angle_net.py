@@ -21,8 +21,8 @@ from rig.tactile.contact.network import frame_planes
 from rig.tactile.peers.learned import load_image_network
 from rig.training.export import check_agreement, export_half, onnx_model
 from rig.training.lifts import GelViews
+from rig.training.loop import EpochReport, fit
 from rig.training.networks import declare_missing_operators
-from rig.training.regression import EpochReport, fit
 from rig.training.wrist import MOST_DIFFERENCE_DEG
 
 BACKBONE = "convnext_zepto_rms"

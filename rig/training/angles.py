@@ -16,8 +16,14 @@ from rig.tactile.estimators import ANGLENET, TOSKOV
 from rig.training.angle_net import BACKBONE, SIZE, export_angle_net, train_angle_net
 from rig.training.angle_net import error_deg as views_error_deg
 from rig.training.export import CARD, HALF, MODEL, Report, claim, file_facts
-from rig.training.lifts import GelViews, WristSeries, stacked_views, stored_lifts
-from rig.training.simulated_lifts import simulated_views, simulated_wrists
+from rig.training.lifts import (
+    GelViews,
+    WristSeries,
+    simulated_views,
+    simulated_wrists,
+    stacked_views,
+    stored_lifts,
+)
 from rig.training.wrist import blind_error_deg, error_deg, export_wrist, sequences, train_wrist
 
 VALIDATION_OBJECTS = ("4", "11", "15")

@@ -2,22 +2,29 @@
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.bench import Bench
 from drivers.clock import to_ns
-from drivers.errors import InputError
+from drivers.errors import GraspError, InputError
 from drivers.types import ArmState, Frame, Image, Pose
-from protocols.observer import Phase
+from protocols.observer import LiftObserver, Phase
+from protocols.slip_trial import LiftPlan, run_lift
+from rig.bench.learning import LearningBench, build_learning_bench
+from rig.config import load_bench
+from rig.experiments.grasp_plans import derived_seed
+from rig.experiments.lift_plan import LiftTask, TrialSettings, plan_lift
 from rig.lift.object_angle import ZERO_S
 from rig.lift.recording import recorded_truth
 from rig.sessions.manifest import TrialManifest, read_manifest_of
 from rig.sessions.reading import phase_times, recorded_arm_states, recorded_frames
 from rig.sessions.records import finished
 from rig.sessions.rows import read_lifts
+from rig.tactile.estimators import choose_estimator
 from rig.training.examples import sized
 
 SIGHT_HZ = 10.0
@@ -160,3 +167,99 @@ def _thinned(frames: Iterator[Frame]) -> Iterator[Frame]:
 
 def _or_nan(value: float | None) -> float:
     return math.nan if value is None else value
+
+
+TOUCH_N = 0.06
+"""Approximate force at which a fingertip shows contact."""
+
+
+def simulated_wrists(
+    objects: Sequence[str], lifts: int, seed: int, report: Callable[[int, int], None]
+) -> list[WristSeries]:
+    """Carry out `lifts` lifts of each object without tactile images; return the arm's states.
+
+    report: called with the numbers of finished and of all lifts. Equal seeds give equal lifts.
+    """
+    return [
+        wrist_series(plan.object_id, seen.states, seen.phases, seen.turn_deg)
+        for plan, seen, _ in _lifts(objects, lifts, seed, None, report)
+    ]
+
+
+def simulated_views(
+    objects: Sequence[str],
+    lifts: int,
+    seed: int,
+    size: tuple[int, int],
+    report: Callable[[int, int], None],
+) -> Iterator[tuple[str, Image, float]]:
+    """Carry out lifts; yield object, frame at (width, height) `size` and angle of both fingertips."""
+    for plan, seen, bench in _lifts(objects, lifts, seed, SIGHT_HZ, report):
+        hand = hand_turn_deg(plan.base_T_grasp)
+        for tip in bench.fingertips:
+            frames = iter(seen.frames[tip.sensor.serial])
+            for frame, angle in labelled_views(frames, tip.sign, hand, seen.phases, seen.turn_deg):
+                yield plan.object_id, sized(frame.image, size), angle
+
+
+def _lifts(
+    objects: Sequence[str], lifts: int, seed: int, sight_hz: float | None, report: Callable[[int, int], None]
+) -> Iterator[tuple[LiftPlan, "_Seen", Bench]]:
+    config = load_bench("fake")
+    settings = TrialSettings(config, seed, choose_estimator())
+    tasks = [LiftTask(0, object_id, lift) for object_id in objects for lift in range(1, lifts + 1)]
+    for done, task in enumerate(tasks, 1):
+        made = build_learning_bench(config, derived_seed(seed, "learnt", task.object_id, task.lift), sight_hz)
+        plan = plan_lift(settings, task, made.bench.base_T_table)
+        seen = _Seen(made)
+        try:
+            _carry_out(made, plan, seen)
+        except GraspError:  # no contact: nothing to learn
+            continue
+        finally:
+            report(done, len(tasks))
+        yield plan, seen, made.bench
+
+
+def _carry_out(made: LearningBench, plan: LiftPlan, seen: "_Seen") -> None:
+    with made.bench.connected():
+        made.bench.gripper.activate()
+        made.place(plan.object_id)
+        run_lift(made.bench, plan, seen)
+
+
+@dataclass(slots=True)
+class _Seen(LiftObserver):
+    """Stores the events of one lift, and the object's rotation in the hand at each sample and frame."""
+
+    made: LearningBench
+    phases: dict[str, int] = field(default_factory=dict)
+    states: list[ArmState] = field(default_factory=list)
+    frames: dict[str, list[Frame]] = field(default_factory=dict)
+    _turns_deg: dict[int, float] = field(default_factory=dict)
+
+    def phase(self, phase: Phase, time_ns: int) -> None:
+        """Store the start of a phase."""
+        self.phases[phase] = time_ns
+        self._note(time_ns)
+
+    def frame(self, frame: Frame) -> None:
+        """Store the frame."""
+        self.frames.setdefault(frame.serial, []).append(frame)
+        self._note(frame.time_ns)
+
+    def arm(self, state: ArmState) -> None:
+        """Store the state."""
+        self.states.append(state)
+        self._note(state.time_ns)
+
+    def touching(self, serial: str) -> bool:
+        """Whether the fingers press on the object."""
+        return self.made.force_n(self.made.bench.clock.now_ns()) >= TOUCH_N
+
+    def turn_deg(self, time_ns: int) -> float:
+        """The object's rotation in the hand since the start of the lift, at the time of an event."""
+        return self._turns_deg[time_ns] - self._turns_deg[self.phases[Phase.LIFT]]
+
+    def _note(self, time_ns: int) -> None:
+        self._turns_deg[time_ns] = self.made.turn_deg(time_ns)

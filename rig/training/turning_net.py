@@ -17,7 +17,7 @@ from fakes.studio.turning_frames import FRAMES_PER_FACE
 from rig.sessions.files import write_json
 from rig.tactile.slip.turning import MULTIPLE_PX, SHARE_PX, load_turning
 from rig.training.export import CARD, MODEL, Report, check_agreement, claim, file_facts, onnx_model
-from rig.training.regression import fit
+from rig.training.loop import fit
 from rig.training.turning_examples import TurningExamples, turning_examples
 
 BATCH, RATE = 128, 3e-3

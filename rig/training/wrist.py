@@ -17,7 +17,7 @@ from torch import nn
 from rig.tactile.peers.learned import WrenchSteps, load_wrench_network
 from rig.training.export import check_agreement, onnx_model
 from rig.training.lifts import WristSeries
-from rig.training.regression import EpochReport, fit
+from rig.training.loop import EpochReport, fit
 
 HIDDEN = 32
 BATCH, RATE = 64, 4e-3

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from rig.report.picture import SIZE_PX
+from rig.report.write import SIZE_PX
 from support.angle_clips import write_clip
 from support.browser import NEEDS_CHROMIUM
 from support.command_line import rig

@@ -15,8 +15,17 @@ from drivers.errors import InputError, RigError
 from drivers.images import read_image
 from rig.frames.estimation import Estimation
 from rig.frames.series import read_frames
-from rig.labels.angle_clip import ClipToLabel, FrameChoice, choose_frames, load_clip
-from rig.labels.angle_lines import LINES, Click, LineLog, ends_in, read_drawn
+from rig.labels.angle_lines import (
+    LINES,
+    Click,
+    ClipToLabel,
+    FrameChoice,
+    LineLog,
+    choose_frames,
+    ends_in,
+    load_clip,
+    read_drawn,
+)
 from rig.labels.angle_server import TOKEN, AnglePage, AngleServer
 from rig.pages.requests import Request
 from rig.tactile.estimators import choose_estimator

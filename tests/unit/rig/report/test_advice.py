@@ -12,8 +12,8 @@ import pytest
 from protocols.reaction import ReactionKind
 from rig.config.in_use import FileInUse
 from rig.report.advice import trial_notices
-from rig.report.counts import onset_table
 from rig.report.session import Trial, read_trial
+from rig.report.trial_page import onset_table
 from rig.sessions.manifest import TrialManifest, read_manifest_of
 from rig.sessions.records import Lift, LiftOutcome, ReactionRecord
 from rig.sessions.timing import LiftTiming, StageTimes

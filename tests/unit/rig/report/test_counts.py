@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import pytest
 
-from rig.report.counts import onset_table
+from rig.report.trial_page import onset_table
 from rig.sessions.records import Lift
 
 

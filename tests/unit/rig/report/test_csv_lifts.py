@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from drivers.errors import InputError
-from rig.report.csv_lifts import read_table, read_tables
+from rig.report.curves_page import read_table, read_tables
 from rig.report.write import write_report
 
 

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from drivers.errors import InputError, SessionError
-from rig.report.film import CURVE_PX, HEIGHT_PX, LEGEND_PX, write_film
-from rig.report.film_file import Film, has_h264
+from rig.report.film import CURVE_PX, HEIGHT_PX, LEGEND_PX, Film, has_h264, write_film
 from rig.report.session import find_lift
 from rig.sessions.manifest import TrialManifest, read_manifest_of
 from support.browser import NEEDS_CHROMIUM, Browser

@@ -17,8 +17,7 @@ from rig.report import lift_films
 from rig.report.curves import signed_errors
 from rig.report.lift_chart import angle_range, before_lift, shown_range
 from rig.report.parts import linked
-from rig.report.recording import read_recording
-from rig.report.recording_page import LABEL_PX, THUMB_PX, montage
+from rig.report.recording_page import LABEL_PX, THUMB_PX, montage, read_recording
 from rig.report.session import read_trial
 from rig.report.trial_page import fingertip_table, object_table, trial_page
 from rig.report.write import write_report

@@ -10,11 +10,10 @@ import cv2
 import pytest
 
 from drivers.errors import InputError
-from rig.report.paper_figures import csv_text, latex
 from rig.report.parts import Table
 from rig.report.session import read_trial
 from rig.report.trial_page import object_table
-from rig.report.write import write_report
+from rig.report.write import csv_text, latex, write_report
 from rig.results.summary import summarize_trial
 from rig.sessions.manifest import TrialManifest, read_manifest_of
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import rig
-from rig.report.csv_lifts import read_table, read_tables
+from rig.report.curves_page import read_table, read_tables
 
 TIMES_S = np.arange(120) / 30
 TRUTH_DEG = 150.0 + np.clip(40.0 * (TIMES_S - 1.0), 0.0, 70.0)

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from drivers.errors import InputError
-from rig.training.simulated_lifts import simulated_wrists
+from rig.training.lifts import simulated_wrists
 
 torch = pytest.importorskip("torch", reason="training is the extra 'train'")
 

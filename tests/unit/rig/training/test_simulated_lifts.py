@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from rig.training.simulated_lifts import simulated_views, simulated_wrists
+from rig.training.lifts import simulated_views, simulated_wrists
 
 SIZE = (36, 48)
 

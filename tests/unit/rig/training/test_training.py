@@ -22,8 +22,7 @@ from rig.training.examples import simulated_examples
 from rig.training.export import export_eight_bit, export_half, export_onnx
 from rig.training.loop import Schedule, Training, arithmetic_of, focal_loss
 from rig.training.networks import ARCHITECTURES, build_network, find_architecture
-from rig.training.run import train_all
-from rig.training.settings import TrainSettings
+from rig.training.run import TrainSettings, train_all
 
 OURS, PSPNET = ARCHITECTURES["ours"], ARCHITECTURES["pspnet"]
 # torch and its exporter warn about their own insides

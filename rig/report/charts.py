@@ -25,8 +25,17 @@ FEWEST_FRAMES = 30
 ANGLE_EDGES_DEG = (0.0, 2.0, 5.0, 10.0, 15.0, 20.0, 30.0, 45.0, 90.0)
 RATE_EDGES_DEG_S = (0.0, 2.0, 5.0, 10.0, 20.0, 40.0, 80.0, 200.0)
 TIME_EDGES_S = (0.0, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 5.0)
+PAPER_MARE_DEG = 1.85
+"""Castano-Amoros and Gil 2023, Table III: MARE of 45 lifts of its nine objects."""
+SURFACES = ("edge", "flat", "cylinder", "ball")
 _ROW_PX = 27
 _LABEL_CHARACTERS = 22
+_OUTCOMES = {
+    LiftOutcome.SLIPPED: (ESTIMATE, "o"),
+    LiftOutcome.HELD: (GOOD, "s"),
+    LiftOutcome.CAUGHT: (SECOND, "D"),
+    LiftOutcome.FALLEN: (BAD, "^"),
+}
 
 
 def boxes(
@@ -43,54 +52,44 @@ def boxes(
     written, not drawn. least: beginning of the scale, None for that of the values. mark: value at which a
     dashed line is drawn.
     """
-    names = list(groups)
-    with drawing(70 + _ROW_PX * max(len(names), 2)) as figure:
+    spots = []
+    with drawing(70 + _ROW_PX * max(len(groups), 2)) as figure:
         axes = figure.subplots()
-        filled = [(i, values) for i, values in enumerate(groups.values()) if values.size]
-        if filled:
-            _draw_boxes(axes, filled)
-        for i, values in enumerate(groups.values()):
+        if filled := {i: values for i, values in enumerate(groups.values()) if values.size}:
+            axes.boxplot(
+                list(filled.values()), positions=list(filled), orientation="horizontal",
+                whis=(0, 100), widths=0.6, patch_artist=True, manage_ticks=False,
+                boxprops={"facecolor": ESTIMATE.light, "alpha": 0.35, "edgecolor": ESTIMATE.light},
+                medianprops={"color": INK.light, "linewidth": 2},
+                whiskerprops={"color": MUTED.light}, capprops={"color": MUTED.light},
+            )  # fmt: skip
+        for i, (name, values) in enumerate(groups.items()):
             if not values.size:
                 beside = axes.get_yaxis_transform()
                 axes.text(0.0, i, " no answer", va="center", color=MUTED.light, transform=beside)
-        axes.set_yticks(range(len(names)), [fill(name, _LABEL_CHARACTERS) for name in names])
-        axes.set_ylim(len(names) - 0.4, -0.6)
+                continue
+            five = np.percentile(values, (0, 25, 50, 75, 100))
+            lowest, first, median, third, largest = five
+            text = (
+                f"{name}: median {median:.2f}, middle half {first:.2f} to {third:.2f}, "
+                f"least {lowest:.2f}, largest {largest:.2f}; {counted(values.size, 'value')}"
+            )
+            spots += [Spot(float(x), i, text) for x in five]
+        axes.set_yticks(range(len(groups)), [fill(name, _LABEL_CHARACTERS) for name in groups])
+        axes.set_ylim(len(groups) - 0.4, -0.6)
         axes.set_xlim(left=least)
         if mark is not None:
             axes.axvline(mark, color=TRUTH.light, dashes=(4, 2), zorder=1)
         axes.grid(False, axis="y")
         axes.set_xlabel(label)
-        spots = [
-            Spot(float(x), i, f"{names[i]}: {_five_numbers(values)}")
-            for i, values in filled
-            for x in np.percentile(values, (0, 25, 50, 75, 100))
-        ]
         return Chart(title, figure, caption, spots=spots)
-
-
-def _five_numbers(values: Floats) -> str:
-    least, first, median, third, largest = np.percentile(values, (0, 25, 50, 75, 100))
-    return (
-        f"median {median:.2f}, middle half {first:.2f} to {third:.2f}, "
-        f"least {least:.2f}, largest {largest:.2f}; {counted(values.size, 'value')}"
-    )
-
-
-def _draw_boxes(axes: Axes, filled: Sequence[tuple[int, Floats]]) -> None:
-    axes.boxplot(
-        [values for _, values in filled], positions=[i for i, _ in filled], orientation="horizontal",
-        whis=(0, 100), widths=0.6, patch_artist=True, manage_ticks=False,
-        boxprops={"facecolor": ESTIMATE.light, "alpha": 0.35, "edgecolor": ESTIMATE.light},
-        medianprops={"color": INK.light, "linewidth": 2},
-        whiskerprops={"color": MUTED.light}, capprops={"color": MUTED.light},
-    )  # fmt: skip
 
 
 def error_against_angle(lifts: Sequence[LiftCurves]) -> Chart:
     """Draw the error over the rotation of the object."""
-    sizes = [np.abs(lift.truth.at(lift.estimate.time_s)) for lift in lifts]
     return _against(
-        lifts, sizes, ANGLE_EDGES_DEG, "Error against angle", "marker angle, degrees",
+        lifts, [np.abs(lift.truth.at(lift.estimate.time_s)) for lift in lifts], ANGLE_EDGES_DEG,
+        "Error against angle", "marker angle, degrees",
         "Absolute error over the rotation of the markers since the zero.",
     )  # fmt: skip
 
@@ -112,13 +111,9 @@ def error_against_rate(lifts: Sequence[LiftCurves]) -> Chart:
 
 
 def _against(
-    lifts: Sequence[LiftCurves],
-    by: Sequence[Floats],
-    edges: tuple[float, ...],
-    title: str,
-    label: str,
-    what: str,
-) -> Chart:
+    lifts: Sequence[LiftCurves], by: Sequence[Floats], edges: tuple[float, ...],
+    title: str, label: str, what: str,
+) -> Chart:  # fmt: skip
     errors = np.concatenate([np.zeros(0), *(np.abs(signed_errors(lift)) for lift in lifts)])
     values = np.concatenate([np.zeros(0), *by])
     inside = np.concatenate([np.zeros(0, bool), *(lift.within("B", "C") for lift in lifts)])
@@ -135,8 +130,7 @@ def _against(
 
 def _percentiles(axes: Axes, errors: Floats, values: Floats, edges: tuple[float, ...]) -> list[Spot]:
     """Draw the percentiles of the errors in each bin of the values; return the values of each."""
-    bins = list(pairwise(edges))
-    groups = [(a, b, errors[(values >= a) & (values < b)]) for a, b in bins]
+    groups = [(a, b, errors[(values >= a) & (values < b)]) for a, b in pairwise(edges)]
     groups = [group for group in groups if group[2].size >= FEWEST_FRAMES]
     axes.set_xticks(range(len(groups)), [f"{a:g}-{b:g}" for a, b, _ in groups])
     axes.grid(False, axis="x")
@@ -144,7 +138,7 @@ def _percentiles(axes: Axes, errors: Floats, values: Floats, edges: tuple[float,
         axes.text(0.5, 0.5, "too few frames", ha="center", transform=axes.transAxes, color=MUTED.light)
         return []
     axes.set_xlim(-0.6, len(groups) - 0.4)
-    spots = []
+    spots, above = [], axes.get_xaxis_transform()
     for i, (begin, end, group) in enumerate(groups):
         low, first, middle, third, high = np.percentile(group, [5, 25, 50, 75, 95])
         axes.plot([i, i], [low, high], color=ESTIMATE.light)
@@ -157,19 +151,9 @@ def _percentiles(axes: Axes, errors: Floats, values: Floats, edges: tuple[float,
         )
         spots += [Spot(i, float(y), text) for y in (low, first, middle, third, high)]
         axes.plot([i], [middle], "o", color=INK.light, markersize=5)
-        axes.text(
-            i, 1.0, f"{group.size}", ha="center", va="bottom", fontsize=9.5, color=MUTED.light,
-            transform=axes.get_xaxis_transform(),
-        )  # fmt: skip
+        number = {"fontsize": 9.5, "color": MUTED.light, "transform": above}
+        axes.text(i, 1.0, f"{group.size}", ha="center", va="bottom", **number)
     return spots
-
-
-_OUTCOMES = {
-    LiftOutcome.SLIPPED: ESTIMATE,
-    LiftOutcome.HELD: GOOD,
-    LiftOutcome.CAUGHT: SECOND,
-    LiftOutcome.FALLEN: BAD,
-}
 
 
 def grip_chart(lifts: Sequence[Lift]) -> Chart | None:
@@ -179,7 +163,7 @@ def grip_chart(lifts: Sequence[Lift]) -> Chart | None:
         return None
     with drawing(250) as figure:
         axes = figure.subplots()
-        for (outcome, colour), marker in zip(_OUTCOMES.items(), "osD^", strict=True):
+        for outcome, (colour, marker) in _OUTCOMES.items():
             own = [(lift.grip_counts, turn) for lift, turn in known if lift.outcome is outcome]
             if own:
                 axes.plot(*zip(*own, strict=True), marker, color=colour.light, markersize=5, alpha=0.75,
@@ -210,21 +194,15 @@ def coverage_chart(lifts: Sequence[LiftCurves]) -> Chart | None:
         axes = figure.subplots()
         axes.plot(multiples, normal, color=MUTED.light, dashes=(2, 2), label="normal errors")
         axes.plot(multiples, seen, color=ESTIMATE.light, label="this trial")
-        axes.set(
-            xlabel="multiple of the reported sigma", ylabel="frames within, %", xlim=(0, 4), ylim=(0, 102)
-        )
+        axes.set(xlabel="multiple of the reported sigma", ylabel="frames within, %", xlim=(0, 4))
+        axes.set_ylim(0, 102)
         legend_above(axes, 2)
-        title = "Does sigma cover the error?"
         caption = "Below the dashed line sigma is too small, above it too large. Frames of B and C."
         spots = [
-            Spot(
-                float(m),
-                share,
-                f"within {m:.1f} sigma: {share:.1f} % of the frames; normal errors: {n:.1f} %",
-            )
-            for m, share, n in zip(multiples, seen, normal, strict=True)
+            Spot(float(m), s, f"within {m:.1f} sigma: {s:.1f} % of the frames; normal errors: {n:.1f} %")
+            for m, s, n in zip(multiples, seen, normal, strict=True)
         ]
-        return Chart(title, figure, caption, spots=spots)
+        return Chart("Does sigma cover the error?", figure, caption, spots=spots)
 
 
 def sigma_ratios(lifts: Sequence[LiftCurves]) -> Floats:
@@ -257,29 +235,21 @@ def finals_chart(lifts: Sequence[Final]) -> Chart | None:
     ]  # fmt: skip
     if not spots:
         return None
-    pairs = np.array([(spot.y, spot.x) for spot in spots])
-    estimates, truths = pairs.T
+    pairs = np.array([(spot.x, spot.y) for spot in spots])
+    low, high = min(0.0, float(np.min(pairs))), max(0.0, float(np.max(pairs)))
+    room = 0.05 * max(high - low, 2.0)
+    reach = (low - room, high + room)
     with drawing(290) as figure:
         axes = figure.subplots()
-        low, high = min(0.0, float(np.min(pairs))), max(0.0, float(np.max(pairs)))
-        room = 0.05 * max(high - low, 2.0)
-        reach = (low - room, high + room)
         axes.plot(reach, reach, color=TRUTH.light, dashes=(4, 1.2), label="marker angle")
         axes.plot(
-            truths, estimates, "o", markersize=5, color=ESTIMATE.light, alpha=0.75,
-            label="estimate, one per lift",
-        )  # fmt: skip
+            *pairs.T, "o", markersize=5, color=ESTIMATE.light, alpha=0.75, label="estimate, one per lift"
+        )
         axes.set(xlabel="final marker angle, degrees", ylabel="final estimate, degrees", aspect="equal")
         axes.set(xlim=reach, ylim=reach)
         legend_above(axes, 2)
-        title = "Final angles"
         caption = "Means over the end of C. Points on the line have no error."
-        return Chart(title, figure, caption, spots=spots)
-
-
-PAPER_MARE_DEG = 1.85
-"""Castano-Amoros and Gil 2023, Table III: MARE of 45 lifts of its nine objects."""
-SURFACES = ("edge", "flat", "cylinder", "ball")
+        return Chart("Final angles", figure, caption, spots=spots)
 
 
 def errors_by(lifts: Sequence[Lift], group: Callable[[Lift], str]) -> dict[str, Floats]:
@@ -295,14 +265,13 @@ def errors_by(lifts: Sequence[Lift], group: Callable[[Lift], str]) -> dict[str, 
 
 def object_chart(lifts: Sequence[Lift]) -> Chart:
     """Draw the paper's box plot: a box per object over all frames of phase B."""
-    return boxes(
-        errors_by(lifts, lambda lift: lift.label),
-        "Rotational error per object",
+    caption = (
         "All frames of phase B, as in the paper's figure: median, quartiles, whiskers from least to most. "
         f"Dashed: {PAPER_MARE_DEG}°, the paper's mean over all objects on its real bench; it prints no "
-        "number per object.",
-        mark=PAPER_MARE_DEG,
+        "number per object."
     )
+    groups = errors_by(lifts, lambda lift: lift.label)
+    return boxes(groups, "Rotational error per object", caption, mark=PAPER_MARE_DEG)
 
 
 def surface_chart(lifts: Sequence[Lift], own: Sequence[GraspFile] = ()) -> Chart | None:
@@ -310,16 +279,13 @@ def surface_chart(lifts: Sequence[Lift], own: Sequence[GraspFile] = ()) -> Chart
 
     own: a lab's objects, as stored in the session.
     """
-    named = [lift for lift in lifts if surface(lift, own)]
-    groups = errors_by(named, lambda lift: surface(lift, own))
-    counts = Counter(surface(lift, own) for lift in named)
+    groups = errors_by(lifts, lambda lift: surface(lift, own))
+    counts = Counter(surface(lift, own) for lift in lifts)
     groups = {f"{s} ({counted(counts[s], 'lift')})": groups[s] for s in SURFACES if s in groups}
-    if len(groups) < 2:
-        return None
     caption = (
         "Phase B, by what the fingers hold (as the object files name it): the paper's edge and cylinder."
     )
-    return boxes(groups, "Error by grasped surface", caption)
+    return None if len(groups) < 2 else boxes(groups, "Error by grasped surface", caption)
 
 
 def surface(lift: Lift, own: Sequence[GraspFile] = ()) -> str:

@@ -2,10 +2,10 @@
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from datetime import datetime
-from typing import Any
+from datetime import UTC, datetime
+from typing import Any, TypeVar
 
 from markupsafe import Markup, escape
 from matplotlib.figure import Figure
@@ -14,6 +14,8 @@ from rig.pages.figure import Spot, plot_data, svg
 from rig.results.metrics import Mare
 from rig.sessions.manifest import BenchManifest, TrialManifest
 from rig.sessions.records import Lift
+
+Item = TypeVar("Item")
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +54,6 @@ class Chart:
 
     @property
     def svg(self) -> Markup:
-        """The figure as inline SVG."""
         return svg(self.figure, self.alt or self.title)
 
 
@@ -70,6 +71,18 @@ class Table:
     text: Sequence[int] = (0,)
     total: bool = False
     filters: Mapping[int, str] = field(default_factory=dict)
+
+
+def table_of(
+    items: Iterable[Item],
+    columns: Mapping[str, Callable[[Item], str]],
+    total: Sequence[str] = (),
+    text: Sequence[int] = (0,),
+    filters: Mapping[int, str] | None = None,
+) -> Table:
+    """Return a table with a row per item. columns: an item's text for each heading. total: the last row."""
+    rows = [[cell(item) for cell in columns.values()] for item in items]
+    return Table(list(columns), [*rows, *([total] if total else [])], text, bool(total), filters or {})
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,17 +120,13 @@ def linked(text: str, anchors: Mapping[str, str]) -> Markup:
 
 def mare_tile(value: Mare | None, what: str) -> tuple[str, str]:
     """Return the tile of a MARE: the figure, and below it a description with interval and refused lifts."""
-    return mare_short(value), f"{what} {value.beside if value else ''}".rstrip()
+    figure = "no answer" if value is None else f"{value.mean_deg:.2f} ± {value.std_deg:.2f}°"
+    return figure, f"{what} {value.beside if value else ''}".rstrip()
 
 
-def mare_short(value: Mare | None) -> str:
-    """Return MARE and standard deviation, deg."""
-    return "no answer" if value is None else f"{value.mean_deg:.2f} ± {value.std_deg:.2f}°"
-
-
-def made_text(when: datetime) -> str:
-    """Return the creation time of a page. when: in UTC."""
-    return when.strftime("%Y-%m-%d %H:%M UTC")
+def made_text(when: datetime | None = None) -> str:
+    """Return the creation time of a page. when: in UTC, default now."""
+    return (when or datetime.now(UTC)).strftime("%Y-%m-%d %H:%M UTC")
 
 
 def angle_text(angle_deg: float | None) -> str:

@@ -29,10 +29,9 @@ LABEL = "contact"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ContactImage:
-    """An image with its contact mask.
+    """An image with its contact mask, (H, W) uint8, 0 or 255.
 
-    name: path in the export. encoded: the stored bytes of the image. mask: (H, W) uint8, 0 or 255. note:
-    origin of the mask.
+    name: path in the export. encoded: the stored bytes of the image. note: origin of the mask.
     """
 
     name: str
@@ -60,12 +59,14 @@ def _of_recording(request: ExportRequest) -> Iterator[ContactImage]:
     for pose in request.accepted_poses:
         for image in pose.images:
             path = request.session / image.file
-            picture = _read(path)
+            picture, note = _read(path), TRUE_NOTE
             truth = request.session / true_mask_file(path.stem)
-            if truth.exists():
-                mask, note = _mask(truth, picture), TRUE_NOTE
-            else:
+            if not truth.exists():
                 mask, note = _found(finders[image.serial], picture), FOUND_NOTE
+            elif (mask := load_image(truth, grey=True)) is None or mask.shape != picture.shape[:2]:
+                raise SessionError(
+                    f"{truth}: the true mask cannot be read, or its size differs from the image's"
+                )
             yield ContactImage(image.file, path.read_bytes(), mask, note)
 
 
@@ -94,13 +95,6 @@ def _read(path: Path) -> Image:
     if image is None:
         raise SessionError(f"{path}: {image_flaw(path) or 'cannot be decoded'}; the session is damaged")
     return image
-
-
-def _mask(path: Path, picture: Image) -> Image:
-    mask = load_image(path, grey=True)
-    if mask is None or mask.shape != picture.shape[:2]:
-        raise SessionError(f"{path}: the true mask cannot be read, or its size differs from the image's")
-    return mask
 
 
 def export_coco(request: ExportRequest) -> Exported:

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from functools import cache, lru_cache
 from itertools import chain, islice
 from pathlib import Path
+from typing import cast
 
 import cv2
 import numpy as np
@@ -20,7 +21,7 @@ from drivers.types import Image
 from protocols.reaction import ReactionKind
 from rig.frames.estimation import EstimatedSeries
 from rig.pages.palette import ESTIMATE, INK, MUTED, PAPER, PHASE, TRUTH
-from rig.report.lift_chart import CurvePanel, draw_panel, on_one_scale, shown_range
+from rig.report.lift_chart import draw_panel, on_one_scale, shown_range
 from rig.report.own_frames import estimate_curves, tip_of
 from rig.report.strips import TipFrames, angles_at, caption, drawn, read_tip, rgb
 from rig.sessions.lift_curves import LiftCurves
@@ -86,12 +87,14 @@ def save_film(out: Path, pictures: Iterator[Image], fps: float) -> Film:
     first = next(pictures)
     codec, size = CODECS[out.suffix.lower()], (first.shape[1], first.shape[0])
     aside = out.with_name(f".{out.stem}-{os.getpid()}{out.suffix}")
+    all_pictures = (cast(Image, cv2.cvtColor(p, cv2.COLOR_RGB2BGR)) for p in chain([first], pictures))
     try:
-        all_pictures = chain([first], pictures)
         if out.suffix.lower() == ANIMATED:
             count, there = _animate(aside, fps, all_pictures), cv2.imcount(str(aside))
         else:
-            count, there = _write(aside, codec, fps, size, all_pictures), _pictures_in(aside)
+            count, film = _write(aside, codec, fps, size, all_pictures), cv2.VideoCapture(str(aside))
+            there = sum(1 for _ in iter(film.grab, False))
+            film.release()
         if there < count:  # OpenCV's writer does not report a full disk
             raise RecordingError(f"{out}: {there} of {count} pictures were written as '{codec}'; free space")
         aside.replace(out)
@@ -103,7 +106,7 @@ def save_film(out: Path, pictures: Iterator[Image], fps: float) -> Film:
 
 
 def _animate(path: Path, fps: float, pictures: Iterable[Image]) -> int:
-    frames = [cv2.cvtColor(p, cv2.COLOR_RGB2BGR) for p in islice(pictures, MOST_ANIMATED + 1)]
+    frames = list(islice(pictures, MOST_ANIMATED + 1))
     if len(frames) > MOST_ANIMATED:
         raise InputError(
             f"{path.suffix} takes {MOST_ANIMATED} pictures at most; give a lower --fps, a higher --speed "
@@ -123,9 +126,8 @@ def _write(path: Path, codec: str, fps: float, size: tuple[int, int], pictures: 
         writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*codec), fps, size)
     count = 0
     try:
-        for picture in pictures:
-            writer.write(cv2.cvtColor(picture, cv2.COLOR_RGB2BGR))
-            count += 1
+        for count, picture in enumerate(pictures, start=1):  # noqa: B007 - returned
+            writer.write(picture)
     finally:
         writer.release()
     return count
@@ -148,16 +150,6 @@ def _quiet() -> Iterator[None]:
         os.dup2(kept, 2)
         os.close(kept)
         os.close(nowhere)
-
-
-def _pictures_in(path: Path) -> int:
-    film, there = cv2.VideoCapture(str(path)), 0
-    try:
-        while film.grab():
-            there += 1
-    finally:
-        film.release()
-    return there
 
 
 HEIGHT_PX, CURVE_PX, BAND_PX, LEGEND_PX, GAP_PX = 360, 240, 36, 30, 8
@@ -201,34 +193,29 @@ def write_film(
     `RecordingError` if the film cannot be written.
     """
     out = film_place(out)
-    scenes = [_own_frames(each) if isinstance(each, EstimatedSeries) else _read(*each) for each in filmed]
+    scenes = [_of_clip(each) if isinstance(each, EstimatedSeries) else _read(*each) for each in filmed]
     shared = on_one_scale([scene.curves for scene in scenes])
     scenes = [replace(scene, curves=curves) for scene, curves in zip(scenes, shared, strict=True)]
-    pictures = _pictures(scenes, speed / fps)
-    return save_film(out, (_of_width(picture, width_px) for picture in pictures), fps)
+    return save_film(out, _pictures(scenes, speed / fps, width_px), fps)
 
 
 def _read(folder: Path, manifest: TrialManifest, lift: Lift) -> _Scene:
     if lift.curves is None:
         raise SessionError(f"{folder / lift.recording}: the recording cannot be read; choose another --lift")
-    path = folder / lift.recording
-    zero_ns = lift.zero_ns
+    path, zero_ns, signs = folder / lift.recording, lift.zero_ns, manifest.signs
     tips = []
-    for serial, sign in manifest.signs.items():
+    for serial, sign in signs.items():
         tip = read_tip(path, lift.curves, zero_ns, serial, sign)
         tips.append((tip, _newest(((f.time_ns - zero_ns) / NS_PER_S, f.image) for f in tip.frames)))
-    camera = (
-        ((frame.time_ns - zero_ns) / NS_PER_S, _scaled(frame.image))
-        for serial in manifest.serials
-        if serial not in manifest.signs
-        for frame in recorded_frames(path, serial, gaps=[])
-    )
+    cameras = [serial for serial in manifest.serials if serial not in signs]
+    seen = (frame for serial in cameras for frame in recorded_frames(path, serial, gaps=[]))
+    camera = (((frame.time_ns - zero_ns) / NS_PER_S, _scaled(frame.image)) for frame in seen)
     mark = "SIMULATED, " if manifest.simulated else ""
     reaction = "" if manifest.react is ReactionKind.NONE else f", on a slip: {manifest.react}"
     return _Scene(f"{mark}{lift.title}{reaction}", lift.curves, tuple(tips), _newest(camera))
 
 
-def _own_frames(series: EstimatedSeries) -> _Scene:
+def _of_clip(series: EstimatedSeries) -> _Scene:
     curves = estimate_curves(series)
     frames = ((f.time.time_ns / NS_PER_S, f.image) for f in series.frames if f.image is not None)
     return _Scene(series.name, curves, ((tip_of(series), _newest(frames)),), None)
@@ -248,7 +235,7 @@ def _newest(frames: Iterable[tuple[float, Image]]) -> _ImageAt:
     return newest
 
 
-def _pictures(scenes: Sequence[_Scene], step_s: float) -> Iterator[Image]:
+def _pictures(scenes: Sequence[_Scene], step_s: float, width_px: int | None) -> Iterator[Image]:
     starts, ends = zip(*(shown_range(scene.curves) for scene in scenes), strict=True)
     if max(ends) - min(starts) > MOST_PICTURES * step_s:
         raise InputError(f"the film would have more than {MOST_PICTURES} pictures: give a higher --speed")
@@ -256,26 +243,21 @@ def _pictures(scenes: Sequence[_Scene], step_s: float) -> Iterator[Image]:
         rows = [_picture(scene, float(time_s)) for scene in scenes]
         width = max(row.shape[1] for row in rows)
         legend = _legend(width, any(scene.curves.phases_s for scene in scenes))
-        yield _even(np.concatenate([*(_widened(row, width) for row in rows), legend]))
+        picture = np.concatenate([*(_widened(row, width) for row in rows), legend])
+        # most codecs reject an odd last row and column
+        picture = picture[: picture.shape[0] // 2 * 2, : width // 2 * 2]
+        if width_px is not None:
+            height_px = round(picture.shape[0] * width_px / picture.shape[1])
+            picture = _resized(picture, width_px, height_px)[: height_px // 2 * 2, : width_px // 2 * 2]
+        yield np.ascontiguousarray(picture)
 
 
-@lru_cache(maxsize=8)
-def _curve(scene: _Scene, width: int) -> CurvePanel:
-    return draw_panel(scene.curves, width, CURVE_PX)
+_panel = lru_cache(maxsize=8)(draw_panel)
 
 
 def _widened(picture: Image, width: int) -> Image:
     missing = _blank(picture.shape[0], width - picture.shape[1])
     return np.concatenate([picture, missing], axis=1)
-
-
-def _of_width(picture: Image, width_px: int | None) -> Image:
-    if width_px is None:
-        return picture
-    height_px = round(picture.shape[0] * width_px / picture.shape[1])
-    return _even(
-        np.asarray(cv2.resize(picture, (width_px, height_px), interpolation=cv2.INTER_AREA), np.uint8)
-    )
 
 
 def _picture(scene: _Scene, time_s: float) -> Image:
@@ -290,7 +272,7 @@ def _picture(scene: _Scene, time_s: float) -> Image:
     gap = _blank(HEIGHT_PX, GAP_PX)
     row = np.concatenate([part for panel in panels for part in (panel, gap)][:-1], axis=1)
     width = max(row.shape[1], LEAST_WIDTH_PX)
-    curve = _curve(scene, width).until(time_s)
+    curve = _panel(scene.curves, width, CURVE_PX).until(time_s)
     return np.concatenate([_widened(row, width), curve, _band(scene, time_s, width)])
 
 
@@ -308,17 +290,12 @@ def _band(scene: _Scene, time_s: float, width: int) -> Image:
     return band
 
 
-_OF_A_LIFT = ((TRUTH, 5, "marker angle, thick axis"), (PHASE, 12, "phase B: the arm lifts"))
-
-
 @cache
 def _legend(width: int, of_a_lift: bool) -> Image:
     """Draw the legend, (N LEGEND_PX, width, 3) uint8. of_a_lift: whether there are markers and phases."""
-    entries = (
-        (ESTIMATE, 2, "estimated angle, thin axis"),
-        *(_OF_A_LIFT if of_a_lift else ()),
-        (MUTED, 1, "white in the fingertips: outline of the contact"),
-    )
+    lift = ((TRUTH, 5, "marker angle, thick axis"), (PHASE, 12, "phase B: the arm lifts"))
+    outline = (MUTED, 1, "white in the fingertips: outline of the contact")
+    entries = ((ESTIMATE, 2, "estimated angle, thin axis"), *(lift if of_a_lift else ()), outline)
     lines, x = [_blank(LEGEND_PX, width)], 10
     middle = LEGEND_PX // 2
     for colour, thick, text in entries:
@@ -337,8 +314,11 @@ def _blank(height: int, width: int) -> Image:
 
 
 def _scaled(image: Image) -> Image:
-    width = round(image.shape[1] * HEIGHT_PX / image.shape[0])
-    return np.asarray(cv2.resize(image, (width, HEIGHT_PX), interpolation=cv2.INTER_AREA), np.uint8)
+    return _resized(image, round(image.shape[1] * HEIGHT_PX / image.shape[0]), HEIGHT_PX)
+
+
+def _resized(image: Image, width_px: int, height_px: int) -> Image:
+    return np.asarray(cv2.resize(image, (width_px, height_px), interpolation=cv2.INTER_AREA), np.uint8)
 
 
 def _labelled(picture: Image, text: str) -> Image:
@@ -350,9 +330,3 @@ def _labelled(picture: Image, text: str) -> Image:
 
 def _empty(text: str) -> Image:
     return _labelled(np.full((HEIGHT_PX, HEIGHT_PX, 3), 128, np.uint8), text)
-
-
-def _even(picture: Image) -> Image:
-    """Return the image without an odd last row and column, which most codecs reject."""
-    height, width = picture.shape[:2]
-    return np.ascontiguousarray(picture[: height // 2 * 2, : width // 2 * 2])

@@ -24,7 +24,6 @@ from rig.experiments.replay import replay_or_problem
 from rig.report.session import UNREADABLE, read_timing, read_usable
 from rig.sessions.codec import json_line
 from rig.sessions.files import MANIFEST, RESULTS, append_line, drop_torn_line, state_folder
-from rig.sessions.lift_curves import LiftCurves
 from rig.sessions.manifest import TrialManifest, is_session, read_manifest_of
 from rig.sessions.reading import read_curves
 from rig.sessions.records import FIGURES, LIFTS, Lift, finished
@@ -53,11 +52,8 @@ class Side:
 def session_side(folder: Path, name: str | None = None) -> Side:
     """Return a session with its stored results as a side. Raises `SessionError`, `InputError`."""
     if not is_session(folder):
-        hint = (
-            " (an estimator's name needs --on SESSION)"
-            if str(folder) in ESTIMATORS or is_class_name(str(folder))
-            else ""
-        )
+        named = str(folder) in ESTIMATORS or is_class_name(str(folder))
+        hint = " (an estimator's name needs --on SESSION)" if named else ""
         raise InputError(f"{folder}: no session folder{hint}")
     return _stored_side(folder, name, read_manifest_of(folder, TrialManifest, ONLY_TRIALS))
 
@@ -88,18 +84,17 @@ def estimator_side(folder: Path, estimator: str, jobs: int, progress: Progress) 
         return stored
     wanted = trial.settings.estimator
     found, problems, before = replayed(folder, trial.settings, jobs, progress)
-    rows = [row for row, _ in found]
-    if not rows:
+    if not found:
         raise SessionError(problems[0])
     kept = (f"{counted(before, 'lift')} replayed with {estimator} before",) if before else ()
-    amiss = (f"{row.object}/{row.lift}: {row.estimator_faults}" for row in rows if row.estimator_faults)
-    notes = (*stored.notes, *problems, *kept, *amiss)
-    asked = f"{wanted.name}, window {wanted.window}"
     curves = {(lift.number, lift.attempt): lift.curves for lift in stored.lifts}
-    lifts = [
-        replace(row, curves=_again(curves.get((row.number, row.attempt)), angles)) for row, angles in found
-    ]
-    return Side(estimator, lifts, stored.simulated, asked, notes)
+    lifts = []
+    for row, angles in found:
+        own = curves.get((row.number, row.attempt))
+        lifts.append(replace(row, curves=own and replace(own, estimate=angles, tips={})))
+    amiss = (f"{row.object}/{row.lift}: {row.estimator_faults}" for row in lifts if row.estimator_faults)
+    notes = (*stored.notes, *problems, *kept, *amiss)
+    return Side(estimator, lifts, stored.simulated, f"{wanted.name}, window {wanted.window}", notes)
 
 
 def _with_curves(folder: Path, lift: Lift, manifest: TrialManifest) -> Lift:
@@ -107,11 +102,6 @@ def _with_curves(folder: Path, lift: Lift, manifest: TrialManifest) -> Lift:
         return replace(lift, curves=read_curves(folder, lift, manifest.signs))
     except UNREADABLE:
         return lift
-
-
-def _again(stored: LiftCurves | None, angles: Angles) -> LiftCurves | None:
-    """Return a lift's stored curves with the fused angles of a replay as the estimate."""
-    return None if stored is None else replace(stored, estimate=angles, tips={})
 
 
 SOURCES = ("rig/tactile", "rig/lift", "rig/models", "rig/sessions", "calibration", "drivers")
@@ -130,12 +120,11 @@ def replayed(
     """
     usable = read_usable_lifts(folder)
     file = None if settings.estimator.foreign else _file(folder, settings)
-    kept = {(row.number, row.attempt): row for row in _kept(file)} if file else {}
+    kept = _kept(file) if file else {}
     found: dict[int, Replayed] = {}
     for row in usable.lifts:
         before = kept.get((row.number, row.attempt))
-        angles = None if file is None or before is None else _kept_angles(file, row)
-        if before is not None and angles is not None:
+        if file and before and (angles := _kept_angles(file, row)) is not None:
             found[row.number] = replace(row, **{name: getattr(before, name) for name in FIGURES}), angles
     count, problems = len(found), list(usable.problems)
     left = [row for row in usable.lifts if row.number not in found]
@@ -143,20 +132,11 @@ def replayed(
         if isinstance(again, str):
             problems.append(again)
             continue
-        row = again[0]
-        found[row.number] = again
+        found[again[0].number] = again
         if file is not None:
             _keep(file, *again)
-        progress(len(found), len(usable.lifts), row)
+        progress(len(found), len(usable.lifts), again[0])
     return [found[number] for number in sorted(found)], tuple(problems), count
-
-
-def _kept(file: Path) -> list[Lift]:
-    try:
-        rows, _ = readable_rows(file, LIFTS)
-    except OSError:
-        return []
-    return finished(rows)
 
 
 def _keep(file: Path, row: Lift, angles: Angles) -> None:
@@ -173,6 +153,14 @@ def _keep(file: Path, row: Lift, angles: Angles) -> None:
 
 def _angles_file(file: Path, row: Lift) -> Path:
     return file.with_name(f"{file.stem}_{row.number}_{row.attempt}.npy")
+
+
+def _kept(file: Path) -> dict[tuple[int, int], Lift]:
+    """Return the replayed lifts in the cache by number and attempt."""
+    try:
+        return {(row.number, row.attempt): row for row in finished(readable_rows(file, LIFTS)[0])}
+    except OSError:
+        return {}
 
 
 def _kept_angles(file: Path, row: Lift) -> Angles | None:

@@ -8,7 +8,6 @@ import shutil
 import subprocess
 from collections.abc import Sequence
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -86,8 +85,7 @@ def _pair_page(folder: Path, beside: Path) -> tuple[ReportPage, tuple[str, ...]]
         read_trial(each, read_manifest_of(each, TrialManifest, "only trials react to slip"))
         for each in (folder, beside)
     )
-    page = trial_page(trial, other=other)
-    return page, tuple(notice.what for each in (trial, other) for notice in each.problems)
+    return trial_page(trial, other=other), tuple(n.what for each in (trial, other) for n in each.problems)
 
 
 def _broken_page(folder: Path, error: BaseException) -> str:
@@ -101,7 +99,7 @@ def _broken_page(folder: Path, error: BaseException) -> str:
         notice=Notice("bad", "This session cannot be shown.", str(error)),
         files=Table(("file", "MB"), rows) if rows else None,
         more=max(len(files) - len(rows), 0),
-        made=made_text(datetime.now(UTC)),
+        made=made_text(),
     )
 
 
@@ -119,8 +117,6 @@ def _written(path: Path, page: ReportPage, problems: Sequence[str], figures: Pat
         raise InputError(f"--figures {figures}: only readable trials and CSV files have figures")
     write_page(path, page.html)
     if figures is not None:
-        from rig.report.write import write_paper
-
         write_paper(figures, page)
     return Written(path, tuple(problems))
 
@@ -146,10 +142,13 @@ def write_paper(folder: Path, page: ReportPage) -> None:
     mark, table = SIMULATED if page.simulated else "", page.table
     for chart in page.charts:
         for ending, data in column_files(chart.figure).items():
-            write_file(folder / f"{mark}{_file_name(chart.title)}.{ending}", data)
+            name = re.sub(r"[^\w]+", "_", chart.title.replace("|", "")).strip("_")
+            write_file(folder / f"{mark}{name}.{ending}", data)
     if table is not None:
         write_file(folder / f"{mark}{TABLE}.tex", latex(table, page.simulated).encode())
-        write_file(folder / f"{mark}{TABLE}.csv", csv_text(table).encode())
+        text = io.StringIO()
+        csv.writer(text, lineterminator="\n").writerows([table.columns, *table.rows])
+        write_file(folder / f"{mark}{TABLE}.csv", text.getvalue().encode())
 
 
 def latex(table: Table, simulated: bool) -> str:
@@ -163,20 +162,9 @@ def latex(table: Table, simulated: bool) -> str:
     return "\n".join([*about, begin, r"\hline", *lines, r"\hline", end]) + "\n"
 
 
-def csv_text(table: Table) -> str:
-    """Return a table as CSV with the page's text."""
-    text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerows([table.columns, *table.rows])
-    return text.getvalue()
-
-
 def _latex_row(cells: Sequence[str]) -> str:
     texts = ("".join(_LATEX.get(character, character) for character in cell) for cell in cells)
     return " & ".join(texts) + r" \\"
-
-
-def _file_name(title: str) -> str:
-    return re.sub(r"[^\w]+", "_", title.replace("|", "")).strip("_")
 
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")

@@ -45,7 +45,6 @@ class ClipToLabel:
 
     @property
     def size_px(self) -> tuple[int, int]:
-        """Width and height of a frame."""
         return self.background.shape[1], self.background.shape[0]
 
 
@@ -58,13 +57,16 @@ def choose_frames(
     Raises `InputError` if no frame shows a contact, or if the reference is not a frame with contact before
     another.
     """
-    touching, zero, why = _scanned(series, background)
+    estimator = choose_estimator(None, None).make(background, None)
+    found = zeroed(estimate_series(series, estimator, series.count), None)
+    touching = [number for number, sample in enumerate(found.samples) if sample.contact_area_px > 0]
     if not touching:
         raise InputError(
             f"{series.name}: no frame shows a contact: compare the background with the frames, it may show "
             "the same contact"
         )
     seen = f"a contact is seen in frames {touching[0]} to {touching[-1]}"
+    zero = touching[0] if found.zero is None else found.times.index(found.zero)
     first = zero if reference is None else reference
     if first not in touching:
         raise InputError(f"{series.name}: --reference {first} shows no contact or cannot be read; {seen}")
@@ -73,6 +75,7 @@ def choose_frames(
         raise InputError(f"{series.name}: no contact follows frame {first}: choose an earlier --reference")
     places = np.unique(np.linspace(0, len(between) - 1, min(count, len(between))).round().astype(int))
     frames = tuple(between[place] for place in places)
+    why = "no frame has an angle" if found.zero is None else found.zero_note
     asked = why if reference is None else "as given"
     note = (
         f"{seen}; reference: frame {frames[0]} ({asked}); {counted(len(frames), 'frame')} to label, "
@@ -103,16 +106,6 @@ def difference(image: Image, background: Image) -> Image:
     light = RelativeDifference(background, (background.shape[1], background.shape[0]))
     change = cv2.GaussianBlur(light.of(image), (0, 0), 1.0)
     return np.clip(127.5 * (1.0 + np.asarray(change) / DIFFERENCE_RANGE), 0, 255).astype(np.uint8)
-
-
-def _scanned(series: FrameSeries, background: Image) -> tuple[list[int], int, str]:
-    """Return the frames with contact, the frame of the zero, and a note on the zero."""
-    estimator = choose_estimator(None, None).make(background, None)
-    found = zeroed(estimate_series(series, estimator, series.count), None)
-    touching = [number for number, sample in enumerate(found.samples) if sample.contact_area_px > 0]
-    if found.zero is None:
-        return touching, touching[0] if touching else 0, "no frame has an angle"
-    return touching, found.times.index(found.zero), found.zero_note
 
 
 Line = tuple[float, float, float, float]
@@ -158,9 +151,14 @@ def angle_labels(passes: Sequence[Mapping[int, Line]], reference: int) -> list[A
     frames = sorted(set(passes[0]) & set(passes[1]))
     _check(passes, frames, reference)
     turned = [_turned({frame: lines[frame] for frame in frames}, reference) for lines in passes]
-    _check_ends(turned)
-    gaps = {frame: turned[0][frame] - turned[1][frame] for frame in frames if frame != reference}
-    pooled = math.sqrt(sum(gap**2 for gap in gaps.values()) / max(len(gaps), 1)) / 2.0
+    gaps = {frame: turned[0][frame] - turned[1][frame] for frame in frames}
+    for frame, gap in gaps.items():
+        if abs(gap) > MOST_APART_DEG:
+            raise InputError(
+                f"frame {frame}: both passes differ by {gap:.0f} degrees: draw its line again, from the same "
+                "end of the same feature as in the other frames"
+            )
+    pooled = math.sqrt(sum(gap**2 for gap in gaps.values()) / max(len(gaps) - 1, 1)) / 2.0
     labels = []
     for frame in frames:
         one, two = turned[0][frame], turned[1][frame]
@@ -185,17 +183,13 @@ def labels_csv(labels: Sequence[AngleLabel], reference: int) -> str:
 
 def _turned(lines: Mapping[int, Line], reference: int) -> dict[int, float]:
     """Return the rotation since the reference, deg, by frame."""
-    frames = sorted(lines)
-    headings = {frame: _heading_deg(lines[frame]) for frame in frames}
+    frames, headings = sorted(lines), {}
+    for frame, (x1, y1, x2, y2) in lines.items():
+        headings[frame] = math.degrees(-math.atan2(y2 - y1, x2 - x1))
     turned = {frames[0]: 0.0}
     for before, frame in pairwise(frames):
         turned[frame] = turned[before] + math.remainder(headings[frame] - headings[before], 360.0)
     return {frame: turn - turned[reference] for frame, turn in turned.items()}
-
-
-def _heading_deg(line: Line) -> float:
-    x1, y1, x2, y2 = line
-    return math.degrees(-math.atan2(y2 - y1, x2 - x1))
 
 
 def _length_px(line: Line) -> float:
@@ -215,24 +209,11 @@ def _check(passes: Sequence[Mapping[int, Line]], frames: Sequence[int], referenc
         )
     for lines in passes:
         for frame in frames:
-            if (
-                not all(math.isfinite(value) for value in lines[frame])
-                or _length_px(lines[frame]) < SHORTEST_PX
-            ):
+            if not all(map(math.isfinite, lines[frame])) or _length_px(lines[frame]) < SHORTEST_PX:
                 raise InputError(
                     f"frame {frame}: its line is shorter than {SHORTEST_PX:g} px, too short for an angle: "
                     "draw it from end to end of a long feature"
                 )
-
-
-def _check_ends(turned: Sequence[Mapping[int, float]]) -> None:
-    """Raise `InputError` if the passes differ by more than `MOST_APART_DEG` in a frame."""
-    for frame, one in turned[0].items():
-        if abs(gap := one - turned[1][frame]) > MOST_APART_DEG:
-            raise InputError(
-                f"frame {frame}: both passes differ by {gap:.0f} degrees: draw its line again, from the same "
-                "end of the same feature as in the other frames"
-            )
 
 
 @strict
@@ -276,11 +257,7 @@ def read_drawn(path: Path) -> DrawnLines | None:
 
 
 def chosen_frames(
-    series: FrameSeries,
-    background: Image,
-    count: int | None,
-    reference: int | None,
-    drawn: DrawnLines | None,
+    series: FrameSeries, background: Image, count: int | None, reference: int | None, drawn: DrawnLines | None
 ) -> tuple[FrameChoice, str]:
     """Return the frames to label, and a note for the user.
 
@@ -326,7 +303,6 @@ class LineLog:
 
     @property
     def clicks(self) -> tuple[Click, ...]:
-        """All clicks so far, in order."""
         return self._clicks
 
     def add(self, click: Click) -> None:

@@ -146,18 +146,13 @@ def svg(figure: Figure, alt: str) -> Markup:
         text = pattern.sub(instead, text)
     # coordinates in tags are rounded to hundredths of a pixel; numbers in labels must not be rounded
     text = _TAG.sub(lambda tag: _DIGITS.sub(r".\1", tag.group()), text)
-    text = _own_ids(text, f"f{next(_number)}-")
-    text = re.sub(r"#[0-9a-f]{6}\b", _in_css, text)
+    prefix = f"f{next(_number)}-"  # a page contains several figures
+    text = re.sub(r'\bid="', f'id="{prefix}', text)
+    text = re.sub(r"(url\(|href=\")#", rf"\1#{prefix}", text)
+    css = {colour: f"var(--{name})" for colour, name in NAME_BY_LIGHT_HEX.items()}
+    text = re.sub(r"#[0-9a-f]{6}\b", lambda colour: css.get(colour.group(), colour.group()), text)
     head = f'<svg role="img" aria-label="{Markup.escape(alt)}" '
     return Markup(text.replace("<svg ", head, 1))  # noqa: S704 - drawn here; the alt text is escaped
-
-
-def png(figure: Figure, dpi: float) -> bytes:
-    """Return a figure as PNG on white paper."""
-    buffer = io.BytesIO()
-    with _styled():
-        figure.savefig(buffer, format="png", dpi=dpi, facecolor=PAPER.light, metadata={"Software": None})
-    return buffer.getvalue()
 
 
 def column_files(figure: Figure) -> dict[str, bytes]:
@@ -214,18 +209,6 @@ _SUPERFLUOUS = (
 _TAG, _DIGITS = re.compile(r"<[^>]+>"), re.compile(r"\.(\d\d)\d+")
 
 
-def _in_css(colour: re.Match[str]) -> str:
-    """Return a hex colour of the palette as a CSS variable; other colours unchanged."""
-    name = NAME_BY_LIGHT_HEX.get(colour.group())
-    return f"var(--{name})" if name else colour.group()
-
-
-def _own_ids(text: str, prefix: str) -> str:
-    """Make the ids of a figure unique, because a page contains several figures."""
-    text = re.sub(r'\bid="', f'id="{prefix}', text)
-    return re.sub(r"(url\(|href=\")#", rf"\1#{prefix}", text)
-
-
 SECONDS_PER_DAY = 86_400
 """Matplotlib has dates in days since 1970, JavaScript in seconds."""
 _SIGNIFICANT = 10
@@ -252,26 +235,20 @@ def plot_data(figure: Figure, spots: Sequence[Spot]) -> dict[str, Any]:
     """Return a figure of lines, markers, boxes and texts on one pair of axes, ready for JSON."""
     (axes,) = figure.axes
     width, height = figure.get_size_inches()
-    units = [SECONDS_PER_DAY if _is_date(axis) else 1 for axis in (axes.xaxis, axes.yaxis)]
+    locators = [axis.get_major_locator() for axis in (axes.xaxis, axes.yaxis)]
+    units = [SECONDS_PER_DAY if isinstance(each, AutoDateLocator) else 1 for each in locators]
+    places = _rounded(np.array([(spot.x, spot.y) for spot in spots], float) * units)
     artists = [*axes.lines, *axes.patches, *axes.texts]
     shapes = [shape for artist in sorted(artists, key=Artist.get_zorder) for shape in _shapes(artist, axes)]
+    key = [] if axes.get_legend() is None else zip(*axes.get_legend_handles_labels(), strict=True)
     return {
         "aspect": round(float(width / height), 3),
         "x": _axis(axes.xaxis, units[0]),
         "y": _axis(axes.yaxis, units[1]),
         "shapes": [{**shape, "at": _rounded(shape["at"] * units)} for shape in shapes],
-        "key": _key(axes),
-        "spots": [
-            (*at, spot.text, spot.anchor)
-            for at, spot in zip(
-                _rounded(np.array([(s.x, s.y) for s in spots], float) * units), spots, strict=True
-            )
-        ],
+        "key": [{"label": text, **_line(line)} for line, text in key if isinstance(line, Line2D)],
+        "spots": [(*at, spot.text, spot.anchor) for at, spot in zip(places, spots, strict=True)],
     }
-
-
-def _is_date(axis: Axis) -> bool:
-    return isinstance(axis.get_major_locator(), AutoDateLocator)
 
 
 def _rounded(values: NDArray[np.float64]) -> list[list[float]]:
@@ -285,23 +262,8 @@ def _axis(axis: Axis, unit: int) -> dict[str, Any]:
         labels = [label.get_text() for label in axis.get_ticklabels()]
         ticks = list(zip(map(float, axis.get_ticklocs()), labels, strict=True))
     limits = sorted(unit * float(limit) for limit in axis.get_view_interval())
-    label = axis.get_label_text().replace("\n", " ")
-    return {
-        "label": label,
-        "limits": limits,
-        "ticks": ticks,
-        "date": unit > 1,
-        "down": bool(axis.get_inverted()),
-    }
-
-
-def _key(axes: Axes) -> list[dict[str, Any]]:
-    """Return the entries of the legend, if it is shown."""
-    if axes.get_legend() is None:
-        return []
-    handles, labels = axes.get_legend_handles_labels()
-    lines = [(line, text) for line, text in zip(handles, labels, strict=True) if isinstance(line, Line2D)]
-    return [{"label": text, **_line(line)} for line, text in lines]
+    label, down = axis.get_label_text().replace("\n", " "), bool(axis.get_inverted())
+    return {"label": label, "limits": limits, "ticks": ticks, "date": unit > 1, "down": down}
 
 
 def _shapes(artist: Artist, axes: Axes) -> Iterator[Shape]:

@@ -49,7 +49,6 @@ class Answer:
     cookie: str = ""
 
     def packed(self) -> bytes:
-        """Return the bytes of the response."""
         lines = [
             f"HTTP/1.1 {self.status.value} {self.status.phrase}",
             f"Content-Type: {self.kind}",
@@ -119,11 +118,8 @@ class Access:
 
     def admitted(self, request: Request, answer: Answer) -> Answer:
         """Return the answer to an allowed request, with a cookie if the key was in the address."""
-        return replace(answer, cookie=self._cookie) if self.key and self._has_key(request.query) else answer
-
-    @property
-    def _cookie(self) -> str:
-        return f"rig-{self.port}-{self.query}"
+        cookie = f"rig-{self.port}-{self.query}"
+        return replace(answer, cookie=cookie) if self.key and self._has_key(request.query) else answer
 
     def _has_key(self, text: str) -> bool:
         """Whether a query or a cookie contains the key."""

@@ -77,10 +77,9 @@ def train_angle_net(
 
 def error_deg(network: AngleNet, views: GelViews) -> float:
     """Return the mean absolute error of single frames, without subtracting a zero."""
-    found = []
+    starts = range(0, len(views), BATCH)
     with torch.inference_mode():
-        for start in range(0, len(views), BATCH):
-            found.append(network(_planes(views.images[start : start + BATCH])).numpy())
+        found = [network(_planes(views.images[start : start + BATCH])).numpy() for start in starts]
     return float(np.abs(np.concatenate(found) - views.angle_deg).mean())
 
 

@@ -29,6 +29,8 @@ from rig.training.examples import sized
 
 SIGHT_HZ = 10.0
 """Rate of the training frames: consecutive frames are nearly identical."""
+LiftReport = Callable[[int, int], None]
+"""Takes the numbers of finished and of all simulated lifts."""
 Turn = Callable[[int], float | None]
 """The object's true rotation in the hand since the start of the lift, at a time in ns: deg, counter-clockwise
 as the camera sees it, None if unknown."""
@@ -76,8 +78,8 @@ def wrist_series(
     lift_ns = phases[Phase.LIFT]
     kept = tuple(s for s in states if phases[Phase.GRASP] <= s.time_ns < phases[Phase.LOWER])
     rising = np.array([s.time_ns >= lift_ns for s in kept], bool)
-    turns = [_or_nan(turn(s.time_ns)) if late else 0.0 for s, late in zip(kept, rising, strict=True)]
-    return WristSeries(object_id, kept, np.array(turns, np.float64), rising)
+    turns = [turn(s.time_ns) if late else 0.0 for s, late in zip(kept, rising, strict=True)]
+    return WristSeries(object_id, kept, np.array(turns, np.float64), rising)  # None becomes NaN
 
 
 def labelled_views(
@@ -147,14 +149,12 @@ def stored_lifts(folders: Sequence[Path]) -> list[StoredLift]:
         why = "angles are learnt from lifts, so give sessions of rig trial"
         manifest = read_manifest_of(folder, TrialManifest, why)
         rows = finished(read_lifts(folder))
-        lifts += [_opened(folder / row.recording, row.object, manifest.signs) for row in rows]
+        for recording, object_id in ((folder / row.recording, row.object) for row in rows):
+            phases, turn = phase_times(recording), recorded_truth(recording).at_ns
+            lifts.append(StoredLift(object_id, recording, manifest.signs, phases, turn))
     if not lifts:
         raise InputError(f"{', '.join(map(str, folders))}: no finished lift: run rig trial first")
     return lifts
-
-
-def _opened(recording: Path, object_id: str, signs: Mapping[str, int]) -> StoredLift:
-    return StoredLift(object_id, recording, signs, phase_times(recording), recorded_truth(recording).at_ns)
 
 
 def _thinned(frames: Iterator[Frame]) -> Iterator[Frame]:
@@ -165,20 +165,14 @@ def _thinned(frames: Iterator[Frame]) -> Iterator[Frame]:
             yield frame
 
 
-def _or_nan(value: float | None) -> float:
-    return math.nan if value is None else value
-
-
 TOUCH_N = 0.06
 """Approximate force at which a fingertip shows contact."""
 
 
-def simulated_wrists(
-    objects: Sequence[str], lifts: int, seed: int, report: Callable[[int, int], None]
-) -> list[WristSeries]:
+def simulated_wrists(objects: Sequence[str], lifts: int, seed: int, report: LiftReport) -> list[WristSeries]:
     """Carry out `lifts` lifts of each object without tactile images; return the arm's states.
 
-    report: called with the numbers of finished and of all lifts. Equal seeds give equal lifts.
+    Equal seeds give equal lifts.
     """
     return [
         wrist_series(plan.object_id, seen.states, seen.phases, seen.turn_deg)
@@ -187,11 +181,7 @@ def simulated_wrists(
 
 
 def simulated_views(
-    objects: Sequence[str],
-    lifts: int,
-    seed: int,
-    size: tuple[int, int],
-    report: Callable[[int, int], None],
+    objects: Sequence[str], lifts: int, seed: int, size: tuple[int, int], report: LiftReport
 ) -> Iterator[tuple[str, Image, float]]:
     """Carry out lifts; yield object, frame at (width, height) `size` and angle of both fingertips."""
     for plan, seen, bench in _lifts(objects, lifts, seed, SIGHT_HZ, report):
@@ -203,7 +193,7 @@ def simulated_views(
 
 
 def _lifts(
-    objects: Sequence[str], lifts: int, seed: int, sight_hz: float | None, report: Callable[[int, int], None]
+    objects: Sequence[str], lifts: int, seed: int, sight_hz: float | None, report: LiftReport
 ) -> Iterator[tuple[LiftPlan, "_Seen", Bench]]:
     config = load_bench("fake")
     settings = TrialSettings(config, seed, choose_estimator())
@@ -213,19 +203,15 @@ def _lifts(
         plan = plan_lift(settings, task, made.bench.base_T_table)
         seen = _Seen(made)
         try:
-            _carry_out(made, plan, seen)
+            with made.bench.connected():
+                made.bench.gripper.activate()
+                made.place(plan.object_id)
+                run_lift(made.bench, plan, seen)
         except GraspError:  # no contact: nothing to learn
             continue
         finally:
             report(done, len(tasks))
         yield plan, seen, made.bench
-
-
-def _carry_out(made: LearningBench, plan: LiftPlan, seen: "_Seen") -> None:
-    with made.bench.connected():
-        made.bench.gripper.activate()
-        made.place(plan.object_id)
-        run_lift(made.bench, plan, seen)
 
 
 @dataclass(slots=True)
@@ -239,17 +225,14 @@ class _Seen(LiftObserver):
     _turns_deg: dict[int, float] = field(default_factory=dict)
 
     def phase(self, phase: Phase, time_ns: int) -> None:
-        """Store the start of a phase."""
         self.phases[phase] = time_ns
         self._note(time_ns)
 
     def frame(self, frame: Frame) -> None:
-        """Store the frame."""
         self.frames.setdefault(frame.serial, []).append(frame)
         self._note(frame.time_ns)
 
     def arm(self, state: ArmState) -> None:
-        """Store the state."""
         self.states.append(state)
         self._note(state.time_ns)
 

@@ -18,8 +18,6 @@ from rig.training.examples import Examples
 from rig.training.networks import Architecture, build_network
 
 LARGEST_GRADIENT = 1.0
-
-
 EpochReport = Callable[[int, float, float], None]
 """Takes the epoch, its mean loss, and the mean absolute validation error in the unit of the output."""
 
@@ -45,7 +43,10 @@ def fit(
     best, errors = deepcopy(network.state_dict()), []
     for epoch in range(1, epochs + 1):
         network.train()
-        losses = [_step(network, optimizer, cycle, loss(at)) for at in torch.randperm(examples).split(batch)]
+        losses = []
+        for at in torch.randperm(examples).split(batch):
+            losses.append(_step(optimizer, loss(at), LARGEST_GRADIENT))
+            cycle.step()
         network.eval()
         errors.append(error())
         if errors[-1] <= min(errors):
@@ -55,17 +56,13 @@ def fit(
     return errors
 
 
-def _step(
-    network: nn.Module,
-    optimizer: torch.optim.Optimizer,
-    cycle: torch.optim.lr_scheduler.LRScheduler,
-    loss: torch.Tensor,
-) -> float:
+def _step(optimizer: torch.optim.Optimizer, loss: torch.Tensor, largest: float | None = None) -> float:
+    """Take one step; return the loss. largest: limit of the norm of the gradient, None without."""
     optimizer.zero_grad()
     loss.backward()
-    nn.utils.clip_grad_norm_(network.parameters(), LARGEST_GRADIENT)
+    if largest is not None:
+        nn.utils.clip_grad_norm_(optimizer.param_groups[0]["params"], largest)
     optimizer.step()
-    cycle.step()
     return loss.item()
 
 
@@ -156,11 +153,7 @@ class Training:
         self._averaged.load_state_dict(self.network.state_dict())
 
     def run(
-        self,
-        train: Examples,
-        validation: Examples,
-        checkpoint: Path,
-        progress: Progress = lambda epoch, share: None,
+        self, train: Examples, validation: Examples, checkpoint: Path, progress: Progress = lambda *_: None
     ) -> None:
         """Train the remaining epochs; after each, store the state in `checkpoint`."""
         steps = max(1, len(train) // self.schedule.batch)
@@ -226,12 +219,10 @@ class Training:
         batches = training_batches(train, self.architecture.inputs, self.size, self.schedule.batch, rng)
         for planes, labels in batches:
             self._optimizer.param_groups[0]["lr"] = self._rate(steps)
-            loss = self._loss(self._answer(self.network, planes), labels.to(self._device))
-            self._optimizer.zero_grad()
-            loss.backward()
-            self._optimizer.step()
+            logits, labels = self._answer(self.network, planes), labels.to(self._device)
+            loss = focal_loss if self.architecture.family is not None else small_loss
+            losses.append(_step(self._optimizer, loss(logits, labels)))
             self._average()
-            losses.append(loss.item())
             progress(None, len(losses) / steps)
         return float(np.mean(losses))
 
@@ -241,20 +232,14 @@ class Training:
         with torch.autocast(self._device.type, torch.bfloat16, enabled=mixed):
             return network(planes).float()
 
-    def _loss(self, logits: torch.Tensor, labels: torch.Tensor) -> torch.Tensor:
-        if self.architecture.family is not None:
-            return focal_loss(logits, labels)
-        return functional.binary_cross_entropy_with_logits(logits, labels) + 0.5 * dice_loss(logits, labels)
-
     def _rate(self, steps: int) -> float:
         if not self.schedule.cycle:
             return self.schedule.rate
         done = self._step / (steps * self.schedule.epochs)
         if done < WARM_UP:
             return self.schedule.rate * (0.04 + 0.96 * done / WARM_UP)
-        return self.schedule.rate * max(
-            1e-3, 0.5 + 0.5 * float(np.cos(np.pi * (done - WARM_UP) / (1 - WARM_UP)))
-        )
+        falling = 0.5 + 0.5 * float(np.cos(np.pi * (done - WARM_UP) / (1 - WARM_UP)))
+        return self.schedule.rate * max(1e-3, falling)
 
     def _average(self) -> None:
         self._step += 1
@@ -275,8 +260,12 @@ def focal_loss(logits: torch.Tensor, labels: torch.Tensor) -> torch.Tensor:
     return (torch.abs(labels - share) ** FOCUS * entropy).mean()
 
 
-def dice_loss(logits: torch.Tensor, labels: torch.Tensor) -> torch.Tensor:
-    """One minus the mean Dice of shares (Milletari et al. 2016); prevents missed small contacts."""
+def small_loss(logits: torch.Tensor, labels: torch.Tensor) -> torch.Tensor:
+    """Cross entropy, and half of one minus the mean Dice of shares (Milletari et al. 2016).
+
+    The second part prevents missed small contacts.
+    """
     share, over = torch.sigmoid(logits), (1, 2, 3)
     both, sum_ = (share * labels).sum(over), share.sum(over) + labels.sum(over)
-    return 1.0 - ((2.0 * both + DICE_SMOOTHING_PX) / (sum_ + DICE_SMOOTHING_PX)).mean()
+    dice = ((2.0 * both + DICE_SMOOTHING_PX) / (sum_ + DICE_SMOOTHING_PX)).mean()
+    return functional.binary_cross_entropy_with_logits(logits, labels) + 0.5 * (1.0 - dice)

@@ -126,13 +126,8 @@ def score(network: Network, examples: Examples) -> MaskScore:
         found = agreement(mask, np.where(label > 127, 255, 0).astype(np.uint8))
         dice.append(found.dice)
         iou.append(found.iou)
-    return MaskScore(
-        float(np.mean(dice)),
-        float(np.std(dice)),
-        float(np.mean(iou)),
-        float(np.std(iou)),
-        1e3 * float(np.median(cost_s)),
-    )
+    shares = (float(figure(values)) for values in (dice, iou) for figure in (np.mean, np.std))
+    return MaskScore(*shares, ms=1e3 * float(np.median(cost_s)))
 
 
 def model_card(
@@ -194,9 +189,7 @@ def model_card(
 
 def table_row(card: Mapping[str, Any]) -> dict[str, object]:
     """Return a card's row in the table of networks and folds."""
-    kept = (
-        "title", "ms_per_frame", "settings", "size_px", "data", "units", "seed", "images", "training",
-    )  # fmt: skip
+    kept = "title ms_per_frame settings size_px data units seed images training".split()
     row = {"fold": card["fold"]["name"], "epochs": len(card["epochs"]), **card["test"]}
     return row | {key: card[key] for key in kept}
 
@@ -243,13 +236,8 @@ def train_one(
     folder.mkdir(parents=True, exist_ok=True)
     train, validation, _ = data
     title = f"{architecture.name} {fold.name}"
-    training = Training(
-        architecture,
-        settings.encoder,
-        settings.size(architecture),
-        settings.schedule(architecture),
-        settings.seed,
-    )
+    schedule, size = settings.schedule(architecture), settings.size(architecture)
+    training = Training(architecture, settings.encoder, size, schedule, settings.seed)
     if settings.encoder_weights is not None:
         training.load_encoder(settings.encoder_weights)
     if (folder / CHECKPOINT).exists():
@@ -257,15 +245,16 @@ def train_one(
 
     def show(epoch: Epoch | None, share: float) -> None:
         done = (len(training.history) + (share if epoch is None else 0.0)) / settings.epochs
-        text = (
-            "" if epoch is None else f", loss {epoch.loss:.4f}, validation Dice {epoch.validation_dice:.4f}"
-        )
+        text = f", loss {epoch.loss:.4f}, validation Dice {epoch.validation_dice:.4f}" if epoch else ""
         report(f"{title}: epoch {max(1, len(training.history))} of {settings.epochs}{text}", done)
 
     training.run(train, validation, folder / CHECKPOINT, show)
     report(f"{title}: exporting", 1.0)
     recipe = Recipe(architecture.inputs, architecture.threshold, convex=True)
-    files = _exported(folder, training, recipe, train)
+    files = {"fp32": folder / MODEL, "fp16": folder / HALF, "int8": folder / "model.int8.onnx"}
+    export_onnx(training.best_network(), recipe.inputs.channels, size, recipe, files["fp32"])
+    export_half(files["fp32"], files["fp16"])
+    export_eight_bit(files["fp32"], train, recipe, size, files["int8"])
     write_json(folder / CARD, model_card(settings, fold, data, training, files))
 
 
@@ -285,48 +274,25 @@ def fold_examples(
 
 
 def _made(settings: TrainSettings, fold: Fold, report: Report) -> Examples:
+    size, few = settings.frame_size, max(24, round(VALIDATION_SHARE * settings.images))
     if settings.data != SIMULATED:
-        return folder_examples(
-            Path(settings.data),
-            settings.frame_size,
-            lambda done, total: report("reading images", done / total),
-        )
-    few = max(24, round(VALIDATION_SHARE * settings.images))
-    parts = []
-    for number, (objects, count, share) in enumerate(
-        ((fold.train, settings.images, RANDOM_SHARE), (fold.validation, few, 0.0), (fold.test, few, 0.0))
-    ):
+        return folder_examples(Path(settings.data), size, lambda n, of: report("reading images", n / of))
+    wanted = (fold.train, settings.images, RANDOM_SHARE), (fold.validation, few, 0.0), (fold.test, few, 0.0)
+    units, parts = {"family": settings.units == FAMILY, "look": settings.look}, []
+    for number, (objects, count, share) in enumerate(wanted):
         seed = int(np.random.SeedSequence((settings.seed, number, *fold.name.encode())).generate_state(1)[0])
-        parts.append(
-            simulated_examples(
-                objects,
-                count,
-                seed,
-                settings.frame_size,
-                share,
-                family=settings.units == FAMILY,
-                look=settings.look,
-                progress=lambda done, count=count: report(f"rendering frames of {fold.name}", done / count),
-            )
-        )
+
+        def progress(done: int, count: int = count) -> None:
+            report(f"rendering frames of {fold.name}", done / count)
+
+        parts.append(simulated_examples(objects, count, seed, size, share, progress=progress, **units))
     return joined(parts)
-
-
-def _exported(folder: Path, training: Training, recipe: Recipe, train: Examples) -> dict[str, Path]:
-    """Write the network in three precisions; return the files by precision."""
-    full, half, eight = (folder / name for name in (MODEL, HALF, "model.int8.onnx"))
-    export_onnx(training.best_network(), recipe.inputs.channels, training.size, recipe, full)
-    export_half(full, half)
-    export_eight_bit(full, train, recipe, training.size, eight)
-    return {"fp32": full, "fp16": half, "int8": eight}
 
 
 def _claim(folder: Path, settings: TrainSettings, resume: bool) -> None:
     """Make the folder, or check that it holds the same request. Raises `InputError`."""
-    asked = {
-        key: getattr(settings, key)
-        for key in ("data", "units", "encoder", "images", "epochs", "paper", "seed")
-    }
+    keys = ("data", "units", "encoder", "images", "epochs", "paper", "seed")
+    asked = {key: getattr(settings, key) for key in keys}
     manifest = folder / "training.json"
     if not manifest.exists():
         if folder.exists() and any(folder.iterdir()):
@@ -339,8 +305,7 @@ def _claim(folder: Path, settings: TrainSettings, resume: bool) -> None:
             f"{folder} already holds a training: add --resume to continue it, or give another --out"
         )
     kept = read_json(manifest)
-    different = [key for key in asked if kept.get(key) != asked[key]]
-    if different:
+    if different := [key for key in asked if kept.get(key) != asked[key]]:
         raise InputError(
             f"{folder} was started with another {', '.join(different)}: continue with the same options, "
             "or give another --out"

@@ -13,7 +13,7 @@ import pytest
 
 from drivers.errors import InputError
 from rig.pages.page import asset
-from rig.report import lift_films
+from rig.report import explored
 from rig.report.curves import signed_errors
 from rig.report.lift_chart import angle_range, before_lift, shown_range
 from rig.report.parts import linked
@@ -147,8 +147,8 @@ def test_films_have_fewer_pictures_if_the_page_has_no_room_and_the_page_says_so(
 ) -> None:
     session = read_trial(trial, read_manifest_of(trial, TrialManifest, ""))
     whole = trial_page(session).html
-    monkeypatch.setattr(lift_films, "MOST_BYTES", 0)
-    monkeypatch.setattr(lift_films, "LEAST_FILM_BYTES", 0)
+    monkeypatch.setattr(explored, "MOST_BYTES", 0)
+    monkeypatch.setattr(explored, "LEAST_FILM_BYTES", 0)
     small = trial_page(session).html
     assert len(small) < len(whole)
     assert [(len(film["times"]), film["about"]) for film in films_of(whole)] == [(24, "")] * 2

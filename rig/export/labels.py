@@ -100,10 +100,8 @@ def _read(path: Path) -> Image:
 def export_coco(request: ExportRequest) -> Exported:
     """Write `images/` and `annotations.json`. Raises `SessionError` for a damaged session."""
     labelled, notes = [], Counter[str]()
-    for image in contact_images(request):
-        _keep(request, image, f"images/{image.name}")
+    for image in _kept(request, notes, "images"):
         labelled.append(LabelledImage(image.name, image.size, LABEL, mask_polygons(image.mask)))
-        notes[image.note] += 1
     said = _said(request, notes)
     document = coco_document(labelled, f"{request.session.name}; {'; '.join(said)}")
     (request.out / "annotations.json").write_text(json.dumps(document))
@@ -114,19 +112,21 @@ def export_coco(request: ExportRequest) -> Exported:
 def export_labelme(request: ExportRequest) -> Exported:
     """Write the images with a LabelMe file for each. Raises `SessionError` for a damaged session."""
     notes = Counter[str]()
-    for image in contact_images(request):
+    for image in _kept(request, notes, ""):
         path = PurePosixPath(image.name)
-        _keep(request, image, image.name)
         document = labelme_document(path.name, image.size, mask_polygons(image.mask), LABEL, image.note)
         (request.out / path.with_suffix(".json")).write_text(json.dumps(document, indent=1))
-        notes[image.note] += 1
     return Exported({"images": notes.total()}, _said(request, notes))
 
 
-def _keep(request: ExportRequest, image: ContactImage, name: str) -> None:
-    path = request.out / name
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_bytes(image.encoded)
+def _kept(request: ExportRequest, notes: "Counter[str]", folder: str) -> Iterator[ContactImage]:
+    """Yield the images after writing each to a folder of the export; count their notes."""
+    for image in contact_images(request):
+        path = request.out / folder / image.name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(image.encoded)
+        notes[image.note] += 1
+        yield image
 
 
 def _said(request: ExportRequest, notes: "Counter[str]") -> tuple[str, ...]:

@@ -29,13 +29,7 @@ from rig.export.csv_parquet import POSE, WRENCH
 from rig.export.messages import LiftMessage, lift_messages
 from rig.export.result import Exported, ExportRequest, simulated_mark, source_name
 from rig.sessions.manifest import TrialManifest, require_kind
-from rig.sessions.reading import (
-    RecordedAngle,
-    RecordedGripper,
-    RecordedJoints,
-    phase_times,
-    recorded_jpeg,
-)
+from rig.sessions.reading import RecordedAngle, RecordedGripper, RecordedJoints, phase_times, recorded_jpeg
 from rig.sessions.records import Lift
 from rig.sessions.table_files import Line, pyarrow_modules
 from rig.tactile.angles import FUSED, MARKERS

@@ -86,7 +86,6 @@ def boxes(
 
 
 def error_against_angle(lifts: Sequence[LiftCurves]) -> Chart:
-    """Draw the error over the rotation of the object."""
     return _against(
         lifts, [np.abs(lift.truth.at(lift.estimate.time_s)) for lift in lifts], ANGLE_EDGES_DEG,
         "Error against angle", "marker angle, degrees",
@@ -95,7 +94,6 @@ def error_against_angle(lifts: Sequence[LiftCurves]) -> Chart:
 
 
 def error_over_time(lifts: Sequence[LiftCurves]) -> Chart:
-    """Draw the error over the time in a lift."""
     return _against(
         lifts, [lift.estimate.time_s for lift in lifts], TIME_EDGES_S, "Error over time",
         "time from the start of the lift, s", "Absolute error over the time since phase B began.",
@@ -103,7 +101,6 @@ def error_over_time(lifts: Sequence[LiftCurves]) -> Chart:
 
 
 def error_against_rate(lifts: Sequence[LiftCurves]) -> Chart:
-    """Draw the error over the rate of rotation of the object."""
     return _against(
         lifts, [np.abs(rates_deg_s(lift)) for lift in lifts], RATE_EDGES_DEG_S, "Error against rate",
         "marker rate, degrees/s", "Absolute error over the rate of rotation of the markers (over 0.1 s).",

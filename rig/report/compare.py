@@ -74,12 +74,10 @@ class OwnError:
 
     @property
     def reaction(self) -> str:
-        """The reaction to slip as text."""
         return "without a reaction" if self.react is ReactionKind.NONE else f"reaction '{self.react.value}'"
 
     @property
     def text(self) -> str:
-        """The side, its reaction and its error."""
         lifts = f" over {counted(self.mare.lifts, 'lift')}" if self.mare and not self.mare.refused else ""
         return f"{self.name}, {self.reaction}: mean error in B and C {mare_text(self.mare)}{lifts}"
 

@@ -103,7 +103,6 @@ def shorten(name: str) -> str:
 
 
 def figure_table(comparison: Comparison) -> Table:
-    """Return a table of every figure over all pairs."""
     return _table(comparison, "figure", [(p.figure.name, p) for p in comparison.overall])
 
 

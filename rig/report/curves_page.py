@@ -206,7 +206,6 @@ def _final_deg(curve: Angles) -> float | None:
 
 
 def curves_page(tables: Tables) -> ReportPage:
-    """Return the report of such lifts as one HTML page."""
     value, count = mare_of(lift.errors for lift in tables.lifts), len(tables.lifts)
     charts, table = _charts(tables), _table(tables, value)
     lifts = []

@@ -71,7 +71,6 @@ def film_place(out: Path) -> Path:
 
 @cache
 def has_h264() -> bool:
-    """Whether the installed OpenCV writes H.264."""
     with tempfile.TemporaryDirectory() as folder, _quiet():
         writer = cv2.VideoWriter(f"{folder}/a.mp4", cv2.VideoWriter.fourcc(*H264), 25.0, (64, 64))
         opened = writer.isOpened()

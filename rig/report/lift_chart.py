@@ -39,7 +39,6 @@ Range = tuple[float, float]
 
 
 def lift_chart(lift: LiftCurves, caption: str) -> Chart:
-    """Draw a lift."""
     with drawing(HEIGHT_PX, arranged=False) as figure:
         draw_lift(figure, lift)
         what = "estimated and marker angle" if lift.truth.time_s.size else "estimated angle"

@@ -49,7 +49,6 @@ class Chart:
 
     @property
     def plot(self) -> dict[str, Any]:
-        """The figure as data for the page's program."""
         return plot_data(self.figure, self.spots)
 
     @property
@@ -130,7 +129,6 @@ def made_text(when: datetime | None = None) -> str:
 
 
 def angle_text(angle_deg: float | None) -> str:
-    """Return an angle with its sign."""
     if angle_deg is None or not math.isfinite(angle_deg):
         return "refused"
     return f"{round(angle_deg, 1) + 0.0:+.1f}°"

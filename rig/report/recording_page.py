@@ -107,7 +107,6 @@ def read_recording(folder: Path, manifest: RecordManifest) -> Recording:
 
 
 def recording_page(recording: Recording, now: datetime | None = None) -> str:
-    """Return the report of a recording as one HTML page."""
     now, manifest = now or datetime.now(UTC), recording.manifest
     by_serial = _by_serial(recording.taken)
     gaps = [gap for serial, taken in by_serial.items() for gap in _gaps(serial, taken)]

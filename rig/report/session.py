@@ -132,5 +132,4 @@ def _why(error: BaseException) -> str:
 
 
 def curves_of(lifts: Sequence[Lift]) -> list[LiftCurves]:
-    """Return the curves of the lifts with curves."""
     return [lift.curves for lift in lifts if lift.curves is not None]

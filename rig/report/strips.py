@@ -126,7 +126,6 @@ def moments(lift: LiftCurves, count: int = FRAMES) -> list[float]:
 
 
 def read_tip(path: Path, lift: LiftCurves, zero_ns: int, serial: str, sign: int) -> TipFrames:
-    """Read a fingertip's frames from phase A on."""
     grasp_ns = zero_ns + round(lift.phases_s.get("A", 0.0) * NS_PER_S)
     frames = list(recorded_frames(path, serial, gaps=[]))
     reference = [f.image for f in frames if f.time_ns < grasp_ns]

@@ -84,7 +84,6 @@ def trial_page(trial: Trial, now: datetime | None = None, other: Trial | None = 
 
 
 def object_table(summary: TrialSummary) -> Table:
-    """Return the table of the error per object over B, and over B and C."""
     return table_of(
         summary.objects,
         {
@@ -208,7 +207,6 @@ def lift_table(lifts: Sequence[Lift]) -> Table:
 
 
 def lift_caption(lift: Lift) -> str:
-    """Return outcome, grip and error of a lift in one line."""
     error = lift.re
     parts = [
         f"{lift.outcome}, {lift.position}, grip {lift.grip_counts}",
@@ -243,7 +241,6 @@ def stage_table(timing: Sequence[LiftTiming]) -> Table | None:
 
 
 def counts_table(rows: Sequence[Lift]) -> Table | None:
-    """Return a table of received and dropped frames per source."""
     frames, dropped = Counter[str](), Counter[str]()
     for row in rows:
         frames.update(row.frames)

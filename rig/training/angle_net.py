@@ -49,7 +49,6 @@ class AngleNet(nn.Module):
         self.backbone = timm.create_model(BACKBONE, pretrained=False, num_classes=1, ls_init_value=None)
 
     def forward(self, planes: torch.Tensor) -> torch.Tensor:
-        """Return angles."""
         return _ANGLE_DEG * self.backbone((planes - _GREY) / _CONTRAST)[:, 0]
 
 

@@ -66,7 +66,6 @@ class GelViews:
         return len(self.objects)
 
     def of(self, objects: Sequence[str]) -> "GelViews":
-        """Return the frames of some objects."""
         at = np.flatnonzero(np.isin(self.objects, list(objects)))
         return GelViews(self.images[at], self.angle_deg[at], tuple(self.objects[i] for i in at))
 

@@ -1,6 +1,6 @@
 """Training of the networks that estimate an angle: data, split by objects, export, card."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -16,15 +16,7 @@ from rig.tactile.estimators import ANGLENET, TOSKOV
 from rig.training.angle_net import BACKBONE, SIZE, export_angle_net, train_angle_net
 from rig.training.angle_net import error_deg as views_error_deg
 from rig.training.export import CARD, HALF, MODEL, Report, claim, file_facts
-from rig.training.lifts import (
-    GelViews,
-    LiftReport,
-    WristSeries,
-    simulated_views,
-    simulated_wrists,
-    stacked_views,
-    stored_lifts,
-)
+from rig.training.lifts import SIGHT_HZ, LearntLift, simulated_lifts, stacked_views, stored_lifts
 from rig.training.loop import EpochReport
 from rig.training.wrist import blind_error_deg, error_deg, export_wrist, sequences, train_wrist
 
@@ -109,7 +101,8 @@ def split_objects(present: Sequence[str], on_test_lifts: bool, where: str) -> Sp
 
 
 def _train_wrist(out: Path, settings: AngleSettings, report: Report) -> dict[str, object]:
-    lifts, split = _wrists(settings, report)
+    lifts = [lift.wrist() for lift in _lifts(settings, report, None)]
+    split = _split([lift.object_id for lift in lifts], settings)
     parts = [sequences([lift for lift in lifts if lift.object_id in ids]) for ids in split]
     show, test = _epoch_report(settings, report), parts[2]
     network, errors = train_wrist(parts[0], parts[1], settings.epochs, settings.seed, show)
@@ -125,7 +118,9 @@ def _train_wrist(out: Path, settings: AngleSettings, report: Report) -> dict[str
 
 
 def _train_angle_net(out: Path, settings: AngleSettings, report: Report) -> dict[str, object]:
-    views, split = _views(settings, report)
+    seen = [view for lift in _lifts(settings, report, SIGHT_HZ) for view in lift.views(SIZE)]
+    views = stacked_views(seen, "the sessions" if settings.sessions else "simulated lifts")
+    split = _split(views.objects, settings)
     train, validation, test = (views.of(ids) for ids in split)
     show = _epoch_report(settings, report)
     network, errors = train_angle_net(
@@ -144,44 +139,27 @@ def _train_angle_net(out: Path, settings: AngleSettings, report: Report) -> dict
     }
 
 
-def _wrists(settings: AngleSettings, report: Report) -> tuple[list[WristSeries], Split]:
+def _lifts(settings: AngleSettings, report: Report, sight_hz: float | None) -> Iterator[LearntLift]:
+    """Yield the lifts of the sessions or, without any, simulated lifts of all objects."""
     if settings.sessions:
-        lifts = [lift.wrist() for lift in stored_lifts(settings.sessions)]
-        return lifts, _stored_split([x.object_id for x in lifts], settings)
-    split = _simulated_split(settings)
-    parts = _lift_counts(split, settings)
-    return [lift for part in parts for lift in simulated_wrists(*part, _lift_report(report))], split
+        yield from stored_lifts(settings.sessions)
+        return
+    few, least, seed = max(2, settings.lifts // 3), max(2, settings.lifts // 6), settings.seed * 3
+    for number, (ids, count) in enumerate(
+        zip(_split((), settings), (settings.lifts, few, least), strict=True)
+    ):
+        yield from simulated_lifts(
+            ids, count, seed + number, lambda n, total: report("simulated lifts", n / total), sight_hz
+        )
 
 
-def _views(settings: AngleSettings, report: Report) -> tuple[GelViews, Split]:
+def _split(present: Sequence[str], settings: AngleSettings) -> Split:
+    """Split the objects that are present in the sessions or, without sessions, those of the catalogue."""
     if settings.sessions:
-        stored = [view for lift in stored_lifts(settings.sessions) for view in lift.views(SIZE)]
-        views = stacked_views(stored, "the sessions")
-        return views, _stored_split(views.objects, settings)
-    split = _simulated_split(settings)
-    parts = _lift_counts(split, settings)
-    views = [view for part in parts for view in simulated_views(*part, SIZE, _lift_report(report))]
-    return stacked_views(views, "simulated lifts"), split
-
-
-def _simulated_split(settings: AngleSettings) -> Split:
+        return split_objects(present, settings.on_test_lifts, ", ".join(map(str, settings.sessions)))
     if settings.on_test_lifts:
         raise InputError("--on-test-lifts needs the lifts: give their session with --data")
     return split_objects(list(load_grasp_files()), False, "the catalogue")
-
-
-def _stored_split(present: Sequence[str], settings: AngleSettings) -> Split:
-    return split_objects(present, settings.on_test_lifts, ", ".join(map(str, settings.sessions)))
-
-
-def _lift_counts(split: Split, settings: AngleSettings) -> list[tuple[tuple[str, ...], int, int]]:
-    """Return objects, simulated lifts per object (all, a third, a sixth) and seed of each part."""
-    few, least, seed = max(2, settings.lifts // 3), max(2, settings.lifts // 6), settings.seed * 3
-    return list(zip(split, (settings.lifts, few, least), (seed, seed + 1, seed + 2), strict=True))
-
-
-def _lift_report(report: Report) -> LiftReport:
-    return lambda done, total: report("simulated lifts", done / total)
 
 
 def _epoch_report(settings: AngleSettings, report: Report) -> EpochReport:

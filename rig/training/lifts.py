@@ -1,19 +1,19 @@
 """Lifts as training data: wrench at the wrist, tactile frames, and the true rotation of the object."""
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.bench import Bench
 from drivers.clock import to_ns
 from drivers.errors import GraspError, InputError
 from drivers.types import ArmState, Frame, Image, Pose
 from protocols.observer import LiftObserver, Phase
-from protocols.slip_trial import LiftPlan, run_lift
+from protocols.slip_trial import run_lift
 from rig.bench.learning import LearningBench, build_learning_bench
 from rig.config import load_bench
 from rig.experiments.grasp_plans import derived_seed
@@ -29,6 +29,8 @@ from rig.training.examples import sized
 
 SIGHT_HZ = 10.0
 """Rate of the training frames: consecutive frames are nearly identical."""
+TOUCH_N = 0.06
+"""Approximate force at which a fingertip shows contact."""
 LiftReport = Callable[[int, int], None]
 """Takes the numbers of finished and of all simulated lifts."""
 Turn = Callable[[int], float | None]
@@ -70,32 +72,6 @@ class GelViews:
         return GelViews(self.images[at], self.angle_deg[at], tuple(self.objects[i] for i in at))
 
 
-def wrist_series(
-    object_id: str, states: Sequence[ArmState], phases: dict[str, int], turn: Turn
-) -> WristSeries:
-    """Combine the samples of one lift with the ground truth."""
-    lift_ns = phases[Phase.LIFT]
-    kept = tuple(s for s in states if phases[Phase.GRASP] <= s.time_ns < phases[Phase.LOWER])
-    rising = np.array([s.time_ns >= lift_ns for s in kept], bool)
-    turns = [turn(s.time_ns) if late else 0.0 for s, late in zip(kept, rising, strict=True)]
-    return WristSeries(object_id, kept, np.array(turns, np.float64), rising)  # None becomes NaN
-
-
-def labelled_views(
-    frames: Iterator[Frame], sign: int, hand_turn_deg: float, phases: dict[str, int], turn: Turn
-) -> Iterator[tuple[Frame, float]]:
-    """Yield one fingertip's frames from just before the lift to the end of phase C, with their angle.
-
-    hand_turn_deg: rotation of the hand at the grasp, see `hand_turn_deg`.
-    """
-    for frame in frames:
-        if not phases[Phase.LIFT] - to_ns(ZERO_S) <= frame.time_ns < phases[Phase.LOWER]:
-            continue
-        turned = turn(frame.time_ns) if frame.time_ns >= phases[Phase.LIFT] else 0.0
-        if turned is not None:
-            yield frame, sign * (turned - hand_turn_deg)
-
-
 def stacked_views(views: Sequence[tuple[str, Image, float]], where: str) -> GelViews:
     """Stack views (object, image, angle) of one size. Raises `InputError` if there are none."""
     if not views:
@@ -116,84 +92,84 @@ def hand_turn_deg(base_T_tcp: Pose) -> float:  # noqa: N803
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class StoredLift:
-    """One accepted lift of a trial session. signs: of the fingertips by serial."""
+class LearntLift:
+    """One lift as training data, stored or simulated.
+
+    signs: of the fingertips by serial. phases: their start times, ns. states: all samples of the arm. frames:
+    yields the frames of a serial. base_T_grasp: pose of the hand at the grasp, None for that of the first
+    sample after it.
+    """
 
     object_id: str
-    recording: Path
     signs: Mapping[str, int]
     phases: dict[str, int]
     turn: Turn
+    states: Sequence[ArmState]
+    frames: Callable[[str], Iterable[Frame]]
+    base_T_grasp: Pose | None = None  # noqa: N815
 
     def wrist(self) -> WristSeries:
-        """Return the arm's states. Raises `SessionError` for a damaged recording."""
-        return wrist_series(self.object_id, list(recorded_arm_states(self.recording)), self.phases, self.turn)
+        """Combine the arm's samples with the ground truth."""
+        lift_ns, grasp_ns, lower_ns = (self.phases[p] for p in (Phase.LIFT, Phase.GRASP, Phase.LOWER))
+        kept = tuple(s for s in self.states if grasp_ns <= s.time_ns < lower_ns)
+        rising = np.array([s.time_ns >= lift_ns for s in kept], bool)
+        turns = [self.turn(s.time_ns) if late else 0.0 for s, late in zip(kept, rising, strict=True)]
+        return WristSeries(self.object_id, kept, np.array(turns, np.float64), rising)  # None becomes NaN
 
     def views(self, size: tuple[int, int]) -> Iterator[tuple[str, Image, float]]:
-        """Yield object, frame of (width, height) `size` and angle, both fingertips. Raises `SessionError`."""
-        grasped = next(
-            s for s in recorded_arm_states(self.recording) if s.time_ns >= self.phases[Phase.GRASP]
-        )
-        hand = hand_turn_deg(grasped.base_T_tcp)
+        """Yield object, frame of (width, height) `size` and image angle, of both fingertips.
+
+        The frames begin just before the lift and end with phase C. Raises `SessionError`.
+        """
+        lift_ns, grasp_ns, lower_ns = (self.phases[p] for p in (Phase.LIFT, Phase.GRASP, Phase.LOWER))
+        pose = self.base_T_grasp or next(s for s in self.states if s.time_ns >= grasp_ns).base_T_tcp
+        hand = hand_turn_deg(pose)
         for serial, sign in self.signs.items():
-            frames = _thinned(recorded_frames(self.recording, serial))
-            for frame, angle in labelled_views(frames, sign, hand, self.phases, self.turn):
-                yield self.object_id, sized(frame.image, size), angle
+            for frame in self.frames(serial):
+                if not lift_ns - to_ns(ZERO_S) <= frame.time_ns < lower_ns:
+                    continue
+                turned = self.turn(frame.time_ns) if frame.time_ns >= lift_ns else 0.0
+                if turned is not None:
+                    yield self.object_id, sized(frame.image, size), sign * (turned - hand)
 
 
-def stored_lifts(folders: Sequence[Path]) -> list[StoredLift]:
+def stored_lifts(folders: Sequence[Path]) -> list[LearntLift]:
     """Open the accepted lifts of trial sessions. Raises `InputError` or `SessionError`."""
     lifts = []
     for folder in folders:
         why = "angles are learnt from lifts, so give sessions of rig trial"
         manifest = read_manifest_of(folder, TrialManifest, why)
-        rows = finished(read_lifts(folder))
-        for recording, object_id in ((folder / row.recording, row.object) for row in rows):
-            phases, turn = phase_times(recording), recorded_truth(recording).at_ns
-            lifts.append(StoredLift(object_id, recording, manifest.signs, phases, turn))
+        for row in finished(read_lifts(folder)):
+            path = folder / row.recording
+            phases, turn, states = (
+                phase_times(path),
+                recorded_truth(path).at_ns,
+                list(recorded_arm_states(path)),
+            )
+            lifts.append(
+                LearntLift(row.object, manifest.signs, phases, turn, states, partial(_thinned, path))
+            )
     if not lifts:
         raise InputError(f"{', '.join(map(str, folders))}: no finished lift: run rig trial first")
     return lifts
 
 
-def _thinned(frames: Iterator[Frame]) -> Iterator[Frame]:
+def _thinned(recording: Path, serial: str) -> Iterator[Frame]:
     due_ns = 0
-    for frame in frames:
+    for frame in recorded_frames(recording, serial):
         if frame.time_ns >= due_ns:
             due_ns = frame.time_ns + to_ns(1.0 / SIGHT_HZ)
             yield frame
 
 
-TOUCH_N = 0.06
-"""Approximate force at which a fingertip shows contact."""
+def simulated_lifts(
+    objects: Sequence[str], lifts: int, seed: int, report: LiftReport, sight_hz: float | None = None
+) -> Iterator[LearntLift]:
+    """Carry out `lifts` lifts of each object on a simulated bench. Equal seeds give equal lifts.
 
-
-def simulated_wrists(objects: Sequence[str], lifts: int, seed: int, report: LiftReport) -> list[WristSeries]:
-    """Carry out `lifts` lifts of each object without tactile images; return the arm's states.
-
-    Equal seeds give equal lifts.
+    The protocol, plan, steps and waiting times are those of `rig trial`. The camera is not rendered, because
+    the ground truth comes from the simulated world. sight_hz: rate of the tactile frames; None for none.
     """
-    return [
-        wrist_series(plan.object_id, seen.states, seen.phases, seen.turn_deg)
-        for plan, seen, _ in _lifts(objects, lifts, seed, None, report)
-    ]
-
-
-def simulated_views(
-    objects: Sequence[str], lifts: int, seed: int, size: tuple[int, int], report: LiftReport
-) -> Iterator[tuple[str, Image, float]]:
-    """Carry out lifts; yield object, frame at (width, height) `size` and angle of both fingertips."""
-    for plan, seen, bench in _lifts(objects, lifts, seed, SIGHT_HZ, report):
-        hand = hand_turn_deg(plan.base_T_grasp)
-        for tip in bench.fingertips:
-            frames = iter(seen.frames[tip.sensor.serial])
-            for frame, angle in labelled_views(frames, tip.sign, hand, seen.phases, seen.turn_deg):
-                yield plan.object_id, sized(frame.image, size), angle
-
-
-def _lifts(
-    objects: Sequence[str], lifts: int, seed: int, sight_hz: float | None, report: LiftReport
-) -> Iterator[tuple[LiftPlan, "_Seen", Bench]]:
     config = load_bench("fake")
     settings = TrialSettings(config, seed, choose_estimator())
     tasks = [LiftTask(0, object_id, lift) for object_id in objects for lift in range(1, lifts + 1)]
@@ -210,7 +186,9 @@ def _lifts(
             continue
         finally:
             report(done, len(tasks))
-        yield plan, seen, made.bench
+        signs = {tip.sensor.serial: tip.sign for tip in made.bench.fingertips}
+        pose, frames = plan.base_T_grasp, seen.frames.__getitem__
+        yield LearntLift(plan.object_id, signs, seen.phases, seen.turn_deg, seen.states, frames, pose)
 
 
 @dataclass(slots=True)

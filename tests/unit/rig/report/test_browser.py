@@ -83,10 +83,7 @@ def calibration(folder: Path) -> Path:
         figures.poses({"TCP": POSES, "camera": [Pose((0.9, 0.1, 0.4))], "base": [Pose((0.0, 0.0, 0.0))]}),
     )
     pictures = [Picture(f"Chart {i}", "What it shows.", chart) for i, chart in enumerate(charts)]
-    numbers = {
-        "to add to the stream": "1.2 ms",
-        "a long name of a number with a long value": "2 " * 30,
-    }
+    numbers = {"to add to the stream": "1.2 ms", "a long name of a number with a long value": "2 " * 30}
     checked = limit(0.4, 1.0, 5.0, "the offset is known to {value:.2f} ms only: wiggle faster") + floor(
         8, 10, 5, "{value} samples used; 15 are good"
     )
@@ -97,26 +94,15 @@ def calibration(folder: Path) -> Path:
     return file_result(result, folder).page
 
 
-POSES = [
-    Pose.from_rotation(
-        (0.4 + 0.02 * i, -0.3 + 0.05 * i, 0.2), Rotation.from_euler("xy", (180, 4 * i), degrees=True)
-    )
-    for i in range(12)
-]
+TILTS = [Rotation.from_euler("xy", (180, 4 * i), degrees=True) for i in range(12)]
+POSES = [Pose.from_rotation((0.4 + 0.02 * i, 0.05 * i - 0.3, 0.2), tilt) for i, tilt in enumerate(TILTS)]
 FIGURES = {
-    "trial": 12,
-    "recording": 3,
-    "table": 5,
-    "comparison": 3,
-    "sessions": 1,
-    "broken": 0,
-    "calibration": 6,
-}
+    "trial": 12, "recording": 3, "table": 5, "comparison": 3, "sessions": 1, "broken": 0, "calibration": 6,
+}  # fmt: skip
 """Figures that are seen; poses in 3D are not counted."""
 
 
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-@pytest.mark.parametrize("width", [1400, 390])
+@pytest.mark.parametrize(("width", "scheme"), [(1400, "light"), (390, "dark")])
 @pytest.mark.parametrize("kind", FIGURES)
 def test_page_opens_without_messages_and_with_readable_labels(
     browser: Browser, pages: dict[str, Path], kind: str, width: int, scheme: str
@@ -232,9 +218,13 @@ def test_page_without_javascript_shows_every_figure_at_full_width(
         narrowest = "Math.min(...[...document.querySelectorAll('.thumbs svg')].map(svg => svg.clientWidth))"
         assert browser.value(narrowest) > 300
         assert browser.value("document.querySelector('#explorer').hidden")
+        poses = browser.seen(pages["calibration"].as_uri(), 390, "light")
+        name = browser.value("document.querySelector('.poses svg').getAttribute('aria-label')")
+        assert name == "poses in 3D: TCP, camera, base"
     finally:
         browser.call("Emulation.setScriptExecutionDisabled", value=False)
     assert (seen["figures"], seen["cut"], seen["overlap"]) == (FIGURES["trial"], [], [])
+    assert (poses["figures"], poses["cut"], poses["overlap"]) == (7, [], [])
 
 
 def test_names_in_a_table_of_lifts_stay_text(browser: Browser, tmp_path: Path) -> None:
@@ -295,18 +285,6 @@ def test_poses_rotate_by_mouse_and_keys_and_name_the_pose_under_the_pointer(
     )
     assert "camera: x 0.900, y 0.100, z 0.400 m" in names
     assert browser.said() == []
-
-
-def test_poses_without_javascript_are_a_figure(browser: Browser, pages: dict[str, Path]) -> None:
-    browser.call("Emulation.setScriptExecutionDisabled", value=True)
-    try:
-        seen = browser.seen(pages["calibration"].as_uri(), 390, "light")
-        assert browser.value("document.querySelector('.poses svg').getAttribute('aria-label')") == (
-            "poses in 3D: TCP, camera, base"
-        )
-    finally:
-        browser.call("Emulation.setScriptExecutionDisabled", value=False)
-    assert (seen["figures"], seen["cut"], seen["overlap"]) == (7, [], [])
 
 
 def test_long_pages_have_contents_whose_links_lead_there(browser: Browser, pages: dict[str, Path]) -> None:

@@ -63,27 +63,24 @@ def test_caught_lift_is_shown_beside_the_lift_without_reaction(
         assert part.index("without a reaction: turned") < part.index("with 'tighten': turned +0.9")
         assert "6 grip steps added" in part
         assert part.count("wrench, lift 2") == 1  # in the table alone: it was not caught
-
-
-def test_report_has_no_comparison_without_another_session(reacted: Path, tmp_path: Path) -> None:
     assert "With and without" not in write_report([reacted], tmp_path / "page.html").path.read_text()
 
 
 def test_sessions_with_equal_reaction_or_other_lifts_are_rejected(
     without: Path, reacted: Path, tmp_path: Path
 ) -> None:
-    with pytest.raises(InputError, match="neither reacts"):
-        write_report([without], tmp_path / "page.html", beside=without)
-    with pytest.raises(InputError, match="both react"):
-        write_report([reacted], tmp_path / "page.html", beside=reacted)
     other = tmp_path / "other"
     shutil.copytree(reacted, other)
     for number in (1, 2):
         rows(other, number, seed=12345)
-    with pytest.raises(InputError, match="same --seed"):
-        write_report([without], tmp_path / "page.html", beside=other)
-    with pytest.raises(InputError, match="only a trial can be shown"):
-        write_report([tmp_path], tmp_path / "page.html", beside=without)
+    for session, beside, said in (
+        (without, without, "neither reacts"),
+        (reacted, reacted, "both react"),
+        (without, other, "same --seed"),
+        (tmp_path, without, "only a trial can be shown"),
+    ):
+        with pytest.raises(InputError, match=said):
+            write_report([session], tmp_path / "page.html", beside=beside)
 
 
 def test_charts_with_and_without_a_reaction_have_one_scale(

@@ -54,10 +54,9 @@ def _label(options: LabelAngleOptions) -> None:
     """Show the page until the labels are written."""
     from rig.frames.clips import LABELS, clip_frames
     from rig.frames.series import read_frames
-    from rig.labels.angle_clip import background_of, load_clip
-    from rig.labels.angle_lines import LINES, LineLog, chosen_frames, read_drawn
+    from rig.labels.angle_lines import LINES, LineLog, background_of, chosen_frames, load_clip, read_drawn
     from rig.labels.angle_server import AngleServer
-    from rig.pages.redirect import way_to
+    from rig.pages.requests import way_to
 
     clip, out = options.clip, options.clip / LABELS
     series, drawn = read_frames(clip_frames(clip), topic=options.topic), read_drawn(clip / LINES)

@@ -186,7 +186,7 @@ def _open(page: "WatchPage", stack: ExitStack) -> None:
     """Open the page in the browser."""
     import webbrowser
 
-    from rig.pages.redirect import way_to
+    from rig.pages.requests import way_to
 
     secret = bool(page.process.access.key)
     if not webbrowser.open(stack.enter_context(way_to(page.address)) if secret else page.address):

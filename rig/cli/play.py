@@ -80,8 +80,7 @@ def play(of: SourceOptions, film: FilmOptions, json: JsonOption = False) -> None
 
     """
     from rig.live.screen import begin_phase
-    from rig.report.film import write_film
-    from rig.report.film_file import film_place
+    from rig.report.film import film_place, write_film
     from rig.sessions.recording_file import gaps_text
 
     name, default, shown = _shown(of)

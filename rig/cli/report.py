@@ -82,8 +82,7 @@ def report(options: ReportOptions) -> None:
       rig report sessions/old_trial --figures paper/figures
 
     """
-    from rig.report.picture import picture_of, require_picture
-    from rig.report.write import write_report
+    from rig.report.write import picture_of, require_picture, write_report
 
     if options.picture is not None:
         require_picture(options.picture)

@@ -9,7 +9,7 @@ from rig.cli.options import JsonOption, SeedOption
 from rig.declared import argument, folder_place, option
 
 if TYPE_CHECKING:
-    from rig.training.settings import TrainSettings
+    from rig.training.run import TrainSettings
 
 EPOCHS, PAPER_EPOCHS = 10, 30
 
@@ -143,7 +143,7 @@ def train(options: TrainOptions, networks: NetworkOptions) -> None:
 def _settings(options: TrainOptions, networks: NetworkOptions) -> "TrainSettings":
     from rig.labels.datasets import FOLDS, find_fold
     from rig.training.networks import ARCHITECTURES, find_architecture
-    from rig.training.settings import TrainSettings, checked_units
+    from rig.training.run import TrainSettings, checked_units
 
     architectures = ARCHITECTURES if options.everything else networks.arch or ["ours"]
     return TrainSettings(

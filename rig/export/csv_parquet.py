@@ -8,36 +8,19 @@ B. Quaternions are xyzw, poses `base_T_tcp` in m, forces in N and torques in N m
 from bisect import bisect_right
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, field
-from pathlib import Path
 
 from drivers.clock import NS_PER_S
 from drivers.errors import SessionError
+from drivers.types import Pose
 from protocols.observer import Phase
+from rig.export.messages import lift_messages
 from rig.export.result import Exported, ExportRequest, simulated_mark
-from rig.export.rotations import ContinuousPoses
 from rig.results.table import COLUMNS as LIFT_COLUMNS
 from rig.results.table import session_cells, table_row
 from rig.sessions.manifest import TrialManifest
-from rig.sessions.reading import (
-    phase_times,
-    recorded_angle,
-    recorded_gripper,
-    recorded_joints,
-    recorded_pose,
-)
-from rig.sessions.recorder import (
-    ANGLE_PREFIX,
-    ARM_TOPIC,
-    FUSED_TOPIC,
-    GRIPPER_TOPIC,
-    IMAGE_PREFIX,
-    JOINTS_TOPIC,
-    TRUTH_TOPIC,
-)
-from rig.sessions.recording_file import recorded_messages
+from rig.sessions.reading import RecordedAngle, RecordedGripper, RecordedJoints, phase_times
 from rig.sessions.records import Lift
 from rig.sessions.table_files import Columns, Line, csv_bytes, parquet_bytes
-from rig.tactile.angles import FUSED, MARKERS
 
 WHEN: Columns = {
     "session": str, "number": int, "object": str, "name": str, "lift": int, "phase": str,
@@ -78,7 +61,7 @@ class ExportTable:
 
 def export_csv(request: ExportRequest) -> Exported:
     """Write each table as CSV. Raises `SessionError` for a damaged recording."""
-    return _export(request, "csv", lambda columns, lines: csv_bytes(columns, lines))
+    return _export(request, "csv", csv_bytes)
 
 
 def export_parquet(request: ExportRequest) -> Exported:
@@ -88,7 +71,7 @@ def export_parquet(request: ExportRequest) -> Exported:
         "session": request.session.name,
         "kind": manifest.kind,
         "started": manifest.started,
-        "bench": getattr(manifest, "bench", ""),
+        "bench": manifest.bench,
         "simulated": simulated_mark(manifest).strip() or "no",
         "tool_version": manifest.tool_version,
         "conventions": " ".join((__doc__ or "").split("\n\n", 1)[-1].split()),
@@ -96,88 +79,61 @@ def export_parquet(request: ExportRequest) -> Exported:
     return _export(request, "parquet", lambda columns, lines: parquet_bytes(columns, lines, about))
 
 
-def session_tables(request: ExportRequest) -> list[ExportTable]:
-    """Return the tables of a session. Raises `SessionError` for a damaged recording."""
-    if isinstance(request.manifest, TrialManifest):
-        return _trial_tables(request, request.manifest)
-    return _recording_tables(request)
-
-
 def _export(request: ExportRequest, suffix: str, written: Callable[[Columns, list[Line]], bytes]) -> Exported:
-    tables = session_tables(request)
+    manifest = request.manifest
+    trial = isinstance(manifest, TrialManifest)
+    tables = _trial_tables(request, manifest) if trial else _recording_tables(request)
     for table in tables:
         (request.out / f"{table.name}.{suffix}").write_bytes(written(table.columns, table.lines))
-    mark = simulated_mark(request.manifest).strip()
+    mark = simulated_mark(manifest).strip()
     return Exported({table.name: len(table.lines) for table in tables}, (mark,) if mark else ())
 
 
 def _trial_tables(request: ExportRequest, manifest: TrialManifest) -> list[ExportTable]:
     about = session_cells(request.session.name, manifest, manifest.estimator, manifest.window)
     lifts = [table_row(about, lift, problem=lift.fault) for lift in request.lifts]
-    angles, arm = ExportTable("angles", ANGLE_COLUMNS), ExportTable("arm", ARM_COLUMNS)
-    gripper, frames = ExportTable("gripper", GRIPPER_COLUMNS), ExportTable("frames", FRAME_COLUMNS)
+    tables = {
+        RecordedAngle: ExportTable("angles", ANGLE_COLUMNS),
+        RecordedJoints: ExportTable("arm", ARM_COLUMNS),
+        RecordedGripper: ExportTable("gripper", GRIPPER_COLUMNS),
+        bytes: ExportTable("frames", FRAME_COLUMNS),
+    }
     for row in request.finished_lifts:
-        for topic, line in _lines_of(request, row):
-            if topic == JOINTS_TOPIC:
-                arm.lines.append(line)
-            elif topic == GRIPPER_TOPIC:
-                gripper.lines.append(line)
-            elif topic.startswith(IMAGE_PREFIX):
-                frames.lines.append(line)
-            elif topic.startswith(ANGLE_PREFIX):
-                angles.lines.append(line)
-    return [ExportTable("lifts", LIFT_COLUMNS, lifts), angles, arm, gripper, frames]
+        for kind, line in _lines_of(request, row):
+            tables[kind].lines.append(line)
+    return [ExportTable("lifts", LIFT_COLUMNS, lifts), *tables.values()]
 
 
-def _lines_of(request: ExportRequest, row: Lift) -> Iterator[tuple[str, Line]]:
-    """Yield each message of a lift as a row of a table, with its topic."""
+def _lines_of(request: ExportRequest, row: Lift) -> Iterator[tuple[type, Line]]:
+    """Yield each message of a lift as a row of a table, with its kind."""
     path = request.session / row.recording
     phases = sorted((time_ns, phase) for phase, time_ns in phase_times(path).items())
     starts = [time_ns for time_ns, _ in phases]
     lift_ns = next(time_ns for time_ns, phase in phases if phase == Phase.LIFT)
-    identity = {
-        "session": request.session.name,
-        "number": row.number,
-        "object": row.object,
-        "name": row.name,
-        "lift": row.lift,
-    }
+    identity = {name: getattr(row, name) for name in ("number", "object", "name", "lift")}
     pose: tuple[float, ...] = ()
-    poses = ContinuousPoses()
-    for topic, time_ns, sequence, data in recorded_messages(path):
-        if topic == ARM_TOPIC:
-            tcp = poses.next(recorded_pose(data, path))
-            pose = (*tcp.position_m, *tcp.quaternion_xyzw)
+    for message in lift_messages(path):
+        value, when = message.value, message.time_ns
+        if isinstance(value, Pose):
+            pose = (*value.position_m, *value.quaternion_xyzw)
+        if value is None or isinstance(value, Pose):
             continue
-        if topic == JOINTS_TOPIC and not pose:
-            raise SessionError(f"{path}: the recording is damaged (joints of the arm without its pose)")
-        begun = bisect_right(starts, time_ns)
-        when = {
+        line: Line = {
+            "session": request.session.name,
             **identity,
-            "phase": phases[max(begun - 1, 0)][1],
-            "t_s": time_ns / NS_PER_S,
-            "t_lift_s": (time_ns - lift_ns) / NS_PER_S,
+            "phase": phases[max(bisect_right(starts, when) - 1, 0)][1],
+            "t_s": when / NS_PER_S,
+            "t_lift_s": (when - lift_ns) / NS_PER_S,
+            "source": message.source,
         }
-        yield topic, {**when, **_values(path, topic, sequence, data, pose)}
-
-
-def _values(path: Path, topic: str, sequence: int, data: bytes, pose: tuple[float, ...]) -> Line:
-    if topic.startswith(IMAGE_PREFIX):
-        return {"source": topic.removeprefix(IMAGE_PREFIX), "sequence": sequence}
-    if topic == JOINTS_TOPIC:
-        joints = recorded_joints(data, path)
-        wrench = joints.wrench or (None,) * len(WRENCH)
-        numbers = zip((*POSE, *JOINTS, *WRENCH), (*pose, *joints.joints_rad, *wrench), strict=True)
-        return {**dict(numbers), "mode": joints.mode.value}
-    if topic == GRIPPER_TOPIC:
-        return asdict(recorded_gripper(data, path))
-    if topic.startswith(ANGLE_PREFIX):
-        named = {FUSED_TOPIC: FUSED, TRUTH_TOPIC: MARKERS}
-        return {
-            **asdict(recorded_angle(data, path)),
-            "source": named.get(topic, topic.removeprefix(ANGLE_PREFIX)),
-        }
-    return {}
+        if isinstance(value, RecordedJoints):
+            if not pose:
+                raise SessionError(f"{path}: the recording is damaged (joints of the arm without its pose)")
+            numbers = (*pose, *value.joints_rad, *(value.wrench or (None,) * len(WRENCH)))
+            line |= {**dict(zip((*POSE, *JOINTS, *WRENCH), numbers, strict=True)), "mode": value.mode.value}
+        else:
+            line |= {"sequence": message.sequence} if isinstance(value, bytes) else asdict(value)
+        yield type(value), line
 
 
 def _recording_tables(request: ExportRequest) -> list[ExportTable]:

@@ -29,10 +29,9 @@ LABEL = "contact"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ContactImage:
-    """An image with its contact mask.
+    """An image with its contact mask, (H, W) uint8, 0 or 255.
 
-    name: path in the export. encoded: the stored bytes of the image. mask: (H, W) uint8, 0 or 255. note:
-    origin of the mask.
+    name: path in the export. encoded: the stored bytes of the image. note: origin of the mask.
     """
 
     name: str
@@ -60,12 +59,14 @@ def _of_recording(request: ExportRequest) -> Iterator[ContactImage]:
     for pose in request.accepted_poses:
         for image in pose.images:
             path = request.session / image.file
-            picture = _read(path)
+            picture, note = _read(path), TRUE_NOTE
             truth = request.session / true_mask_file(path.stem)
-            if truth.exists():
-                mask, note = _mask(truth, picture), TRUE_NOTE
-            else:
+            if not truth.exists():
                 mask, note = _found(finders[image.serial], picture), FOUND_NOTE
+            elif (mask := load_image(truth, grey=True)) is None or mask.shape != picture.shape[:2]:
+                raise SessionError(
+                    f"{truth}: the true mask cannot be read, or its size differs from the image's"
+                )
             yield ContactImage(image.file, path.read_bytes(), mask, note)
 
 
@@ -96,20 +97,11 @@ def _read(path: Path) -> Image:
     return image
 
 
-def _mask(path: Path, picture: Image) -> Image:
-    mask = load_image(path, grey=True)
-    if mask is None or mask.shape != picture.shape[:2]:
-        raise SessionError(f"{path}: the true mask cannot be read, or its size differs from the image's")
-    return mask
-
-
 def export_coco(request: ExportRequest) -> Exported:
     """Write `images/` and `annotations.json`. Raises `SessionError` for a damaged session."""
     labelled, notes = [], Counter[str]()
-    for image in contact_images(request):
-        _keep(request, image, f"images/{image.name}")
+    for image in _kept(request, notes, "images"):
         labelled.append(LabelledImage(image.name, image.size, LABEL, mask_polygons(image.mask)))
-        notes[image.note] += 1
     said = _said(request, notes)
     document = coco_document(labelled, f"{request.session.name}; {'; '.join(said)}")
     (request.out / "annotations.json").write_text(json.dumps(document))
@@ -120,19 +112,21 @@ def export_coco(request: ExportRequest) -> Exported:
 def export_labelme(request: ExportRequest) -> Exported:
     """Write the images with a LabelMe file for each. Raises `SessionError` for a damaged session."""
     notes = Counter[str]()
-    for image in contact_images(request):
+    for image in _kept(request, notes, ""):
         path = PurePosixPath(image.name)
-        _keep(request, image, image.name)
         document = labelme_document(path.name, image.size, mask_polygons(image.mask), LABEL, image.note)
         (request.out / path.with_suffix(".json")).write_text(json.dumps(document, indent=1))
-        notes[image.note] += 1
     return Exported({"images": notes.total()}, _said(request, notes))
 
 
-def _keep(request: ExportRequest, image: ContactImage, name: str) -> None:
-    path = request.out / name
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_bytes(image.encoded)
+def _kept(request: ExportRequest, notes: "Counter[str]", folder: str) -> Iterator[ContactImage]:
+    """Yield the images after writing each to a folder of the export; count their notes."""
+    for image in contact_images(request):
+        path = request.out / folder / image.name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(image.encoded)
+        notes[image.note] += 1
+        yield image
 
 
 def _said(request: ExportRequest, notes: "Counter[str]") -> tuple[str, ...]:

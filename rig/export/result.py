@@ -31,12 +31,10 @@ class ExportRequest:
 
     @property
     def finished_lifts(self) -> list[Lift]:
-        """The lifts that were completed."""
         return finished(self.lifts)
 
     @property
     def accepted_poses(self) -> list[PoseRow]:
-        """The poses that were accepted."""
         return [pose for pose in self.poses if pose.accepted]
 
 
@@ -58,14 +56,10 @@ def export_request(session: Path, out: Path, every: int) -> ExportRequest:
     manifest = read_manifest_of(session, kinds, "trials and recordings can be exported")
     if isinstance(manifest, TrialManifest):
         usable = read_usable_lifts(session, checked=True)
-        request = ExportRequest(
-            session, out, manifest, lifts=usable.rows, left_out=usable.problems, every=every
-        )
+        request = ExportRequest(session, out, manifest, usable.rows, (), every, usable.problems)
     else:
         poses, flaws = read_usable_poses(session)
-        request = ExportRequest(
-            session, out, manifest, poses=tuple(poses), left_out=tuple(flaws), every=every
-        )
+        request = ExportRequest(session, out, manifest, (), tuple(poses), every, tuple(flaws))
     if not request.finished_lifts and not request.accepted_poses:
         raise SessionError(f"{session}: has no finished lift or pose; continue the session with --resume")
     return request

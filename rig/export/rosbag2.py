@@ -19,15 +19,7 @@ from typing import Any
 
 import numpy as np
 from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
-from rosbags.interfaces import (
-    Connection,
-    Qos,
-    QosDurability,
-    QosHistory,
-    QosLiveliness,
-    QosReliability,
-    QosTime,
-)
+from rosbags import interfaces
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.stores import ros2_humble as ros
@@ -36,32 +28,16 @@ from drivers.clock import NS_PER_S
 from drivers.errors import SessionError
 from drivers.types import Pose, Vector6
 from rig.config import BenchConfig
+from rig.export.messages import lift_messages
 from rig.export.result import CAMERA, Exported, ExportRequest, simulated_mark, source_name
-from rig.export.rotations import ContinuousPoses
 from rig.sessions.about import RecordingAbout
 from rig.sessions.manifest import TrialManifest, require_kind
-from rig.sessions.reading import (
-    RecordedGripper,
-    recorded_angle,
-    recorded_gripper,
-    recorded_joints,
-    recorded_jpeg,
-    recorded_pose,
-)
-from rig.sessions.recorder import (
-    ANGLE_PREFIX,
-    ARM_TOPIC,
-    FUSED_TOPIC,
-    GRIPPER_TOPIC,
-    IMAGE_PREFIX,
-    JOINTS_TOPIC,
-    TRUTH_TOPIC,
-)
-from rig.sessions.recording_file import recorded_messages
+from rig.sessions.reading import RecordedAngle, RecordedGripper, RecordedJoints, recorded_jpeg
+from rig.tactile.angles import FUSED, MARKERS
 
 BASE, TOOL = "base", "tool"
 STATIC = "/tf_static"
-ANGLES = {FUSED_TOPIC: "estimate", TRUTH_TOPIC: "markers"}
+ANGLES = {FUSED: "estimate", MARKERS: "markers"}
 """Names of the angles that do not belong to a fingertip."""
 JOINTS = tuple(
     f"{name}_joint" for name in ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
@@ -71,18 +47,12 @@ BAG_VERSION = 8
 """Version of the bag's metadata: the older of the two versions that rosbags can write."""
 LAST_NS = 2**31 * NS_PER_S
 """First time that does not fit into a ROS stamp (int32 seconds), in 2038."""
-_NEVER = QosTime(0, 0)
-LATCHED = Qos(
-    QosHistory.KEEP_LAST,
-    1,
-    QosReliability.RELIABLE,
-    QosDurability.TRANSIENT_LOCAL,
-    _NEVER,
-    _NEVER,
-    QosLiveliness.SYSTEM_DEFAULT,
-    _NEVER,
-    False,
-)
+_NEVER = interfaces.QosTime(0, 0)
+LATCHED = interfaces.Qos(
+    interfaces.QosHistory.KEEP_LAST, 1, interfaces.QosReliability.RELIABLE,
+    interfaces.QosDurability.TRANSIENT_LOCAL, _NEVER, _NEVER, interfaces.QosLiveliness.SYSTEM_DEFAULT,
+    _NEVER, False,
+)  # fmt: skip
 """Quality of service of static transforms: nodes that start later receive them, too."""
 Stamped = tuple[int, str, Any]
 """Time in ns, topic, message."""
@@ -107,7 +77,7 @@ def export_rosbag2(request: ExportRequest) -> Exported:
 
 def _write(folder: Path, messages: Iterator[Stamped], about: dict[str, str]) -> int:
     """Write a bag with its messages in order of time; return their number."""
-    types, connections = get_typestore(Stores.ROS2_HUMBLE), dict[str, Connection]()
+    types, connections = get_typestore(Stores.ROS2_HUMBLE), dict[str, interfaces.Connection]()
     with Writer(folder, version=BAG_VERSION, storage_plugin=StoragePlugin.MCAP) as bag:
         for key, value in about.items():
             bag.set_custom_data(key, value)
@@ -124,50 +94,40 @@ def _write(folder: Path, messages: Iterator[Stamped], about: dict[str, str]) -> 
 
 def _messages(recording: Path, bench: BenchConfig) -> Iterator[Stamped]:
     """Yield the messages of a recorded lift. Raises `SessionError` if it is damaged."""
-    pose, poses = Pose((0.0, 0.0, 0.0)), ContinuousPoses()
+    pose = Pose((0.0, 0.0, 0.0))
     calibration = RecordingAbout(camera=bench.camera_model()).calibration(0)
     static = {_optical(CAMERA): bench.base_T_camera(), "table": Pose(bench.table.position_m)}
-    for topic, time_ns, _, data in recorded_messages(recording, dated=True):
+    for message in lift_messages(recording, dated=True):
+        time_ns, value = message.time_ns, message.value
         if time_ns >= LAST_NS:
             raise SessionError(f"{recording}: has a time after 2038, too late for ROS stamps; use --to csv")
         if static:
             yield time_ns, STATIC, _transforms(time_ns, static)
             static = {}
-        if topic.startswith(IMAGE_PREFIX):
-            name = source_name(topic.removeprefix(IMAGE_PREFIX), bench)
-            header, jpeg = _header(time_ns, _optical(name)), recorded_jpeg(data, recording)
+        if isinstance(value, bytes):
+            name = source_name(message.source, bench)
+            header, jpeg = _header(time_ns, _optical(name)), recorded_jpeg(value, recording)
             image = ros.sensor_msgs__msg__CompressedImage(header, "jpeg", np.frombuffer(jpeg, np.uint8))
             yield time_ns, f"/{name}/image_raw/compressed", image
             if name == CAMERA and calibration is not None:
                 yield time_ns, f"/{name}/camera_info", _camera_info(header, calibration)
-        elif topic == ARM_TOPIC:
-            pose = poses.next(recorded_pose(data, recording))
+        elif isinstance(value, Pose):
+            pose = value
             yield time_ns, "/tf", _transforms(time_ns, {TOOL: pose})
-        elif topic == JOINTS_TOPIC:
-            arm = recorded_joints(data, recording)
-            yield (
-                time_ns,
-                "/joint_states",
-                _values(time_ns, BASE, dict(zip(JOINTS, arm.joints_rad, strict=True))),
-            )
-            if arm.wrench is not None:
-                yield time_ns, "/wrench", _wrench(time_ns, pose, arm.wrench)
-        elif topic == GRIPPER_TOPIC:
-            fingers = _fingers(recorded_gripper(data, recording))
+        elif isinstance(value, RecordedJoints):
+            joints = dict(zip(JOINTS, value.joints_rad, strict=True))
+            yield time_ns, "/joint_states", _values(time_ns, BASE, joints)
+            if value.wrench is not None:
+                yield time_ns, "/wrench", _wrench(time_ns, pose, value.wrench)
+        elif isinstance(value, RecordedGripper):
+            fingers = {"gripper_opening": value.opening_m}
+            if value.position_counts is not None:
+                fingers["gripper_counts"] = float(value.position_counts)
             yield time_ns, "/gripper/joint_states", _values(time_ns, TOOL, fingers)
-        elif topic.startswith(ANGLE_PREFIX):
-            name = ANGLES.get(topic) or source_name(topic.removeprefix(ANGLE_PREFIX), bench)
-            found = recorded_angle(data, recording)
-            angle = {"angle": _radians(found.angle_deg), "angle_sigma": _radians(found.sigma_deg)}
+        elif isinstance(value, RecordedAngle):
+            name = ANGLES.get(message.source) or source_name(message.source, bench)
+            angle = {"angle": _radians(value.angle_deg), "angle_sigma": _radians(value.sigma_deg)}
             yield time_ns, f"/angle/{name}", _values(time_ns, _optical(CAMERA), angle)
-
-
-def _fingers(kept: RecordedGripper) -> dict[str, float]:
-    """Return the opening in m and, if recorded, the counts."""
-    fingers = {"gripper_opening": kept.opening_m}
-    if kept.position_counts is not None:
-        fingers["gripper_counts"] = float(kept.position_counts)
-    return fingers
 
 
 def _optical(source: str) -> str:
@@ -192,19 +152,13 @@ def _values(time_ns: int, frame: str, values: Mapping[str, float]) -> ros.sensor
 
 def _transforms(time_ns: int, poses: Mapping[str, Pose]) -> ros.tf2_msgs__msg__TFMessage:
     """Return the message of transforms. poses: `base_T_child` by the name of the child."""
-    return ros.tf2_msgs__msg__TFMessage(
-        [
-            ros.geometry_msgs__msg__TransformStamped(
-                _header(time_ns, BASE),
-                child,
-                ros.geometry_msgs__msg__Transform(
-                    ros.geometry_msgs__msg__Vector3(*pose.position_m),
-                    ros.geometry_msgs__msg__Quaternion(*pose.quaternion_xyzw),
-                ),
-            )
-            for child, pose in poses.items()
-        ]
-    )
+    stamped = []
+    for child, pose in poses.items():
+        place = ros.geometry_msgs__msg__Vector3(*pose.position_m)
+        turn = ros.geometry_msgs__msg__Quaternion(*pose.quaternion_xyzw)
+        transform = ros.geometry_msgs__msg__Transform(place, turn)
+        stamped.append(ros.geometry_msgs__msg__TransformStamped(_header(time_ns, BASE), child, transform))
+    return ros.tf2_msgs__msg__TFMessage(stamped)
 
 
 def _wrench(time_ns: int, tool: Pose, wrench: Vector6) -> ros.geometry_msgs__msg__WrenchStamped:

@@ -1,4 +1,4 @@
-"""Lines that a person draws on frames, twice: the stored clicks, and the angles that follow from them."""
+"""Angles from lines that a person draws twice on chosen frames of a clip."""
 
 import csv
 import io
@@ -8,13 +8,105 @@ from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 
+import cv2
+import numpy as np
+
 from drivers.errors import InputError, counted
 from drivers.formats import read_bounded
 from drivers.types import Image
-from rig.frames.series import FrameSeries
-from rig.labels.angle_clip import ClipToLabel, FrameChoice, choose_frames
+from rig.frames.clips import clip_background
+from rig.frames.estimates import estimate_series, zeroed
+from rig.frames.series import FrameSeries, make_background
 from rig.sessions.codec import Codec, json_line, strict
 from rig.sessions.files import write_file
+from rig.tactile.contact.relative import RelativeDifference
+from rig.tactile.estimators import choose_estimator
+
+# A relative difference of this size is drawn in black or white.
+DIFFERENCE_RANGE = 0.25
+
+
+@dataclass(frozen=True, slots=True)
+class FrameChoice:
+    """Numbers of the frames to be labelled, from 0, in order. reference: the frame with angle 0."""
+
+    reference: int
+    frames: tuple[int, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ClipToLabel:
+    """The chosen frames, (H, W, 3) uint8 RGB by number, and the frame without contact."""
+
+    name: str
+    choice: FrameChoice
+    background: Image
+    frames: dict[int, Image]
+
+    @property
+    def size_px(self) -> tuple[int, int]:
+        return self.background.shape[1], self.background.shape[0]
+
+
+def choose_frames(
+    series: FrameSeries, background: Image, count: int, reference: int | None = None
+) -> tuple[FrameChoice, str]:
+    """Choose frames with contact, evenly spread from the reference on; return them and an explanation.
+
+    The default reference is the zero of `rig estimate`: the first frame in which the contact has settled.
+    Raises `InputError` if no frame shows a contact, or if the reference is not a frame with contact before
+    another.
+    """
+    estimator = choose_estimator(None, None).make(background, None)
+    found = zeroed(estimate_series(series, estimator, series.count), None)
+    touching = [number for number, sample in enumerate(found.samples) if sample.contact_area_px > 0]
+    if not touching:
+        raise InputError(
+            f"{series.name}: no frame shows a contact: compare the background with the frames, it may show "
+            "the same contact"
+        )
+    seen = f"a contact is seen in frames {touching[0]} to {touching[-1]}"
+    zero = touching[0] if found.zero is None else found.times.index(found.zero)
+    first = zero if reference is None else reference
+    if first not in touching:
+        raise InputError(f"{series.name}: --reference {first} shows no contact or cannot be read; {seen}")
+    between = [number for number in touching if number >= first]
+    if len(between) < 2:
+        raise InputError(f"{series.name}: no contact follows frame {first}: choose an earlier --reference")
+    places = np.unique(np.linspace(0, len(between) - 1, min(count, len(between))).round().astype(int))
+    frames = tuple(between[place] for place in places)
+    why = "no frame has an angle" if found.zero is None else found.zero_note
+    asked = why if reference is None else "as given"
+    note = (
+        f"{seen}; reference: frame {frames[0]} ({asked}); {counted(len(frames), 'frame')} to label, "
+        f"up to {frames[-1]}"
+    )
+    return FrameChoice(frames[0], frames), note
+
+
+def background_of(clip: Path, series: FrameSeries) -> tuple[Image, str]:
+    """Return a clip's frame without contact, or its first frame if it has none, and a note on its origin."""
+    own = clip_background(clip)
+    background, note = make_background("first:1" if own is None else str(own), series)
+    missing = "; rig benchmark clips needs a background.png, a frame without contact" if own is None else ""
+    return background, note + missing
+
+
+def load_clip(name: str, series: FrameSeries, background: Image, choice: FrameChoice) -> ClipToLabel:
+    """Read the chosen frames. Raises `InputError` if one of them cannot be read."""
+    wanted = set(choice.frames)
+    frames = {n: f.image for n, f in enumerate(series) if n in wanted and f.image is not None}
+    if missing := sorted(wanted - set(frames)):
+        raise InputError(f"{series.name}: frame {missing[0]} cannot be read: copy the clip again")
+    return ClipToLabel(name, choice, background, frames)
+
+
+def difference(image: Image, background: Image) -> Image:
+    """Return the relative difference from the frame without contact, (H, W, 3) uint8; 0 is grey."""
+    light = RelativeDifference(background, (background.shape[1], background.shape[0]))
+    change = cv2.GaussianBlur(light.of(image), (0, 0), 1.0)
+    return np.clip(127.5 * (1.0 + np.asarray(change) / DIFFERENCE_RANGE), 0, 255).astype(np.uint8)
+
 
 Line = tuple[float, float, float, float]
 """x and y of its first and of its second end in pixels of the frame, x right, y down."""
@@ -59,9 +151,14 @@ def angle_labels(passes: Sequence[Mapping[int, Line]], reference: int) -> list[A
     frames = sorted(set(passes[0]) & set(passes[1]))
     _check(passes, frames, reference)
     turned = [_turned({frame: lines[frame] for frame in frames}, reference) for lines in passes]
-    _check_ends(turned)
-    gaps = {frame: turned[0][frame] - turned[1][frame] for frame in frames if frame != reference}
-    pooled = math.sqrt(sum(gap**2 for gap in gaps.values()) / max(len(gaps), 1)) / 2.0
+    gaps = {frame: turned[0][frame] - turned[1][frame] for frame in frames}
+    for frame, gap in gaps.items():
+        if abs(gap) > MOST_APART_DEG:
+            raise InputError(
+                f"frame {frame}: both passes differ by {gap:.0f} degrees: draw its line again, from the same "
+                "end of the same feature as in the other frames"
+            )
+    pooled = math.sqrt(sum(gap**2 for gap in gaps.values()) / max(len(gaps) - 1, 1)) / 2.0
     labels = []
     for frame in frames:
         one, two = turned[0][frame], turned[1][frame]
@@ -86,17 +183,13 @@ def labels_csv(labels: Sequence[AngleLabel], reference: int) -> str:
 
 def _turned(lines: Mapping[int, Line], reference: int) -> dict[int, float]:
     """Return the rotation since the reference, deg, by frame."""
-    frames = sorted(lines)
-    headings = {frame: _heading_deg(lines[frame]) for frame in frames}
+    frames, headings = sorted(lines), {}
+    for frame, (x1, y1, x2, y2) in lines.items():
+        headings[frame] = math.degrees(-math.atan2(y2 - y1, x2 - x1))
     turned = {frames[0]: 0.0}
     for before, frame in pairwise(frames):
         turned[frame] = turned[before] + math.remainder(headings[frame] - headings[before], 360.0)
     return {frame: turn - turned[reference] for frame, turn in turned.items()}
-
-
-def _heading_deg(line: Line) -> float:
-    x1, y1, x2, y2 = line
-    return math.degrees(-math.atan2(y2 - y1, x2 - x1))
 
 
 def _length_px(line: Line) -> float:
@@ -116,24 +209,11 @@ def _check(passes: Sequence[Mapping[int, Line]], frames: Sequence[int], referenc
         )
     for lines in passes:
         for frame in frames:
-            if (
-                not all(math.isfinite(value) for value in lines[frame])
-                or _length_px(lines[frame]) < SHORTEST_PX
-            ):
+            if not all(map(math.isfinite, lines[frame])) or _length_px(lines[frame]) < SHORTEST_PX:
                 raise InputError(
                     f"frame {frame}: its line is shorter than {SHORTEST_PX:g} px, too short for an angle: "
                     "draw it from end to end of a long feature"
                 )
-
-
-def _check_ends(turned: Sequence[Mapping[int, float]]) -> None:
-    """Raise `InputError` if the passes differ by more than `MOST_APART_DEG` in a frame."""
-    for frame, one in turned[0].items():
-        if abs(gap := one - turned[1][frame]) > MOST_APART_DEG:
-            raise InputError(
-                f"frame {frame}: both passes differ by {gap:.0f} degrees: draw its line again, from the same "
-                "end of the same feature as in the other frames"
-            )
 
 
 @strict
@@ -177,11 +257,7 @@ def read_drawn(path: Path) -> DrawnLines | None:
 
 
 def chosen_frames(
-    series: FrameSeries,
-    background: Image,
-    count: int | None,
-    reference: int | None,
-    drawn: DrawnLines | None,
+    series: FrameSeries, background: Image, count: int | None, reference: int | None, drawn: DrawnLines | None
 ) -> tuple[FrameChoice, str]:
     """Return the frames to label, and a note for the user.
 
@@ -227,7 +303,6 @@ class LineLog:
 
     @property
     def clicks(self) -> tuple[Click, ...]:
-        """All clicks so far, in order."""
         return self._clicks
 
     def add(self, click: Click) -> None:

@@ -10,8 +10,16 @@ from drivers.errors import InputError, RigError
 from drivers.formats import parse_json
 from drivers.images import encode_png
 from rig.frames.clips import LABELS
-from rig.labels.angle_clip import ClipToLabel, difference
-from rig.labels.angle_lines import PASSES, Click, LineLog, angle_labels, ends_in, labels_csv
+from rig.labels.angle_lines import (
+    PASSES,
+    Click,
+    ClipToLabel,
+    LineLog,
+    angle_labels,
+    difference,
+    ends_in,
+    labels_csv,
+)
 from rig.pages.page import render
 from rig.pages.requests import FORBIDDEN, LOOPBACK, NOT_FOUND, Answer, Request
 from rig.pages.serving import PageProcess

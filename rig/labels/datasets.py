@@ -6,9 +6,10 @@ images under `truth/masks`, and its sensors' frames without contact under `refer
 """
 
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -40,26 +41,21 @@ class Fold:
     test: tuple[str, ...]
 
 
-FOLDS = {
-    "D_s1": Fold(
-        "D_s1", ("1", "2", "4", "5", "6", "8", "10", "12", "13", "14", "15"), ("7", "9", "11"), ("3", "16")
-    ),
-    "D_s2": Fold(
-        "D_s2", ("1", "2", "3", "4", "6", "7", "10", "11", "12", "13", "16"), ("5", "9", "14"), ("8", "15")
-    ),
-    "D_s3": Fold(
-        "D_s3", ("1", "3", "5", "6", "7", "8", "9", "10", "11", "13", "14"), ("4", "15", "16"), ("2", "12")
-    ),
+_PARTS = {
+    "D_s1": ("1 2 4 5 6 8 10 12 13 14 15", "7 9 11", "3 16"),
+    "D_s2": ("1 2 3 4 6 7 10 11 12 13 16", "5 9 14", "8 15"),
+    "D_s3": ("1 3 5 6 7 8 9 10 11 13 14", "4 15 16", "2 12"),
 }
 """Castano-Amoros and Gil 2023, Table I."""
+FOLDS = {name: Fold(name, *(tuple(ids.split()) for ids in parts)) for name, parts in _PARTS.items()}
 
 
 def find_fold(name: str) -> Fold:
     """Return a fold by its name, ignoring case. Raises `InputError`."""
-    for known, fold in FOLDS.items():
-        if known.lower() == name.lower():
-            return fold
-    raise unknown_name("fold", name, FOLDS)
+    found = next((fold for known, fold in FOLDS.items() if known.lower() == name.lower()), None)
+    if found is None:
+        raise unknown_name("fold", name, FOLDS)
+    return found
 
 
 def check_objects(fold: Fold, present: Sequence[str], where: str) -> None:
@@ -71,6 +67,10 @@ def check_objects(fold: Fold, present: Sequence[str], where: str) -> None:
                 f"found {', '.join(sorted(set(present))) or 'none'}): name object folders by their number, "
                 "as 07_spam, or choose another --fold"
             )
+
+
+ReadLabel = Callable[[tuple[int, int]], Image]
+"""Returns the label of an image of (H, W) as (H, W) uint8, 0 or 255. Raises `InputError`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,11 +87,7 @@ class LabelledFile:
     group: str
     background: Path | None
     simulated: bool
-    read_label: Callable[[tuple[int, int]], Image]
-
-    def label(self, shape: tuple[int, int]) -> Image:
-        """Return the label of an image of (H, W) as (H, W) uint8, 0 or 255. Raises `InputError`."""
-        return self.read_label(shape)
+    label: ReadLabel
 
 
 def read_dataset(folder: Path) -> list[LabelledFile]:
@@ -104,7 +100,7 @@ def read_dataset(folder: Path) -> list[LabelledFile]:
     sessions = sorted(path.parent for path in folder.rglob(MANIFEST))
     found = [file for session in sessions for file in _session_files(session)]
     inside_sessions = [session.resolve() for session in sessions]
-    for place in _folders(folder):
+    for place in [folder, *sorted(path for path in folder.rglob("*") if path.is_dir())]:
         if not any(place.resolve().is_relative_to(session) for session in inside_sessions):
             found += _voc_files(place) if place.name == _VOC else _labelme_files(place)
     if not found:
@@ -112,7 +108,10 @@ def read_dataset(folder: Path) -> list[LabelledFile]:
             f"{folder}: no labelled image in it: give a VISTASE folder (voc_format or image_label per "
             "object), a folder of LabelMe files, or simulated sessions of rig record"
         )
-    return sorted(_without_doubles(found), key=lambda file: (file.object_id, file.group, file.image.name))
+    kept: dict[tuple[str, str, str], LabelledFile] = {}
+    for file in found:  # VISTASE contains every image twice, as LabelMe and VOC; the first one is kept
+        kept.setdefault((str(_object_folder(file.image.parent)), file.object_id, file.image.stem), file)
+    return sorted(kept.values(), key=lambda file: (file.object_id, file.group, file.image.name))
 
 
 def object_of(folder: Path) -> str:
@@ -124,20 +123,6 @@ def object_of(folder: Path) -> str:
         return find_grasp_file(folder.name.replace("_", " ")).id
     except InputError:
         return folder.name
-
-
-def _folders(folder: Path) -> Iterator[Path]:
-    yield folder
-    yield from sorted(path for path in folder.rglob("*") if path.is_dir())
-
-
-def _without_doubles(files: list[LabelledFile]) -> list[LabelledFile]:
-    """Keep the first file of each name and object. VISTASE contains every image twice, as LabelMe and VOC."""
-    kept: dict[tuple[str, str, str], LabelledFile] = {}
-    for file in files:
-        owner = str(_object_folder(file.image.parent))
-        kept.setdefault((owner, file.object_id, file.image.stem), file)
-    return list(kept.values())
 
 
 def _object_folder(place: Path) -> Path:
@@ -162,22 +147,20 @@ def _labelme_files(folder: Path) -> list[LabelledFile]:
     owner = _object_folder(folder)
     files = []
     for path in sorted(folder.glob("*.json")):
-        if not _is_label(path):
+        if b'"shapes"' not in read_bounded(path, MOST_JSON_BYTES):  # for example a manifest or a COCO file
             continue
-        document = read_label(path)
-        image = _beside(path.with_suffix("")) or _named_image(path, document)
-        files.append(
-            _file(image, owner, lambda shape, path=path, doc=document: labelme_mask(doc, shape, str(path)))
-        )
+        document, image = read_label(path), _beside(path.with_suffix(""))
+        if image is None:
+            named = str(document.get("imagePath", "")).replace("\\", "/")
+            image = path.parent / named
+            if len(named) > _LONGEST_NAME or "\0" in named or not image.is_file():
+                raise InputError(f"{path}: its image {shown(named)} is not beside it: copy it there")
+
+        def read(shape: tuple[int, int], path: Path = path, document: dict[str, Any] = document) -> Image:
+            return labelme_mask(document, shape, str(path))
+
+        files.append(_file(image, owner, read))
     return files
-
-
-def _named_image(path: Path, document: dict[str, object]) -> Path:
-    named = str(document.get("imagePath", "")).replace("\\", "/")
-    image = path.parent / named
-    if len(named) > _LONGEST_NAME or "\0" in named or not image.is_file():
-        raise InputError(f"{path}: its image {shown(named)} is not beside it: copy it there")
-    return image
 
 
 def _session_files(session: Path) -> list[LabelledFile]:
@@ -187,35 +170,25 @@ def _session_files(session: Path) -> list[LabelledFile]:
     files = []
     for pose in read_poses(session):
         for taken in pose.images if pose.accepted else ():
-            image = session / taken.file
-            mask = session / true_mask_file(image.stem)
-            files.append(
-                LabelledFile(
-                    image,
-                    manifest.objects[0],
-                    f"{session}/{taken.serial}",
-                    session / reference_file(taken.serial),
-                    True,
-                    lambda shape, path=mask: contact_label(_png_label(path, shape)),
-                )
-            )
+            image, group = session / taken.file, f"{session}/{taken.serial}"
+            background, mask = session / reference_file(taken.serial), session / true_mask_file(image.stem)
+
+            def read(shape: tuple[int, int], path: Path = mask) -> Image:
+                return contact_label(_png_label(path, shape))
+
+            files.append(LabelledFile(image, manifest.objects[0], group, background, True, read))
     return files
 
 
-def _file(image: Path, owner: Path, read_label: Callable[[tuple[int, int]], Image]) -> LabelledFile:
-    references = sorted((owner / REFERENCES).glob("*.png"))
-    return LabelledFile(
-        image, object_of(owner), str(owner), references[0] if references else None, False, read_label
-    )
+def _file(image: Path, owner: Path, read_label: ReadLabel) -> LabelledFile:
+    background = min((owner / REFERENCES).glob("*.png"), default=None)
+    return LabelledFile(image, object_of(owner), str(owner), background, False, read_label)
 
 
 def _beside(stem: Path) -> Path | None:
     """Return the image file with this stem; None if there is none."""
-    for ending in SUFFIXES:
-        for path in (stem.with_name(stem.name + ending), stem.with_name(stem.name + ending.upper())):
-            if path.is_file():
-                return path
-    return None
+    names = (stem.name + e for ending in SUFFIXES for e in (ending, ending.upper()))
+    return next((path for path in map(stem.with_name, names) if path.is_file()), None)
 
 
 def _png_label(path: Path, shape: tuple[int, int]) -> Image:
@@ -225,8 +198,3 @@ def _png_label(path: Path, shape: tuple[int, int]) -> Image:
     if image.shape != shape:
         image = cv2.resize(image, shape[::-1], interpolation=cv2.INTER_NEAREST)
     return np.where(image > 0, 255, 0).astype(np.uint8)
-
-
-def _is_label(path: Path) -> bool:
-    """Whether a JSON file is a LabelMe file, and not for example a manifest or a COCO file."""
-    return b'"shapes"' in read_bounded(path, MOST_JSON_BYTES)

@@ -40,23 +40,22 @@ def labelme_document(
     return {
         "version": FORMAT_VERSION,
         "flags": {},
-        "shapes": [_shape(polygon, label, note) for polygon in polygons],
+        "shapes": [
+            {
+                "label": label,
+                "points": [[round(float(x), 2), round(float(y), 2)] for x, y in polygon],
+                "group_id": None,
+                "description": note,
+                "shape_type": "polygon",
+                "flags": {},
+                "mask": None,
+            }
+            for polygon in polygons
+        ],
         "imagePath": image_name,
         "imageData": None,
         "imageHeight": size[1],
         "imageWidth": size[0],
-    }
-
-
-def _shape(polygon: Polygon, label: str, note: str) -> dict[str, object]:
-    return {
-        "label": label,
-        "points": [[round(float(x), 2), round(float(y), 2)] for x, y in polygon],
-        "group_id": None,
-        "description": note,
-        "shape_type": "polygon",
-        "flags": {},
-        "mask": None,
     }
 
 
@@ -69,21 +68,17 @@ def labelme_mask(document: dict[str, Any], shape: tuple[int, int], where: str) -
     drawn_on = document.get("imageWidth") or shape[1], document.get("imageHeight") or shape[0]
     if not all(isinstance(side, int | float) and side > 0 for side in drawn_on):
         raise InputError(f"{where}: the size of its image is {shown(drawn_on)}: save it again in LabelMe")
-    polygons = [
-        _scaled(_corners(entry, f"{where}, shape {number}"), drawn_on, shape, f"{where}, shape {number}")
-        for number, entry in enumerate(document["shapes"], start=1)
-        if not (isinstance(entry, dict) and entry.get("label", "") in _BACKGROUND_LABELS)
-    ]
+    polygons = []
+    for number, entry in enumerate(document["shapes"], start=1):
+        if isinstance(entry, dict) and entry.get("label", "") in _BACKGROUND_LABELS:
+            continue
+        name = f"{where}, shape {number}"
+        share = _corners(entry, name) / np.array(drawn_on)
+        if np.abs(share - 0.5).max() > 0.5 + _FAR:
+            raise InputError(f"{name}: a point lies far outside its image: draw it again in LabelMe")
+        polygons.append(share * np.array([shape[1], shape[0]]))
     require_same_aspect(where, drawn_on, shape)
     return polygons_mask(polygons, (shape[1], shape[0]))
-
-
-def _scaled(corners: Polygon, drawn_on: tuple[float, float], shape: tuple[int, int], where: str) -> Polygon:
-    """Return corners in pixels of the image. Raises `InputError` if one is far outside of it."""
-    share = corners / np.array(drawn_on)
-    if np.abs(share - 0.5).max() > 0.5 + _FAR:
-        raise InputError(f"{where}: a point lies far outside its image: draw it again in LabelMe")
-    return share * np.array([shape[1], shape[0]])
 
 
 def _corners(entry: Any, where: str) -> Polygon:

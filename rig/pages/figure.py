@@ -1,27 +1,35 @@
 """Figures for pages: drawn once with matplotlib, then coloured by the page for light and dark mode.
 
 The text of a figure remains text in the SVG, so that it can be searched, read aloud and scaled. A figure is
-drawn at its width on a desktop; on a phone it is scaled down, and its labels are still legible.
+drawn at its width on a desktop; on a phone it is scaled down, and its labels are still legible. The page can
+also draw a figure again from its data (`rig/pages/explore.js`), with zoom and values at the pointer.
 """
 
 import io
 import re
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from itertools import count
 from typing import Any
 
 import matplotlib as mpl
 import numpy as np
 from markupsafe import Markup
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.collections import Collection
+from matplotlib.colors import to_hex
+from matplotlib.dates import AutoDateLocator
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
+from matplotlib.spines import Spine
 from matplotlib.text import Text
+from matplotlib.ticker import FixedLocator
 from numpy.typing import NDArray
 
 from rig.pages.palette import INK, LINE, MUTED, NAME_BY_LIGHT_HEX, PAPER
@@ -138,18 +146,13 @@ def svg(figure: Figure, alt: str) -> Markup:
         text = pattern.sub(instead, text)
     # coordinates in tags are rounded to hundredths of a pixel; numbers in labels must not be rounded
     text = _TAG.sub(lambda tag: _DIGITS.sub(r".\1", tag.group()), text)
-    text = _own_ids(text, f"f{next(_number)}-")
-    text = re.sub(r"#[0-9a-f]{6}\b", _in_css, text)
+    prefix = f"f{next(_number)}-"  # a page contains several figures
+    text = re.sub(r'\bid="', f'id="{prefix}', text)
+    text = re.sub(r"(url\(|href=\")#", rf"\1#{prefix}", text)
+    css = {colour: f"var(--{name})" for colour, name in NAME_BY_LIGHT_HEX.items()}
+    text = re.sub(r"#[0-9a-f]{6}\b", lambda colour: css.get(colour.group(), colour.group()), text)
     head = f'<svg role="img" aria-label="{Markup.escape(alt)}" '
     return Markup(text.replace("<svg ", head, 1))  # noqa: S704 - drawn here; the alt text is escaped
-
-
-def png(figure: Figure, dpi: float) -> bytes:
-    """Return a figure as PNG on white paper."""
-    buffer = io.BytesIO()
-    with _styled():
-        figure.savefig(buffer, format="png", dpi=dpi, facecolor=PAPER.light, metadata={"Software": None})
-    return buffer.getvalue()
 
 
 def column_files(figure: Figure) -> dict[str, bytes]:
@@ -206,13 +209,91 @@ _SUPERFLUOUS = (
 _TAG, _DIGITS = re.compile(r"<[^>]+>"), re.compile(r"\.(\d\d)\d+")
 
 
-def _in_css(colour: re.Match[str]) -> str:
-    """Return a hex colour of the palette as a CSS variable; other colours unchanged."""
-    name = NAME_BY_LIGHT_HEX.get(colour.group())
-    return f"var(--{name})" if name else colour.group()
+SECONDS_PER_DAY = 86_400
+"""Matplotlib has dates in days since 1970, JavaScript in seconds."""
+_SIGNIFICANT = 10
+"""Significant digits of a coordinate: enough for a Unix time in s."""
+_NO_LINE = ("None", " ", "")
+
+Shape = dict[str, Any]
 
 
-def _own_ids(text: str, prefix: str) -> str:
-    """Make the ids of a figure unique, because a page contains several figures."""
-    text = re.sub(r'\bid="', f'id="{prefix}', text)
-    return re.sub(r"(url\(|href=\")#", rf"\1#{prefix}", text)
+@dataclass(frozen=True, slots=True)
+class Spot:
+    """A point of a figure with the text that is shown if the pointer is near it.
+
+    anchor: id in the page of the lift that a click opens, "" for none.
+    """
+
+    x: float
+    y: float
+    text: str
+    anchor: str = ""
+
+
+def plot_data(figure: Figure, spots: Sequence[Spot]) -> dict[str, Any]:
+    """Return a figure of lines, markers, boxes and texts on one pair of axes, ready for JSON."""
+    (axes,) = figure.axes
+    width, height = figure.get_size_inches()
+    locators = [axis.get_major_locator() for axis in (axes.xaxis, axes.yaxis)]
+    units = [SECONDS_PER_DAY if isinstance(each, AutoDateLocator) else 1 for each in locators]
+    places = _rounded(np.array([(spot.x, spot.y) for spot in spots], float) * units)
+    artists = [*axes.lines, *axes.patches, *axes.texts]
+    shapes = [shape for artist in sorted(artists, key=Artist.get_zorder) for shape in _shapes(artist, axes)]
+    key = [] if axes.get_legend() is None else zip(*axes.get_legend_handles_labels(), strict=True)
+    return {
+        "aspect": round(float(width / height), 3),
+        "x": _axis(axes.xaxis, units[0]),
+        "y": _axis(axes.yaxis, units[1]),
+        "shapes": [{**shape, "at": _rounded(shape["at"] * units)} for shape in shapes],
+        "key": [{"label": text, **_line(line)} for line, text in key if isinstance(line, Line2D)],
+        "spots": [(*at, spot.text, spot.anchor) for at, spot in zip(places, spots, strict=True)],
+    }
+
+
+def _rounded(values: NDArray[np.float64]) -> list[list[float]]:
+    return [[float(f"{value:.{_SIGNIFICANT}g}") for value in row] for row in values]
+
+
+def _axis(axis: Axis, unit: int) -> dict[str, Any]:
+    """Describe an axis for JSON. limits: smallest and largest value. down: whether the axis is inverted."""
+    ticks = None
+    if isinstance(axis.get_major_locator(), FixedLocator):
+        labels = [label.get_text() for label in axis.get_ticklabels()]
+        ticks = list(zip(map(float, axis.get_ticklocs()), labels, strict=True))
+    limits = sorted(unit * float(limit) for limit in axis.get_view_interval())
+    label, down = axis.get_label_text().replace("\n", " "), bool(axis.get_inverted())
+    return {"label": label, "limits": limits, "ticks": ticks, "date": unit > 1, "down": down}
+
+
+def _shapes(artist: Artist, axes: Axes) -> Iterator[Shape]:
+    """Return an artist as lines, areas and texts, with points (N, 2) in the coordinates of the axes."""
+    to_data = artist.get_transform() - axes.transData
+    if isinstance(artist, Line2D):
+        yield {"at": to_data.transform(artist.get_xydata()), **_line(artist)}
+    elif isinstance(artist, Patch) and not isinstance(artist, Spine):
+        for points in to_data.transform_path(artist.get_path()).to_polygons():
+            yield {"at": points, "fill": _name(artist.get_facecolor()), "alpha": artist.get_alpha() or 1.0}
+    elif isinstance(artist, Text) and artist.get_text():
+        at = to_data.transform([artist.get_unitless_position()])
+        align = artist.get_horizontalalignment()
+        yield {"at": at, "text": artist.get_text(), "fill": _name(artist.get_color()), "align": align}
+
+
+def _line(line: Line2D) -> Shape:
+    """Describe the style of a line for JSON. dot: marker diameter in px; width 0: markers only."""
+    marker = line.get_marker()
+    return {
+        "stroke": _name(line.get_color()),
+        "width": 0.0 if line.get_linestyle() in _NO_LINE else line.get_linewidth(),
+        "dash": line.get_linestyle() == "--",
+        "dot": 0.0 if marker in _NO_LINE else line.get_markersize(),
+        "marker": marker,
+        "alpha": line.get_alpha() or 1.0,
+    }
+
+
+def _name(colour: Any) -> str:
+    """Return a colour's name in the palette, or its hex value if it has none."""
+    value = to_hex(colour)
+    return NAME_BY_LIGHT_HEX.get(value, value)

@@ -17,7 +17,6 @@ class Colour:
 
     @property
     def css(self) -> str:
-        """The reference to the colour in CSS."""
         return f"var(--{self.name})"
 
 

@@ -3,9 +3,12 @@
 import ipaddress
 import secrets
 import socket
-from collections.abc import Callable
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from http import HTTPStatus
+from pathlib import Path
 from urllib.parse import urlsplit
 
 LOOPBACK = "127.0.0.1"
@@ -46,7 +49,6 @@ class Answer:
     cookie: str = ""
 
     def packed(self) -> bytes:
-        """Return the bytes of the response."""
         lines = [
             f"HTTP/1.1 {self.status.value} {self.status.phrase}",
             f"Content-Type: {self.kind}",
@@ -116,13 +118,23 @@ class Access:
 
     def admitted(self, request: Request, answer: Answer) -> Answer:
         """Return the answer to an allowed request, with a cookie if the key was in the address."""
-        return replace(answer, cookie=self._cookie) if self.key and self._has_key(request.query) else answer
-
-    @property
-    def _cookie(self) -> str:
-        return f"rig-{self.port}-{self.query}"
+        cookie = f"rig-{self.port}-{self.query}"
+        return replace(answer, cookie=cookie) if self.key and self._has_key(request.query) else answer
 
     def _has_key(self, text: str) -> bool:
         """Whether a query or a cookie contains the key."""
         shown = text.strip().removeprefix(f"rig-{self.port}-").encode()
         return secrets.compare_digest(shown, self.query.encode())
+
+
+@contextmanager
+def way_to(address: str) -> Iterator[str]:
+    """Give the address of a file that redirects a browser to `address`; only this user can read the file.
+
+    Otherwise `ps` would show the secret in the address to every user of the computer.
+    """
+    with tempfile.TemporaryDirectory(prefix="rig-page-") as folder:  # made with mode 0700
+        file = Path(folder) / "page.html"
+        file.touch(mode=0o600)
+        file.write_text(f'<!doctype html><meta http-equiv="refresh" content="0; url={address}">')
+        yield file.as_uri()

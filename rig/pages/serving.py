@@ -44,17 +44,13 @@ BACKLOG = 64
 class Page(Protocol):
     """The page that a server shows. Its methods are called from one thread and must not block."""
 
-    def answer(self, request: Request) -> Answer:
-        """Answer a request."""
-        ...
+    def answer(self, request: Request) -> Answer: ...
 
     def take(self, message: bytes) -> None:
         """Process a message of the program."""
         ...
 
-    def close(self) -> None:
-        """Release the resources of the page."""
-        ...
+    def close(self) -> None: ...
 
 
 async def serve(page: Page, listening: socket.socket, program: socket.socket, access: Access) -> None:
@@ -120,7 +116,9 @@ async def _converse(page: Page, connection: socket.socket, access: Access, progr
     reader, writer = await asyncio.open_connection(sock=connection, limit=MOST_HEAD_BYTES)
     try:
         async with asyncio.timeout(WAIT_S):
-            answer = _answer(page, await _read(reader), access)
+            answer, request = UNREADABLE, await _read(reader)
+            if request is not None:
+                answer = access.refusal(request) or access.admitted(request, page.answer(request))
             writer.write(answer.packed())
             if answer.news is None:
                 writer.close()
@@ -144,12 +142,6 @@ async def _keep_sending(writer: asyncio.StreamWriter, news: News) -> None:
             async with asyncio.timeout(WAIT_S):
                 await writer.drain()
         await asyncio.sleep(NEWS_EVERY_S)
-
-
-def _answer(page: Page, request: Request | None, access: Access) -> Answer:
-    if request is None:
-        return UNREADABLE
-    return access.refusal(request) or access.admitted(request, page.answer(request))
 
 
 async def _read(reader: asyncio.StreamReader) -> Request | None:

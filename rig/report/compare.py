@@ -59,7 +59,6 @@ class Paired:
         return int((self.difference < 0.0) == self.figure.smaller)
 
     def as_json(self) -> dict[str, object]:
-        """Return the figure's values for JSON output."""
         values = asdict(self)
         figure = values.pop("figure")
         return {**values, "figure": figure["name"], "unit": figure["unit"], "winner": self.winner}
@@ -75,17 +74,14 @@ class OwnError:
 
     @property
     def reaction(self) -> str:
-        """The reaction to slip as text."""
         return "without a reaction" if self.react is ReactionKind.NONE else f"reaction '{self.react.value}'"
 
     @property
     def text(self) -> str:
-        """The side, its reaction and its error."""
         lifts = f" over {counted(self.mare.lifts, 'lift')}" if self.mare and not self.mare.refused else ""
         return f"{self.name}, {self.reaction}: mean error in B and C {mare_text(self.mare)}{lifts}"
 
     def as_json(self) -> dict[str, object]:
-        """Return the side's values for JSON output."""
         mare = self.mare
         return {"name": self.name, "react": self.react.value, "mare_deg": mare and mare.mean_deg}
 
@@ -116,7 +112,6 @@ class Comparison:
         return next((p for p in self.overall if p.figure is ERROR), None)
 
     def as_json(self) -> dict[str, object]:
-        """Return the figures as values for JSON output."""
         return {
             "names": list(self.names),
             "lifts": len(self.pairs),
@@ -128,49 +123,37 @@ class Comparison:
 
 
 def _mean(error: ErrorSummary | None) -> float | None:
-    return None if error is None else error.mean_deg
+    return error and error.mean_deg
 
 
-def _most(error: ErrorSummary | None) -> float | None:
-    return None if error is None else error.max_deg
+def _late_s(lift: Lift) -> float | None:
+    return None if lift.onset_delay_s is None else abs(lift.onset_delay_s)
 
 
 ERROR = Figure("mean error in B and C", "°", lambda lift: _mean(lift.re), of_turn=True)
 TIME = Figure("time per tactile frame with contact, median", "ms", lambda lift: lift.frame_ms)
+HELD = "mean error if refused frames keep the last angle"
 FIGURES = (
     ERROR,
     Figure("mean error in B", "°", lambda lift: _mean(lift.re_b), of_turn=True),
-    Figure(
-        "mean error if refused frames keep the last angle",
-        "°",
-        lambda lift: _mean(lift.re_held),
-        of_turn=True,
-    ),
-    Figure("largest error in B and C", "°", lambda lift: _most(lift.re), of_turn=True),
+    Figure(HELD, "°", lambda lift: _mean(lift.re_held), of_turn=True),
+    Figure("largest error in B and C", "°", lambda lift: lift.re and lift.re.max_deg, of_turn=True),
     Figure("frames with an angle", "%", lambda lift: 100.0 * lift.answered, smaller=False),
-    Figure(
-        "error of the slip's start",
-        "s",
-        lambda lift: None if lift.onset_delay_s is None else abs(lift.onset_delay_s),
-        of_turn=True,
-    ),
+    Figure("error of the slip's start", "s", _late_s, of_turn=True),
     TIME,
     Figure("true turn", "°", lambda lift: lift.final_truth_deg, smaller=None),
 )
 
 
 def compare_lifts(
-    names: tuple[str, str],
-    first: Iterable[Lift],
-    second: Iterable[Lift],
-    same_estimator: bool = False,
+    names: tuple[str, str], first: Iterable[Lift], second: Iterable[Lift], same_estimator: bool = False
 ) -> Comparison:
     """Compare lifts, paired by object and number. Raises `InputError` if they have no lift in common.
 
     same_estimator: whether both sides used the same estimator. Then differences of run time are due to the
     load of the computers, and no side is better.
     """
-    left, right = _by_lift(first), _by_lift(second)
+    left, right = ({(lift.object, lift.lift): lift for lift in side} for side in (first, second))
     keys = [key for key in left if key in right]
     if not keys:
         raise InputError(f"{names[0]} and {names[1]} have no lift in common (same object, same number)")
@@ -182,23 +165,18 @@ def compare_lifts(
     for pair in alike:
         objects.setdefault(pair[0].label, []).append(pair)
     found = {name: paired(ERROR, own) for name, own in objects.items()}
+    apart: dict[tuple[str, ReactionKind], list[ErrorSummary | None]] = {}
+    for pair in (pair for pair in pairs if pair[0].react is not pair[1].react):
+        for name, lift in zip(names, pair, strict=True):
+            apart.setdefault((name, lift.react), []).append(lift.re)
     return Comparison(
         names,
         tuple(p for p in overall if p is not None),
         {name: p for name, p in found.items() if p is not None},
         pairs,
         (_alone(left, right), _alone(right, left)),
-        _apart(names, [pair for pair in pairs if pair[0].react is not pair[1].react]),
+        tuple(OwnError(*key, mare_of(errors)) for key, errors in apart.items()),
     )
-
-
-def _apart(names: tuple[str, str], pairs: Sequence[Pair]) -> tuple[OwnError, ...]:
-    """Return the error of each side and reaction over pairs whose sides react to slip differently."""
-    found: dict[tuple[str, ReactionKind], list[ErrorSummary | None]] = {}
-    for pair in pairs:
-        for name, lift in zip(names, pair, strict=True):
-            found.setdefault((name, lift.react), []).append(lift.re)
-    return tuple(OwnError(*key, mare_of(errors)) for key, errors in found.items())
 
 
 def _alone(mine: Mapping[Key, Lift], others: Mapping[Key, Lift]) -> tuple[str, ...]:
@@ -223,17 +201,9 @@ def paired(figure: Figure, pairs: Sequence[Pair]) -> Paired | None:
     low, high = mean_interval(away)
     better = away > 0.0 if figure.smaller else away < 0.0
     wins = int(better.sum()), int(((away != 0.0) & ~better).sum()), int((away == 0.0).sum())
-    return Paired(
-        figure=figure,
-        lifts=first.size,
-        missing=len(pairs) - first.size,
-        first=float(first.mean()),
-        second=float(second.mean()),
-        difference=float(away.mean()),
-        low=low,
-        high=high,
-        wins=wins,
-    )
+    means = [float(values.mean()) for values in (first, second, away)]
+    missing = len(pairs) - first.size
+    return Paired(figure, first.size, missing, means[0], means[1], means[2], low, high, wins)
 
 
 def verdict(comparison: Comparison) -> str:
@@ -261,7 +231,3 @@ def verdict(comparison: Comparison) -> str:
         f"{comparison.names[found.winner]} is better by {abs(found.difference):.2f}° "
         f"[{ends[0]:.2f}, {ends[1]:.2f}] {over}."
     )
-
-
-def _by_lift(lifts: Iterable[Lift]) -> dict[Key, Lift]:
-    return {(lift.object, lift.lift): lift for lift in lifts}

@@ -2,21 +2,18 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from datetime import UTC, datetime
 from textwrap import fill
 
 import numpy as np
 from matplotlib.axes import Axes
 
-from rig.pages.figure import drawing
+from rig.pages.figure import Spot, drawing
 from rig.pages.page import render
 from rig.pages.palette import FIRST, INK, MUTED, SECOND, TRUTH
-from rig.pages.plot_data import Spot
 from rig.report.compare import ERROR, Comparison, Paired, differences, verdict
 from rig.report.explored import explored, pair_panels
 from rig.report.lift_chart import pair_chart
-from rig.report.parts import Chart, Table
-from rig.report.text import made_text
+from rig.report.parts import Chart, Table, made_text
 from rig.results.metrics import FEWEST_LIFTS, INTERVAL
 
 _ROW_PX = 30
@@ -49,7 +46,7 @@ def compare_page(comparison: Comparison, simulated: bool, about: str, notes: Seq
         notes=notes,
         colours=(FIRST.css, SECOND.css),
         truth=TRUTH.css,
-        made=made_text(datetime.now(UTC)),
+        made=made_text(),
     )
 
 
@@ -72,11 +69,9 @@ def difference_chart(comparison: Comparison) -> Chart:
         reach = 1.1 * max(float(np.abs(axes.get_xlim()).max()), 0.1)
         axes.set_xlim(-reach, reach)
         axes.set_xlabel(fill(f"mean error of {second} minus that of {first}, degrees", _LINE))
-        for x, side, text in (
-            (0.0, "left", f"\u25c0 {second} is closer"),
-            (1.0, "right", f"{first} is closer \u25b6"),
-        ):
-            axes.text(x, 1.01, text, transform=axes.transAxes, ha=side, va="bottom", color=MUTED.light)
+        above = {"transform": axes.transAxes, "va": "bottom", "color": MUTED.light}
+        axes.text(0.0, 1.01, f"\u25c0 {second} is closer", ha="left", **above)
+        axes.text(1.0, 1.01, f"{first} is closer \u25b6", ha="right", **above)
         title = "Which side is closer to the markers, by object"
         caption = "A dot per lift; the tick is the mean of the differences, the bar its 95 % interval."
         return Chart(title, figure, caption, f"{title}: {first} and {second}", spots=spots)
@@ -97,9 +92,8 @@ def lift_charts(comparison: Comparison) -> list[Chart]:
             for name, error in zip(comparison.names, errors, strict=True)
         ]
         chart = pair_chart(first.curves, second.curves, "; ".join(parts))
-        panels = pair_panels(comparison.names, first.curves, second.curves)
-        anchor = f"lift-{len(charts) + 1}"
-        charts.append((rank, replace(chart, anchor=anchor, explored=explored(first.curves, panels))))
+        data = explored(first.curves, pair_panels(comparison.names, first.curves, second.curves))
+        charts.append((rank, replace(chart, anchor=f"lift-{len(charts) + 1}", explored=data)))
     return [chart for _, chart in sorted(charts, key=lambda entry: -entry[0])]
 
 
@@ -109,32 +103,19 @@ def shorten(name: str) -> str:
 
 
 def figure_table(comparison: Comparison) -> Table:
-    """Return a table of every figure over all pairs."""
-    return Table(
-        _columns(comparison, "figure"),
-        [_cells(f"{p.figure.name}", p, comparison) for p in comparison.overall],
-    )
+    return _table(comparison, "figure", [(p.figure.name, p) for p in comparison.overall])
 
 
 def object_table(comparison: Comparison) -> Table:
     """Return a table of the mean error over B and C per object."""
-    return Table(
-        _columns(comparison, "object"), [_cells(n, p, comparison) for n, p in comparison.objects.items()]
-    )
+    return _table(comparison, "object", list(comparison.objects.items()))
 
 
-def _columns(comparison: Comparison, head: str) -> tuple[str, ...]:
+def _table(comparison: Comparison, head: str, named: Sequence[tuple[str, Paired]]) -> Table:
     first, second = comparison.names
-    return (
-        head,
-        first,
-        second,
-        "difference [95 %]",
-        "lifts",
-        f"{first} better",
-        f"{second} better",
-        "shown to win",
-    )
+    better = (f"{first} better", f"{second} better")
+    columns = (head, first, second, "difference [95 %]", "lifts", *better, "shown to win")
+    return Table(columns, [_cells(name, each, comparison) for name, each in named])
 
 
 def _cells(name: str, p: Paired, comparison: Comparison) -> list[str]:

@@ -1,63 +1,250 @@
-"""The report of lifts from CSV tables, such as old data or data of another lab."""
+"""The report of lifts from CSV tables with two angle curves each, from any tool."""
 
-from dataclasses import replace
-from datetime import UTC, datetime
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
-from drivers.errors import counted
+from drivers.clock import NS_PER_S
+from drivers.errors import FormatError, InputError, counted
+from drivers.formats import CsvTable, parse_number, read_csv, shown
+from rig.lift.onset import slip_onset_ns
+from rig.lift.result import FINAL_S
 from rig.pages.page import render
-from rig.report.coverage import sigma_notices
-from rig.report.csv_lifts import CsvLift, Tables
-from rig.report.curves import signed_errors
-from rig.report.distributions import boxes, error_against_angle, error_against_rate
+from rig.report.advice import sigma_notices
+from rig.report.charts import (
+    Final,
+    boxes,
+    coverage_chart,
+    error_against_angle,
+    error_against_rate,
+    finals_chart,
+)
+from rig.report.curves import AXIS_DEG, TURN_DEG, signed_errors, unwrapped
 from rig.report.explored import angle_panels, explored
 from rig.report.lift_chart import key, lift_chart
-from rig.report.parts import Chart, Notice, ReportPage, Table, linked
-from rig.report.text import angle_text, made_text, mare_tile
-from rig.report.trial_charts import Final, coverage_chart, finals_chart
-from rig.results.metrics import FEWEST_LIFTS, INTERVAL, Mare, mare_of, mare_text
+from rig.report.parts import (
+    Chart,
+    Notice,
+    ReportPage,
+    Table,
+    angle_text,
+    linked,
+    made_text,
+    mare_tile,
+    table_of,
+)
+from rig.results.metrics import (
+    FEWEST_LIFTS,
+    INTERVAL,
+    ErrorSummary,
+    Floats,
+    Mare,
+    mare_of,
+    mare_text,
+    summarize,
+)
+from rig.sessions.lift_curves import LiftCurves
+from rig.tactile.angles import Angles
+
+COLUMNS = {
+    "time": ("t_s", "time_s", "time"),
+    "estimate": ("estimate_deg", "pred_deg", "angle_deg"),
+    "truth": ("truth_deg", "aruco_gt_deg", "aruco_deg", "marker_deg"),
+    "sigma": ("sigma_deg",),
+}
+"""Accepted headings of each column; all but the sigma are needed."""
+SETTLED_DEG, SETTLED_SHARE = 0.5, 0.05
+"""Phase C begins when the reference stays within this distance of its final angle; or within this fraction of
+its rotation."""
+_REFUSED = ("", "nan", "none", "null", "na", "<na>")
+_LARGEST = 9e9
+"""Largest accepted number; larger times in s do not fit 64-bit integer nanoseconds."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CsvLift:
+    """A lift from a table.
+
+    errors: over all its frames, None if no frame has both angles. notes: on wrapped angles.
+    """
+
+    path: Path
+    curves: LiftCurves
+    errors: ErrorSummary | None
+    final_estimate_deg: float | None
+    final_truth_deg: float | None
+    notes: tuple[str, ...] = ()
+
+    @property
+    def answered(self) -> float:
+        return float(np.mean(np.isfinite(self.curves.estimate.angle_deg)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Tables:
+    """The readable lifts, and notes on unreadable files and wrapped angles."""
+
+    lifts: tuple[CsvLift, ...]
+    notes: tuple[str, ...]
+
+
+def read_tables(sources: Sequence[Path]) -> Tables:
+    """Read CSV files, and the CSV files in folders. Raises `InputError` if there is no lift.
+
+    A given file without a lift is an error; for a file without a lift in a given folder a note is added.
+    """
+    lifts, notes = [], []
+    for source in sources:
+        if not source.is_dir():
+            lifts.append(read_table(source))
+            continue
+        for path in sorted(source.glob("*.csv")):
+            try:
+                lifts.append(read_table(path))
+            except InputError as error:
+                notes.append(f"left out: {error}")
+    if not lifts:
+        why = f"; {notes[0]}" if notes else ""
+        needed = ", ".join(names[0] for what, names in COLUMNS.items() if what != "sigma")
+        raise InputError(f"{sources[0]}: neither a session nor CSV files with columns {needed}{why}")
+    notes += [note for lift in lifts for note in lift.notes]
+    return Tables(tuple(lifts), tuple(notes))
+
+
+def read_table(path: Path) -> CsvLift:
+    """Read one CSV file. Raises `InputError` naming the invalid column or line."""
+    columns = _columns(path)
+    time_s = columns["time"]
+    if not np.isfinite(time_s).all() or (np.diff(time_s) <= 0.0).any():
+        line = 2 + int(np.argmin(np.append(True, np.diff(time_s) > 0.0) & np.isfinite(time_s)))
+        raise InputError(
+            f"{path}: line {line}: the times do not increase; sort the rows and drop repeated ones"
+        )
+    time_s = time_s - time_s[0]  # tables may hold the time of day
+    try:
+        truth = Angles(time_s, columns["truth"])
+        estimate = Angles(time_s, columns["estimate"], columns.get("sigma", np.empty(0)))
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
+    truth, notes = unwrapped(f"{path}: the true angle", truth, AXIS_DEG)
+    phases, onset_s = detected_phases(truth)
+    estimate, more = unwrapped(f"{path}: the estimate", estimate, TURN_DEG)
+    curves = LiftCurves(
+        name=path.stem.replace("_", " "),
+        estimate=estimate,
+        truth=truth,
+        phases_s=phases,
+        onset_truth_s=onset_s,
+        onset_estimate_s=_onset_s(estimate),
+        time_label="time since the first row, s",
+    )
+    errors = np.abs(signed_errors(curves))
+    finals = _final_deg(estimate), _final_deg(truth)
+    return CsvLift(path, curves, summarize(errors[np.isfinite(errors)]), *finals, (*notes, *more))
+
+
+def detected_phases(truth: Angles) -> tuple[dict[str, float], float | None]:
+    """Return the starts of phases A, B and C and the onset, from the reference only; none without a slip.
+
+    B begins with the slip, and C when the angle stays near its final value.
+    """
+    onset_s, known, final = _onset_s(truth), truth.known, _final_deg(truth) or 0.0
+    if onset_s is None:
+        return {}, None
+    away = np.abs(known.angle_deg - final) > max(SETTLED_DEG, SETTLED_SHARE * abs(final))
+    settled_s = float(known.time_s[away].max(initial=onset_s))
+    start_s, end_s = min(float(known.time_s[0]), onset_s), float(known.time_s[-1])
+    return {"A": start_s, "B": onset_s, "C": settled_s, "lower": end_s + 1e-6}, onset_s
+
+
+def _columns(path: Path) -> dict[str, Floats]:
+    table = read_csv(path)
+    heads = [head.lower() for head in table.columns]
+    found: dict[str, Floats] = {}
+    for what, names in COLUMNS.items():
+        index = next((heads.index(name) for name in names if name in heads), None)
+        if index is not None:
+            found[what] = _numbers(table, index)
+        elif what != "sigma":
+            there = ", ".join(map(shown, heads[:8])) or "nothing"
+            raise InputError(f"{path}: no column {' or '.join(names)}; it has {there}")
+    if len(table.lines) < 2:
+        raise InputError(f"{path}: holds {counted(len(table.lines), 'row')}; a curve needs at least two")
+    return found
+
+
+def _numbers(table: CsvTable, index: int) -> Floats:
+    """Return the numbers of a column, NaN for refused frames. Raises `InputError` for an invalid number."""
+    values = np.full(len(table.lines), np.nan)
+    for number, (line, row) in enumerate(table.lines):
+        cell = row[index] if index < len(row) else ""
+        if cell.lower() in _REFUSED:
+            continue
+        try:
+            values[number] = parse_number(cell)
+        except FormatError as error:
+            raise InputError(f"{table.where}: line {line}: {table.columns[index]} {error}") from error
+        if abs(values[number]) > _LARGEST:
+            raise InputError(f"{table.where}: line {line}: {shown(cell)} is beyond {_LARGEST:g}")
+    return values
+
+
+def _onset_s(curve: Angles) -> float | None:
+    known, times_ns = curve.known, curve.known.time_ns
+    if times_ns.size < 2 or (np.diff(times_ns) <= 0).any():
+        return None
+    onset_ns = slip_onset_ns(times_ns, known.angle_deg)
+    return None if onset_ns is None else onset_ns / NS_PER_S
+
+
+def _final_deg(curve: Angles) -> float | None:
+    late = curve.angle_deg[curve.time_s >= curve.time_s[-1] - FINAL_S]
+    late = late[np.isfinite(late)]
+    return float(late.mean()) if late.size else None
 
 
 def curves_page(tables: Tables) -> ReportPage:
-    """Return the report of such lifts as one HTML page."""
-    value = mare_of(lift.errors for lift in tables.lifts)
+    value, count = mare_of(lift.errors for lift in tables.lifts), len(tables.lifts)
     charts, table = _charts(tables), _table(tables, value)
-    lifts = [_chart_of_lift(number, lift) for number, lift in enumerate(tables.lifts, start=1)]
+    lifts = []
+    for number, lift in enumerate(tables.lifts, start=1):
+        chart, data = (
+            lift_chart(lift.curves, _caption(lift)),
+            explored(lift.curves, angle_panels(lift.curves)),
+        )
+        lifts.append(replace(chart, anchor=f"lift-{number}", explored=data))
     page = render(
         "rig.report",
         "curves.html",
-        tiles=_tiles(tables, value),
+        tiles=[
+            (str(count), "lift" if count == 1 else "lifts"),
+            mare_tile(value, "MARE over all frames"),
+            (f"{np.mean([lift.answered for lift in tables.lifts]):.1%}", "of the rows have an estimate"),
+        ],
         warnings=_notices(tables),
         table=table,
         charts=charts,
         lifts=lifts,
         key=key(states=False),
         interval=INTERVAL,
-        title=f"Rotation of {counted(len(tables.lifts), 'lift')}",
-        made=made_text(datetime.now(UTC)),
+        title=f"Rotation of {counted(count, 'lift')}",
+        made=made_text(),
     )
     return ReportPage(page, [*charts, *lifts], table)
 
 
-def _chart_of_lift(number: int, lift: CsvLift) -> Chart:
-    data = explored(lift.curves, angle_panels(lift.curves))
-    return replace(lift_chart(lift.curves, _caption(lift)), anchor=f"lift-{number}", explored=data)
-
-
 def _charts(tables: Tables) -> list[Chart]:
     curves = [lift.curves for lift in tables.lifts]
-    errors = {lift.curves.name: np.abs(signed_errors(lift.curves)) for lift in tables.lifts}
+    errors = {lift.name: np.abs(signed_errors(lift)) for lift in curves}
+    about = "All frames with both angles: median, quartiles, whiskers from least to most."
     finals = [
         Final(lift.curves.name, f"lift-{number}", lift.final_estimate_deg, lift.final_truth_deg)
         for number, lift in enumerate(tables.lifts, start=1)
     ]
     charts = [
-        boxes(
-            {name: values[np.isfinite(values)] for name, values in errors.items()},
-            "Error per lift",
-            "All frames with both angles: median, quartiles, whiskers from least to most.",
-        ),
+        boxes({name: own[np.isfinite(own)] for name, own in errors.items()}, "Error per lift", about),
         finals_chart(finals),
         error_against_angle(curves),
         error_against_rate(curves),
@@ -66,34 +253,29 @@ def _charts(tables: Tables) -> list[Chart]:
     return [chart for chart in charts if chart is not None]
 
 
-def _tiles(tables: Tables, value: Mare | None) -> list[tuple[str, str]]:
-    return [
-        (str(len(tables.lifts)), "lift" if len(tables.lifts) == 1 else "lifts"),
-        mare_tile(value, "MARE over all frames"),
-        (f"{np.mean([_answered(lift) for lift in tables.lifts]):.1%}", "of the rows have an estimate"),
-    ]
-
-
 def _table(tables: Tables, value: Mare | None) -> Table:
-    rows = [
-        [
-            linked(lift.curves.name, {lift.curves.name: f"lift-{number}"}),
-            f"{lift.errors.mean_deg:.2f} ± {lift.errors.std_deg:.2f}" if lift.errors else "no answer",
-            f"{lift.errors.max_deg:.1f}" if lift.errors else "",
-            angle_text(lift.final_estimate_deg),
-            angle_text(lift.final_truth_deg),
-            f"{lift.curves.onset_truth_s:.2f}" if lift.curves.onset_truth_s is not None else "none",
-            f"{_answered(lift):.0%}",
-            f"{np.ptp(lift.curves.truth.time_s):.2f}",
-        ]
-        for number, lift in enumerate(tables.lifts, start=1)
-    ]
-    rows.append(["all", mare_text(value), "", "", "", "", "", ""])
-    columns = (
-        "lift", "mean error, °", "largest, °", "final estimate", "final reference",
-        "onset after the first row, s", "answered", "duration, s",
-    )  # fmt: skip
-    return Table(columns, rows, total=True, filters={1: "least"})
+    anchors = {id(lift): f"lift-{number}" for number, lift in enumerate(tables.lifts, start=1)}
+
+    def onset(lift: CsvLift) -> str:
+        return "none" if lift.curves.onset_truth_s is None else f"{lift.curves.onset_truth_s:.2f}"
+
+    return table_of(
+        tables.lifts,
+        {
+            "lift": lambda lift: linked(lift.curves.name, {lift.curves.name: anchors[id(lift)]}),
+            "mean error, °": lambda lift: (
+                f"{e.mean_deg:.2f} ± {e.std_deg:.2f}" if (e := lift.errors) else "no answer"
+            ),
+            "largest, °": lambda lift: f"{lift.errors.max_deg:.1f}" if lift.errors else "",
+            "final estimate": lambda lift: angle_text(lift.final_estimate_deg),
+            "final reference": lambda lift: angle_text(lift.final_truth_deg),
+            "onset after the first row, s": onset,
+            "answered": lambda lift: f"{lift.answered:.0%}",
+            "duration, s": lambda lift: f"{np.ptp(lift.curves.truth.time_s):.2f}",
+        },
+        ["all", mare_text(value), *[""] * 6],
+        filters={1: "least"},
+    )
 
 
 def _notices(tables: Tables) -> list[Notice]:
@@ -103,19 +285,13 @@ def _notices(tables: Tables) -> list[Notice]:
     if len(tables.lifts) < FEWEST_LIFTS:
         advice = f"Below {FEWEST_LIFTS} lifts the mean has no interval, and one lift can decide."
         notices.append(Notice("warn", f"Only {counted(len(tables.lifts), 'lift')}.", advice))
-    silent = [lift.curves.name for lift in tables.lifts if lift.errors is None]
-    if silent:
+    if silent := [lift.curves.name for lift in tables.lifts if lift.errors is None]:
         advice = "No row has both angles: see that the columns are the right ones and in degrees."
         notices.append(Notice("bad", f"No error can be computed for {', '.join(silent)}.", advice))
     return [*notices, *sigma_notices([lift.curves for lift in tables.lifts])]
 
 
 def _caption(lift: CsvLift) -> str:
-    if lift.errors is None:
+    if (error := lift.errors) is None:
         return "no frame has both angles"
-    error = lift.errors
     return f"error {error.mean_deg:.2f} ± {error.std_deg:.2f}°, at most {error.max_deg:.1f}°"
-
-
-def _answered(lift: CsvLift) -> float:
-    return float(np.mean(np.isfinite(lift.curves.estimate.angle_deg)))

@@ -1,29 +1,155 @@
 """A film of a lift or a clip: fingertips and camera, and below them the growing angle curve."""
 
+import os
+import sys
+import tempfile
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cache, lru_cache
+from itertools import chain, islice
 from pathlib import Path
+from typing import cast
 
 import cv2
 import numpy as np
 
 from drivers.clock import NS_PER_S
-from drivers.errors import InputError, SessionError
+from drivers.errors import InputError, RecordingError, SessionError
 from drivers.progress import steps
 from drivers.types import Image
 from protocols.reaction import ReactionKind
 from rig.frames.estimation import EstimatedSeries
 from rig.pages.palette import ESTIMATE, INK, MUTED, PAPER, PHASE, TRUTH
-from rig.report.curve_panel import CurvePanel, draw_panel
-from rig.report.film_file import Film, film_place, save_film
-from rig.report.lift_chart import on_one_scale, shown_range
+from rig.report.lift_chart import draw_panel, on_one_scale, shown_range
 from rig.report.own_frames import estimate_curves, tip_of
 from rig.report.strips import TipFrames, angles_at, caption, drawn, read_tip, rgb
 from rig.sessions.lift_curves import LiftCurves
 from rig.sessions.manifest import TrialManifest
 from rig.sessions.reading import recorded_frames
 from rig.sessions.records import Lift
+
+H264 = "avc1"
+"""Codec of .mp4 files. Many builds of OpenCV, including those on PyPI, have no encoder for it."""
+CODECS = {".webm": "VP80", ".mp4": H264, ".avi": "MJPG", ".webp": "WEBP"}
+"""Codecs by the file's ending. Browsers play all but .avi; every build of OpenCV writes all but .mp4."""
+ANIMATED = ".webp"
+"""Ending of an animated image, which web pages show like any image; it is encoded in memory."""
+MOST_ANIMATED, _WEBP_QUALITY = 400, 60
+
+
+@dataclass(frozen=True, slots=True)
+class Film:
+    """A written film. codec: its four-letter code in OpenCV."""
+
+    path: Path
+    frames: int
+    codec: str
+    size_px: tuple[int, int]
+
+
+def film_place(out: Path) -> Path:
+    """Return the file of a film: the requested one, but a .webm in place of an .mp4 if OpenCV has no H.264.
+
+    Raises `InputError` for an ending without a codec, for a missing folder, and if such a .webm exists
+    already.
+    """
+    if out.suffix.lower() not in CODECS:
+        raise InputError(f"{out}: a film's name ends in {' or '.join(CODECS)}")
+    if not out.parent.is_dir():
+        raise InputError(f"{out.parent}: no such folder; make it, or choose another --out")
+    if out.suffix.lower() != ".mp4" or has_h264():
+        return out
+    other = out.with_suffix(".webm")
+    if other.exists():
+        raise InputError(
+            f"{out}: the installed OpenCV has no H.264 encoder for .mp4, and {other} is there already: give "
+            "an --out that ends in .webm"
+        )
+    return other
+
+
+@cache
+def has_h264() -> bool:
+    with tempfile.TemporaryDirectory() as folder, _quiet():
+        writer = cv2.VideoWriter(f"{folder}/a.mp4", cv2.VideoWriter.fourcc(*H264), 25.0, (64, 64))
+        opened = writer.isOpened()
+        writer.release()
+    return opened
+
+
+def save_film(out: Path, pictures: Iterator[Image], fps: float) -> Film:
+    """Write images of one size (height x width x 3, RGB) as a film, completely or not at all.
+
+    Raises `RecordingError` if it cannot be written, `InputError` for too many images in an animated one.
+    """
+    first = next(pictures)
+    codec, size = CODECS[out.suffix.lower()], (first.shape[1], first.shape[0])
+    aside = out.with_name(f".{out.stem}-{os.getpid()}{out.suffix}")
+    all_pictures = (cast(Image, cv2.cvtColor(p, cv2.COLOR_RGB2BGR)) for p in chain([first], pictures))
+    try:
+        if out.suffix.lower() == ANIMATED:
+            count, there = _animate(aside, fps, all_pictures), cv2.imcount(str(aside))
+        else:
+            count, film = _write(aside, codec, fps, size, all_pictures), cv2.VideoCapture(str(aside))
+            there = sum(1 for _ in iter(film.grab, False))
+            film.release()
+        if there < count:  # OpenCV's writer does not report a full disk
+            raise RecordingError(f"{out}: {there} of {count} pictures were written as '{codec}'; free space")
+        aside.replace(out)
+    except OSError as error:
+        raise RecordingError(f"{out}: cannot be written ({error.strerror}); choose another --out") from error
+    finally:
+        aside.unlink(missing_ok=True)
+    return Film(out, count, codec, size)
+
+
+def _animate(path: Path, fps: float, pictures: Iterable[Image]) -> int:
+    frames = list(islice(pictures, MOST_ANIMATED + 1))
+    if len(frames) > MOST_ANIMATED:
+        raise InputError(
+            f"{path.suffix} takes {MOST_ANIMATED} pictures at most; give a lower --fps, a higher --speed "
+            "or an --out that ends in .webm"
+        )
+    animation = cv2.Animation()
+    animation.frames = frames
+    animation.durations = [round(1000 / fps)] * len(frames)
+    _, encoded = cv2.imencodeanimation(ANIMATED, animation, [cv2.IMWRITE_WEBP_QUALITY, _WEBP_QUALITY])
+    path.write_bytes(encoded.tobytes())
+    return len(frames)
+
+
+def _write(path: Path, codec: str, fps: float, size: tuple[int, int], pictures: Iterable[Image]) -> int:
+    path.touch()  # raises an error with the reason, which the writer does not
+    with _quiet():
+        writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*codec), fps, size)
+    count = 0
+    try:
+        for count, picture in enumerate(pictures, start=1):  # noqa: B007 - returned
+            writer.write(picture)
+    finally:
+        writer.release()
+    return count
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Suppress messages of OpenCV's libraries on standard error, such as a harmless one about WebM's tag."""
+    sys.stderr.flush()
+    try:
+        kept = os.dup(2)
+    except OSError:  # there is no standard error
+        yield
+        return
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, 2)
+    try:
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
+        os.close(nowhere)
+
 
 HEIGHT_PX, CURVE_PX, BAND_PX, LEGEND_PX, GAP_PX = 360, 240, 36, 30, 8
 """Heights of pictures, curve, line of text and line of the legend, and the gap between pictures."""
@@ -66,34 +192,29 @@ def write_film(
     `RecordingError` if the film cannot be written.
     """
     out = film_place(out)
-    scenes = [_own_frames(each) if isinstance(each, EstimatedSeries) else _read(*each) for each in filmed]
+    scenes = [_of_clip(each) if isinstance(each, EstimatedSeries) else _read(*each) for each in filmed]
     shared = on_one_scale([scene.curves for scene in scenes])
     scenes = [replace(scene, curves=curves) for scene, curves in zip(scenes, shared, strict=True)]
-    pictures = _pictures(scenes, speed / fps)
-    return save_film(out, (_of_width(picture, width_px) for picture in pictures), fps)
+    return save_film(out, _pictures(scenes, speed / fps, width_px), fps)
 
 
 def _read(folder: Path, manifest: TrialManifest, lift: Lift) -> _Scene:
     if lift.curves is None:
         raise SessionError(f"{folder / lift.recording}: the recording cannot be read; choose another --lift")
-    path = folder / lift.recording
-    zero_ns = lift.zero_ns
+    path, zero_ns, signs = folder / lift.recording, lift.zero_ns, manifest.signs
     tips = []
-    for serial, sign in manifest.signs.items():
+    for serial, sign in signs.items():
         tip = read_tip(path, lift.curves, zero_ns, serial, sign)
         tips.append((tip, _newest(((f.time_ns - zero_ns) / NS_PER_S, f.image) for f in tip.frames)))
-    camera = (
-        ((frame.time_ns - zero_ns) / NS_PER_S, _scaled(frame.image))
-        for serial in manifest.serials
-        if serial not in manifest.signs
-        for frame in recorded_frames(path, serial, gaps=[])
-    )
+    cameras = [serial for serial in manifest.serials if serial not in signs]
+    seen = (frame for serial in cameras for frame in recorded_frames(path, serial, gaps=[]))
+    camera = (((frame.time_ns - zero_ns) / NS_PER_S, _scaled(frame.image)) for frame in seen)
     mark = "SIMULATED, " if manifest.simulated else ""
     reaction = "" if manifest.react is ReactionKind.NONE else f", on a slip: {manifest.react}"
     return _Scene(f"{mark}{lift.title}{reaction}", lift.curves, tuple(tips), _newest(camera))
 
 
-def _own_frames(series: EstimatedSeries) -> _Scene:
+def _of_clip(series: EstimatedSeries) -> _Scene:
     curves = estimate_curves(series)
     frames = ((f.time.time_ns / NS_PER_S, f.image) for f in series.frames if f.image is not None)
     return _Scene(series.name, curves, ((tip_of(series), _newest(frames)),), None)
@@ -113,7 +234,7 @@ def _newest(frames: Iterable[tuple[float, Image]]) -> _ImageAt:
     return newest
 
 
-def _pictures(scenes: Sequence[_Scene], step_s: float) -> Iterator[Image]:
+def _pictures(scenes: Sequence[_Scene], step_s: float, width_px: int | None) -> Iterator[Image]:
     starts, ends = zip(*(shown_range(scene.curves) for scene in scenes), strict=True)
     if max(ends) - min(starts) > MOST_PICTURES * step_s:
         raise InputError(f"the film would have more than {MOST_PICTURES} pictures: give a higher --speed")
@@ -121,26 +242,21 @@ def _pictures(scenes: Sequence[_Scene], step_s: float) -> Iterator[Image]:
         rows = [_picture(scene, float(time_s)) for scene in scenes]
         width = max(row.shape[1] for row in rows)
         legend = _legend(width, any(scene.curves.phases_s for scene in scenes))
-        yield _even(np.concatenate([*(_widened(row, width) for row in rows), legend]))
+        picture = np.concatenate([*(_widened(row, width) for row in rows), legend])
+        # most codecs reject an odd last row and column
+        picture = picture[: picture.shape[0] // 2 * 2, : width // 2 * 2]
+        if width_px is not None:
+            height_px = round(picture.shape[0] * width_px / picture.shape[1])
+            picture = _resized(picture, width_px, height_px)[: height_px // 2 * 2, : width_px // 2 * 2]
+        yield np.ascontiguousarray(picture)
 
 
-@lru_cache(maxsize=8)
-def _curve(scene: _Scene, width: int) -> CurvePanel:
-    return draw_panel(scene.curves, width, CURVE_PX)
+_panel = lru_cache(maxsize=8)(draw_panel)
 
 
 def _widened(picture: Image, width: int) -> Image:
     missing = _blank(picture.shape[0], width - picture.shape[1])
     return np.concatenate([picture, missing], axis=1)
-
-
-def _of_width(picture: Image, width_px: int | None) -> Image:
-    if width_px is None:
-        return picture
-    height_px = round(picture.shape[0] * width_px / picture.shape[1])
-    return _even(
-        np.asarray(cv2.resize(picture, (width_px, height_px), interpolation=cv2.INTER_AREA), np.uint8)
-    )
 
 
 def _picture(scene: _Scene, time_s: float) -> Image:
@@ -155,7 +271,7 @@ def _picture(scene: _Scene, time_s: float) -> Image:
     gap = _blank(HEIGHT_PX, GAP_PX)
     row = np.concatenate([part for panel in panels for part in (panel, gap)][:-1], axis=1)
     width = max(row.shape[1], LEAST_WIDTH_PX)
-    curve = _curve(scene, width).until(time_s)
+    curve = _panel(scene.curves, width, CURVE_PX).until(time_s)
     return np.concatenate([_widened(row, width), curve, _band(scene, time_s, width)])
 
 
@@ -173,17 +289,12 @@ def _band(scene: _Scene, time_s: float, width: int) -> Image:
     return band
 
 
-_OF_A_LIFT = ((TRUTH, 5, "marker angle, thick axis"), (PHASE, 12, "phase B: the arm lifts"))
-
-
 @cache
 def _legend(width: int, of_a_lift: bool) -> Image:
     """Draw the legend, (N LEGEND_PX, width, 3) uint8. of_a_lift: whether there are markers and phases."""
-    entries = (
-        (ESTIMATE, 2, "estimated angle, thin axis"),
-        *(_OF_A_LIFT if of_a_lift else ()),
-        (MUTED, 1, "white in the fingertips: outline of the contact"),
-    )
+    lift = ((TRUTH, 5, "marker angle, thick axis"), (PHASE, 12, "phase B: the arm lifts"))
+    outline = (MUTED, 1, "white in the fingertips: outline of the contact")
+    entries = ((ESTIMATE, 2, "estimated angle, thin axis"), *(lift if of_a_lift else ()), outline)
     lines, x = [_blank(LEGEND_PX, width)], 10
     middle = LEGEND_PX // 2
     for colour, thick, text in entries:
@@ -202,8 +313,11 @@ def _blank(height: int, width: int) -> Image:
 
 
 def _scaled(image: Image) -> Image:
-    width = round(image.shape[1] * HEIGHT_PX / image.shape[0])
-    return np.asarray(cv2.resize(image, (width, HEIGHT_PX), interpolation=cv2.INTER_AREA), np.uint8)
+    return _resized(image, round(image.shape[1] * HEIGHT_PX / image.shape[0]), HEIGHT_PX)
+
+
+def _resized(image: Image, width_px: int, height_px: int) -> Image:
+    return np.asarray(cv2.resize(image, (width_px, height_px), interpolation=cv2.INTER_AREA), np.uint8)
 
 
 def _labelled(picture: Image, text: str) -> Image:
@@ -215,9 +329,3 @@ def _labelled(picture: Image, text: str) -> Image:
 
 def _empty(text: str) -> Image:
     return _labelled(np.full((HEIGHT_PX, HEIGHT_PX, 3), 128, np.uint8), text)
-
-
-def _even(picture: Image) -> Image:
-    """Return the image without an odd last row and column, which most codecs reject."""
-    height, width = picture.shape[:2]
-    return np.ascontiguousarray(picture[: height // 2 * 2, : width // 2 * 2])

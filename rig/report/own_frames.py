@@ -1,7 +1,6 @@
 """The page of an estimate for a clip: its curve with states, and frames with the contact."""
 
 from collections.abc import Sequence
-from datetime import UTC, datetime
 
 import numpy as np
 
@@ -10,9 +9,8 @@ from drivers.types import Image
 from rig.frames.estimation import EstimatedSeries
 from rig.pages.page import render
 from rig.report.lift_chart import key, lift_chart
-from rig.report.parts import Notice, Table
+from rig.report.parts import Notice, Table, angle_text, made_text, table_of
 from rig.report.strips import FRAMES, Still, TipFrames, caption, drawn, still, tip_at_zero
-from rig.report.text import angle_text, made_text
 from rig.sessions.lift_curves import LiftCurves
 from rig.tactile.angles import Angles
 from rig.tactile.contact.finder import ContactFinder
@@ -33,10 +31,9 @@ def estimate_curves(series: EstimatedSeries) -> LiftCurves:
 
 def tip_of(series: EstimatedSeries) -> TipFrames:
     """Return the data that are drawn into the frames of a series."""
-    found = series.estimate
-    zero = (
-        None if found.zero is None else _images(series, [place := found.times.index(found.zero)]).get(place)
-    )
+    found, zero = series.estimate, None
+    if found.zero is not None:
+        zero = next(iter(_images(series, [found.times.index(found.zero)]).values()), None)
     return tip_at_zero(series.name, series.sign, ContactFinder(series.untouched), zero)
 
 
@@ -55,41 +52,32 @@ def estimate_page(of: Sequence[EstimatedSeries], source: str, about: str, simula
         warnings=[Notice("warn", f"{one.name}: {text}", "") for one in of for text in one.warnings],
         key=key(truth=False),
         shown=[_shown(one) for one in of],
-        made=made_text(datetime.now(UTC)),
+        made=made_text(),
     )
 
 
 def _table(of: Sequence[EstimatedSeries]) -> Table:
-    columns = (
-        "frames of",
-        "frames",
-        "answered",
-        "refused",
-        "zero at, s",
-        "last angle",
-        "sigma",
-        "slip alarm, s",
+    def last(one: EstimatedSeries, values: str) -> float:
+        known = getattr(one.estimate.angles.known, values)
+        return float(known[-1]) if one.figures.answered else np.nan
+
+    def time(time_s: float | None) -> str:
+        return "none" if time_s is None else f"{time_s:.3f}"
+
+    return table_of(
+        of,
+        {
+            "frames of": lambda one: one.name,
+            "frames": lambda one: str(one.figures.frames),
+            "answered": lambda one: f"{one.figures.answered / one.figures.frames:.0%}",
+            "refused": lambda one: ", ".join(f"{n} {s}" for s, n in one.figures.refused.items()) or "none",
+            "zero at, s": lambda one: time(one.figures.reference_time_s),
+            "last angle": lambda one: angle_text(last(one, "angle_deg")),
+            "sigma": lambda one: f"{s:.1f}°" if np.isfinite(s := last(one, "sigma_deg")) else "unknown",
+            "slip alarm, s": lambda one: time(one.figures.slip_s),
+        },
+        text=(0, 3),
     )
-    rows = []
-    for one in of:
-        found, last = one.figures, one.estimate.angles.known
-        refused = ", ".join(f"{count} {state}" for state, count in found.refused.items()) or "none"
-        angle, sigma = (
-            (float(last.angle_deg[-1]), float(last.sigma_deg[-1])) if found.answered else (None, np.nan)
-        )
-        rows.append(
-            [
-                one.name,
-                str(found.frames),
-                f"{found.answered / found.frames:.0%}",
-                refused,
-                "none" if found.reference_time_s is None else f"{found.reference_time_s:.3f}",
-                angle_text(angle),
-                f"{sigma:.1f}°" if np.isfinite(sigma) else "unknown",
-                "none" if found.slip_s is None else f"{found.slip_s:.3f}",
-            ]
-        )
-    return Table(columns, rows, text=(0, 3))
 
 
 def _shown(series: EstimatedSeries) -> dict[str, object]:

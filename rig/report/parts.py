@@ -1,15 +1,21 @@
-"""Parts of pages: notices, charts and tables."""
+"""Parts of pages: notices, charts, tables, and texts that are the same on every page."""
 
+import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from datetime import UTC, datetime
+from typing import Any, TypeVar
 
 from markupsafe import Markup, escape
 from matplotlib.figure import Figure
 
-from rig.pages.figure import svg
-from rig.pages.plot_data import Spot, plot_data
+from rig.pages.figure import Spot, plot_data, svg
+from rig.results.metrics import Mare
+from rig.sessions.manifest import BenchManifest, TrialManifest
+from rig.sessions.records import Lift
+
+Item = TypeVar("Item")
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,12 +49,10 @@ class Chart:
 
     @property
     def plot(self) -> dict[str, Any]:
-        """The figure as data for the page's program."""
         return plot_data(self.figure, self.spots)
 
     @property
     def svg(self) -> Markup:
-        """The figure as inline SVG."""
         return svg(self.figure, self.alt or self.title)
 
 
@@ -68,6 +72,18 @@ class Table:
     filters: Mapping[int, str] = field(default_factory=dict)
 
 
+def table_of(
+    items: Iterable[Item],
+    columns: Mapping[str, Callable[[Item], str]],
+    total: Sequence[str] = (),
+    text: Sequence[int] = (0,),
+    filters: Mapping[int, str] | None = None,
+) -> Table:
+    """Return a table with a row per item. columns: an item's text for each heading. total: the last row."""
+    rows = [[cell(item) for cell in columns.values()] for item in items]
+    return Table(list(columns), [*rows, *([total] if total else [])], text, bool(total), filters or {})
+
+
 @dataclass(frozen=True, slots=True)
 class ReportPage:
     """A page, and its figures and main table for a paper. simulated: whether the lifts are."""
@@ -76,6 +92,11 @@ class ReportPage:
     charts: Sequence[Chart] = ()
     table: Table | None = None
     simulated: bool = False
+
+
+def anchor(lift: Lift) -> str:
+    """Return a lift's id in the page."""
+    return f"lift-{lift.number}"
 
 
 def joined(items: Sequence[str], most: int = 4) -> str:
@@ -94,3 +115,38 @@ def linked(text: str, anchors: Mapping[str, str]) -> Markup:
     link = Markup('<a href="#{}">{}</a>')
     parts = re.split(rf"({names})(?!\d)", text)
     return Markup("").join(link.format(anchors[part], part) if part in anchors else part for part in parts)
+
+
+def mare_tile(value: Mare | None, what: str) -> tuple[str, str]:
+    """Return the tile of a MARE: the figure, and below it a description with interval and refused lifts."""
+    figure = "no answer" if value is None else f"{value.mean_deg:.2f} ± {value.std_deg:.2f}°"
+    return figure, f"{what} {value.beside if value else ''}".rstrip()
+
+
+def made_text(when: datetime | None = None) -> str:
+    """Return the creation time of a page. when: in UTC, default now."""
+    return (when or datetime.now(UTC)).strftime("%Y-%m-%d %H:%M UTC")
+
+
+def angle_text(angle_deg: float | None) -> str:
+    if angle_deg is None or not math.isfinite(angle_deg):
+        return "refused"
+    return f"{round(angle_deg, 1) + 0.0:+.1f}°"
+
+
+def header(manifest: BenchManifest, what: str) -> dict[str, str]:
+    """Return the texts of the head: SIMULATED or not, bench, date, settings, and the session's metadata."""
+    trial = manifest if isinstance(manifest, TrialManifest) else None
+    parts = [
+        manifest.started.replace("T", " ")[:16],
+        f"estimator {trial.estimator}, window {trial.window}" if trial else "",
+        f"seed {manifest.seed}" if manifest.simulated else "",
+        f"rig {manifest.tool_version}",
+    ]
+    return {
+        "mark": "SIMULATED" if manifest.simulated else "",
+        "bench": f"bench '{manifest.bench}'",
+        "what": f"{manifest.remarks.name}: {what}" if manifest.remarks.name else what,
+        "remarks": " · ".join(manifest.remarks.lines()),
+        "details": ", ".join(part for part in parts if part),
+    }

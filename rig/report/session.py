@@ -59,8 +59,16 @@ def read_trial(folder: Path, manifest: TrialManifest) -> Trial:
             "from the rig's disk, or repeat these lifts."
         )
         problems.append(Notice("bad", what, advice))
-    if partly := [lift for lift in lifts if lift.curves and lift.curves.gaps]:
-        problems.append(_gaps_notice(partly, len(lifts)))
+    gaps = [(lift, lift.curves.gaps) for lift in lifts if lift.curves and lift.curves.gaps]
+    if gaps:
+        named = joined([f"{lift.title} ({lift.recording}: {joined(list(of))})" for lift, of in gaps])
+        advice = (
+            "Their results are in the tables; curves and frames are shown without the damaged parts. Copy "
+            "the "
+            "session again from the rig's disk, or repeat these lifts."
+        )
+        what = f"{len(gaps)} of {counted(len(lifts), 'recording')} are damaged in part: {named}."
+        problems.append(Notice("bad", what, advice))
     return Trial(folder, manifest, rows, lifts, timing, problems)
 
 
@@ -68,16 +76,6 @@ def _read_lift(folder: Path, lift: Lift, manifest: TrialManifest) -> Lift:
     """Read a lift's curves, skipping gaps. Raises `SessionError` and other errors of `UNREADABLE`."""
     gaps = tuple(recording_gaps(folder / lift.recording))
     return replace(lift, curves=replace(read_curves(folder, lift, manifest.signs, []), gaps=gaps))
-
-
-def _gaps_notice(lifts: Sequence[Lift], of: int) -> Notice:
-    gaps = [(lift, lift.curves.gaps) for lift in lifts if lift.curves]
-    named = joined([f"{lift.title} ({lift.recording}: {joined(list(of))})" for lift, of in gaps])
-    advice = (
-        "Their results are in the tables; curves and frames are shown without the damaged parts. Copy the "
-        "session again from the rig's disk, or repeat these lifts."
-    )
-    return Notice("bad", f"{len(lifts)} of {counted(of, 'recording')} are damaged in part: {named}.", advice)
 
 
 def find_lift(folder: Path, manifest: TrialManifest, wanted: str | None) -> Lift:
@@ -134,5 +132,4 @@ def _why(error: BaseException) -> str:
 
 
 def curves_of(lifts: Sequence[Lift]) -> list[LiftCurves]:
-    """Return the curves of the lifts with curves."""
     return [lift.curves for lift in lifts if lift.curves is not None]

@@ -9,12 +9,10 @@ from urllib.parse import quote
 from markupsafe import Markup
 from matplotlib.dates import AutoDateLocator, ConciseDateFormatter, date2num
 
-from rig.pages.figure import drawing
+from rig.pages.figure import Spot, drawing
 from rig.pages.page import render
 from rig.pages.palette import ESTIMATE
-from rig.pages.plot_data import Spot
-from rig.report.parts import Chart, Table
-from rig.report.text import made_text
+from rig.report.parts import Chart, Table, made_text
 from rig.report.write import REPORT, write_page
 from rig.results.listing import SessionEntry
 from rig.results.metrics import INTERVAL, Mare, mare_text
@@ -24,10 +22,7 @@ CHOSEN = ("kind", "bench", "objects", "tags", "operator", "reaction", "state")
 
 
 def write_sessions(
-    page: Path,
-    folder: Path,
-    entries: Sequence[SessionEntry],
-    columns: Mapping[str, Sequence[str]],
+    page: Path, folder: Path, entries: Sequence[SessionEntry], columns: Mapping[str, Sequence[str]]
 ) -> None:
     """Write the page of some sessions.
 
@@ -51,33 +46,22 @@ def write_sessions(
             title = f"Error on {what}{reacting}"
             if chart := _error_chart(sorted(known, key=lambda point: point[0]), title):
                 charts.append(chart)
-    write_page(page, sessions_page(str(folder), Table(list(columns), rows, text, filters=chosen), charts))
-
-
-def sessions_page(folder: str, table: Table, charts: Sequence[Chart]) -> str:
-    """Return the page as HTML. charts: errors over time."""
-    made = made_text(datetime.now(UTC))
-    return render("rig.report", "sessions.html", folder=folder, table=table, charts=charts, made=made)
+    table = Table(list(columns), rows, text, filters=chosen)
+    values = {"folder": str(folder), "table": table, "charts": charts, "made": made_text()}
+    write_page(page, render("rig.report", "sessions.html", **values))
 
 
 def _error_chart(known: Sequence[tuple[datetime, str, Mare]], title: str) -> Chart | None:
-    """MARE of sessions over their dates, with its interval; None without sessions.
-
-    known: start, name and MARE of each session.
-    """
+    """MARE of sessions over their dates, with its interval. known: start, name and MARE of each session."""
     if not known:
         return None
     with drawing(250) as figure:
         axes = figure.subplots()
         for when, _, mare in known:
-            if mare.low_deg is not None and mare.high_deg is not None:
-                axes.plot(
-                    [date2num(when)] * 2, [mare.low_deg, mare.high_deg], color=ESTIMATE.light, linewidth=1
-                )
-        axes.plot(
-            [date2num(when) for when, *_ in known], [mare.mean_deg for *_, mare in known], "o", markersize=4,
-            color=ESTIMATE.light,
-        )  # fmt: skip
+            if mare.ends_deg is not None:
+                axes.plot([date2num(when)] * 2, mare.ends_deg, color=ESTIMATE.light, linewidth=1)
+        dates, means = [date2num(when) for when, *_ in known], [mare.mean_deg for *_, mare in known]
+        axes.plot(dates, means, "o", markersize=4, color=ESTIMATE.light)
         locator = AutoDateLocator(minticks=3, maxticks=6)
         axes.xaxis.set_major_locator(locator)
         axes.xaxis.set_major_formatter(ConciseDateFormatter(locator))
@@ -85,14 +69,8 @@ def _error_chart(known: Sequence[tuple[datetime, str, Mare]], title: str) -> Cha
         axes.set_xlabel("start of the session, UTC", loc="left")
         axes.set_ylabel("MARE in B and C, degrees")
         caption = f"Mean over the lifts of a session, with the {INTERVAL}."
-        spots = [
-            Spot(
-                float(date2num(when)),
-                mare.mean_deg,
-                f"{name}, {when:%Y-%m-%d %H:%M} UTC: MARE {mare_text(mare)}°",
-            )
-            for when, name, mare in known
-        ]
+        texts = [f"{name}, {when:%Y-%m-%d %H:%M} UTC: MARE {mare_text(mare)}°" for when, name, mare in known]
+        spots = [Spot(float(x), y, text) for x, y, text in zip(dates, means, texts, strict=True)]
         return Chart(title, figure, caption, spots=spots)
 
 

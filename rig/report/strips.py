@@ -10,22 +10,19 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from drivers.clock import NS_PER_S
 from drivers.errors import SessionError
 from drivers.images import decode_stored, encode_jpeg
 from drivers.types import Frame, Image
 from rig.pages.palette import ESTIMATE, TRUTH
-from rig.report.text import angle_text
-from rig.results.metrics import Floats
+from rig.report.parts import angle_text
 from rig.sessions.lift_curves import LiftCurves
 from rig.sessions.reading import recorded_frames, recorded_jpeg
 from rig.sessions.recorder import image_topic
 from rig.sessions.recording_file import recorded_messages
-from rig.tactile.angles import Angles
 from rig.tactile.contact.background import mean_background
-from rig.tactile.contact.finder import Contact, ContactFinder
+from rig.tactile.contact.finder import ContactFinder
 from rig.tactile.paper.axis import ellipse_axis
 
 FRAMES = 6
@@ -129,7 +126,6 @@ def moments(lift: LiftCurves, count: int = FRAMES) -> list[float]:
 
 
 def read_tip(path: Path, lift: LiftCurves, zero_ns: int, serial: str, sign: int) -> TipFrames:
-    """Read a fingertip's frames from phase A on."""
     grasp_ns = zero_ns + round(lift.phases_s.get("A", 0.0) * NS_PER_S)
     frames = list(recorded_frames(path, serial, gaps=[]))
     reference = [f.image for f in frames if f.time_ns < grasp_ns]
@@ -155,17 +151,22 @@ def drawn(image: Image, tip: TipFrames, estimate_deg: float, truth_deg: float) -
     if contact.mask is None:
         return picture
     cv2.polylines(picture, [np.rint(contact.contour).astype(np.int32)], True, _WHITE, 1, cv2.LINE_AA)
-    if tip.axis_deg is not None:
-        for angle, colour, thick in ((truth_deg, TRUTH.light, 5), (estimate_deg, ESTIMATE.dark, 2)):
-            if math.isfinite(angle):
-                _axis(picture, contact, tip.axis_deg + tip.sign * angle, rgb(colour), thick)
+    middle = contact.contour.reshape(-1, 2).mean(axis=0)
+    for angle, colour, thick in ((truth_deg, TRUTH.light, 5), (estimate_deg, ESTIMATE.dark, 2)):
+        if tip.axis_deg is not None and math.isfinite(angle):
+            # image angles: counter-clockwise as seen, y down
+            turn = math.radians(tip.axis_deg + tip.sign * angle)
+            arm = _ARM_SHARE * picture.shape[0] * np.array([math.cos(turn), -math.sin(turn)])
+            ends = [tuple(np.rint(middle + side * arm).astype(int).tolist()) for side in (-1, 1)]
+            cv2.line(picture, ends[0], ends[1], rgb(colour), thick, cv2.LINE_AA)
     return picture
 
 
 def angles_at(lift: LiftCurves, serial: str, time_s: float) -> tuple[float, float]:
     """Return a fingertip's angle and the marker angle nearest to a time, deg, NaN if unknown."""
-    truth = lift.truth.at(np.array([time_s]))[0]
-    return _value_at(lift.tips.get(serial, lift.estimate), time_s), float(truth)
+    truth, curve = lift.truth.at(np.array([time_s]))[0], lift.tips.get(serial, lift.estimate)
+    nearest = curve.angle_deg[np.abs(curve.time_s - time_s).argmin()] if curve.time_s.size else math.nan
+    return float(nearest), float(truth)
 
 
 def caption(time_s: float, estimate_deg: float, truth_deg: float | None = None) -> str:
@@ -178,19 +179,3 @@ def rgb(hex_colour: str) -> tuple[int, int, int]:
     """Convert a colour to the tuple that OpenCV needs for RGB images."""
     red, green, blue = (int(hex_colour[i : i + 2], 16) for i in (1, 3, 5))
     return red, green, blue
-
-
-def _axis(
-    picture: Image, contact: Contact, angle_deg: float, colour: tuple[int, int, int], thick: int
-) -> None:
-    middle: NDArray[np.float32] = contact.contour.reshape(-1, 2).mean(axis=0)
-    # image angles: counter-clockwise as seen, y down
-    turn = math.radians(angle_deg)
-    arm = _ARM_SHARE * picture.shape[0] * np.array([math.cos(turn), -math.sin(turn)])
-    ends = [tuple(np.rint(middle + side * arm).astype(int).tolist()) for side in (-1, 1)]
-    cv2.line(picture, ends[0], ends[1], colour, thick, cv2.LINE_AA)
-
-
-def _value_at(curve: Angles, time_s: float) -> float:
-    times: Floats = curve.time_s
-    return float(curve.angle_deg[int(np.abs(times - time_s).argmin())]) if times.size else math.nan

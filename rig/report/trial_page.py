@@ -1,36 +1,43 @@
 """The report of a trial."""
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
 
 import numpy as np
 
-from drivers.errors import counted
+from drivers.errors import InputError, counted
 from drivers.progress import steps
+from protocols.reaction import ReactionKind
 from rig.pages.page import render
-from rig.report.advice import trial_notices
-from rig.report.calibrations import calibration_table
-from rig.report.counts import counts_table, onset_delays_ms, onset_table, stage_table, state_table
+from rig.report import charts
+from rig.report.advice import calibration_table, trial_notices
 from rig.report.curves import signed_errors
-from rig.report.distributions import boxes, error_against_angle, error_against_rate, error_over_time
-from rig.report.explored import angle_panels, explored, recorded_lift
-from rig.report.groups import object_chart, surface_chart
-from rig.report.lift_chart import key, lift_chart
-from rig.report.lift_films import film_mark, with_films
-from rig.report.lift_rows import anchor, lift_caption, lift_table
-from rig.report.parts import Chart, Notice, ReportPage, Table, linked
-from rig.report.reacted import beside
+from rig.report.explored import angle_panels, explored, film_mark, recorded_lift, with_films
+from rig.report.lift_chart import key, lift_chart, on_one_scale
+from rig.report.parts import (
+    Chart,
+    Notice,
+    ReportPage,
+    Table,
+    anchor,
+    header,
+    linked,
+    made_text,
+    mare_tile,
+    table_of,
+)
 from rig.report.session import UNREADABLE, Trial, curves_of
 from rig.report.strips import Still, strip
-from rig.report.text import header, made_text, mare_tile
-from rig.report.trial_charts import Final, coverage_chart, finals_chart, grip_chart, sigma_ratios
-from rig.results.metrics import INTERVAL, mare_of, mare_text, summarize
-from rig.results.summary import ObjectSummary, TrialSummary, summarize_trial
+from rig.results.metrics import FEWEST_LIFTS, INTERVAL, Floats, mare_of, mare_text, summarize
+from rig.results.summary import TrialSummary, summarize_trial
 from rig.sessions.lift_curves import LiftCurves
-from rig.sessions.records import ErrorSummary, Lift
+from rig.sessions.records import SHOWN, ErrorSummary, Lift, LiftOutcome
+from rig.sessions.timing import LiftTiming, StageTimes
 
 WORST_LIFTS = 3
+MOST_PAIRS = 3
 
 
 def trial_page(trial: Trial, now: datetime | None = None, other: Trial | None = None) -> ReportPage:
@@ -41,8 +48,11 @@ def trial_page(trial: Trial, now: datetime | None = None, other: Trial | None = 
     now = now or datetime.now(UTC)
     summary = summarize_trial(trial.rows)
     anchors = {lift.title: anchor(lift) for lift in trial.lifts if lift.curves is not None}
-    charts, lifts = _charts(trial), _charts_of_lifts(trial)
+    figures = _charts(trial)
+    lifts = [_chart(trial, lift, lift.curves) for lift in steps(trial.lifts) if lift.curves is not None]
     objects = object_table(summary) if summary.objects else None
+    known = [(lift.re.mean_deg, lift, lift.curves) for lift in trial.lifts if lift.re and lift.curves]
+    worst = sorted(known, key=lambda entry: -entry[0])[:WORST_LIFTS]
     page = render(
         "rig.report",
         "trial.html",
@@ -57,8 +67,8 @@ def trial_page(trial: Trial, now: datetime | None = None, other: Trial | None = 
         objects=objects,
         fingertips=fingertip_table(trial.lifts) if lifts else None,
         reacted=None if other is None else beside(trial, other),
-        charts=charts,
-        worst=_worst(trial),
+        charts=figures,
+        worst=[_with_strips(trial, lift, curves) for _, lift, curves in worst],
         lifts=lifts,
         lift_table=lift_table(trial.lifts),
         key=key(),
@@ -70,52 +80,42 @@ def trial_page(trial: Trial, now: datetime | None = None, other: Trial | None = 
         calibrations=calibration_table(trial.manifest, now),
         made=made_text(now),
     )
-    return ReportPage(with_films(page, trial), [*charts, *lifts], objects, trial.manifest.simulated)
+    return ReportPage(with_films(page, trial), [*figures, *lifts], objects, trial.manifest.simulated)
 
 
 def object_table(summary: TrialSummary) -> Table:
-    """Return the table of the error per object over B, and over B and C."""
-    columns = (
-        "object",
-        "MARE in B, °",
-        "MARE in B and C, °",
-        "lifts",
-        "true turn, °",
-        "answered",
-        "outcomes",
-    )
-    rows = [_object_row(o) for o in summary.objects]
-    overall = [mare_text(summary.mare_b), mare_text(summary.mare), str(summary.lifts_accepted)]
-    rows.append(["all", *overall, "", f"{summary.answered:.1%}", ""])
-    return Table(columns, rows, text=(0, 6), total=True)
-
-
-def _object_row(o: ObjectSummary) -> list[str]:
-    outcomes = ", ".join(f"{count} {name}" for name, count in o.outcomes.items())
-    errors = [mare_text(o.mare_b), mare_text(o.mare)]
-    return [f"{o.object_id} {o.name}", *errors, str(o.lifts), o.turn_text, f"{o.answered:.1%}", outcomes]
-
-
-def _reaction_tile(summary: TrialSummary) -> list[tuple[str, str]]:
-    reacting = summary.reacting
-    if reacting is None:
-        return []
-    what = (
-        f"lifts caught by the reaction to slip '{reacting.kind}'; their MARE is separate from that of others"
-    )
-    return [(f"{reacting.caught} of {reacting.lifts}", what)]
+    return table_of(
+        summary.objects,
+        {
+            "object": lambda o: f"{o.object_id} {o.name}",
+            "MARE in B, °": lambda o: mare_text(o.mare_b),
+            "MARE in B and C, °": lambda o: mare_text(o.mare),
+            "lifts": lambda o: str(o.lifts),
+            "true turn, °": lambda o: o.turn_text,
+            "answered": lambda o: f"{o.answered:.1%}",
+            "outcomes": lambda o: ", ".join(f"{count} {name}" for name, count in o.outcomes.items()),
+        },
+        ["all", mare_text(summary.mare_b), mare_text(summary.mare), str(summary.lifts_accepted), "",
+         f"{summary.answered:.1%}", ""],
+        text=(0, 6),
+    )  # fmt: skip
 
 
 def _tiles(trial: Trial, summary: TrialSummary) -> list[tuple[str, str]]:
-    tiles = [
-        (counted(summary.lifts_accepted, "lift"), f"of {counted(len(summary.objects), 'object')}"),
-        *_reaction_tile(summary),
+    tiles = [(counted(summary.lifts_accepted, "lift"), f"of {counted(len(summary.objects), 'object')}")]
+    if reacting := summary.reacting:
+        what = (
+            f"lifts caught by the reaction to slip '{reacting.kind}'; their MARE is separate from that of "
+            "others"
+        )
+        tiles.append((f"{reacting.caught} of {reacting.lifts}", what))
+    tiles += [
         mare_tile(summary.mare, "MARE in B and C"),
         mare_tile(summary.mare_b, "MARE in B (the paper, on its real bench: 1.85°)"),
         mare_tile(summary.mare_held, "MARE if refused frames keep the last angle"),
         (f"{summary.answered:.1%}", "of the frames answered"),
     ]
-    ratios = sigma_ratios(curves_of(trial.lifts))
+    ratios = charts.sigma_ratios(curves_of(trial.lifts))
     if ratios.size:
         tiles.append((f"{np.mean(ratios <= 2.0):.1%}", "of the errors within 2 sigma; 95 % should be"))
     return tiles
@@ -126,36 +126,35 @@ def _charts(trial: Trial) -> list[Chart]:
     if not lifts:
         return []
     finals = [
-        Final(lift.title, anchor(lift), lift.final_estimate_deg, lift.final_truth_deg) for lift in trial.lifts
+        charts.Final(lift.title, anchor(lift), lift.final_estimate_deg, lift.final_truth_deg)
+        for lift in trial.lifts
     ]
-    charts = [
-        object_chart(trial.lifts),
-        finals_chart(finals),
-        coverage_chart(lifts),
-        error_over_time(lifts),
-        error_against_angle(lifts),
-        error_against_rate(lifts),
-        grip_chart(trial.lifts),
-        _onset_chart(trial.lifts),
-        surface_chart(trial.lifts, trial.manifest.config.objects),
+    delays, onset_chart = onset_delays_ms(trial.lifts), None
+    if any(late_ms.size for late_ms in delays.values()):
+        caption = "Delay after the onset of the markers, over the lifts in which both were found."
+        onset_chart = charts.boxes(
+            delays, "Onset latency", caption, "later than the markers' onset, ms", least=None
+        )
+    found = [
+        charts.object_chart(trial.lifts),
+        charts.finals_chart(finals),
+        charts.coverage_chart(lifts),
+        charts.error_over_time(lifts),
+        charts.error_against_angle(lifts),
+        charts.error_against_rate(lifts),
+        charts.grip_chart(trial.lifts),
+        onset_chart,
+        charts.surface_chart(trial.lifts, trial.manifest.config.objects),
     ]
-    return [chart for chart in charts if chart is not None]
-
-
-def _onset_chart(rows: Sequence[Lift]) -> Chart | None:
-    delays = onset_delays_ms(rows)
-    if not any(late_ms.size for late_ms in delays.values()):
-        return None
-    caption = "Delay after the onset of the markers, over the lifts in which both were found."
-    return boxes(delays, "Onset latency", caption, "later than the markers' onset, ms", least=None)
+    return [chart for chart in found if chart is not None]
 
 
 def fingertip_table(lifts: Sequence[Lift]) -> Table:
     """Return a table with the MARE of the fused angle and of each fingertip, from the recorded curves."""
     curves = curves_of(lifts)
-    serials = dict.fromkeys(serial for lift in curves for serial in lift.tips)
     sources = {"both, fused": curves}
-    sources |= {s: [replace(c, estimate=c.tips[s]) for c in curves if s in c.tips] for s in serials}
+    for serial in dict.fromkeys(serial for lift in curves for serial in lift.tips):
+        sources[serial] = [replace(c, estimate=c.tips[serial]) for c in curves if serial in c.tips]
     rows = []
     for name, own in sources.items():
         mares = (mare_text(mare_of(_errors(lift, phases) for lift in own)) for phases in ("B", "BC"))
@@ -170,16 +169,9 @@ def _errors(lift: LiftCurves, phases: str) -> ErrorSummary | None:
     return summarize(errors[np.isfinite(errors)])
 
 
-def _worst(trial: Trial) -> list[dict[str, object]]:
-    """Return the lifts with the largest mean error, with their frames."""
-    known = [(lift.re.mean_deg, lift, lift.curves) for lift in trial.lifts if lift.re and lift.curves]
-    ranked = sorted(known, key=lambda entry: -entry[0])
-    return [_with_strips(trial, lift, curves) for _, lift, curves in ranked[:WORST_LIFTS]]
-
-
 def _with_strips(trial: Trial, lift: Lift, curves: LiftCurves) -> dict[str, object]:
-    strips: dict[str, list[Still]] = {}
-    problem: Notice | None = None
+    """Return the chart of a lift with its frames."""
+    strips, problem = dict[str, list[Still]](), None
     path, signs = trial.folder / lift.recording, trial.manifest.signs
     for serial in trial.manifest.serials:
         name = serial if serial in signs else f"camera {serial}, marker angle"
@@ -191,15 +183,194 @@ def _with_strips(trial: Trial, lift: Lift, curves: LiftCurves) -> dict[str, obje
     return {"chart": chart, "strips": strips, "problem": problem, "anchor": anchor(lift)}
 
 
-def _charts_of_lifts(trial: Trial) -> list[Chart]:
-    lifts = steps(trial.lifts)
-    return [_chart_of_lift(trial, lift, lift.curves) for lift in lifts if lift.curves is not None]
-
-
-def _chart_of_lift(trial: Trial, lift: Lift, curves: LiftCurves) -> Chart:
+def _chart(trial: Trial, lift: Lift, curves: LiftCurves) -> Chart:
     try:
         path = trial.folder / lift.recording
         data = recorded_lift(path, curves, lift.zero_ns, film_mark(lift))
     except UNREADABLE:  # the page has a notice about the damaged recording
         data = explored(curves, angle_panels(curves))
     return replace(lift_chart(curves, lift_caption(lift)), anchor=anchor(lift), explored=data)
+
+
+def lift_table(lifts: Sequence[Lift]) -> Table:
+    """Return a table with a row per lift and links to the charts; `Lift` declares the further columns."""
+    return table_of(
+        lifts,
+        {
+            "lift": lambda lift: linked(lift.title, {lift.title: anchor(lift)} if lift.curves else {}),
+            "object": lambda lift: lift.label,
+            **{column.heading: column.text for column in SHOWN},
+        },
+        text=(0, 1, 2, 3),
+        filters={1: "choose"} | {2 + n: column.filter for n, column in enumerate(SHOWN) if column.filter},
+    )
+
+
+def lift_caption(lift: Lift) -> str:
+    error = lift.re
+    parts = [
+        f"{lift.outcome}, {lift.position}, grip {lift.grip_counts}",
+        f"error {error.mean_deg:.2f} ± {error.std_deg:.2f}°, at most {error.max_deg:.1f}°"
+        if error
+        else "no answer",
+    ]
+    if lift.answered < 1.0:
+        parts.append(f"{lift.answered:.0%} answered")
+    if (late := lift.onset_delay_s) is not None:
+        parts.append(f"onset seen {late * 1e3:+.0f} ms")
+    return "; ".join(parts)
+
+
+def stage_table(timing: Sequence[LiftTiming]) -> Table | None:
+    """Return a table of the wall time per stage and frame: percentiles of the median and the worst lift."""
+    stages: dict[str, list[StageTimes]] = {}
+    for row in timing:
+        for name, spent in row.stages.items():
+            stages.setdefault(name, []).append(spent)
+    if not stages:
+        return None
+    middle = {
+        n: np.median([(s.p50_ms, s.p95_ms, s.p99_ms) for s in own], axis=0) for n, own in stages.items()
+    }
+    rows = [
+        [name, *(f"{ms:.2f}" for ms in middle[name]), f"{max(spent.p99_ms for spent in stages[name]):.2f}"]
+        for name in sorted(stages, key=lambda name: (name == "total", -middle[name][0]))
+    ]
+    columns = ("stage", "median, ms", "95 %, ms", "99 %, ms", "99 % in the worst lift, ms")
+    return Table(columns, rows, total=True)
+
+
+def counts_table(rows: Sequence[Lift]) -> Table | None:
+    frames, dropped = Counter[str](), Counter[str]()
+    for row in rows:
+        frames.update(row.frames)
+        dropped.update(row.dropped)
+    cells = [[source, f"{frames[source]}", f"{dropped[source]}"] for source in frames]
+    return Table(("source", "frames", "dropped"), cells) if frames else None
+
+
+def onset_delays_ms(rows: Sequence[Lift]) -> dict[str, Floats]:
+    """Return the delays of the estimated onset and of the slip event after the true onset, (N,) ms.
+
+    The slip event is compared with `slip_start_s`, which also exists if a reaction stops the rotation early.
+    """
+    seen = {
+        "estimated curve": [(row.onset_estimate_s, row.onset_truth_s) for row in rows],
+        "slip event": [(row.onset_alarm_s, row.slip_start_s) for row in rows],
+    }
+    return {
+        name: np.array([(s - t) * 1e3 for s, t in onsets if s is not None and t is not None], float)
+        for name, onsets in seen.items()
+    }
+
+
+def onset_table(rows: Sequence[Lift]) -> Table | None:
+    """Return a table of medians and 90 % ranges of `onset_delays_ms`; None if no lift has a true slip.
+
+    Below `FEWEST_LIFTS` delays there is no range.
+    """
+    slips = [
+        sum(row.onset_truth_s is not None for row in rows),
+        sum(row.slip_start_s is not None for row in rows),
+    ]
+    if not any(slips):
+        return None
+    still = [row for row in rows if row.slip_start_s is None and not row.reactions]
+    unasked = (
+        sum(row.onset_estimate_s is not None for row in still),
+        sum(row.onset_alarm_s is not None for row in still),
+    )
+    cells = []
+    for (name, late_ms), true, false in zip(onset_delays_ms(rows).items(), slips, unasked, strict=True):
+        middle, ends = f"{np.median(late_ms):+.0f}" if late_ms.size else "-", ["-", "-"]
+        if late_ms.size >= FEWEST_LIFTS:
+            ends = [f"{v:+.0f}" for v in np.percentile(late_ms, [5, 95])]
+        cells.append([name, f"{late_ms.size} of {true}", middle, *ends, str(false)])
+    columns = ("onset by", "slips seen", "median, ms", "5 %, ms", "95 %, ms", "in lifts without a slip")
+    return Table(columns, cells)
+
+
+def state_table(rows: Sequence[Lift]) -> Table | None:
+    """Return a table of the estimator's states, its skipped stages, and disagreements of the fingertips."""
+    states, skipped, apart = Counter[str](), Counter[str](), Counter[str]()
+    for row in rows:
+        states.update(row.states)
+        skipped.update(row.skipped)
+        apart.update(row.disagreements)
+    frames = sum(states.values())
+    cells = [
+        [f"{kind} {name.replace('_', ' ')}", f"{count}", f"{count / frames:.1%}"]
+        for kind, counts in (("state:", states), ("skipped:", skipped), ("fingertips apart:", apart))
+        for name, count in (counts.items() if frames else ())
+    ]
+    return Table(("of all tactile frames", "frames", "share"), cells) if frames else None
+
+
+def beside(trial: Trial, other: Trial) -> dict[str, object]:
+    """Compare lifts of equal object, number and seed, of a trial that reacts to slip and one that does not.
+
+    Returns the table of all lifts, the folders, and pairs of charts: without and with a reaction. Raises
+    `InputError` if both or neither react, or if there is no pair.
+    """
+    reacts = [each.manifest.react is not ReactionKind.NONE for each in (trial, other)]
+    if reacts[0] == reacts[1]:
+        both = "both react" if reacts[0] else "neither reacts"
+        raise InputError(
+            f"{trial.folder}, {other.folder}: {both} to slip; give one with --react beside one without"
+        )
+    without, reacted = (other, trial) if reacts[0] else (trial, other)
+    kept = {(lift.object, lift.lift, lift.seed): lift for lift in without.lifts}
+    found = [(kept.get((lift.object, lift.lift, lift.seed)), lift) for lift in reacted.lifts]
+    pairs = [(before, lift) for before, lift in found if before is not None]
+    if not pairs:
+        raise InputError(
+            f"{other.folder}: no lift of the same object, number and seed as in {trial.folder}; repeat them "
+            "with the same --seed"
+        )
+    table = table_of(
+        pairs,
+        {
+            "lift": lambda pair: pair[1].title,
+            "true end turn without, °": lambda pair: _turn(pair[0]),
+            "with, °": lambda pair: _turn(pair[1]),
+            "reactions": lambda pair: str(len(pair[1].reactions or ())),
+            "grip steps added": lambda pair: str(pair[1].counts_added or 0),
+            "outcome": lambda pair: pair[1].outcome.value,
+        },
+        text=(0, 5),
+    )
+    return {
+        "table": table, "pairs": _pairs(pairs), "without": without.folder, "reacted": reacted.folder,
+    }  # fmt: skip
+
+
+def _pairs(both: Sequence[tuple[Lift, Lift]]) -> list[list[Chart]]:
+    """Return the charts of caught lifts with the largest reduction of the final rotation."""
+    caught = [pair for pair in both if pair[1].outcome is LiftOutcome.CAUGHT]
+    caught.sort(key=lambda pair: abs(pair[1].final_truth_deg or 0.0) - abs(pair[0].final_truth_deg or 0.0))
+    drawn = []
+    for pair in caught:
+        curves = curves_of(pair)
+        if len(curves) == len(pair) and len(drawn) < MOST_PAIRS:
+            drawn.append(
+                [
+                    lift_chart(own, _reaction_caption(lift))
+                    for lift, own in zip(pair, on_one_scale(curves), strict=True)
+                ]
+            )
+    return drawn
+
+
+def _reaction_caption(row: Lift) -> str:
+    if not row.reactions:
+        return f"without a reaction: turned {_turn(row)}°, {row.outcome.value}"
+    return (
+        f"with '{row.react.value}': turned {_turn(row)}°; {counted(len(row.reactions), 'reaction')}, the "
+        "first "
+        f"{row.reactions[0].command_s:.2f} s into the lift, {counted(row.counts_added or 0, 'grip step')} "
+        "added"
+    )
+
+
+def _turn(row: Lift) -> str:
+    return "-" if row.final_truth_deg is None else f"{row.final_truth_deg:+.1f}"

@@ -1,15 +1,21 @@
 """Write the report of a trial, a recording or CSV tables, even if parts are damaged."""
 
+import csv
+import io
+import os
+import re
+import shutil
+import subprocess
 from collections.abc import Sequence
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
-from drivers.errors import InputError
+from drivers.errors import InputError, RecordingError
+from rig.pages.figure import column_files
 from rig.pages.page import render
-from rig.report.parts import Notice, ReportPage, Table
+from rig.report.parts import Notice, ReportPage, Table, made_text
 from rig.report.session import UNREADABLE
-from rig.report.text import made_text
 from rig.sessions.files import write_file
 from rig.sessions.manifest import RecordManifest, TrialManifest, is_session, read_manifest_of
 
@@ -46,8 +52,7 @@ def write_report(
         return _written(out or session / REPORT, page, problems, figures)
     if beside is not None:
         raise InputError(f"--beside {beside}: only a trial can be shown beside another")
-    from rig.report.csv_lifts import read_tables
-    from rig.report.curves_page import curves_page
+    from rig.report.curves_page import curves_page, read_tables
 
     found = read_tables(sources)
     default = sources[0] / REPORT if len(sources) == 1 and sources[0].is_dir() else Path(REPORT)
@@ -63,8 +68,7 @@ def _session_page(folder: Path) -> tuple[ReportPage, tuple[str, ...]]:
 
             trial = read_trial(folder, manifest)
             return trial_page(trial), tuple(notice.what for notice in trial.problems)
-        from rig.report.recording import read_recording
-        from rig.report.recording_page import recording_page
+        from rig.report.recording_page import read_recording, recording_page
 
         recording = read_recording(folder, manifest)
         return ReportPage(recording_page(recording)), tuple(notice.what for notice in recording.problems)
@@ -81,8 +85,7 @@ def _pair_page(folder: Path, beside: Path) -> tuple[ReportPage, tuple[str, ...]]
         read_trial(each, read_manifest_of(each, TrialManifest, "only trials react to slip"))
         for each in (folder, beside)
     )
-    page = trial_page(trial, other=other)
-    return page, tuple(notice.what for each in (trial, other) for notice in each.problems)
+    return trial_page(trial, other=other), tuple(n.what for each in (trial, other) for n in each.problems)
 
 
 def _broken_page(folder: Path, error: BaseException) -> str:
@@ -96,7 +99,7 @@ def _broken_page(folder: Path, error: BaseException) -> str:
         notice=Notice("bad", "This session cannot be shown.", str(error)),
         files=Table(("file", "MB"), rows) if rows else None,
         more=max(len(files) - len(rows), 0),
-        made=made_text(datetime.now(UTC)),
+        made=made_text(),
     )
 
 
@@ -114,7 +117,86 @@ def _written(path: Path, page: ReportPage, problems: Sequence[str], figures: Pat
         raise InputError(f"--figures {figures}: only readable trials and CSV files have figures")
     write_page(path, page.html)
     if figures is not None:
-        from rig.report.paper_figures import write_paper
-
         write_paper(figures, page)
     return Written(path, tuple(problems))
+
+
+TABLE = "rotational_error"
+SIMULATED = "simulated_"
+"""Prefix of file names if the lifts are simulated, so that they are not published as measured."""
+_LATEX = {
+    "\\": r"\textbackslash{}", "&": r"\&", "%": r"\%", "$": r"\$", "#": r"\#", "_": r"\_", "{": r"\{",
+    "}": r"\}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "±": r"$\pm$", "°": r"$^\circ$",
+}  # fmt: skip
+
+
+def write_paper(folder: Path, page: ReportPage) -> None:
+    """Write each figure and the table of a page, with the page's text.
+
+    Raises `InputError` if the folder cannot be made, `RecordingError` if a file cannot be written.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be made ({error.strerror}); choose another --figures") from error
+    mark, table = SIMULATED if page.simulated else "", page.table
+    for chart in page.charts:
+        for ending, data in column_files(chart.figure).items():
+            name = re.sub(r"[^\w]+", "_", chart.title.replace("|", "")).strip("_")
+            write_file(folder / f"{mark}{name}.{ending}", data)
+    if table is not None:
+        write_file(folder / f"{mark}{TABLE}.tex", latex(table, page.simulated).encode())
+        text = io.StringIO()
+        csv.writer(text, lineterminator="\n").writerows([table.columns, *table.rows])
+        write_file(folder / f"{mark}{TABLE}.csv", text.getvalue().encode())
+
+
+def latex(table: Table, simulated: bool) -> str:
+    """Return a table as a LaTeX tabular, which needs no package."""
+    columns = "".join("l" if number in table.text else "r" for number in range(len(table.columns)))
+    lines = [_latex_row(table.columns), r"\hline", *map(_latex_row, table.rows)]
+    if table.total:
+        lines.insert(-1, r"\hline")
+    about = ["% SIMULATED: objects, sensors and light are computed."] if simulated else []
+    begin, end = rf"\begin{{tabular}}{{{columns}}}", r"\end{tabular}"
+    return "\n".join([*about, begin, r"\hline", *lines, r"\hline", end]) + "\n"
+
+
+def _latex_row(cells: Sequence[str]) -> str:
+    texts = ("".join(_LATEX.get(character, character) for character in cell) for cell in cells)
+    return " & ".join(texts) + r" \\"
+
+
+BROWSERS = ("chromium", "chromium-browser", "google-chrome")
+SIZE_PX = (1200, 1300)
+ENDING = ".png"
+_AT_MOST_S = 60.0
+
+
+def require_picture(out: Path) -> str:
+    """Return the browser's program. Raises `InputError` if none is installed, or for another ending."""
+    if out.suffix.lower() != ENDING:
+        raise InputError(f"{out}: a report's picture is a {ENDING}; choose another --picture")
+    found = next(filter(None, map(shutil.which, BROWSERS)), None)
+    if found is None:
+        raise InputError("--picture needs a browser: install chromium, or take the picture in your own")
+    return found
+
+
+def picture_of(page: Path, out: Path) -> None:
+    """Write a screenshot of `SIZE_PX` of a page. Raises `RecordingError` if the browser fails."""
+    browser = require_picture(out)
+    with TemporaryDirectory(prefix="rig-picture-") as folder:
+        taken = Path(folder) / "page.png"
+        flags = ["--headless", "--disable-gpu", "--hide-scrollbars", f"--user-data-dir={folder}/profile"]
+        as_root = ["--no-sandbox"] if os.geteuid() == 0 else []  # as root it does not start otherwise
+        size = f"--window-size={SIZE_PX[0]},{SIZE_PX[1]}"
+        command = [browser, *flags, *as_root, size, f"--screenshot={taken}", page.resolve().as_uri()]
+        try:
+            subprocess.run(command, capture_output=True, timeout=_AT_MOST_S, check=True)  # noqa: S603
+            picture = taken.read_bytes()
+        except (OSError, subprocess.SubprocessError) as error:
+            raise RecordingError(
+                f"{page}: {browser} took no picture ({type(error).__name__}); take it in your own browser"
+            ) from error
+    write_file(out, picture)

@@ -21,8 +21,8 @@ from rig.tactile.contact.network import frame_planes
 from rig.tactile.peers.learned import load_image_network
 from rig.training.export import check_agreement, export_half, onnx_model
 from rig.training.lifts import GelViews
+from rig.training.loop import EpochReport, fit
 from rig.training.networks import declare_missing_operators
-from rig.training.regression import EpochReport, fit
 from rig.training.wrist import MOST_DIFFERENCE_DEG
 
 BACKBONE = "convnext_zepto_rms"
@@ -49,7 +49,6 @@ class AngleNet(nn.Module):
         self.backbone = timm.create_model(BACKBONE, pretrained=False, num_classes=1, ls_init_value=None)
 
     def forward(self, planes: torch.Tensor) -> torch.Tensor:
-        """Return angles."""
         return _ANGLE_DEG * self.backbone((planes - _GREY) / _CONTRAST)[:, 0]
 
 
@@ -77,10 +76,9 @@ def train_angle_net(
 
 def error_deg(network: AngleNet, views: GelViews) -> float:
     """Return the mean absolute error of single frames, without subtracting a zero."""
-    found = []
+    starts = range(0, len(views), BATCH)
     with torch.inference_mode():
-        for start in range(0, len(views), BATCH):
-            found.append(network(_planes(views.images[start : start + BATCH])).numpy())
+        found = [network(_planes(views.images[start : start + BATCH])).numpy() for start in starts]
     return float(np.abs(np.concatenate(found) - views.angle_deg).mean())
 
 

@@ -1,6 +1,6 @@
 """Training of the networks that estimate an angle: data, split by objects, export, card."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -16,10 +16,11 @@ from rig.tactile.estimators import ANGLENET, TOSKOV
 from rig.training.angle_net import BACKBONE, SIZE, export_angle_net, train_angle_net
 from rig.training.angle_net import error_deg as views_error_deg
 from rig.training.export import CARD, HALF, MODEL, Report, claim, file_facts
-from rig.training.lifts import GelViews, WristSeries, stacked_views, stored_lifts
-from rig.training.simulated_lifts import simulated_views, simulated_wrists
+from rig.training.lifts import SIGHT_HZ, LearntLift, simulated_lifts, stacked_views, stored_lifts
+from rig.training.loop import EpochReport
 from rig.training.wrist import blind_error_deg, error_deg, export_wrist, sequences, train_wrist
 
+WHY = "angles are learnt from lifts"
 VALIDATION_OBJECTS = ("4", "11", "15")
 """Objects outside the trial on which the best epoch is chosen."""
 TITLES = {TOSKOV: "Toskov et al. (wrench, GRU)", ANGLENET: f"AngleNet ({BACKBONE})"}
@@ -65,7 +66,7 @@ def train_angles(out: Path, settings: AngleSettings, report: Report) -> dict[str
         "name": settings.name,
         "title": TITLES[settings.name],
         "data": [str(s) for s in settings.sessions] or "simulated lifts",
-        "simulated": all(_is_simulated(s) for s in settings.sessions),
+        "simulated": all(read_manifest_of(s, TrialManifest, WHY).simulated for s in settings.sessions),
         "trained_on_test_lifts": settings.on_test_lifts,
         "seed": settings.seed,
         "epochs": settings.epochs,
@@ -74,10 +75,6 @@ def train_angles(out: Path, settings: AngleSettings, report: Report) -> dict[str
     }
     write_json(out / CARD, card)
     return card
-
-
-def _is_simulated(session: Path) -> bool:
-    return read_manifest_of(session, TrialManifest, "angles are learnt from lifts").simulated
 
 
 def split_objects(present: Sequence[str], on_test_lifts: bool, where: str) -> Split:
@@ -104,12 +101,11 @@ def split_objects(present: Sequence[str], on_test_lifts: bool, where: str) -> Sp
 
 
 def _train_wrist(out: Path, settings: AngleSettings, report: Report) -> dict[str, object]:
-    lifts, split = _wrists(settings, report)
-    train, validation, test = parts = [
-        sequences([lift for lift in lifts if lift.object_id in ids]) for ids in split
-    ]
-    show = _epoch_report(settings, report)
-    network, errors = train_wrist(train, validation, settings.epochs, settings.seed, show)
+    lifts = [lift.wrist() for lift in _lifts(settings, report, None)]
+    split = _split([lift.object_id for lift in lifts], settings)
+    parts = [sequences([lift for lift in lifts if lift.object_id in ids]) for ids in split]
+    show, test = _epoch_report(settings, report), parts[2]
+    network, errors = train_wrist(parts[0], parts[1], settings.epochs, settings.seed, show)
     export_wrist(network, out / MODEL)
     return {
         "parameters": sum(p.numel() for p in network.parameters()),
@@ -122,7 +118,9 @@ def _train_wrist(out: Path, settings: AngleSettings, report: Report) -> dict[str
 
 
 def _train_angle_net(out: Path, settings: AngleSettings, report: Report) -> dict[str, object]:
-    views, split = _views(settings, report)
+    seen = [view for lift in _lifts(settings, report, SIGHT_HZ) for view in lift.views(SIZE)]
+    views = stacked_views(seen, "the sessions" if settings.sessions else "simulated lifts")
+    split = _split(views.objects, settings)
     train, validation, test = (views.of(ids) for ids in split)
     show = _epoch_report(settings, report)
     network, errors = train_angle_net(
@@ -141,54 +139,30 @@ def _train_angle_net(out: Path, settings: AngleSettings, report: Report) -> dict
     }
 
 
-def _wrists(settings: AngleSettings, report: Report) -> tuple[list[WristSeries], Split]:
+def _lifts(settings: AngleSettings, report: Report, sight_hz: float | None) -> Iterator[LearntLift]:
+    """Yield the lifts of the sessions or, without any, simulated lifts of all objects."""
     if settings.sessions:
-        lifts = [lift.wrist() for lift in stored_lifts(settings.sessions)]
-        return lifts, _stored_split([x.object_id for x in lifts], settings)
-    split = _simulated_split(settings)
-    lifts = [
-        lift
-        for number, (ids, count) in enumerate(_lift_counts(split, settings))
-        for lift in simulated_wrists(ids, count, settings.seed * 3 + number, _lift_report(report))
-    ]
-    return lifts, split
+        yield from stored_lifts(settings.sessions)
+        return
+    few, least, seed = max(2, settings.lifts // 3), max(2, settings.lifts // 6), settings.seed * 3
+    for number, (ids, count) in enumerate(
+        zip(_split((), settings), (settings.lifts, few, least), strict=True)
+    ):
+        yield from simulated_lifts(
+            ids, count, seed + number, lambda n, total: report("simulated lifts", n / total), sight_hz
+        )
 
 
-def _views(settings: AngleSettings, report: Report) -> tuple[GelViews, Split]:
+def _split(present: Sequence[str], settings: AngleSettings) -> Split:
+    """Split the objects that are present in the sessions or, without sessions, those of the catalogue."""
     if settings.sessions:
-        stored = [view for lift in stored_lifts(settings.sessions) for view in lift.views(SIZE)]
-        views = stacked_views(stored, "the sessions")
-        return views, _stored_split(views.objects, settings)
-    split = _simulated_split(settings)
-    simulated = [
-        view
-        for number, (ids, count) in enumerate(_lift_counts(split, settings))
-        for view in simulated_views(ids, count, settings.seed * 3 + number, SIZE, _lift_report(report))
-    ]
-    return stacked_views(simulated, "simulated lifts"), split
-
-
-def _simulated_split(settings: AngleSettings) -> Split:
+        return split_objects(present, settings.on_test_lifts, ", ".join(map(str, settings.sessions)))
     if settings.on_test_lifts:
         raise InputError("--on-test-lifts needs the lifts: give their session with --data")
     return split_objects(list(load_grasp_files()), False, "the catalogue")
 
 
-def _stored_split(present: Sequence[str], settings: AngleSettings) -> Split:
-    return split_objects(present, settings.on_test_lifts, ", ".join(map(str, settings.sessions)))
-
-
-def _lift_counts(split: Split, settings: AngleSettings) -> list[tuple[tuple[str, ...], int]]:
-    """Return the objects of each part and the simulated lifts per object: all, a third, a sixth."""
-    few, least = max(2, settings.lifts // 3), max(2, settings.lifts // 6)
-    return list(zip(split, (settings.lifts, few, least), strict=True))
-
-
-def _lift_report(report: Report) -> Callable[[int, int], None]:
-    return lambda done, total: report("simulated lifts", done / total)
-
-
-def _epoch_report(settings: AngleSettings, report: Report) -> Callable[[int, float, float], None]:
+def _epoch_report(settings: AngleSettings, report: Report) -> EpochReport:
     def show(epoch: int, loss: float, error: float) -> None:
         done = f"{settings.name}: epoch {epoch} of {settings.epochs}"
         report(f"{done}, loss {loss:.2f} deg, validation {error:.2f} deg", epoch / settings.epochs)

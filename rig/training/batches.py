@@ -44,8 +44,10 @@ def augmented(sample: LabelledFrame, ghost: Image, varied: bool, rng: np.random.
     """
     frame, background = sample.frame.astype(np.float32), sample.background.astype(np.float32)
     if varied and rng.random() < SHADED_SHARE:
-        shade = _shade(frame.shape[:2], rng)
-        frame, background = frame * shade, background * shade
+        # dark corners and sides, like at the edges of real gels
+        coarse = 1.0 - np.float32(rng.uniform(0.3, 0.85)) * rng.random((3, 3), np.float32) ** 2
+        shade = np.asarray(cv2.resize(coarse, frame.shape[1::-1], interpolation=cv2.INTER_CUBIC), np.float32)
+        frame, background = frame * shade[..., None], background * shade[..., None]
     if rng.random() < 0.25:
         background += np.float32(rng.uniform(0.05, 0.30)) * (ghost.astype(np.float32) - background)
     frame, background = _relit(frame, background, rng)
@@ -72,13 +74,6 @@ def _relit(frame: Planes, background: Planes, rng: np.random.Generator) -> tuple
     return frame, background * both
 
 
-def _shade(shape: tuple[int, ...], rng: np.random.Generator) -> Planes:
-    """Return a light attenuation (h, w, 1) with dark corners and sides, like at the edges of real gels."""
-    coarse = 1.0 - np.float32(rng.uniform(0.3, 0.85)) * rng.random((3, 3), np.float32) ** 2
-    smooth = cv2.resize(coarse, shape[::-1], interpolation=cv2.INTER_CUBIC)
-    return np.asarray(smooth, np.float32)[..., None]
-
-
 def _moved(
     images: list[Image], label: Image, parts: bool, rng: np.random.Generator
 ) -> tuple[list[Image], Image]:
@@ -90,12 +85,8 @@ def _moved(
         zoom = float(rng.uniform(1.15, 1.7))
         reach = (zoom - 1.0) / 2.0
     across, down = rng.uniform(-reach, reach, 2) * (columns, rows)
-    change = np.array(
-        [
-            [zoom, 0.0, (1.0 - zoom) * columns / 2 + across],
-            [0.0, zoom, (1.0 - zoom) * rows / 2 + down],
-        ]
-    )
+    shifts = (1.0 - zoom) * columns / 2 + across, (1.0 - zoom) * rows / 2 + down
+    change = np.array([[zoom, 0.0, shifts[0]], [0.0, zoom, shifts[1]]])
     moved = [
         np.asarray(cv2.warpAffine(image, change, (columns, rows), borderMode=cv2.BORDER_REFLECT), np.uint8)
         for image in (*images, label)
@@ -117,8 +108,13 @@ def training_batches(
     """
     order = rng.permutation(len(examples))
     count = min(count, len(order))
+    varied = inputs is NetworkInput.FRAME_AND_DIFFERENCE
     for start in range(0, len(order) - count + 1, count):
-        samples = [_augmented(examples, int(place), inputs, rng) for place in order[start : start + count]]
+        samples = []
+        for place in order[start : start + count].tolist():
+            first = place // GHOST_REACH * GHOST_REACH
+            ghost = int(rng.integers(first, min(first + GHOST_REACH, len(examples))))
+            samples.append(augmented(_sample(examples, place), examples.frames[ghost], varied, rng))
         yield _batch(samples, inputs, size)
 
 
@@ -129,15 +125,6 @@ def plain_batches(
     for start in range(0, len(examples), count):
         samples = [_sample(examples, i) for i in range(start, min(start + count, len(examples)))]
         yield _batch(samples, inputs, size)
-
-
-def _augmented(
-    examples: Examples, place: int, inputs: NetworkInput, rng: np.random.Generator
-) -> LabelledFrame:
-    first = place // GHOST_REACH * GHOST_REACH
-    ghost = int(rng.integers(first, min(first + GHOST_REACH, len(examples))))
-    varied = inputs is NetworkInput.FRAME_AND_DIFFERENCE
-    return augmented(_sample(examples, place), examples.frames[ghost], varied, rng)
 
 
 def _sample(examples: Examples, place: int) -> LabelledFrame:

@@ -102,13 +102,9 @@ def load_weights(network: nn.Module, path: Path) -> None:
 
 
 def import_checkpoint(
-    checkpoint: Path,
-    architecture: Architecture,
-    encoder: str,
-    size: tuple[int, int],
-    threshold: float,
+    checkpoint: Path, architecture: Architecture, encoder: str, size: tuple[int, int], threshold: float,
     out: Path,
-) -> dict[str, Any]:
+) -> dict[str, Any]:  # fmt: skip
     """Write a checkpoint's network as ONNX with a card beside it; return the card.
 
     checkpoint: a state dict of segmentation-models-pytorch, bare or under `state_dict`. size: (height,
@@ -118,7 +114,12 @@ def import_checkpoint(
         raise InputError(f"--size {size[1]}x{size[0]}: give multiples of {STRIDE} px up to 2048")
     network = build_network(architecture, encoder)
     load_weights(network, checkpoint)
-    _make_parent(out)
+    if out.suffix != ".onnx":
+        raise InputError(f"--out {out}: name it with the ending .onnx")
+    try:
+        out.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{out.parent}: cannot be made ({error.strerror}): choose another --out") from error
     recipe = Recipe(architecture.inputs, threshold)
     difference = export_onnx(network, architecture.inputs.channels, size, recipe, out)
     card = {
@@ -137,12 +138,3 @@ def import_checkpoint(
     }
     write_json(out.with_suffix(".json"), card)
     return card
-
-
-def _make_parent(out: Path) -> None:
-    if out.suffix != ".onnx":
-        raise InputError(f"--out {out}: name it with the ending .onnx")
-    try:
-        out.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"{out.parent}: cannot be made ({error.strerror}): choose another --out") from error

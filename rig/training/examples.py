@@ -42,15 +42,17 @@ class Examples:
         return len(self.objects)
 
     def of(self, objects: Sequence[str]) -> "Examples":
-        """Return the frames of some objects."""
         return self.at(np.flatnonzero(np.isin(self.objects, list(objects))))
 
     def at(self, places: Sequence[int] | np.ndarray) -> "Examples":
-        """Return the frames at some places."""
         chosen = np.asarray(places, np.int64)
         arrays = (getattr(self, name)[chosen] for name in ARRAYS)
         objects = tuple(self.objects[i] for i in chosen)
         return Examples(*arrays, objects=objects, simulated=self.simulated)
+
+
+Row = tuple[Image, Image, Image, str]
+"""Frame, background and label of one size, and the object's id."""
 
 
 def sized(image: Image, size: tuple[int, int]) -> Image:
@@ -100,22 +102,20 @@ def folder_examples(
     """
     files = read_dataset(folder)
     made: dict[str, Image] = {}
-    frames, backgrounds, labels = [], [], []
-    for number, file in enumerate(files):
+    rows: list[Row] = []
+    for file in files:
         image = read_image(file.image)
-        frames.append(sized(image, size))
-        labels.append(sized(file.label(image.shape[:2]), size))
+        frame, label = sized(image, size), sized(file.label(image.shape[:2]), size)
         if file.group not in made:
             made[file.group] = _background(file, files, size)
-        backgrounds.append(made[file.group])
-        progress(number + 1, len(files))
-    return Examples(
-        np.stack(frames),
-        np.stack(backgrounds),
-        np.stack(labels),
-        tuple(file.object_id for file in files),
-        any(file.simulated for file in files),
-    )
+        rows.append((frame, made[file.group], label, file.object_id))
+        progress(len(rows), len(files))
+    return _stacked(rows, any(file.simulated for file in files))
+
+
+def _stacked(rows: Sequence[Row], simulated: bool) -> Examples:
+    frames, backgrounds, labels, objects = zip(*rows, strict=True)
+    return Examples(np.stack(frames), np.stack(backgrounds), np.stack(labels), objects, simulated)
 
 
 def _background(file: LabelledFile, files: list[LabelledFile], size: tuple[int, int]) -> Image:
@@ -155,19 +155,14 @@ def examples_of(
     progress: Callable[[int], None] = lambda done: None,
 ) -> Examples:
     """Return the first `count` frames of some sensor units at (width, height) `size`."""
-    frames, backgrounds, labels, ids = [], [], [], []
+    rows: list[Row] = []
     for unit in units:
         for shown in unit:
-            frames.append(sized(shown.image, size))
-            backgrounds.append(sized(shown.background, size))
             no_contact = np.zeros(shown.image.shape[:2], np.uint8)
             label = no_contact if shown.touching is None else contact_label(shown.touching)
-            labels.append(sized(label, size))
-            ids.append(shown.object_id)
-        progress(min(len(frames), count))
-        if len(frames) >= count:
+            frame, background, label = (sized(i, size) for i in (shown.image, shown.background, label))
+            rows.append((frame, background, label, shown.object_id))
+        progress(min(len(rows), count))
+        if len(rows) >= count:
             break
-    kept = slice(count)
-    return Examples(
-        np.stack(frames[kept]), np.stack(backgrounds[kept]), np.stack(labels[kept]), tuple(ids[kept]), True
-    )
+    return _stacked(rows[:count], True)

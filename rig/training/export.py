@@ -162,7 +162,6 @@ class _Frames(CalibrationDataReader):
         self._batches = plain_batches(examples, recipe.inputs, size, 1)
 
     def get_next(self) -> dict[str, NDArray[np.float32]] | None:  # type: ignore[override] - None ends the data
-        """Return the next frame's planes, None after the last."""
         batch = next(self._batches, None)
         return None if batch is None else {INPUT: batch[0].numpy()}
 

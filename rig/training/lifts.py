@@ -1,27 +1,38 @@
 """Lifts as training data: wrench at the wrist, tactile frames, and the true rotation of the object."""
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from drivers.clock import to_ns
-from drivers.errors import InputError
+from drivers.errors import GraspError, InputError
 from drivers.types import ArmState, Frame, Image, Pose
-from protocols.observer import Phase
+from protocols.observer import LiftObserver, Phase
+from protocols.slip_trial import run_lift
+from rig.bench.learning import LearningBench, build_learning_bench
+from rig.config import load_bench
+from rig.experiments.grasp_plans import derived_seed
+from rig.experiments.lift_plan import LiftTask, TrialSettings, plan_lift
 from rig.lift.object_angle import ZERO_S
 from rig.lift.recording import recorded_truth
 from rig.sessions.manifest import TrialManifest, read_manifest_of
 from rig.sessions.reading import phase_times, recorded_arm_states, recorded_frames
 from rig.sessions.records import finished
 from rig.sessions.rows import read_lifts
+from rig.tactile.estimators import choose_estimator
 from rig.training.examples import sized
 
 SIGHT_HZ = 10.0
 """Rate of the training frames: consecutive frames are nearly identical."""
+TOUCH_N = 0.06
+"""Approximate force at which a fingertip shows contact."""
+LiftReport = Callable[[int, int], None]
+"""Takes the numbers of finished and of all simulated lifts."""
 Turn = Callable[[int], float | None]
 """The object's true rotation in the hand since the start of the lift, at a time in ns: deg, counter-clockwise
 as the camera sees it, None if unknown."""
@@ -57,35 +68,8 @@ class GelViews:
         return len(self.objects)
 
     def of(self, objects: Sequence[str]) -> "GelViews":
-        """Return the frames of some objects."""
         at = np.flatnonzero(np.isin(self.objects, list(objects)))
         return GelViews(self.images[at], self.angle_deg[at], tuple(self.objects[i] for i in at))
-
-
-def wrist_series(
-    object_id: str, states: Sequence[ArmState], phases: dict[str, int], turn: Turn
-) -> WristSeries:
-    """Combine the samples of one lift with the ground truth."""
-    lift_ns = phases[Phase.LIFT]
-    kept = tuple(s for s in states if phases[Phase.GRASP] <= s.time_ns < phases[Phase.LOWER])
-    rising = np.array([s.time_ns >= lift_ns for s in kept], bool)
-    turns = [_or_nan(turn(s.time_ns)) if late else 0.0 for s, late in zip(kept, rising, strict=True)]
-    return WristSeries(object_id, kept, np.array(turns, np.float64), rising)
-
-
-def labelled_views(
-    frames: Iterator[Frame], sign: int, hand_turn_deg: float, phases: dict[str, int], turn: Turn
-) -> Iterator[tuple[Frame, float]]:
-    """Yield one fingertip's frames from just before the lift to the end of phase C, with their angle.
-
-    hand_turn_deg: rotation of the hand at the grasp, see `hand_turn_deg`.
-    """
-    for frame in frames:
-        if not phases[Phase.LIFT] - to_ns(ZERO_S) <= frame.time_ns < phases[Phase.LOWER]:
-            continue
-        turned = turn(frame.time_ns) if frame.time_ns >= phases[Phase.LIFT] else 0.0
-        if turned is not None:
-            yield frame, sign * (turned - hand_turn_deg)
 
 
 def stacked_views(views: Sequence[tuple[str, Image, float]], where: str) -> GelViews:
@@ -108,55 +92,134 @@ def hand_turn_deg(base_T_tcp: Pose) -> float:  # noqa: N803
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class StoredLift:
-    """One accepted lift of a trial session. signs: of the fingertips by serial."""
+class LearntLift:
+    """One lift as training data, stored or simulated.
+
+    signs: of the fingertips by serial. phases: their start times, ns. states: all samples of the arm. frames:
+    yields the frames of a serial. base_T_grasp: pose of the hand at the grasp, None for that of the first
+    sample after it.
+    """
 
     object_id: str
-    recording: Path
     signs: Mapping[str, int]
     phases: dict[str, int]
     turn: Turn
+    states: Sequence[ArmState]
+    frames: Callable[[str], Iterable[Frame]]
+    base_T_grasp: Pose | None = None  # noqa: N815
 
     def wrist(self) -> WristSeries:
-        """Return the arm's states. Raises `SessionError` for a damaged recording."""
-        return wrist_series(self.object_id, list(recorded_arm_states(self.recording)), self.phases, self.turn)
+        """Combine the arm's samples with the ground truth."""
+        lift_ns, grasp_ns, lower_ns = (self.phases[p] for p in (Phase.LIFT, Phase.GRASP, Phase.LOWER))
+        kept = tuple(s for s in self.states if grasp_ns <= s.time_ns < lower_ns)
+        rising = np.array([s.time_ns >= lift_ns for s in kept], bool)
+        turns = [self.turn(s.time_ns) if late else 0.0 for s, late in zip(kept, rising, strict=True)]
+        return WristSeries(self.object_id, kept, np.array(turns, np.float64), rising)  # None becomes NaN
 
     def views(self, size: tuple[int, int]) -> Iterator[tuple[str, Image, float]]:
-        """Yield object, frame of (width, height) `size` and angle, both fingertips. Raises `SessionError`."""
-        grasped = next(
-            s for s in recorded_arm_states(self.recording) if s.time_ns >= self.phases[Phase.GRASP]
-        )
-        hand = hand_turn_deg(grasped.base_T_tcp)
+        """Yield object, frame of (width, height) `size` and image angle, of both fingertips.
+
+        The frames begin just before the lift and end with phase C. Raises `SessionError`.
+        """
+        lift_ns, grasp_ns, lower_ns = (self.phases[p] for p in (Phase.LIFT, Phase.GRASP, Phase.LOWER))
+        pose = self.base_T_grasp or next(s for s in self.states if s.time_ns >= grasp_ns).base_T_tcp
+        hand = hand_turn_deg(pose)
         for serial, sign in self.signs.items():
-            frames = _thinned(recorded_frames(self.recording, serial))
-            for frame, angle in labelled_views(frames, sign, hand, self.phases, self.turn):
-                yield self.object_id, sized(frame.image, size), angle
+            for frame in self.frames(serial):
+                if not lift_ns - to_ns(ZERO_S) <= frame.time_ns < lower_ns:
+                    continue
+                turned = self.turn(frame.time_ns) if frame.time_ns >= lift_ns else 0.0
+                if turned is not None:
+                    yield self.object_id, sized(frame.image, size), sign * (turned - hand)
 
 
-def stored_lifts(folders: Sequence[Path]) -> list[StoredLift]:
+def stored_lifts(folders: Sequence[Path]) -> list[LearntLift]:
     """Open the accepted lifts of trial sessions. Raises `InputError` or `SessionError`."""
     lifts = []
     for folder in folders:
         why = "angles are learnt from lifts, so give sessions of rig trial"
         manifest = read_manifest_of(folder, TrialManifest, why)
-        rows = finished(read_lifts(folder))
-        lifts += [_opened(folder / row.recording, row.object, manifest.signs) for row in rows]
+        for row in finished(read_lifts(folder)):
+            path = folder / row.recording
+            phases, turn, states = (
+                phase_times(path),
+                recorded_truth(path).at_ns,
+                list(recorded_arm_states(path)),
+            )
+            lifts.append(
+                LearntLift(row.object, manifest.signs, phases, turn, states, partial(_thinned, path))
+            )
     if not lifts:
         raise InputError(f"{', '.join(map(str, folders))}: no finished lift: run rig trial first")
     return lifts
 
 
-def _opened(recording: Path, object_id: str, signs: Mapping[str, int]) -> StoredLift:
-    return StoredLift(object_id, recording, signs, phase_times(recording), recorded_truth(recording).at_ns)
-
-
-def _thinned(frames: Iterator[Frame]) -> Iterator[Frame]:
+def _thinned(recording: Path, serial: str) -> Iterator[Frame]:
     due_ns = 0
-    for frame in frames:
+    for frame in recorded_frames(recording, serial):
         if frame.time_ns >= due_ns:
             due_ns = frame.time_ns + to_ns(1.0 / SIGHT_HZ)
             yield frame
 
 
-def _or_nan(value: float | None) -> float:
-    return math.nan if value is None else value
+def simulated_lifts(
+    objects: Sequence[str], lifts: int, seed: int, report: LiftReport, sight_hz: float | None = None
+) -> Iterator[LearntLift]:
+    """Carry out `lifts` lifts of each object on a simulated bench. Equal seeds give equal lifts.
+
+    The protocol, plan, steps and waiting times are those of `rig trial`. The camera is not rendered, because
+    the ground truth comes from the simulated world. sight_hz: rate of the tactile frames; None for none.
+    """
+    config = load_bench("fake")
+    settings = TrialSettings(config, seed, choose_estimator())
+    tasks = [LiftTask(0, object_id, lift) for object_id in objects for lift in range(1, lifts + 1)]
+    for done, task in enumerate(tasks, 1):
+        made = build_learning_bench(config, derived_seed(seed, "learnt", task.object_id, task.lift), sight_hz)
+        plan = plan_lift(settings, task, made.bench.base_T_table)
+        seen = _Seen(made)
+        try:
+            with made.bench.connected():
+                made.bench.gripper.activate()
+                made.place(plan.object_id)
+                run_lift(made.bench, plan, seen)
+        except GraspError:  # no contact: nothing to learn
+            continue
+        finally:
+            report(done, len(tasks))
+        signs = {tip.sensor.serial: tip.sign for tip in made.bench.fingertips}
+        pose, frames = plan.base_T_grasp, seen.frames.__getitem__
+        yield LearntLift(plan.object_id, signs, seen.phases, seen.turn_deg, seen.states, frames, pose)
+
+
+@dataclass(slots=True)
+class _Seen(LiftObserver):
+    """Stores the events of one lift, and the object's rotation in the hand at each sample and frame."""
+
+    made: LearningBench
+    phases: dict[str, int] = field(default_factory=dict)
+    states: list[ArmState] = field(default_factory=list)
+    frames: dict[str, list[Frame]] = field(default_factory=dict)
+    _turns_deg: dict[int, float] = field(default_factory=dict)
+
+    def phase(self, phase: Phase, time_ns: int) -> None:
+        self.phases[phase] = time_ns
+        self._note(time_ns)
+
+    def frame(self, frame: Frame) -> None:
+        self.frames.setdefault(frame.serial, []).append(frame)
+        self._note(frame.time_ns)
+
+    def arm(self, state: ArmState) -> None:
+        self.states.append(state)
+        self._note(state.time_ns)
+
+    def touching(self, serial: str) -> bool:
+        """Whether the fingers press on the object."""
+        return self.made.force_n(self.made.bench.clock.now_ns()) >= TOUCH_N
+
+    def turn_deg(self, time_ns: int) -> float:
+        """The object's rotation in the hand since the start of the lift, at the time of an event."""
+        return self._turns_deg[time_ns] - self._turns_deg[self.phases[Phase.LIFT]]
+
+    def _note(self, time_ns: int) -> None:
+        self._turns_deg[time_ns] = self.made.turn_deg(time_ns)

@@ -1,4 +1,4 @@
-"""The training loop: focal loss and Adam as in the paper, resumable after every epoch."""
+"""Training loops."""
 
 from collections.abc import Callable
 from copy import deepcopy
@@ -16,6 +16,55 @@ from rig.training.batches import plain_batches, training_batches
 from rig.training.checkpoint import fill_encoder, read_checkpoint
 from rig.training.examples import Examples
 from rig.training.networks import Architecture, build_network
+
+LARGEST_GRADIENT = 1.0
+EpochReport = Callable[[int, float, float], None]
+"""Takes the epoch, its mean loss, and the mean absolute validation error in the unit of the output."""
+
+
+def fit(
+    network: nn.Module,
+    epochs: int,
+    batch: int,
+    rate: float,
+    examples: int,
+    loss: Callable[[torch.Tensor], torch.Tensor],
+    error: Callable[[], float],
+    report: EpochReport,
+) -> list[float]:
+    """Fit in place, restore the weights of the best epoch, and return the error of each epoch.
+
+    rate: peak of the one-cycle schedule (Smith 2018). examples: their number. loss: of the examples at some
+    indices. error: on the validation lifts, with the current weights.
+    """
+    steps = -(-examples // batch)
+    optimizer = torch.optim.AdamW(network.parameters(), lr=rate, weight_decay=0.01)
+    cycle = torch.optim.lr_scheduler.OneCycleLR(optimizer, rate, total_steps=epochs * steps)
+    best, errors = deepcopy(network.state_dict()), []
+    for epoch in range(1, epochs + 1):
+        network.train()
+        losses = []
+        for at in torch.randperm(examples).split(batch):
+            losses.append(_step(optimizer, loss(at), LARGEST_GRADIENT))
+            cycle.step()
+        network.eval()
+        errors.append(error())
+        if errors[-1] <= min(errors):
+            best = deepcopy(network.state_dict())
+        report(epoch, float(np.mean(losses)), errors[-1])
+    network.load_state_dict(best)
+    return errors
+
+
+def _step(optimizer: torch.optim.Optimizer, loss: torch.Tensor, largest: float | None = None) -> float:
+    """Take one step; return the loss. largest: limit of the norm of the gradient, None without."""
+    optimizer.zero_grad()
+    loss.backward()
+    if largest is not None:
+        nn.utils.clip_grad_norm_(optimizer.param_groups[0]["params"], largest)
+    optimizer.step()
+    return loss.item()
+
 
 _BRAIN_FLOAT_UNITS = ("amx_bf16", "avx512_bf16", "bf16")
 """Torch's names for hardware support of bfloat16: x86 (tiles, vectors) and ARM."""
@@ -104,11 +153,7 @@ class Training:
         self._averaged.load_state_dict(self.network.state_dict())
 
     def run(
-        self,
-        train: Examples,
-        validation: Examples,
-        checkpoint: Path,
-        progress: Progress = lambda epoch, share: None,
+        self, train: Examples, validation: Examples, checkpoint: Path, progress: Progress = lambda *_: None
     ) -> None:
         """Train the remaining epochs; after each, store the state in `checkpoint`."""
         steps = max(1, len(train) // self.schedule.batch)
@@ -174,12 +219,10 @@ class Training:
         batches = training_batches(train, self.architecture.inputs, self.size, self.schedule.batch, rng)
         for planes, labels in batches:
             self._optimizer.param_groups[0]["lr"] = self._rate(steps)
-            loss = self._loss(self._answer(self.network, planes), labels.to(self._device))
-            self._optimizer.zero_grad()
-            loss.backward()
-            self._optimizer.step()
+            logits, labels = self._answer(self.network, planes), labels.to(self._device)
+            loss = focal_loss if self.architecture.family is not None else small_loss
+            losses.append(_step(self._optimizer, loss(logits, labels)))
             self._average()
-            losses.append(loss.item())
             progress(None, len(losses) / steps)
         return float(np.mean(losses))
 
@@ -189,20 +232,14 @@ class Training:
         with torch.autocast(self._device.type, torch.bfloat16, enabled=mixed):
             return network(planes).float()
 
-    def _loss(self, logits: torch.Tensor, labels: torch.Tensor) -> torch.Tensor:
-        if self.architecture.family is not None:
-            return focal_loss(logits, labels)
-        return functional.binary_cross_entropy_with_logits(logits, labels) + 0.5 * dice_loss(logits, labels)
-
     def _rate(self, steps: int) -> float:
         if not self.schedule.cycle:
             return self.schedule.rate
         done = self._step / (steps * self.schedule.epochs)
         if done < WARM_UP:
             return self.schedule.rate * (0.04 + 0.96 * done / WARM_UP)
-        return self.schedule.rate * max(
-            1e-3, 0.5 + 0.5 * float(np.cos(np.pi * (done - WARM_UP) / (1 - WARM_UP)))
-        )
+        falling = 0.5 + 0.5 * float(np.cos(np.pi * (done - WARM_UP) / (1 - WARM_UP)))
+        return self.schedule.rate * max(1e-3, falling)
 
     def _average(self) -> None:
         self._step += 1
@@ -223,8 +260,12 @@ def focal_loss(logits: torch.Tensor, labels: torch.Tensor) -> torch.Tensor:
     return (torch.abs(labels - share) ** FOCUS * entropy).mean()
 
 
-def dice_loss(logits: torch.Tensor, labels: torch.Tensor) -> torch.Tensor:
-    """One minus the mean Dice of shares (Milletari et al. 2016); prevents missed small contacts."""
+def small_loss(logits: torch.Tensor, labels: torch.Tensor) -> torch.Tensor:
+    """Cross entropy, and half of one minus the mean Dice of shares (Milletari et al. 2016).
+
+    The second part prevents missed small contacts.
+    """
     share, over = torch.sigmoid(logits), (1, 2, 3)
     both, sum_ = (share * labels).sum(over), share.sum(over) + labels.sum(over)
-    return 1.0 - ((2.0 * both + DICE_SMOOTHING_PX) / (sum_ + DICE_SMOOTHING_PX)).mean()
+    dice = ((2.0 * both + DICE_SMOOTHING_PX) / (sum_ + DICE_SMOOTHING_PX)).mean()
+    return functional.binary_cross_entropy_with_logits(logits, labels) + 0.5 * (1.0 - dice)

@@ -69,7 +69,6 @@ ARCHITECTURES = {
 
 
 def find_architecture(name: str) -> Architecture:
-    """Return an architecture by its name. Raises `InputError`."""
     if name not in ARCHITECTURES:
         raise unknown_name("network", name, ARCHITECTURES)
     return ARCHITECTURES[name]
@@ -99,22 +98,21 @@ class SmallNetwork(nn.Module):
     def __init__(self) -> None:
         super().__init__()
         quarter, eighth, sixteenth = 32, 48, 64
-        self.level1 = nn.Sequential(_layer(6, quarter, 8, stride=PATCH_PX), _layer(quarter, quarter))
-        self.level2 = nn.Sequential(_layer(quarter, eighth, stride=2), _layer(eighth, eighth))
+        self.level1 = nn.Sequential(layer(6, quarter, 8, stride=PATCH_PX), layer(quarter, quarter))
+        self.level2 = nn.Sequential(layer(quarter, eighth, stride=2), layer(eighth, eighth))
         # the dilated layer extends the receptive field to the whole frame
         self.level3 = nn.Sequential(
-            _layer(eighth, sixteenth, stride=2),
-            _layer(sixteenth, sixteenth),
-            _layer(sixteenth, sixteenth, dilation=2),
-            _layer(sixteenth, sixteenth),
+            layer(eighth, sixteenth, stride=2),
+            layer(sixteenth, sixteenth),
+            layer(sixteenth, sixteenth, dilation=2),
+            layer(sixteenth, sixteenth),
         )
-        self.narrow2, self.join2 = nn.Conv2d(sixteenth, eighth, 1), _layer(eighth, eighth)
+        self.narrow2, self.join2 = nn.Conv2d(sixteenth, eighth, 1), layer(eighth, eighth)
         self.narrow1 = nn.Conv2d(eighth, quarter, 1)
-        self.join1 = nn.Sequential(_layer(quarter, quarter), _layer(quarter, quarter))
+        self.join1 = nn.Sequential(layer(quarter, quarter), layer(quarter, quarter))
         self.head = nn.ConvTranspose2d(quarter, 1, PATCH_PX, PATCH_PX)
 
     def forward(self, planes: torch.Tensor) -> torch.Tensor:
-        """Return logits (N, 1, H, W)."""
         at1 = self.level1(planes)
         at2 = self.level2(at1)
         up = self.join2(at2 + _grown(self.narrow2(self.level3(at2)), at2))
@@ -122,7 +120,7 @@ class SmallNetwork(nn.Module):
         return self.head(up)
 
 
-def _layer(inputs: int, outputs: int, side: int = 3, stride: int = 1, dilation: int = 1) -> nn.Sequential:
+def layer(inputs: int, outputs: int, side: int = 3, stride: int = 1, dilation: int = 1) -> nn.Sequential:
     """Return a `side` x `side` convolution with padding, followed by normalisation and ReLU."""
     padding = dilation * ((side - stride + 1) // 2)
     return nn.Sequential(

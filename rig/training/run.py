@@ -1,17 +1,22 @@
-"""`rig train`: data, folds, training, scores, export and cards, one network after another."""
+"""`rig train`: settings, data, folds, training, scores, export and cards, one network after another."""
 
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
 from pathlib import Path
+from time import perf_counter
 from typing import Any
 
 import numpy as np
 import torch
 
-from drivers.errors import InputError
+from calibration.gel.look import GelLook, load_look
+from drivers.errors import InputError, unknown_name
 from fakes.studio.training_frames import RANDOM_SHAPE
 from rig.labels.datasets import Fold, check_objects
+from rig.labels.polygons import agreement
 from rig.sessions.files import read_json, write_json
-from rig.tactile.contact.network import Recipe
-from rig.training.cards import model_card, table_row
+from rig.tactile.contact.network import Network, Recipe, load_network
+from rig.tactile.contact.segmenter import Segmenter
 from rig.training.examples import (
     Examples,
     folder_examples,
@@ -20,10 +25,174 @@ from rig.training.examples import (
     save_examples,
     simulated_examples,
 )
-from rig.training.export import CARD, HALF, MODEL, Report, export_eight_bit, export_half, export_onnx
-from rig.training.loop import Epoch, Training
-from rig.training.networks import Architecture
-from rig.training.settings import FAMILY, SIMULATED, TrainSettings
+from rig.training.export import (
+    CARD,
+    HALF,
+    MODEL,
+    Report,
+    export_eight_bit,
+    export_half,
+    export_onnx,
+    file_facts,
+)
+from rig.training.loop import Epoch, Schedule, Training
+from rig.training.networks import OURS, Architecture
+
+SIMULATED = "simulated"
+"""Value of `data` for frames that are rendered for this training."""
+VARIED, FAMILY = "varied", "family"
+UNITS = (VARIED, FAMILY)
+"""Kinds of simulated sensors. `varied`: many makes; the network generalises to unseen makes. `family`: one
+make, as on a bench and in the paper's data set. Instead, the file of a real unit's look can be given: sensors
+are then of varied makes, and every second one is a variation of that look."""
+LOOK_SUFFIX = ".npz"
+
+
+@dataclass(frozen=True, slots=True)
+class TrainSettings:
+    """Settings of a training.
+
+    data: a folder, or `SIMULATED`. images: simulated training frames per fold. paper: the paper's
+    parameters (256 x 320 px, 30 epochs, batch 32) instead of the reduced ones. encoder_weights: a file.
+    threads: of torch, None for its default. units: the simulated sensors, see `UNITS`.
+    """
+
+    data: str
+    architectures: tuple[Architecture, ...]
+    folds: tuple[Fold, ...]
+    encoder: str
+    images: int
+    epochs: int
+    paper: bool
+    seed: int
+    encoder_weights: Path | None = None
+    threads: int | None = None
+    units: str = VARIED
+
+    @property
+    def look(self) -> GelLook | None:
+        """The real unit's look whose variations are among the simulated sensors; None without one."""
+        return load_look(Path(self.units)) if self.units.endswith(LOOK_SUFFIX) else None
+
+    def size(self, architecture: Architecture) -> tuple[int, int]:
+        """(height, width) of a network's input in px."""
+        return architecture.paper_size if self.paper else architecture.size
+
+    @property
+    def frame_size(self) -> tuple[int, int]:
+        """(width, height) of the stored frames in px."""
+        return (256, 320) if self.paper else (128, 160)
+
+    def schedule(self, architecture: Architecture) -> Schedule:
+        """The paper's batch and rate for its networks; a one-cycle rate for ours."""
+        if architecture.name == OURS:
+            return Schedule(self.epochs, 32, 4e-3, True)
+        return Schedule(self.epochs, 32, 1e-4, False) if self.paper else Schedule(self.epochs, 16, 1e-3, True)
+
+
+def checked_units(name: str) -> str:
+    """Return `name` if it is a kind of units or the file of a look (.npz). Raises `RigError` otherwise."""
+    if name.endswith(LOOK_SUFFIX):
+        load_look(Path(name))
+    elif name not in UNITS:
+        raise unknown_name("kind of simulated sensors", name, UNITS)
+    return name
+
+
+LABEL = "convex hull of each connected part of the contact, gaps up to 17 % of the image's width closed"
+EIGHT_BIT_LOSS = 0.005
+"""Largest loss of mean Dice at which 8-bit precision counts as equal to full precision."""
+
+
+@dataclass(frozen=True, slots=True)
+class MaskScore:
+    """Mean and standard deviation of Dice and IoU over frames; median wall time, frame in to mask out, ms."""
+
+    dice: float
+    dice_std: float
+    iou: float
+    iou_std: float
+    ms: float
+
+
+def score(network: Network, examples: Examples) -> MaskScore:
+    """Segment every frame as `rig segment` does and compare it with its label."""
+    dice, iou, cost_s = [], [], []
+    for frame, background, label in zip(examples.frames, examples.backgrounds, examples.labels, strict=True):
+        segmenter = Segmenter(network, background)
+        began = perf_counter()
+        mask = segmenter.find(frame).mask
+        cost_s.append(perf_counter() - began)
+        found = agreement(mask, np.where(label > 127, 255, 0).astype(np.uint8))
+        dice.append(found.dice)
+        iou.append(found.iou)
+    shares = (float(figure(values)) for values in (dice, iou) for figure in (np.mean, np.std))
+    return MaskScore(*shares, ms=1e3 * float(np.median(cost_s)))
+
+
+def model_card(
+    settings: TrainSettings,
+    fold: Fold,
+    data: tuple[Examples, Examples, Examples],
+    training: Training,
+    files: dict[str, Path],
+) -> dict[str, object]:
+    """Return the card of a trained network, scored on the fold's test objects.
+
+    data: frames to train on, to validate and to test with. files: ONNX files by precision, fp32 among them.
+    """
+    architecture, test = training.architecture, data[2]
+    scores = {precision: score(load_network(path), test) for precision, path in files.items()}
+    full = asdict(scores["fp32"])
+    full_ms = full.pop("ms")
+    height, width = training.size
+    weights = settings.encoder_weights.name if settings.encoder_weights else "random"
+    return {
+        "name": architecture.name,
+        "title": architecture.title,
+        "encoder": settings.encoder if architecture.family else None,
+        "encoder_weights": weights if architecture.family else None,
+        "parameters": sum(p.numel() for p in training.network.parameters()),
+        "inputs": architecture.inputs.value,
+        "size_px": [width, height],
+        "threshold": architecture.threshold,
+        "label": LABEL,
+        "data": settings.data,
+        "simulated": test.simulated,
+        "units": settings.units if settings.data == SIMULATED else None,
+        "settings": "paper" if settings.paper else "reduced",
+        "images": {"train": len(data[0]), "validation": len(data[1]), "test": len(data[2])},
+        "fold": asdict(fold),
+        "seed": settings.seed,
+        "schedule": asdict(training.schedule),
+        "epochs": [asdict(epoch) for epoch in training.history],
+        "training": {
+            "arithmetic": str(training.arithmetic).removeprefix("torch."),
+            "threads": torch.get_num_threads(),
+            "wall_s": sum(epoch.wall_s for epoch in training.history),
+            "cpu_s": sum(epoch.cpu_s for epoch in training.history),
+        },
+        "test": full,
+        "ms_per_frame": full_ms,
+        "files": {
+            precision: {
+                **file_facts(files[precision]),
+                "dice": found.dice,
+                "ms_per_frame": found.ms,
+                "holds": abs(found.dice - full["dice"]) <= EIGHT_BIT_LOSS,
+            }
+            for precision, found in scores.items()
+        },
+        "torch": str(torch.__version__),
+    }
+
+
+def table_row(card: Mapping[str, Any]) -> dict[str, object]:
+    """Return a card's row in the table of networks and folds."""
+    kept = "title ms_per_frame settings size_px data units seed images training".split()
+    row = {"fold": card["fold"]["name"], "epochs": len(card["epochs"]), **card["test"]}
+    return row | {key: card[key] for key in kept}
+
 
 CHECKPOINT = "checkpoint.pt"
 TABLE = "table2.json"
@@ -67,13 +236,8 @@ def train_one(
     folder.mkdir(parents=True, exist_ok=True)
     train, validation, _ = data
     title = f"{architecture.name} {fold.name}"
-    training = Training(
-        architecture,
-        settings.encoder,
-        settings.size(architecture),
-        settings.schedule(architecture),
-        settings.seed,
-    )
+    schedule, size = settings.schedule(architecture), settings.size(architecture)
+    training = Training(architecture, settings.encoder, size, schedule, settings.seed)
     if settings.encoder_weights is not None:
         training.load_encoder(settings.encoder_weights)
     if (folder / CHECKPOINT).exists():
@@ -81,15 +245,16 @@ def train_one(
 
     def show(epoch: Epoch | None, share: float) -> None:
         done = (len(training.history) + (share if epoch is None else 0.0)) / settings.epochs
-        text = (
-            "" if epoch is None else f", loss {epoch.loss:.4f}, validation Dice {epoch.validation_dice:.4f}"
-        )
+        text = f", loss {epoch.loss:.4f}, validation Dice {epoch.validation_dice:.4f}" if epoch else ""
         report(f"{title}: epoch {max(1, len(training.history))} of {settings.epochs}{text}", done)
 
     training.run(train, validation, folder / CHECKPOINT, show)
     report(f"{title}: exporting", 1.0)
     recipe = Recipe(architecture.inputs, architecture.threshold, convex=True)
-    files = _exported(folder, training, recipe, train)
+    files = {"fp32": folder / MODEL, "fp16": folder / HALF, "int8": folder / "model.int8.onnx"}
+    export_onnx(training.best_network(), recipe.inputs.channels, size, recipe, files["fp32"])
+    export_half(files["fp32"], files["fp16"])
+    export_eight_bit(files["fp32"], train, recipe, size, files["int8"])
     write_json(folder / CARD, model_card(settings, fold, data, training, files))
 
 
@@ -109,48 +274,25 @@ def fold_examples(
 
 
 def _made(settings: TrainSettings, fold: Fold, report: Report) -> Examples:
+    size, few = settings.frame_size, max(24, round(VALIDATION_SHARE * settings.images))
     if settings.data != SIMULATED:
-        return folder_examples(
-            Path(settings.data),
-            settings.frame_size,
-            lambda done, total: report("reading images", done / total),
-        )
-    few = max(24, round(VALIDATION_SHARE * settings.images))
-    parts = []
-    for number, (objects, count, share) in enumerate(
-        ((fold.train, settings.images, RANDOM_SHARE), (fold.validation, few, 0.0), (fold.test, few, 0.0))
-    ):
+        return folder_examples(Path(settings.data), size, lambda n, of: report("reading images", n / of))
+    wanted = (fold.train, settings.images, RANDOM_SHARE), (fold.validation, few, 0.0), (fold.test, few, 0.0)
+    units, parts = {"family": settings.units == FAMILY, "look": settings.look}, []
+    for number, (objects, count, share) in enumerate(wanted):
         seed = int(np.random.SeedSequence((settings.seed, number, *fold.name.encode())).generate_state(1)[0])
-        parts.append(
-            simulated_examples(
-                objects,
-                count,
-                seed,
-                settings.frame_size,
-                share,
-                family=settings.units == FAMILY,
-                look=settings.look,
-                progress=lambda done, count=count: report(f"rendering frames of {fold.name}", done / count),
-            )
-        )
+
+        def progress(done: int, count: int = count) -> None:
+            report(f"rendering frames of {fold.name}", done / count)
+
+        parts.append(simulated_examples(objects, count, seed, size, share, progress=progress, **units))
     return joined(parts)
-
-
-def _exported(folder: Path, training: Training, recipe: Recipe, train: Examples) -> dict[str, Path]:
-    """Write the network in three precisions; return the files by precision."""
-    full, half, eight = (folder / name for name in (MODEL, HALF, "model.int8.onnx"))
-    export_onnx(training.best_network(), recipe.inputs.channels, training.size, recipe, full)
-    export_half(full, half)
-    export_eight_bit(full, train, recipe, training.size, eight)
-    return {"fp32": full, "fp16": half, "int8": eight}
 
 
 def _claim(folder: Path, settings: TrainSettings, resume: bool) -> None:
     """Make the folder, or check that it holds the same request. Raises `InputError`."""
-    asked = {
-        key: getattr(settings, key)
-        for key in ("data", "units", "encoder", "images", "epochs", "paper", "seed")
-    }
+    keys = ("data", "units", "encoder", "images", "epochs", "paper", "seed")
+    asked = {key: getattr(settings, key) for key in keys}
     manifest = folder / "training.json"
     if not manifest.exists():
         if folder.exists() and any(folder.iterdir()):
@@ -163,8 +305,7 @@ def _claim(folder: Path, settings: TrainSettings, resume: bool) -> None:
             f"{folder} already holds a training: add --resume to continue it, or give another --out"
         )
     kept = read_json(manifest)
-    different = [key for key in asked if kept.get(key) != asked[key]]
-    if different:
+    if different := [key for key in asked if kept.get(key) != asked[key]]:
         raise InputError(
             f"{folder} was started with another {', '.join(different)}: continue with the same options, "
             "or give another --out"

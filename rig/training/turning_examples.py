@@ -61,8 +61,8 @@ def turning_examples(
     examples, done = _empty(faces), 0
     for (count, _, start, _), part in run_tasks(_rendered, tasks, jobs):
         at = slice(FRAMES_PER_FACE * start, FRAMES_PER_FACE * (start + count))
-        examples.differences[at], examples.shares[at] = part.differences, part.shares
-        examples.weights[at] = part.weights
+        for name in ("differences", "shares", "weights"):
+            getattr(examples, name)[at] = getattr(part, name)
         done += count
         progress(done)
     return examples
@@ -99,17 +99,18 @@ def example_of(shown: TurningFrame) -> tuple[Field, Field, Field]:
         structure_of(marks.mended(np.asarray(cv2.resize(change, size) / around, np.float32)))
         for change in (shown.before, shown.after)
     )
-    center_px = _scaled(shown.center_px, shown.image.shape, size)
-    share = _share(before, _turned(after, center_px, -TURN_DEG), after)
+    height, width = shown.image.shape[:2]
+    x, y = (
+        (place + 0.5) * s / side - 0.5
+        for place, s, side in zip(shown.center_px, size, (width, height), strict=True)
+    )
+    # residuals with and without rotating the texture back
+    turned_back = _turned(after, (x, y), -TURN_DEG)
+    if_turning, if_resting = (_near(np.square(other - before).sum(axis=2)) for other in (turned_back, after))
+    share = np.asarray(if_resting / (if_turning + if_resting + np.float32(1e-12)), np.float32)
     strength = np.sqrt(_near(np.square(before).sum(axis=2)))
     weight = np.clip(strength / (np.percentile(strength, 98.0) + 1e-6), 0.0, 1.0)
     return difference, np.where(weight > _FAINTEST, share, 0.0).astype(np.float32), weight.astype(np.float32)
-
-
-def _share(before: Field, turned_back: Field, after: Field) -> Field:
-    """Return the share of a texture that turns, from the residuals with and without rotating it back."""
-    if_turning, if_resting = (_near(np.square(other - before).sum(axis=2)) for other in (turned_back, after))
-    return np.asarray(if_resting / (if_turning + if_resting + np.float32(1e-12)), np.float32)
 
 
 def _turned(texture: Field, center_px: tuple[float, float], turn_deg: float) -> Field:
@@ -119,13 +120,6 @@ def _turned(texture: Field, center_px: tuple[float, float], turn_deg: float) -> 
     moved = np.asarray(cv2.warpAffine(texture, places, (width, height)), np.float32)
     directions = (moved[..., 0] + 1j * moved[..., 1]) * np.exp(-2j * math.radians(turn_deg))
     return np.dstack([directions.real, directions.imag, moved[..., 2]]).astype(np.float32)
-
-
-def _scaled(
-    place_px: tuple[float, float], shape: tuple[int, ...], size: tuple[int, int]
-) -> tuple[float, float]:
-    (x, y), (width, height) = place_px, size
-    return (x + 0.5) * width / shape[1] - 0.5, (y + 0.5) * height / shape[0] - 0.5
 
 
 def _near(squares: Field) -> Field:

@@ -17,7 +17,8 @@ from fakes.studio.turning_frames import FRAMES_PER_FACE
 from rig.sessions.files import write_json
 from rig.tactile.slip.turning import MULTIPLE_PX, SHARE_PX, load_turning
 from rig.training.export import CARD, MODEL, Report, check_agreement, claim, file_facts, onnx_model
-from rig.training.regression import fit
+from rig.training.loop import fit
+from rig.training.networks import layer
 from rig.training.turning_examples import TurningExamples, turning_examples
 
 BATCH, RATE = 128, 3e-3
@@ -43,16 +44,15 @@ class TurningNet(nn.Module):
     def __init__(self) -> None:
         super().__init__()
         first, second, third, fourth = _PLANES
-        self.halved = _layer(3, first, 2)
-        self.quarter = nn.Sequential(_layer(first, second, 2), _Residual(second))
-        self.eighth = nn.Sequential(_layer(second, third, 2), _Residual(third))
-        self.sixteenth = nn.Sequential(_layer(third, fourth, 2), _Residual(fourth))
+        self.halved = layer(3, first, 2)
+        self.quarter = nn.Sequential(layer(first, second, 2), _Residual(second))
+        self.eighth = nn.Sequential(layer(second, third, 2), _Residual(third))
+        self.sixteenth = nn.Sequential(layer(third, fourth, 2), _Residual(fourth))
         self.to_third, self.to_second = nn.Conv2d(fourth, third, 1), nn.Conv2d(third, second, 1)
-        self.at_eighth, self.at_quarter = _layer(third, third), _layer(second, second)
+        self.at_eighth, self.at_quarter = layer(third, third), layer(second, second)
         self.upscaled = nn.Sequential(nn.Conv2d(second, 4, 1), nn.PixelShuffle(2))
 
     def forward(self, differences: torch.Tensor) -> torch.Tensor:
-        """Return logits."""
         quarter = self.quarter(self.halved(torch.clamp(differences / _UNIT, -_CLIPPED, _CLIPPED)))
         eighth = self.eighth(quarter)
         eighth = self.at_eighth(_doubled(self.to_third(self.sixteenth(eighth))) + eighth)
@@ -65,7 +65,7 @@ class _Residual(nn.Module):
     def __init__(self, planes: int) -> None:
         super().__init__()
         second = nn.Conv2d(planes, planes, 3, padding=1, bias=False), nn.BatchNorm2d(planes)
-        self.added = nn.Sequential(_layer(planes, planes), *second)
+        self.added = nn.Sequential(layer(planes, planes), *second)
 
     def forward(self, planes: torch.Tensor) -> torch.Tensor:
         return functional.relu(planes + self.added(planes))
@@ -157,12 +157,6 @@ def export_turning(network: nn.Module, path: Path) -> None:
     check_agreement(path, share - own, _MOST_DIFFERENCE)
 
 
-def _layer(entering: int, leaving: int, stride: int = 1) -> nn.Sequential:
-    return nn.Sequential(
-        nn.Conv2d(entering, leaving, 3, stride, 1, bias=False), nn.BatchNorm2d(leaving), nn.ReLU(inplace=True)
-    )
-
-
 def _doubled(planes: torch.Tensor) -> torch.Tensor:
     return functional.interpolate(planes, scale_factor=2.0, mode="nearest")
 
@@ -214,10 +208,7 @@ def _moved(
     """Rotate, scale and mirror each image. mirrored: 1 or -1 for each."""
     height, width = planes.shape[2:]
     cos, sin, zero = scales * torch.cos(turns_rad), scales * torch.sin(turns_rad), torch.zeros_like(scales)
-    rows = (
-        (mirrored * cos, -sin * height / width, zero),
-        (mirrored * sin * width / height, cos, zero),
-    )
+    rows = ((mirrored * cos, -sin * height / width, zero), (mirrored * sin * width / height, cos, zero))
     places = torch.stack([torch.stack(row, 1) for row in rows], 1)
     grid = functional.affine_grid(places, list(planes.shape), align_corners=False)
     return functional.grid_sample(planes, grid, padding_mode="border", align_corners=False)

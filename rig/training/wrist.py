@@ -17,7 +17,7 @@ from torch import nn
 from rig.tactile.peers.learned import WrenchSteps, load_wrench_network
 from rig.training.export import check_agreement, onnx_model
 from rig.training.lifts import WristSeries
-from rig.training.regression import EpochReport, fit
+from rig.training.loop import EpochReport, fit
 
 HIDDEN = 32
 BATCH, RATE = 64, 4e-3
@@ -42,12 +42,10 @@ class WrenchNetwork(nn.Module):
         self.register_buffer("scale", torch.tensor([_FORCE_N] * 3 + [_TORQUE_NM] * 3))
 
     def forward(self, wrench: torch.Tensor, memory: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return angles and the new memory."""
         felt, memory = self.unit(wrench / self.scale, memory)
         return self.angle_deg(felt), memory
 
     def angle_deg(self, felt: torch.Tensor) -> torch.Tensor:
-        """Return the angles for memories (..., H)."""
         return _ANGLE_DEG * self.head(felt)[..., 0]
 
 
@@ -59,7 +57,6 @@ class WrenchStep(nn.Module):
         self.network = network
 
     def forward(self, wrench: torch.Tensor, memory: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return the angle in degrees and the new memory."""
         unit, before = self.network.unit, memory[0]
         felt = (wrench / self.network.scale)[0] @ unit.weight_ih_l0.T + unit.bias_ih_l0
         kept = before @ unit.weight_hh_l0.T + unit.bias_hh_l0

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from rig.report.picture import SIZE_PX
+from rig.report.write import SIZE_PX
 from support.angle_clips import write_clip
 from support.browser import NEEDS_CHROMIUM
 from support.command_line import rig
@@ -102,7 +102,7 @@ def test_two_estimators_are_compared_on_one_session(
     assert "slip and pca compared" in page.read_text()
     inside = {path.name for path in trial.iterdir()}
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("rig.report.kept_replays.replay_or_problem", lambda *_: pytest.fail("replayed again"))
+    monkeypatch.setattr("rig.report.sides.replay_or_problem", lambda *_: pytest.fail("replayed again"))
     again = rig("compare", "slip", "pca", "--on", str(trial), "--jobs", "1", "--json")
     assert json.loads(again.stdout)["figures"] == answer["figures"]
     assert "note: 1 lift replayed with pca before" in again.stderr
@@ -137,7 +137,7 @@ def test_first_lift_is_played_into_a_default_file(
 def test_mp4_without_an_encoder_becomes_webm_with_a_note(
     trial: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("rig.report.film_file.has_h264", lambda: False)
+    monkeypatch.setattr("rig.report.film.has_h264", lambda: False)
     done = rig("play", trial, "--speed", "16", "--out", tmp_path / "lift.mp4")
     assert done.returncode == 0, done.stderr
     assert "no H.264 encoder for .mp4" in done.stderr

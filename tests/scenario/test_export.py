@@ -26,7 +26,7 @@ from rig.experiments.pose_attempt import RecordSettings
 from rig.experiments.record import run_record
 from rig.experiments.trial import run_trial
 from rig.export.formats import export_session
-from rig.export.rotations import ContinuousPoses
+from rig.export.messages import ContinuousPoses
 from rig.frames.series import read_frames
 from rig.sessions.about import SIMULATED_EPOCH_NS
 from rig.sessions.files import TRUE_MASKS

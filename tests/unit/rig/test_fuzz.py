@@ -22,7 +22,7 @@ from rig.config.write import bench_text
 from rig.frames.clips import array_frames
 from rig.frames.times import times_from_table
 from rig.labels.label_files import labelme_mask, read_label
-from rig.report.csv_lifts import read_table
+from rig.report.curves_page import read_table
 from rig.results.listing import list_session
 from rig.results.table import read_results
 from rig.sessions.reading import recorded_frames, show_again

@@ -14,7 +14,7 @@ from fakes.devices.arm import FakeArm
 from fakes.faults import FaultScript
 from fakes.wire.ur.robot import CYCLE_NS, Robot
 from fakes.world.kinematics import ENCODER_RAD, PHYSICAL_TOOL, compose, forward
-from rig.export.rotations import ContinuousPoses
+from rig.export.messages import ContinuousPoses
 from support.benches import NOISE_M
 from support.worlds import HOME, empty_world
 

@@ -1,6 +1,7 @@
 """An export writes into its own new folder and nowhere else."""
 
 import json
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -16,45 +17,41 @@ Drawn = Callable[..., Path]
 OUTSIDE = ("../../out", "..", "/out", "a/../../out", "a//b", ".", "", "a\\u0000b", "a\\nb")
 
 
-def edited(session: Path, file: str, key: str, value: str) -> None:
+def edited(rows: str, key: str, value: str) -> str:
     """Give a value to a key of every row, or of its images where they have it."""
-    rows = [json.loads(line) for line in (session / file).read_text().splitlines()]
-    for row in rows:
+    changed = [json.loads(line) for line in rows.splitlines()]
+    for row in changed:
         for part in (row, *row.get("images", ())):
             if key in part:
                 part[key] = json.loads(f'"{value}"')
-    (session / file).write_text("".join(json.dumps(row) + "\n" for row in rows))
+    return "".join(json.dumps(row) + "\n" for row in changed)
 
 
-def everything(folder: Path) -> set[Path]:
-    return set(folder.rglob("*"))
-
-
-@pytest.mark.parametrize("place", OUTSIDE)
-@pytest.mark.parametrize("key", ["object", "name", "recording"])
-def test_names_in_a_trial_cannot_leave_the_export_folder(
-    drawn_trial: Drawn, tmp_path: Path, key: str, place: str
+@pytest.mark.parametrize(
+    ("kind", "key"),
+    [
+        ("trial", "object"),
+        ("trial", "name"),
+        ("trial", "recording"),
+        ("record", "file"),
+        ("record", "serial"),
+    ],
+)
+def test_names_in_a_session_cannot_leave_the_export_folder(
+    drawn_trial: Drawn, drawn_recording: Drawn, tmp_path: Path, kind: str, key: str
 ) -> None:
-    session = drawn_trial(tmp_path / "s", (12.0,))
-    edited(session, "lifts.jsonl", key, place)
-    before = everything(tmp_path)
-    for to in FORMATS:
-        with pytest.raises(SessionError, match=rf"line 1 is damaged: '{key}'"):
-            export_session(session, to, tmp_path / "deep" / "er" / "out")
-    assert everything(tmp_path) == before
-
-
-@pytest.mark.parametrize("place", OUTSIDE)
-@pytest.mark.parametrize("key", ["file", "serial"])
-def test_names_in_a_recording_cannot_leave_the_export_folder(
-    drawn_recording: Drawn, tmp_path: Path, key: str, place: str
-) -> None:
-    session = drawn_recording(tmp_path / "s")
-    edited(session, "poses.jsonl", key, place)
-    before = everything(tmp_path)
-    with pytest.raises(SessionError, match=rf"line 1 is damaged: 'images\.0\.{key}'"):
-        export_session(session, "labelme", tmp_path / "deep" / "er" / "out")
-    assert everything(tmp_path) == before
+    trial, folder = kind == "trial", tmp_path / "s"
+    session = drawn_trial(folder, (12.0,)) if trial else drawn_recording(folder)
+    file = session / ("lifts.jsonl" if trial else "poses.jsonl")
+    rows, formats = file.read_text(), FORMATS if trial else ["labelme"]
+    before = set(tmp_path.rglob("*"))
+    said = f"line 1 is damaged: '{'' if trial else 'images.0.'}{key}'"
+    for place in OUTSIDE:
+        file.write_text(edited(rows, key, place))
+        for to in formats:
+            with pytest.raises(SessionError, match=re.escape(said)):
+                export_session(session, to, tmp_path / "deep" / "er" / "out")
+        assert set(tmp_path.rglob("*")) == before
 
 
 @pytest.mark.parametrize("place", ["../x", "/x", "a/b", ".."])

@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from drivers.types import Pose
-from rig.export.rotations import ContinuousPoses
+from rig.export.messages import ContinuousPoses
 
 NOISE_RAD = 3e-5
 """Noise of the orientation of a real arm at rest."""

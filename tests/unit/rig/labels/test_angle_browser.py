@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from drivers.images import read_image
 from rig.benchmark.clips.labelled import read_clips
 from rig.frames.series import read_frames
-from rig.labels.angle_clip import choose_frames, load_clip
-from rig.labels.angle_lines import LINES, LineLog
+from rig.labels.angle_lines import LINES, LineLog, choose_frames, load_clip
 from rig.labels.angle_server import AngleServer
 from support.angle_clips import FIRST_CONTACT, ask, true_ends, write_clip
 from support.browser import NEEDS_CHROMIUM, Browser

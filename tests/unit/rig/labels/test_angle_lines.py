@@ -13,10 +13,8 @@ from rig.labels.angle_lines import Line, angle_labels, labels_csv
 
 def line(angle_deg: float, length_px: float = 100.0, middle: tuple[float, float] = (120.0, 160.0)) -> Line:
     """A line whose second end lies counter-clockwise of its first by an angle, as seen."""
-    x, y = (
-        length_px / 2 * part
-        for part in (math.cos(math.radians(angle_deg)), math.sin(math.radians(angle_deg)))
-    )
+    turn, reach = math.radians(angle_deg), length_px / 2
+    x, y = reach * math.cos(turn), reach * math.sin(turn)
     return middle[0] - x, middle[1] + y, middle[0] + x, middle[1] - y
 
 
@@ -32,10 +30,8 @@ def test_angles_count_from_the_reference_counter_clockwise() -> None:
 
 
 def test_frames_without_both_lines_are_left_out() -> None:
-    assert [label.frame for label in angle_labels(passes({0: 0, 1: 5, 2: 9}, {0: 0, 2: 9, 3: 4}), 0)] == [
-        0,
-        2,
-    ]
+    labels = angle_labels(passes({0: 0, 1: 5, 2: 9}, {0: 0, 2: 9, 3: 4}), 0)
+    assert [label.frame for label in labels] == [0, 2]
 
 
 @pytest.mark.parametrize(
@@ -62,10 +58,7 @@ def test_labels_do_not_depend_on_the_direction_of_the_drawn_feature(
     turns: list[float], one_deg: float, two_deg: float
 ) -> None:
     total = [sum(turns[: i + 1]) for i in range(len(turns))]
-    drawn = passes(
-        {i: one_deg + turn for i, turn in enumerate(total)},
-        {i: two_deg + turn for i, turn in enumerate(total)},
-    )
+    drawn = passes(*({i: start + turn for i, turn in enumerate(total)} for start in (one_deg, two_deg)))
     for label, turn in zip(angle_labels(drawn, 0), total, strict=True):
         assert label.angle_deg == pytest.approx(turn - total[0], abs=1e-6)
 
@@ -77,6 +70,5 @@ def test_benchmark_reads_the_written_labels(tmp_path_factory: pytest.TempPathFac
     reference, read, _ = read_labels(file)
     assert reference == 5
     assert [(label.frame, label.angle_deg) for label in read] == [(9, 11.0), (12, -10.0)]
-    assert [label.sigma_deg for label in read] == pytest.approx(
-        [label.sigma_deg for label in labels[1:]], abs=0.005
-    )
+    sigmas = [label.sigma_deg for label in labels[1:]]
+    assert [label.sigma_deg for label in read] == pytest.approx(sigmas, abs=0.005)

@@ -15,8 +15,8 @@ from drivers.errors import InputError, RigError
 from drivers.images import read_image
 from rig.frames.estimation import Estimation
 from rig.frames.series import read_frames
-from rig.labels.angle_clip import ClipToLabel, FrameChoice, choose_frames, load_clip
-from rig.labels.angle_lines import LINES, Click, LineLog, ends_in, read_drawn
+from rig.labels import angle_lines
+from rig.labels.angle_lines import LINES, Click, ClipToLabel, FrameChoice, LineLog, choose_frames, read_drawn
 from rig.labels.angle_server import TOKEN, AnglePage, AngleServer
 from rig.pages.requests import Request
 from rig.tactile.estimators import choose_estimator
@@ -33,7 +33,9 @@ def clip(tmp_path: Path, press: Draw, blank: Image) -> Path:
 
 def opened(clip: Path, count: int = 4, reference: int = FIRST_CONTACT) -> ClipToLabel:
     series, background = read_frames(clip / "frames"), read_image(clip / "background.png")
-    return load_clip("clip", series, background, choose_frames(series, background, count, reference)[0])
+    return angle_lines.load_clip(
+        "clip", series, background, choose_frames(series, background, count, reference)[0]
+    )
 
 
 @pytest.fixture
@@ -215,7 +217,7 @@ def test_lines_that_were_begun_go_on(clip: Path) -> None:
     again = LineLog(clip / LINES, to_label, read_drawn(clip / LINES))
     assert again.passes() == [{2: (10.0, 20.0, 60.0, 20.0)}, {}]
     again.undo()
-    assert ends_in(again.clicks, 0) == {2: [(10.0, 20.0)]}
+    assert angle_lines.ends_in(again.clicks, 0) == {2: [(10.0, 20.0)]}
 
 
 @pytest.mark.parametrize("text", ["", "{}", "[]", '{"schema": 1}', "\x00", '{"schema": 1, "clicks": 5}'])

@@ -88,10 +88,7 @@ def tiny_size(path: Path) -> None:
         (lambda d: (d / "a.json").write_text('{"shapes": ['), "complete JSON"),
         (lambda d: write_label(d / "a.json", SQUARE[:2]), "encloses nothing"),
         (lambda d: write_label(d / "a.json", [["x"]]), "points"),  # type: ignore[list-item]
-        (
-            lambda d: write_label(d / "a.json", [[0.0, 0.0], [float("nan"), 9.0]], "rectangle"),
-            "NaN is not a number",
-        ),
+        (lambda d: write_label(d / "a.json", [[0.0, 0.0], [float("nan"), 9.0]], "rectangle"), "NaN is not"),
         (lambda d: (d / "a.json").write_text('{"shapes": [], "imageHeight": "60"}'), "the size of its image"),
         (lambda d: write_label(d / "a.json", [[0.0, 0.0], [1e15, 9.0], [5.0, 9.0]]), "not in its image"),
         (lambda d: write_label(d / "a.json", [[0.0, 0.0], [1e15, 9.0]], "circle"), "not in its image"),
@@ -137,11 +134,9 @@ def test_folds_keep_test_objects_from_training() -> None:
         check_objects(FOLDS["D_s3"], ["1", "4"], "data")
 
 
-@pytest.mark.parametrize(
-    ("name", "expected"), [("07_spam", "7"), ("object12", "12"), ("spam", "7"), ("my thing", "my thing")]
-)
-def test_an_objects_id_is_read_from_its_folder(name: str, expected: str) -> None:
-    assert object_of(Path(name)) == expected
+def test_an_objects_id_is_read_from_its_folder() -> None:
+    expected = {"07_spam": "7", "object12": "12", "spam": "7", "my thing": "my thing"}
+    assert {name: object_of(Path(name)) for name in expected} == expected
 
 
 def test_a_label_encloses_rings_and_close_parts_and_leaves_far_ones_apart() -> None:

@@ -51,11 +51,8 @@ def test_coco_tools_read_the_file_and_fill_the_same_mask(drawn_mask: Draw, tmp_p
     pytest.importorskip("pycocotools")
     from pycocotools.coco import COCO
 
-    masks = [
-        drawn_mask(20.0),
-        drawn_mask(-50.0, (60.0, 20.0), (200.0, 300.0)),
-        np.zeros((320, 240), np.uint8),
-    ]
+    far = drawn_mask(-50.0, (60.0, 20.0), (200.0, 300.0))
+    masks = [drawn_mask(20.0), far, np.zeros((320, 240), np.uint8)]
     images = [
         LabelledImage(f"{i}.png", SIZE, name, mask_polygons(mask))
         for i, (mask, name) in enumerate(zip(masks, ("wrench", "spam", "spam"), strict=True))
@@ -74,9 +71,8 @@ def test_coco_tools_read_the_file_and_fill_the_same_mask(drawn_mask: Draw, tmp_p
 def test_labelme_file_has_the_required_fields(drawn_mask: Draw) -> None:
     polygons = mask_polygons(drawn_mask(20.0))
     document = labelme_document("a.png", SIZE, polygons, "contact", "drawn")
-    assert {"version", "flags", "shapes", "imagePath", "imageData", "imageHeight", "imageWidth"} == set(
-        document
-    )
+    fields = {"version", "flags", "shapes", "imagePath", "imageData", "imageHeight", "imageWidth"}
+    assert fields == set(document)
     (shape,) = document["shapes"]
     assert {"label", "points", "group_id", "shape_type", "flags", "description", "mask"} == set(shape)
     assert all(0 <= x <= 240 and 0 <= y <= 320 for x, y in shape["points"])

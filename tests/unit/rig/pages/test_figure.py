@@ -28,12 +28,8 @@ def outside(axes: Axes) -> list[str]:
     drawn = {f"line {line.get_label()}": [line.get_xydata()] for line in axes.lines
              if line.get_transform() == axes.transData}  # fmt: skip
     for number, part in enumerate(axes.collections):
-        segments = (
-            part.get_segments()
-            if isinstance(part, LineCollection)
-            else [p.vertices for p in part.get_paths()]
-        )
-        drawn[f"{type(part).__name__} {number}"] = segments
+        lines = part.get_segments() if isinstance(part, LineCollection) else None
+        drawn[f"{type(part).__name__} {number}"] = lines or [p.vertices for p in part.get_paths()]
     low, high = np.transpose([axes.get_xlim(), axes.get_ylim()])
     found = []
     for name, parts in drawn.items():
@@ -74,9 +70,8 @@ def _run(angles: Any, sigma: Any, labels: list[float], label_sigma: float) -> An
     ]
     series = Angles(np.arange(len(angles)) / 60.0, angles, sigma)
     estimate = SimpleNamespace(samples=series.time_s, angles=series)
-    return SimpleNamespace(
-        clip=SimpleNamespace(reference_frame=4), labels=marked, estimate=estimate, has_sigma=True
-    )
+    clip = SimpleNamespace(reference_frame=4)
+    return SimpleNamespace(clip=clip, labels=marked, estimate=estimate, has_sigma=True)
 
 
 @pytest.mark.parametrize("name", ["測定", "القياس", "\u001b[2J"])

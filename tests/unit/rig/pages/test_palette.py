@@ -6,22 +6,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from rig.pages import palette
 from rig.pages.figure import drawing, svg
-from rig.pages.palette import (
-    BAD,
-    CARD,
-    ESTIMATE,
-    FIRST,
-    GOOD,
-    INK,
-    MUTED,
-    PAPER,
-    SECOND,
-    TRUTH,
-    WARNING,
-    Colour,
-    variables,
-)
+from rig.pages.palette import CARD, ESTIMATE, INK, MUTED, PAPER, Colour, variables
 
 
 def srgb(hex_colour: str) -> NDArray[np.float64]:
@@ -45,8 +32,9 @@ def test_text_is_readable_on_page_and_card(colour: Colour) -> None:
         assert contrast(colour.dark, ground.dark) >= 4.5
 
 
-@pytest.mark.parametrize("colour", [ESTIMATE, TRUTH, FIRST, SECOND, GOOD, WARNING, BAD], ids=lambda c: c.name)
-def test_lines_stand_out_from_the_page(colour: Colour) -> None:
+@pytest.mark.parametrize("name", ["ESTIMATE", "TRUTH", "FIRST", "SECOND", "GOOD", "WARNING", "BAD"])
+def test_lines_stand_out_from_the_page(name: str) -> None:
+    colour: Colour = getattr(palette, name)
     assert contrast(colour.light, PAPER.light) >= 3.0
     assert contrast(colour.dark, PAPER.dark) >= 3.0
 

@@ -12,8 +12,8 @@ import pytest
 from protocols.reaction import ReactionKind
 from rig.config.in_use import FileInUse
 from rig.report.advice import trial_notices
-from rig.report.counts import onset_table
 from rig.report.session import Trial, read_trial
+from rig.report.trial_page import onset_table
 from rig.sessions.manifest import TrialManifest, read_manifest_of
 from rig.sessions.records import Lift, LiftOutcome, ReactionRecord
 from rig.sessions.timing import LiftTiming, StageTimes
@@ -26,9 +26,7 @@ NOW = datetime(2026, 11, 21, 12, 0, tzinfo=UTC)
 @pytest.fixture(scope="module")
 def sound(drawn_trial: Any, tmp_path_factory: pytest.TempPathFactory) -> Trial:
     """Return a trial without any warnings."""
-    folder: Path = drawn_trial(
-        tmp_path_factory.mktemp("advice") / "s", (12.0, -20.0, 9.0, 15.0, -11.0), (0.2,) * 5
-    )
+    folder: Path = drawn_trial(tmp_path_factory.mktemp("advice") / "s", TURNS_DEG, (0.2,) * 5)
     return read_trial(folder, read_manifest_of(folder, TrialManifest, "no trial"))
 
 
@@ -146,6 +144,18 @@ def test_an_old_and_a_weak_calibration_are_named(sound: Trial) -> None:
     said = texts(manifest_with(sound, calibration=used))
     assert "Old calibrations: hand-eye SIM-C0001 (82 days)." in said
     assert "Weak calibrations: camera SIM-C0001." in said
+
+
+@pytest.mark.parametrize(("lifts", "ends"), [(4, ["-", "-"]), (5, ["+12", "+48"])])
+def test_range_of_onset_delays_needs_five_lifts(
+    lift_row: Callable[..., Lift], lifts: int, ends: list[str]
+) -> None:
+    seen = {"onset_truth_s": 0.3, "onset_alarm_s": None}
+    table = onset_table([lift_row(n, onset_estimate_s=0.31 + 0.01 * n, **seen) for n in range(lifts)])
+    assert table is not None
+    estimated, event = table.rows
+    assert (estimated[1], estimated[3:5]) == (f"{lifts} of {lifts}", ends)
+    assert event[2:5] == ["-", "-", "-"]
 
 
 def test_caught_slip_is_no_false_alarm(sound: Trial) -> None:

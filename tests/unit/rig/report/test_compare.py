@@ -33,21 +33,24 @@ def row(lift: int, error: float | None, name: str = "wrench", answered: float = 
     )  # fmt: skip
 
 
+def rising(first: float, lifts: int = 10, **changes: Any) -> list[Lift]:
+    return [replace(row(i, first + 0.1 * i), **changes) for i in range(lifts)]
+
+
 def test_side_that_is_always_closer_wins() -> None:
-    old = [row(i, 1.0 + 0.1 * i) for i in range(10)]
-    new = [row(i, 0.6 + 0.1 * i) for i in range(10)]
-    found = compare_lifts(NAMES, old, new)
+    found = compare_lifts(NAMES, rising(1.0), rising(0.6))
     error = found.overall[0]
     assert error.difference == pytest.approx(-0.4)
-    assert error.wins == (0, 10, 0)
-    assert error.winner == 1
+    assert (error.wins, error.winner) == ((0, 10, 0), 1)
     assert verdict(found).startswith("new is better by 0.40°")
+    assert '<li class="good"><b>new is better' in compare_page(found, simulated=False, about="two")
+    same = compare_lifts(NAMES, rising(1.0), [row(i, 1.0 + 0.1 * (9 - i)) for i in range(10)])
+    assert '<li class="note"><b>No significant difference' in compare_page(same, simulated=False, about="two")
 
 
 @pytest.mark.parametrize("lifts", range(1, 5))
 def test_fewer_than_five_lifts_have_no_verdict(lifts: int) -> None:
-    old, new = ([row(i, error + 0.01 * i) for i in range(lifts)] for error in (1.0, 0.2))
-    found = compare_lifts(NAMES, old, new)
+    found = compare_lifts(NAMES, rising(1.0, lifts), rising(0.2, lifts))
     assert {(p.low, p.high, p.winner) for p in found.overall} == {(None, None, None)}
     assert verdict(found).startswith(f"No verdict over {lifts} lift")
     assert "at least 5 with an error" in verdict(found)
@@ -56,19 +59,9 @@ def test_fewer_than_five_lifts_have_no_verdict(lifts: int) -> None:
 
 
 def test_refused_lifts_are_counted_in_verdict_and_table() -> None:
-    old = [row(i, 1.0 + 0.1 * i if i else None) for i in range(10)]
-    new = [row(i, 0.6 + 0.1 * i) for i in range(10)]
-    found = compare_lifts(NAMES, old, new)
+    found = compare_lifts(NAMES, [row(0, None), *rising(1.0)[1:]], rising(0.6))
     assert verdict(found).endswith("over 9 of 10 lifts, 1 refused.")
     assert "9 of 10" in figure_table(found).rows[0]
-
-
-def test_banner_is_green_only_for_a_winner() -> None:
-    old = [row(i, 1.0 + 0.1 * i) for i in range(10)]
-    won = compare_lifts(NAMES, old, [row(i, 0.6 + 0.1 * i) for i in range(10)])
-    same = compare_lifts(NAMES, old, [row(i, 1.0 + 0.1 * (9 - i)) for i in range(10)])
-    assert '<li class="good"><b>new is better' in compare_page(won, simulated=False, about="two")
-    assert '<li class="note"><b>No significant difference' in compare_page(same, simulated=False, about="two")
 
 
 def test_pairing_detects_differences_smaller_than_the_spread() -> None:
@@ -81,21 +74,16 @@ def test_pairing_detects_differences_smaller_than_the_spread() -> None:
 
 def test_two_runs_of_one_estimator_have_no_winner_in_time() -> None:
     sides = [[replace(row(i, 1.0), frame_ms=ms + 0.01 * i) for i in range(10)] for ms in (1.0, 2.0)]
-
-    def time_winner(same_estimator: bool) -> int | None:
-        found = compare_lifts(NAMES, *sides, same_estimator=same_estimator)
-        return next(p.winner for p in found.overall if p.figure.unit == "ms")
-
-    assert time_winner(same_estimator=False) == 0
-    assert time_winner(same_estimator=True) is None
+    for same, winner in ((False, 0), (True, None)):
+        found = compare_lifts(NAMES, *sides, same_estimator=same)
+        assert [p.winner for p in found.overall if p.figure.unit == "ms"] == [winner]
 
 
 def test_larger_share_of_answers_is_better() -> None:
     old = [row(i, 1.0, answered=0.7 + 0.01 * i) for i in range(8)]
     new = [row(i, 1.0, answered=0.9 + 0.01 * i) for i in range(8)]
     share = next(p for p in compare_lifts(NAMES, old, new).overall if p.figure.name == "frames with an angle")
-    assert share.winner == 1
-    assert share.wins == (0, 8, 0)
+    assert (share.winner, share.wins) == (1, (0, 8, 0))
 
 
 def test_lifts_without_a_partner_or_an_answer_are_left_out_and_counted() -> None:
@@ -106,9 +94,8 @@ def test_lifts_without_a_partner_or_an_answer_are_left_out_and_counted() -> None
     page = compare_page(found, simulated=False, about="two", notes=["lifts.jsonl: line 9 is damaged"])
     for part in ("that only old has.</b>wrench, lift 3", "wrench, lift 4", "line 9 is damaged"):
         assert part in page
-    assert found.overall[0].lifts == 1
-    assert found.overall[0].missing == 1
-    assert found.overall[0].winner is None  # one lift has no interval
+    error = found.overall[0]
+    assert (error.lifts, error.missing, error.winner) == (1, 1, None)  # one lift has no interval
     with pytest.raises(InputError, match="no lift in common"):
         compare_lifts(NAMES, old, [row(1, 1.0, "knife")])
 
@@ -161,14 +148,8 @@ def test_lift_without_a_readable_recording_has_no_curves(drawn_trial: Any, tmp_p
     assert [lift.curves is None for lift in session_side(folder).lifts].count(True) == 1
 
 
-def reacting(lift: Lift, react: ReactionKind) -> Lift:
-    return replace(lift, react=react)
-
-
 def test_lifts_with_different_reactions_are_not_compared_by_their_error() -> None:
-    old = [row(i, 1.0 + 0.1 * i) for i in range(6)]
-    new = [reacting(row(i, 0.2 + 0.1 * i), ReactionKind.TIGHTEN) for i in range(6)]
-    found = compare_lifts(NAMES, old, new)
+    found = compare_lifts(NAMES, rising(1.0, 6), rising(0.2, 6, react=ReactionKind.TIGHTEN))
     assert {p.figure.name for p in found.overall} == {"frames with an angle", "true turn"}
     assert found.objects == {}
     assert verdict(found).startswith("No verdict: the sides react to slip differently.")
@@ -183,7 +164,6 @@ def test_lifts_with_different_reactions_are_not_compared_by_their_error() -> Non
 
 
 def test_lifts_with_the_same_reaction_are_compared() -> None:
-    sides = [[reacting(row(i, e + 0.1 * i), ReactionKind.STOP) for i in range(6)] for e in (1.0, 0.2)]
-    found = compare_lifts(NAMES, *sides)
+    found = compare_lifts(NAMES, *(rising(first, 6, react=ReactionKind.STOP) for first in (1.0, 0.2)))
     assert found.apart == ()
     assert verdict(found).startswith("new is better by 0.80")

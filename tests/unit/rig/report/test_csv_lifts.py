@@ -7,9 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import rig
 from drivers.errors import InputError
-from rig.report.csv_lifts import read_table, read_tables
+from rig.report.curves_page import read_table, read_tables
 from rig.report.write import write_report
+
+HEAD = "t_s,estimate_deg,truth_deg"
+TIMES_S = np.arange(120) / 30
+TRUTH_DEG = 150.0 + np.clip(40.0 * (TIMES_S - 1.0), 0.0, 70.0)
 
 
 def table(path: Path, head: str, rows: list[str]) -> Path:
@@ -17,9 +22,7 @@ def table(path: Path, head: str, rows: list[str]) -> Path:
     return path
 
 
-def ramp(
-    path: Path, error_deg: float = 1.0, head: str = "t_s,estimate_deg,truth_deg", comma: str = ","
-) -> Path:
+def ramp(path: Path, error_deg: float = 1.0, head: str = HEAD, comma: str = ",") -> Path:
     times = np.arange(0.0, 4.0, 0.02)
     truth = 10.0 * np.clip(times - 1.0, 0.0, 1.0)
     rows = [f"{t:.3f}{comma}{a + error_deg:.4f}{comma}{a:.4f}" for t, a in zip(times, truth, strict=True)]
@@ -65,7 +68,7 @@ def test_times_count_from_the_first_row(tmp_path: Path) -> None:
 
 def test_held_lift_has_no_phases_and_counts_as_a_whole(tmp_path: Path) -> None:
     rows = [f"{0.1 * i:.1f},0.2,0.0" for i in range(30)]
-    lift = read_table(table(tmp_path / "held.csv", "t_s,estimate_deg,truth_deg", rows))
+    lift = read_table(table(tmp_path / "held.csv", HEAD, rows))
     assert lift.curves.phases_s == {}
     assert lift.curves.within("B").all()
     assert lift.errors is not None
@@ -86,7 +89,7 @@ def test_column_names_and_separators_of_other_tools_are_read(tmp_path: Path, hea
 
 def test_empty_and_nan_are_refusals(tmp_path: Path) -> None:
     rows = ["# a comment", "0.0,,0.0", "0.1,nan,0.0", "0.2,2.0,0.0", "0.3,2.0,", "0.4"]
-    lift = read_table(table(tmp_path / "lift.csv", "t_s,estimate_deg,truth_deg", rows))
+    lift = read_table(table(tmp_path / "lift.csv", HEAD, rows))
     assert np.isnan(lift.curves.estimate.angle_deg).sum() == 3
     assert lift.errors is not None
     assert lift.errors.frames == 1
@@ -96,11 +99,11 @@ def test_empty_and_nan_are_refusals(tmp_path: Path) -> None:
     ("head", "rows", "said"),
     [
         ("t_s,estimate_deg", ["0,1", "1,2"], "no column truth_deg"),
-        ("t_s,estimate_deg,truth_deg", ["0,1,2", "1,x,2"], "line 3: estimate_deg 'x' is not a number"),
-        ("t_s,estimate_deg,truth_deg", ["0,1,2", "0,1,2"], "times do not increase"),
-        ("t_s,estimate_deg,truth_deg", ["0,1,2"], "holds 1 row;"),
-        ("t_s,estimate_deg,truth_deg", ["0,1,2", "inf,1,2"], "t_s 'inf' is not a number"),
-        ("t_s,estimate_deg,truth_deg", ["0,1,2", "1e10,1,2"], "beyond 9e"),
+        (HEAD, ["0,1,2", "1,x,2"], "line 3: estimate_deg 'x' is not a number"),
+        (HEAD, ["0,1,2", "0,1,2"], "times do not increase"),
+        (HEAD, ["0,1,2"], "holds 1 row;"),
+        (HEAD, ["0,1,2", "inf,1,2"], "t_s 'inf' is not a number"),
+        (HEAD, ["0,1,2", "1e10,1,2"], "beyond 9e"),
         ("t_s;estimate_deg;truth_deg", ["0,5;1;2", "1,5;1;2"], "line 2: t_s '0,5' has a comma"),
     ],
 )
@@ -114,7 +117,7 @@ def test_invalid_table_is_rejected_with_its_line(
 
 def test_table_without_any_estimate_is_reported_as_such(tmp_path: Path) -> None:
     rows = [f"{i},{'nan'},0.0" for i in range(5)]
-    path = table(tmp_path / "silent.csv", "t_s,estimate_deg,truth_deg", rows)
+    path = table(tmp_path / "silent.csv", HEAD, rows)
     page = write_report([path], tmp_path / "page.html").path.read_text()
     assert "No error can be computed for silent" in page
     assert not math.isnan(read_table(path).curves.truth.angle_deg[0])
@@ -127,3 +130,59 @@ def test_a_lift_whose_sigma_does_not_cover_its_errors_is_named(tmp_path: Path) -
     page = write_report([tmp_path], tmp_path / "page.html").path.read_text()
     assert "More than 30% of the frames are beyond 2 sigma in overrated (100%)." in page
     assert "fine (" not in page
+
+
+def wrapped(angle: np.ndarray, period: float) -> np.ndarray:
+    return (angle + period / 2) % period - period / 2
+
+
+@pytest.mark.parametrize("offset", [0.0, -360.0, 7.0])
+@pytest.mark.parametrize("sign", [1, -1])
+@pytest.mark.parametrize("both", [False, True])
+def test_wrapped_truth_gives_the_errors_of_the_plain_one(
+    tmp_path: Path, sign: int, both: bool, offset: float, caplog: pytest.LogCaptureFixture
+) -> None:
+    truth = sign * TRUTH_DEG
+    start = wrapped(truth, 360.0)[0] - truth[0]  # how the first sample was wrapped
+    estimate = truth + start + 0.3
+    if both:
+        estimate = wrapped(estimate, 360.0)
+    columns = zip(TIMES_S, estimate, wrapped(truth, 360.0), strict=True)
+    lift = read_table(table(tmp_path / "x.csv", HEAD, [f"{t:.4f},{e:.4f},{g:.4f}" for t, e, g in columns]))
+    assert lift.errors is not None
+    assert lift.errors.mean_deg == pytest.approx(0.3, abs=1e-3)
+    assert "the true angle is wrapped: 1 steps of more than 90 degrees" in lift.notes[0]
+    score = rig.score(
+        rig.Angles(TIMES_S, estimate + offset), rig.Angles(TIMES_S, wrapped(truth, 360.0) + offset)
+    )
+    assert score.mean_deg == pytest.approx(0.3, abs=1e-6)
+    assert "the true angle is wrapped" in caplog.text
+
+
+def test_truth_of_an_axis_is_unwrapped_at_half_turns() -> None:
+    truth = 60.0 + np.clip(40.0 * (TIMES_S - 1.0), 0.0, 70.0)
+    score = rig.score(rig.Angles(TIMES_S, truth), rig.Angles(TIMES_S, wrapped(truth, 180.0)))
+    assert score.mean_deg == pytest.approx(0.0, abs=1e-9)
+
+
+def test_missing_samples_at_the_wrap_and_several_turns_are_unwrapped() -> None:
+    truth = 5.0 * np.arange(120.0)
+    seen = wrapped(truth, 360.0)
+    seen[[35, 36, 37, 50]] = np.nan
+    score = rig.score(rig.Angles(TIMES_S, truth), rig.Angles(TIMES_S, seen))
+    assert score.mean_deg == pytest.approx(0.0, abs=1e-9)
+
+
+def test_plain_angles_and_wrong_estimates_are_left_as_they_are() -> None:
+    flipped = np.where(np.arange(120) > 60, TRUTH_DEG + 180.0, TRUTH_DEG)
+    score = rig.score(rig.Angles(TIMES_S, flipped), rig.Angles(TIMES_S, TRUTH_DEG))
+    assert score.max_deg == pytest.approx(180.0)
+
+
+def test_field_case_has_the_errors_of_its_plain_twin(real_data: Path) -> None:
+    curves = real_data / "field_cases" / "curves"
+    plain, other = (read_table(curves / f"{name}.csv") for name in ("plain", "truth_wrapped"))
+    assert plain.errors is not None
+    assert other.errors is not None
+    assert other.errors.mean_deg == pytest.approx(plain.errors.mean_deg, abs=0.01)
+    assert any("unwrapped" in note for note in read_tables([curves]).notes)

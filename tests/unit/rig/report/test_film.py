@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from drivers.errors import InputError, SessionError
-from rig.report.film import CURVE_PX, HEIGHT_PX, LEGEND_PX, write_film
-from rig.report.film_file import Film, has_h264
+from rig.report.film import CURVE_PX, HEIGHT_PX, LEGEND_PX, Film, has_h264, write_film
 from rig.report.session import find_lift
 from rig.sessions.manifest import TrialManifest, read_manifest_of
 from support.browser import NEEDS_CHROMIUM, Browser
@@ -91,14 +90,15 @@ def test_lifts_are_found_by_number_object_and_name(trial: Path) -> None:
 
 
 def test_impossible_films_are_rejected(trial: Path, drawn_trial: Any, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"\.webm or \.mp4 or \.avi"):
-        film(trial, tmp_path / "lift.gif")
-    with pytest.raises(InputError, match="no such folder"):
-        film(trial, tmp_path / "no" / "lift.mp4")
     broken = drawn_trial(tmp_path / "s", (12.0,))
     (broken / "lifts" / "001.mcap").write_bytes(b"no recording")
-    with pytest.raises(SessionError, match=r"001\.mcap"):
-        film(broken, tmp_path / "lift.mp4")
+    for session, name, error, said in (
+        (trial, "lift.gif", InputError, r"\.webm or \.mp4 or \.avi"),
+        (trial, "no/lift.mp4", InputError, "no such folder"),
+        (broken, "lift.mp4", SessionError, r"001\.mcap"),
+    ):
+        with pytest.raises(error, match=said):
+            film(session, tmp_path / name)
 
 
 def test_missing_camera_leaves_an_empty_panel(drawn_trial: Any, tmp_path: Path) -> None:

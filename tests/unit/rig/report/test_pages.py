@@ -13,12 +13,11 @@ import pytest
 
 from drivers.errors import InputError
 from rig.pages.page import asset
-from rig.report import lift_films
+from rig.report import explored
 from rig.report.curves import signed_errors
 from rig.report.lift_chart import angle_range, before_lift, shown_range
 from rig.report.parts import linked
-from rig.report.recording import read_recording
-from rig.report.recording_page import LABEL_PX, THUMB_PX, montage
+from rig.report.recording_page import LABEL_PX, THUMB_PX, montage, read_recording
 from rig.report.session import read_trial
 from rig.report.trial_page import fingertip_table, object_table, trial_page
 from rig.report.write import write_report
@@ -81,18 +80,8 @@ def edited(session: Path, number: int, **changes: Any) -> None:
 @pytest.mark.slow
 def test_a_trial_s_page_has_its_figures_and_figures_have_names_of_their_own(page: Page) -> None:
     titles = " ".join(page.figures)
-    for title in (
-        "per object",
-        "against angle",
-        "against rate",
-        "over time",
-        "Grip and outcome",
-        "Onset latency",
-        "sigma cover",
-        "wrench, lift 1",
-        "wrench, lift 2",
-    ):
-        assert title in titles
+    wanted = "per object,against angle,against rate,over time,Grip and outcome,Onset latency,sigma cover"
+    assert [title for title in (*wanted.split(","), "lift 1", "lift 2") if title not in titles] == []
     assert page.images == 2 * 3 * 6  # two lifts, two fingertips and the camera, six moments
     assert "camera CAM, marker angle" in page.text
     assert len(page.ids) == len(set(page.ids))
@@ -115,15 +104,10 @@ def test_lifts_are_shown_from_the_beginning_of_phase_a(trial: Path) -> None:
 def test_a_page_needs_nothing_from_elsewhere(page: Page) -> None:
     assert all(link.startswith(("data:", "#")) for link in page.links)
     programs = re.findall(r"<script>.*?</script>", page.html, re.DOTALL)
-    assert (
-        len(programs) == 2
-    )  # of this package, see test_vendored_program_is_the_released_file_with_its_license
-    for program in programs:
-        page.html = page.html.replace(program, "")
-    assert not re.search(
-        r"@import|url\((?!#)|<script(?! type=\"application/json\")|<link(?! rel=\"icon\")", page.html
-    )
-    assert not re.search(r"<script[^>]* src", page.html)
+    assert len(programs) == 2  # see test_vendored_program_is_the_released_file_with_its_license
+    html = re.sub("|".join(map(re.escape, programs)), "", page.html)
+    elsewhere = r"@import|url\((?!#)|<script(?! type=\"application/json\")|<link(?! rel=\"icon\")"
+    assert not re.search(rf"{elsewhere}|<script[^>]* src", html)
 
 
 def test_warnings_and_rows_link_to_the_figure_of_their_lift(page: Page, trial: Path) -> None:
@@ -148,8 +132,8 @@ def test_films_have_fewer_pictures_if_the_page_has_no_room_and_the_page_says_so(
 ) -> None:
     session = read_trial(trial, read_manifest_of(trial, TrialManifest, ""))
     whole = trial_page(session).html
-    monkeypatch.setattr(lift_films, "MOST_BYTES", 0)
-    monkeypatch.setattr(lift_films, "LEAST_FILM_BYTES", 0)
+    monkeypatch.setattr(explored, "MOST_BYTES", 0)
+    monkeypatch.setattr(explored, "LEAST_FILM_BYTES", 0)
     small = trial_page(session).html
     assert len(small) < len(whole)
     assert [(len(film["times"]), film["about"]) for film in films_of(whole)] == [(24, "")] * 2
@@ -175,11 +159,8 @@ def test_each_column_of_the_paper_s_table_stands_under_its_heading(trial: Path) 
     rows = read_finished_lifts(trial)
     table = object_table(summarize_trial(rows))
     first = dict(zip(table.columns, table.rows[0], strict=True))
-    assert first["object"] == "t1 wrench"
-    assert first["lifts"] == "2"
-    assert first["outcomes"] == "2 slipped"
-    assert first["true turn, °"] == "-20 to +12"
-    assert first["answered"] == "100.0%"
+    wanted = {"object": "t1 wrench", "lifts": "2", "outcomes": "2 slipped", "true turn, °": "-20 to +12"}
+    assert wanted | {"answered": "100.0%"} == {k: v for k, v in first.items() if "MARE" not in k}
     for heading, part in (("MARE in B, °", "re_b"), ("MARE in B and C, °", "re")):
         assert first[heading].startswith(f"{np.mean([getattr(row, part).mean_deg for row in rows]):.2f} ±")
     assert len(table.rows[-1]) == len(table.columns)
@@ -301,36 +282,29 @@ def test_a_lift_without_angles_is_shown_as_such(drawn_trial: Any, tmp_path: Path
 
 @pytest.mark.slow
 def test_invalid_report_source_is_rejected(tmp_path: Path, trial: Path) -> None:
-    with pytest.raises(InputError, match="no such session"):
-        write_report([tmp_path / "nowhere"])
-    with pytest.raises(InputError, match="neither a session nor CSV"):
-        write_report([tmp_path])
-    with pytest.raises(InputError, match="rig compare compares two"):
-        write_report([trial, trial])
-    with pytest.raises(InputError, match="is a folder"):
-        write_report([trial], tmp_path)
-    with pytest.raises(InputError, match="no such folder"):
-        write_report([trial], tmp_path / "a" / "b.html")
+    for sources, out, said in (
+        ([tmp_path / "nowhere"], None, "no such session"),
+        ([tmp_path], None, "neither a session nor CSV"),
+        ([trial, trial], None, "rig compare compares two"),
+        ([trial], tmp_path, "is a folder"),
+        ([trial], tmp_path / "a" / "b.html", "no such folder"),
+    ):
+        with pytest.raises(InputError, match=said):
+            write_report(sources, out)
 
 
-def test_a_recording_shows_its_poses_contacts_and_failed_attempts(
-    drawn_recording: Any, tmp_path: Path
-) -> None:
-    folder = drawn_recording(tmp_path / "s")
-    found = page_of(folder)
-    assert "Recording of t1 wrench" in found.text
-    assert "GraspError: the fingers closed on nothing" in found.text
-    assert found.images == 2
-    assert sum("Positions of the contacts" in name for name in found.figures) == 2
-    assert "T1 was never touched" in found.text
-    assert "6 images of T1 and T2, grips of 0 to 5 steps past contact" in found.text
-
-
-def test_a_recording_of_all_poses_is_not_warned_of_what_its_pose_file_fixes(
+def test_a_recording_shows_its_poses_and_what_its_pose_file_does_not_reach(
     drawn_recording: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     folder = drawn_recording(tmp_path / "s")
-    assert "--poses 15" in page_of(folder).text
+    found = page_of(folder)
+    for part in (
+        "Recording of t1 wrench", "GraspError: the fingers closed on nothing", "T1 was never touched",
+        "6 images of T1 and T2, grips of 0 to 5 steps past contact", "--poses 15",
+    ):  # fmt: skip
+        assert part in found.text
+    assert found.images == 2
+    assert sum("Positions of the contacts" in name for name in found.figures) == 2
     monkeypatch.setattr("rig.report.recording_page.grasp_poses", lambda _: [None, None])
     found = page_of(folder)
     assert "Nothing stands out." in found.text

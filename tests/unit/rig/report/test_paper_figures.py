@@ -10,11 +10,10 @@ import cv2
 import pytest
 
 from drivers.errors import InputError
-from rig.report.paper_figures import csv_text, latex
 from rig.report.parts import Table
 from rig.report.session import read_trial
 from rig.report.trial_page import object_table
-from rig.report.write import write_report
+from rig.report.write import latex, write_report
 from rig.results.summary import summarize_trial
 from rig.sessions.manifest import TrialManifest, read_manifest_of
 
@@ -67,7 +66,6 @@ def test_special_characters_are_escaped_in_latex() -> None:
     source = latex(Table(("a_b", "50 %"), [["x&y", "{$1^2~"]]), simulated=False)
     assert r"a\_b & 50 \% \\" in source
     assert r"x\&y & \{\$1\textasciicircum{}2\textasciitilde{} \\" in source
-    assert csv_text(Table(("a",), [["1, 2"]])) == 'a\n"1, 2"\n'
 
 
 def test_sources_without_figures_for_a_paper_are_rejected(drawn_recording: Any, tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from drivers.errors import InputError
-from rig.report.lift_rows import lift_table
+from rig.report.trial_page import lift_table
 from rig.results.summary import summarize_trial
 from rig.results.table import (
     COLUMNS,

@@ -8,7 +8,7 @@ from drivers.errors import InputError
 from rig.config import load_bench
 from rig.experiments.lift_plan import TrialSettings
 from rig.experiments.trial import trial_manifest
-from rig.report.text import header
+from rig.report.parts import header
 from rig.sessions.about import NO_REMARKS, Remarks, remarks_of
 from rig.sessions.codec import json_value
 from rig.sessions.manifest import TrialManifest, first_difference, read_manifest_of

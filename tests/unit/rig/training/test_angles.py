@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from drivers.errors import InputError
-from rig.training.simulated_lifts import simulated_wrists
+from rig.training.lifts import simulated_lifts
 
 torch = pytest.importorskip("torch", reason="training is the extra 'train'")
 
@@ -24,7 +24,7 @@ def test_wrist_network_gives_the_same_angles_from_its_file(tmp_path: Path) -> No
     from rig.tactile.peers.learned import load_wrench_network
     from rig.training.wrist import blind_error_deg, error_deg, export_wrist, sequences, train_wrist
 
-    lifts = sequences(simulated_wrists(["7", "2"], 2, 5, lambda *_: None))
+    lifts = sequences([lift.wrist() for lift in simulated_lifts(["7", "2"], 2, 5, lambda *_: None)])
     network, errors = train_wrist(lifts, lifts, 30, 0, lambda *_: None)
     assert min(errors) == pytest.approx(error_deg(network, lifts))
     assert min(errors) < 0.9 * blind_error_deg(lifts)

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from rig.training.simulated_lifts import simulated_views, simulated_wrists
+from rig.training.lifts import SIGHT_HZ, simulated_lifts
 
 SIZE = (36, 48)
 
 
 def test_simulated_lifts_follow_the_protocol_and_are_reproducible() -> None:
-    first, second = (simulated_wrists(["7"], 1, 5, lambda *_: None)[0] for _ in range(2))
+    first, second = (next(simulated_lifts(["7"], 1, 5, lambda *_: None)).wrist() for _ in range(2))
     assert first.states == second.states
     assert (first.turn_deg == second.turn_deg).all()
     assert first.rising.sum() == pytest.approx((1.5 + 1.2) * 30, abs=3)
@@ -20,7 +20,8 @@ def test_simulated_lifts_follow_the_protocol_and_are_reproducible() -> None:
 
 
 def test_fingertips_measure_opposite_image_rotations() -> None:
-    views = list(simulated_views(["7"], 1, 5, SIZE, lambda *_: None))
+    lift = next(simulated_lifts(["7"], 1, 5, lambda *_: None, SIGHT_HZ))
+    views = list(lift.views(SIZE))
     angles = np.array([angle for *_, angle in views]).reshape(2, -1)
     assert angles[0] == pytest.approx(-angles[1], abs=1.5)
     assert np.ptp(angles[0]) > 5.0

@@ -22,8 +22,7 @@ from rig.training.examples import simulated_examples
 from rig.training.export import export_eight_bit, export_half, export_onnx
 from rig.training.loop import Schedule, Training, arithmetic_of, focal_loss
 from rig.training.networks import ARCHITECTURES, build_network, find_architecture
-from rig.training.run import train_all
-from rig.training.settings import TrainSettings
+from rig.training.run import TrainSettings, train_all
 
 OURS, PSPNET = ARCHITECTURES["ours"], ARCHITECTURES["pspnet"]
 # torch and its exporter warn about their own insides
@@ -137,15 +136,16 @@ def test_checkpoints_that_do_not_fit_are_refused(tmp_path: Path) -> None:
     torch.save([1, 2], tmp_path / "list.pth")
     torch.save({"state_dict": {}}, tmp_path / "empty.pth")
     (tmp_path / "cut.pth").write_bytes((tmp_path / "unet.pth").read_bytes()[:1000])
-    for name, said in (
-        ("unet.pth", "--arch"),
-        ("list.pth", "list"),
-        ("empty.pth", "no weights"),
-        ("cut.pth", "not a complete"),
-        ("none.pth", "no such"),
-    ):
+    said_of = {
+        "unet": "--arch",
+        "list": "list",
+        "empty": "no weights",
+        "cut": "not a complete",
+        "none": "no such",
+    }
+    for name, said in said_of.items():
         with pytest.raises(InputError, match=said):
-            load_weights(build_network(PSPNET), tmp_path / name)
+            load_weights(build_network(PSPNET), tmp_path / f"{name}.pth")
 
 
 def test_an_encoder_takes_its_own_weights_and_no_others(tmp_path: Path) -> None:
@@ -190,11 +190,8 @@ def test_a_run_writes_networks_and_cards_and_is_not_done_twice(tmp_path: Path) -
     settings = TrainSettings("simulated", (OURS,), (FOLDS["D_s3"],), "resnet18", 48, 1, False, 0, threads=1)
     cards = train_all(tmp_path / "run", settings, False, lambda text, share: None)
     folder = tmp_path / "run" / "ours_D_s3"
-    assert {path.name for path in folder.glob("*.onnx")} == {
-        "model.onnx",
-        "model.half.onnx",
-        "model.int8.onnx",
-    }
+    names = {"model.onnx", "model.half.onnx", "model.int8.onnx"}
+    assert {path.name for path in folder.glob("*.onnx")} == names
     assert cards[0]["images"]["test"] == 24
     assert cards[0]["training"]["cpu_s"] > 0.0
     stamp = (folder / "model.onnx").stat().st_mtime_ns

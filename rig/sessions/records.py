@@ -433,6 +433,10 @@ class PoseRow:
     seed: int
     simulated: bool
 
+    @property
+    def number(self) -> int:
+        return self.pose
+
 
 class _LiftCodec(Codec[Lift]):
     """Reads lifts. A lift that counts has all figures that are not optional; any other lift has none."""

@@ -14,8 +14,7 @@ from protocols.observer import LiftObserver, Phase
 from protocols.slip_trial import LiftPlan, run_lift
 from rig.bench.learning import LearningBench, build_learning_bench
 from rig.config import load_bench
-from rig.experiments.grasp_plans import derived_seed
-from rig.experiments.lift_plan import LiftTask, TrialSettings, plan_lift
+from rig.experiments.lift_plan import LiftTask, TrialSettings, derived_seed, plan_lift
 from rig.tactile.estimators import choose_estimator
 from rig.training.examples import sized
 from rig.training.lifts import SIGHT_HZ, WristSeries, hand_turn_deg, labelled_views, wrist_series

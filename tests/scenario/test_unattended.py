@@ -17,8 +17,7 @@ from rig.bench.source import BenchSource
 from rig.config import BenchConfig
 from rig.experiments import lift_attempt
 from rig.experiments.lift_plan import LiftPlan, TrialSettings, plan_lift
-from rig.experiments.pose_attempt import RecordSettings
-from rig.experiments.record import run_record
+from rig.experiments.record import RecordSettings, run_record
 from rig.experiments.trial import run_trial
 from rig.sessions.records import LiftOutcome
 from rig.sessions.rows import read_lifts, read_poses

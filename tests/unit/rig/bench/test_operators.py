@@ -17,8 +17,7 @@ from rig.bench.operators import ConsoleOperator
 from rig.bench.source import session_bench
 from rig.config import BenchConfig, load_bench
 from rig.experiments.lift_plan import TrialSettings
-from rig.experiments.pose_attempt import RecordSettings
-from rig.experiments.record import recording_plan
+from rig.experiments.record import RecordSettings, recording_plan
 from rig.experiments.trial import trial_plan
 from rig.live.questions import ask
 from rig.tactile.estimators import choose_estimator

@@ -14,7 +14,7 @@ from protocols.observer import LiftEvents, Phase
 from rig.experiments.lift_plan import new_measurement, stored_trial
 from rig.lift.agreement import MOST_LAG_S, clock_lag, turns_against
 from rig.lift.measurement import LiftMeasurement
-from rig.lift.recording import StampRates
+from rig.lift.recording import FrameDelays
 from rig.lift.result import lift_result
 from rig.report.advice import trial_notices
 from rig.report.session import read_trial
@@ -169,14 +169,14 @@ def test_lift_with_late_frames_is_named_in_row_table_and_page(
 def rates(speed: dict[str, float], load: float = 0.0, jitter_s: float = 0.02) -> dict[str, float]:
     """The rates of three sources over 6 s. load: growth of the delay of all frames."""
     clock, rng = SimulatedClock(), np.random.default_rng(0)
-    probe = StampRates(clock)
+    probe = FrameDelays(clock)
     image = np.zeros((8, 8, 3), np.uint8)
     for number in range(180):
         at_s = number / 30
         clock.sleep_until(to_ns(10.0 + at_s * (1.0 + load) + rng.uniform(0.0, jitter_s)))
         for serial in ("D1", "D2", "C"):
             probe.frame(Frame(image, to_ns(10.0 + at_s * speed.get(serial, 1.0)), number, serial))
-    return probe.amiss()
+    return probe.clock_rates()
 
 
 @pytest.mark.parametrize("speed", [0.7, 0.9, 1.1, 1.4])

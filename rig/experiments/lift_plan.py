@@ -11,8 +11,6 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from calibration.markers.angle import MarkerAngle
-from calibration.markers.tracker import MarkerTracker
 from drivers.errors import InputError, OutOfLimitsError
 from drivers.types import Pose
 from protocols.grasps import GraspFile, Position, find_grasp_file
@@ -23,10 +21,8 @@ from rig.bench.assembly import TOOL_DOWN
 from rig.bench.twins import refuse_undrawn
 from rig.config import BenchConfig
 from rig.experiments.attempts import Task
-from rig.lift.marker_truth import MarkerTruth
-from rig.lift.measurement import ExpectedDistance, LiftMeasurement
-from rig.lift.slip_watch import SlipSettings, SlipWatch
-from rig.lift.tip_watch import sigmas_for
+from rig.lift.measurement import LiftMeasurement
+from rig.lift.slip_watch import SlipSettings, sigmas_for
 from rig.sessions.files import recording_file
 from rig.sessions.manifest import TrialManifest, read_manifest_of
 from rig.sessions.records import Lift, LiftOutcome
@@ -156,17 +152,8 @@ def planned_lift(task: LiftTask, plan: LiftPlan, seed: int, settings: TrialSetti
 
 def new_measurement(settings: TrialSettings) -> LiftMeasurement:
     """Return the measurement of one lift, the same for a live lift and for its replay."""
-    camera, model = settings.bench.camera, settings.bench.camera_model()
-    tracker = MarkerTracker(camera.marker_ids, camera.marker_dictionary)
-    angle = MarkerAngle(tracker, model)
-    truth = MarkerTruth(angle, settings.bench.base_T_camera(), settings.bench.camera_turn_sigma_rad())
-    signs = {tactile.serial: tactile.sign for tactile in settings.bench.tactile}
-    shifts = settings.bench.calibrations.time_shift_s
-    distance = ExpectedDistance(camera.marker_side_m, settings.bench.object_distance_m())
-    aspects = settings.bench.pixel_aspects()
-    watch = None if settings.react is ReactionKind.NONE else SlipWatch(settings.slip)
-    gels = settings.bench.gel_looks()
-    return LiftMeasurement(signs, settings.estimator, truth, aspects, shifts, distance, watch, gels)
+    slip = None if settings.react is ReactionKind.NONE else settings.slip
+    return LiftMeasurement(settings.bench, settings.estimator, slip)
 
 
 def require_reaction(settings: TrialSettings, objects: Iterable[str]) -> None:

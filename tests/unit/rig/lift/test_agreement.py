@@ -12,10 +12,9 @@ from drivers.types import ArmState, Frame
 from fakes.clock import SimulatedClock
 from protocols.observer import LiftEvents, Phase
 from rig.experiments.lift_plan import new_measurement, stored_trial
-from rig.lift.agreement import MOST_LAG_S, clock_lag, turns_against
 from rig.lift.measurement import LiftMeasurement
 from rig.lift.recording import FrameDelays
-from rig.lift.result import lift_result
+from rig.lift.result import MOST_LAG_S, clock_lag, lift_result, turns_against
 from rig.report.advice import trial_notices
 from rig.report.session import read_trial
 from rig.results.notes import lift_note

@@ -5,8 +5,7 @@ import pytest
 
 from drivers.errors import InputError
 from protocols.observer import ReactionStep
-from rig.lift.slip_watch import SlipSettings, SlipWatch
-from rig.lift.tip_watch import AGREES, GIVES_DEG, sigmas_for
+from rig.lift.slip_watch import AGREES, GIVES_DEG, SlipSettings, SlipWatch, sigmas_for
 from rig.tactile.sample import SlipSample, State
 
 FRAME_NS = 16_000_000

@@ -143,7 +143,6 @@ class CheckedArm(CheckedDevice):
         return state
 
     def move_linear(self, base_T_tcp: Pose, speed_m_s: float, acceleration_m_s2: float) -> Motion:  # noqa: N803
-        """Start a straight motion. Raises `OutOfLimitsError` before the driver is called."""
         check_motion(self.limits, base_T_tcp, speed_m_s, acceleration_m_s2)
         check_way(self.limits, (self.state().base_T_tcp, base_T_tcp))
         return self._move("move_linear", base_T_tcp, speed_m_s, acceleration_m_s2)
@@ -174,7 +173,6 @@ class CheckedGripper(CheckedDevice):
     def move_to(
         self, opening_m: float, speed_m_s: float | None = None, force_n: float | None = None
     ) -> Motion:
-        """Start moving the fingers. Raises `OutOfLimitsError` before the driver is called."""
         self.spec.require_command(opening_m, speed_m_s, force_n)
         return self._move("move_to", opening_m, speed_m_s, force_n)
 
@@ -191,11 +189,9 @@ class CheckedSource(CheckedDevice):
         self.serial, self.rate_hz, self._shape = serial, rate_hz, (size_px[1], size_px[0], 3)
 
     def next_frame(self, timeout_s: float) -> Frame:
-        """Return the oldest frame not read yet; wait for one. Raises `DeviceError`."""
         return self._frame("next_frame", timeout_s)
 
     def newest_frame(self, max_age_s: float) -> Frame:
-        """Return the newest frame. Raises `DeviceError`."""
         return self._frame("newest_frame", max_age_s)
 
     def _frame(self, what: str, limit_s: float) -> Frame:

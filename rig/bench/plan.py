@@ -44,7 +44,6 @@ class Plan:
     refused: tuple[str, ...] = ()
 
     def text(self) -> str:
-        """Return the whole plan as one text."""
         refused = [f"  WOULD BE REFUSED: {reason}" for reason in self.refused]
         return "\n".join([*self.lines, *refused])
 

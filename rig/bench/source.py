@@ -68,7 +68,6 @@ class FreshBenches(BenchSource):
 
     @contextmanager
     def for_lift(self, seed: int, lift: str, attempt: int = 0) -> Iterator[tuple[Bench, Operator]]:
-        """Create a bench, connect it, and disconnect it after the lift."""
         bench, operator = build_bench(
             self.config, seed, lift, attempt, self.realtime, self.variation_seed, self.watch
         )
@@ -127,7 +126,6 @@ class StandingBench(BenchSource):
             self._memory.keep_untouched(bench)
 
     def displaced(self) -> None:
-        """Ask for the object to be placed again before the next lift."""
         self._person.displaced()
 
     def close(self) -> None:

@@ -121,7 +121,6 @@ class MayBeMissing:
     """Marks a section that a bench file may lack; reading it then raises `InputError` (`BenchParts`)."""
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
-        """Accept None beside the section's own values."""
         return core_schema.nullable_schema(handler(source))
 
 
@@ -154,7 +153,6 @@ class ArmLimitsConfig(BenchSection):
     joint_max_deg: JointAngles = (360.0, 360.0, 360.0, 360.0, 360.0, 360.0)
 
     def arm_limits(self) -> ArmLimits:
-        """Return the limits as an `ArmLimits`."""
         return ArmLimits(
             self.workspace_min_m,
             self.workspace_max_m,

@@ -74,7 +74,6 @@ def _refuse_placeholders(values: dict[str, Any], text: str, name: str) -> None:
 
 
 def _placeholders(value: Any, where: tuple[str | int, ...]) -> Iterator[KeyFault]:
-    """Yield the keys with placeholders in a TOML value, and what to enter."""
     if isinstance(value, str) and value.startswith(PLACEHOLDER):
         yield where, value.replace(PLACEHOLDER, "enter ", 1)
     elif isinstance(value, dict | list):

@@ -287,7 +287,6 @@ class BenchConfig(BenchParts):
         return limits if self.arm.force_sensor else replace(limits, max_contact_force_n=None)
 
     def gripper_spec(self) -> GripperSpec:
-        """Return the gripper's range and resolution, with its measured openings if there are any."""
         return self.gripper.limits.spec(self.calibrations.opening)
 
     @property
@@ -304,12 +303,10 @@ class BenchConfig(BenchParts):
 
     @property
     def sensors(self) -> tuple[TactileConfig | CameraConfig, ...]:
-        """Every source of frames: fingertips first, then the camera."""
         return (*self.tactile, self.camera) if self.has("camera") else self.tactile
 
     @property
     def drivers(self) -> frozenset[str]:
-        """The drivers of all devices."""
         return frozenset(device.driver for _, device in self.devices)
 
     @property

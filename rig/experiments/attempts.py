@@ -60,7 +60,6 @@ class Attempt(Generic[Row]):
 
     @property
     def fault(self) -> str | None:
-        """Why the attempt failed; None if it is accepted."""
         return self.row.fault
 
 

@@ -72,12 +72,10 @@ class LiftTask(Task):
 
     @property
     def name(self) -> str:
-        """Name in logs and fault scripts, e.g. "t1/3"."""
         return f"{self.object_id}/{self.lift}"
 
     @property
     def recording(self) -> str:
-        """File of this attempt inside the session."""
         return recording_file(self.number, self.attempt)
 
 
@@ -129,7 +127,6 @@ def plan_lift(settings: TrialSettings, task: LiftTask, base_T_table: Pose) -> Li
 
 
 def planned_lift(task: LiftTask, plan: LiftPlan, seed: int, settings: TrialSettings) -> Lift:
-    """Return a lift that has not been carried out."""
     return Lift(
         number=task.number,
         attempt=task.attempt,

@@ -356,23 +356,18 @@ class PoseCapture(CaptureObserver, HandObserver):
     _last: dict[str, int] = field(default_factory=dict)
 
     def want(self, images: int, grip_steps: int) -> None:
-        """Capture this many more images at a grip."""
         self._wanted, self._grip_steps, self._serial = len(self.taken) + images, grip_steps, None
 
     def want_of(self, serial: str, images: int) -> None:
-        """Capture this many more images of one fingertip that a person presses."""
         self._wanted, self._grip_steps, self._serial = len(self.taken) + images, None, serial
 
     def satisfied(self) -> bool:
-        """Whether all requested images have been captured."""
         return len(self.taken) >= self._wanted
 
     def touching(self, serial: str) -> bool:
-        """Whether a fingertip has shown contact in its last frames."""
         return serial in self._touches and self._touches[serial].sure
 
     def frame(self, frame: Frame) -> None:
-        """Detect contact; capture the image if one of this fingertip is due."""
         self._capture(frame)
         if self.shown is not None:
             self.shown(frame)
@@ -409,6 +404,5 @@ class ReferenceCapture(LiftEvents):
     frames: dict[str, list[Image]]
 
     def frame(self, frame: Frame) -> None:
-        """Store a fingertip's frame."""
         if frame.serial in self.frames:
             self.frames[frame.serial].append(frame.image)

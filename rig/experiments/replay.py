@@ -119,7 +119,6 @@ class ReplayTask:
 
     @property
     def key(self) -> Key:
-        """Key of the lift in the table."""
         return str(self.trial.folder), self.row.number, self.row.attempt
 
 

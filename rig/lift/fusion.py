@@ -75,7 +75,6 @@ class FusedAngles:
     def update(
         self, now: SlipSample, others: list[SlipSample], before: SlipSample | None = None
     ) -> SlipSample:
-        """Return the fused sample of a frame, see `fuse`."""
         fused = self._limited(fuse(now, others, before))
         if fused.angle_deg is not None:
             self._last = fused.time_ns, fused.angle_deg

@@ -92,7 +92,6 @@ class LiftMeasurement(LiftObserver):
                 tip.estimator.arm(state)
 
     def frame(self, frame: Frame) -> None:
-        """Estimate the angle from a frame of a fingertip, or the true angle from a frame of the camera."""
         if frame.serial in self._shift_ns:
             frame = replace(frame, time_ns=frame.time_ns + self._shift_ns[frame.serial])
         tip = self._tips.get(frame.serial)
@@ -107,7 +106,6 @@ class LiftMeasurement(LiftObserver):
             self.truth.update(frame.image, frame.time_ns, self._tcp)
 
     def reaction(self, step: ReactionStep, time_ns: int, position: int) -> None:
-        """Process a step of a reaction to slip."""
         if self.watch is not None:
             self.watch.reacted(step, time_ns, position)
         if step is ReactionStep.CLOSED:
@@ -116,19 +114,15 @@ class LiftMeasurement(LiftObserver):
                     tip.estimator.gripped_further()
 
     def touching(self, serial: str) -> bool:
-        """Whether a fingertip has shown contact in its last frames."""
         return self._tips[serial].touch.sure
 
     def slip_ns(self) -> int | None:
-        """Return the capture time of the frame that needs a reaction; None without one."""
         return None if self.watch is None else self.watch.slip_ns()
 
     def at_rest(self) -> bool:
-        """Whether no fingertip has detected rotation for a while."""
         return self.watch is not None and self.watch.at_rest()
 
     def another_is_too_much(self) -> bool:
-        """Whether one more slip would rotate the object beyond the limit."""
         return self.watch is not None and self.watch.another_is_too_much()
 
     def fall_ns(self, until_ns: int) -> int | None:

@@ -69,7 +69,6 @@ class ObjectAngle:
 
     @property
     def samples(self) -> list[SlipSample]:
-        """All samples, fingertip by fingertip."""
         return [sample for tip in self.tips.values() for sample in tip.samples]
 
     def begin(self, time_ns: int) -> None:
@@ -79,7 +78,6 @@ class ObjectAngle:
         self._begun = True
 
     def add(self, serial: str, sample: SlipSample) -> None:
-        """Add the next sample of a fingertip."""
         tip = self.tips[serial]
         tip.samples.append(sample)
         if not self._begun:

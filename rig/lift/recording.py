@@ -34,7 +34,6 @@ class OutlineObserver(LiftEvents):
         self._latest_ns: dict[str, int] = {}
 
     def frame(self, frame: Frame) -> None:
-        """Record the outline in a fingertip's frame if one is due."""
         background = self._measurement.backgrounds.get(frame.serial)
         if background is None or Phase.LOWER in self._measurement.phases:
             return

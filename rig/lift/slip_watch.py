@@ -93,7 +93,6 @@ class TipWatch:
 
     @property
     def newest_rate_deg_s(self) -> float:
-        """Newest angular rate, deg/s."""
         return self._seen[-1][2] if self._seen else 0.0
 
     def slips(self, away_deg: float, agreed_deg: float) -> bool:
@@ -187,12 +186,10 @@ class SlipWatch:
 
     @property
     def max_turn_deg(self) -> float | None:
-        """The permitted rotation, deg, or None."""
         return self._settings.max_turn_deg
 
     @property
     def ended(self) -> bool:
-        """Whether a reaction has ended the lift early."""
         return any(step is ReactionStep.ENDS for step, _, _ in self.steps)
 
     def begin(self, at_rest: Mapping[str, Sequence[SlipSample]]) -> None:
@@ -206,7 +203,6 @@ class SlipWatch:
         return {serial: (GIVES_DEG + tip.angle_deg, tip.rate_deg_s) for serial, tip in self._tips.items()}
 
     def update(self, serial: str, answer: SlipSample) -> None:
-        """Process a fingertip's answer."""
         self._now_ns = answer.time_ns
         tip = self._tips.get(serial)
         if tip is None:
@@ -247,7 +243,6 @@ class SlipWatch:
                 tip.rearm()
 
     def _slips(self, tip: TipWatch) -> bool:
-        """Whether a fingertip's newest answer shows a slip."""
         away_deg, agreed_deg = self._away_deg()
         return tip.slips(away_deg, agreed_deg) and self._goes_on(away_deg)
 

@@ -63,17 +63,14 @@ class SessionEntry:
 
     @property
     def objects(self) -> tuple[str, ...]:
-        """Ids of the requested objects."""
         return self.bench_manifest.objects if self.bench_manifest else ()
 
     @property
     def remarks(self) -> Remarks:
-        """Name, note, tags and operator of the session."""
         return self.bench_manifest.remarks if self.bench_manifest else NO_REMARKS
 
     @property
     def started(self) -> str:
-        """Start, UTC; empty if unknown."""
         return self.manifest.started if self.manifest else ""
 
     @property
@@ -110,7 +107,6 @@ class SessionEntry:
         return f"{', '.join(few)} and {more} more" if more > 1 else ", ".join(self.objects)
 
     def as_json(self) -> dict[str, object]:
-        """Return the session's values for JSON output."""
         manifest, on, mare = self.manifest, self.bench_manifest, self.mare
         return {
             "session": str(self.folder),

@@ -11,7 +11,6 @@ from rig.sessions.table_files import Line
 
 
 def lift_note(lift: Lift) -> str:
-    """Return a one-line summary of a lift's outcome."""
     head = f"{lift.object} {lift.name} lift {lift.lift}: {lift.outcome}"
     if not lift.accepted:
         return f"{head}: {lift.fault}"
@@ -35,7 +34,6 @@ def _without_error(lift: Lift) -> str:
 
 
 def row_note(row: Line) -> str:
-    """Return a one-line summary of a replayed lift, with its session."""
     where = Path(str(row["session"])).name
     if row["problem"]:
         return f"{where}: {row['problem']}"

@@ -53,7 +53,6 @@ class _LineCodec(Codec[Line]):
     """Reads the rows of tables of many lifts."""
 
     def parsed(self, text: bytes) -> Line:
-        """Return the row of a line of JSON. Raises `ValueError` naming the invalid column."""
         return self.checked(super().parsed(text))
 
     def checked(self, values: Line) -> Line:

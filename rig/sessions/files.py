@@ -79,7 +79,6 @@ def first_bytes(path: Path) -> bytes:
 
 
 def reference_file(serial: str) -> str:
-    """Return the path of a fingertip's no-contact frame."""
     return f"{REFERENCES}/{serial}.png"
 
 
@@ -172,7 +171,6 @@ def read_json(path: Path) -> dict[str, Any]:
 
 
 def not_written(path: Path, error: OSError) -> RecordingError:
-    """Return the error of a file that cannot be written."""
     return RecordingError(
         f"{path}: cannot be written ({error.strerror or error}); finished work is safe: free space or fix "
         "the permission, then run the command again (a session: with --resume)"

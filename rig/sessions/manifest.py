@@ -76,7 +76,6 @@ class TrialManifest(BenchManifest):
 
     @property
     def wanted(self) -> int:
-        """Number of requested lifts."""
         return len(self.objects) * self.lifts_per_object
 
 
@@ -95,7 +94,6 @@ class RecordManifest(BenchManifest):
 
     @property
     def wanted(self) -> int:
-        """Number of requested poses."""
         return self.poses
 
 
@@ -156,7 +154,6 @@ def now_text() -> str:
 
 
 def is_session(folder: Path) -> bool:
-    """Whether a folder contains a session's manifest."""
     return (folder / MANIFEST).is_file()
 
 
@@ -219,7 +216,6 @@ def first_difference(manifest: Manifest, wanted: Manifest) -> str | None:
 
 
 def _difference(key: str, there: Any, asked: Any) -> str:
-    """Return the key of the first differing value, and both values."""
     if isinstance(there, dict) and isinstance(asked, dict):
         inner = next(k for k in (*there, *asked) if there.get(k) != asked.get(k))
         return _difference(f"{key}.{inner}", there.get(inner), asked.get(inner))

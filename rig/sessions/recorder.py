@@ -79,7 +79,6 @@ _SCHEMAS: dict[str, dict[str, object]] = {
 
 
 def image_topic(serial: str) -> str:
-    """Return the topic of a source's images."""
     return f"{IMAGE_PREFIX}{serial}"
 
 
@@ -137,11 +136,9 @@ class LiftRecorder(LiftEvents):
 
     @property
     def begun(self) -> bool:
-        """Whether anything was written."""
         return self._begun
 
     def frame(self, frame: Frame) -> None:
-        """Write a frame's JPEG as received."""
         if frame.jpeg is None:
             raise RecordingError(f"{frame.serial}: a frame without JPEG cannot be recorded")
         message = CompressedImage(frame_id=frame.serial, data=frame.jpeg, format="jpeg")
@@ -149,7 +146,6 @@ class LiftRecorder(LiftEvents):
         self._protobuf(image_topic(frame.serial), message, frame.time_ns, frame.sequence)
 
     def arm(self, state: ArmState) -> None:
-        """Record the arm's state."""
         message = PoseInFrame(frame_id="base")
         message.timestamp.FromNanoseconds(self._date(state.time_ns))
         position, quaternion = message.pose.position, message.pose.orientation
@@ -173,7 +169,6 @@ class LiftRecorder(LiftEvents):
         self._json(PHASE_TOPIC, "rig.Phase", time_ns, {"phase": phase})
 
     def reaction(self, step: str, time_ns: int, position: int) -> None:
-        """Record a step of a reaction to slip. position: commanded, in steps of the gripper from open."""
         self._json(REACTION_TOPIC, "rig.Reaction", time_ns, {"step": step, "position_steps": position})
 
     def angles(self, angles: Angles) -> None:

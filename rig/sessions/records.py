@@ -331,7 +331,6 @@ class Lift:
 
     @property
     def label(self) -> str:
-        """Id and name of the object."""
         return f"{self.object} {self.name}"
 
     @property
@@ -459,5 +458,4 @@ POSES: Codec[PoseRow] = Codec(PoseRow)
 
 
 def finished(lifts: Iterable[Lift]) -> list[Lift]:
-    """Return the lifts that count."""
     return [lift for lift in lifts if lift.accepted]

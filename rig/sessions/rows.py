@@ -36,7 +36,6 @@ class UsableLifts:
 
     @property
     def lifts(self) -> list[Lift]:
-        """The accepted lifts."""
         return finished(self.rows)
 
 

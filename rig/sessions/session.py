@@ -80,7 +80,6 @@ class Session(Generic[Row]):
 
     @property
     def complete(self) -> bool:
-        """Whether the session has reached its target."""
         return self.manifest.status == "complete"
 
     def keep(self) -> None:

@@ -67,7 +67,6 @@ def read_parquet(path: Path) -> list[Line]:
 
 
 def has_parquet() -> bool:
-    """Whether Parquet can be written here."""
     return find_spec("pyarrow") is not None
 
 

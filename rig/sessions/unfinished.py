@@ -72,7 +72,6 @@ class BackgroundFile:
         return len(data)
 
     def tell(self) -> int:
-        """Return the number of bytes given to `write`."""
         return self._size
 
     def close(self) -> None:

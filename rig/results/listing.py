@@ -25,7 +25,7 @@ from rig.sessions.manifest import (
 )
 from rig.sessions.recording_file import check_recording
 from rig.sessions.records import LIFTS, finished
-from rig.sessions.rows import read_poses, read_rows, readable_rows
+from rig.sessions.rows import read_poses, read_rows, rows_and_problems
 from rig.sessions.session import in_use
 
 
@@ -187,12 +187,10 @@ def _entry(folder: Path, sizes: Mapping[str, int], manifest: AnyManifest, quick:
     found: Mare | None = None
     areas: list[tuple[str, float]] = []
     if isinstance(manifest, TrialManifest):
-        path = folder / RESULTS[manifest.kind]
-        rows, damaged = readable_rows(path, LIFTS)
+        rows, problems = rows_and_problems(folder / RESULTS[manifest.kind], LIFTS)
         lifts = finished(rows)
         done, found = len(lifts), mare_of(lift.re for lift in lifts)
         areas = [area for lift in lifts for area in lift.contact_area_px.items()]
-        problems = [line.text(path) for line in damaged]
         problems += [_damage(folder, lift.recording, sizes, quick, _recording_flaw) for lift in lifts]
     elif isinstance(manifest, RecordManifest):
         poses = [pose for pose in read_poses(folder) if pose.accepted]

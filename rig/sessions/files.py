@@ -39,16 +39,6 @@ def recording_file(number: int, attempt: int) -> str:
     return f"{RECORDINGS}/{number:03d}{suffix}.mcap"
 
 
-def unfinished_name(stem: str, number: int) -> str:
-    """Return the file name of an unfinished recording. stem: of its final name. number: from 1."""
-    return f"{stem}{UNFINISHED}{'' if number == 1 else f'-{number}'}.mcap"
-
-
-def interrupted_name(stem: str, number: int) -> str:
-    """Return the file name of an interrupted recording. stem: of its unfinished name. number: from 1."""
-    return f"{stem.partition(UNFINISHED)[0]}{INTERRUPTED}-{number}.mcap"
-
-
 def is_unfinished(recording: Path) -> bool:
     """Whether a recording has the name of an unfinished or interrupted one, which never counts as a lift."""
     return UNFINISHED in recording.stem or INTERRUPTED in recording.stem

@@ -248,16 +248,12 @@ class _Head:
     kind: str | None = None
 
 
-def _kind(values: Any) -> str:
-    return str(values["kind"])
-
-
 _HEAD: Codec[_Head] = Codec(_Head)
 _MANIFESTS: Codec[AnyManifest] = Codec(
     Annotated[
         Annotated[TrialManifest, Tag("trial")]
         | Annotated[RecordManifest, Tag("record")]
         | Annotated[ReplayManifest, Tag("replay")],
-        Discriminator(_kind),
+        Discriminator(lambda values: str(values["kind"])),
     ]
 )

@@ -15,13 +15,7 @@ from queue import SimpleQueue
 from threading import Lock, Thread
 
 from drivers.errors import RecordingError
-from rig.sessions.files import (
-    RECORDINGS,
-    UNFINISHED,
-    interrupted_name,
-    not_written,
-    unfinished_name,
-)
+from rig.sessions.files import INTERRUPTED, RECORDINGS, UNFINISHED, not_written
 from rig.sessions.recorder import LiftRecorder
 
 MOST_WAITING = 64_000_000
@@ -120,17 +114,14 @@ class BackgroundFile:
             raise not_written(self._path, self._failure) from self._failure
 
 
-def unfinished_names(recording: Path) -> Iterator[Path]:
-    """Yield the unfinished names of a recording in order of preference. recording: its final path."""
-    return (recording.with_name(unfinished_name(recording.stem, number)) for number in count(1))
-
-
 def new_recording(folder: Path, recording: str) -> BackgroundFile:
     """Return the file in which a lift is recorded, under an unused unfinished name.
 
     folder: of the session. recording: final name in it, as `rig.sessions.files.recording_file` gives it.
     """
-    return BackgroundFile(unfinished_names(folder / recording))
+    final = folder / recording
+    ends = (UNFINISHED if number == 1 else f"{UNFINISHED}-{number}" for number in count(1))
+    return BackgroundFile(final.with_name(f"{final.stem}{end}.mcap") for end in ends)
 
 
 @contextmanager
@@ -156,7 +147,8 @@ def _complete(recorder: LiftRecorder, file: BackgroundFile) -> None:
 
 def set_aside(recording: Path) -> None:
     """Rename a recording without a line in the results to an unused interrupted name. Raises `OSError`."""
-    names = (recording.with_name(interrupted_name(recording.stem, number)) for number in count(1))
+    stem = recording.stem.partition(UNFINISHED)[0]
+    names = (recording.with_name(f"{stem}{INTERRUPTED}-{number}.mcap") for number in count(1))
     recording.rename(next(name for name in names if not name.exists()))
 
 

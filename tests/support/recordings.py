@@ -12,7 +12,7 @@ from mcap.writer import CompressionType, Writer
 from rig.experiments.lift_plan import stored_trial
 from rig.experiments.replay import run_replay
 from rig.sessions.files import RECORDINGS, is_unfinished
-from rig.sessions.recording_chunks import summary_layout
+from rig.sessions.recording_file import summary_layout
 from rig.sessions.rows import read_finished_lifts
 
 Edit = Callable[[str], list[tuple[str, int]]]

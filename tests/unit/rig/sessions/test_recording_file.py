@@ -16,7 +16,7 @@ from mcap.writer import CompressionType, Writer
 
 from drivers.errors import SessionError
 from protocols.observer import LiftObserver
-from rig.sessions import recording_chunks
+from rig.sessions import recording_file
 from rig.sessions.reading import (
     phase_times,
     recorded_angles,
@@ -26,8 +26,7 @@ from rig.sessions.reading import (
     show_again,
 )
 from rig.sessions.recorder import FUSED_TOPIC
-from rig.sessions.recording_chunks import MOST_CHUNK
-from rig.sessions.recording_file import check_recording, recorded_messages
+from rig.sessions.recording_file import MOST_CHUNK, check_recording, recorded_messages
 from rig.tactile.angles import FUSED
 from support.command_line import rig
 
@@ -146,8 +145,8 @@ def test_compression_bombs_are_rejected_before_unpacking(
     tmp_path: Path, packed: CompressionType, said: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     most: list[int] = []
-    unpacked = recording_chunks._unpacked
-    monkeypatch.setattr(recording_chunks, "_unpacked", lambda c: most.append(len(d := unpacked(c))) or d)
+    unpacked = recording_file._unpacked
+    monkeypatch.setattr(recording_file, "_unpacked", lambda c: most.append(len(d := unpacked(c))) or d)
     path = tmp_path / "bomb.mcap"
     data = written([(bytes(2_000_000), 1)] * 40, packed, chunk=100_000_000)
     assert len(data) < 400_000

@@ -87,7 +87,7 @@ def test_invalid_row_is_reported_with_file_line_and_key(
     assert f"{tmp_path}/lifts.jsonl: line 2 is damaged: " in str(raised.value)
     assert said in str(raised.value)
     rows, damaged = readable_rows(tmp_path / "lifts.jsonl", LIFTS)
-    assert (rows, [line.number for line in damaged]) == ([lift_row(1)], [2])
+    assert (rows, list(damaged)) == ([lift_row(1)], [2])
 
 
 @pytest.mark.parametrize(

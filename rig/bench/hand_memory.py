@@ -46,13 +46,13 @@ class HandMemory:
                 f"{self._folder}: cannot be written ({error.strerror}): it stores what the hand holds "
                 "across crashes; set XDG_STATE_HOME to a writable folder"
             ) from error
-        write_json(self._file, _packed(state))
+        write_json(self._file, {**asdict(state), "holding": state.holding.value})
         return state
 
     def keep(self, state: HandState) -> None:
         """Store the state. A failure is only logged, because the hand continues its motion."""
         try:
-            write_json(self._file, _packed(state))
+            write_json(self._file, {**asdict(state), "holding": state.holding.value})
         except RecordingError as error:
             _log.warning("%s", error)
 
@@ -87,10 +87,6 @@ class HandMemory:
 
     def _picture(self, sensor: FrameSource) -> Path:
         return self._folder / f"{self._name}-{quote(sensor.serial, safe='')}.png"
-
-
-def _packed(state: HandState) -> dict[str, Any]:
-    return {**asdict(state), "holding": state.holding.value}
 
 
 def _unpacked(values: dict[str, Any]) -> HandState:

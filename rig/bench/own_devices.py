@@ -41,7 +41,7 @@ def own_arm(config: BenchConfig, clock: Clock) -> Arm:
     written = set(arm.model_fields_set)
     if {"joint_min_deg", "joint_max_deg"} & arm.limits.model_fields_set:
         written.add("joint_limits_rad")
-    driver = _made("arm", arm.driver, (Arm, ARM_METHODS), needed, known, written, arm.options)
+    driver = _made("arm", arm.driver, Arm, ARM_METHODS, needed, known, written, arm.options)
     return cast(Arm, CheckedArm(driver, arm.driver, limits, clock))
 
 
@@ -50,10 +50,11 @@ def own_gripper(config: BenchConfig, clock: Clock) -> Gripper:
 
     Its constructor must accept spec. It may accept host, port, device, transport, preset, fingers and clock.
     """
-    own, spec, kind = config.gripper, config.gripper_spec(), (Gripper, GRIPPER_METHODS)
+    own, spec, needed = config.gripper, config.gripper_spec(), {"spec": config.gripper_spec()}
     keys = ("host", "port", "device", "transport", "preset", "fingers")
     known = {key: getattr(own, key) for key in keys} | {"clock": clock}
-    driver = _made("gripper", own.driver, kind, {"spec": spec}, known, own.model_fields_set, own.options)
+    methods, written = GRIPPER_METHODS, own.model_fields_set
+    driver = _made("gripper", own.driver, Gripper, methods, needed, known, written, own.options)
     return cast(Gripper, CheckedGripper(driver, own.driver, spec, clock))
 
 
@@ -65,15 +66,17 @@ def own_source(config: TactileConfig | CameraConfig, clock: Clock) -> TactileSen
     serial, rate_hz = config.serial, config.rate_hz
     needed = {"serial": serial, "rate_hz": rate_hz}
     known = {"address": config.address, "size_px": config.size_px, "clock": clock}
-    kind = (TactileSensor if isinstance(config, TactileConfig) else FrameSource, SOURCE_METHODS)
-    driver = _made(serial, config.driver, kind, needed, known, config.model_fields_set, config.options)
+    kind = TactileSensor if isinstance(config, TactileConfig) else FrameSource
+    written, options = config.model_fields_set, config.options
+    driver = _made(serial, config.driver, kind, SOURCE_METHODS, needed, known, written, options)
     return cast(TactileSensor, CheckedSource(driver, config.driver, serial, rate_hz, config.size_px))
 
 
 def _made(
     device: str,
     name: str,
-    kind: tuple[type[Any], Iterable[str]],
+    protocol: type[Any],
+    methods: Iterable[str],
     needed: Mapping[str, Any],
     known: Mapping[str, Any],
     written: Set[str],
@@ -81,14 +84,21 @@ def _made(
 ) -> Any:
     """Import a class and call it.
 
-    kind: the Protocol, and its methods that a class must implement. needed: arguments that it must accept.
+    methods: those of the Protocol that a class must implement. needed: arguments that it must accept.
     known: arguments that it may accept. written: keys in the bench file; those of `known` among them must not
     be ignored silently.
     """
     what = f"{device}: driver '{name}'"
     found = named_class(name, f"{device}: driver")
-    takes = _parameters(found, what)
-    _require_methods(found, *kind, what)
+    try:
+        takes = inspect.signature(found).parameters
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{what}: its constructor cannot be inspected ({error}); write one") from error
+    own = {method: getattr(found, method, None) for method in methods}
+    # a method that is only inherited from the Protocol is an empty one
+    missing = [each for each, of in own.items() if not callable(of) or of is getattr(protocol, each)]
+    if missing:
+        raise InputError(f"{what}: {found.__name__} does not implement {', '.join(missing)}")
     all_of_them = any(p.kind is inspect.Parameter.VAR_KEYWORD for p in takes.values())
     for key in (*needed, *(known.keys() & written - MAY_BE_IGNORED), *options):
         if key not in takes and not all_of_them:
@@ -107,21 +117,3 @@ def _made(
         raise InputError(
             f"{what}: creating it raised {raised_text(error)}; see its options in the bench file"
         ) from error
-
-
-def _parameters(found: type[Any], what: str) -> Mapping[str, inspect.Parameter]:
-    try:
-        return inspect.signature(found).parameters
-    except (TypeError, ValueError) as error:
-        raise InputError(f"{what}: its constructor cannot be inspected ({error}); write one") from error
-
-
-def _require_methods(found: type[Any], protocol: type[Any], methods: Iterable[str], what: str) -> None:
-    """Reject a class that lacks a method, or only inherits the empty one of the Protocol."""
-    missing = [
-        name
-        for name in methods
-        if not callable(method := getattr(found, name, None)) or method is getattr(protocol, name)
-    ]
-    if missing:
-        raise InputError(f"{what}: {found.__name__} does not implement {', '.join(missing)}")

@@ -24,11 +24,19 @@ class Reading:
 
 def read_devices(bench: Bench) -> list[Reading]:
     """Read a frame of each camera, the fingers' opening and the arm's speed slider; then disconnect."""
-    readings = [_reading(source.serial, partial(_frame_of, source)) for source in bench.frame_sources]
+    reads: list[tuple[str, Callable[[], str]]] = [
+        (source.serial, partial(_frame_of, source)) for source in bench.frame_sources
+    ]
     if bench.has("gripper"):
-        readings.append(_reading("gripper", partial(_fingers_of, bench.gripper)))
+        reads.append(("gripper", partial(_fingers_of, bench.gripper)))
     if bench.has("arm"):
-        readings.append(_reading("arm", partial(_slider_of, bench.arm)))
+        reads.append(("arm", partial(_slider_of, bench.arm)))
+    readings = []
+    for device, read in reads:
+        try:
+            readings.append(Reading(device, read()))
+        except DeviceError as error:
+            readings.append(Reading(device, "", str(error)))
     return readings
 
 
@@ -40,13 +48,6 @@ def require_read(readings: list[Reading]) -> None:
             f"{len(problems)} of {counted(len(readings), 'device')} cannot be read, nothing was started: "
             f"{'; '.join(problems)}; rig doctor gives details"
         )
-
-
-def _reading(device: str, read: Callable[[], str]) -> Reading:
-    try:
-        return Reading(device, read())
-    except DeviceError as error:
-        return Reading(device, "", str(error))
 
 
 def _frame_of(source: FrameSource) -> str:

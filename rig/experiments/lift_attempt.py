@@ -23,9 +23,9 @@ from rig.experiments.lift_plan import (
     plan_lift,
     planned_lift,
 )
-from rig.lift.measurement import LiftMeasurement
 from rig.lift.recording import FrameDelays, LiftObservers, OutlineObserver
 from rig.lift.result import lift_result, stage_times
+from rig.lift.slip_watch import SlipWatch
 from rig.live.feed import NOBODY, LiveFeed
 from rig.live.observer import LiveObserver
 from rig.sessions.about import SIMULATED_EPOCH_NS, RecordingAbout
@@ -66,7 +66,7 @@ def attempt_lift(
     file = None if folder is None else new_recording(folder, task.recording)
     recorder = None if file is None else LiftRecorder(file, _about(settings, lift))
     measurement = new_measurement(settings)
-    reaction = _reaction(settings, task, measurement)
+    reaction = _reaction(settings, task, measurement.watch)
     shown = LiveObserver(measurement, live, lift) if live.listeners else None
     delays: FrameDelays | None = None
     angles: dict[str, Angles] = {}
@@ -131,11 +131,11 @@ def _about(settings: TrialSettings, lift: Lift) -> RecordingAbout:
     )
 
 
-def _reaction(settings: TrialSettings, task: LiftTask, measurement: LiftMeasurement) -> Reaction | None:
-    if settings.react is ReactionKind.NONE:
+def _reaction(settings: TrialSettings, task: LiftTask, watch: SlipWatch | None) -> Reaction | None:
+    if watch is None:
         return None
     if settings.react is not ReactionKind.TIGHTEN:
-        return Reaction(settings.react, measurement)
+        return Reaction(settings.react, watch)
     grasps = find_grasp_file(task.object_id, settings.bench.objects)
     largest = settings.bench.gripper_spec().steps_for(grasps.require_largest_grip())
-    return Reaction(settings.react, measurement, largest)
+    return Reaction(settings.react, watch, largest)

@@ -102,8 +102,9 @@ class LiftMeasurement(LiftObserver):
             _log.warning("%s: frame %d has an implausible time: left out", frame.serial, frame.sequence)
         elif tip is not None:
             self._tactile(tip, frame)
-        elif self._tcp is not None and self._since_grasp(frame):
-            self.truth.update(frame.image, frame.time_ns, self._tcp)
+        elif self._tcp is not None and Phase.GRASP in self.phases:
+            if frame.time_ns >= self.phases[Phase.GRASP]:  # an earlier frame may arrive after the grasp
+                self.truth.update(frame.image, frame.time_ns, self._tcp)
 
     def reaction(self, step: ReactionStep, time_ns: int, position: int) -> None:
         if self.watch is not None:
@@ -116,15 +117,6 @@ class LiftMeasurement(LiftObserver):
     def touching(self, serial: str) -> bool:
         return self._tips[serial].touch.sure
 
-    def slip_ns(self) -> int | None:
-        return None if self.watch is None else self.watch.slip_ns()
-
-    def at_rest(self) -> bool:
-        return self.watch is not None and self.watch.at_rest()
-
-    def another_is_too_much(self) -> bool:
-        return self.watch is not None and self.watch.another_is_too_much()
-
     def fall_ns(self, until_ns: int) -> int | None:
         """Return when the object left the fingertips; None if they had contact shortly before `until_ns`."""
         samples = [s for s in self.angle.samples if s.time_ns < until_ns]
@@ -135,11 +127,6 @@ class LiftMeasurement(LiftObserver):
     def marker_distance(self) -> MarkerDistance | None:
         """Return measured and expected distance of the markers if they differ too much; else None."""
         return distance_warning(self._bench, self.truth.distance_sides())
-
-    def _since_grasp(self, frame: Frame) -> bool:
-        """Whether a frame was captured after the grasp; a frame captured earlier may arrive after it."""
-        grasp_ns = self.phases.get(Phase.GRASP)
-        return grasp_ns is not None and frame.time_ns >= grasp_ns
 
     def _tactile(self, tip: _Tip, frame: Frame) -> None:
         if tip.estimator is None:

@@ -37,7 +37,8 @@ class OutlineObserver(LiftEvents):
         background = self._measurement.backgrounds.get(frame.serial)
         if background is None or Phase.LOWER in self._measurement.phases:
             return
-        if self._measurement.slip_ns() is not None or self._measurement.tallies[frame.serial].out_of_time:
+        watch = self._measurement.watch
+        if (watch and watch.slip_ns() is not None) or self._measurement.tallies[frame.serial].out_of_time:
             return  # nothing must delay an arm that has to stop
         latest_ns = self._latest_ns.get(frame.serial)
         if latest_ns is not None and frame.time_ns - latest_ns < to_ns(OUTLINE_EVERY_S):

@@ -17,7 +17,7 @@ from rig.lift.object_angle import ZERO_S
 from rig.lift.onset import departure_ns, estimated_onset_ns, slip_onset_ns
 from rig.lift.slip_watch import CAUGHT_DEG, SlipEvent, SlipWatch
 from rig.results.scores import score_angles
-from rig.sessions.records import ClockLag, Lift, LiftOutcome, ReactionRecord, SlipThreshold, TurnsAgainst
+from rig.sessions.records import ClockLag, Lift, LiftOutcome, ReactionRecord, TurnsAgainst
 from rig.sessions.timing import StageTimes
 from rig.tactile.angles import FUSED, MARKERS, Angles
 from rig.tactile.sample import SlipSample, State, faults_of
@@ -90,14 +90,11 @@ def reaction_records(watch: SlipWatch, truth: Angles, lift_ns: int) -> tuple[Rea
     reactions = list(_reactions(watch.steps))
     began_ns = [lift_ns, *(steps[-1][1] for steps in reactions)]
     return tuple(
-        _record(steps, _event(watch.events, *span), truth, lift_ns, span)
-        for steps, span in zip(reactions, pairwise(began_ns), strict=True)
+        _record(
+            steps, [e for e in watch.events if since <= e.due_ns <= until], truth, lift_ns, (since, until)
+        )
+        for steps, (since, until) in zip(reactions, pairwise(began_ns), strict=True)
     )
-
-
-def slip_thresholds(watch: SlipWatch) -> dict[str, SlipThreshold]:
-    """Return the thresholds of angle and rate at which each fingertip reports a slip, by serial."""
-    return {serial: SlipThreshold(*values) for serial, values in watch.thresholds().items()}
 
 
 def _reactions(steps: Sequence[Step]) -> Iterator[list[Step]]:
@@ -110,15 +107,12 @@ def _reactions(steps: Sequence[Step]) -> Iterator[list[Step]]:
             taken = []
 
 
-def _event(events: Sequence[SlipEvent], since_ns: int, until_ns: int) -> SlipEvent | None:
-    return next((event for event in events if since_ns <= event.due_ns <= until_ns), None)
-
-
 def _record(
-    steps: Sequence[Step], event: SlipEvent | None, truth: Angles, lift_ns: int, span: tuple[int, int]
+    steps: Sequence[Step], events: list[SlipEvent], truth: Angles, lift_ns: int, span: tuple[int, int]
 ) -> ReactionRecord:
     (_, command_ns, position), (last, end_ns, end_position) = steps[0], steps[-1]
     onset_ns = _onset_ns(truth, *span)
+    event = events[0] if events else None
     event_ns = None if event is None else event.raised_ns
     still_ns = max(t for s, t, _ in steps if s in (ReactionStep.STANDS, ReactionStep.CLOSED))
     rest_ns = end_ns if last is ReactionStep.REST else None
@@ -194,7 +188,7 @@ def lift_result(measurement: LiftMeasurement, lift: Lift) -> tuple[Lift, dict[st
         final_truth_deg=final_truth,
         onset_truth_s=_since(onset, lift_ns),
         onset_estimate_s=_since(estimated_onset_ns(whole), lift_ns),
-        onset_alarm_s=_since(angle.alarm.raised_ns, lift_ns),
+        onset_alarm_s=_since(angle.alarm_ns, lift_ns),
         phases_s={phase.value: time_ns / NS_PER_S for phase, time_ns in measurement.phases.items()},
         frames={name: tally.frames for name, tally in measurement.tallies.items()},
         dropped={name: tally.dropped for name, tally in measurement.tallies.items()},
@@ -206,7 +200,7 @@ def lift_result(measurement: LiftMeasurement, lift: Lift) -> tuple[Lift, dict[st
         turns_against=turns_against({n: of.between(lift_ns, held_ns) for n, of in tips.items()}, truth),
         lag=clock_lag(fused.picked(fused.time_ns < held_ns), truth),
         reactions=reactions,
-        slip_thresholds=None if watch is None else slip_thresholds(watch),
+        slip_thresholds=None if watch is None else watch.thresholds(),
         estimator_faults=faults_of(samples),
     )
     return evaluated, {**tips, FUSED: whole, MARKERS: truth}

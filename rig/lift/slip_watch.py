@@ -1,6 +1,6 @@
 """Slip events that need a reaction, with thresholds from each fingertip's own noise at rest.
 
-In lifts without reactions, `rig.lift.onset.OnsetAlarm` raises a single event instead.
+In lifts without reactions, `rig.lift.onset.leaves_rest` raises a single event instead.
 """
 
 import math
@@ -14,6 +14,7 @@ import numpy as np
 from drivers.clock import NS_PER_S
 from drivers.errors import InputError
 from protocols.observer import ReactionStep
+from rig.sessions.records import SlipThreshold
 from rig.tactile.sample import SlipSample
 
 AGREES = 0.4
@@ -198,9 +199,12 @@ class SlipWatch:
         watched = {serial: TipWatch.resting(answers, share) for serial, answers in at_rest.items()}
         self._tips = {serial: tip for serial, tip in watched.items() if tip is not None}
 
-    def thresholds(self) -> dict[str, tuple[float, float]]:
-        """Return, by serial, the thresholds of angle since rest (deg) and rate (deg/s) of a slip."""
-        return {serial: (GIVES_DEG + tip.angle_deg, tip.rate_deg_s) for serial, tip in self._tips.items()}
+    def thresholds(self) -> dict[str, SlipThreshold]:
+        """Return the thresholds of angle since rest and rate at which each fingertip reports a slip."""
+        return {
+            serial: SlipThreshold(GIVES_DEG + tip.angle_deg, tip.rate_deg_s)
+            for serial, tip in self._tips.items()
+        }
 
     def update(self, serial: str, answer: SlipSample) -> None:
         self._now_ns = answer.time_ns
@@ -208,9 +212,12 @@ class SlipWatch:
         if tip is None:
             return
         tip.update(answer)
-        if self._raised_ns is None and self._slips(tip):
+        away_deg, agreed_deg = self._away_deg()
+        if self._raised_ns is None and tip.slips(away_deg, agreed_deg) and self._goes_on(away_deg):
             self._raised_ns = self._now_ns
-        if self._pending is None and self._raised_ns is not None and self._too_late_soon(tip):
+        limit = self.max_turn_deg
+        too_late_soon = limit is None or tip.predicted_deg(self._closing_s) >= limit
+        if self._pending is None and self._raised_ns is not None and too_late_soon:
             self._pending = SlipEvent(serial, self._raised_ns, self._now_ns)
             self.events.append(self._pending)
 
@@ -242,10 +249,6 @@ class SlipWatch:
             for tip in self._tips.values():
                 tip.rearm()
 
-    def _slips(self, tip: TipWatch) -> bool:
-        away_deg, agreed_deg = self._away_deg()
-        return tip.slips(away_deg, agreed_deg) and self._goes_on(away_deg)
-
     def _goes_on(self, away_deg: float) -> bool:
         """Whether the rotation will soon be as large as in a slip, by the lowest rate of all fingertips."""
         answering = [tip for tip in self._tips.values() if tip.weight(self._now_ns) > 0.0]
@@ -272,7 +275,3 @@ class SlipWatch:
             return 0.0, 0.0
         mean = sum(away * weight for away, weight in weighted) / sum(weight for _, weight in weighted)
         return mean, min(math.copysign(1.0, mean) * away for away, _ in weighted)
-
-    def _too_late_soon(self, tip: TipWatch) -> bool:
-        limit = self._settings.max_turn_deg
-        return limit is None or tip.predicted_deg(self._closing_s) >= limit

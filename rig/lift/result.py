@@ -17,7 +17,7 @@ from rig.lift.object_angle import ZERO_S
 from rig.lift.onset import departure_ns, estimated_onset_ns, slip_onset_ns
 from rig.lift.slip_watch import CAUGHT_DEG, SlipEvent, SlipWatch
 from rig.results.scores import score_angles
-from rig.sessions.records import ClockLag, Lift, LiftOutcome, ReactionRecord, TurnsAgainst
+from rig.sessions.records import ClockLag, Lift, LiftOutcome, ReactionRecord, SlipThreshold, TurnsAgainst
 from rig.sessions.timing import StageTimes
 from rig.tactile.angles import FUSED, MARKERS, Angles
 from rig.tactile.sample import SlipSample, State, faults_of
@@ -200,7 +200,7 @@ def lift_result(measurement: LiftMeasurement, lift: Lift) -> tuple[Lift, dict[st
         turns_against=turns_against({n: of.between(lift_ns, held_ns) for n, of in tips.items()}, truth),
         lag=clock_lag(fused.picked(fused.time_ns < held_ns), truth),
         reactions=reactions,
-        slip_thresholds=None if watch is None else watch.thresholds(),
+        slip_thresholds=watch and {s: SlipThreshold(*values) for s, values in watch.thresholds().items()},
         estimator_faults=faults_of(samples),
     )
     return evaluated, {**tips, FUSED: whole, MARKERS: truth}

@@ -14,7 +14,6 @@ import numpy as np
 from drivers.clock import NS_PER_S
 from drivers.errors import InputError
 from protocols.observer import ReactionStep
-from rig.sessions.records import SlipThreshold
 from rig.tactile.sample import SlipSample
 
 AGREES = 0.4
@@ -199,12 +198,9 @@ class SlipWatch:
         watched = {serial: TipWatch.resting(answers, share) for serial, answers in at_rest.items()}
         self._tips = {serial: tip for serial, tip in watched.items() if tip is not None}
 
-    def thresholds(self) -> dict[str, SlipThreshold]:
-        """Return the thresholds of angle since rest and rate at which each fingertip reports a slip."""
-        return {
-            serial: SlipThreshold(GIVES_DEG + tip.angle_deg, tip.rate_deg_s)
-            for serial, tip in self._tips.items()
-        }
+    def thresholds(self) -> dict[str, tuple[float, float]]:
+        """Return, by serial, the thresholds of angle since rest (deg) and rate (deg/s) of a slip."""
+        return {serial: (GIVES_DEG + tip.angle_deg, tip.rate_deg_s) for serial, tip in self._tips.items()}
 
     def update(self, serial: str, answer: SlipSample) -> None:
         self._now_ns = answer.time_ns

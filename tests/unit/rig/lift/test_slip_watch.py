@@ -40,9 +40,11 @@ def test_impossible_false_alarm_rate_is_rejected(rate: float) -> None:
 
 
 def test_thresholds_grow_with_the_sensors_own_noise() -> None:
-    quiet, loud = (watch(0.02 * k, 0.5 * k).thresholds()[TIP] for k in (1, 4))
-    assert loud.angle_deg - GIVES_DEG == pytest.approx(4 * (quiet.angle_deg - GIVES_DEG))
-    assert loud.rate_deg_s == pytest.approx(4 * quiet.rate_deg_s)
+    (quiet_deg, quiet_deg_s), (loud_deg, loud_deg_s) = (
+        watch(0.02 * k, 0.5 * k).thresholds()[TIP] for k in (1, 4)
+    )
+    assert loud_deg - GIVES_DEG == pytest.approx(4 * (quiet_deg - GIVES_DEG))
+    assert loud_deg_s == pytest.approx(4 * quiet_deg_s)
 
 
 def test_fingertip_without_rate_raises_no_alarm() -> None:

@@ -6,7 +6,7 @@ import numpy as np
 from pydantic import BaseModel
 
 from drivers.named_classes import is_class_name
-from rig.config.lines import KeyFault, KeyPath
+from rig.config.fields import KeyFault, KeyPath
 from rig.config.models import (
     ArmConfig,
     BenchConfig,

@@ -2,6 +2,7 @@
 
 import math
 import re
+from collections.abc import Sequence
 from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import (
@@ -79,6 +80,10 @@ def driver_names(*ours: str) -> AfterValidator:
     return AfterValidator(check)
 
 
+KeyPath = Sequence[str | int]
+"""Keys and list indices from the top of a bench file, such as ("tactile", 1, "rate_hz")."""
+KeyFault = tuple[KeyPath, str]
+"""A key and its problem."""
 Options = dict[str, Any]
 """Keys of a user-defined device class, in its subtable `options`."""
 

@@ -25,6 +25,7 @@ from rig.config.fields import (
     GripperLimitsConfig,
     Host,
     HostPort,
+    KeyPath,
     MarkerId,
     MayBeMissing,
     Offset,
@@ -37,7 +38,6 @@ from rig.config.fields import (
     without_secrets,
 )
 from rig.config.in_use import CalibrationsInUse
-from rig.config.lines import KeyPath
 
 FAR_M = 10.0
 """Half size of an unbounded keep-out box; larger than any bench."""

@@ -209,18 +209,17 @@ def _references(
                 record_reference(bench, observer)
         for serial, name in names.items():
             session.write(name, encode_png(mean_background(observer.frames[serial])))
-    return {serial: ContactFinder(_read_png(session.folder / name)) for serial, name in names.items()}
-
-
-def _read_png(path: Path) -> Image:
-    image = load_image(path)
-    if image is None:
-        raise SessionError(f"{path}: the reference image cannot be read; record into a new --out")
-    return image
+    finders: dict[str, ContactFinder] = {}
+    for serial, path in ((serial, session.folder / name) for serial, name in names.items()):
+        image = load_image(path)
+        if image is None:
+            raise SessionError(f"{path}: the reference image cannot be read; record into a new --out")
+        finders[serial] = ContactFinder(image)
+    return finders
 
 
 def _images_csv(rows: Sequence[PoseRow]) -> bytes:
-    return csv_bytes(COLUMNS, [{**vars(row), **asdict(image)} for row in rows for image in row.images])
+    return csv_bytes(COLUMNS, ({**vars(row), **asdict(image)} for row in rows for image in row.images))
 
 
 def hand_pose(settings: RecordSettings, task: PoseTask) -> HandPose:

@@ -190,14 +190,13 @@ def read_results(path: Path) -> list[Line]:
         raise InputError(
             f"{file}: {what}; give the results.csv or results.parquet of `rig replay SESSIONS...`"
         )
-    return [_row(line, f"{file}: row {number}") for number, line in enumerate(raw, start=1)]
-
-
-def _row(line: Line, where: str) -> Line:
-    try:
-        return REPLAYS.checked({column: line.get(column) for column in COLUMNS})
-    except ValueError as error:
-        raise InputError(f"{where}: {error}") from error
+    rows: list[Line] = []
+    for number, line in enumerate(raw, start=1):
+        try:
+            rows.append(REPLAYS.checked({column: line.get(column) for column in COLUMNS}))
+        except ValueError as error:
+            raise InputError(f"{file}: row {number}: {error}") from error
+    return rows
 
 
 def _error(row: Line, part: str) -> ErrorSummary | None:

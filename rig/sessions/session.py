@@ -131,8 +131,14 @@ class Session(Generic[Row]):
 
     def __exit__(self, error: type[BaseException] | None, *_: object) -> None:
         self.close()
-        if error is not None and self._begun_here and not self.rows:
-            _remove_if_empty(self.folder)
+        if error is None or not self._begun_here or self.rows:
+            return
+        files = list(self.folder.iterdir())
+        if {path.name for path in files} <= {MANIFEST, LOCK, LOG}:
+            for path in files:
+                path.unlink()
+            with suppress(OSError):  # the current folder of another process cannot be removed
+                self.folder.rmdir()
 
 
 def default_folder(kind: str, object_id: str | None = None) -> Path:
@@ -215,15 +221,6 @@ def in_use(folder: Path) -> bool:
     finally:
         os.close(handle)
     return False
-
-
-def _remove_if_empty(folder: Path) -> None:
-    """Remove a session that contains only the initial files of every session."""
-    if {path.name for path in folder.iterdir()} <= {MANIFEST, LOCK, LOG}:
-        for path in folder.iterdir():
-            path.unlink()
-        with suppress(OSError):  # the current folder of another process cannot be removed
-            folder.rmdir()
 
 
 def require_same(folder: Path, manifest: Manifest, wanted: Manifest) -> None:

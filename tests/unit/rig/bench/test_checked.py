@@ -18,7 +18,7 @@ from drivers.types import (
     Pose,
 )
 from fakes.clock import SimulatedClock
-from rig.bench.checked import CheckedArm, CheckedDevice, CheckedGripper, CheckedSource
+from rig.bench.own_devices import CheckedArm, CheckedDevice, CheckedGripper, CheckedSource
 
 CLOCK = SimulatedClock()
 AT_REST = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)

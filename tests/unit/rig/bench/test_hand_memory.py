@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from drivers.bench import Hand
 from drivers.errors import DeviceTimeoutError, RecordingError
 from drivers.types import Frame, HandState, Holding, Pose
-from rig.bench.hand_memory import HandMemory
+from rig.bench.source import HandMemory
 
 HELD = HandState(
     Holding.HELD, "wrench", Pose.from_rotation((0.5, 0.0, 0.06), Rotation.from_euler("x", 180)), 0.012

@@ -68,8 +68,8 @@ def test_nothing_is_connected_before_consent_and_the_question_shows_the_speed_sl
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(UR5e, "speed_fraction", lambda arm: 0.4)
-    monkeypatch.setattr("rig.bench.reading._frame_of", lambda source: "a frame")
-    monkeypatch.setattr("rig.bench.reading._fingers_of", lambda gripper: "open")
+    monkeypatch.setattr("rig.bench.source._frame_of", lambda source: "a frame")
+    monkeypatch.setattr("rig.bench.source._fingers_of", lambda gripper: "open")
     monkeypatch.setattr(Bench, "connected", lambda bench: pytest.fail("connected"))
     asked: list[str] = []
     person = ConsoleOperator(lambda question: bool(asked.append(question)))

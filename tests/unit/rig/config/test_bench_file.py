@@ -11,8 +11,7 @@ from hypothesis import strategies as st
 from drivers.errors import InputError
 from rig.config import load_bench
 from rig.config.checks import LIMITS, ON_THE_FLANGE
-from rig.config.lines import line_of
-from rig.config.load import new_bench_file, parse_bench
+from rig.config.load import line_of, new_bench_file, parse_bench
 from support.benches import TEMPLATE, filled, real_bench
 
 REAL = real_bench()

@@ -297,7 +297,10 @@ class StandingBench(BenchSource):
         if not self._connected:
             self._connection.enter_context(bench.connected())
             self._connected = True
-            self._check_fingertips(bench)
+            # fingertips that show contact: a hand that was free may hold an object
+            if self._memory is not None and bench.hand.state.holding is Holding.FREE:
+                if touched := self._memory.touched(bench):
+                    bench.hand.note(HandState(Holding.UNKNOWN, f"{' and '.join(touched)} show contact"))
 
     def _open(self) -> Bench:
         config = self._session.enter_context(_reached(self._config))
@@ -327,13 +330,6 @@ class StandingBench(BenchSource):
         host = config.arm.host if config.has("arm") else None
         self._memory = memory = HandMemory(host or f"bench {config.name}")
         return Hand(memory.recall(), memory.keep)
-
-    def _check_fingertips(self, bench: Bench) -> None:
-        """Set a hand that was free to unknown if fingertips now show contact."""
-        if self._memory is None or bench.hand.state.holding is not Holding.FREE:
-            return
-        if touched := self._memory.touched(bench):
-            bench.hand.note(HandState(Holding.UNKNOWN, f"{' and '.join(touched)} show contact"))
 
     def _disconnect(self) -> None:
         self._connected = False

@@ -183,18 +183,12 @@ def _hand_eye(report: Callable[[str], None], file: CalibrationFile, where: str) 
         return None
     x, y, z = (float(v) for v in _numbers(file, where, "translation_m", 3))
     a, b, c, d = (float(v) for v in _numbers(file, where, "quaternion_xyzw", 4))
-    place = PlaceInUse(
-        position_m=(x, y, z), quaternion_xyzw=(a, b, c, d), turn_sigma_rad=_turn_sigma_rad(file)
-    )
+    sigma_rad = 0.0  # of the camera's orientation about its least certain axis
+    if "covariance" in file.quality:
+        turns = np.reshape(np.asarray(file.quality["covariance"], np.float64), (6, 6))[:3, :3]
+        sigma_rad = float(np.sqrt(np.linalg.eigvalsh(turns)[-1]))
+    place = PlaceInUse(position_m=(x, y, z), quaternion_xyzw=(a, b, c, d), turn_sigma_rad=sigma_rad)
     return CalibrationsInUse(base_T_camera=place)
-
-
-def _turn_sigma_rad(file: CalibrationFile) -> float:
-    """Return one sigma of the camera's orientation about its least certain axis; 0 if not in the file."""
-    if "covariance" not in file.quality:
-        return 0.0
-    turns = np.reshape(np.asarray(file.quality["covariance"], np.float64), (6, 6))[:3, :3]
-    return float(np.sqrt(np.linalg.eigvalsh(turns)[-1]))
 
 
 def _tactile(file: CalibrationFile, where: str) -> CalibrationsInUse | None:

@@ -166,6 +166,8 @@ def lift_result(measurement: LiftMeasurement, lift: Lift) -> tuple[Lift, dict[st
     tips = {
         serial: Angles.of(map(tip.answer, tip.samples), serial, lift_ns) for serial, tip in angle.tips.items()
     }
+    rest = (lift_ns - to_ns(ZERO_S), lift_ns)  # the area at rest is a measure of the grip
+    areas = {serial: of.between(*rest).contact_area_px for serial, of in tips.items()}
     whole = Angles.of(angle.fused, FUSED, lift_ns)
     fused = whole.picked(whole.time_ns < end_ns)
     score = score_angles("", fused, truth.at(fused.time_s), hold_ns)
@@ -182,7 +184,7 @@ def lift_result(measurement: LiftMeasurement, lift: Lift) -> tuple[Lift, dict[st
         re_b=score.re_b,
         re=score.re,
         re_held=score.re_held,
-        contact_area_px=_contact_areas(tips, lift_ns),
+        contact_area_px={serial: float(np.mean(of)) if of.size else 0.0 for serial, of in areas.items()},
         answered=score.answered,
         final_estimate_deg=_final(fused, held_ns),
         final_truth_deg=final_truth,
@@ -250,11 +252,3 @@ def _final(angles: Angles, end_ns: int) -> float | None:
 
 def _since(time_ns: int | None, start_ns: int) -> float | None:
     return None if time_ns is None else (time_ns - start_ns) / NS_PER_S
-
-
-def _contact_areas(tips: Mapping[str, Angles], lift_ns: int) -> dict[str, float]:
-    """Return the mean contact area of each fingertip at the end of phase A, as a measure of the grip, px."""
-    late = {
-        serial: of.between(lift_ns - to_ns(ZERO_S), lift_ns).contact_area_px for serial, of in tips.items()
-    }
-    return {serial: float(np.mean(values)) if values.size else 0.0 for serial, values in late.items()}

@@ -210,13 +210,8 @@ def _entry(folder: Path, sizes: Mapping[str, int], manifest: AnyManifest, quick:
         state = SessionState.RUNNING
     problem = f"{problems[0]}{more}" if problems else None
     size = sum(sizes.values())
-    return SessionEntry(folder, state, problem, size, manifest, done, mare, _medians(areas))
-
-
-def _medians(areas: Sequence[tuple[str, float]]) -> dict[str, float]:
-    """Return the median area by serial. areas: serial and area of each contact."""
-    serials = sorted({serial for serial, _ in areas})
-    return {serial: median(area for of, area in areas if of == serial) for serial in serials}
+    by_serial = {of: median(area for serial, area in areas if serial == of) for of in sorted(dict(areas))}
+    return SessionEntry(folder, state, problem, size, manifest, done, mare, by_serial)
 
 
 def _damage(path: Path, what: str, exists: bool, quick: bool) -> str | None:

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from operator import itemgetter
 from pathlib import Path
 from types import MappingProxyType
 from typing import Annotated, TypeVar
@@ -126,7 +127,12 @@ def show_again(
     if the recording is missing, not of a complete lift, or, without `gaps`, damaged.
     """
     phases, pose, gaps_before = PhaseTimes(path, gaps), None, 0
-    hidden = {} if gaps is None else _hidden(path, known_phases)
+    hidden: dict[str, int] = {}
+    if gaps is not None:  # phases whose messages cannot be read
+        messages = recorded_messages(path, PHASE_TOPIC, gaps=[])
+        read = {_recorded_phase(data, path).phase for _, _, _, data in messages}
+        lost = {name: time_ns for name, time_ns in known_phases.items() if name not in read}
+        hidden = dict(sorted(lost.items(), key=itemgetter(1)))
 
     def begin(name: str, time_ns: int) -> None:
         phases.add(name, time_ns)
@@ -154,15 +160,6 @@ def show_again(
     for name, begins_ns in hidden.items():
         begin(name, begins_ns)
     phases.complete()
-
-
-def _hidden(path: Path, known_phases: Mapping[str, int]) -> dict[str, int]:
-    """Return the phases whose messages cannot be read, in order of time, ns."""
-    read = {
-        _recorded_phase(data, path).phase for _, _, _, data in recorded_messages(path, PHASE_TOPIC, gaps=[])
-    }
-    lost = {name: time_ns for name, time_ns in known_phases.items() if name not in read}
-    return dict(sorted(lost.items(), key=lambda item: item[1]))
 
 
 def recorded_frames(path: Path, serial: str, gaps: Gaps | None = None) -> Iterator[Frame]:
@@ -215,7 +212,7 @@ def recorded_angles(
 
 
 def _series(source: str, messages: list[tuple[int, RecordedAngle]], zero_s: float) -> Angles:
-    ordered = sorted(messages, key=lambda message: message[0])
+    ordered = sorted(messages, key=itemgetter(0))
     angles = [angle for _, angle in ordered]
     return Angles(
         np.array([time_ns / NS_PER_S - zero_s for time_ns, _ in ordered], float),

@@ -143,7 +143,12 @@ class LiftRecorder(LiftEvents):
 
     def phase(self, phase: str, time_ns: int) -> None:
         """Record the start of a phase; before the first one, the poses of camera and table."""
-        self._describe_once(time_ns)
+        if not self._described:
+            self._described = True
+            date = self._date(time_ns)
+            self._protobuf(TRANSFORMS_TOPIC, self._about.transforms(date), time_ns, 0)
+            if (calibration := self._about.calibration(date)) is not None:
+                self._protobuf(CALIBRATION_TOPIC, calibration, time_ns, 0)
         self._json(PHASE_TOPIC, "rig.Phase", time_ns, {"phase": phase})
 
     def reaction(self, step: str, time_ns: int, position: int) -> None:
@@ -168,15 +173,6 @@ class LiftRecorder(LiftEvents):
         """Record the outline of a fingertip's contact, (N, 2) px each; empty without contact."""
         message = contact_outline(outline_px, self._date(time_ns))
         self._protobuf(f"{CONTACT_PREFIX}{serial}", message, time_ns, 0)
-
-    def _describe_once(self, time_ns: int) -> None:
-        if self._described:
-            return
-        self._described = True
-        date = self._date(time_ns)
-        self._protobuf(TRANSFORMS_TOPIC, self._about.transforms(date), time_ns, 0)
-        if (calibration := self._about.calibration(date)) is not None:
-            self._protobuf(CALIBRATION_TOPIC, calibration, time_ns, 0)
 
     def _date(self, time_ns: int) -> int:
         return time_ns + self._about.clock_offset_ns

@@ -271,9 +271,13 @@ def recording_gaps(path: Path) -> Gaps:
         gaps: Gaps = []
         layout = _layout(stream, path, gaps)
         flaw = _data_flaw(stream, layout)
-        if flaw is not None:
-            gaps += _damaged_chunks(stream, layout) or ([flaw] if flaw else [])
-        return gaps
+        before = len(gaps)
+        for number in range(1, len(layout.chunks) + 1) if flaw is not None else ():
+            try:
+                read_chunk(stream, layout, number)
+            except DAMAGE as error:
+                gaps.append(reason(error))
+        return [*gaps, flaw] if flaw and len(gaps) == before else gaps
 
 
 def check_recording(path: Path) -> None:
@@ -344,18 +348,14 @@ def _messages(
             for channel, sequence, date, data in chunk_messages(stream, layout, number):
                 topic = layout.topics.get(channel)
                 if topic is not None and (not topics or topic in topics):
-                    time_ns = date if dated else _bench_time(date, layout.offsets_ns[channel])
+                    time_ns = date if dated else date - layout.offsets_ns[channel]
+                    if not 0 <= time_ns <= LAST_NS:
+                        raise ValueError("a message's time is before its clock's beginning")
                     yield topic, time_ns, sequence, data
         except DAMAGE as error:
             if gaps is None:
                 raise
             gaps.append(reason(error))
-
-
-def _bench_time(time_ns: int, offset_ns: int) -> int:
-    if not 0 <= time_ns - offset_ns <= LAST_NS:
-        raise ValueError("a message's time is before its clock's beginning")
-    return time_ns - offset_ns
 
 
 def _data_flaw(stream: IO[bytes], layout: Layout) -> str | None:
@@ -371,16 +371,6 @@ def _data_flaw(stream: IO[bytes], layout: Layout) -> str | None:
         return ""
     fits = _checksum(stream, layout.summary_begin - DATA_END.size) == checksum
     return None if fits else "between its chunks: the checksum differs"
-
-
-def _damaged_chunks(stream: IO[bytes], layout: Layout) -> Gaps:
-    found: Gaps = []
-    for number in range(1, len(layout.chunks) + 1):
-        try:
-            read_chunk(stream, layout, number)
-        except DAMAGE as error:
-            found.append(reason(error))
-    return found
 
 
 def _checksum(stream: IO[bytes], size: int) -> int:

@@ -78,7 +78,12 @@ class BackgroundFile:
     def _started(self) -> Thread:
         try:
             self._path.parent.mkdir(parents=True, exist_ok=True)
-            handle = self._created()
+            handle = -1
+            while handle < 0:
+                try:
+                    handle = os.open(self._path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o644)
+                except FileExistsError:
+                    self._path = next(self._names)
         except OSError as error:
             raise not_written(self._path, error) from error
         thread = Thread(
@@ -86,13 +91,6 @@ class BackgroundFile:
         )
         thread.start()
         return thread
-
-    def _created(self) -> int:
-        while True:
-            try:
-                return os.open(self._path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o644)
-            except FileExistsError:
-                self._path = next(self._names)
 
     def _write_all(self, handle: int) -> None:
         """Write queued data until `close`; after a failure write nothing more."""

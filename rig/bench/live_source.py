@@ -83,7 +83,6 @@ def _source(text: str, sensor: str | None, rate_hz: float | None, clock: Clock) 
 
 
 def _addressed(name: str, address: str, kind: str, rate_hz: float, clock: Clock) -> AddressedSource:
-    """Return the source of an MJPEG address or of a file."""
     if kind == "digit":
         return Digit(name, rate_hz, address=address, clock=clock)
     if kind == "gelsight-mini":
@@ -92,7 +91,6 @@ def _addressed(name: str, address: str, kind: str, rate_hz: float, clock: Clock)
 
 
 def _device(text: str, kind: str, rate_hz: float | None, is_node: bool, clock: Clock) -> FrameSource:
-    """Return the source of a device node or of a serial."""
     address = text if is_node else None  # which finds it again by its serial when it is plugged in again
     if not is_node:
         _check_device(Path(_node_of(text).device))

@@ -168,7 +168,6 @@ class ConsoleOperator:
         opening_m: float | None,
         turning: bool = False,
     ) -> None:
-        """Ask in any case, and stop unless they hold it."""
         self._in_place = None
         self.look(question)
 

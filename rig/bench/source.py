@@ -7,7 +7,7 @@ from contextlib import AbstractContextManager, ExitStack, contextmanager, suppre
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Protocol
 from urllib.parse import quote
 
 from drivers.bench import Bench, Hand
@@ -56,16 +56,6 @@ def read_devices(bench: Bench) -> list[Reading]:
         except DeviceError as error:
             readings.append(Reading(device, "", str(error)))
     return readings
-
-
-def require_read(readings: list[Reading]) -> None:
-    """Raise one `DeviceError` that names all devices that could not be read."""
-    problems = [reading.problem for reading in readings if reading.problem]
-    if problems:
-        raise DeviceError(
-            f"{len(problems)} of {counted(len(readings), 'device')} cannot be read, nothing was started: "
-            f"{'; '.join(problems)}; rig doctor gives details"
-        )
 
 
 def _frame_of(source: FrameSource) -> str:
@@ -143,22 +133,25 @@ class HandMemory:
 
     def touched(self, bench: Bench) -> list[str]:
         """Return the serials of fingertips that show contact, compared with the stored no-contact frames."""
-        return [tip.sensor.serial for tip in bench.fingertips if self._looks_touched(tip.sensor)]
-
-    def _looks_touched(self, sensor: FrameSource) -> bool:
-        before = load_image(self._picture(sensor))
-        if before is None:
-            return False
-        finder = ContactFinder(before)
-        try:
-            frames = (sensor.next_frame(FRAME_S).image for _ in range(TOUCH_FRAMES))
-            return all(finder.find(image).mask is not None for image in frames)
-        except DeviceError:  # reported later, when the sensor's frames are needed
-            return False
+        found: list[str] = []
+        for sensor in (tip.sensor for tip in bench.fingertips):
+            before = load_image(self._picture(sensor))
+            if before is None:
+                continue
+            finder = ContactFinder(before)
+            with suppress(DeviceError):  # reported later, when the sensor's frames are needed
+                frames = (sensor.next_frame(FRAME_S).image for _ in range(TOUCH_FRAMES))
+                if all(finder.find(image).mask is not None for image in frames):
+                    found.append(sensor.serial)
+        return found
 
     def _read(self) -> HandState:
         try:
-            return _unpacked(read_json(self._file))
+            values = read_json(self._file)
+            place = values["base_T_grasp"]
+            pose = None if place is None else Pose(tuple(place["position_m"]), tuple(place["quaternion_xyzw"]))
+            what, width_m = str(values["what"]), float(values["width_m"])
+            return HandState(Holding(values["holding"]), what, pose, width_m, values["finger_opening_m"])
         except (FormatError, InvalidStateError, ValueError, KeyError, TypeError, OverflowError):
             if not self._file.exists():
                 return HandState(Holding.UNKNOWN, "no run has stored it yet")
@@ -166,18 +159,6 @@ class HandMemory:
 
     def _picture(self, sensor: FrameSource) -> Path:
         return self._folder / f"{self._name}-{quote(sensor.serial, safe='')}.png"
-
-
-def _unpacked(values: dict[str, Any]) -> HandState:
-    place = values["base_T_grasp"]
-    pose = None if place is None else Pose(tuple(place["position_m"]), tuple(place["quaternion_xyzw"]))
-    return HandState(
-        Holding(values["holding"]),
-        str(values["what"]),
-        pose,
-        float(values["width_m"]),
-        values["finger_opening_m"],
-    )
 
 
 SWITCH_S = 0.0005
@@ -309,7 +290,11 @@ class StandingBench(BenchSource):
         bench = build_real_bench(config, self._remembered_hand(config))
         if config.fakes is None:
             readings = read_devices(bench)
-            require_read(readings)
+            if problems := [reading.problem for reading in readings if reading.problem]:
+                raise DeviceError(
+                    f"{len(problems)} of {counted(len(readings), 'device')} cannot be read, nothing was "
+                    f"started: {'; '.join(problems)}; rig doctor gives details"
+                )
             seen = "\n".join(f"  {reading.device}: {reading.seen}" for reading in readings)
             self._person.confirm(f"Devices were read and disconnected again:\n{seen}\n{self._introduction}")
         else:

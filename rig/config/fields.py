@@ -17,7 +17,6 @@ from pydantic import (
 from pydantic_core import CoreSchema, core_schema
 
 from drivers.errors import InputError
-from drivers.formats import without_passwords
 from drivers.named_classes import file_hint, is_class_name
 from drivers.types import ArmLimits, GripperSpec, Vector6
 
@@ -86,13 +85,6 @@ KeyFault = tuple[KeyPath, str]
 """A key and its problem."""
 Options = dict[str, Any]
 """Keys of a user-defined device class, in its subtable `options`."""
-
-
-def without_secrets(options: Options) -> Options:
-    """Return options without the passwords in addresses."""
-    return {
-        key: without_passwords(value) if isinstance(value, str) else value for key, value in options.items()
-    }
 
 
 class Strict(BaseModel):

@@ -35,7 +35,6 @@ from rig.config.fields import (
     Rate,
     RotationVector,
     driver_names,
-    without_secrets,
 )
 from rig.config.in_use import CalibrationsInUse
 
@@ -365,12 +364,13 @@ class BenchConfig(BenchParts):
 
 
 def _without_passwords(device: DeviceConfig) -> DeviceConfig:
-    update: dict[str, object] = {"options": without_secrets(device.options)}
+    options = device.options.items()
+    hidden = {key: without_passwords(value) if isinstance(value, str) else value for key, value in options}
+    update: dict[str, object] = {"options": hidden}
     if isinstance(device, TactileConfig | CameraConfig):
         update["address"] = device.address and without_passwords(device.address)
     return device.model_copy(update=update)
 
 
 def known_keys() -> set[str]:
-    """Return all valid keys of a bench file, in any of its tables."""
     return {key for model in (BenchConfig, *BenchSection.__subclasses__()) for key in model.model_fields}

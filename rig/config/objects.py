@@ -109,7 +109,6 @@ def with_more(config: BenchConfig, objects: Iterable[GraspFile]) -> BenchConfig:
 
 
 def with_objects_of(config: BenchConfig, ids: Collection[str]) -> BenchConfig:
-    """Return a bench with only these of a lab's objects, for storing it in a session."""
     return config.model_copy(update={"objects": tuple(each for each in config.objects if each.id in ids)})
 
 
@@ -158,7 +157,6 @@ def with_position(text: str, name: str, values: Mapping[str, float], where: str)
 
 
 def _blocks(lines: list[str]) -> list[range]:
-    """Return the lines of each [[position]], including its heading."""
     found = []
     for start in (i for i, line in enumerate(lines) if _POSITION.match(line)):
         ends = (i for i in range(start + 1, len(lines)) if _TABLE.match(lines[i]))
@@ -187,7 +185,6 @@ def _with_value(line: re.Match[str], value: float) -> str:
 
 
 def _added(lines: list[str], name: str, values: Mapping[str, float]) -> list[str]:
-    """Append a position after the others."""
     new = ["[[position]]", f'name = "{name}"', *(f"{key} = {value:g}" for key, value in values.items()), ""]
     blocks = _blocks(lines)
     end = blocks[-1].stop if blocks else len(lines)

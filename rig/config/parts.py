@@ -67,7 +67,6 @@ def require_parts(config: BenchConfig, command: str) -> None:
 
 
 def working(config: BenchConfig) -> Iterator[str]:
-    """Yield the commands of `NEEDS` that work on a bench."""
     for command, needs in NEEDS.items():
         if not lacking(config, command) and not ("[arm]" in needs and config.mixed):
             yield command

@@ -36,7 +36,6 @@ def bench_text(config: BenchConfig) -> str:
 
 
 def write_bench(path: Path, config: BenchConfig) -> None:
-    """Write a bench file; an existing file is overwritten. Raises `InputError`."""
     try:
         path.write_text(bench_text(config))
     except OSError as error:

@@ -18,9 +18,7 @@ from rig.experiments.attempts import Attempt, fault_text
 from rig.experiments.lift_plan import (
     LiftTask,
     TrialSettings,
-    derived_seed,
     new_measurement,
-    plan_lift,
     planned_lift,
 )
 from rig.lift.recording import FrameDelays, LiftObservers, OutlineObserver
@@ -60,9 +58,7 @@ def attempt_lift(
     compute_in_one_thread()
     began = time.perf_counter()
     benches = benches or FreshBenches(settings.bench, settings.realtime)
-    seed = derived_seed(settings.seed, task.object_id, task.lift, attempt=task.attempt)
-    plan = plan_lift(settings, task, Pose(settings.bench.table.position_m))
-    lift = planned_lift(task, plan, seed, settings)
+    plan, lift = planned_lift(settings, task)
     file = None if folder is None else new_recording(folder, task.recording)
     recorder = None if file is None else LiftRecorder(file, _about(settings, lift))
     measurement = new_measurement(settings)
@@ -74,7 +70,7 @@ def attempt_lift(
         try:
             with (
                 closing(shown) if shown else nullcontext(),
-                benches.for_lift(seed, task.name, task.attempt) as (bench, operator),
+                benches.for_lift(lift.seed, task.name, task.attempt) as (bench, operator),
             ):
                 delays = FrameDelays(bench.clock)
                 make_ready(bench, operator, benches.after_fault)

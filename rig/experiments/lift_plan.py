@@ -126,8 +126,10 @@ def plan_lift(settings: TrialSettings, task: LiftTask, base_T_table: Pose) -> Li
     )
 
 
-def planned_lift(task: LiftTask, plan: LiftPlan, seed: int, settings: TrialSettings) -> Lift:
-    return Lift(
+def planned_lift(settings: TrialSettings, task: LiftTask) -> tuple[LiftPlan, Lift]:
+    """Return the plan of a lift, and its record before it is carried out. Raises `InputError`."""
+    plan = plan_lift(settings, task, Pose(settings.bench.table.position_m))
+    return plan, Lift(
         number=task.number,
         attempt=task.attempt,
         object=task.object_id,
@@ -140,7 +142,7 @@ def planned_lift(task: LiftTask, plan: LiftPlan, seed: int, settings: TrialSetti
         grip_counts=plan.grip_steps,
         lift_height_m=plan.lift_height_m,
         bench_s=0.0,
-        seed=seed,
+        seed=derived_seed(settings.seed, task.object_id, task.lift, attempt=task.attempt),
         simulated=settings.bench.simulated,
         recording=task.recording,
         react=settings.react,

@@ -49,7 +49,6 @@ class TipTrack:
         return self.answer(self.samples[-1])
 
     def previous(self) -> SlipSample | None:
-        """Return the answer of the sample before the newest one; None without one."""
         return self.answer(self.samples[-2]) if len(self.samples) > 1 else None
 
 

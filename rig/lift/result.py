@@ -209,7 +209,6 @@ def lift_result(measurement: LiftMeasurement, lift: Lift) -> tuple[Lift, dict[st
 
 
 def _states(samples: Sequence[SlipSample]) -> dict[str, int]:
-    """Return the number of samples by state; `frozen` only if there are any."""
     counts = Counter(sample.state for sample in samples)
     return {state.value: counts[state] for state in State if counts[state] or state is not State.FROZEN}
 

@@ -126,7 +126,6 @@ class TipWatch:
         return all(abs(rate) < self.rate_deg_s for rate in late) if late else None
 
     def rearm(self) -> None:
-        """Start to detect the next slip, from the present angle."""
         if self._seen:
             self.base_deg = float(np.mean([angle for _, angle, _ in self._seen]))
 

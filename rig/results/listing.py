@@ -85,7 +85,6 @@ class SessionEntry:
 
     @property
     def wanted(self) -> int | None:
-        """Number of requested lifts or poses; None if not known in advance."""
         return self.bench_manifest.wanted if self.bench_manifest else None
 
     @property

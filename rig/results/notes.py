@@ -42,7 +42,6 @@ def row_note(row: Line) -> str:
 
 
 def reaction_text(reacting: ReactingSummary) -> str:
-    """Return the line about the effect of reactions to slip."""
     added = reacting.added_counts
     grip = f", added grip: median {median(added):g}, at most {counted(max(added), 'step')}" if added else ""
     turn = f", median final turn {median(reacting.turns_deg):.1f} deg" if reacting.turns_deg else ""
@@ -55,7 +54,6 @@ def reaction_text(reacting: ReactingSummary) -> str:
 
 
 def turn_distribution(summary: TrialSummary) -> str:
-    """Return a text with the histogram of the true turns in steps of 5 degrees, and their directions."""
     sizes = [abs(turn) for turn in summary.turns_deg]
     top = max(int(max(sizes, default=0.0) // 5) + 1, 1)
     counts = [sum(5 * i <= size < 5 * (i + 1) for size in sizes) for i in range(top)]

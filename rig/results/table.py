@@ -88,7 +88,6 @@ def unread_row(about: Line, lift: Lift, problem: str) -> Line:
 
 
 def broken_row(session: str, problem: str) -> Line:
-    """Return the row of a session that cannot be read at all. problem: the reason."""
     found = {"session": session, "number": 0, "attempt": 0, "accepted": False, "problem": problem}
     return dict.fromkeys(COLUMNS) | found
 
@@ -134,7 +133,6 @@ _NOT_IN_TABLE: Line = {
 
 
 def summarize_table(rows: Sequence[Line]) -> TrialSummary:
-    """Summarize the lifts of a table. Raises `InputError` as `table_lift` does."""
     lifts = [table_lift(row) for row in rows]
     return summarize_lifts(lifts, sum(lift.bench_s for lift in lifts))
 

@@ -112,7 +112,6 @@ Wanted = TypeVar("Wanted", bound=Manifest)
 
 
 def begun(kind: str) -> Manifest:
-    """Return the common fields of a new manifest."""
     return Manifest(
         schema_version=SCHEMA_VERSION,
         tool_version=VERSION,
@@ -149,7 +148,6 @@ def remarked(manifest: Wanted, wanted: Manifest) -> Wanted:
 
 
 def now_text() -> str:
-    """Return the present time, UTC to the second."""
     return datetime.now(UTC).isoformat(timespec="seconds")
 
 

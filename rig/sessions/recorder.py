@@ -170,7 +170,6 @@ class LiftRecorder(LiftEvents):
             self._results.append((date, channel, _json_bytes({**value, **size})))
 
     def contact(self, serial: str, outline_px: Sequence[NDArray[np.floating]], time_ns: int) -> None:
-        """Record the outline of a fingertip's contact, (N, 2) px each; empty without contact."""
         message = contact_outline(outline_px, self._date(time_ns))
         self._protobuf(f"{CONTACT_PREFIX}{serial}", message, time_ns, 0)
 
@@ -193,7 +192,6 @@ class LiftRecorder(LiftEvents):
             self._writer.add_metadata("rig", dict(self._about.values))
 
     def _json(self, topic: str, schema: str, time_ns: int, value: Mapping[str, object]) -> None:
-        """Write a small JSON value with one of this module's schemas."""
         self._keep(self._json_channel(topic, schema), time_ns, _json_bytes(value), 0)
 
     def _keep(self, channel: int, time_ns: int, data: bytes, sequence: int) -> None:

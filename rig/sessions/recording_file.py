@@ -232,7 +232,9 @@ class PhaseTimes:
         """Add a phase. Raises `SessionError` if it does not follow those so far."""
         begun = list(self._times_ns.values()) or [time_ns]
         in_time = begun[-1] <= time_ns <= begun[0] + to_ns(_LONGEST_S)
-        if name in self._times_ns or not in_time or not self._follows(name):
+        left = list(Phase)[len(self._times_ns) :]
+        follows = name in (left if self._gaps else left[:1])
+        if name in self._times_ns or not in_time or not follows:
             raise SessionError(f"{self._path}: the recording is damaged (phase {name} out of order)")
         self._times_ns[name] = time_ns
 
@@ -242,10 +244,6 @@ class PhaseTimes:
         if missing and not is_unfinished(self._path):
             raise SessionError(f"{self._path}: is not a complete lift: phase {', '.join(missing)} is missing")
         return self._times_ns
-
-    def _follows(self, name: str) -> bool:
-        left = list(Phase)[len(self._times_ns) :]
-        return name in (left if self._gaps else left[:1])
 
 
 def recorded_messages(
@@ -369,15 +367,10 @@ def _data_flaw(stream: IO[bytes], layout: Layout) -> str | None:
     stream.seek(0)
     if not checksum:
         return ""
-    fits = _checksum(stream, layout.summary_begin - DATA_END.size) == checksum
-    return None if fits else "between its chunks: the checksum differs"
-
-
-def _checksum(stream: IO[bytes], size: int) -> int:
-    checksum = 0
+    found, size = 0, layout.summary_begin - DATA_END.size
     while size > 0:
         portion = stream.read(min(size, _PORTION))
         if not portion:
             raise EOFError("it is truncated")
-        checksum, size = zlib.crc32(portion, checksum), size - len(portion)
-    return checksum
+        found, size = zlib.crc32(portion, found), size - len(portion)
+    return None if found == checksum else "between its chunks: the checksum differs"

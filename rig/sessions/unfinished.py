@@ -42,7 +42,6 @@ class BackgroundFile:
 
     @property
     def path(self) -> Path:
-        """Path of the file; before the first write the preferred path."""
         return self._path
 
     def write(self, data: bytes) -> int:

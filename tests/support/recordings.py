@@ -9,9 +9,11 @@ from pathlib import Path
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 
+from rig.config import BenchConfig, load_bench
 from rig.experiments.lift_plan import stored_trial
 from rig.experiments.replay import run_replay
 from rig.sessions.files import RECORDINGS, is_unfinished
+from rig.sessions.manifest import TrialManifest, begun_on
 from rig.sessions.recording_file import summary_layout
 from rig.sessions.rows import read_finished_lifts
 
@@ -82,3 +84,11 @@ def chunk_with(recording: Path, topic: str, number: int = 0) -> int:
         if topic in {layout.topics[channel] for channel in index.message_index_offsets}
     ]
     return holding[number]
+
+
+def trial_request(bench: BenchConfig | None = None, lifts: int = 3, seed: int = 0) -> TrialManifest:
+    """The manifest of a new trial with t1, by default on the bench `fake`."""
+    asked = begun_on(bench or load_bench("fake"), "trial", seed, ["t1"])
+    return TrialManifest(
+        **vars(asked), lifts_per_object=lifts, estimator="slip", window=1, skip=True, truth="edges"
+    )

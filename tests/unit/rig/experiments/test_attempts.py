@@ -8,14 +8,13 @@ from pathlib import Path
 import pytest
 
 from drivers.errors import DeviceError
-from rig.config import load_bench
 from rig.experiments.attempts import Attempt, Run, run_session
 from rig.experiments.lift_plan import LiftTask
 from rig.results.table import lifts_csv
-from rig.sessions.manifest import TrialManifest, begun_on
 from rig.sessions.records import LIFTS, Lift
 from rig.sessions.rows import read_lifts
 from rig.sessions.timing import LiftTiming
+from support.recordings import trial_request
 
 MakeRow = Callable[..., Lift]
 Progress = Callable[[int, int, Lift], None]
@@ -40,10 +39,7 @@ def trial(
     folder: Path, bench: Bench, count: int, resume: bool = False, progress: Progress = lambda *_: None
 ) -> list[Lift]:
     """Run a trial of lifts 1 to count."""
-    asked = begun_on(load_bench("fake"), "trial", 0, ["t1"])
-    manifest = TrialManifest(
-        **vars(asked), lifts_per_object=count, estimator="slip", window=1, skip=True, truth="edges"
-    )
+    manifest = trial_request(lifts=count)
     tasks = [LiftTask(number, "t1", number) for number in range(1, count + 1)]
     plan = Run("trial", "lift", manifest, LIFTS, tasks, lambda *_: bench.attempt, ("t.csv", lifts_csv), str)
     return run_session(folder, plan, resume, None, progress)

@@ -13,14 +13,12 @@ import pytest
 
 from drivers.errors import OperatorStopError, RecordingError
 from drivers.types import Frame
-from rig.config import load_bench
 from rig.sessions import unfinished
-from rig.sessions.manifest import TrialManifest, begun_on
 from rig.sessions.recorder import LiftRecorder
 from rig.sessions.records import LIFTS, Lift
 from rig.sessions.session import open_session
 from rig.sessions.unfinished import BackgroundFile, completed, new_recording
-from support.recordings import unfinished_recordings
+from support.recordings import trial_request, unfinished_recordings
 from support.waiting import LIMIT_S
 
 RECORDING = "lifts/007.mcap"
@@ -139,18 +137,11 @@ def test_full_disk_is_an_error_within_the_lift(tmp_path: Path) -> None:
     assert writers() == []
 
 
-def manifest() -> TrialManifest:
-    asked = begun_on(load_bench("fake"), "trial", 0, ["t1"])
-    return TrialManifest(
-        **vars(asked), lifts_per_object=3, estimator="slip", window=1, skip=True, truth="edges"
-    )
-
-
 def test_finished_recording_gets_its_name_and_an_unlisted_one_is_kept(
     tmp_path: Path, lift_row: Callable[..., Lift]
 ) -> None:
     """The state after a crash between renaming a recording and appending its line."""
-    with open_session(tmp_path / "s", manifest(), LIFTS, resume=False) as session:
+    with open_session(tmp_path / "s", trial_request(), LIFTS, resume=False) as session:
         lifts = session.folder / "lifts"
         lifts.mkdir()
         (lifts / "007.mcap").write_bytes(b"older")
@@ -175,11 +166,11 @@ def test_finished_recording_gets_its_name_and_an_unlisted_one_is_kept(
 def test_resumed_session_leaves_no_unfinished_recording(
     before: list[str], after: list[str], tmp_path: Path
 ) -> None:
-    with open_session(tmp_path / "s", manifest(), LIFTS, resume=False) as session:
+    with open_session(tmp_path / "s", trial_request(), LIFTS, resume=False) as session:
         lifts = session.folder / "lifts"
         lifts.mkdir()
         for name in before:
             (lifts / f"{name}.mcap").write_bytes(name.encode())
-    with open_session(tmp_path / "s", manifest(), LIFTS, resume=True):
+    with open_session(tmp_path / "s", trial_request(), LIFTS, resume=True):
         assert sorted(path.stem for path in lifts.iterdir()) == sorted(after)
         assert {path.read_bytes().decode() for path in lifts.iterdir()} == set(before)

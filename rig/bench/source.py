@@ -149,7 +149,8 @@ class HandMemory:
         try:
             values = read_json(self._file)
             place = values["base_T_grasp"]
-            pose = None if place is None else Pose(tuple(place["position_m"]), tuple(place["quaternion_xyzw"]))
+            parts = place and (tuple(place["position_m"]), tuple(place["quaternion_xyzw"]))
+            pose = None if place is None else Pose(*parts)
             what, width_m = str(values["what"]), float(values["width_m"])
             return HandState(Holding(values["holding"]), what, pose, width_m, values["finger_opening_m"])
         except (FormatError, InvalidStateError, ValueError, KeyError, TypeError, OverflowError):

@@ -117,6 +117,7 @@ def _reason(details: Any, known: set[str]) -> str:
 
 
 def new_bench_file(path: Path) -> None:
+    """Write a bench file that explains each key. Raises `InputError`; never overwrites."""
     write_new(path, Path(__file__).with_name("new_bench.toml").read_text(encoding="utf-8"))
 
 

@@ -109,6 +109,7 @@ def with_more(config: BenchConfig, objects: Iterable[GraspFile]) -> BenchConfig:
 
 
 def with_objects_of(config: BenchConfig, ids: Collection[str]) -> BenchConfig:
+    """Return a bench with only these of a lab's objects, for storing it in a session."""
     return config.model_copy(update={"objects": tuple(each for each in config.objects if each.id in ids)})
 
 

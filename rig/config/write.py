@@ -36,6 +36,7 @@ def bench_text(config: BenchConfig) -> str:
 
 
 def write_bench(path: Path, config: BenchConfig) -> None:
+    """Write a bench file; an existing file is overwritten. Raises `InputError`."""
     try:
         path.write_text(bench_text(config))
     except OSError as error:

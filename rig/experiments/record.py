@@ -95,6 +95,7 @@ class PoseTask(Task):
 
 
 def record_manifest(settings: RecordSettings, remarks: Remarks = NO_REMARKS) -> RecordManifest:
+    """Return a new recording's manifest: the request, which must be the same to continue it."""
     return RecordManifest(
         **vars(begun_on(settings.bench, "record", settings.seed, [settings.grasps.id], remarks)),
         poses=settings.poses,

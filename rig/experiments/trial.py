@@ -39,6 +39,7 @@ _log = logging.getLogger("rig.experiments.trial")
 def trial_manifest(
     settings: TrialSettings, objects: list[str], lifts: int, remarks: Remarks = NO_REMARKS
 ) -> TrialManifest:
+    """Return a new trial's manifest: the request, which must be the same to continue it."""
     return TrialManifest(
         **vars(begun_on(settings.bench, "trial", settings.seed, objects, remarks)),
         lifts_per_object=lifts,

@@ -133,6 +133,7 @@ _NOT_IN_TABLE: Line = {
 
 
 def summarize_table(rows: Sequence[Line]) -> TrialSummary:
+    """Summarize the lifts of a table. Raises `InputError` as `table_lift` does."""
     lifts = [table_lift(row) for row in rows]
     return summarize_lifts(lifts, sum(lift.bench_s for lift in lifts))
 

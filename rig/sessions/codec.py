@@ -48,6 +48,7 @@ class Codec(Generic[Record]):
             raise ValueError(str(error).removeprefix("it: ")) from error
 
     def checked(self, values: dict[str, object]) -> Record:
+        """Return the record of values from a table. Raises `ValueError` as `parsed` does."""
         return self.parsed(json.dumps(values, default=str).encode())
 
     @cached_property

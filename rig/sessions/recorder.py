@@ -170,6 +170,7 @@ class LiftRecorder(LiftEvents):
             self._results.append((date, channel, _json_bytes({**value, **size})))
 
     def contact(self, serial: str, outline_px: Sequence[NDArray[np.floating]], time_ns: int) -> None:
+        """Record the outline of a fingertip's contact, (N, 2) px each; empty without contact."""
         message = contact_outline(outline_px, self._date(time_ns))
         self._protobuf(f"{CONTACT_PREFIX}{serial}", message, time_ns, 0)
 

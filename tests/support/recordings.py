@@ -2,6 +2,7 @@
 
 import io
 import json
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import fields
 from pathlib import Path
@@ -37,13 +38,20 @@ def require_identical_replay(session: Path) -> None:
 
 
 def written_again(
-    recording: Path, edit: Edit = lambda name: [(name, 0)], chunk_bytes: int = 1_000_000
+    recording: Path,
+    edit: Edit = lambda name: [(name, 0)],
+    chunk_bytes: int = 1_000_000,
+    late: tuple[str, int, int] = ("", 0, 0),
 ) -> None:
-    """Write a recording again, with other phases or in other chunks."""
+    """Write a recording again, with other phases or in other chunks.
+
+    late: topic and number, from 0, of a message that gets a later time, and by how much, ns.
+    """
     stream = io.BytesIO()
     writer = Writer(stream, chunk_size=chunk_bytes, compression=CompressionType.NONE, enable_data_crcs=True)
     writer.start()
     channels: dict[int, int] = {}
+    seen: Counter[str] = Counter()
     with recording.open("rb") as source:
         for schema, channel, message in make_reader(source).iter_messages(log_time_order=False):
             assert schema is not None
@@ -52,7 +60,9 @@ def written_again(
                 channels[channel.id] = writer.register_channel(
                     channel.topic, channel.message_encoding, kept, dict(channel.metadata)
                 )
-            messages = [(message.data, 0)]
+            is_late = (channel.topic, seen[channel.topic]) == late[:2]
+            seen[channel.topic] += 1
+            messages = [(message.data, late[2] if is_late else 0)]
             if channel.topic == "/phase":
                 phases = edit(json.loads(message.data)["phase"])
                 messages = [(json.dumps({"phase": name}).encode(), later_ns) for name, later_ns in phases]

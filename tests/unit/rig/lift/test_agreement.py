@@ -47,41 +47,38 @@ def answers(factor: float = 1.0, seed: int = 1, turn_deg: float = TURN_DEG) -> A
     return Angles(time_s + 5.0, angles)
 
 
-def test_both_fingertips_against_the_truth_may_be_exchanged() -> None:
-    found = turns_against({"D1": answers(-0.95), "D2": answers(-1.0, 2)}, truth())
-    assert found is not None
-    assert found.exchanged
-    assert str(found).startswith("the fingertips may be exchanged: the estimate turned -1")
-    assert "the markers +16" in str(found)
-
-
-def test_one_fingertip_against_the_truth_has_a_wrong_sign() -> None:
-    found = turns_against({"D1": answers(), "D2": answers(-1.0, 2)}, truth())
-    assert found is not None
-    assert str(found).startswith("the sign of D2 may be wrong")
+WITHOUT_ANGLES = replace(answers(), angle_deg=np.full(162, np.nan))
 
 
 @pytest.mark.parametrize(
-    "tips",
+    ("tips", "said"),
     [
-        {"D1": answers(), "D2": answers(0.7)},
-        {"D1": answers(0.0), "D2": answers(-0.2)},
-        {
-            "D1": replace(answers(), angle_deg=np.full(162, np.nan)),
-            "D2": answers(-1.0).between(0, to_ns(5.15)),
-        },
+        (
+            {"D1": answers(-0.95), "D2": answers(-1.0, 2)},
+            "the fingertips may be exchanged: the estimate turned -1",
+        ),
+        ({"D1": answers(), "D2": answers(-1.0, 2)}, "the sign of D2 may be wrong"),
+        ({"D1": answers(), "D2": answers(0.7)}, None),
+        ({"D1": answers(0.0), "D2": answers(-0.2)}, None),
+        ({"D1": WITHOUT_ANGLES, "D2": answers(-1.0).between(0, to_ns(5.15))}, None),
     ],
-    ids=["right", "resting", "without angles"],
+    ids=["exchanged", "one sign", "right", "resting", "without angles"],
 )
-def test_fingertips_that_do_not_turn_against_the_truth_are_not_named(tips: dict[str, Angles]) -> None:
-    assert turns_against(tips, truth()) is None
+def test_fingertips_that_turn_against_the_truth_are_named(tips: dict[str, Angles], said: str | None) -> None:
+    found = turns_against(tips, truth())
+    assert (found is None) == (said is None)
+    if said is not None:
+        assert str(found).startswith(said)
+        assert "the markers +16" in str(found)
+        assert found.exchanged == ("exchanged" in said)  # type: ignore[union-attr]
 
 
-def test_object_that_hardly_turns_shows_no_sign() -> None:
+def test_object_that_hardly_turns_shows_neither_sign_nor_lag() -> None:
     assert turns_against({"D1": answers(-1.0, turn_deg=3.0)}, truth(turn_deg=3.0)) is None
+    assert clock_lag(answers(turn_deg=3.0), truth(0.2, 3.0)) is None
 
 
-@pytest.mark.parametrize("late_s", [-0.3, -0.2, -0.1, 0.1, 0.2, 0.3])
+@pytest.mark.parametrize("late_s", [-0.3, -0.1, 0.1, 0.3])
 @pytest.mark.parametrize("factor", [0.9, 1.1])
 def test_lag_beyond_the_limit_is_measured(late_s: float, factor: float) -> None:
     found = clock_lag(answers(factor), truth(late_s))
@@ -91,15 +88,11 @@ def test_lag_beyond_the_limit_is_measured(late_s: float, factor: float) -> None:
     assert ("before" if late_s > 0 else "after") in str(found)
 
 
-@pytest.mark.parametrize("late_s", [0.0, 0.03, -0.03])
 @pytest.mark.parametrize("seed", range(5))
-def test_small_lag_is_not_a_warning(late_s: float, seed: int) -> None:
-    assert abs(late_s) < MOST_LAG_S
-    assert clock_lag(answers(seed=seed), truth(late_s)) is None
-
-
-def test_lag_of_an_object_that_hardly_turns_is_unknown() -> None:
-    assert clock_lag(answers(turn_deg=3.0), truth(0.2, 3.0)) is None
+def test_small_lag_is_not_a_warning(seed: int) -> None:
+    for late_s in (0.0, 0.03, -0.03):
+        assert abs(late_s) < MOST_LAG_S
+        assert clock_lag(answers(seed=seed), truth(late_s)) is None
 
 
 class Changed(LiftEvents):

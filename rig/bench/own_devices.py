@@ -2,7 +2,7 @@
 
 A class named as `driver = "package.module:Class"` is called with keyword arguments: those of the rig's
 arguments for such a device that its constructor accepts, and all keys of the subtable `options`. The bench
-then checks every motion and state, see `rig.bench.own_devices`.
+then checks limits before a motion, answers and errors (`CheckedDevice`).
 """
 
 import inspect

@@ -1,4 +1,7 @@
-"""Provide the bench of each lift: a new simulated one per lift, or one bench for the whole session."""
+"""Provide the bench of each lift: a new simulated one per lift, or one bench for the whole session.
+
+The bench of a session is read before the first question; the state of its hand survives a killed program.
+"""
 
 import logging
 import sys

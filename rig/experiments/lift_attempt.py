@@ -82,8 +82,7 @@ def attempt_lift(
                 observers = LiftObservers(measurement, recorder, measurement, outlines, shown, delays)
                 run_lift(bench, plan, observers, reaction)
         except (DeviceError, CalibrationError) as error:
-            spent_s = delays.spent_s() if delays else 0.0
-            lift = replace(lift, fault=fault_text(error), bench_s=spent_s)
+            lift = replace(lift, fault=fault_text(error), bench_s=delays.spent_s() if delays else 0.0)
         else:
             lift = replace(lift, bench_s=delays.spent_s())
             lift, angles = lift_result(measurement, lift)

@@ -18,7 +18,7 @@ from pydantic_core import CoreSchema, core_schema
 
 from drivers.errors import InputError
 from drivers.named_classes import file_hint, is_class_name
-from drivers.types import ArmLimits, GripperSpec, Vector6
+from drivers.types import GripperSpec, Vector6
 
 Coordinate = Annotated[float, Field(ge=-5, le=5)]
 """m in the base frame. No bench is larger, so that values in mm are rejected."""
@@ -148,16 +148,6 @@ class ArmLimitsConfig(BenchSection):
     max_contact_force_n: float = Field(default=20.0, ge=5, le=100)
     joint_min_deg: JointAngles = (-360.0, -360.0, -360.0, -360.0, -360.0, -360.0)
     joint_max_deg: JointAngles = (360.0, 360.0, 360.0, 360.0, 360.0, 360.0)
-
-    def arm_limits(self) -> ArmLimits:
-        return ArmLimits(
-            self.workspace_min_m,
-            self.workspace_max_m,
-            self.max_speed_m_s,
-            self.max_acceleration_m_s2,
-            self.max_payload_kg,
-            self.max_contact_force_n,
-        )
 
     def joint_limits_rad(self) -> tuple[Vector6, Vector6]:
         """Return lowest and highest joint angles, rad."""

@@ -1,8 +1,8 @@
 """The keys of a bench file."""
 
 from collections.abc import Iterator
-from dataclasses import replace
-from typing import Annotated, Literal
+from dataclasses import fields
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Field
@@ -269,7 +269,7 @@ class BenchConfig(BenchParts):
         Each box is enlarged by the hand's extent around the tool centre point: the fingertips below, half the
         hand's width to every side, and the hand up to the flange above.
         """
-        boxes = [Box(k.name, k.min_m, k.max_m) for k in self.keep_out]
+        boxes: list[KeepOutConfig | Box] = [*self.keep_out]
         if self.table.top_m is not None:
             boxes.append(Box("table", (-FAR_M, -FAR_M, -FAR_M), (FAR_M, FAR_M, self.table.top_m)))
         hand = self.gripper if self.has("gripper") else GripperConfig(driver="fake", fingers=("A", "B"))
@@ -282,8 +282,12 @@ class BenchConfig(BenchParts):
             )
             for box in boxes
         )
-        limits = replace(self.arm.limits.arm_limits(), keep_out=grown)
-        return limits if self.arm.force_sensor else replace(limits, max_contact_force_n=None)
+        written: dict[str, Any] = {
+            of.name: getattr(self.arm.limits, of.name) for of in fields(ArmLimits) if of.name != "keep_out"
+        }
+        if not self.arm.force_sensor:
+            written["max_contact_force_n"] = None
+        return ArmLimits(**written, keep_out=grown)
 
     def gripper_spec(self) -> GripperSpec:
         return self.gripper.limits.spec(self.calibrations.opening)

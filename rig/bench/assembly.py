@@ -123,7 +123,6 @@ class _Devices:
     variation_seed: int | None = None
 
     def bench(self, base_T_table: Pose, base_T_home: Pose, hand: Hand) -> Bench:  # noqa: N803
-        """Create the bench."""
         config = self.config
         has_camera = config.has("camera")
         return Bench(
@@ -204,7 +203,6 @@ class _Devices:
 
 
 def simulated_bench_plan(config: BenchConfig) -> BenchPlan:
-    """Return the plan of a complete simulated bench."""
     return BenchPlan(simulated_layout(config), _digit_plans(config), _camera_plan(config))
 
 

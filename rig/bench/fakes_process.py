@@ -77,7 +77,15 @@ def started_fakes(config: BenchConfig, slowness: int = 1) -> Iterator[BenchConfi
     process.start()
     theirs.close()
     try:
-        yield _ready(ours)
+        try:
+            answer: Any = ours.recv() if ours.poll(START_S) else None
+        except (EOFError, OSError):
+            answer = None
+        if isinstance(answer, RigError):
+            raise answer
+        if answer is None:
+            raise DeviceError("fakes: their process did not start; run 'rig fakes serve' to see why")
+        yield answer
     finally:
         ours.close()
         process.join(STOP_S)
@@ -138,27 +146,16 @@ def state_lines(state: Mapping[str, Any]) -> list[str]:
         "no object" if state["object"] is None else f"object {state['object']}, {held}, {turned}",
     ]
     for name, counted in state["devices"].items():
-        shown = (f"{key.replace('_', ' ')} {_word(counted[key])}" for key in _SHOWN if key in counted)
-        lines.append(f"{name}: {', '.join(shown)}")
+        words = []
+        for key in (key for key in _SHOWN if key in counted):
+            value = counted[key]
+            if isinstance(value, bool):
+                value = "yes" if value else "no"
+            elif isinstance(value, list):
+                value = ", ".join(map(str, value)) or "none"
+            words.append(f"{key.replace('_', ' ')} {value}")
+        lines.append(f"{name}: {', '.join(words)}")
     return lines
-
-
-def _word(value: Any) -> str:
-    if isinstance(value, bool):
-        return "yes" if value else "no"
-    return ", ".join(map(str, value)) or "none" if isinstance(value, list) else str(value)
-
-
-def _ready(pipe: Connection) -> BenchConfig:
-    try:
-        answer: Any = pipe.recv() if pipe.poll(START_S) else None
-    except (EOFError, OSError):
-        answer = None
-    if isinstance(answer, RigError):
-        raise answer
-    if answer is None:
-        raise DeviceError("fakes: their process did not start; run 'rig fakes serve' to see why")
-    return answer
 
 
 def _serve(config: BenchConfig, pipe: Connection, slowness: int) -> None:

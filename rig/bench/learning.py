@@ -25,7 +25,6 @@ from fakes.world.world import World
 from rig.bench.assembly import simulated_arm, simulated_bench_plan
 from rig.config import BenchConfig
 
-NO_FAULTS = FaultScript()
 MOST_BRIGHTER, HALF_FORCE_N = 140.0, 4.0
 """Brightness of a sketched contact in grey levels at a very large force, and the force that gives half of it.
 Chosen so that a contact is visible at 0.2 N and still becomes brighter at 20 N."""
@@ -51,10 +50,10 @@ class LearningBench:
 
 
 def build_learning_bench(
-    config: BenchConfig, seed: int, sight_hz: float | None, faults: FaultScript = NO_FAULTS
+    config: BenchConfig, seed: int, sight_hz: float | None, faults: FaultScript | None = None
 ) -> LearningBench:
     """Build a bench on a new world. sight_hz: rate of rendered tactile frames; None: sketched frames."""
-    plan = simulated_bench_plan(config)
+    plan, faults = simulated_bench_plan(config), faults or FaultScript()
     world, clock = World(plan.layout, seed), SimulatedClock()
 
     def cheap(serial: str, rate_hz: float, draw: Draw) -> _Cheap:

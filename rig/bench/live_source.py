@@ -69,9 +69,9 @@ def _source(text: str, sensor: str | None, rate_hz: float | None, clock: Clock) 
         _check_device(path)
     kind = sensor or "plain"
     if is_address:
-        return _addressed(without_passwords(text), text, kind, rate_hz or FILE_RATE_HZ, clock)
+        return _made(kind, without_passwords(text), text, rate_hz or FILE_RATE_HZ, clock)
     if not is_device and (path.is_file() or path.is_dir()):
-        source = _addressed(path.name, text, kind, rate_hz or _own_rate(path), clock)
+        source = _made(kind, path.name, text, rate_hz or _own_rate(path), clock)
         source.wait_for_reader()
         return source
     if not is_device and ("/" in text or path.suffix):
@@ -79,28 +79,18 @@ def _source(text: str, sensor: str | None, rate_hz: float | None, clock: Clock) 
             f"{text}: there is no such file or folder: give a DIGIT's serial, /dev/videoN or its number, an "
             f"MJPEG address (http://HOST:PORT/PATH), a video, a folder of images, or {FAKE}"
         )
-    return _device(text, sensor or "digit", rate_hz, is_device, clock)
+    if not is_device:
+        _check_device(Path(_node_of(text).device))
+    # without an address it is found again by its serial when it is plugged in again
+    return _made(sensor or "digit", text, text if is_device else None, rate_hz, clock)
 
 
-def _addressed(name: str, address: str, kind: str, rate_hz: float, clock: Clock) -> AddressedSource:
-    """Return the source of an MJPEG address or of a file."""
+def _made(kind: str, name: str, address: str | None, rate_hz: float | None, clock: Clock) -> AddressedSource:
     if kind == "digit":
-        return Digit(name, rate_hz, address=address, clock=clock)
+        return Digit(name, rate_hz or 60.0, address=address, clock=clock)
     if kind == "gelsight-mini":
         return GelSightMini(name, address, rate_hz, clock)
-    return ExternalCamera(name, address, rate_hz, clock=clock)
-
-
-def _device(text: str, kind: str, rate_hz: float | None, is_node: bool, clock: Clock) -> FrameSource:
-    """Return the source of a device node or of a serial."""
-    address = text if is_node else None  # which finds it again by its serial when it is plugged in again
-    if not is_node:
-        _check_device(Path(_node_of(text).device))
-    if kind == "digit":
-        return Digit(text, rate_hz or 60.0, address=address, clock=clock)
-    if kind == "gelsight-mini":
-        return GelSightMini(text, address, rate_hz, clock)
-    return ExternalCamera(text, address, rate_hz or PLAIN_RATE_HZ, clock=clock)
+    return ExternalCamera(name, address, rate_hz or PLAIN_RATE_HZ, clock=clock)
 
 
 def _node_of(serial: str) -> VideoNode:

@@ -44,15 +44,12 @@ class SimulatedOperator:
         self._rng = np.random.default_rng((seed, 43))
 
     def confirm(self, question: str) -> None:
-        """Agree."""
         self._prove()
 
     def look(self, question: str) -> None:
-        """Agree."""
         self._prove()
 
     def place(self, object_id: str, name: str) -> None:
-        """Put the object in its place."""
         self._prove()
         self._place(object_id)
 
@@ -64,7 +61,6 @@ class SimulatedOperator:
         opening_m: float | None,
         turning: bool = False,
     ) -> None:
-        """Hold the object at the pose."""
         self._prove()
         if self._hold is None:
             raise InputError("on this simulated bench no person can hold an object; use --bench fake")
@@ -100,7 +96,6 @@ class SimulatedOperator:
         yield there
 
     def key(self, question: str, where: Pose, here: Pose) -> str:
-        """Return the key that moves the tool nearer, horizontally before down."""
         self._prove()
         if question:
             self._step_size = ""
@@ -173,12 +168,10 @@ class ConsoleOperator:
         opening_m: float | None,
         turning: bool = False,
     ) -> None:
-        """Ask in any case, and stop unless they hold it."""
         self._in_place = None
         self.look(question)
 
     def displaced(self) -> None:
-        """Ask again before the next lift."""
         self._in_place, self._before = None, "the last object fell or may lie anywhere"
 
     def nudge(self, question: str) -> Vector3 | None:
@@ -196,13 +189,11 @@ class ConsoleOperator:
         return None
 
     def guide(self, question: str, where: Pose) -> Guidance:
-        """Repeat the prompt until the person confirms that the hand is in position."""
         if self._wait is None:
             raise OperatorStopError("stopped: a person at a terminal is needed to lead the arm")
         return self._wait(f"{question} Enter when it is there, q to stop:")
 
     def key(self, question: str, where: Pose, here: Pose) -> str:
-        """Return the pressed key."""
         if self._press is None:
             raise OperatorStopError("stopped: a person at a terminal is needed to step the arm")
         key = self._press(question)

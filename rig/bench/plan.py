@@ -44,7 +44,6 @@ class Plan:
     refused: tuple[str, ...] = ()
 
     def text(self) -> str:
-        """Return the whole plan as one text."""
         refused = [f"  WOULD BE REFUSED: {reason}" for reason in self.refused]
         return "\n".join([*self.lines, *refused])
 
@@ -75,7 +74,6 @@ def _line(config: BenchConfig, motion: PlannedMotion) -> str:
 
 
 def _reach_m(config: BenchConfig, motion: PlannedMotion) -> float:
-    """Return the largest distance of the flange from the shoulder."""
     flange = config.arm.flange_T_tcp().inverse()
     ends = [(pose @ flange).position_m for pose in (motion.base_T_tcp, *motion.way)]
     return float(np.linalg.norm(np.subtract(ends, SHOULDER_M), axis=1).max())

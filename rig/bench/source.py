@@ -1,24 +1,169 @@
-"""Provide the bench of each lift: a new simulated one per lift, or one bench for the whole session."""
+"""Provide the bench of each lift: a new simulated one per lift, or one bench for the whole session.
 
+The bench of a session is read before the first question; the state of its hand survives a killed program.
+"""
+
+import logging
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, ExitStack, contextmanager
-from dataclasses import dataclass
+from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
+from dataclasses import asdict, dataclass
 from functools import partial
+from pathlib import Path
 from typing import Protocol
+from urllib.parse import quote
 
 from drivers.bench import Bench, Hand
-from drivers.errors import InputError
+from drivers.errors import DeviceError, FormatError, InputError, InvalidStateError, RecordingError, counted
+from drivers.formats import read_json
+from drivers.images import encode_png, load_image
+from drivers.interfaces import Arm, FrameSource, Gripper
 from drivers.realtime import compute_in_one_thread, realtime
-from drivers.types import HandState, Holding
+from drivers.types import BASIC_MODE, HandState, Holding, Pose
 from fakes.world.world import World
 from protocols.operator import Operator
 from rig.bench.assembly import build_bench, build_real_bench
-from rig.bench.hand_memory import HandMemory
 from rig.bench.identity import prove_simulated
 from rig.bench.operators import ConsoleOperator
-from rig.bench.reading import read_devices, require_read
 from rig.config import BenchConfig
+from rig.sessions.files import state_folder, write_file, write_json
+from rig.tactile.contact.finder import ContactFinder
+from rig.tactile.contact.gate import TOUCH_FRAMES
+
+FIRST_FRAME_S = 5.0
+"""Time limit of the first frame: some sensors take seconds to start."""
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """Result of reading a device. seen: text for the operator. problem: why it cannot be read, or None."""
+
+    device: str
+    seen: str
+    problem: str | None = None
+
+
+def read_devices(bench: Bench) -> list[Reading]:
+    """Read a frame of each camera, the fingers' opening and the arm's speed slider; then disconnect."""
+    reads: list[tuple[str, Callable[[], str]]] = [
+        (source.serial, partial(_frame_of, source)) for source in bench.frame_sources
+    ]
+    if bench.has("gripper"):
+        reads.append(("gripper", partial(_fingers_of, bench.gripper)))
+    if bench.has("arm"):
+        reads.append(("arm", partial(_slider_of, bench.arm)))
+    readings = []
+    for device, read in reads:
+        try:
+            readings.append(Reading(device, read()))
+        except DeviceError as error:
+            readings.append(Reading(device, "", str(error)))
+    return readings
+
+
+def _frame_of(source: FrameSource) -> str:
+    try:
+        source.connect()
+        height, width = source.next_frame(FIRST_FRAME_S).image.shape[:2]
+    finally:
+        source.disconnect()
+    return f"{width} x {height} px"
+
+
+def _fingers_of(gripper: Gripper) -> str:
+    try:
+        gripper.connect()
+        state = gripper.state()
+    finally:
+        gripper.disconnect()
+    active = "activated" if state.activated else "not activated: asked for first"
+    if state.mode != BASIC_MODE:
+        active += f"; in {state.mode} mode: activation in {BASIC_MODE} mode is asked for first"
+    return f"fingers {1e3 * state.opening_m:.1f} mm apart, {active}"
+
+
+def _slider_of(arm: Arm) -> str:
+    fraction = arm.speed_fraction()
+    if fraction is None:
+        return "no speed slider"
+    return f"speed slider at {fraction:.0%}: motions run at that fraction of their speed"
+
+
+FRAME_S = 1.0
+"""Largest age of a stored frame, and time limit for the next one."""
+_log = logging.getLogger("rig.bench.hand")
+
+
+class HandMemory:
+    """Stores the state of one arm's hand, and the no-contact frames of its fingertips.
+
+    arm: the address of the arm that the hand is on.
+    """
+
+    def __init__(self, arm: str) -> None:
+        self._folder = state_folder() / "hands"
+        self._name = quote(arm, safe="")
+        self._file = self._folder / f"{self._name}.json"
+
+    def recall(self) -> HandState:
+        """Return the last stored state; unknown if none was stored, or it cannot be read.
+
+        Raises `RecordingError` if the folder cannot be written.
+        """
+        state = self._read()
+        try:
+            self._folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise RecordingError(
+                f"{self._folder}: cannot be written ({error.strerror}): it stores what the hand holds "
+                "across crashes; set XDG_STATE_HOME to a writable folder"
+            ) from error
+        write_json(self._file, {**asdict(state), "holding": state.holding.value})
+        return state
+
+    def keep(self, state: HandState) -> None:
+        """Store the state. A failure is only logged, because the hand continues its motion."""
+        try:
+            write_json(self._file, {**asdict(state), "holding": state.holding.value})
+        except RecordingError as error:
+            _log.warning("%s", error)
+
+    def keep_untouched(self, bench: Bench) -> None:
+        """Store the current no-contact frame of each fingertip; skip fingertips without a frame."""
+        for tip in bench.fingertips:
+            with suppress(DeviceError, RecordingError):
+                write_file(self._picture(tip.sensor), encode_png(tip.sensor.newest_frame(FRAME_S).image))
+
+    def touched(self, bench: Bench) -> list[str]:
+        """Return the serials of fingertips that show contact, compared with the stored no-contact frames."""
+        found: list[str] = []
+        for sensor in (tip.sensor for tip in bench.fingertips):
+            before = load_image(self._picture(sensor))
+            if before is None:
+                continue
+            finder = ContactFinder(before)
+            with suppress(DeviceError):  # reported later, when the sensor's frames are needed
+                frames = (sensor.next_frame(FRAME_S).image for _ in range(TOUCH_FRAMES))
+                if all(finder.find(image).mask is not None for image in frames):
+                    found.append(sensor.serial)
+        return found
+
+    def _read(self) -> HandState:
+        try:
+            values = read_json(self._file)
+            place = values["base_T_grasp"]
+            parts = place and (tuple(place["position_m"]), tuple(place["quaternion_xyzw"]))
+            pose = None if place is None else Pose(*parts)
+            what, width_m = str(values["what"]), float(values["width_m"])
+            return HandState(Holding(values["holding"]), what, pose, width_m, values["finger_opening_m"])
+        except (FormatError, InvalidStateError, ValueError, KeyError, TypeError, OverflowError):
+            if not self._file.exists():
+                return HandState(Holding.UNKNOWN, "no run has stored it yet")
+            return HandState(Holding.UNKNOWN, f"{self._file} is damaged")
+
+    def _picture(self, sensor: FrameSource) -> Path:
+        return self._folder / f"{self._name}-{quote(sensor.serial, safe='')}.png"
+
 
 SWITCH_S = 0.0005
 """Longest time that one thread keeps the interpreter while another waits; Python's default of 5 ms is a third
@@ -68,7 +213,6 @@ class FreshBenches(BenchSource):
 
     @contextmanager
     def for_lift(self, seed: int, lift: str, attempt: int = 0) -> Iterator[tuple[Bench, Operator]]:
-        """Create a bench, connect it, and disconnect it after the lift."""
         bench, operator = build_bench(
             self.config, seed, lift, attempt, self.realtime, self.variation_seed, self.watch
         )
@@ -127,7 +271,6 @@ class StandingBench(BenchSource):
             self._memory.keep_untouched(bench)
 
     def displaced(self) -> None:
-        """Ask for the object to be placed again before the next lift."""
         self._person.displaced()
 
     def close(self) -> None:
@@ -139,7 +282,10 @@ class StandingBench(BenchSource):
         if not self._connected:
             self._connection.enter_context(bench.connected())
             self._connected = True
-            self._check_fingertips(bench)
+            # fingertips that show contact: a hand that was free may hold an object
+            if self._memory is not None and bench.hand.state.holding is Holding.FREE:
+                if touched := self._memory.touched(bench):
+                    bench.hand.note(HandState(Holding.UNKNOWN, f"{' and '.join(touched)} show contact"))
 
     def _open(self) -> Bench:
         config = self._session.enter_context(_reached(self._config))
@@ -148,7 +294,11 @@ class StandingBench(BenchSource):
         bench = build_real_bench(config, self._remembered_hand(config))
         if config.fakes is None:
             readings = read_devices(bench)
-            require_read(readings)
+            if problems := [reading.problem for reading in readings if reading.problem]:
+                raise DeviceError(
+                    f"{len(problems)} of {counted(len(readings), 'device')} cannot be read, nothing was "
+                    f"started: {'; '.join(problems)}; rig doctor gives details"
+                )
             seen = "\n".join(f"  {reading.device}: {reading.seen}" for reading in readings)
             self._person.confirm(f"Devices were read and disconnected again:\n{seen}\n{self._introduction}")
         else:
@@ -169,13 +319,6 @@ class StandingBench(BenchSource):
         host = config.arm.host if config.has("arm") else None
         self._memory = memory = HandMemory(host or f"bench {config.name}")
         return Hand(memory.recall(), memory.keep)
-
-    def _check_fingertips(self, bench: Bench) -> None:
-        """Set a hand that was free to unknown if fingertips now show contact."""
-        if self._memory is None or bench.hand.state.holding is not Holding.FREE:
-            return
-        if touched := self._memory.touched(bench):
-            bench.hand.note(HandState(Holding.UNKNOWN, f"{' and '.join(touched)} show contact"))
 
     def _disconnect(self) -> None:
         self._connected = False

@@ -56,16 +56,15 @@ def refuse_undrawn(config: BenchConfig, grasps: GraspFile) -> None:
 def plain_notes(config: BenchConfig, objects: Sequence[GraspFile]) -> list[str]:
     """Return a note for each object that a simulated bench draws as a plain shape, with its assumed body."""
     own = {each.id for each in config.objects} if config.simulated else set()
-    return [_note(each) for each in objects if each.id in own]
-
-
-def _note(grasps: GraspFile) -> str:
-    body = grasps.simulated
-    shapes = ", ".join(f"{p.name} {p.surface} {1e3 * p.width_m:g} mm" for p in grasps.position)
-    return (
-        f"SIMULATED: object {grasps.id} has no simulated twin and is drawn as a plain shape: {shapes}; "
-        f"{body.mass_kg:g} kg, friction {body.friction:g}, {1e3 * body.length_m:g} mm long."
-    )
+    notes = []
+    for each in (each for each in objects if each.id in own):
+        body = each.simulated
+        shapes = ", ".join(f"{p.name} {p.surface} {1e3 * p.width_m:g} mm" for p in each.position)
+        notes.append(
+            f"SIMULATED: object {each.id} has no simulated twin and is drawn as a plain shape: {shapes}; "
+            f"{body.mass_kg:g} kg, friction {body.friction:g}, {1e3 * body.length_m:g} mm long."
+        )
+    return notes
 
 
 def _site(grasps: GraspFile, position: Position) -> dict[str, object]:

@@ -24,7 +24,7 @@ from rig.bench.source import session_bench
 from rig.bench.twins import refuse_undrawn
 from rig.calibrate.bench import TouchObserver
 from rig.config import BenchConfig, validation_text
-from rig.experiments.grasp_plans import grasp_pose
+from rig.experiments.lift_plan import grasp_pose
 
 BESIDE_M = 0.010
 """Largest distance of the hand from the mark along the closing direction; the fingers centre the object."""

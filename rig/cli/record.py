@@ -20,7 +20,7 @@ from rig.live.questions import ask
 
 if TYPE_CHECKING:
     from rig.config import BenchConfig
-    from rig.experiments.pose_attempt import RecordSettings
+    from rig.experiments.record import RecordSettings
     from rig.sessions.about import Remarks
     from rig.sessions.records import PoseRow
 
@@ -102,8 +102,7 @@ def _prepare(
     """Read the bench and the session to resume; return folder and settings. Raises `InputError`."""
     from protocols.grasps import find_grasp_file, grasp_poses
     from rig.config.objects import with_more
-    from rig.experiments.pose_attempt import RecordSettings
-    from rig.experiments.record import record_manifest
+    from rig.experiments.record import RecordSettings, record_manifest
     from rig.sessions.manifest import RecordManifest
     from rig.sessions.session import require_same
 

@@ -12,7 +12,7 @@ from rig.cli.results import print_results, trial_table
 from rig.declared import argument, folder_place, option
 
 if TYPE_CHECKING:
-    from rig.experiments.batch_replay import ReplayPlan
+    from rig.experiments.replay import ReplayPlan
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,8 +108,8 @@ def _replay_many(options: ReplayOptions) -> None:
 
 
 def _replay_all(paths: list[Path], folder: Path, options: ReplayOptions) -> None:
-    from rig.experiments.batch_replay import gather_sessions, plan_replays, replay_manifest, run_replays
     from rig.experiments.process_pool import runner
+    from rig.experiments.replay import gather_sessions, plan_replays, replay_manifest, run_replays
     from rig.live.terminal import WorkProgress
     from rig.results.notes import row_note
     from rig.results.table import results_json

@@ -5,9 +5,6 @@ from rig.config.models import (
     ArmConfig,
     BenchConfig,
     CameraConfig,
-    FakesConfig,
-    FaultConfig,
-    GripperConfig,
     TactileConfig,
 )
 
@@ -16,9 +13,6 @@ __all__ = [
     "ArmConfig",
     "BenchConfig",
     "CameraConfig",
-    "FakesConfig",
-    "FaultConfig",
-    "GripperConfig",
     "TactileConfig",
     "load_bench",
     "validation_text",

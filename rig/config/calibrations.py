@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Mapping
 from datetime import UTC, datetime
-from functools import partial
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
@@ -24,8 +23,6 @@ LARGEST_TIP_M = 0.05
 """Largest distance of a tip from the bench file's `tcp_m`: a clamped tip stands out of the gels by less."""
 SAME_TIP_M = 0.001
 """Distances of a tip from `tcp_m` that differ by less are the same: five sigma of a good calibration."""
-Take = Callable[[CalibrationFile, str], CalibrationsInUse | None]
-"""Returns the values to use from a calibration file, given its path for messages; None if there are none."""
 
 
 def load_calibrated_bench(name_or_path: str, report: Callable[[str], None]) -> BenchConfig:
@@ -60,25 +57,22 @@ def find_calibrations(
     unnoticed. Calibrations with verdict "refused" are ignored. report: prints what a person should know of a
     file beside its age and verdict. Raises `CalibrationError`.
     """
-    wanted: list[tuple[str, dict[str, str], Take]] = []
+    wanted: list[tuple[str, dict[str, str]]] = []
     if config.has("camera"):
         camera = {"camera": config.camera.serial}
-        wanted += [
-            ("camera", camera, partial(_camera, config.camera.size_px)),
-            ("hand-eye", camera, partial(_hand_eye, report)),
-        ]
+        wanted += [("camera", camera), ("hand-eye", camera)]
     if config.has("gripper"):
-        wanted.append(("gripper", {"gripper": config.name}, _gripper))
-    wanted += [("tactile", {"tactile": tactile.serial}, _tactile) for tactile in config.tactile]
+        wanted.append(("gripper", {"gripper": config.name}))
+    wanted += [("tactile", {"tactile": tactile.serial}) for tactile in config.tactile]
     if config.has("arm"):
-        wanted.append(("tcp", {"tool": config.name}, partial(_tip, config, report)))
-        wanted += [("sync", {"reference": "arm", "stream": each.serial}, _sync) for each in config.sensors]
+        wanted.append(("tcp", {"tool": config.name}))
+        wanted += [("sync", {"reference": "arm", "stream": each.serial}) for each in config.sensors]
     elif config.has("camera"):
         reference = config.camera.serial
-        wanted += [("sync", {"reference": reference, "stream": t.serial}, _sync) for t in config.tactile]
+        wanted += [("sync", {"reference": reference, "stream": t.serial}) for t in config.tactile]
     found = CalibrationsInUse()
-    for kind, serials, take in wanted:
-        found = found.joined(_used(config, folder, kind, serials, take))
+    for kind, serials in wanted:
+        found = found.joined(_used(config, folder, kind, serials, report))
     for tactile in config.tactile:
         found = found.joined(_gel(config, tactile))
     return found
@@ -105,7 +99,7 @@ def _gel(config: BenchConfig, tactile: TactileConfig) -> CalibrationsInUse:
 
 
 def _used(
-    config: BenchConfig, folder: Path, kind: str, serials: Mapping[str, str], take: Take
+    config: BenchConfig, folder: Path, kind: str, serials: Mapping[str, str], report: Callable[[str], None]
 ) -> CalibrationsInUse:
     """Find a kind's file for these serials and return the values in use; none without a file."""
     path = _find(folder, kind, serials)
@@ -117,7 +111,7 @@ def _used(
     devices = {*serials.values(), {"gripper": "gripper", "tcp": "arm"}.get(kind, "")}
     _refuse_simulated(config, file, path, not devices.isdisjoint(config.real_devices))
     try:
-        taken = take(file, str(path))
+        taken = _taken(config, report, file, str(path))
     except ValidationError as error:
         raise CalibrationError(
             f"{path}: has invalid values ({validation_text(error)}); make it again with rig calibrate"
@@ -164,55 +158,44 @@ def _find(folder: Path, kind: str, serials: Mapping[str, str]) -> Path | None:
     return None
 
 
-def _camera(size_px: tuple[int, int], file: CalibrationFile, where: str) -> CalibrationsInUse:
-    camera = calibrated(file, where)
-    if camera.size != size_px:
-        raise CalibrationError(
-            f"{where}: was made from pictures of {camera.size} px, but the bench file has size_px = "
-            f"{list(size_px)}; calibrate at that size, or correct it"
-        )
-    return CalibrationsInUse(camera=CameraInUse.of(camera))
-
-
-def _hand_eye(report: Callable[[str], None], file: CalibrationFile, where: str) -> CalibrationsInUse | None:
-    """Return `base_T_camera`, which only a fixed camera has."""
-    if file.value.get("setup") != "eye-to-hand":
-        report(
-            f"calibration not used: {where}: the camera is on the tool, and lifts are watched by a fixed one"
-        )
-        return None
-    x, y, z = (float(v) for v in _numbers(file, where, "translation_m", 3))
-    a, b, c, d = (float(v) for v in _numbers(file, where, "quaternion_xyzw", 4))
-    place = PlaceInUse(
-        position_m=(x, y, z), quaternion_xyzw=(a, b, c, d), turn_sigma_rad=_turn_sigma_rad(file)
-    )
-    return CalibrationsInUse(base_T_camera=place)
-
-
-def _turn_sigma_rad(file: CalibrationFile) -> float:
-    """Return one sigma of the camera's orientation about its least certain axis; 0 if not in the file."""
-    if "covariance" not in file.quality:
-        return 0.0
-    turns = np.reshape(np.asarray(file.quality["covariance"], np.float64), (6, 6))[:3, :3]
-    return float(np.sqrt(np.linalg.eigvalsh(turns)[-1]))
-
-
-def _tactile(file: CalibrationFile, where: str) -> CalibrationsInUse | None:
-    if "pixel_aspect" not in file.value:
-        return None
-    return CalibrationsInUse(pixel_aspect={file.serials["tactile"]: float(file.value["pixel_aspect"])})
-
-
-def _gripper(file: CalibrationFile, where: str) -> CalibrationsInUse | None:
-    table = file.value.get("closing")
-    if not isinstance(table, Mapping):
-        return None
-    pairs = zip(table["counts"], table["opening_m"], strict=True)
-    return CalibrationsInUse(opening=tuple((float(counts), float(opening)) for counts, opening in pairs))
-
-
-def _sync(file: CalibrationFile, where: str) -> CalibrationsInUse:
-    return CalibrationsInUse(time_shift_s={file.serials["stream"]: float(file.value["add_to_stream_s"])})
+def _taken(
+    config: BenchConfig, report: Callable[[str], None], file: CalibrationFile, where: str
+) -> CalibrationsInUse | None:
+    """Return the values to use from a calibration file; None if there are none. where: its path."""
+    value = file.value
+    match file.kind:
+        case "camera":
+            camera = calibrated(file, where)
+            if camera.size != config.camera.size_px:
+                raise CalibrationError(
+                    f"{where}: was made from pictures of {camera.size} px, but the bench file has size_px = "
+                    f"{list(config.camera.size_px)}; calibrate at that size, or correct it"
+                )
+            return CalibrationsInUse(camera=CameraInUse.of(camera))
+        case "hand-eye" if value.get("setup") == "eye-to-hand":
+            x, y, z = (float(v) for v in _numbers(file, where, "translation_m", 3))
+            a, b, c, d = (float(v) for v in _numbers(file, where, "quaternion_xyzw", 4))
+            sigma_rad = 0.0  # of the camera's orientation about its least certain axis
+            if "covariance" in file.quality:
+                turns = np.reshape(np.asarray(file.quality["covariance"], np.float64), (6, 6))[:3, :3]
+                sigma_rad = float(np.sqrt(np.linalg.eigvalsh(turns)[-1]))
+            place = PlaceInUse(position_m=(x, y, z), quaternion_xyzw=(a, b, c, d), turn_sigma_rad=sigma_rad)
+            return CalibrationsInUse(base_T_camera=place)
+        case "hand-eye":
+            why = "the camera is on the tool, and lifts are watched by a fixed one"
+            report(f"calibration not used: {where}: {why}")
+        case "tactile" if "pixel_aspect" in value:
+            return CalibrationsInUse(pixel_aspect={file.serials["tactile"]: float(value["pixel_aspect"])})
+        case "gripper" if isinstance(table := value.get("closing"), Mapping):
+            pairs = zip(table["counts"], table["opening_m"], strict=True)
+            return CalibrationsInUse(
+                opening=tuple((float(counts), float(opening)) for counts, opening in pairs)
+            )
+        case "sync":
+            return CalibrationsInUse(time_shift_s={file.serials["stream"]: float(value["add_to_stream_s"])})
+        case "tcp":
+            return _tip(config, report, file, where)
+    return None
 
 
 def _tip(

@@ -6,14 +6,13 @@ import numpy as np
 from pydantic import BaseModel
 
 from drivers.named_classes import is_class_name
-from rig.config.lines import KeyFault, KeyPath
+from rig.config.fields import KeyFault, KeyPath
 from rig.config.models import (
     ArmConfig,
     BenchConfig,
     CameraConfig,
     DeviceConfig,
     GripperConfig,
-    TableConfig,
     TactileConfig,
 )
 
@@ -59,7 +58,15 @@ def inconsistencies(config: BenchConfig) -> Iterator[KeyFault]:
     yield from _fingertips(config)
     yield from _kinds(config)
     if config.has("arm", "table"):
-        yield from _places(config.arm, config.table)
+        arm, place_m = config.arm, config.table.position_m
+        if not _inside(place_m, arm.limits.workspace_min_m, arm.limits.workspace_max_m):
+            why = "is outside the workspace of [arm.limits]: the arm cannot reach it"
+            yield ("table", "position_m"), why
+        elif arm.home_m[2] <= place_m[2]:
+            yield (
+                ("arm", "home_m"),
+                "is not above position_m of [table]: the tool would wait inside the object",
+            )
 
 
 def _arm(arm: ArmConfig) -> Iterator[KeyFault]:
@@ -186,13 +193,6 @@ def _fingertips(config: BenchConfig) -> Iterator[KeyFault]:
             yield where, f"'{serial}' is another sensor's serial; each sensor has its own"
 
 
-def _places(arm: ArmConfig, table: TableConfig) -> Iterator[KeyFault]:
-    if not _inside(table.position_m, arm.limits.workspace_min_m, arm.limits.workspace_max_m):
-        yield ("table", "position_m"), "is outside the workspace of [arm.limits]: the arm cannot reach it"
-    elif arm.home_m[2] <= table.position_m[2]:
-        yield ("arm", "home_m"), "is not above position_m of [table]: the tool would wait inside the object"
-
-
 def _kinds(config: BenchConfig) -> Iterator[KeyFault]:
     """Yield the devices that must not be simulated, or real, in combination with the others.
 
@@ -291,7 +291,12 @@ def unused_keys(config: BenchConfig) -> Iterator[KeyFault]:
         if not is_class_name(device.driver):
             why = "is for a class of your own, as driver = 'package.module:Class'; remove it"
             yield from _written(device, where, ["options"], why)
-    yield from _unused_fakes(config)
+    if config.fakes is not None and config.in_process:
+        yield ("fakes",), "is for the real drivers; these are 'fake': remove it, or name real drivers"
+    elif config.fakes is not None and config.fakes.control is None:
+        why = "does not count: [fakes] starts devices with addresses of their own; remove it, or give control"
+        for where, device in config.devices:
+            yield from _written(device, where, ["host", "port", "device", "address"], why)
 
 
 def _unused_arm(arm: ArmConfig) -> Iterator[KeyFault]:
@@ -341,18 +346,6 @@ def _unused_tactile(tactile: TactileConfig, where: KeyPath, config: BenchConfig)
         yield from _written(
             tactile, where, ["look_seed"], "varies a look, and no look is named: add it, or remove this"
         )
-
-
-def _unused_fakes(config: BenchConfig) -> Iterator[KeyFault]:
-    """Yield keys without effect if fakes are simulated in this process or started for each session."""
-    if config.fakes is None:
-        return
-    if config.in_process:
-        yield ("fakes",), "is for the real drivers; these are 'fake': remove it, or name real drivers"
-    elif config.fakes.control is None:
-        why = "does not count: [fakes] starts devices with addresses of their own; remove it, or give control"
-        for where, device in config.devices:
-            yield from _written(device, where, ["host", "port", "device", "address"], why)
 
 
 def _written(table: BaseModel, where: KeyPath, keys: Iterable[str], why: str) -> Iterator[KeyFault]:

@@ -2,6 +2,7 @@
 
 import math
 import re
+from collections.abc import Sequence
 from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import (
@@ -16,9 +17,8 @@ from pydantic import (
 from pydantic_core import CoreSchema, core_schema
 
 from drivers.errors import InputError
-from drivers.formats import without_passwords
 from drivers.named_classes import file_hint, is_class_name
-from drivers.types import ArmLimits, GripperSpec, Vector6
+from drivers.types import GripperSpec, Vector6
 
 Coordinate = Annotated[float, Field(ge=-5, le=5)]
 """m in the base frame. No bench is larger, so that values in mm are rejected."""
@@ -79,15 +79,12 @@ def driver_names(*ours: str) -> AfterValidator:
     return AfterValidator(check)
 
 
+KeyPath = Sequence[str | int]
+"""Keys and list indices from the top of a bench file, such as ("tactile", 1, "rate_hz")."""
+KeyFault = tuple[KeyPath, str]
+"""A key and its problem."""
 Options = dict[str, Any]
 """Keys of a user-defined device class, in its subtable `options`."""
-
-
-def without_secrets(options: Options) -> Options:
-    """Return options without the passwords in addresses."""
-    return {
-        key: without_passwords(value) if isinstance(value, str) else value for key, value in options.items()
-    }
 
 
 class Strict(BaseModel):
@@ -121,7 +118,6 @@ class MayBeMissing:
     """Marks a section that a bench file may lack; reading it then raises `InputError` (`BenchParts`)."""
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
-        """Accept None beside the section's own values."""
         return core_schema.nullable_schema(handler(source))
 
 
@@ -152,17 +148,6 @@ class ArmLimitsConfig(BenchSection):
     max_contact_force_n: float = Field(default=20.0, ge=5, le=100)
     joint_min_deg: JointAngles = (-360.0, -360.0, -360.0, -360.0, -360.0, -360.0)
     joint_max_deg: JointAngles = (360.0, 360.0, 360.0, 360.0, 360.0, 360.0)
-
-    def arm_limits(self) -> ArmLimits:
-        """Return the limits as an `ArmLimits`."""
-        return ArmLimits(
-            self.workspace_min_m,
-            self.workspace_max_m,
-            self.max_speed_m_s,
-            self.max_acceleration_m_s2,
-            self.max_payload_kg,
-            self.max_contact_force_n,
-        )
 
     def joint_limits_rad(self) -> tuple[Vector6, Vector6]:
         """Return lowest and highest joint angles, rad."""

@@ -54,7 +54,6 @@ class CameraInUse(Strict):
 
     @classmethod
     def of(cls, camera: CameraModel) -> Self:
-        """Create from a calibrated camera."""
         known = camera.uncertainty or CameraUncertainty()
         return cls(
             matrix=tuple(camera.matrix.ravel().tolist()),
@@ -99,7 +98,6 @@ class PlaceInUse(Strict):
         return self
 
     def pose(self) -> Pose:
-        """Return it as a pose."""
         return Pose(self.position_m, self.quaternion_xyzw)
 
 
@@ -120,7 +118,6 @@ class GelInUse(Strict):
 
     @classmethod
     def of(cls, look: GelLook) -> Self:
-        """Create from a calibrated look."""
         return cls(
             shape=look.shape,
             mm_per_px=look.mm_per_px,

@@ -2,21 +2,25 @@
 
 import json
 from collections.abc import Collection, Iterator, Sequence
+from contextlib import suppress
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 from pydantic import ValidationError
 
-from drivers.errors import InputError, counted, nearest, unknown_name
+from drivers.errors import FormatError, InputError, counted, nearest, unknown_name
 from drivers.formats import parse_toml, read_text, shown
 from drivers.formats.structured import MOST_TOML_BYTES
 from rig.config.checks import inconsistencies, missing_keys, unused_keys
-from rig.config.lines import KeyFault, line_of
+from rig.config.fields import KeyFault, KeyPath
 from rig.config.models import BenchConfig, known_keys
 
 BENCHES = Path(__file__).parent.parent / "benches"
 PLACEHOLDER = "ENTER "
 """Beginning of each value that the template of a bench file leaves to the user."""
+MOST_LINES = 500
+"""Most lines of a bench file that are searched for a key: the time grows with the square of the lines."""
 MOST_FAULTS = 4
 """Most faults listed in one message."""
 
@@ -48,7 +52,9 @@ def parse_bench(text: str, name: str) -> BenchConfig:
     """Read the text of a bench file; `name` is its name in messages. Raises `InputError`."""
     try:
         values = parse_toml(text, name)
-        _refuse_placeholders(values, text, name)
+        if to_enter := list(_placeholders(values, ())):
+            left, where = counted(len(to_enter), "value"), _text(to_enter, text, most=None)
+            raise InputError(f"{name}: {left} to enter; nothing was connected: {where}")
         # through JSON: lists become tuples, but types are otherwise strict (no true for 1, no "5" for 5)
         document = json.dumps(values, default=str)
         config = BenchConfig.model_validate_json(document, strict=True)
@@ -66,15 +72,7 @@ def require_consistent(config: BenchConfig, name: str) -> None:
         raise InputError(f"{name}: {_text(wrong, None)}")
 
 
-def _refuse_placeholders(values: dict[str, Any], text: str, name: str) -> None:
-    """Raise `InputError` for the values that are still to be entered: all of them, each with its line."""
-    if found := list(_placeholders(values, ())):
-        left = counted(len(found), "value")
-        raise InputError(f"{name}: {left} to enter; nothing was connected: {_text(found, text, most=None)}")
-
-
 def _placeholders(value: Any, where: tuple[str | int, ...]) -> Iterator[KeyFault]:
-    """Yield the keys with placeholders in a TOML value, and what to enter."""
     if isinstance(value, str) and value.startswith(PLACEHOLDER):
         yield where, value.replace(PLACEHOLDER, "enter ", 1)
     elif isinstance(value, dict | list):
@@ -132,3 +130,52 @@ def write_new(path: Path, text: str) -> None:
         raise InputError(f"{path} exists already: give another name, or move it aside") from error
     except OSError as error:
         raise InputError(f"{path}: cannot be written ({error.strerror}); give another path") from error
+
+
+def line_of(text: str, path: KeyPath) -> int:
+    """Return the 1-based line on which a key, table or element of valid TOML begins.
+
+    A missing key counts as being on the line where its nearest table begins. An empty path is line 1, and so
+    are keys beyond `MOST_LINES`.
+
+    The file is parsed repeatedly with one more line until the key exists: this needs no second TOML grammar,
+    and bench files are short.
+    """
+    wanted = _present_part(parse_toml(text, ""), path)
+    for begin, document in _grown(text) if wanted else ():
+        if _present_part(document, wanted) == wanted:
+            rest = enumerate(text.split("\n")[begin:], begin + 1)
+            return next(number for number, line in rest if _has_content(line))
+    return 1
+
+
+@lru_cache(maxsize=1)
+def _grown(text: str) -> list[tuple[int, Any]]:
+    """Return the document up to each line, with the number of lines before its last statement."""
+    lines, readable = text.split("\n"), 0
+    grown: list[tuple[int, Any]] = []
+    for count in range(1, min(len(lines), MOST_LINES) + 1):
+        if not _has_content(lines[count - 1]):
+            continue
+        with suppress(FormatError):  # in the middle of a multi-line value
+            grown.append((readable, parse_toml("\n".join(lines[:count]), "")))
+            readable = count
+    return grown
+
+
+def _present_part(document: Any, path: KeyPath) -> list[str | int]:
+    """Return the longest existing prefix of a path."""
+    found: list[str | int] = []
+    for step in path:
+        if isinstance(document, dict) and step in document:
+            document = document[step]
+        elif isinstance(document, list) and isinstance(step, int) and step < len(document):
+            document = document[step]
+        else:
+            break
+        found.append(step)
+    return found
+
+
+def _has_content(line: str) -> bool:
+    return bool(line.strip()) and not line.lstrip().startswith("#")

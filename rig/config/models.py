@@ -1,8 +1,8 @@
 """The keys of a bench file."""
 
 from collections.abc import Iterator
-from dataclasses import replace
-from typing import Annotated, Literal
+from dataclasses import fields
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Field
@@ -25,6 +25,7 @@ from rig.config.fields import (
     GripperLimitsConfig,
     Host,
     HostPort,
+    KeyPath,
     MarkerId,
     MayBeMissing,
     Offset,
@@ -34,10 +35,8 @@ from rig.config.fields import (
     Rate,
     RotationVector,
     driver_names,
-    without_secrets,
 )
 from rig.config.in_use import CalibrationsInUse
-from rig.config.lines import KeyPath
 
 FAR_M = 10.0
 """Half size of an unbounded keep-out box; larger than any bench."""
@@ -270,7 +269,7 @@ class BenchConfig(BenchParts):
         Each box is enlarged by the hand's extent around the tool centre point: the fingertips below, half the
         hand's width to every side, and the hand up to the flange above.
         """
-        boxes = [Box(k.name, k.min_m, k.max_m) for k in self.keep_out]
+        boxes: list[KeepOutConfig | Box] = [*self.keep_out]
         if self.table.top_m is not None:
             boxes.append(Box("table", (-FAR_M, -FAR_M, -FAR_M), (FAR_M, FAR_M, self.table.top_m)))
         hand = self.gripper if self.has("gripper") else GripperConfig(driver="fake", fingers=("A", "B"))
@@ -283,11 +282,14 @@ class BenchConfig(BenchParts):
             )
             for box in boxes
         )
-        limits = replace(self.arm.limits.arm_limits(), keep_out=grown)
-        return limits if self.arm.force_sensor else replace(limits, max_contact_force_n=None)
+        written: dict[str, Any] = {
+            of.name: getattr(self.arm.limits, of.name) for of in fields(ArmLimits) if of.name != "keep_out"
+        }
+        if not self.arm.force_sensor:
+            written["max_contact_force_n"] = None
+        return ArmLimits(**written, keep_out=grown)
 
     def gripper_spec(self) -> GripperSpec:
-        """Return the gripper's range and resolution, with its measured openings if there are any."""
         return self.gripper.limits.spec(self.calibrations.opening)
 
     @property
@@ -304,12 +306,10 @@ class BenchConfig(BenchParts):
 
     @property
     def sensors(self) -> tuple[TactileConfig | CameraConfig, ...]:
-        """Every source of frames: fingertips first, then the camera."""
         return (*self.tactile, self.camera) if self.has("camera") else self.tactile
 
     @property
     def drivers(self) -> frozenset[str]:
-        """The drivers of all devices."""
         return frozenset(device.driver for _, device in self.devices)
 
     @property
@@ -368,12 +368,13 @@ class BenchConfig(BenchParts):
 
 
 def _without_passwords(device: DeviceConfig) -> DeviceConfig:
-    update: dict[str, object] = {"options": without_secrets(device.options)}
+    options = device.options.items()
+    hidden = {key: without_passwords(value) if isinstance(value, str) else value for key, value in options}
+    update: dict[str, object] = {"options": hidden}
     if isinstance(device, TactileConfig | CameraConfig):
         update["address"] = device.address and without_passwords(device.address)
     return device.model_copy(update=update)
 
 
 def known_keys() -> set[str]:
-    """Return all valid keys of a bench file, in any of its tables."""
     return {key for model in (BenchConfig, *BenchSection.__subclasses__()) for key in model.model_fields}

@@ -17,12 +17,7 @@ def write_package(kind: str, folder: Path) -> None:
     Raises `InputError` if the name is not a valid module name, lacks the prefix of its kind, is taken, or if
     the folder cannot be written.
     """
-    _check_name(folder, PREFIXES.get(kind, ""))
-    _write(TEMPLATES / kind, folder, f"my_{kind}")
-
-
-def _check_name(folder: Path, prefix: str) -> None:
-    name = folder.name
+    name, prefix, template = folder.name, PREFIXES.get(kind, ""), f"my_{kind}"
     if not name.isidentifier() or keyword.iskeyword(name) or name != name.lower():
         raise InputError(f"{folder}: '{name}' is not a module name: use only a-z, 0-9 and _, as my_gel")
     if not name.startswith(prefix) or name == prefix:
@@ -31,27 +26,19 @@ def _check_name(folder: Path, prefix: str) -> None:
         raise InputError(
             f"{folder}: a module '{name}' exists already, and would hide this one: give another name"
         )
-
-
-def _write(template: Path, folder: Path, name: str) -> None:
     try:
         folder.mkdir(parents=True)
-        for file in sorted(template.iterdir()):
-            if file.is_file():
-                named = file.name.replace(name, folder.name)
-                (folder / named).write_text(_renamed(file.read_text(), name, folder.name))
+        for file in sorted(each for each in (TEMPLATES / kind).iterdir() if each.is_file()):
+            text = file.read_text()
+            for before, after in zip(_spellings(template), _spellings(name), strict=True):
+                text = text.replace(before, after)
+            (folder / file.name.replace(template, name)).write_text(text)
     except FileExistsError as error:
         raise InputError(f"{folder} exists already: give another name, or move it aside") from error
     except OSError as error:
         raise InputError(f"{folder}: cannot be written ({error.strerror})") from error
 
 
-def _renamed(text: str, before: str, after: str) -> str:
-    """Replace a module's name in a text, and the class and package names derived from it."""
-    for spelled in (lambda name: name, lambda name: name.replace("_", "-"), _class_name):
-        text = text.replace(spelled(before), spelled(after))
-    return text
-
-
-def _class_name(module: str) -> str:
-    return "".join(part.title() for part in module.split("_"))
+def _spellings(module: str) -> tuple[str, str, str]:
+    """Return a module's name, and the package and class names derived from it."""
+    return module, module.replace("_", "-"), "".join(part.title() for part in module.split("_"))

@@ -12,8 +12,7 @@ from drivers.errors import InputError, nearest
 from drivers.formats import parse_toml, read_text
 from drivers.formats.structured import MOST_TOML_BYTES
 from protocols.grasps import OBJECTS_FOLDER, GraspFile, PlainBody, Position, load_grasp_files
-from rig.config.lines import line_of
-from rig.config.load import validation_text, write_new
+from rig.config.load import line_of, validation_text, write_new
 from rig.config.models import BenchConfig
 
 FOLDER = "objects"
@@ -21,7 +20,7 @@ MOST_FILES = 1000
 """Most object files read from a folder."""
 _POSITION = re.compile(r"\s*\[\[\s*position\s*\]\]")
 _TABLE = re.compile(r"\s*\[")
-_VALUE = re.compile(r"(?P<key>\s*[\w-]+\s*=\s*)(?P<value>\"[^\"]*\"|'[^']*'|[^#\s]+)(?P<rest>\s*(?:#.*)?)$")
+_VALUE = re.compile(r"\s*(?P<key>[\w-]+)\s*=\s*(?P<value>\"[^\"]*\"|'[^']*'|[^#\s]+)(?P<rest>\s*(?:#.*)?)$")
 
 
 def objects_folder(bench: str, given: Path | None = None) -> Path | None:
@@ -142,7 +141,9 @@ def with_position(text: str, name: str, values: Mapping[str, float], where: str)
     name in messages. Raises `InputError` if the file's notation is not supported.
     """
     lines = text.splitlines()
-    block = next((b for b in _blocks(lines) if _name_in(lines, b) == name), None)
+    found = (line and (line["key"], line["value"][1:-1]) for line in map(_VALUE.match, lines))
+    named = [number for number, pair in enumerate(found) if pair == ("name", name)]
+    block = next((b for b in _blocks(lines) if any(number in b for number in named)), None)
     if block is None:
         lines = _added(lines, name, values)
     else:
@@ -157,7 +158,6 @@ def with_position(text: str, name: str, values: Mapping[str, float], where: str)
 
 
 def _blocks(lines: list[str]) -> list[range]:
-    """Return the lines of each [[position]], including its heading."""
     found = []
     for start in (i for i, line in enumerate(lines) if _POSITION.match(line)):
         ends = (i for i in range(start + 1, len(lines)) if _TABLE.match(lines[i]))
@@ -165,22 +165,13 @@ def _blocks(lines: list[str]) -> list[range]:
     return found
 
 
-def _name_in(lines: list[str], block: range) -> str | None:
-    for i in block:
-        line = _VALUE.match(lines[i])
-        if line and line["key"].split("=")[0].strip() == "name":
-            return line["value"][1:-1]
-    return None
-
-
 def _changed(block: list[str], values: Mapping[str, float]) -> list[str]:
     """Change the existing lines of a position, and append the other keys after the last of them."""
     left, lines, last = dict(values), [], 0
     for line in block:
         found = _VALUE.match(line)
-        key = found["key"].split("=")[0].strip() if found else None
-        if found and key in left:
-            line = _with_value(found, left.pop(key))
+        if found and found["key"] in left:
+            line = _with_value(found, left.pop(found["key"]))
         if found:
             last = len(lines)
         lines.append(line)
@@ -189,17 +180,12 @@ def _changed(block: list[str], values: Mapping[str, float]) -> list[str]:
 
 def _with_value(line: re.Match[str], value: float) -> str:
     """Return a line with another value, with its comment at the same column if possible."""
-    written = line["key"] + f"{value:g}"
-    comment = line["rest"].strip()
-    return (
-        f"{written:<{line.start('rest') + len(line['rest']) - len(comment) - 1}} {comment}"
-        if comment
-        else written
-    )
+    written, comment = line.string[: line.start("value")] + f"{value:g}", line["rest"].strip()
+    column = line.end("rest") - len(comment) - 1
+    return f"{written:<{column}} {comment}" if comment else written
 
 
 def _added(lines: list[str], name: str, values: Mapping[str, float]) -> list[str]:
-    """Append a position after the others."""
     new = ["[[position]]", f'name = "{name}"', *(f"{key} = {value:g}" for key, value in values.items()), ""]
     blocks = _blocks(lines)
     end = blocks[-1].stop if blocks else len(lines)

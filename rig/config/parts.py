@@ -35,7 +35,12 @@ NEEDS: Mapping[str, tuple[str, ...]] = {
 
 def lacking(config: BenchConfig, command: str) -> list[str]:
     """Return the sections that a command needs and a bench lacks, as in `NEEDS`."""
-    return [each for each in NEEDS[command] if not _there(config, each)]
+    count = {FINGERTIP: 1, FINGERTIPS: 2}
+    return [
+        each
+        for each in NEEDS[command]
+        if not (len(config.tactile) >= count[each] if each in count else config.has(each.strip("[]")))
+    ]
 
 
 def require_parts(config: BenchConfig, command: str) -> None:
@@ -46,8 +51,9 @@ def require_parts(config: BenchConfig, command: str) -> None:
     """
     missing = lacking(config, command)
     if missing:
+        listed = " and ".join(filter(None, [", ".join(missing[:-1]), missing[-1]]))
         raise InputError(
-            f"{command} needs {_listed(missing)}, which bench '{config.name}' lacks: add "
+            f"{command} needs {listed}, which bench '{config.name}' lacks: add "
             f"{'it' if len(missing) == 1 else 'them'} to the bench file (rig bench new FILE writes one that "
             f"explains each key). Without, these work: {', '.join(working(config))}"
         )
@@ -61,17 +67,6 @@ def require_parts(config: BenchConfig, command: str) -> None:
 
 
 def working(config: BenchConfig) -> Iterator[str]:
-    """Yield the commands of `NEEDS` that work on a bench."""
     for command, needs in NEEDS.items():
         if not lacking(config, command) and not ("[arm]" in needs and config.mixed):
             yield command
-
-
-def _there(config: BenchConfig, section: str) -> bool:
-    if section in (FINGERTIP, FINGERTIPS):
-        return len(config.tactile) >= (2 if section == FINGERTIPS else 1)
-    return config.has(section.strip("[]"))
-
-
-def _listed(sections: list[str]) -> str:
-    return " and ".join(filter(None, [", ".join(sections[:-1]), sections[-1]]))

@@ -1,19 +1,23 @@
-"""Attempts at the tasks of a session, sequential or parallel, each task repeated until accepted.
+"""The runner of trials and recordings: all tasks of a session, sequential or parallel, each until accepted.
 
-Used for the lifts of a trial and the poses of a recording. A rig fault gives a row that is not accepted, and
-the task is repeated. After MAX_FAULTS_IN_A_ROW faults in a row a person has to intervene.
+A rig fault gives a row that is not accepted, and the task is repeated. After MAX_FAULTS_IN_A_ROW faults in a
+row a person has to intervene.
 """
 
 import logging
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, ClassVar, Generic, Protocol, TypeVar
+from typing import Generic, TypeVar
 
 from drivers.errors import DeviceError, counted, without_values
+from rig.bench.source import BenchSource
 from rig.experiments.process_pool import run_tasks
-from rig.sessions.session import Session
+from rig.sessions.codec import Codec
+from rig.sessions.manifest import Manifest
+from rig.sessions.records import Lift, PoseRow
+from rig.sessions.session import Session, open_session
 from rig.sessions.timing import TimingLine
 
 MAX_FAULTS_IN_A_ROW = 3
@@ -21,38 +25,24 @@ MAX_FAULTS_IN_A_ROW = 3
 _log = logging.getLogger("rig.experiments.attempts")
 
 
-class Task(Protocol):
-    """A task of a session, a frozen dataclass with its number in the session (from 1) and its attempt."""
+@dataclass(frozen=True, slots=True)
+class Task:
+    """A lift or a pose to do. number: in the session, from 1. attempt: number of attempts before this one."""
 
-    __dataclass_fields__: ClassVar[dict[str, Any]]
-
-    @property
-    def number(self) -> int:
-        """Number in the session."""
-        ...
-
-    @property
-    def attempt(self) -> int:
-        """Number of attempts before this one."""
-        ...
+    number: int
+    object_id: str
+    attempt: int = field(default=0, kw_only=True)
 
     @property
     def name(self) -> str:
-        """Name in logs and fault scripts."""
-        ...
-
-
-class AttemptRow(Protocol):
-    """The stored result of an attempt, such as `Lift` and `PoseRow`."""
-
-    @property
-    def accepted(self) -> bool:
-        """Whether the attempt counts."""
-        ...
+        """Name in logs and fault scripts, e.g. "7/3"."""
+        return f"{self.object_id}/{self.number}"
 
 
 Piece = TypeVar("Piece", bound=Task)
-Row = TypeVar("Row", bound=AttemptRow)
+Row = TypeVar("Row", Lift, PoseRow)
+Progress = Callable[[int, int, Row], None]
+"""Called after each attempt with the number of finished tasks, the number of all tasks, and the row."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,67 +50,104 @@ class Attempt(Generic[Row]):
     """The result of an attempt.
 
     files: by name in the session, their bytes, or the path of an existing file with an unfinished name.
-    fault: why the attempt failed, None if it is accepted. warning: problem of an accepted attempt that a
-    person should check.
+    warning: problem of an accepted attempt that a person should check.
     """
 
     row: Row
     timing: TimingLine
-    fault: str | None
     files: Mapping[str, bytes | Path]
     warning: str | None = None
 
+    @property
+    def fault(self) -> str | None:
+        return self.row.fault
+
 
 @dataclass(frozen=True, slots=True)
-class Wording:
-    """Names of the session and of one task in messages, such as "trial" and "lift"."""
+class Run(Generic[Piece, Row]):
+    """The plan of a session: a trial or a recording.
+
+    session, piece: names of the session and of a task in messages, such as "trial" and "lift". manifest: the
+    request. codec: of the rows. tasks: all of them. prepare: returns the function that attempts a task, after
+    the bench has begun; called with the session and the number of tasks left. table: name of the table of
+    all rows, and a function that returns its bytes. logged: returns the line of the log for a row.
+    """
 
     session: str
     piece: str
+    manifest: Manifest
+    codec: Codec[Row]
+    tasks: Sequence[Piece]
+    prepare: Callable[[Session[Row], int], Callable[[Piece], Attempt[Row]]]
+    table: tuple[str, Callable[[Sequence[Row]], bytes]]
+    logged: Callable[[Row], str]
 
 
-Progress = Callable[[int, int, Row], None]
-"""Called after each attempt with the number of finished tasks, the number of all tasks, and the row."""
+def run_session(
+    folder: Path,
+    run: Run[Piece, Row],
+    resume: bool,
+    benches: BenchSource | None,
+    progress: Progress[Row],
+    jobs: int = 1,
+) -> list[Row]:
+    """Execute the unfinished tasks of a session; return the rows of all attempts, also of earlier ones.
 
-
-def left_to_do(tasks: Iterable[Piece], rows: Sequence[Row], number_of: Callable[[Row], int]) -> list[Piece]:
-    """Return the unfinished tasks, each with the number of attempts already made.
-
-    number_of: returns the task number of a row.
+    Raises `InputError` or `RecordingError`, see `open_session`, and `DeviceError` after three faults in a
+    row; finished tasks stay on disk.
     """
-    done = {number_of(row) for row in rows if row.accepted}
-    made = Counter(number_of(row) for row in rows)
+    with open_session(folder, run.manifest, run.codec, resume) as session:
+        unfinished = not session.complete
+        if unfinished:
+            if benches is not None:
+                benches.begin()
+            session.keep()
+            left = _left_to_do(run.tasks, session.rows)
+            _repeat_until_accepted(session, left, run, run.prepare(session, len(left)), progress, jobs)
+            session.finish(order=lambda row: (row.number, row.attempt))
+            for row in session.rows:
+                _log.info(run.logged(row))
+        name, table = run.table
+        if unfinished or not (session.folder / name).exists():
+            session.write(name, table(session.rows))
+        return session.rows
+
+
+def _left_to_do(tasks: Iterable[Piece], rows: Sequence[Row]) -> list[Piece]:
+    """Return the unfinished tasks, each with the number of attempts already made."""
+    done = {row.number for row in rows if row.accepted}
+    made = Counter(row.number for row in rows)
     return [replace(task, attempt=made[task.number]) for task in tasks if task.number not in done]
 
 
-def repeat_until_accepted(
+def _repeat_until_accepted(
     session: Session[Row],
     tasks: list[Piece],
+    run: Run[Piece, Row],
     work: Callable[[Piece], Attempt[Row]],
-    wording: Wording,
     progress: Progress[Row],
     jobs: int = 1,
 ) -> None:
-    """Execute all tasks, each until it is accepted; the result of each attempt is stored immediately.
-
-    Raises `DeviceError` after three faults in a row; finished tasks stay on disk.
-    """
+    """Execute tasks, each until it is accepted; the result of each attempt is stored immediately."""
     done = sum(row.accepted for row in session.rows)
     total, faults, kinds = done + len(tasks), 0, set[str]()
     for task, attempt in run_tasks(work, tasks, jobs):
-        _keep(session, task, attempt, wording)
+        _keep(session, attempt)
         if attempt.fault is None:
             done, faults, kinds = done + 1, 0, set()
+            if attempt.warning is not None:
+                _log.warning("%s %s: %s", run.piece, task.name, attempt.warning)
         else:
+            _log.warning("%s %s attempt %d: %s", run.piece, task.name, task.attempt, attempt.fault)
             faults += 1
             kinds.add(without_values(attempt.fault))
             tasks.insert(0, replace(task, attempt=task.attempt + 1))
         progress(done, total, attempt.row)
         if faults >= MAX_FAULTS_IN_A_ROW:
+            which = "all the same" if len(kinds) == 1 else "the last"
             raise DeviceError(
-                f"{wording.session}: {_in_a_row(faults, len(kinds))}: {attempt.fault}; "
-                f"{done} of {counted(total, wording.piece)} are done: fix the fault, then continue "
-                "with --resume"
+                f"{run.session}: {counted(faults, 'rig fault')} in a row, {which}: {attempt.fault}; "
+                f"{done} of {counted(total, run.piece)} are done: fix the fault, then continue with --resume"
             )
 
 
@@ -130,11 +157,7 @@ def fault_text(error: Exception) -> str:
     return f"{type(error).__name__}: {error}" + (f" [{notes}]" if notes else "")
 
 
-def _in_a_row(faults: int, kinds: int) -> str:
-    return f"{counted(faults, 'rig fault')} in a row, " + ("all the same" if kinds == 1 else "the last")
-
-
-def _keep(session: Session[Row], task: Task, attempt: Attempt[Row], wording: Wording) -> None:
+def _keep(session: Session[Row], attempt: Attempt[Row]) -> None:
     """Store files first and the row last: a row in the results means that all its files exist."""
     for name, data in attempt.files.items():
         if isinstance(data, Path):
@@ -142,7 +165,3 @@ def _keep(session: Session[Row], task: Task, attempt: Attempt[Row], wording: Wor
         else:
             session.write(name, data)
     session.add(attempt.row, attempt.timing)
-    if attempt.fault is not None:
-        _log.warning("%s %s attempt %d: %s", wording.piece, task.name, task.attempt, attempt.fault)
-    elif attempt.warning is not None:
-        _log.warning("%s %s: %s", wording.piece, task.name, attempt.warning)

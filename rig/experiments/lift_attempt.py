@@ -1,33 +1,36 @@
 """Execute one attempt at a lift, from its plan to its row. Runs in a worker process."""
 
 import time
-from collections.abc import Iterable
 from contextlib import closing, nullcontext
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
-from drivers.clock import NS_PER_S, Clock, SystemClock
+from drivers.clock import SystemClock
 from drivers.errors import CalibrationError, DeviceError
 from drivers.realtime import compute_in_one_thread
 from drivers.types import Pose
 from protocols.grasps import find_grasp_file
 from protocols.reaction import Reaction, ReactionKind
 from protocols.readiness import make_ready
-from protocols.slip_trial import LiftPlan, run_lift
+from protocols.slip_trial import run_lift
 from rig.bench.source import BenchSource, FreshBenches
 from rig.experiments.attempts import Attempt, fault_text
-from rig.experiments.grasp_plans import derived_seed
-from rig.experiments.lift_plan import LiftTask, TrialSettings, new_measurement, plan_lift, planned_lift
-from rig.lift.measurement import LiftMeasurement
-from rig.lift.recording import LatencyProbe, LiftObservers, OutlineObserver, StampRates
+from rig.experiments.lift_plan import (
+    LiftTask,
+    TrialSettings,
+    new_measurement,
+    planned_lift,
+)
+from rig.lift.recording import FrameDelays, LiftObservers, OutlineObserver
 from rig.lift.result import lift_result, stage_times
+from rig.lift.slip_watch import SlipWatch
 from rig.live.feed import NOBODY, LiveFeed
 from rig.live.observer import LiveObserver
 from rig.sessions.about import SIMULATED_EPOCH_NS, RecordingAbout
 from rig.sessions.manifest import SCHEMA_VERSION
 from rig.sessions.recorder import LiftRecorder
 from rig.sessions.records import Lift, LiftOutcome
-from rig.sessions.timing import LatencyTimes, LiftTiming
+from rig.sessions.timing import LiftTiming
 from rig.sessions.unfinished import completed, new_recording
 from rig.tactile.angles import Angles
 from rig.version import VERSION
@@ -55,36 +58,49 @@ def attempt_lift(
     compute_in_one_thread()
     began = time.perf_counter()
     benches = benches or FreshBenches(settings.bench, settings.realtime)
-    seed = derived_seed(settings.seed, task.object_id, task.lift, attempt=task.attempt)
-    plan = plan_lift(settings, task, Pose(settings.bench.table.position_m))
-    lift = planned_lift(task, plan, seed, settings)
+    plan, lift = planned_lift(settings, task)
     file = None if folder is None else new_recording(folder, task.recording)
     recorder = None if file is None else LiftRecorder(file, _about(settings, lift))
     measurement = new_measurement(settings)
-    reaction = _reaction(settings, task, measurement)
+    reaction = _reaction(settings, task, measurement.watch)
     shown = LiveObserver(measurement, live, lift) if live.listeners else None
-    outlines = None if recorder is None else OutlineObserver(measurement, recorder)
-    observers = [each for each in (recorder, measurement, outlines, shown) if each is not None]
+    delays: FrameDelays | None = None
+    angles: dict[str, Angles] = {}
     with completed(recorder, file) if recorder and file else nullcontext():
-        with closing(shown) if shown else nullcontext():
-            course = _carry_out(benches, task, seed, plan, LiftObservers(measurement, observers), reaction)
-        fault = None if course.error is None else fault_text(course.error)
-        row, angles = _row(lift, measurement, fault, course)
-        if recorder is not None:
-            for series in angles:
+        try:
+            with (
+                closing(shown) if shown else nullcontext(),
+                benches.for_lift(lift.seed, task.name, task.attempt) as (bench, operator),
+            ):
+                delays = FrameDelays(bench.clock)
+                make_ready(bench, operator, benches.after_fault)
+                lift = replace(lift, speed_fraction=bench.arm.state().speed_fraction)
+                operator.place(plan.object_id, plan.object_name)
+                # A frame is stored as received, then measured. Outlines and viewers need the measurement, and
+                # the delays include the work of all others.
+                outlines = OutlineObserver(measurement, recorder) if recorder else None
+                observers = LiftObservers(measurement, recorder, measurement, outlines, shown, delays)
+                run_lift(bench, plan, observers, reaction)
+        except (DeviceError, CalibrationError) as error:
+            lift = replace(lift, fault=fault_text(error), bench_s=delays.spent_s() if delays else 0.0)
+        else:
+            lift = replace(lift, bench_s=delays.spent_s())
+            lift, angles = lift_result(measurement, lift)
+            lift = replace(lift, clock_rates=delays.clock_rates() or None)
+        if recorder:
+            for series in angles.values():
                 recorder.angles(series)
-        if row.outcome in (LiftOutcome.FALLEN, LiftOutcome.FAULT):
+        if lift.outcome in (LiftOutcome.FALLEN, LiftOutcome.FAULT):
             benches.displaced()
     timing = LiftTiming(
         number=task.number,
         attempt=task.attempt,
         wall_s=time.perf_counter() - began,
         stages=stage_times(measurement),
-        capture_to_angle=course.latency or None,
+        capture_to_angle=(delays.latency() if delays else None) or None,
     )
-    return Attempt(
-        row, timing, fault, {task.recording: file.path} if file else {}, "; ".join(row.warnings) or None
-    )
+    files = {task.recording: file.path} if file else {}
+    return Attempt(lift, timing, files, "; ".join(lift.warnings) or None)
 
 
 def _about(settings: TrialSettings, lift: Lift) -> RecordingAbout:
@@ -110,70 +126,11 @@ def _about(settings: TrialSettings, lift: Lift) -> RecordingAbout:
     )
 
 
-def _row(
-    lift: Lift, measurement: LiftMeasurement, fault: str | None, course: "_Course"
-) -> tuple[Lift, Iterable[Angles]]:
-    """Return a lift that was carried out and its angles; without figures and angles if a fault ended it."""
-    lift = replace(lift, bench_s=round(course.bench_s, 6), speed_fraction=course.speed_fraction)
-    if fault is not None:
-        return replace(lift, fault=fault), ()
-    lift, angles = lift_result(measurement, lift)
-    return replace(lift, clock_rates=course.clock_rates or None), angles.values()
-
-
-def _reaction(settings: TrialSettings, task: LiftTask, measurement: LiftMeasurement) -> Reaction | None:
-    if settings.react is ReactionKind.NONE:
+def _reaction(settings: TrialSettings, task: LiftTask, watch: SlipWatch | None) -> Reaction | None:
+    if watch is None:
         return None
-    grasps = find_grasp_file(task.object_id, settings.bench.objects)
     if settings.react is not ReactionKind.TIGHTEN:
-        return Reaction(settings.react, measurement)
+        return Reaction(settings.react, watch)
+    grasps = find_grasp_file(task.object_id, settings.bench.objects)
     largest = settings.bench.gripper_spec().steps_for(grasps.require_largest_grip())
-    return Reaction(settings.react, measurement, largest)
-
-
-@dataclass(frozen=True, slots=True)
-class _Course:
-    """Course of a lift: its fault, if any, its duration by the bench's clock, and the latency of its angles.
-
-    A simulated clock does not advance while angles are computed, so there is no latency. clock_rates: see
-    `Lift`.
-    """
-
-    error: DeviceError | CalibrationError | None
-    bench_s: float
-    latency: dict[str, LatencyTimes]
-    speed_fraction: float | None
-    clock_rates: dict[str, float]
-
-
-def _carry_out(
-    benches: BenchSource,
-    task: LiftTask,
-    seed: int,
-    plan: LiftPlan,
-    observers: LiftObservers,
-    reaction: Reaction | None,
-) -> _Course:
-    clock: Clock | None = None
-    timed: LatencyProbe | None = None
-    stamps: StampRates | None = None
-    began_ns = 0
-    speed_fraction: float | None = None
-    fault: DeviceError | CalibrationError | None = None
-    try:
-        with benches.for_lift(seed, task.name, task.attempt) as (bench, operator):
-            clock, began_ns = bench.clock, bench.clock.now_ns()
-            make_ready(bench, operator, benches.after_fault)
-            speed_fraction = bench.arm.state().speed_fraction
-            operator.place(plan.object_id, plan.object_name)
-            stamps = StampRates(clock)
-            observers = observers.followed_by(stamps)
-            if isinstance(clock, SystemClock):
-                timed = LatencyProbe(clock)
-                observers = observers.followed_by(timed)
-            run_lift(bench, plan, observers, reaction)
-    except (DeviceError, CalibrationError) as error:
-        fault = error
-    bench_s = (clock.now_ns() - began_ns) / NS_PER_S if clock else 0.0
-    latency, clock_rates = timed.times() if timed else {}, stamps.amiss() if stamps else {}
-    return _Course(fault, bench_s, latency, speed_fraction, clock_rates)
+    return Reaction(settings.react, watch, largest)

@@ -1,27 +1,28 @@
 """Plan a lift: its task, the settings of a trial, the plan drawn from the seed, and the reaction to slip.
 
-A replay has the settings of a finished trial, from its manifest.
+A replay has the settings of a finished trial, from its manifest. Poses of a recording use the same grasps.
 """
 
+import hashlib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
-from calibration.markers.angle import MarkerAngle
-from calibration.markers.tracker import MarkerTracker
-from drivers.errors import InputError
+from drivers.errors import InputError, OutOfLimitsError
 from drivers.types import Pose
-from protocols.grasps import find_grasp_file
+from protocols.grasps import GraspFile, Position, find_grasp_file
 from protocols.reaction import FIRST_CLOSING_M, MOST_REACTIONS, ReactionKind
 from protocols.slip_trial import LiftPlan
+from protocols.steps import require_room
+from rig.bench.assembly import TOOL_DOWN
+from rig.bench.twins import refuse_undrawn
 from rig.config import BenchConfig
-from rig.experiments.grasp_plans import derived_seed, grasp_pose, refuse_impossible
-from rig.lift.marker_truth import MarkerTruth
-from rig.lift.measurement import ExpectedDistance, LiftMeasurement
-from rig.lift.slip_watch import SlipSettings, SlipWatch
-from rig.lift.tip_watch import sigmas_for
+from rig.experiments.attempts import Task
+from rig.lift.measurement import LiftMeasurement
+from rig.lift.slip_watch import SlipSettings, sigmas_for
 from rig.sessions.files import recording_file
 from rig.sessions.manifest import TrialManifest, read_manifest_of
 from rig.sessions.records import Lift, LiftOutcome
@@ -33,23 +34,48 @@ MAX_TRIAL_TURN_DEG = 15.0
 """Largest random angle of the hand in a trial, to either side."""
 
 
-@dataclass(frozen=True, slots=True)
-class LiftTask:
-    """One lift to do: its number in the session, its object, its number for that object (from 1)."""
+def grasp_pose(base_T_table: Pose, place: Position, turn_deg: float) -> Pose:  # noqa: N803
+    """Return `base_T_tcp` at a position along the object, with the hand rotated about the closing axis.
 
-    number: int
-    object_id: str
+    turn_deg: in addition to the position's own angle, counter-clockwise in the external camera's view (about
+    the base's -y axis).
+    """
+    turned = Rotation.from_euler("y", -(place.turn_deg + turn_deg), degrees=True) * TOOL_DOWN
+    return Pose.from_rotation(
+        base_T_table.translated(x_m=place.offset_m, z_m=place.height_m).position_m, turned
+    )
+
+
+def refuse_impossible(bench: BenchConfig, grasps: GraspFile, place: Position) -> None:
+    """Raise `InputError` for an object too wide for the fingers, or not drawable on a simulated bench."""
+    refuse_undrawn(bench, grasps)
+    try:
+        require_room(bench.gripper_spec(), place.width_m)
+    except OutOfLimitsError as error:
+        raise InputError(f"object {grasps.id} {grasps.name}, {place.name}: {error}") from error
+
+
+def derived_seed(seed: int, *what: str | int, attempt: int = 0) -> int:
+    """Return a seed of 48 bits for a task, e.g. `derived_seed(0, "t1", 3)`.
+
+    attempt: each further attempt, from 1, has a different seed.
+    """
+    text = "/".join(str(part) for part in (seed, *what, *([attempt] if attempt else [])))
+    return int.from_bytes(hashlib.sha256(text.encode()).digest()[:6], "big")
+
+
+@dataclass(frozen=True, slots=True)
+class LiftTask(Task):
+    """One lift to do. lift: its number for its object, from 1."""
+
     lift: int
-    attempt: int = 0
 
     @property
     def name(self) -> str:
-        """Name in logs and fault scripts, e.g. "t1/3"."""
         return f"{self.object_id}/{self.lift}"
 
     @property
     def recording(self) -> str:
-        """File of this attempt inside the session."""
         return recording_file(self.number, self.attempt)
 
 
@@ -100,9 +126,10 @@ def plan_lift(settings: TrialSettings, task: LiftTask, base_T_table: Pose) -> Li
     )
 
 
-def planned_lift(task: LiftTask, plan: LiftPlan, seed: int, settings: TrialSettings) -> Lift:
-    """Return a lift that has not been carried out."""
-    return Lift(
+def planned_lift(settings: TrialSettings, task: LiftTask) -> tuple[LiftPlan, Lift]:
+    """Return the plan of a lift, and its record before it is carried out. Raises `InputError`."""
+    plan = plan_lift(settings, task, Pose(settings.bench.table.position_m))
+    return plan, Lift(
         number=task.number,
         attempt=task.attempt,
         object=task.object_id,
@@ -115,7 +142,7 @@ def planned_lift(task: LiftTask, plan: LiftPlan, seed: int, settings: TrialSetti
         grip_counts=plan.grip_steps,
         lift_height_m=plan.lift_height_m,
         bench_s=0.0,
-        seed=seed,
+        seed=derived_seed(settings.seed, task.object_id, task.lift, attempt=task.attempt),
         simulated=settings.bench.simulated,
         recording=task.recording,
         react=settings.react,
@@ -124,17 +151,8 @@ def planned_lift(task: LiftTask, plan: LiftPlan, seed: int, settings: TrialSetti
 
 def new_measurement(settings: TrialSettings) -> LiftMeasurement:
     """Return the measurement of one lift, the same for a live lift and for its replay."""
-    camera, model = settings.bench.camera, settings.bench.camera_model()
-    tracker = MarkerTracker(camera.marker_ids, camera.marker_dictionary)
-    angle = MarkerAngle(tracker, model)
-    truth = MarkerTruth(angle, settings.bench.base_T_camera(), settings.bench.camera_turn_sigma_rad())
-    signs = {tactile.serial: tactile.sign for tactile in settings.bench.tactile}
-    shifts = settings.bench.calibrations.time_shift_s
-    distance = ExpectedDistance(camera.marker_side_m, settings.bench.object_distance_m())
-    aspects = settings.bench.pixel_aspects()
-    watch = None if settings.react is ReactionKind.NONE else SlipWatch(settings.slip)
-    gels = settings.bench.gel_looks()
-    return LiftMeasurement(signs, settings.estimator, truth, aspects, shifts, distance, watch, gels)
+    slip = None if settings.react is ReactionKind.NONE else settings.slip
+    return LiftMeasurement(settings.bench, settings.estimator, slip)
 
 
 def require_reaction(settings: TrialSettings, objects: Iterable[str]) -> None:
@@ -210,20 +228,12 @@ def trial_of(
     A user-defined estimator is imported only if it is named here. If only the session names it,
     `settings.estimator` cannot be created. Raises `InputError` for an unknown estimator or window.
     """
-    settings = TrialSettings(
-        manifest.config,
-        manifest.seed,
-        _choice(manifest, estimator, window),
-        react=manifest.react,
-        slip=SlipSettings(manifest.false_alarms_per_hour, manifest.max_turn_deg),
-    )
-    return StoredTrial(folder, manifest, settings)
-
-
-def _choice(manifest: TrialManifest, estimator: str | None, window: int | None) -> EstimatorChoice:
-    """Return the session's own estimator, or another one with its usual window."""
     if estimator is None:
-        return stored_choice(manifest.estimator, window or manifest.window, manifest.skip)
-    if estimator == manifest.estimator:
-        return choose_estimator(estimator, window or manifest.window, manifest.skip)
-    return choose_estimator(estimator, window)
+        choice = stored_choice(manifest.estimator, window or manifest.window, manifest.skip)
+    elif estimator == manifest.estimator:
+        choice = choose_estimator(estimator, window or manifest.window, manifest.skip)
+    else:  # with its usual window
+        choice = choose_estimator(estimator, window)
+    slip = SlipSettings(manifest.false_alarms_per_hour, manifest.max_turn_deg)
+    settings = TrialSettings(manifest.config, manifest.seed, choice, react=manifest.react, slip=slip)
+    return StoredTrial(folder, manifest, settings)

@@ -7,7 +7,6 @@ import multiprocessing
 import socket
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Future, ProcessPoolExecutor, wait
-from contextlib import contextmanager
 from typing import Any, TypeVar
 
 from drivers.children import end_with_parent, leave_signals_to_parent, spawn_context
@@ -91,43 +90,27 @@ def run_on_cluster(engine: str, work: Callable[[Task], Result], tasks: list[Task
 
     Raises `InputError` if the cluster does not answer or the libraries are missing.
     """
-    joblib = _libraries()
-    with _connected(engine_address(engine)), joblib.parallel_config(backend="dask"):
-        run = joblib.Parallel(return_as="generator_unordered")
-        yield from run(joblib.delayed(work)(task) for task in tasks)
-
-
-@contextmanager
-def _connected(address: str) -> Iterator[Any]:
-    from distributed import Client
-
     try:
-        _check_listening(address)
+        import joblib
+        from distributed import Client
+    except ImportError as error:
+        raise InputError(
+            '--engine needs joblib and distributed: pip install "visuotactile-slip-rig[cluster]"'
+        ) from error
+    address = engine_address(engine)
+    host, _, port = address.removeprefix("tcp://").rpartition(":")
+    try:
+        # Raises immediately if the scheduler is not listening; dask would retry until its time-out.
+        socket.create_connection((host.strip("[]"), int(port)), CONNECT_TIMEOUT_S).close()
         client = Client(address, timeout=CONNECT_TIMEOUT_S, set_as_default=True)
     except (OSError, TimeoutError) as error:
         raise InputError(
             f"--engine: no dask scheduler answers at {address} ({error}); start one with `dask scheduler`"
         ) from error
-    with client:
+    with client, joblib.parallel_config(backend="dask"):
         if not client.scheduler_info()["workers"]:
             raise InputError(
                 f"--engine: the cluster at {address} has no workers; start some with `dask worker`"
             )
-        yield client
-
-
-def _check_listening(address: str) -> None:
-    """Raise immediately if the scheduler is not listening; dask would retry until its time-out."""
-    host, _, port = address.removeprefix("tcp://").rpartition(":")
-    socket.create_connection((host.strip("[]"), int(port)), CONNECT_TIMEOUT_S).close()
-
-
-def _libraries() -> Any:
-    try:
-        import distributed  # noqa: F401 - joblib's dask backend needs it
-        import joblib
-    except ImportError as error:
-        raise InputError(
-            '--engine needs joblib and distributed: pip install "visuotactile-slip-rig[cluster]"'
-        ) from error
-    return joblib
+        run: Any = joblib.Parallel(return_as="generator_unordered")
+        yield from run(joblib.delayed(work)(task) for task in tasks)

@@ -1,7 +1,7 @@
 """The slip trial: five accepted lifts for each object, each stored as soon as it ends."""
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 
@@ -9,13 +9,13 @@ from drivers.errors import InputError
 from drivers.types import Pose
 from protocols.grasps import TRIAL_OBJECTS, GraspFile, find_grasp_file
 from protocols.home import home_plan
-from protocols.slip_trial import LIFT_S, LiftPlan
+from protocols.slip_trial import LIFT_S
 from protocols.steps import TRAVEL_SPEED_M_S, way_to
 from rig.bench.assembly import home_pose
 from rig.bench.plan import Plan, PlannedMotion, make_plan
 from rig.bench.source import BenchSource
 from rig.bench.twins import plain_notes
-from rig.experiments.attempts import Progress, Wording, left_to_do, repeat_until_accepted
+from rig.experiments.attempts import Attempt, Progress, Run, run_session
 from rig.experiments.lift_attempt import attempt_lift
 from rig.experiments.lift_plan import (
     LiftTask,
@@ -31,10 +31,8 @@ from rig.results.table import lifts_csv
 from rig.sessions.about import NO_REMARKS, Remarks
 from rig.sessions.manifest import TrialManifest, begun_on
 from rig.sessions.records import LIFTS, Lift
-from rig.sessions.session import open_session
+from rig.sessions.session import Session
 
-WORDING = Wording("trial", "lift")
-LIFTS_CSV = "lifts.csv"
 _log = logging.getLogger("rig.experiments.trial")
 
 
@@ -72,31 +70,25 @@ def trial_plan(settings: TrialSettings, objects: list[str], lifts: int) -> Plan:
 
     Raises `InputError` for an object that cannot be lifted here.
     """
-    table = Pose(settings.bench.table.position_m)
-    home = home_pose(settings.bench)
-    own = settings.bench.objects
+    table, home = Pose(settings.bench.table.position_m), home_pose(settings.bench)
+    step_m, own = settings.bench.gripper_spec().resolution_m, settings.bench.objects
     head = [
         *plain_notes(settings.bench, [find_grasp_file(i, own) for i in objects]),
         home_plan(home, "Before each lift"),
         *describe_reaction(settings, objects),
         f"The arm will move at up to {TRAVEL_SPEED_M_S} m/s between these grasps (base frame):",
     ]
-    step_m = settings.bench.gripper_spec().resolution_m
-    motions = [
-        _lift_motion(task, plan_lift(settings, task, table), home, step_m)
-        for task in all_tasks(objects, lifts)
-    ]
+    motions = []
+    for task in all_tasks(objects, lifts):
+        plan = plan_lift(settings, task, table)
+        what = (
+            f"{task.name:>6} {plan.object_name}, {1e3 * plan.grip_steps * step_m:.1f} mm past contact, "
+            f"lifted {plan.lift_height_m:.3f} m in {LIFT_S} s"
+        )
+        rise = plan.base_T_grasp.translated(z_m=plan.lift_height_m)
+        way = (*way_to(home, plan.base_T_grasp), rise)
+        motions.append(PlannedMotion(what, plan.base_T_grasp, way, TRAVEL_SPEED_M_S))
     return make_plan(settings.bench, head, motions)
-
-
-def _lift_motion(task: LiftTask, plan: LiftPlan, home: Pose, step_m: float) -> PlannedMotion:
-    """Return the planned motion of a lift. step_m: resolution of the gripper."""
-    what = (
-        f"{task.name:>6} {plan.object_name}, {1e3 * plan.grip_steps * step_m:.1f} mm past contact, lifted "
-        f"{plan.lift_height_m:.3f} m in {LIFT_S} s"
-    )
-    rise = plan.base_T_grasp.translated(z_m=plan.lift_height_m)
-    return PlannedMotion(what, plan.base_T_grasp, (*way_to(home, plan.base_T_grasp), rise), TRAVEL_SPEED_M_S)
 
 
 def run_trial(
@@ -120,20 +112,19 @@ def run_trial(
     on disk, and `resume` continues from them.
     """
     require_reaction(settings, objects)
-    with open_session(folder, trial_manifest(settings, objects, lifts, remarks), LIFTS, resume) as session:
-        was_complete = session.complete
-        if not was_complete:
-            if benches is not None:
-                benches.begin()
-            session.keep()
-            tasks = left_to_do(all_tasks(objects, lifts), session.rows, lambda row: row.number)
-            _log.info("trial of %d objects x %d lifts, %d to do", len(objects), lifts, len(tasks))
-            work = partial(attempt_lift, settings, benches=benches, live=live, folder=folder.absolute())
-            repeat_until_accepted(session, tasks, work, WORDING, progress, jobs)
-            session.finish(order=lambda row: (row.number, row.attempt))
-            for row in session.rows:
-                _log.info("lift %s/%s: %s", row.object, row.lift, row.outcome)
-        summary = summarize_trial(session.rows)
-        if not was_complete or not (session.folder / LIFTS_CSV).exists():
-            session.write(LIFTS_CSV, lifts_csv(session.rows))
-        return summary
+
+    def prepare(session: Session[Lift], left: int) -> Callable[[LiftTask], Attempt[Lift]]:
+        _log.info("trial of %d objects x %d lifts, %d to do", len(objects), lifts, left)
+        return partial(attempt_lift, settings, benches=benches, live=live, folder=folder.absolute())
+
+    run = Run(
+        session="trial",
+        piece="lift",
+        manifest=trial_manifest(settings, objects, lifts, remarks),
+        codec=LIFTS,
+        tasks=all_tasks(objects, lifts),
+        prepare=prepare,
+        table=("lifts.csv", lifts_csv),
+        logged=lambda row: f"lift {row.object}/{row.lift}: {row.outcome}",
+    )
+    return summarize_trial(run_session(folder, run, resume, benches, progress, jobs))

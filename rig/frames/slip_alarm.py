@@ -9,7 +9,7 @@ from collections import deque
 from collections.abc import Iterator, Sequence
 
 from rig.lift.onset import ALARM_RATE_DEG_S, ONSET_DEG, leaves_rest
-from rig.lift.tip_watch import REST_NS
+from rig.lift.slip_watch import REST_NS
 from rig.tactile.sample import SlipSample, State
 from rig.tactile.settling import NEW_GRASP_NS
 

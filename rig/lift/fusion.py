@@ -51,7 +51,10 @@ def fuse(now: SlipSample, others: list[SlipSample], before: SlipSample | None = 
         best = _Hypothesis(1.0, sum(angles) / len(angles), 0.0, tuple(range(len(angles))))
         sigma, gap = None, None
     else:
-        best, sigma = _likeliest(_hypotheses(angles, known))
+        hypotheses = _hypotheses(angles, known)
+        best = max(hypotheses, key=lambda h: h.weight)
+        squares = [h.weight * (h.sigma_deg**2 + (h.angle_deg - best.angle_deg) ** 2) for h in hypotheses]
+        sigma = math.sqrt(sum(squares) / sum(h.weight for h in hypotheses))  # of all hypotheses
         gap = _disagreement(angles, known) if len(answers) == 2 else None
     rates = [rate for i in best.turned if (rate := answers[i].rate_deg_s) is not None]
     rate = sum(rates) / len(rates) if rates else None
@@ -75,19 +78,17 @@ class FusedAngles:
     def update(
         self, now: SlipSample, others: list[SlipSample], before: SlipSample | None = None
     ) -> SlipSample:
-        """Return the fused sample of a frame, see `fuse`."""
-        fused = self._limited(fuse(now, others, before))
-        if fused.angle_deg is not None:
-            self._last = fused.time_ns, fused.angle_deg
-        return fused
-
-    def _limited(self, fused: SlipSample) -> SlipSample:
-        if self._last is None or fused.angle_deg is None or fused.sigma_deg is None:
+        fused = fuse(now, others, before)
+        if fused.angle_deg is None:
             return fused
-        time_ns, last_deg = self._last
-        most = math.degrees(MOST_RATE_RAD_S) * abs(fused.time_ns - time_ns) / NS_PER_S
-        angle = min(max(fused.angle_deg, last_deg - most), last_deg + most)
-        return replace(fused, angle_deg=angle, sigma_deg=math.hypot(fused.sigma_deg, fused.angle_deg - angle))
+        if self._last is not None and fused.sigma_deg is not None:
+            time_ns, last_deg = self._last
+            most = math.degrees(MOST_RATE_RAD_S) * abs(fused.time_ns - time_ns) / NS_PER_S
+            angle = min(max(fused.angle_deg, last_deg - most), last_deg + most)
+            sigma = math.hypot(fused.sigma_deg, fused.angle_deg - angle)
+            fused = replace(fused, angle_deg=angle, sigma_deg=sigma)
+        self._last = fused.time_ns, fused.angle_deg or 0.0
+        return fused
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,13 +127,6 @@ def _counts(answer: SlipSample, now: SlipSample, turn_deg: float | None) -> bool
     """
     age_ns = now.time_ns - answer.time_ns
     return age_ns <= (MAX_GAP_NS if answer.sigma_deg and turn_deg is not None else MAX_SKEW_NS)
-
-
-def _likeliest(hypotheses: list[_Hypothesis]) -> tuple[_Hypothesis, float]:
-    """Return the likeliest hypothesis, and a sigma that includes the other hypotheses."""
-    best = max(hypotheses, key=lambda h: h.weight)
-    squares = sum(h.weight * (h.sigma_deg**2 + (h.angle_deg - best.angle_deg) ** 2) for h in hypotheses)
-    return best, math.sqrt(squares / sum(h.weight for h in hypotheses))
 
 
 def _hypotheses(angles: list[float], sigmas: list[float]) -> list[_Hypothesis]:

@@ -86,7 +86,11 @@ class MarkerTruth:
         if self._newest_ns is not None and time_ns <= self._newest_ns:
             return None
         self._newest_ns = time_ns
-        seen = self._angle.find(_grey(image))
+        if image.ndim == 3 and image.shape[2] == 3 and image.dtype == np.uint8:
+            image = np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), np.uint8)
+        elif image.ndim != 2:
+            raise InputError(f"external camera: a (H, W, 3) uint8 RGB picture is needed, got {image.shape}")
+        seen = self._angle.find(image)
         if isinstance(seen, Refusal):
             self._unseen.append((time_ns, seen))
             return None
@@ -201,11 +205,3 @@ class MarkerTruth:
             f"external camera: {counted(count, 'frame')} with both markers in {span_s:.2f} s ({misses}), the "
             f"zero needs {FEWEST_FRAMES}; check the markers, their ids, the light and what hides them"
         )
-
-
-def _grey(image: Image) -> Image:
-    if image.ndim == 2:
-        return image
-    if image.ndim != 3 or image.shape[2] != 3 or image.dtype != np.uint8:
-        raise InputError(f"external camera: a (H, W, 3) uint8 RGB picture is needed, got {image.shape}")
-    return cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)  # type: ignore[return-value]

@@ -4,19 +4,20 @@ The same class observes a live lift and its recording, so a replay gives bitwise
 """
 
 import logging
-from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
-from calibration.gel.look import GelLook
+from calibration.markers.angle import MarkerAngle
+from calibration.markers.tracker import MarkerTracker
 from drivers.clock import to_ns
 from drivers.errors import StaleFrameError
 from drivers.tally import FrameTally
 from drivers.types import ArmState, Frame, Image, Pose
 from protocols.observer import LiftObserver, Phase, ReactionStep
 from protocols.slip_trial import SETTLE_S
+from rig.config import BenchConfig
 from rig.lift.marker_truth import MarkerTruth
 from rig.lift.object_angle import ZERO_S, ObjectAngle
-from rig.lift.slip_watch import SlipWatch
+from rig.lift.slip_watch import SlipSettings, SlipWatch
 from rig.sessions.records import MarkerDistance
 from rig.tactile.contact.background import mean_background
 from rig.tactile.contact.gate import TouchDebounce
@@ -35,22 +36,6 @@ MOST_OFF = 0.10
 centre."""
 
 
-@dataclass(frozen=True, slots=True)
-class ExpectedDistance:
-    """Expected values: side of the markers, and their distance from the pose of the camera, both in m."""
-
-    marker_side_m: float
-    placed_m: float
-
-    def warning(self, distance_sides: float | None) -> MarkerDistance | None:
-        """Compare with a distance in marker sides; None within 10 %, or if it is unknown."""
-        if distance_sides is None:
-            return None
-        seen_m = distance_sides * self.marker_side_m
-        off = abs(seen_m - self.placed_m) > MOST_OFF * self.placed_m
-        return MarkerDistance(seen_m, self.placed_m) if off else None
-
-
 @dataclass(slots=True)
 class _Tip:
     """One fingertip's estimator, created at the grasp from the reference frames before it."""
@@ -61,39 +46,29 @@ class _Tip:
 
 
 class LiftMeasurement(LiftObserver):
-    """Measures one lift.
+    """Measures one lift, on a bench with its calibrations in use.
 
-    signs: of the fingertips by serial. aspects: width over height of their pixels, if known. time_shift_s:
-    added to the times of a sensor, by serial, if its clock was calibrated. distance: expected distance of the
-    markers from the camera, for comparison. watch: detects slips that need a reaction, if reactions are
-    enabled. gels: calibrated looks by serial, for `slip`. `tallies` counts the frames of each source, by
-    serial and `CAMERA`. `backgrounds` has the no-contact frame of each fingertip from phase A on.
+    slip: when to react to a slip; None without reactions. `watch` detects these slips. `tallies` counts the
+    frames of each source, by serial and `CAMERA`. `backgrounds` has the no-contact frame of each fingertip
+    from phase A on. `risen`: whether the lift reached its full height.
     """
 
     def __init__(
-        self,
-        signs: Mapping[str, int],
-        estimator: EstimatorChoice,
-        truth: MarkerTruth,
-        aspects: Mapping[str, float | None] | None = None,
-        time_shift_s: Mapping[str, float] | None = None,
-        distance: ExpectedDistance | None = None,
-        watch: SlipWatch | None = None,
-        gels: Mapping[str, GelLook] | None = None,
+        self, bench: BenchConfig, estimator: EstimatorChoice, slip: SlipSettings | None = None
     ) -> None:
+        camera, signs = bench.camera, {tactile.serial: tactile.sign for tactile in bench.tactile}
+        markers = MarkerTracker(camera.marker_ids, camera.marker_dictionary)
+        angle = MarkerAngle(markers, bench.camera_model())
+        self.truth = MarkerTruth(angle, bench.base_T_camera(), bench.camera_turn_sigma_rad())
         self.angle = ObjectAngle(signs)
         self.tallies = {source: FrameTally() for source in (*signs, CAMERA)}
-        self.truth = truth
-        self.watch = watch
+        self.watch = None if slip is None else SlipWatch(slip)
         self.backgrounds: dict[str, Image] = {}
         self.phases: dict[Phase, int] = {}
         self.risen = True
-        """Whether the lift reached its full height."""
         self._tips = {serial: _Tip() for serial in signs}
-        self._distance = distance
-        self._estimator = estimator
-        self._aspects, self._gels = aspects or {}, gels or {}
-        self._shift_ns = {serial: to_ns(shift) for serial, shift in (time_shift_s or {}).items()}
+        self._bench, self._estimator = bench, estimator
+        self._shift_ns = {serial: to_ns(s) for serial, s in bench.calibrations.time_shift_s.items()}
         self._tcp: Pose | None = None
 
     def phase(self, phase: Phase, time_ns: int) -> None:
@@ -117,7 +92,6 @@ class LiftMeasurement(LiftObserver):
                 tip.estimator.arm(state)
 
     def frame(self, frame: Frame) -> None:
-        """Estimate the angle from a frame of a fingertip, or the true angle from a frame of the camera."""
         if frame.serial in self._shift_ns:
             frame = replace(frame, time_ns=frame.time_ns + self._shift_ns[frame.serial])
         tip = self._tips.get(frame.serial)
@@ -128,11 +102,11 @@ class LiftMeasurement(LiftObserver):
             _log.warning("%s: frame %d has an implausible time: left out", frame.serial, frame.sequence)
         elif tip is not None:
             self._tactile(tip, frame)
-        elif self._tcp is not None and self._since_grasp(frame):
-            self.truth.update(frame.image, frame.time_ns, self._tcp)
+        elif self._tcp is not None and Phase.GRASP in self.phases:
+            if frame.time_ns >= self.phases[Phase.GRASP]:  # an earlier frame may arrive after the grasp
+                self.truth.update(frame.image, frame.time_ns, self._tcp)
 
     def reaction(self, step: ReactionStep, time_ns: int, position: int) -> None:
-        """Process a step of a reaction to slip."""
         if self.watch is not None:
             self.watch.reacted(step, time_ns, position)
         if step is ReactionStep.CLOSED:
@@ -141,20 +115,7 @@ class LiftMeasurement(LiftObserver):
                     tip.estimator.gripped_further()
 
     def touching(self, serial: str) -> bool:
-        """Whether a fingertip has shown contact in its last frames."""
         return self._tips[serial].touch.sure
-
-    def slip_ns(self) -> int | None:
-        """Return the capture time of the frame that needs a reaction; None without one."""
-        return None if self.watch is None else self.watch.slip_ns()
-
-    def at_rest(self) -> bool:
-        """Whether no fingertip has detected rotation for a while."""
-        return self.watch is not None and self.watch.at_rest()
-
-    def another_is_too_much(self) -> bool:
-        """Whether one more slip would rotate the object beyond the limit."""
-        return self.watch is not None and self.watch.another_is_too_much()
 
     def fall_ns(self, until_ns: int) -> int | None:
         """Return when the object left the fingertips; None if they had contact shortly before `until_ns`."""
@@ -165,12 +126,7 @@ class LiftMeasurement(LiftObserver):
 
     def marker_distance(self) -> MarkerDistance | None:
         """Return measured and expected distance of the markers if they differ too much; else None."""
-        return self._distance.warning(self.truth.distance_sides()) if self._distance else None
-
-    def _since_grasp(self, frame: Frame) -> bool:
-        """Whether a frame was captured after the grasp; a frame captured earlier may arrive after it."""
-        grasp_ns = self.phases.get(Phase.GRASP)
-        return grasp_ns is not None and frame.time_ns >= grasp_ns
+        return distance_warning(self._bench, self.truth.distance_sides())
 
     def _tactile(self, tip: _Tip, frame: Frame) -> None:
         if tip.estimator is None:
@@ -187,13 +143,14 @@ class LiftMeasurement(LiftObserver):
             self.watch.update(frame.serial, replace(newest, sigma_deg=sample.sigma_deg))
 
     def _make_estimators(self) -> None:
+        aspects, gels = self._bench.pixel_aspects(), self._bench.gel_looks()
         for serial, tip in self._tips.items():
             if not tip.reference:
                 raise StaleFrameError(f"{serial}: no frame arrived before the grasp; check that it streams")
             background = mean_background(tip.reference)
             sign = self.angle.tips[serial].sign
-            choice = replace(self._estimator, gel=self._gels.get(serial))
-            tip.estimator = choice.make(background, self._aspects.get(serial), sign)
+            choice = replace(self._estimator, gel=gels.get(serial))
+            tip.estimator = choice.make(background, aspects[serial], sign)
             self.backgrounds[serial] = background
             tip.reference = []
 
@@ -208,3 +165,14 @@ class LiftMeasurement(LiftObserver):
                     for serial, tip in self.angle.tips.items()
                 }
             )
+
+
+def distance_warning(bench: BenchConfig, sides: float | None) -> MarkerDistance | None:
+    """Compare the distance of the markers, in marker sides, with the pose of the camera and the table's mark.
+
+    Return None within 10 %, or if it is unknown.
+    """
+    if sides is None:
+        return None
+    seen_m, placed_m = sides * bench.camera.marker_side_m, bench.object_distance_m()
+    return MarkerDistance(seen_m, placed_m) if abs(seen_m - placed_m) > MOST_OFF * placed_m else None

@@ -8,7 +8,7 @@ import numpy as np
 
 from drivers.clock import to_ns
 from rig.lift.fusion import FusedAngles
-from rig.lift.onset import OnsetAlarm
+from rig.lift.onset import leaves_rest
 from rig.tactile.sample import SlipSample
 
 ZERO_S = 0.4
@@ -49,7 +49,6 @@ class TipTrack:
         return self.answer(self.samples[-1])
 
     def previous(self) -> SlipSample | None:
-        """Return the answer of the sample before the newest one; None without one."""
         return self.answer(self.samples[-2]) if len(self.samples) > 1 else None
 
 
@@ -57,19 +56,19 @@ class ObjectAngle:
     """Fuses the samples of the fingertips of one lift.
 
     signs: of the fingertips by serial. From `begin` on, each sample gives one fused sample in `fused`, and
-    `alarm` is raised at slip.
+    `alarm_ns` is
+    the time of the first that shows a slip.
     """
 
     def __init__(self, signs: Mapping[str, int]) -> None:
         self.tips = {serial: TipTrack(sign) for serial, sign in signs.items()}
         self.fused: list[SlipSample] = []
-        self.alarm = OnsetAlarm()
+        self.alarm_ns: int | None = None
         self._begun = False
         self._fusion = FusedAngles()
 
     @property
     def samples(self) -> list[SlipSample]:
-        """All samples, fingertip by fingertip."""
         return [sample for tip in self.tips.values() for sample in tip.samples]
 
     def begin(self, time_ns: int) -> None:
@@ -79,7 +78,6 @@ class ObjectAngle:
         self._begun = True
 
     def add(self, serial: str, sample: SlipSample) -> None:
-        """Add the next sample of a fingertip."""
         tip = self.tips[serial]
         tip.samples.append(sample)
         if not self._begun:
@@ -87,7 +85,8 @@ class ObjectAngle:
         others = [other.newest() for other in self.tips.values() if other is not tip and other.samples]
         fused = self._fusion.update(tip.newest(), others, tip.previous())
         self.fused.append(fused)
-        self.alarm.update(fused.time_ns, fused.angle_deg, fused.rate_deg_s)
+        if self.alarm_ns is None and fused.angle_deg is not None and fused.rate_deg_s is not None:
+            self.alarm_ns = fused.time_ns if leaves_rest(fused.angle_deg, fused.rate_deg_s) else None
 
 
 def object_angle(

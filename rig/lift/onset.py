@@ -1,7 +1,5 @@
 """Detect when a slip begins, from an angle over time (contract, metrics)."""
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -26,27 +24,11 @@ waiting for 100 ms of growth, because a controller cannot wait. So it can be fal
 how often."""
 
 
-@dataclass(slots=True)
-class OnsetAlarm:
-    """Raises the slip event during a lift, once. Angles are from the trial's zero."""
-
-    raised_ns: int | None = None
-
-    def update(self, time_ns: int, angle_deg: float | None, rate_deg_s: float | None) -> bool:
-        """Process a fused estimate; return True when the event is raised.
-
-        Conditions: the angle has left rest, and is still moving away, faster than the noise at rest.
-        """
-        if self.raised_ns is not None or angle_deg is None or rate_deg_s is None:
-            return False
-        if not leaves_rest(angle_deg, rate_deg_s):
-            return False
-        self.raised_ns = time_ns
-        return True
-
-
 def leaves_rest(angle_deg: float, rate_deg_s: float) -> bool:
-    """Whether an object has left its angle at rest, 0, and is still moving away faster than the noise."""
+    """Whether an object has left its angle at rest, 0, and is still moving away faster than the noise.
+
+    This raises the slip event of a lift, with the fused angle since the zero.
+    """
     away = abs(angle_deg) >= ALARM_DEG and angle_deg * rate_deg_s > 0.0
     return away and abs(rate_deg_s) >= ALARM_RATE_DEG_S
 

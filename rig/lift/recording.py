@@ -1,14 +1,11 @@
-"""Record outlines in addition to the events of a lift, and combine several observers.
-
-Also read the true angle of a recorded lift, and measure the latency of frames.
-"""
+"""Observers of a lift: several in order, outlines of contacts, delays of frames; the recorded true angle."""
 
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
-from drivers.clock import NS_PER_S, Clock, to_ns
+from drivers.clock import NS_PER_S, Clock, SystemClock, to_ns
 from drivers.types import ArmState, Frame, GripperState
 from protocols.observer import LiftEvents, LiftObserver, Phase, ReactionStep
 from rig.lift.measurement import LiftMeasurement
@@ -37,11 +34,11 @@ class OutlineObserver(LiftEvents):
         self._latest_ns: dict[str, int] = {}
 
     def frame(self, frame: Frame) -> None:
-        """Record the outline in a fingertip's frame if one is due."""
         background = self._measurement.backgrounds.get(frame.serial)
         if background is None or Phase.LOWER in self._measurement.phases:
             return
-        if self._measurement.slip_ns() is not None or self._measurement.tallies[frame.serial].out_of_time:
+        watch = self._measurement.watch
+        if (watch and watch.slip_ns() is not None) or self._measurement.tallies[frame.serial].out_of_time:
             return  # nothing must delay an arm that has to stop
         latest_ns = self._latest_ns.get(frame.serial)
         if latest_ns is not None and frame.time_ns - latest_ns < to_ns(OUTLINE_EVERY_S):
@@ -56,41 +53,31 @@ class OutlineObserver(LiftEvents):
 class LiftObservers(LiftObserver):
     """Forwards each event to several observers, in order. contact: the one that detects contacts."""
 
-    def __init__(self, contact: LiftObserver, observers: Sequence[LiftEvents]) -> None:
+    def __init__(self, contact: LiftObserver, *observers: LiftEvents | None) -> None:
         self._contact = contact
-        self._observers = observers
-
-    def followed_by(self, observer: LiftEvents) -> "LiftObservers":
-        """Return the same observers with another one appended."""
-        return LiftObservers(self._contact, (*self._observers, observer))
+        self._observers = [observer for observer in observers if observer is not None]
 
     def phase(self, phase: Phase, time_ns: int) -> None:
-        """Forward the start of a phase."""
         for observer in self._observers:
             observer.phase(phase, time_ns)
 
     def frame(self, frame: Frame) -> None:
-        """Forward a frame."""
         for observer in self._observers:
             observer.frame(frame)
 
     def arm(self, state: ArmState) -> None:
-        """Forward the arm's state."""
         for observer in self._observers:
             observer.arm(state)
 
     def gripper(self, state: GripperState) -> None:
-        """Forward the gripper's state."""
         for observer in self._observers:
             observer.gripper(state)
 
     def reaction(self, step: ReactionStep, time_ns: int, position: int) -> None:
-        """Forward a step of a reaction."""
         for observer in self._observers:
             observer.reaction(step, time_ns, position)
 
     def touching(self, serial: str) -> bool:
-        """Whether a fingertip is in contact."""
         return self._contact.touching(serial)
 
 
@@ -106,18 +93,44 @@ LEAST_FRAMES, LEAST_SPAN_S = 30, 2.0
 """Fewest frames, and shortest time, from which a rate is computed."""
 
 
-class StampRates(LiftEvents):
-    """Compares the speed of each source's time stamps with the bench's clock, from the frames' delays."""
+class FrameDelays(LiftEvents):
+    """Measures the delay of each frame by the bench's clock. It must be the last observer.
+
+    Then a delay lasts from the capture of a frame until it has been recorded and estimated.
+    """
 
     def __init__(self, clock: Clock) -> None:
         self._clock = clock
+        self._began_ns = clock.now_ns()
+        self._phase = Phase.REFERENCE
         self._times_ns: dict[str, list[tuple[int, int]]] = {}
+        self._late_ns: dict[str, list[int]] = {}
+
+    def phase(self, phase: Phase, time_ns: int) -> None:
+        self._phase = phase
 
     def frame(self, frame: Frame) -> None:
-        """Note when a frame was delivered."""
-        self._times_ns.setdefault(frame.serial, []).append((frame.time_ns, self._clock.now_ns()))
+        now_ns = self._clock.now_ns()
+        self._times_ns.setdefault(frame.serial, []).append((frame.time_ns, now_ns))
+        if self._phase in (Phase.LIFT, Phase.HOLD):
+            self._late_ns.setdefault(frame.serial, []).append(now_ns - frame.time_ns)
 
-    def amiss(self) -> dict[str, float]:
+    def spent_s(self) -> float:
+        """Return the time since this observer was created, s."""
+        return round((self._clock.now_ns() - self._began_ns) / NS_PER_S, 6)
+
+    def latency(self) -> dict[str, LatencyTimes]:
+        """Return the delays in phases B and C, by serial, ms: median, 95th, 99th percentile, maximum.
+
+        Empty with a simulated clock, which does not advance while angles are computed.
+        """
+        late_ns = self._late_ns if isinstance(self._clock, SystemClock) else {}
+        return {
+            serial: LatencyTimes(*(np.percentile(late, (50, 95, 99, 100)) * 1e3 / NS_PER_S).tolist())
+            for serial, late in late_ns.items()
+        }
+
+    def clock_rates(self) -> dict[str, float]:
         """Return the speed of the stamps divided by that of the clock, by serial, where it is not about 1.
 
         A loaded computer delivers the frames of all sources later and later: what they have in common is not
@@ -141,31 +154,3 @@ def _growth(times_ns: Sequence[tuple[int, int]]) -> float | None:
         (np.median(late[last]) - np.median(late[first]))
         / (np.median(received[last]) - np.median(received[first]))
     )
-
-
-class LatencyProbe(LiftEvents):
-    """Measures when each frame has been recorded and estimated. It must be the last observer.
-
-    clock: the bench's clock, which also gives the capture times.
-    """
-
-    def __init__(self, clock: Clock) -> None:
-        self._clock = clock
-        self._phase = Phase.REFERENCE
-        self._late_ns: dict[str, list[int]] = {}
-
-    def phase(self, phase: Phase, time_ns: int) -> None:
-        """Begin a phase."""
-        self._phase = phase
-
-    def frame(self, frame: Frame) -> None:
-        """Measure the time since the capture of a frame."""
-        if self._phase in (Phase.LIFT, Phase.HOLD):
-            self._late_ns.setdefault(frame.serial, []).append(self._clock.now_ns() - frame.time_ns)
-
-    def times(self) -> dict[str, LatencyTimes]:
-        """Return the latency over phases B and C, by serial, ms: median, 95th, 99th percentile, maximum."""
-        return {
-            serial: LatencyTimes(*(np.percentile(late, (50, 95, 99, 100)) * 1e3 / NS_PER_S).tolist())
-            for serial, late in self._late_ns.items()
-        }

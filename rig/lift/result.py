@@ -7,19 +7,71 @@ from itertools import pairwise
 
 import numpy as np
 
+from calibration.time_offset import FEWEST, TimedSignal, time_offset
 from drivers.clock import NS_PER_S, to_ns
 from protocols.observer import Phase, ReactionStep
-from rig.lift.agreement import clock_lag, turns_against
 from rig.lift.fusion import Disagreement
 from rig.lift.measurement import LiftMeasurement
 from rig.lift.object_angle import ZERO_S
 from rig.lift.onset import departure_ns, estimated_onset_ns, slip_onset_ns
 from rig.lift.slip_watch import CAUGHT_DEG, SlipEvent, SlipWatch
 from rig.results.scores import score_angles
-from rig.sessions.records import Lift, LiftOutcome, ReactionRecord, SlipThreshold
+from rig.sessions.records import ClockLag, Lift, LiftOutcome, ReactionRecord, SlipThreshold, TurnsAgainst
 from rig.sessions.timing import StageTimes
 from rig.tactile.angles import FUSED, MARKERS, Angles
 from rig.tactile.sample import SlipSample, State, faults_of
+
+LEAST_TURN_DEG = 5.0
+"""Least range of both angles over a lift; over less, noise and drift may correlate."""
+OPPOSED = -0.9
+"""Correlation with the true angle below which an angle turns against it."""
+MOST_LAG_S = 0.05
+"""Largest lag without a warning: the camera's frames may be as far apart (contract), and an object that turns
+by 40 degrees a second is 2 degrees further by then. 27 SIMULATED lifts, easy and hard, have at most 0.012."""
+WORST_SIGMA_MS, SURE = 15.0, 3.0
+"""Largest standard deviation of a lag that is considered, and by how many of them it must exceed 0."""
+
+
+def turns_against(tips: Mapping[str, Angles], truth: Angles) -> TurnsAgainst | None:
+    """Return which fingertips turn against the true angle over a lift; None if none does.
+
+    tips: signed angles since the zero during the lift, by serial; their `zero_ns` is that of `truth`.
+    """
+    found = {serial: ends for serial, angles in tips.items() if (ends := _opposed(angles, truth))}
+    if not found:
+        return None
+    estimate_deg, truth_deg = max(found.values(), key=lambda ends: abs(ends[0]))
+    return TurnsAgainst(tuple(found), len(found) == len(tips) > 1, estimate_deg, truth_deg)
+
+
+def clock_lag(angles: Angles, truth: Angles) -> ClockLag | None:
+    """Return by how much the estimate is late compared with the true angle, if it is a reason for a warning.
+
+    None if the lag is small, or cannot be determined because one of them turns too little or otherwise.
+    angles: the fused estimate during the lift.
+    """
+    known = angles.known
+    times, first = np.unique(known.time_ns, return_index=True)  # two fingertips may have the same times
+    estimate = TimedSignal(times, known.angle_deg[first])
+    true = TimedSignal(truth.time_ns, truth.angle_deg)
+    if any(len(s.time_ns) < FEWEST or np.ptp(s.values) < LEAST_TURN_DEG for s in (estimate, true)):
+        return None
+    found = time_offset(true, estimate, worst_ms=WORST_SIGMA_MS)
+    if found.offset_s is None or found.sigma_s is None or not found.gain or found.gain < 0.0:
+        return None
+    lag_s = -found.offset_s
+    return ClockLag(lag_s, found.sigma_s) if abs(lag_s) > max(MOST_LAG_S, SURE * found.sigma_s) else None
+
+
+def _opposed(angles: Angles, truth: Angles) -> tuple[float, float] | None:
+    """Return the last angle and the last true angle if both turn far enough in opposite directions."""
+    ours, true = angles.angle_deg, truth.at(angles.time_s)
+    both = np.isfinite(ours) & np.isfinite(true)
+    ours, true = ours[both], true[both]
+    if len(ours) < FEWEST or min(np.ptp(ours), np.ptp(true)) < LEAST_TURN_DEG:
+        return None
+    return (float(ours[-1]), float(true[-1])) if np.corrcoef(ours, true)[0, 1] <= OPPOSED else None
+
 
 Step = tuple[ReactionStep, int, int]
 LAST = (ReactionStep.REST, ReactionStep.ENDS)
@@ -37,14 +89,11 @@ def reaction_records(watch: SlipWatch, truth: Angles, lift_ns: int) -> tuple[Rea
     reactions = list(_reactions(watch.steps))
     began_ns = [lift_ns, *(steps[-1][1] for steps in reactions)]
     return tuple(
-        _record(steps, _event(watch.events, *span), truth, lift_ns, span)
-        for steps, span in zip(reactions, pairwise(began_ns), strict=True)
+        _record(
+            steps, [e for e in watch.events if since <= e.due_ns <= until], truth, lift_ns, (since, until)
+        )
+        for steps, (since, until) in zip(reactions, pairwise(began_ns), strict=True)
     )
-
-
-def slip_thresholds(watch: SlipWatch) -> dict[str, SlipThreshold]:
-    """Return the thresholds of angle and rate at which each fingertip reports a slip, by serial."""
-    return {serial: SlipThreshold(*values) for serial, values in watch.thresholds().items()}
 
 
 def _reactions(steps: Sequence[Step]) -> Iterator[list[Step]]:
@@ -57,15 +106,12 @@ def _reactions(steps: Sequence[Step]) -> Iterator[list[Step]]:
             taken = []
 
 
-def _event(events: Sequence[SlipEvent], since_ns: int, until_ns: int) -> SlipEvent | None:
-    return next((event for event in events if since_ns <= event.due_ns <= until_ns), None)
-
-
 def _record(
-    steps: Sequence[Step], event: SlipEvent | None, truth: Angles, lift_ns: int, span: tuple[int, int]
+    steps: Sequence[Step], events: list[SlipEvent], truth: Angles, lift_ns: int, span: tuple[int, int]
 ) -> ReactionRecord:
     (_, command_ns, position), (last, end_ns, end_position) = steps[0], steps[-1]
     onset_ns = _onset_ns(truth, *span)
+    event = events[0] if events else None
     event_ns = None if event is None else event.raised_ns
     still_ns = max(t for s, t, _ in steps if s in (ReactionStep.STANDS, ReactionStep.CLOSED))
     rest_ns = end_ns if last is ReactionStep.REST else None
@@ -119,6 +165,8 @@ def lift_result(measurement: LiftMeasurement, lift: Lift) -> tuple[Lift, dict[st
     tips = {
         serial: Angles.of(map(tip.answer, tip.samples), serial, lift_ns) for serial, tip in angle.tips.items()
     }
+    rest = (lift_ns - to_ns(ZERO_S), lift_ns)  # the area at rest is a measure of the grip
+    areas = {serial: of.between(*rest).contact_area_px for serial, of in tips.items()}
     whole = Angles.of(angle.fused, FUSED, lift_ns)
     fused = whole.picked(whole.time_ns < end_ns)
     score = score_angles("", fused, truth.at(fused.time_s), hold_ns)
@@ -135,13 +183,13 @@ def lift_result(measurement: LiftMeasurement, lift: Lift) -> tuple[Lift, dict[st
         re_b=score.re_b,
         re=score.re,
         re_held=score.re_held,
-        contact_area_px=_contact_areas(tips, lift_ns),
+        contact_area_px={serial: float(np.mean(of)) if of.size else 0.0 for serial, of in areas.items()},
         answered=score.answered,
         final_estimate_deg=_final(fused, held_ns),
         final_truth_deg=final_truth,
         onset_truth_s=_since(onset, lift_ns),
         onset_estimate_s=_since(estimated_onset_ns(whole), lift_ns),
-        onset_alarm_s=_since(angle.alarm.raised_ns, lift_ns),
+        onset_alarm_s=_since(angle.alarm_ns, lift_ns),
         phases_s={phase.value: time_ns / NS_PER_S for phase, time_ns in measurement.phases.items()},
         frames={name: tally.frames for name, tally in measurement.tallies.items()},
         dropped={name: tally.dropped for name, tally in measurement.tallies.items()},
@@ -153,14 +201,13 @@ def lift_result(measurement: LiftMeasurement, lift: Lift) -> tuple[Lift, dict[st
         turns_against=turns_against({n: of.between(lift_ns, held_ns) for n, of in tips.items()}, truth),
         lag=clock_lag(fused.picked(fused.time_ns < held_ns), truth),
         reactions=reactions,
-        slip_thresholds=None if watch is None else slip_thresholds(watch),
+        slip_thresholds=watch and {s: SlipThreshold(*values) for s, values in watch.thresholds().items()},
         estimator_faults=faults_of(samples),
     )
     return evaluated, {**tips, FUSED: whole, MARKERS: truth}
 
 
 def _states(samples: Sequence[SlipSample]) -> dict[str, int]:
-    """Return the number of samples by state; `frozen` only if there are any."""
     counts = Counter(sample.state for sample in samples)
     return {state.value: counts[state] for state in State if counts[state] or state is not State.FROZEN}
 
@@ -203,11 +250,3 @@ def _final(angles: Angles, end_ns: int) -> float | None:
 
 def _since(time_ns: int | None, start_ns: int) -> float | None:
     return None if time_ns is None else (time_ns - start_ns) / NS_PER_S
-
-
-def _contact_areas(tips: Mapping[str, Angles], lift_ns: int) -> dict[str, float]:
-    """Return the mean contact area of each fingertip at the end of phase A, as a measure of the grip, px."""
-    late = {
-        serial: of.between(lift_ns - to_ns(ZERO_S), lift_ns).contact_area_px for serial, of in tips.items()
-    }
-    return {serial: float(np.mean(values)) if values.size else 0.0 for serial, values in late.items()}

@@ -107,13 +107,13 @@ def read_usable(path: Path, codec: Codec[Record]) -> tuple[list[Record], list[No
         rows, damaged = readable_rows(path, codec)
         missing = "" if path.exists() else f"{path.name} is missing."
     except SessionError as error:
-        rows, damaged, missing = [], [], f"{error}."
+        rows, damaged, missing = [], {}, f"{error}."
     if missing:
         advice = "Nothing was finished yet, or the file was lost: see log.txt in the session."
         return [], [Notice("bad", missing, advice)]
     if not damaged:
         return rows, []
-    where = joined([f"line {line.number}: {line.problem}" for line in damaged])
+    where = joined([f"line {number}: {problem}" for number, problem in damaged.items()])
     what = f"{path.name}: {len(damaged)} of {counted(len(damaged) + len(rows), 'line')} damaged ({where})."
     advice = "They are not in any figure. Copy the file again from the rig's disk, or remove those lines."
     return rows, [Notice("bad", what, advice)]

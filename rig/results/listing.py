@@ -1,7 +1,7 @@
 """List the sessions in a folder with their results and problems."""
 
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field
 from enum import StrEnum
@@ -25,7 +25,7 @@ from rig.sessions.manifest import (
 )
 from rig.sessions.recording_file import check_recording
 from rig.sessions.records import LIFTS, finished
-from rig.sessions.rows import read_poses, read_rows, readable_rows
+from rig.sessions.rows import read_poses, read_rows, rows_and_problems
 from rig.sessions.session import in_use
 
 
@@ -63,17 +63,14 @@ class SessionEntry:
 
     @property
     def objects(self) -> tuple[str, ...]:
-        """Ids of the requested objects."""
         return self.bench_manifest.objects if self.bench_manifest else ()
 
     @property
     def remarks(self) -> Remarks:
-        """Name, note, tags and operator of the session."""
         return self.bench_manifest.remarks if self.bench_manifest else NO_REMARKS
 
     @property
     def started(self) -> str:
-        """Start, UTC; empty if unknown."""
         return self.manifest.started if self.manifest else ""
 
     @property
@@ -88,7 +85,6 @@ class SessionEntry:
 
     @property
     def wanted(self) -> int | None:
-        """Number of requested lifts or poses; None if not known in advance."""
         return self.bench_manifest.wanted if self.bench_manifest else None
 
     @property
@@ -110,7 +106,6 @@ class SessionEntry:
         return f"{', '.join(few)} and {more} more" if more > 1 else ", ".join(self.objects)
 
     def as_json(self) -> dict[str, object]:
-        """Return the session's values for JSON output."""
         manifest, on, mare = self.manifest, self.bench_manifest, self.mare
         return {
             "session": str(self.folder),
@@ -188,69 +183,45 @@ def _sizes(folder: str, inside: str = "") -> dict[str, int]:
 
 
 def _entry(folder: Path, sizes: Mapping[str, int], manifest: AnyManifest, quick: bool) -> SessionEntry:
-    found: Mare | None = None
-    areas: list[tuple[str, float]] = []
+    done, mare, areas, files, what = 0, None, [], [], "recording"
+    problems: list[str] = []
     if isinstance(manifest, TrialManifest):
-        path = folder / RESULTS[manifest.kind]
-        rows, damaged = readable_rows(path, LIFTS)
+        rows, problems = rows_and_problems(folder / RESULTS[manifest.kind], LIFTS)
         lifts = finished(rows)
-        done, found = len(lifts), mare_of(lift.re for lift in lifts)
+        done, mare = len(lifts), mare_of(lift.re for lift in lifts)
         areas = [area for lift in lifts for area in lift.contact_area_px.items()]
-        problems = [line.text(path) for line in damaged]
-        problems += [_damage(folder, lift.recording, sizes, quick, _recording_flaw) for lift in lifts]
+        files = [lift.recording for lift in lifts]
     elif isinstance(manifest, RecordManifest):
         poses = [pose for pose in read_poses(folder) if pose.accepted]
-        done = len(poses)
-        areas = [(image.serial, image.contact_area_px) for pose in poses for image in pose.images]
-        problems = [
-            _damage(folder, image.file, sizes, quick, _image_flaw) for pose in poses for image in pose.images
-        ]
+        images = [image for pose in poses for image in pose.images]
+        done, what = len(poses), "image"
+        areas = [(image.serial, image.contact_area_px) for image in images]
+        files = [image.file for image in images]
     else:
         done = sum(row["accepted"] is True for row in read_rows(folder / RESULTS[manifest.kind], REPLAYS))
-        problems = []
-    problem = _first(list(filter(None, problems)))
-    state = SessionState.COMPLETE if manifest.status == "complete" else SessionState.UNFINISHED
-    if in_use(folder):
-        state = SessionState.RUNNING
-    size = sum(sizes.values())
-    return SessionEntry(
-        folder,
-        SessionState.BROKEN if problem else state,
-        problem,
-        size,
-        manifest,
-        done,
-        found,
-        _medians(areas),
-    )
-
-
-def _medians(areas: Sequence[tuple[str, float]]) -> dict[str, float]:
-    """Return the median area by serial. areas: serial and area of each contact."""
-    serials = sorted({serial for serial, _ in areas})
-    return {serial: median(area for of, area in areas if of == serial) for serial in serials}
-
-
-def _first(problems: list[str]) -> str | None:
+    damage = (_damage(folder / file, what, file in sizes, quick) for file in files)
+    problems += filter(None, damage)
     more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
-    return f"{problems[0]}{more}" if problems else None
+    state = SessionState.COMPLETE if manifest.status == "complete" else SessionState.UNFINISHED
+    if problems:
+        state = SessionState.BROKEN
+    elif in_use(folder):
+        state = SessionState.RUNNING
+    problem = f"{problems[0]}{more}" if problems else None
+    size = sum(sizes.values())
+    by_serial = {of: median(area for serial, area in areas if serial == of) for of in sorted(dict(areas))}
+    return SessionEntry(folder, state, problem, size, manifest, done, mare, by_serial)
 
 
-def _damage(
-    folder: Path, file: str, sizes: Mapping[str, int], quick: bool, flaw: Callable[[Path], str | None]
-) -> str | None:
+def _damage(path: Path, what: str, exists: bool, quick: bool) -> str | None:
     """Return the problem of a session's file, None without any. quick: check only that it exists."""
-    if file not in sizes:
-        return f"{folder / file}: the {'image' if flaw is _image_flaw else 'recording'} is missing"
-    return None if quick else flaw(folder / file)
-
-
-def _image_flaw(path: Path) -> str | None:
-    flaw = image_flaw(path)
-    return None if flaw is None else f"{path}: the image {flaw}"
-
-
-def _recording_flaw(path: Path) -> str | None:
+    if not exists:
+        return f"{path}: the {what} is missing"
+    if quick:
+        return None
+    if what == "image":
+        flaw = image_flaw(path)
+        return None if flaw is None else f"{path}: the image {flaw}"
     try:
         check_recording(path)
     except SessionError as error:

@@ -43,7 +43,6 @@ class Mare:
 
     @property
     def interval(self) -> str:
-        """The interval as text; "" without an interval."""
         return "" if self.low_deg is None else f"[{self.low_deg:.2f}, {self.high_deg:.2f}]"
 
     @property
@@ -53,12 +52,10 @@ class Mare:
 
     @property
     def text(self) -> str:
-        """The mean with its spread, interval and refused lifts."""
         return f"{self.mean_deg:.2f} ± {self.std_deg:.2f} {self.beside}".rstrip()
 
 
 def mare_text(value: Mare | None) -> str:
-    """Return a MARE as text; None becomes "no answer"."""
     return "no answer" if value is None else value.text
 
 

@@ -11,7 +11,6 @@ from rig.sessions.table_files import Line
 
 
 def lift_note(lift: Lift) -> str:
-    """Return a one-line summary of a lift's outcome."""
     head = f"{lift.object} {lift.name} lift {lift.lift}: {lift.outcome}"
     if not lift.accepted:
         return f"{head}: {lift.fault}"
@@ -35,7 +34,6 @@ def _without_error(lift: Lift) -> str:
 
 
 def row_note(row: Line) -> str:
-    """Return a one-line summary of a replayed lift, with its session."""
     where = Path(str(row["session"])).name
     if row["problem"]:
         return f"{where}: {row['problem']}"
@@ -44,7 +42,6 @@ def row_note(row: Line) -> str:
 
 
 def reaction_text(reacting: ReactingSummary) -> str:
-    """Return the line about the effect of reactions to slip."""
     added = reacting.added_counts
     grip = f", added grip: median {median(added):g}, at most {counted(max(added), 'step')}" if added else ""
     turn = f", median final turn {median(reacting.turns_deg):.1f} deg" if reacting.turns_deg else ""
@@ -57,7 +54,6 @@ def reaction_text(reacting: ReactingSummary) -> str:
 
 
 def turn_distribution(summary: TrialSummary) -> str:
-    """Return a text with the histogram of the true turns in steps of 5 degrees, and their directions."""
     sizes = [abs(turn) for turn in summary.turns_deg]
     top = max(int(max(sizes, default=0.0) // 5) + 1, 1)
     counts = [sum(5 * i <= size < 5 * (i + 1) for size in sizes) for i in range(top)]

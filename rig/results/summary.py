@@ -84,7 +84,6 @@ class TrialSummary:
     reacting: ReactingSummary | None = None
 
     def as_json(self) -> dict[str, object]:
-        """Return the figures of the trial for JSON output."""
         reacting = self.reacting
         reacted = {} if reacting is None else {"react": reacting.kind, "caught": reacting.caught}
         return {

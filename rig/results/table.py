@@ -31,16 +31,9 @@ _OF_SESSION: Columns = {
 _OF_REPLAY: Columns = {"identical": bool, "problem": str}
 
 
-def _columns() -> Columns:
-    found = dict(_OF_SESSION)
-    for name, column in _OF_LIFT.items():
-        found[name] = column.kind
-        if name == "recording":
-            found |= _OF_REPLAY
-    return found
-
-
-COLUMNS = _columns()
+_KINDS: Columns = {name: column.kind for name, column in _OF_LIFT.items()}
+_BEFORE = list(_KINDS)[: list(_KINDS).index("recording") + 1]
+COLUMNS: Columns = {**_OF_SESSION, **{name: _KINDS[name] for name in _BEFORE}, **_OF_REPLAY, **_KINDS}
 """Columns of tables of many lifts in order, with their types: `session` is its folder, `identical` whether a
 replay gave exactly the stored lift, `problem` why the lift, a part of it, or its session cannot be read."""
 NEEDED = ("session", "object", "accepted", "re_mean_deg")
@@ -53,7 +46,6 @@ class _LineCodec(Codec[Line]):
     """Reads the rows of tables of many lifts."""
 
     def parsed(self, text: bytes) -> Line:
-        """Return the row of a line of JSON. Raises `ValueError` naming the invalid column."""
         return self.checked(super().parsed(text))
 
     def checked(self, values: Line) -> Line:
@@ -96,7 +88,6 @@ def unread_row(about: Line, lift: Lift, problem: str) -> Line:
 
 
 def broken_row(session: str, problem: str) -> Line:
-    """Return the row of a session that cannot be read at all. problem: the reason."""
     found = {"session": session, "number": 0, "attempt": 0, "accepted": False, "problem": problem}
     return dict.fromkeys(COLUMNS) | found
 
@@ -178,7 +169,14 @@ def read_results(path: Path) -> list[Line]:
 
     Raises `InputError` for another file, or for a table without the columns that a summary needs.
     """
-    file = _table_in(path) if path.is_dir() else path
+    file = path
+    if path.is_dir():
+        names = ("results.parquet", "results.csv") if has_parquet() else ("results.csv",)
+        file = next((path / name for name in names if (path / name).exists()), path)
+        if file == path:
+            raise InputError(
+                f"{path}: has no results.csv or results.parquet; make one: rig replay SESSIONS... --out DIR"
+            )
     try:
         raw = read_parquet(file) if file.suffix == ".parquet" else read_csv(file, COLUMNS)
     except FormatError:
@@ -191,14 +189,13 @@ def read_results(path: Path) -> list[Line]:
         raise InputError(
             f"{file}: {what}; give the results.csv or results.parquet of `rig replay SESSIONS...`"
         )
-    return [_row(line, f"{file}: row {number}") for number, line in enumerate(raw, start=1)]
-
-
-def _row(line: Line, where: str) -> Line:
-    try:
-        return REPLAYS.checked({column: line.get(column) for column in COLUMNS})
-    except ValueError as error:
-        raise InputError(f"{where}: {error}") from error
+    rows: list[Line] = []
+    for number, line in enumerate(raw, start=1):
+        try:
+            rows.append(REPLAYS.checked({column: line.get(column) for column in COLUMNS}))
+        except ValueError as error:
+            raise InputError(f"{file}: row {number}: {error}") from error
+    return rows
 
 
 def _error(row: Line, part: str) -> ErrorSummary | None:
@@ -206,12 +203,3 @@ def _error(row: Line, part: str) -> ErrorSummary | None:
     if None in (mean, std, most, count):
         return None
     return ErrorSummary(float(mean), float(std), float(most), int(count))  # type: ignore[arg-type]
-
-
-def _table_in(folder: Path) -> Path:
-    for name in ("results.parquet", "results.csv"):
-        if (folder / name).exists() and (name.endswith(".csv") or has_parquet()):
-            return folder / name
-    raise InputError(
-        f"{folder}: has no results.csv or results.parquet; make one: rig replay SESSIONS... --out DIR"
-    )

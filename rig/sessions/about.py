@@ -40,7 +40,6 @@ class Remarks:
         return replace(self, **words, tags=tuple(dict.fromkeys((*self.tags, *later.tags))))
 
     def lines(self) -> list[str]:
-        """Return one line per given remark."""
         texts = {"tags": ", ".join(self.tags), "operator": self.operator, "note": self.note}
         return [f"{what}: {text}" for what, text in texts.items() if text]
 

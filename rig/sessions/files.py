@@ -39,16 +39,6 @@ def recording_file(number: int, attempt: int) -> str:
     return f"{RECORDINGS}/{number:03d}{suffix}.mcap"
 
 
-def unfinished_name(stem: str, number: int) -> str:
-    """Return the file name of an unfinished recording. stem: of its final name. number: from 1."""
-    return f"{stem}{UNFINISHED}{'' if number == 1 else f'-{number}'}.mcap"
-
-
-def interrupted_name(stem: str, number: int) -> str:
-    """Return the file name of an interrupted recording. stem: of its unfinished name. number: from 1."""
-    return f"{stem.partition(UNFINISHED)[0]}{INTERRUPTED}-{number}.mcap"
-
-
 def is_unfinished(recording: Path) -> bool:
     """Whether a recording has the name of an unfinished or interrupted one, which never counts as a lift."""
     return UNFINISHED in recording.stem or INTERRUPTED in recording.stem
@@ -79,7 +69,6 @@ def first_bytes(path: Path) -> bytes:
 
 
 def reference_file(serial: str) -> str:
-    """Return the path of a fingertip's no-contact frame."""
     return f"{REFERENCES}/{serial}.png"
 
 
@@ -172,7 +161,6 @@ def read_json(path: Path) -> dict[str, Any]:
 
 
 def not_written(path: Path, error: OSError) -> RecordingError:
-    """Return the error of a file that cannot be written."""
     return RecordingError(
         f"{path}: cannot be written ({error.strerror or error}); finished work is safe: free space or fix "
         "the permission, then run the command again (a session: with --resume)"

@@ -76,7 +76,6 @@ class TrialManifest(BenchManifest):
 
     @property
     def wanted(self) -> int:
-        """Number of requested lifts."""
         return len(self.objects) * self.lifts_per_object
 
 
@@ -95,7 +94,6 @@ class RecordManifest(BenchManifest):
 
     @property
     def wanted(self) -> int:
-        """Number of requested poses."""
         return self.poses
 
 
@@ -114,7 +112,6 @@ Wanted = TypeVar("Wanted", bound=Manifest)
 
 
 def begun(kind: str) -> Manifest:
-    """Return the common fields of a new manifest."""
     return Manifest(
         schema_version=SCHEMA_VERSION,
         tool_version=VERSION,
@@ -151,12 +148,10 @@ def remarked(manifest: Wanted, wanted: Manifest) -> Wanted:
 
 
 def now_text() -> str:
-    """Return the present time, UTC to the second."""
     return datetime.now(UTC).isoformat(timespec="seconds")
 
 
 def is_session(folder: Path) -> bool:
-    """Whether a folder contains a session's manifest."""
     return (folder / MANIFEST).is_file()
 
 
@@ -219,7 +214,6 @@ def first_difference(manifest: Manifest, wanted: Manifest) -> str | None:
 
 
 def _difference(key: str, there: Any, asked: Any) -> str:
-    """Return the key of the first differing value, and both values."""
     if isinstance(there, dict) and isinstance(asked, dict):
         inner = next(k for k in (*there, *asked) if there.get(k) != asked.get(k))
         return _difference(f"{key}.{inner}", there.get(inner), asked.get(inner))
@@ -252,16 +246,12 @@ class _Head:
     kind: str | None = None
 
 
-def _kind(values: Any) -> str:
-    return str(values["kind"])
-
-
 _HEAD: Codec[_Head] = Codec(_Head)
 _MANIFESTS: Codec[AnyManifest] = Codec(
     Annotated[
         Annotated[TrialManifest, Tag("trial")]
         | Annotated[RecordManifest, Tag("record")]
         | Annotated[ReplayManifest, Tag("replay")],
-        Discriminator(_kind),
+        Discriminator(lambda values: str(values["kind"])),
     ]
 )

@@ -1,8 +1,9 @@
 """Read the lifts of a session."""
 
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from operator import itemgetter
 from pathlib import Path
 from types import MappingProxyType
 from typing import Annotated, TypeVar
@@ -93,11 +94,24 @@ class RecordedAngle:
     contact_area_px: float | None = None
 
 
-_PHASE: Codec[_Phase] = Codec(_Phase)
-_REACTION: Codec[RecordedReaction] = Codec(RecordedReaction)
-_JOINTS: Codec[RecordedJoints] = Codec(RecordedJoints)
-_GRIPPER: Codec[RecordedGripper] = Codec(RecordedGripper)
-_ANGLE: Codec[RecordedAngle] = Codec(RecordedAngle)
+def _decoder(kind: type[Value]) -> Callable[[bytes, Path], Value]:
+    """Return a function that decodes a JSON message; it raises `SessionError` for a damaged one."""
+    codec: Codec[Value] = Codec(kind)
+
+    def decode(data: bytes, path: Path) -> Value:
+        try:
+            return codec.parsed(data)
+        except ValueError as error:
+            raise SessionError(f"{path}: the recording is damaged ({error})") from error
+
+    return decode
+
+
+_recorded_phase = _decoder(_Phase)
+recorded_reaction = _decoder(RecordedReaction)
+recorded_joints = _decoder(RecordedJoints)
+recorded_gripper = _decoder(RecordedGripper)
+recorded_angle = _decoder(RecordedAngle)
 
 
 def show_again(
@@ -113,7 +127,12 @@ def show_again(
     if the recording is missing, not of a complete lift, or, without `gaps`, damaged.
     """
     phases, pose, gaps_before = PhaseTimes(path, gaps), None, 0
-    hidden = {} if gaps is None else _hidden(path, known_phases)
+    hidden: dict[str, int] = {}
+    if gaps is not None:  # phases whose messages cannot be read
+        messages = recorded_messages(path, PHASE_TOPIC, gaps=[])
+        read = {_recorded_phase(data, path).phase for _, _, _, data in messages}
+        lost = {name: time_ns for name, time_ns in known_phases.items() if name not in read}
+        hidden = dict(sorted(lost.items(), key=itemgetter(1)))
 
     def begin(name: str, time_ns: int) -> None:
         phases.add(name, time_ns)
@@ -125,7 +144,7 @@ def show_again(
         if gaps and len(gaps) != gaps_before:
             pose, gaps_before = None, len(gaps)
         if topic == PHASE_TOPIC:
-            begin(_parsed(_PHASE, data, path).phase, time_ns)
+            begin(_recorded_phase(data, path).phase, time_ns)
         elif topic == REACTION_TOPIC:
             done = recorded_reaction(data, path)
             observer.reaction(done.step, time_ns, done.position_steps)
@@ -141,15 +160,6 @@ def show_again(
     for name, begins_ns in hidden.items():
         begin(name, begins_ns)
     phases.complete()
-
-
-def _hidden(path: Path, known_phases: Mapping[str, int]) -> dict[str, int]:
-    """Return the phases whose messages cannot be read, in order of time, ns."""
-    read = {
-        _parsed(_PHASE, data, path).phase for _, _, _, data in recorded_messages(path, PHASE_TOPIC, gaps=[])
-    }
-    lost = {name: time_ns for name, time_ns in known_phases.items() if name not in read}
-    return dict(sorted(lost.items(), key=lambda item: item[1]))
 
 
 def recorded_frames(path: Path, serial: str, gaps: Gaps | None = None) -> Iterator[Frame]:
@@ -181,7 +191,7 @@ def phase_times(path: Path) -> dict[str, int]:
     """
     phases = PhaseTimes(path)
     for _, time_ns, _, data in recorded_messages(path, PHASE_TOPIC):
-        phases.add(_parsed(_PHASE, data, path).phase, time_ns)
+        phases.add(_recorded_phase(data, path).phase, time_ns)
     return phases.complete()
 
 
@@ -202,7 +212,7 @@ def recorded_angles(
 
 
 def _series(source: str, messages: list[tuple[int, RecordedAngle]], zero_s: float) -> Angles:
-    ordered = sorted(messages, key=lambda message: message[0])
+    ordered = sorted(messages, key=itemgetter(0))
     angles = [angle for _, angle in ordered]
     return Angles(
         np.array([time_ns / NS_PER_S - zero_s for time_ns, _ in ordered], float),
@@ -236,26 +246,6 @@ def read_curves(folder: Path, lift: Lift, serials: Iterable[str], gaps: Gaps | N
     )
 
 
-def recorded_angle(data: bytes, path: Path) -> RecordedAngle:
-    """Decode a message of an angle topic. Raises `SessionError`."""
-    return _parsed(_ANGLE, data, path)
-
-
-def recorded_joints(data: bytes, path: Path) -> RecordedJoints:
-    """Decode a message of the joints topic. Raises `SessionError`."""
-    return _parsed(_JOINTS, data, path)
-
-
-def recorded_reaction(data: bytes, path: Path) -> RecordedReaction:
-    """Decode a message of the reaction topic. Raises `SessionError`."""
-    return _parsed(_REACTION, data, path)
-
-
-def recorded_gripper(data: bytes, path: Path) -> RecordedGripper:
-    """Decode a message of the gripper topic. Raises `SessionError`."""
-    return _parsed(_GRIPPER, data, path)
-
-
 def recorded_pose(data: bytes, path: Path) -> Pose:
     """Decode `base_T_tcp` from a message of the arm topic. Raises `SessionError`."""
     pose = _message(PoseInFrame, data, path).pose
@@ -273,13 +263,6 @@ def recorded_pose(data: bytes, path: Path) -> Pose:
 def recorded_jpeg(data: bytes, path: Path) -> bytes:
     """Return the JPEG bytes in a message of an image topic. Raises `SessionError`."""
     return _message(CompressedImage, data, path).data
-
-
-def _parsed(codec: Codec[Value], data: bytes, path: Path) -> Value:
-    try:
-        return codec.parsed(data)
-    except ValueError as error:
-        raise SessionError(f"{path}: the recording is damaged ({error})") from error
 
 
 def _message(kind: type[Message], data: bytes, path: Path) -> Message:

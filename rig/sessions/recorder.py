@@ -12,8 +12,8 @@ index.
 import json
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import IO, Protocol, cast
+from operator import itemgetter
+from typing import Any
 
 import numpy as np
 from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
@@ -79,7 +79,6 @@ _SCHEMAS: dict[str, dict[str, object]] = {
 
 
 def image_topic(serial: str) -> str:
-    """Return the topic of a source's images."""
     return f"{IMAGE_PREFIX}{serial}"
 
 
@@ -88,43 +87,21 @@ def angle_topic(source: str) -> str:
     return {FUSED: FUSED_TOPIC, MARKERS: TRUTH_TOPIC}.get(source, f"{ANGLE_PREFIX}{source}")
 
 
-@dataclass(frozen=True, slots=True)
-class _Message:
-    """A message. date: its own time, ns. log_time: ns, determines its place in the file."""
-
-    channel: int
-    log_time: int
-    date: int
-    sequence: int
-    data: bytes
-
-
-class Sink(Protocol):
-    """Destination of a recording: a binary stream, or a file that is written in the background."""
-
-    def write(self, data: bytes, /) -> int:
-        """Write data and return their size in bytes."""
-        ...
-
-    def tell(self) -> int:
-        """Return the number of bytes written."""
-        ...
-
-
 class LiftRecorder(LiftEvents):
     """Writes the messages of one lift to a binary stream as they arrive; `close` completes the file.
 
-    about: the metadata of the file. Nothing is written before the first message. Every method raises
-    `RecordingError` if the stream does.
+    stream: has `write` and `tell`, as `rig.sessions.unfinished.BackgroundFile`. about: the metadata of the
+    file. Nothing is written before the first message. Every method raises `RecordingError` if the stream
+    does.
     """
 
-    def __init__(self, stream: Sink, about: RecordingAbout | None = None) -> None:
+    def __init__(self, stream: Any, about: RecordingAbout | None = None) -> None:
         self._about = about or RecordingAbout()
         self._described = about is None
         # No compression, because images are JPEGs. A chunk is verified as a whole, so a damaged byte or a
         # killed program loses a whole chunk. The checksum of all data covers the bytes between chunks.
         self._writer = Writer(
-            cast("IO[bytes]", stream),
+            stream,
             chunk_size=CHUNK_BYTES,
             compression=CompressionType.NONE,
             enable_data_crcs=True,
@@ -133,15 +110,13 @@ class LiftRecorder(LiftEvents):
         self._channels: dict[str, int] = {}
         self._schemas: dict[str, int] = {}
         self._latest_ns: int | None = None
-        self._results: list[_Message] = []
+        self._results: list[tuple[int, int, bytes]] = []
 
     @property
     def begun(self) -> bool:
-        """Whether anything was written."""
         return self._begun
 
     def frame(self, frame: Frame) -> None:
-        """Write a frame's JPEG as received."""
         if frame.jpeg is None:
             raise RecordingError(f"{frame.serial}: a frame without JPEG cannot be recorded")
         message = CompressedImage(frame_id=frame.serial, data=frame.jpeg, format="jpeg")
@@ -149,7 +124,6 @@ class LiftRecorder(LiftEvents):
         self._protobuf(image_topic(frame.serial), message, frame.time_ns, frame.sequence)
 
     def arm(self, state: ArmState) -> None:
-        """Record the arm's state."""
         message = PoseInFrame(frame_id="base")
         message.timestamp.FromNanoseconds(self._date(state.time_ns))
         position, quaternion = message.pose.position, message.pose.orientation
@@ -169,11 +143,15 @@ class LiftRecorder(LiftEvents):
 
     def phase(self, phase: str, time_ns: int) -> None:
         """Record the start of a phase; before the first one, the poses of camera and table."""
-        self._describe_once(time_ns)
+        if not self._described:
+            self._described = True
+            date = self._date(time_ns)
+            self._protobuf(TRANSFORMS_TOPIC, self._about.transforms(date), time_ns, 0)
+            if (calibration := self._about.calibration(date)) is not None:
+                self._protobuf(CALIBRATION_TOPIC, calibration, time_ns, 0)
         self._json(PHASE_TOPIC, "rig.Phase", time_ns, {"phase": phase})
 
     def reaction(self, step: str, time_ns: int, position: int) -> None:
-        """Record a step of a reaction to slip. position: commanded, in steps of the gripper from open."""
         self._json(REACTION_TOPIC, "rig.Reaction", time_ns, {"step": step, "position_steps": position})
 
     def angles(self, angles: Angles) -> None:
@@ -189,21 +167,12 @@ class LiftRecorder(LiftEvents):
             date = self._date(time_ns)
             # angles arrive after the lift, one fingertip after the other
             channel = self._json_channel(topic, "rig.Angle")
-            self._results.append(_Message(channel, date, date, 0, _json_bytes({**value, **size})))
+            self._results.append((date, channel, _json_bytes({**value, **size})))
 
     def contact(self, serial: str, outline_px: Sequence[NDArray[np.floating]], time_ns: int) -> None:
         """Record the outline of a fingertip's contact, (N, 2) px each; empty without contact."""
         message = contact_outline(outline_px, self._date(time_ns))
         self._protobuf(f"{CONTACT_PREFIX}{serial}", message, time_ns, 0)
-
-    def _describe_once(self, time_ns: int) -> None:
-        if self._described:
-            return
-        self._described = True
-        date = self._date(time_ns)
-        self._protobuf(TRANSFORMS_TOPIC, self._about.transforms(date), time_ns, 0)
-        if (calibration := self._about.calibration(date)) is not None:
-            self._protobuf(CALIBRATION_TOPIC, calibration, time_ns, 0)
 
     def _date(self, time_ns: int) -> int:
         return time_ns + self._about.clock_offset_ns
@@ -211,8 +180,8 @@ class LiftRecorder(LiftEvents):
     def close(self) -> None:
         """Write the angles in the order of their log times, and complete the file (index and summary)."""
         self._begin()
-        for message in sorted(self._results, key=lambda message: message.log_time):
-            self._write(message)
+        for date, channel, data in sorted(self._results, key=itemgetter(0)):
+            self._writer.add_message(channel, date, data, date, 0)
         self._writer.finish()
 
     def _begin(self) -> None:
@@ -223,13 +192,7 @@ class LiftRecorder(LiftEvents):
         if self._about.values:
             self._writer.add_metadata("rig", dict(self._about.values))
 
-    def _write(self, message: _Message) -> None:
-        self._writer.add_message(
-            message.channel, message.log_time, message.data, message.date, message.sequence
-        )
-
     def _json(self, topic: str, schema: str, time_ns: int, value: Mapping[str, object]) -> None:
-        """Write a small JSON value with one of this module's schemas."""
         self._keep(self._json_channel(topic, schema), time_ns, _json_bytes(value), 0)
 
     def _keep(self, channel: int, time_ns: int, data: bytes, sequence: int) -> None:
@@ -237,7 +200,7 @@ class LiftRecorder(LiftEvents):
         date = self._date(time_ns)
         latest = date if self._latest_ns is None else self._latest_ns
         self._latest_ns = max(latest, min(date, latest + _LARGEST_STEP_NS))
-        self._write(_Message(channel, self._latest_ns, date, sequence, data))
+        self._writer.add_message(channel, self._latest_ns, data, date, sequence)
 
     def _json_channel(self, topic: str, name: str) -> int:
         def register() -> int:

@@ -331,7 +331,6 @@ class Lift:
 
     @property
     def label(self) -> str:
-        """Id and name of the object."""
         return f"{self.object} {self.name}"
 
     @property
@@ -433,6 +432,10 @@ class PoseRow:
     seed: int
     simulated: bool
 
+    @property
+    def number(self) -> int:
+        return self.pose
+
 
 class _LiftCodec(Codec[Lift]):
     """Reads lifts. A lift that counts has all figures that are not optional; any other lift has none."""
@@ -455,5 +458,4 @@ POSES: Codec[PoseRow] = Codec(PoseRow)
 
 
 def finished(lifts: Iterable[Lift]) -> list[Lift]:
-    """Return the lifts that count."""
     return [lift for lift in lifts if lift.accepted]

@@ -15,19 +15,6 @@ Record = TypeVar("Record")
 
 
 @dataclass(frozen=True, slots=True)
-class DamagedLine:
-    """A line that is not a valid record. number: from 1. problem: the invalid key, and the reason."""
-
-    number: int
-    problem: str
-
-    def text(self, path: Path) -> str:
-        """Return the problem and its remedy. path: of the file."""
-        where = f"{path}: line {self.number}"
-        return f"{where} is damaged: {self.problem}; move the session aside or remove that line"
-
-
-@dataclass(frozen=True, slots=True)
 class UsableLifts:
     """The readable attempts at a trial's lifts, and the problems of the others."""
 
@@ -36,7 +23,6 @@ class UsableLifts:
 
     @property
     def lifts(self) -> list[Lift]:
-        """The accepted lifts."""
         return finished(self.rows)
 
 
@@ -45,21 +31,31 @@ def read_rows(path: Path, codec: Codec[Record]) -> list[Record]:
 
     Raises `SessionError` naming line and key if another line is damaged.
     """
-    rows, damaged = readable_rows(path, codec)
-    if damaged:
-        raise SessionError(damaged[0].text(path))
+    rows, problems = rows_and_problems(path, codec)
+    if problems:
+        raise SessionError(problems[0])
     return rows
 
 
-def readable_rows(path: Path, codec: Codec[Record]) -> tuple[list[Record], list[DamagedLine]]:
-    """Return the readable records of a file of lines, and its damaged lines. Raises `SessionError`."""
+def rows_and_problems(path: Path, codec: Codec[Record]) -> tuple[list[Record], list[str]]:
+    """Return the readable records of a file of lines, and the problem of each other line with its remedy."""
+    rows, damaged = readable_rows(path, codec)
+    remedy = "move the session aside or remove that line"
+    return rows, [f"{path}: line {number} is damaged: {why}; {remedy}" for number, why in damaged.items()]
+
+
+def readable_rows(path: Path, codec: Codec[Record]) -> tuple[list[Record], dict[int, str]]:
+    """Return the readable records of a file of lines, and what is wrong with the other lines, by number.
+
+    Numbers are from 1. Raises `SessionError` if the file cannot be read.
+    """
     rows: list[Record] = []
-    damaged: list[DamagedLine] = []
+    damaged: dict[int, str] = {}
     for number, text in enumerate(complete_lines(path), start=1):
         try:
             rows.append(codec.parsed(text))
         except ValueError as error:
-            damaged.append(DamagedLine(number, str(error)))
+            damaged[number] = str(error)
     return rows, damaged
 
 
@@ -82,9 +78,7 @@ def read_usable_lifts(folder: Path, checked: bool = False) -> UsableLifts:
     checked: verify the checksums of each recording, and leave out the lifts of damaged ones. Raises
     `SessionError` if no accepted lift is left.
     """
-    path = folder / RESULTS["trial"]
-    rows, damaged = readable_rows(path, LIFTS)
-    problems = [line.text(path) for line in damaged]
+    rows, problems = rows_and_problems(folder / RESULTS["trial"], LIFTS)
     for row in finished(rows) if checked else ():
         try:
             check_recording(folder / row.recording)
@@ -102,9 +96,7 @@ def read_usable_poses(folder: Path) -> tuple[list[PoseRow], list[str]]:
 
     Raises `SessionError` if no image is left.
     """
-    path = folder / RESULTS["record"]
-    rows, damaged = readable_rows(path, POSES)
-    problems, poses = [line.text(path) for line in damaged], []
+    (rows, problems), poses = rows_and_problems(folder / RESULTS["record"], POSES), []
     for pose in rows:
         flaws = [image_flaw(folder / image.file) for image in pose.images]
         named = zip(pose.images, flaws, strict=True)

@@ -80,7 +80,6 @@ class Session(Generic[Row]):
 
     @property
     def complete(self) -> bool:
-        """Whether the session has reached its target."""
         return self.manifest.status == "complete"
 
     def keep(self) -> None:
@@ -132,8 +131,14 @@ class Session(Generic[Row]):
 
     def __exit__(self, error: type[BaseException] | None, *_: object) -> None:
         self.close()
-        if error is not None and self._begun_here and not self.rows:
-            _remove_if_empty(self.folder)
+        if error is None or not self._begun_here or self.rows:
+            return
+        files = list(self.folder.iterdir())
+        if {path.name for path in files} <= {MANIFEST, LOCK, LOG}:
+            for path in files:
+                path.unlink()
+            with suppress(OSError):  # the current folder of another process cannot be removed
+                self.folder.rmdir()
 
 
 def default_folder(kind: str, object_id: str | None = None) -> Path:
@@ -157,23 +162,24 @@ def open_session(folder: Path, wanted: Manifest, codec: Codec[Row], resume: bool
             )
         manifest = read_manifest(folder)
         require_same(folder, manifest, wanted)
-        return _continued(folder, manifest, wanted, codec)
+        remarks = remarked(manifest, wanted)
+        session = Session(folder, remarks, codec)
+        if remarks != manifest:
+            write_json(folder / MANIFEST, json_value(remarks))
+        return session
     if folder.exists() and not folder.is_dir():
         raise InputError(f"{folder} is a file: give another --out")
-    if folder.exists() and any(folder.iterdir()) and not _left_by_a_crash(folder):
+    # a session that was killed before its manifest was complete leaves only these files
+    if folder.exists() and any(path.name not in (LOCK, MANIFEST + ".part") for path in folder.iterdir()):
         raise InputError(f"{folder} is not empty and contains no session: give another --out")
-    _make_folder(folder)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be created ({error.strerror}); give another --out") from error
+    if not os.access(folder, os.W_OK):
+        raise InputError(f"{folder}: cannot be written; give another --out")
     write_json(folder / MANIFEST, json_value(wanted))
     return Session(folder, wanted, codec, begun_here=True)
-
-
-def _continued(folder: Path, manifest: Manifest, wanted: Manifest, codec: Codec[Row]) -> Session[Row]:
-    """Open a session again and add the new remarks to the stored ones."""
-    now = remarked(manifest, wanted)
-    session = Session(folder, now, codec)
-    if now != manifest:
-        write_json(folder / MANIFEST, json_value(now))
-    return session
 
 
 def newest_unfinished(kind: str, bench: str | None, folder: Path | None = None) -> Path:
@@ -217,15 +223,6 @@ def in_use(folder: Path) -> bool:
     return False
 
 
-def _remove_if_empty(folder: Path) -> None:
-    """Remove a session that contains only the initial files of every session."""
-    if {path.name for path in folder.iterdir()} <= {MANIFEST, LOCK, LOG}:
-        for path in folder.iterdir():
-            path.unlink()
-        with suppress(OSError):  # the current folder of another process cannot be removed
-            folder.rmdir()
-
-
 def require_same(folder: Path, manifest: Manifest, wanted: Manifest) -> None:
     """Raise `InputError` naming the first value in which a session and a request differ."""
     difference = first_difference(manifest, wanted)
@@ -234,20 +231,6 @@ def require_same(folder: Path, manifest: Manifest, wanted: Manifest) -> None:
             f"{folder} was started with {difference}; continue with the same (options not given are those of "
             "it), or give another --out"
         )
-
-
-def _left_by_a_crash(folder: Path) -> bool:
-    """Whether a folder contains only files of a session that was killed before its manifest was complete."""
-    return all(path.name in (LOCK, MANIFEST + ".part") for path in folder.iterdir())
-
-
-def _make_folder(folder: Path) -> None:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"{folder}: cannot be created ({error.strerror}); give another --out") from error
-    if not os.access(folder, os.W_OK):
-        raise InputError(f"{folder}: cannot be written; give another --out")
 
 
 def _locked(folder: Path) -> int:

@@ -56,7 +56,12 @@ def unit_of(column: str) -> str | None:
 def read_csv(path: Path, columns: Columns) -> list[Line]:
     """Read a CSV table; unknown columns are text. Raises `FormatError`, `ValueError`."""
     return [
-        {name: _value(columns.get(name, str), text) for name, text in line.items()}
+        {
+            name: (text == "true" if columns.get(name) is bool else columns.get(name, str)(text))
+            if text
+            else None
+            for name, text in line.items()
+        }
         for _, line in formats.read_csv(path).rows()
     ]
 
@@ -67,7 +72,6 @@ def read_parquet(path: Path) -> list[Line]:
 
 
 def has_parquet() -> bool:
-    """Whether Parquet can be written here."""
     return find_spec("pyarrow") is not None
 
 
@@ -83,7 +87,7 @@ def pyarrow_modules() -> tuple[Any, Any]:
     return pyarrow, pyarrow.parquet
 
 
-def _value(kind: type, text: str | None) -> object:
+def _parsed(kind: type, text: str | None) -> object:
     if not text:
         return None
     return text == "true" if kind is bool else kind(text)

@@ -15,12 +15,9 @@ class StageTimes:
 
 
 @dataclass(frozen=True, slots=True)
-class LatencyTimes:
+class LatencyTimes(StageTimes):
     """Percentiles and maximum of the time from a frame's capture to its logged angle, ms."""
 
-    p50_ms: float
-    p95_ms: float
-    p99_ms: float
     max_ms: float
 
 

@@ -15,13 +15,7 @@ from queue import SimpleQueue
 from threading import Lock, Thread
 
 from drivers.errors import RecordingError
-from rig.sessions.files import (
-    RECORDINGS,
-    UNFINISHED,
-    interrupted_name,
-    not_written,
-    unfinished_name,
-)
+from rig.sessions.files import INTERRUPTED, RECORDINGS, UNFINISHED, not_written
 from rig.sessions.recorder import LiftRecorder
 
 MOST_WAITING = 64_000_000
@@ -48,7 +42,6 @@ class BackgroundFile:
 
     @property
     def path(self) -> Path:
-        """Path of the file; before the first write the preferred path."""
         return self._path
 
     def write(self, data: bytes) -> int:
@@ -72,7 +65,6 @@ class BackgroundFile:
         return len(data)
 
     def tell(self) -> int:
-        """Return the number of bytes given to `write`."""
         return self._size
 
     def close(self) -> None:
@@ -85,7 +77,12 @@ class BackgroundFile:
     def _started(self) -> Thread:
         try:
             self._path.parent.mkdir(parents=True, exist_ok=True)
-            handle = self._created()
+            handle = -1
+            while handle < 0:
+                try:
+                    handle = os.open(self._path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o644)
+                except FileExistsError:
+                    self._path = next(self._names)
         except OSError as error:
             raise not_written(self._path, error) from error
         thread = Thread(
@@ -93,13 +90,6 @@ class BackgroundFile:
         )
         thread.start()
         return thread
-
-    def _created(self) -> int:
-        while True:
-            try:
-                return os.open(self._path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o644)
-            except FileExistsError:
-                self._path = next(self._names)
 
     def _write_all(self, handle: int) -> None:
         """Write queued data until `close`; after a failure write nothing more."""
@@ -121,17 +111,14 @@ class BackgroundFile:
             raise not_written(self._path, self._failure) from self._failure
 
 
-def unfinished_names(recording: Path) -> Iterator[Path]:
-    """Yield the unfinished names of a recording in order of preference. recording: its final path."""
-    return (recording.with_name(unfinished_name(recording.stem, number)) for number in count(1))
-
-
 def new_recording(folder: Path, recording: str) -> BackgroundFile:
     """Return the file in which a lift is recorded, under an unused unfinished name.
 
     folder: of the session. recording: final name in it, as `rig.sessions.files.recording_file` gives it.
     """
-    return BackgroundFile(unfinished_names(folder / recording))
+    final = folder / recording
+    ends = (UNFINISHED if number == 1 else f"{UNFINISHED}-{number}" for number in count(1))
+    return BackgroundFile(final.with_name(f"{final.stem}{end}.mcap") for end in ends)
 
 
 @contextmanager
@@ -157,7 +144,8 @@ def _complete(recorder: LiftRecorder, file: BackgroundFile) -> None:
 
 def set_aside(recording: Path) -> None:
     """Rename a recording without a line in the results to an unused interrupted name. Raises `OSError`."""
-    names = (recording.with_name(interrupted_name(recording.stem, number)) for number in count(1))
+    stem = recording.stem.partition(UNFINISHED)[0]
+    names = (recording.with_name(f"{stem}{INTERRUPTED}-{number}.mcap") for number in count(1))
     recording.rename(next(name for name in names if not name.exists()))
 
 

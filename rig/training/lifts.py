@@ -16,8 +16,7 @@ from protocols.observer import LiftObserver, Phase
 from protocols.slip_trial import run_lift
 from rig.bench.learning import LearningBench, build_learning_bench
 from rig.config import load_bench
-from rig.experiments.grasp_plans import derived_seed
-from rig.experiments.lift_plan import LiftTask, TrialSettings, plan_lift
+from rig.experiments.lift_plan import LiftTask, TrialSettings, derived_seed, plan_lift
 from rig.lift.object_angle import ZERO_S
 from rig.lift.recording import recorded_truth
 from rig.sessions.manifest import TrialManifest, read_manifest_of

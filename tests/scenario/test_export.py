@@ -22,8 +22,7 @@ from protocols.observer import Phase
 from rig.cli.main import app
 from rig.config import extras, load_bench
 from rig.experiments.lift_plan import TrialSettings
-from rig.experiments.pose_attempt import RecordSettings
-from rig.experiments.record import run_record
+from rig.experiments.record import RecordSettings, run_record
 from rig.experiments.trial import run_trial
 from rig.export.formats import export_session
 from rig.export.messages import ContinuousPoses

@@ -14,7 +14,7 @@ from protocols.observer import LiftObserver, Phase
 from protocols.slip_trial import run_lift
 from rig.bench.assembly import build_bench
 from rig.config import BenchConfig
-from rig.experiments import lift_attempt
+from rig.experiments import lift_plan
 from rig.experiments.lift_attempt import attempt_lift
 from rig.experiments.lift_plan import LiftTask, TrialSettings, new_measurement, plan_lift
 from rig.lift.measurement import LiftMeasurement
@@ -121,7 +121,7 @@ def test_release_that_cannot_be_verified_ends_the_lift_as_a_fault(kind: str) -> 
 
 
 def test_final_angles_of_a_fallen_lift_are_those_before_the_fall(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(lift_attempt, "plan_lift", lambda *of: replace(plan_lift(*of), grip_steps=2))
+    monkeypatch.setattr(lift_plan, "plan_lift", lambda *of: replace(plan_lift(*of), grip_steps=2))
     row = attempt_lift(settings(), TASK).row
     assert row.accepted
     assert row.outcome is LiftOutcome.FALLEN

@@ -18,8 +18,7 @@ from rig.calibrate.bench import Station
 from rig.calibrate.camera import collect_camera
 from rig.calibrate.clocks import collect_streams, sync_from_folder
 from rig.config import BENCHES, load_bench
-from rig.experiments.pose_attempt import RecordSettings
-from rig.experiments.record import run_record
+from rig.experiments.record import RecordSettings, run_record
 from rig.sessions.manifest import RecordManifest, read_manifest
 from rig.sessions.rows import read_poses
 from support.command_line import rig

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from drivers.types import Frame
-from rig.experiments.pose_capture import FRAMES_APART, PoseCapture
+from rig.experiments.record import FRAMES_APART, PoseCapture
 from rig.sessions.rows import read_poses
 from rig.tactile.contact.finder import ContactFinder
 from support.command_line import rig

@@ -15,10 +15,9 @@ from rig.bench.assembly import build_bench
 from rig.bench.operators import ConsoleOperator
 from rig.bench.source import BenchSource
 from rig.config import BenchConfig
-from rig.experiments import lift_attempt
+from rig.experiments import lift_plan
 from rig.experiments.lift_plan import LiftPlan, TrialSettings, plan_lift
-from rig.experiments.pose_attempt import RecordSettings
-from rig.experiments.record import run_record
+from rig.experiments.record import RecordSettings, run_record
 from rig.experiments.trial import run_trial
 from rig.sessions.records import LiftOutcome
 from rig.sessions.rows import read_lifts, read_poses
@@ -86,7 +85,7 @@ def test_next_object_needs_a_person_and_the_campaign_can_be_resumed(
 def test_fallen_object_needs_a_person(
     tmp_path: Path, light_bench: BenchConfig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(lift_attempt, "plan_lift", falling)
+    monkeypatch.setattr(lift_plan, "plan_lift", falling)
     alone = Attended(light_bench)
     with pytest.raises(OperatorStopError, match="the last object fell or may lie anywhere: a person has to"):
         run(tmp_path / "s", alone, ["t1"], 2)
@@ -120,7 +119,7 @@ def test_fault_needs_a_person(tmp_path: Path, light_bench: BenchConfig) -> None:
 def test_named_feeder_places_objects_and_is_written_into_the_log(
     tmp_path: Path, light_bench: BenchConfig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(lift_attempt, "plan_lift", falling)
+    monkeypatch.setattr(lift_plan, "plan_lift", falling)
     fed = Attended(light_bench, feeder="magazine 2")
     run(tmp_path / "s", fed, ["t1", "t2"], 2)
     assert fed.asked == []

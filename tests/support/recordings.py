@@ -2,6 +2,7 @@
 
 import io
 import json
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import fields
 from pathlib import Path
@@ -9,10 +10,12 @@ from pathlib import Path
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 
+from rig.config import BenchConfig, load_bench
 from rig.experiments.lift_plan import stored_trial
 from rig.experiments.replay import run_replay
 from rig.sessions.files import RECORDINGS, is_unfinished
-from rig.sessions.recording_chunks import summary_layout
+from rig.sessions.manifest import TrialManifest, begun_on
+from rig.sessions.recording_file import summary_layout
 from rig.sessions.rows import read_finished_lifts
 
 Edit = Callable[[str], list[tuple[str, int]]]
@@ -35,13 +38,20 @@ def require_identical_replay(session: Path) -> None:
 
 
 def written_again(
-    recording: Path, edit: Edit = lambda name: [(name, 0)], chunk_bytes: int = 1_000_000
+    recording: Path,
+    edit: Edit = lambda name: [(name, 0)],
+    chunk_bytes: int = 1_000_000,
+    late: tuple[str, int, int] = ("", 0, 0),
 ) -> None:
-    """Write a recording again, with other phases or in other chunks."""
+    """Write a recording again, with other phases or in other chunks.
+
+    late: topic and number, from 0, of a message that gets a later time, and by how much, ns.
+    """
     stream = io.BytesIO()
     writer = Writer(stream, chunk_size=chunk_bytes, compression=CompressionType.NONE, enable_data_crcs=True)
     writer.start()
     channels: dict[int, int] = {}
+    seen: Counter[str] = Counter()
     with recording.open("rb") as source:
         for schema, channel, message in make_reader(source).iter_messages(log_time_order=False):
             assert schema is not None
@@ -50,7 +60,9 @@ def written_again(
                 channels[channel.id] = writer.register_channel(
                     channel.topic, channel.message_encoding, kept, dict(channel.metadata)
                 )
-            messages = [(message.data, 0)]
+            is_late = (channel.topic, seen[channel.topic]) == late[:2]
+            seen[channel.topic] += 1
+            messages = [(message.data, late[2] if is_late else 0)]
             if channel.topic == "/phase":
                 phases = edit(json.loads(message.data)["phase"])
                 messages = [(json.dumps({"phase": name}).encode(), later_ns) for name, later_ns in phases]
@@ -82,3 +94,11 @@ def chunk_with(recording: Path, topic: str, number: int = 0) -> int:
         if topic in {layout.topics[channel] for channel in index.message_index_offsets}
     ]
     return holding[number]
+
+
+def trial_request(bench: BenchConfig | None = None, lifts: int = 3, seed: int = 0) -> TrialManifest:
+    """The manifest of a new trial with t1, by default on the bench `fake`."""
+    asked = begun_on(bench or load_bench("fake"), "trial", seed, ["t1"])
+    return TrialManifest(
+        **vars(asked), lifts_per_object=lifts, estimator="slip", window=1, skip=True, truth="edges"
+    )

@@ -184,7 +184,7 @@ def _scored(lift: RecordedLift, truth: Angles, samples: Mapping[str, list[SlipSa
     angle = object_angle({serial: tip.sign for serial, tip in lift.tips.items()}, samples, lift_ns)
     lifted = [sample for sample in angle.fused if sample.time_ns < end_ns]
     fused = Angles.of(lifted, FUSED)
-    alarm_ns = angle.alarm.raised_ns
+    alarm_ns = angle.alarm_ns
     return replace(
         score_angles(lift.name, fused, truth.at(fused.time_s), lift.phases[Phase.HOLD]),
         onset_truth_s=lift.row.onset_truth_s,

@@ -18,7 +18,7 @@ from drivers.types import Frame, Image
 from fakes.studio.clips import ROLLER, ROLLER_TURN_DEG, TWO_BALLS, Clip, Scene, opposite, render_clip
 from rig.benchmark.estimators.contenders import unfiltered
 from rig.benchmark.estimators.scores import ContenderScore, score_all
-from rig.experiments.grasp_plans import derived_seed
+from rig.experiments.lift_plan import derived_seed
 from rig.frames.estimates import estimate_frames
 from rig.results.scores import SeriesScore, score_series
 from rig.tactile.sample import SlipSample

@@ -88,53 +88,50 @@ def test_missing_source_is_rejected_with_the_cure(
         live_sources([text], None, None)
 
 
-def test_unreadable_device_names_the_group(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    node = tmp_path / "video2"
-    node.touch()
+def test_unreadable_device_names_the_group(
+    monkeypatch: pytest.MonkeyPatch, plugged: Callable[..., None], tmp_path: Path
+) -> None:
+    (tmp_path / "video2").touch()
     monkeypatch.setattr(live_source.os, "access", lambda *_: False)
-    monkeypatch.setattr(live_source, "list_video_nodes", lambda: [VideoNode(str(node), "D20641")])
+    plugged(VideoNode(str(tmp_path / "video2"), "D20641"))
     with pytest.raises(DeviceError, match="join the group 'video'"):
         live_sources(["D20641"], None, None)
 
 
 def test_address_is_read_at_the_rate_of_its_frames() -> None:
-    (camera,) = live_sources(["http://127.0.0.1:9/stream.mjpg"], None, None)
+    address = "http://127.0.0.1:9/stream.mjpg"
+    (camera,), (digit,) = live_sources([address], None, None), live_sources([address], "digit", 30.0)
     assert isinstance(camera, ExternalCamera)
-    (digit,) = live_sources(["http://127.0.0.1:9/stream.mjpg"], "digit", 30.0)
     assert isinstance(digit, Digit)
     assert digit.rate_hz == 30.0
 
 
-def test_video_and_folder_run_at_their_own_pace(tmp_path: Path) -> None:
-    video, folder = tmp_path / "clip.avi", tmp_path / "images"
-    writer = cv2.VideoWriter(str(video), cv2.VideoWriter.fourcc(*"MJPG"), 25.0, (64, 48))
+def video(path: Path, width: int, height: int) -> str:
+    """A grey video of three frames at 25 Hz."""
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 25.0, (width, height))
     for _ in range(3):
-        writer.write(np.zeros((48, 64, 3), np.uint8))
+        writer.write(np.full((height, width, 3), 90, np.uint8))
     writer.release()
+    return str(path)
+
+
+def test_video_and_folder_run_at_their_own_pace(tmp_path: Path) -> None:
+    clip, folder = video(tmp_path / "clip.avi", 64, 48), tmp_path / "images"
     folder.mkdir()
     (folder / "1.png").write_bytes(encode_png(np.zeros((48, 64, 3), np.uint8)))
-    assert [source.rate_hz for source in live_sources([str(video), str(folder)], None, None)] == [25.0, 60.0]
+    assert [source.rate_hz for source in live_sources([clip, str(folder)], None, None)] == [25.0, 60.0]
     assert live_sources([str(folder)], None, 10.0)[0].rate_hz == 10.0
+    with pytest.raises(InputError, match="named twice"):
+        live_sources([str(folder)] * 2, None, None)
 
 
 def test_video_of_a_gelsight_mini_is_cropped(tmp_path: Path) -> None:
-    video = tmp_path / "mini.avi"
-    writer = cv2.VideoWriter(str(video), cv2.VideoWriter.fourcc(*"MJPG"), 25.0, (640, 480))
-    for _ in range(3):
-        writer.write(np.full((480, 640, 3), 90, np.uint8))
-    writer.release()
-    (source,) = live_sources([str(video)], "gelsight-mini", None)
+    (source,) = live_sources([video(tmp_path / "mini.avi", 640, 480)], "gelsight-mini", None)
     source.connect()
     frame = source.next_frame(2.0)
     source.disconnect()
     assert frame.image.shape == (GEL_PX[1], GEL_PX[0], 3)
     assert (frame.serial, source.rate_hz) == ("mini.avi", 25.0)
-
-
-def test_one_source_twice_is_rejected(tmp_path: Path) -> None:
-    (tmp_path / "1.png").write_bytes(encode_png(np.zeros((48, 64, 3), np.uint8)))
-    with pytest.raises(InputError, match="named twice"):
-        live_sources([str(tmp_path)] * 2, None, None)
 
 
 def test_border_of_a_gelsight_mini_is_cut_off() -> None:

@@ -17,8 +17,7 @@ from rig.bench.operators import ConsoleOperator
 from rig.bench.source import session_bench
 from rig.config import BenchConfig, load_bench
 from rig.experiments.lift_plan import TrialSettings
-from rig.experiments.pose_attempt import RecordSettings
-from rig.experiments.record import recording_plan
+from rig.experiments.record import RecordSettings, recording_plan
 from rig.experiments.trial import trial_plan
 from rig.live.questions import ask
 from rig.tactile.estimators import choose_estimator
@@ -69,8 +68,8 @@ def test_nothing_is_connected_before_consent_and_the_question_shows_the_speed_sl
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(UR5e, "speed_fraction", lambda arm: 0.4)
-    monkeypatch.setattr("rig.bench.reading._frame_of", lambda source: "a frame")
-    monkeypatch.setattr("rig.bench.reading._fingers_of", lambda gripper: "open")
+    monkeypatch.setattr("rig.bench.source._frame_of", lambda source: "a frame")
+    monkeypatch.setattr("rig.bench.source._fingers_of", lambda gripper: "open")
     monkeypatch.setattr(Bench, "connected", lambda bench: pytest.fail("connected"))
     asked: list[str] = []
     person = ConsoleOperator(lambda question: bool(asked.append(question)))
@@ -83,43 +82,27 @@ def test_nothing_is_connected_before_consent_and_the_question_shows_the_speed_sl
     assert asked[0].endswith("\nThe arm will move. Begin?")
 
 
-def test_unreadable_devices_are_one_message_without_a_question() -> None:
-    person = ConsoleOperator(lambda question: pytest.fail(question))
-    with (
-        session_bench(unreachable(), person, "Begin?") as benches,
-        pytest.raises(DeviceError) as raised,
-    ):
-        benches.begin()
-    text = str(raised.value)
-    assert text.startswith("5 of 5 devices cannot be read, nothing was started: SIM-D0001: ")
-    assert text.count("SIM-D0002") == text.count("/dev/video99") == 1
-    assert "127.0.0.9" in text
-
-
-def test_real_time_lift_limits_libraries_to_one_thread() -> None:
-    before = cv2.getNumThreads()
-    cv2.setNumThreads(2)
-    try:
-        with (
-            threadpool_limits(2),
-            session_bench(unreachable(), ConsoleOperator(lambda _: True), "Begin?") as benches,
-        ):
-            with pytest.raises(DeviceError):
-                benches.begin()
-            assert cv2.getNumThreads() == 1
-            assert {library["num_threads"] for library in threadpool_info()} == {1}
-    finally:
-        cv2.setNumThreads(before)
-
-
-def unreachable() -> BenchConfig:
-    """A real bench whose devices are all unreachable."""
+def test_unreadable_devices_are_one_message_and_real_time_lifts_compute_in_one_thread() -> None:
     values = real_bench().model_dump()
     values["arm"]["host"] = values["gripper"]["host"] = "127.0.0.9"
     values["camera"]["address"] = "/dev/video99"
     for tactile in values["tactile"]:
         tactile["address"] = "/dev/video98"
-    return BenchConfig.model_validate(values)
+    unreachable, person = BenchConfig.model_validate(values), ConsoleOperator(lambda said: pytest.fail(said))
+    before = cv2.getNumThreads()
+    cv2.setNumThreads(2)
+    try:
+        with threadpool_limits(2), session_bench(unreachable, person, "Begin?") as benches:
+            with pytest.raises(DeviceError) as raised:
+                benches.begin()
+            assert cv2.getNumThreads() == 1
+            assert {library["num_threads"] for library in threadpool_info()} == {1}
+    finally:
+        cv2.setNumThreads(before)
+    text = str(raised.value)
+    assert text.startswith("5 of 5 devices cannot be read, nothing was started: SIM-D0001: ")
+    assert text.count("SIM-D0002") == text.count("/dev/video99") == 1
+    assert "127.0.0.9" in text
 
 
 def test_simulated_bench_asks_no_questions() -> None:
@@ -130,16 +113,6 @@ def test_simulated_bench_asks_no_questions() -> None:
     ):
         operator.confirm("Anything?")
         assert bench.arm.state().mode is ArmMode.RUNNING
-
-
-def test_yes_option_does_not_answer_questions_that_need_an_inspection() -> None:
-    asked: list[str] = []
-    person = ConsoleOperator(lambda question: bool(asked.append(question)), agreed=True)
-    person.confirm("Begin?")
-    person.place("t1", "wrench")
-    with pytest.raises(OperatorStopError, match="the person at the bench did not agree"):
-        person.look("Is the arm free?")
-    assert asked == ["Is the arm free?"]
 
 
 def test_protective_stop_is_released_only_after_an_inspection() -> None:
@@ -158,39 +131,40 @@ def test_protective_stop_is_released_only_after_an_inspection() -> None:
 def test_objects_are_asked_for_when_they_change_and_after_a_fall() -> None:
     asked: list[str] = []
     operator = ConsoleOperator(lambda question: not asked.append(question))
-    operator.place("t1", "wrench")
-    operator.place("t1", "wrench")
-    operator.displaced()
-    operator.place("t1", "wrench")
-    operator.place("7", "spam")
+    for object_id, name in (("t1", "wrench"), ("t1", "wrench"), ("", ""), ("t1", "wrench"), ("7", "spam")):
+        if object_id:
+            operator.place(object_id, name)
+        else:
+            operator.displaced()
     assert [question.split()[2] for question in asked] == ["t1", "t1", "7"]
 
 
 def test_agreement_in_advance_covers_only_the_first_object() -> None:
     asked: list[str] = []
-    person = ConsoleOperator(lambda question: bool(asked.append(question)), agreed=True)
+    person, unsure = (
+        ConsoleOperator(lambda question: bool(asked.append(question)), agreed=True) for _ in range(2)
+    )
     person.place("gauge:30", "gauge")
     person.place("gauge:30", "gauge")
     assert asked == []
-    with pytest.raises(
-        OperatorStopError, match=r"gauge:30 \(gauge\) may still be there: a person has to place"
-    ):
-        person.place("ball:8", "ball")
-    unsure = ConsoleOperator(lambda question: bool(asked.append(question)), agreed=True)
     unsure.displaced()
-    with pytest.raises(OperatorStopError, match="fell or may lie anywhere") as refused:
-        unsure.place("t1", "wrench")
-    assert "--yes" not in str(refused.value)
+    for who, said in ((person, r"gauge:30 \(gauge\) may still be there: a person has to place"),
+                      (unsure, "fell or may lie anywhere")):  # fmt: skip
+        with pytest.raises(OperatorStopError, match=said) as refused:
+            who.place("ball:8", "ball")
+        assert "--yes" not in str(refused.value)
     assert len(asked) == 2
 
 
-def test_refusal_names_yes_only_where_yes_would_answer(capsys: pytest.CaptureFixture[str]) -> None:
-    person = ConsoleOperator(ask)
+def test_agreement_in_advance_answers_no_question_that_needs_an_inspection(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     with pytest.raises(OperatorStopError, match="--bench FILE --yes"):
-        person.confirm("Begin?")
-    with pytest.raises(OperatorStopError) as refused:
-        ConsoleOperator(ask, agreed=True).look("Is the arm free?")
-    assert "--yes" not in str(refused.value)
+        ConsoleOperator(ask).confirm("Begin?")
+    person = ConsoleOperator(ask, agreed=True)
+    person.confirm("Begin?")
+    with pytest.raises(OperatorStopError, match="the person at the bench did not agree") as refused:
+        person.look("Is the arm free?")
     said = capsys.readouterr().err
     assert "no terminal" in said
-    assert "--yes" not in said
+    assert "--yes" not in said + str(refused.value)

@@ -2,8 +2,7 @@
 
 import pytest
 
-from rig.bench.reading import read_devices
-from rig.bench.source import unconnected_bench
+from rig.bench.source import read_devices, unconnected_bench
 from rig.config import load_bench
 from rig.doctor.actuators import look_at_gripper
 from rig.doctor.finding import Severity

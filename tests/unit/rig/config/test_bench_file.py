@@ -11,8 +11,7 @@ from hypothesis import strategies as st
 from drivers.errors import InputError
 from rig.config import load_bench
 from rig.config.checks import LIMITS, ON_THE_FLANGE
-from rig.config.lines import line_of
-from rig.config.load import new_bench_file, parse_bench
+from rig.config.load import line_of, new_bench_file, parse_bench
 from support.benches import TEMPLATE, filled, real_bench
 
 REAL = real_bench()
@@ -26,11 +25,6 @@ def refusal(text: str) -> str:
 
 def line_with(text: str, part: str) -> int:
     return next(n for n, line in enumerate(text.splitlines(), 1) if part in line)
-
-
-@pytest.mark.parametrize("name", ["fake", "wire"])
-def test_built_in_benches_are_simulated(name: str) -> None:
-    assert load_bench(name).simulated
 
 
 def test_template_lists_each_value_to_enter_and_is_a_real_bench_when_filled(tmp_path: Path) -> None:
@@ -129,17 +123,14 @@ def test_real_bench_requires_controller_settings_and_limits(key: str) -> None:
     assert {**ON_THE_FLANGE, **LIMITS}[key] in message
 
 
-def test_real_bench_without_limits_lists_all_of_them() -> None:
+def test_real_bench_requires_the_table_height_and_lists_missing_limits() -> None:
+    kept = "\n".join(line for line in REAL.splitlines() if not line.startswith("top_m ="))
+    assert "table.top_m: is required of a real bench" in refusal(kept)
     head, _, rest = REAL.partition("[arm.limits]")
     _, _, tail = rest.partition("[gripper]")
     message = refusal(f"{head}[gripper]{tail}")
     assert "arm.limits: is required of a real arm" in message
     assert all(key in message for key in LIMITS)
-
-
-def test_real_bench_requires_the_table_height() -> None:
-    kept = "\n".join(line for line in REAL.splitlines() if not line.startswith("top_m ="))
-    assert "table.top_m: is required of a real bench" in refusal(kept)
 
 
 def test_keep_out_boxes_grow_by_the_size_of_the_hand() -> None:
@@ -157,12 +148,9 @@ def test_error_names_the_line_of_the_key() -> None:
     assert f"line {line_with(second, 'rate_hz = 59')}: tactile.1.rate_hz" in refusal(second)
     of_many = REAL.replace("size_px = [640, 480]", "size_px = [\n  640,  # wide\n  -1,\n]")
     assert f"line {line_with(of_many, 'wide') - 1}: camera.size_px.1" in refusal(of_many)
+    assert "line 3" in refusal("a = 1\n\nb = = 2\n")
     missing = REAL.replace('serial = "camera"', "# none")
     assert f"line {line_with(missing, '[camera]')}: camera.serial" in refusal(missing)
-
-
-def test_invalid_toml_is_rejected_with_its_line() -> None:
-    assert "line 3" in refusal("a = 1\n\nb = = 2\n")
 
 
 KEYS = st.from_regex(r"[a-z]{1,6}", fullmatch=True)

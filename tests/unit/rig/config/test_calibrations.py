@@ -116,45 +116,35 @@ def test_tcp_further_from_the_clamped_tip_than_was_accepted_is_refused(
         assert f"is {1e3 * away_m:.1f} mm from tcp_m" in said[0]
 
 
-def test_tip_that_was_not_compared_with_a_tcp_is_not_used(tmp_path: Path) -> None:
-    bench, said = load_bench("fake"), []
-    keep(tmp_path, "tcp", {"tool": "fake"}, tip_from_tcp(bench, 0.4))
-    assert not find_calibrations(bench, tmp_path, said.append).files
-    assert "calibration not used" in said[0]
+def test_calibrations_that_cannot_be_used_are_left_out(tmp_path: Path) -> None:
+    bench = load_bench("fake")
+    for name, kind, serials, value, refused in (
+        ("tip", "tcp", {"tool": "fake"}, tip_from_tcp(bench, 0.4), ""),
+        ("on the tool", "hand-eye", CAMERA_SERIAL, {**PLACE, "setup": "eye-in-hand"}, ""),
+        ("refused", "camera", CAMERA_SERIAL, {}, "square-on views only"),
+    ):
+        (tmp_path / name).mkdir()
+        keep(tmp_path / name, kind, serials, value, refused=refused)
+        said: list[str] = []
+        assert not find_calibrations(bench, tmp_path / name, said.append).files
+        assert ["calibration not used" in line for line in said] == ([] if refused else [True])
 
 
-def test_camera_on_the_tool_is_said_not_to_be_used(tmp_path: Path) -> None:
-    said: list[str] = []
-    keep(tmp_path, "hand-eye", CAMERA_SERIAL, {**PLACE, "setup": "eye-in-hand"})
-    assert not find_calibrations(load_bench("fake"), tmp_path, said.append).files
-    assert "calibration not used" in said[0]
-
-
-def test_calibration_file_of_another_serial_is_rejected(tmp_path: Path) -> None:
-    keep(tmp_path, "camera", {"camera": "OTHER"}, camera_info(CAMERA, "OTHER"))
+@pytest.mark.parametrize("renamed", [False, True])
+def test_calibration_of_another_serial_is_rejected_also_after_renaming(tmp_path: Path, renamed: bool) -> None:
+    path = keep(tmp_path, "camera", {"camera": "OTHER"}, camera_info(CAMERA, "OTHER"))
+    if renamed:
+        path.rename(tmp_path / "camera-SIM-C0001.yaml")
     with pytest.raises(CalibrationError, match="belongs to camera OTHER, the bench has SIM-C0001"):
         find_calibrations(load_bench("fake"), tmp_path)
 
 
 def test_camera_calibration_of_another_image_size_is_rejected(tmp_path: Path) -> None:
     larger = CameraModel((1280, 720), CAMERA.matrix, CAMERA.distortion)
-    keep(tmp_path, "camera", {"camera": "SIM-C0001"}, camera_info(larger, "SIM-C0001"))
-    with pytest.raises(
-        CalibrationError, match=r"\(1280, 720\) px, but the bench file has size_px = \[640, 480\]"
-    ):
+    keep(tmp_path, "camera", CAMERA_SERIAL, camera_info(larger, "SIM-C0001"))
+    said = r"\(1280, 720\) px, but the bench file has size_px = \[640, 480\]"
+    with pytest.raises(CalibrationError, match=said):
         find_calibrations(load_bench("fake"), tmp_path)
-
-
-def test_calibration_of_other_serial_is_rejected_after_renaming(tmp_path: Path) -> None:
-    path = keep(tmp_path, "camera", {"camera": "OTHER"}, camera_info(CAMERA, "OTHER"))
-    path.rename(tmp_path / "camera-SIM-C0001.yaml")
-    with pytest.raises(CalibrationError, match="belongs to camera OTHER"):
-        find_calibrations(load_bench("fake"), tmp_path)
-
-
-def test_refused_calibration_is_left_out(tmp_path: Path) -> None:
-    keep(tmp_path, "camera", {"camera": "SIM-C0001"}, {}, refused="square-on views only")
-    assert not find_calibrations(load_bench("fake"), tmp_path).files
 
 
 @pytest.mark.parametrize(
@@ -277,17 +267,18 @@ def test_gel_named_in_the_bench_file_is_stored_for_a_replay(tmp_path: Path) -> N
     assert not load_bench("fake").gel_looks()
 
 
-def test_gel_of_a_simulated_sensor_is_refused_for_a_real_one(tmp_path: Path) -> None:
-    bench = with_gel(tmp_path, "bench.toml")
-    real = bench.tactile[0].model_copy(update={"driver": "digit", "serial": "D20641"})
+@pytest.mark.parametrize(
+    ("simulated", "serial", "said"),
+    [
+        (True, "D20641", "was made on simulated devices"),
+        (False, "D20642", "belongs to tactile D20641, the bench has D20642"),
+    ],
+)
+def test_gel_of_a_simulated_or_another_sensor_is_refused_for_a_real_one(
+    tmp_path: Path, simulated: bool, serial: str, said: str
+) -> None:
+    bench = with_gel(tmp_path, "bench.toml", simulated)
+    real = bench.tactile[0].model_copy(update={"driver": "digit", "serial": serial})
     mixed = bench.model_copy(update={"tactile": (real, bench.tactile[1])})
-    with pytest.raises(CalibrationError, match="was made on simulated devices"):
-        find_calibrations(mixed, tmp_path / "nothing")
-
-
-def test_gel_of_another_real_sensor_is_refused(tmp_path: Path) -> None:
-    bench = with_gel(tmp_path, "bench.toml", simulated=False)
-    real = bench.tactile[0].model_copy(update={"driver": "digit", "serial": "D20642"})
-    mixed = bench.model_copy(update={"tactile": (real, bench.tactile[1])})
-    with pytest.raises(CalibrationError, match="belongs to tactile D20641, the bench has D20642"):
+    with pytest.raises(CalibrationError, match=said):
         find_calibrations(mixed, tmp_path / "nothing")

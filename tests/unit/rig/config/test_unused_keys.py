@@ -40,12 +40,7 @@ def after(text: str, head: str, line: str) -> str:
         (FAKE, "[camera]", 'address = "/dev/video0"', "camera.address: has no effect"),
         (FAKE, "[table]", "[fakes]", "fakes: is for the real drivers"),
         (FAKE, "[table]", 'feeder = "magazine"', "table.feeder: is only for real objects"),
-        (
-            WIRE,
-            "position_m = [0.45, 0.0, 0.06]",
-            'feeder = "magazine"',
-            "table.feeder: is only for real objects",
-        ),
+        (WIRE, "[table]", 'feeder = "magazine"', "table.feeder: is only for real objects"),
         (FAKE, "[table]", "[calibrations]", "calibrations: must not be in a bench file"),
         (WIRE, "[arm]", 'host = "192.0.2.1"', "arm.host: does not count: [fakes] starts"),
         (WIRE, "[gripper]", 'host = "192.0.2.1"', "gripper.host: does not count"),
@@ -69,9 +64,9 @@ def test_key_without_effect_is_rejected_with_its_line(text: str, head: str, line
 
 
 def test_network_address_is_rejected_with_a_serial_line() -> None:
-    serial = REAL.replace('transport = "tcp"', 'transport = "rtu"').replace(
-        'preset = "tcp"', 'preset = "rtu"'
-    )
+    serial = REAL
+    for key in ("transport", "preset"):
+        serial = serial.replace(f'{key} = "tcp"', f'{key} = "rtu"')
     serial = serial.replace('# device = "ENTER the serial port of the gripper"', 'device = "/dev/ttyUSB0"')
     with pytest.raises(InputError, match=r"gripper.host: has no effect .* gripper.port: has no effect"):
         parse_bench(serial, "b.toml")

@@ -1,58 +1,48 @@
 """The loop of trials and recordings repeats faults, stores results at once, ends after repeated faults."""
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from itertools import repeat
 from pathlib import Path
 
 import pytest
 
 from drivers.errors import DeviceError
-from rig.config import load_bench
-from rig.experiments.attempts import Attempt, Wording, left_to_do, repeat_until_accepted
-from rig.sessions.manifest import TrialManifest, begun_on
+from rig.experiments.attempts import Attempt, Run, run_session
+from rig.experiments.lift_plan import LiftTask
+from rig.results.table import lifts_csv
 from rig.sessions.records import LIFTS, Lift
 from rig.sessions.rows import read_lifts
-from rig.sessions.session import Session, open_session
 from rig.sessions.timing import LiftTiming
+from support.recordings import trial_request
 
 MakeRow = Callable[..., Lift]
-WORDING = Wording("trial", "lift")
-
-
-@dataclass(frozen=True)
-class Piece:
-    """A lift to execute."""
-
-    number: int
-    attempt: int = 0
-
-    @property
-    def name(self) -> str:
-        return f"t1/{self.number}"
+Progress = Callable[[int, int, Lift], None]
 
 
 @dataclass
 class Bench:
-    """Creates attempts; the given ones fail, by number and attempt."""
+    """Creates attempts; the given ones fail, by number and attempt, with one of the texts each."""
 
     make: MakeRow
     failing: set[tuple[int, int]]
+    texts: Iterator[str] = field(default_factory=lambda: repeat("lost"))
 
-    def attempt(self, piece: Piece) -> Attempt[Lift]:
-        row: Lift = self.make(piece.number, attempt=piece.attempt)
-        timing = LiftTiming(number=piece.number, attempt=piece.attempt, wall_s=0.0, stages={})
-        files = {f"lifts/{piece.number}-{piece.attempt}": b"frames"}
-        if (piece.number, piece.attempt) not in self.failing:
-            return Attempt(row, timing, None, files)
-        return Attempt(self.make(piece.number, "lost", attempt=piece.attempt), timing, "lost", files)
+    def attempt(self, task: LiftTask) -> Attempt[Lift]:
+        fault = next(self.texts) if (task.number, task.attempt) in self.failing else None
+        timing = LiftTiming(number=task.number, attempt=task.attempt, wall_s=0.0, stages={})
+        row: Lift = self.make(task.number, fault, attempt=task.attempt)
+        return Attempt(row, timing, {f"lifts/{task.number}-{task.attempt}": b"frames"})
 
 
-def session(folder: Path, resume: bool = False) -> Session[Lift]:
-    asked = begun_on(load_bench("fake"), "trial", 0, ["t1"])
-    manifest = TrialManifest(
-        **vars(asked), lifts_per_object=3, estimator="slip", window=1, skip=True, truth="edges"
-    )
-    return open_session(folder, manifest, LIFTS, resume)
+def trial(
+    folder: Path, bench: Bench, count: int, resume: bool = False, progress: Progress = lambda *_: None
+) -> list[Lift]:
+    """Run a trial of lifts 1 to count."""
+    manifest = trial_request(lifts=count)
+    tasks = [LiftTask(number, "t1", number) for number in range(1, count + 1)]
+    plan = Run("trial", "lift", manifest, LIFTS, tasks, lambda *_: bench.attempt, ("t.csv", lifts_csv), str)
+    return run_session(folder, plan, resume, None, progress)
 
 
 def test_fault_is_stored_and_the_attempt_is_repeated_at_once(tmp_path: Path, lift_row: MakeRow) -> None:
@@ -63,46 +53,32 @@ def test_fault_is_stored_and_the_attempt_is_repeated_at_once(tmp_path: Path, lif
         assert read_lifts(tmp_path / "s")[-1] == row
         seen.append((done, total, row.number, row.accepted))
 
-    bench = Bench(lift_row, {(2, 0), (2, 1)})
-    with session(tmp_path / "s") as kept:
-        repeat_until_accepted(kept, [Piece(1), Piece(2), Piece(3)], bench.attempt, WORDING, progress)
+    rows = trial(tmp_path / "s", Bench(lift_row, {(2, 0), (2, 1)}), 3, progress=progress)
     assert seen == [(1, 3, 1, True), (1, 3, 2, False), (1, 3, 2, False), (2, 3, 2, True), (3, 3, 3, True)]
     made = [(row.number, row.attempt) for row in read_lifts(tmp_path / "s")]
-    assert made == [(1, 0), (2, 0), (2, 1), (2, 2), (3, 0)]
+    assert made == [(1, 0), (2, 0), (2, 1), (2, 2), (3, 0)] == [(row.number, row.attempt) for row in rows]
 
 
 def test_three_faults_in_a_row_end_the_trial_which_can_be_resumed(tmp_path: Path, lift_row: MakeRow) -> None:
-    pieces = [Piece(1), Piece(2)]
     bench = Bench(lift_row, {(2, 0), (2, 1), (2, 2)})
-    with session(tmp_path / "s") as kept, pytest.raises(DeviceError) as raised:
-        repeat_until_accepted(kept, list(pieces), bench.attempt, WORDING, lambda *_: None)
+    with pytest.raises(DeviceError) as raised:
+        trial(tmp_path / "s", bench, 2)
     assert str(raised.value) == (
         "trial: 3 rig faults in a row, all the same: lost; 1 of 2 lifts are done: fix the fault, then "
         "continue with --resume"
     )
-    with session(tmp_path / "s", resume=True) as again:
-        left = left_to_do(pieces, again.rows, lambda row: row.number)
-        assert left == [replace(pieces[1], attempt=3)]
-        repeat_until_accepted(again, left, bench.attempt, WORDING, lambda *_: None)
-        assert [row.accepted for row in again.rows] == [True, False, False, False, True]
-        assert left_to_do(pieces, again.rows, lambda row: row.number) == []
+    rows = trial(tmp_path / "s", bench, 2, resume=True)
+    assert [row.accepted for row in rows] == [True, False, False, False, True]
+    assert rows[-1].attempt == 3
+    assert trial(tmp_path / "s", bench, 2, resume=True) == rows
 
 
 def test_faults_that_differ_in_a_measured_value_are_the_same(tmp_path: Path, lift_row: MakeRow) -> None:
-    bench, late_s = Bench(lift_row, {(1, 0), (1, 1), (1, 2)}), iter((0.41, 0.52, 0.63))
-
-    def attempt(piece: Piece) -> Attempt[Lift]:
-        return replace(bench.attempt(piece), fault=f"camera: silent for {next(late_s)} s")
-
-    with (
-        session(tmp_path / "s") as kept,
-        pytest.raises(DeviceError, match="all the same: camera: silent for 0"),
-    ):
-        repeat_until_accepted(kept, [Piece(1)], attempt, WORDING, lambda *_: None)
+    texts = (f"camera: silent for {late_s} s" for late_s in (0.41, 0.52, 0.63))
+    with pytest.raises(DeviceError, match="all the same: camera: silent for 0"):
+        trial(tmp_path / "s", Bench(lift_row, {(1, 0), (1, 1), (1, 2)}, texts), 1)
 
 
 def test_faults_with_successes_between_do_not_end_the_trial(tmp_path: Path, lift_row: MakeRow) -> None:
     bench = Bench(lift_row, {(1, 0), (1, 1), (2, 0), (2, 1), (3, 0)})
-    with session(tmp_path / "s") as kept:
-        repeat_until_accepted(kept, [Piece(1), Piece(2), Piece(3)], bench.attempt, WORDING, lambda *_: None)
-        assert sum(row.accepted for row in kept.rows) == 3
+    assert sum(row.accepted for row in trial(tmp_path / "s", bench, 3)) == 3

@@ -1,14 +1,11 @@
 """A frame stamped an hour ahead affects only that frame: in lifts, replays and other frames."""
 
-import io
 import shutil
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
-from mcap.reader import make_reader
-from mcap.writer import CompressionType, Writer
 from numpy.typing import NDArray
 
 from rig.experiments.lift_plan import stored_trial
@@ -20,33 +17,15 @@ from rig.sessions.rows import read_finished_lifts
 from rig.tactile.estimators import choose_estimator
 from rig.tactile.sample import State
 from support.marks import long
+from support.recordings import written_again
 
 Image = NDArray[np.uint8]
 HOUR_NS = 3600 * 10**9
 STORED = Path(__file__).parents[3] / "data" / "stored_trial"
 
 
-def stamped_ahead(recording: Path, topic: str, number: int) -> None:
-    """Write a recording again with one message of a topic, numbered from 0, an hour later."""
-    stream = io.BytesIO()
-    writer = Writer(stream, compression=CompressionType.NONE)
-    writer.start()
-    channels: dict[int, int] = {}
-    seen = 0
-    with recording.open("rb") as source:
-        for schema, channel, message in make_reader(source).iter_messages(log_time_order=False):
-            assert schema is not None
-            if channel.id not in channels:
-                kept = writer.register_schema(schema.name, schema.encoding, schema.data)
-                channels[channel.id] = writer.register_channel(channel.topic, channel.message_encoding, kept)
-            ahead = HOUR_NS if channel.topic == topic and seen == number else 0
-            seen += channel.topic == topic
-            writer.add_message(
-                channels[channel.id], message.log_time + ahead, message.data,
-                message.publish_time + ahead, message.sequence,
-            )  # fmt: skip
-    writer.finish()
-    recording.write_bytes(stream.getvalue())
+ANGLES = [20.0] * 8 + list(np.linspace(20.0, 36.0, 41)[1:]) + [36.0] * 10
+"""Angles of a pressed bar that turns, deg."""
 
 
 @pytest.mark.parametrize("topic", ["/image/SIM-D0001", "/image/SIM-C0001"])
@@ -54,7 +33,7 @@ def test_lift_continues_and_reports_the_frame_with_jumped_time(tmp_path: Path, t
     session = shutil.copytree(STORED, tmp_path / "trial")
     [stored] = run_replay(stored_trial(session), jobs=1).rows
     half = min(stored.frames.values()) // 2
-    stamped_ahead(session / stored.recording, topic, half)
+    written_again(session / stored.recording, late=(topic, half, HOUR_NS))
     [again] = run_replay(stored_trial(session), jobs=1).rows
     source = "camera" if "C0001" in topic else topic.removeprefix("/image/")
     assert stored.jumped is None
@@ -70,7 +49,7 @@ def test_lift_continues_and_reports_the_frame_with_jumped_time(tmp_path: Path, t
 def test_frames_of_other_sources_continue_and_the_jumped_frame_is_reported(
     press: Callable[..., Image], blank: Image, name: str
 ) -> None:
-    angles = [20.0] * 14 + list(np.linspace(20.0, 36.0, 41)[1:]) + [36.0] * 10
+    angles = [20.0] * 6 + ANGLES
     images = [press(angle, seed=i, half_axes=(80.0, 25.0)) for i, angle in enumerate(angles)]
     times_ns = [round(i * 1e9 / 60) + (HOUR_NS if i == 26 else 0) for i in range(len(images))]
     frames = [
@@ -98,8 +77,7 @@ def test_frames_of_other_sources_continue_and_the_jumped_frame_is_reported(
 def test_estimator_gives_equal_angles_on_all_frames_but_the_one_with_the_wrong_time(
     press: Callable[..., Image], blank: Image, name: str, place: int, jump_s: float
 ) -> None:
-    angles = [20.0] * 8 + list(np.linspace(20.0, 36.0, 41)[1:]) + [36.0] * 10
-    images = [press(angle, seed=i, half_axes=(80.0, 25.0)) for i, angle in enumerate(angles)]
+    images = [press(angle, seed=i, half_axes=(80.0, 25.0)) for i, angle in enumerate(ANGLES)]
     times_ns = [round((5.0 + i / 60) * 1e9) for i in range(len(images))]
     choice = choose_estimator(name, None)
     with_jump, without = choice.make(blank, None), choice.make(blank, None)
@@ -117,10 +95,9 @@ def test_estimator_gives_equal_angles_on_all_frames_but_the_one_with_the_wrong_t
 def test_estimator_recovers_from_a_wrong_time_before_the_frame_rate_is_known(
     press: Callable[..., Image], blank: Image, place: int
 ) -> None:
-    angles = [20.0] * 8 + list(np.linspace(20.0, 36.0, 41)[1:]) + [36.0] * 10
     estimator = choose_estimator("slip", None).make(blank, None)
     samples = []
-    for i, angle in enumerate(angles):
+    for i, angle in enumerate(ANGLES):
         time_ns = round(i * 1e9 / 60) + (HOUR_NS if i == place else 0)
         samples.append(estimator.update(press(angle, seed=i, half_axes=(80.0, 25.0)), time_ns))
         assert samples[-1].time_ns == time_ns

@@ -13,7 +13,7 @@ from rig.config import BenchConfig
 from rig.config.in_use import CalibrationsInUse, PlaceInUse
 from rig.experiments.lift_plan import TrialSettings
 from rig.experiments.trial import run_trial
-from rig.lift.measurement import ExpectedDistance
+from rig.lift.measurement import distance_warning
 from rig.report.advice import trial_notices
 from rig.report.session import read_trial
 from rig.results.notes import lift_note
@@ -36,14 +36,16 @@ def test_marker_side_and_intrinsics_give_the_distance() -> None:
     assert fit_plane(still).distance_sides is None
 
 
-@pytest.mark.parametrize(("sides", "off"), [(15.7, False), (17.2, False), (17.4, True), (14.0, True)])
-def test_distance_warning_begins_at_ten_percent(sides: float, off: bool) -> None:
-    found = MarkerDistance(0.04 * sides, 0.628) if off else None
-    assert ExpectedDistance(0.04, 0.628).warning(sides) == found
-
-
-def test_unknown_distance_gives_no_warning() -> None:
-    assert ExpectedDistance(0.04, 0.628).warning(None) is None
+@pytest.mark.parametrize(
+    ("part", "off"), [(0.98, False), (1.08, False), (1.12, True), (0.88, True), (None, False)]
+)
+def test_distance_warning_begins_at_ten_percent(
+    light_bench: BenchConfig, part: float | None, off: bool
+) -> None:
+    side_m, placed_m = light_bench.camera.marker_side_m, light_bench.object_distance_m()
+    sides = part and part * placed_m / side_m
+    found = MarkerDistance(side_m * sides, placed_m) if off and sides else None
+    assert distance_warning(light_bench, sides) == found
 
 
 @pytest.mark.slow

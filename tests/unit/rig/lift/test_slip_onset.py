@@ -43,6 +43,7 @@ def test_onset_of_a_noisy_stick_slip_ramp(seed, sign, rate_deg_s):
 
 @given(st.integers(0, 10_000))
 def test_noise_gives_no_onset(seed):
+    assert slip_onset_ns(np.array([], np.int64), np.array([])) is None
     times = frames(600)
     noise = np.random.default_rng(seed).normal(0.0, 0.03, 600)
     assert slip_onset_ns(times, noise) is None
@@ -70,10 +71,6 @@ def test_growth_during_a_gap_gives_no_onset():
     assert slip_onset_ns(times, ramp) is not None
     gap = (times < 1_055 * MS) | (times > 1_110 * MS)
     assert slip_onset_ns(times[gap], ramp[gap]) is None
-
-
-def test_empty_series_has_no_onset():
-    assert slip_onset_ns(np.array([], np.int64), np.array([])) is None
 
 
 @pytest.mark.parametrize(

@@ -5,8 +5,7 @@ import pytest
 
 from drivers.errors import InputError
 from protocols.observer import ReactionStep
-from rig.lift.slip_watch import SlipSettings, SlipWatch
-from rig.lift.tip_watch import AGREES, GIVES_DEG, sigmas_for
+from rig.lift.slip_watch import AGREES, GIVES_DEG, SlipSettings, SlipWatch, sigmas_for
 from rig.tactile.sample import SlipSample, State
 
 FRAME_NS = 16_000_000
@@ -97,27 +96,24 @@ def test_rotation_away_from_rest_is_a_slip_and_rotation_back_is_not() -> None:
     assert [event.serial for event in made.events] == [TIP]
 
 
-def test_motion_seen_by_one_fingertip_alone_is_no_slip() -> None:
+@pytest.mark.parametrize(
+    ("share_of_b", "then"),
+    [(-1.0, ((130, "b", 2.0, 60.0),)),
+     (0.25 * AGREES * GIVES_DEG, ((130, "b", 2.0 * AGREES * GIVES_DEG, 10.0), (131, "a", 2.0, 10.0)))],
+    ids=["opposite", "too small"],
+)  # fmt: skip
+def test_both_fingertips_have_to_show_a_slip(
+    share_of_b: float, then: tuple[tuple[int, str, float, float], ...]
+) -> None:
     made = SlipWatch(SlipSettings())
     made.begin({"a": resting(0.02, 0.5), "b": resting(0.02, 0.5)})
     for frame, angle in enumerate(np.linspace(0.0, 2.0, 30), start=100):
         made.update("a", answer(frame, float(angle), 10.0))
-        made.update("b", answer(frame, -float(angle), -10.0))
+        made.update("b", answer(frame, share_of_b * float(angle), 10.0 if share_of_b > 0.0 else -10.0))
     assert made.slip_ns() is None
-    made.update("b", answer(130, 2.0, 60.0))
-    assert made.slip_ns() == 130 * FRAME_NS
-
-
-def test_both_fingertips_have_to_show_a_slip() -> None:
-    made = SlipWatch(SlipSettings())
-    made.begin({"a": resting(0.02, 0.5), "b": resting(0.02, 0.5)})
-    for frame, share in enumerate(np.linspace(0.0, 1.0, 20), start=100):
-        made.update("a", answer(frame, 2.0 * float(share), 10.0))
-        made.update("b", answer(frame, 0.5 * AGREES * GIVES_DEG * float(share), 10.0))
-    assert made.slip_ns() is None
-    made.update("b", answer(120, 2.0 * AGREES * GIVES_DEG, 10.0))
-    made.update("a", answer(121, 2.0, 10.0))
-    assert made.slip_ns() == 121 * FRAME_NS
+    for frame, tip, angle, rate in then:
+        made.update(tip, answer(frame, angle, rate))
+    assert made.slip_ns() == then[-1][0] * FRAME_NS
 
 
 def slipped(made: SlipWatch, frame: int, by_deg: float, from_deg: float, closes: bool) -> bool:

@@ -10,14 +10,7 @@ import pytest
 from drivers.errors import InputError
 from rig.report.trial_page import lift_table
 from rig.results.summary import summarize_trial
-from rig.results.table import (
-    COLUMNS,
-    broken_row,
-    lifts_csv,
-    read_results,
-    summarize_table,
-    table_row,
-)
+from rig.results.table import COLUMNS, broken_row, lifts_csv, read_results, summarize_table, table_row
 from rig.sessions.codec import json_value
 from rig.sessions.records import IN_CSV, ErrorSummary, Lift
 from rig.sessions.table_files import Line, csv_bytes, parquet_bytes
@@ -67,17 +60,14 @@ def test_empty_or_invalid_cell_is_named(tmp_path: Path, lift_row: MakeRow) -> No
 
 
 def test_file_without_a_results_table_is_rejected(tmp_path: Path) -> None:
-    other = tmp_path / "other.csv"
-    other.write_text("frame,t_s\n1,0.5\n")
-    with pytest.raises(InputError, match="no column session"):
-        read_results(other)
-    other.write_bytes(b"\x00\xff\x00rubbish")
-    with pytest.raises(InputError, match=r"other\.csv"):
-        read_results(other)
-    with pytest.raises(InputError, match=r"rig replay SESSIONS"):
-        read_results(tmp_path)
-    with pytest.raises(InputError, match="cannot be read"):
-        read_results(tmp_path / "nothing.csv")
+    (tmp_path / "other.csv").write_text("frame,t_s\n1,0.5\n")
+    (tmp_path / "rubbish.csv").write_bytes(b"\x00\xff\x00rubbish")
+    for name, said in (
+        ("other.csv", "no column session"), ("rubbish.csv", r"rubbish\.csv"), ("", "rig replay SESSIONS"),
+        ("nothing.csv", "cannot be read"),
+    ):  # fmt: skip
+        with pytest.raises(InputError, match=said):
+            read_results(tmp_path / name)
 
 
 def test_declared_values_of_a_lift_are_in_line_tables_and_report(lift_row: MakeRow) -> None:

@@ -7,9 +7,8 @@ import pytest
 
 from drivers.errors import SessionError
 from protocols.observer import Phase
-from rig.experiments.batch_replay import plan_replays, replay_task
 from rig.experiments.lift_plan import stored_trial
-from rig.experiments.replay import run_replay
+from rig.experiments.replay import plan_replays, replay_task, run_replay
 from rig.report.session import find_lift, read_trial
 from rig.report.write import write_report
 from rig.results.listing import SessionState, list_session

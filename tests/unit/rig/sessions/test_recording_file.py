@@ -2,11 +2,11 @@
 
 import io
 import os
+import shutil
 import struct
 import zlib
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 from unittest.mock import Mock
 
 import numpy as np
@@ -16,7 +16,7 @@ from mcap.writer import CompressionType, Writer
 
 from drivers.errors import SessionError
 from protocols.observer import LiftObserver
-from rig.sessions import recording_chunks
+from rig.sessions import recording_file
 from rig.sessions.reading import (
     phase_times,
     recorded_angles,
@@ -26,13 +26,14 @@ from rig.sessions.reading import (
     show_again,
 )
 from rig.sessions.recorder import FUSED_TOPIC
-from rig.sessions.recording_chunks import MOST_CHUNK
-from rig.sessions.recording_file import check_recording, recorded_messages
+from rig.sessions.recording_file import MOST_CHUNK, check_recording, recorded_messages
 from rig.tactile.angles import FUSED
 from support.command_line import rig
+from support.recordings import Edit, written_again
 
 Drawn = Callable[..., Path]
 SECTOR = 512
+STORED = Path(__file__).parents[3] / "data" / "stored_trial"
 RNG = np.random.default_rng(10)
 
 
@@ -97,24 +98,17 @@ def test_flipped_bit_anywhere_in_a_recording_is_detected(tmp_path: Path) -> None
     check_recording(path)
 
 
-@pytest.mark.parametrize(
-    ("message", "expected"),
-    [
-        ('{"opening_m":0.05,"moving":false,"position_counts":120,"current_counts":4}', (0.05, None, 120, 4)),
-        ('{"opening_m":0.05,"moving":false,"current_a":0.2}', (0.05, 0.2, None, None)),
-    ],
-)
-def test_gripper_messages_of_every_gripper_are_read(message: str, expected: tuple[Any, ...]) -> None:
-    kept = recorded_gripper(message.encode(), Path("001.mcap"))
-    assert (kept.opening_m, kept.current_a, kept.position_counts, kept.current_counts) == expected
-
-
-@pytest.mark.parametrize(
-    ("read", "message"), [(recorded_reaction, b'{"step":"closed"}'), (recorded_gripper, b'{"moving":false}')]
-)
-def test_message_without_position_is_damaged(read: Callable[[bytes, Path], object], message: bytes) -> None:
-    with pytest.raises(SessionError, match=r"001\.mcap: the recording is damaged"):
-        read(message, Path("001.mcap"))
+def test_gripper_messages_of_every_gripper_are_read_and_need_a_position() -> None:
+    path = Path("001.mcap")
+    for keys, expected in (
+        (b'"position_counts":120,"current_counts":4', (None, 120, 4)), (b'"current_a":0.2', (0.2, None, None))
+    ):  # fmt: skip
+        kept = recorded_gripper(b'{"opening_m":0.05,"moving":false,' + keys + b"}", path)
+        assert kept.opening_m == 0.05
+        assert (kept.current_a, kept.position_counts, kept.current_counts) == expected
+    for read, message in ((recorded_reaction, b'{"step":"closed"}'), (recorded_gripper, b'{"moving":false}')):
+        with pytest.raises(SessionError, match=r"001\.mcap: the recording is damaged"):
+            read(message, path)
 
 
 def test_messages_equal_those_of_the_mcap_library(whole: bytes, tmp_path: Path) -> None:
@@ -132,22 +126,18 @@ def test_messages_equal_those_of_the_mcap_library(whole: bytes, tmp_path: Path) 
 
 
 @pytest.mark.parametrize("packed", [CompressionType.ZSTD, CompressionType.LZ4])
-def test_compressed_recordings_are_read(tmp_path: Path, packed: CompressionType) -> None:
-    path = tmp_path / "packed.mcap"
-    messages = [(os.urandom(3000), n) for n in range(40)]
-    path.write_bytes(written(messages, packed))
-    assert [(data, time_ns) for _, time_ns, _, data in recorded_messages(path)] == messages
-    check_recording(path)
-
-
-@pytest.mark.parametrize("packed", [CompressionType.ZSTD, CompressionType.LZ4])
 @pytest.mark.parametrize("said", ["truth", "a small size"])
-def test_compression_bombs_are_rejected_before_unpacking(
+def test_compressed_recordings_are_read_and_bombs_are_rejected_before_unpacking(
     tmp_path: Path, packed: CompressionType, said: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    messages = [(os.urandom(3000), n) for n in range(40)]
+    (tmp_path / "packed.mcap").write_bytes(written(messages, packed))
+    read = recorded_messages(tmp_path / "packed.mcap")
+    assert [(data, time_ns) for _, time_ns, _, data in read] == messages
+    check_recording(tmp_path / "packed.mcap")
     most: list[int] = []
-    unpacked = recording_chunks._unpacked
-    monkeypatch.setattr(recording_chunks, "_unpacked", lambda c: most.append(len(d := unpacked(c))) or d)
+    unpacked = recording_file._unpacked
+    monkeypatch.setattr(recording_file, "_unpacked", lambda c: most.append(len(d := unpacked(c))) or d)
     path = tmp_path / "bomb.mcap"
     data = written([(bytes(2_000_000), 1)] * 40, packed, chunk=100_000_000)
     assert len(data) < 400_000
@@ -157,10 +147,14 @@ def test_compression_bombs_are_rejected_before_unpacking(
     assert sum(most) <= 5001
 
 
-def test_chunk_above_the_size_limit_is_rejected(tmp_path: Path) -> None:
-    path = tmp_path / "large.mcap"
-    path.write_bytes(sized(written([(os.urandom(1000), 1)]), MOST_CHUNK + 1))
-    with pytest.raises(SessionError, match="exceeds the limit"):
+@pytest.mark.parametrize(
+    ("ns", "size", "said"),
+    [(1, MOST_CHUNK + 1, "exceeds the limit"), (2**63, 0, "64 bits"), (2**64 - 1, 0, "beyond 64 bits")],
+)
+def test_large_chunk_and_late_time_are_damage(tmp_path: Path, ns: int, size: int, said: str) -> None:
+    path, data = tmp_path / "odd.mcap", written([(os.urandom(1000), ns)])
+    path.write_bytes(sized(data, size) if size else data)
+    with pytest.raises(SessionError, match=said):
         list(recorded_messages(path))
 
 
@@ -195,14 +189,6 @@ def damaged_stored_trial(tmp_path: Path, stored_trial_twice: Callable[[Path], Pa
     return folder
 
 
-@pytest.mark.parametrize("ns", [2**63, 2**64 - 1])
-def test_time_beyond_64_bits_is_damage(tmp_path: Path, ns: int) -> None:
-    path = tmp_path / "late.mcap"
-    path.write_bytes(written([(b"x", ns)]))
-    with pytest.raises(SessionError, match="beyond 64 bits"):
-        list(recorded_messages(path))
-
-
 @pytest.mark.parametrize(
     ("topic", "data"),
     [
@@ -224,6 +210,25 @@ def test_invalid_messages_are_damage_despite_valid_checksums(tmp_path: Path, top
         with pytest.raises(SessionError, match=r"odd\.mcap: "):
             list(recorded_frames(path, "T1"))
     assert not len(recorded_angles(path, FUSED)[FUSED])
+
+
+@pytest.mark.parametrize(
+    ("edit", "said"),
+    [
+        (lambda name: [] if name == "C" else [(name, 0)], "phase lower out of order"),
+        (lambda name: [] if name == "lower" else [(name, 0)], "phase lower is missing"),
+        (lambda name: [(name, 0), (name, 1)], "phase reference out of order"),
+        (lambda name: [(name, -(10**9))] if name == "C" else [(name, 0)], "phase C out of order"),
+        (lambda name: [(name, 0), ("settle", 1)] if name == "A" else [(name, 0)], "the recording is damaged"),
+    ],
+    ids=["left out", "last left out", "twice", "back in time", "unknown"],
+)
+def test_recording_without_the_phases_in_order_is_refused(tmp_path: Path, edit: Edit, said: str) -> None:
+    path = tmp_path / "001.mcap"
+    shutil.copy(STORED / "lifts" / "001.mcap", path)
+    written_again(path, edit)
+    with pytest.raises(SessionError, match=said):
+        phase_times(path)
 
 
 def written(

@@ -87,16 +87,14 @@ def test_invalid_row_is_reported_with_file_line_and_key(
     assert f"{tmp_path}/lifts.jsonl: line 2 is damaged: " in str(raised.value)
     assert said in str(raised.value)
     rows, damaged = readable_rows(tmp_path / "lifts.jsonl", LIFTS)
-    assert (rows, [line.number for line in damaged]) == ([lift_row(1)], [2])
+    assert (rows, list(damaged)) == ([lift_row(1)], [2])
 
 
-@pytest.mark.parametrize(
-    "text", [b"null", b"[]", b"7", b'"row"', b"{", b"\xff\xfe", b"[" * 100_000, b"1" * 6000]
-)
-def test_invalid_line_is_named(tmp_path: Path, text: bytes) -> None:
-    (tmp_path / "lifts.jsonl").write_bytes(text + b"\n")
-    with pytest.raises(SessionError, match="line 1 is damaged"):
-        read_lifts(tmp_path)
+def test_invalid_line_is_named(tmp_path: Path) -> None:
+    for text in (b"null", b"[]", b"7", b'"row"', b"{", b"\xff\xfe", b"[" * 100_000, b"1" * 6000):
+        (tmp_path / "lifts.jsonl").write_bytes(text + b"\n")
+        with pytest.raises(SessionError, match="line 1 is damaged"):
+            read_lifts(tmp_path)
 
 
 @pytest.mark.parametrize(

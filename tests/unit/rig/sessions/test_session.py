@@ -11,39 +11,32 @@ import pytest
 from drivers.errors import InputError, OperatorStopError, RecordingError
 from rig.config import load_bench
 from rig.sessions.files import MANIFEST, append_line, write_file
-from rig.sessions.manifest import TrialManifest, begun_on, is_session, read_manifest
+from rig.sessions.manifest import is_session, read_manifest
 from rig.sessions.records import LIFTS, Lift
 from rig.sessions.rows import read_lifts
 from rig.sessions.session import Session, SessionLog, newest_unfinished, open_session
 from rig.sessions.timing import LiftTiming
+from support.recordings import trial_request
 
 MakeRow = Callable[..., Lift]
 TIMING = LiftTiming(number=1, attempt=0, wall_s=0.1, stages={})
 
 
 def start(folder: Path, resume: bool = False, seed: int = 0) -> Session[Lift]:
-    asked = begun_on(load_bench("fake"), "trial", seed, ["t1"])
-    manifest = TrialManifest(
-        **vars(asked), lifts_per_object=3, estimator="slip", window=1, skip=True, truth="edges"
-    )
-    return open_session(folder, manifest, LIFTS, resume)
+    return open_session(folder, trial_request(seed=seed), LIFTS, resume)
 
 
-def test_each_result_is_on_disk_at_once_and_read_on_resume(tmp_path: Path, lift_row: MakeRow) -> None:
+def test_each_result_is_on_disk_at_once_and_an_incomplete_last_line_is_removed(
+    tmp_path: Path, lift_row: MakeRow
+) -> None:
     with start(tmp_path / "s") as session:
         session.add(lift_row(1), TIMING)
         assert read_lifts(tmp_path / "s") == [lift_row(1)]
-    with start(tmp_path / "s", resume=True) as again:
-        assert again.rows == [lift_row(1)]
-        assert not again.complete
-
-
-def test_incomplete_last_line_is_removed_and_appending_continues(tmp_path: Path, lift_row: MakeRow) -> None:
-    with start(tmp_path / "s") as session:
-        session.add(lift_row(1), TIMING)
     with (tmp_path / "s" / "lifts.jsonl").open("ab") as stream:
         stream.write(b'{"number": 2, "na')
     with start(tmp_path / "s", resume=True) as again:
+        assert again.rows == [lift_row(1)]
+        assert not again.complete
         again.add(lift_row(3), TIMING)
     assert [row.number for row in read_lifts(tmp_path / "s")] == [1, 3]
 
@@ -64,10 +57,7 @@ def test_refused_resume_names_the_value_that_differs(tmp_path: Path) -> None:
     start(tmp_path / "s").close()
     bench = load_bench("fake")
     camera = bench.camera.model_copy(update={"focal_px": 700.0})
-    asked = begun_on(bench.model_copy(update={"camera": camera}), "trial", 0, ["t1"])
-    other = TrialManifest(
-        **vars(asked), lifts_per_object=3, estimator="slip", window=1, skip=True, truth="edges"
-    )
+    other = trial_request(bench.model_copy(update={"camera": camera}))
     with pytest.raises(InputError, match=rf"config\.camera\.focal_px {bench.camera.focal_px}, not 700\.0"):
         open_session(tmp_path / "s", other, LIFTS, resume=True)
 
@@ -157,10 +147,7 @@ def test_password_of_a_camera_is_not_stored_and_the_session_continues(tmp_path: 
     camera = bench.camera.model_copy(update={"address": secret})
     tactile = tuple(t.model_copy(update={"address": secret}) for t in bench.tactile)
     bench = bench.model_copy(update={"camera": camera, "tactile": tactile})
-    asked = begun_on(bench, "trial", 0, ["t1"])
-    manifest = TrialManifest(
-        **vars(asked), lifts_per_object=3, estimator="slip", window=1, skip=True, truth="edges"
-    )
+    manifest = trial_request(bench)
     open_session(tmp_path / "s", manifest, LIFTS, resume=False).close()
     assert "s3cret" not in (tmp_path / "s" / MANIFEST).read_text()
     assert "me:***@192.0.2.7" in (tmp_path / "s" / MANIFEST).read_text()

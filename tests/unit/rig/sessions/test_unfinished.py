@@ -13,14 +13,12 @@ import pytest
 
 from drivers.errors import OperatorStopError, RecordingError
 from drivers.types import Frame
-from rig.config import load_bench
 from rig.sessions import unfinished
-from rig.sessions.manifest import TrialManifest, begun_on
 from rig.sessions.recorder import LiftRecorder
 from rig.sessions.records import LIFTS, Lift
 from rig.sessions.session import open_session
 from rig.sessions.unfinished import BackgroundFile, completed, new_recording
-from support.recordings import unfinished_recordings
+from support.recordings import trial_request, unfinished_recordings
 from support.waiting import LIMIT_S
 
 RECORDING = "lifts/007.mcap"
@@ -78,7 +76,9 @@ def test_lift_without_messages_leaves_no_file(tmp_path: Path) -> None:
     assert writers() == []
 
 
-def test_slow_disk_does_not_delay_the_caller(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_slow_disk_does_not_delay_the_caller_but_must_not_stall_for_too_long(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     write, disk = os.write, threading.Event()
 
     def slow(handle: int, data: bytes) -> int:
@@ -86,28 +86,16 @@ def test_slow_disk_does_not_delay_the_caller(tmp_path: Path, monkeypatch: pytest
         return write(handle, data)
 
     monkeypatch.setattr(unfinished.os, "write", slow)
-    file = BackgroundFile(iter([tmp_path / "a"]))
+    file, stalled = (BackgroundFile(iter([tmp_path / name])) for name in "ab")
     for _ in range(5):
         file.write(bytes(1000))
+    with pytest.raises(RecordingError, match=r"b: the disk is too slow: 6[45] MB wait to be written"):
+        deque(map(stalled.write, [bytes(MB)] * 70), maxlen=0)
     disk.set()
     file.close()
+    stalled.close()
     assert (tmp_path / "a").stat().st_size == file.tell() == 5000
     assert writers() == []
-
-
-def test_disk_that_stalls_for_too_long_is_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    released, write = threading.Event(), os.write
-
-    def stalled(handle: int, data: bytes) -> int:
-        released.wait(10.0)
-        return write(handle, data)
-
-    monkeypatch.setattr(unfinished.os, "write", stalled)
-    file = BackgroundFile(iter([tmp_path / "a"]))
-    with pytest.raises(RecordingError, match=r"a: the disk is too slow: 6[45] MB wait to be written"):
-        deque(map(file.write, [bytes(MB)] * 70), maxlen=0)
-    released.set()
-    file.close()
 
 
 @pytest.fixture
@@ -139,18 +127,11 @@ def test_full_disk_is_an_error_within_the_lift(tmp_path: Path) -> None:
     assert writers() == []
 
 
-def manifest() -> TrialManifest:
-    asked = begun_on(load_bench("fake"), "trial", 0, ["t1"])
-    return TrialManifest(
-        **vars(asked), lifts_per_object=3, estimator="slip", window=1, skip=True, truth="edges"
-    )
-
-
 def test_finished_recording_gets_its_name_and_an_unlisted_one_is_kept(
     tmp_path: Path, lift_row: Callable[..., Lift]
 ) -> None:
     """The state after a crash between renaming a recording and appending its line."""
-    with open_session(tmp_path / "s", manifest(), LIFTS, resume=False) as session:
+    with open_session(tmp_path / "s", trial_request(), LIFTS, resume=False) as session:
         lifts = session.folder / "lifts"
         lifts.mkdir()
         (lifts / "007.mcap").write_bytes(b"older")
@@ -175,11 +156,11 @@ def test_finished_recording_gets_its_name_and_an_unlisted_one_is_kept(
 def test_resumed_session_leaves_no_unfinished_recording(
     before: list[str], after: list[str], tmp_path: Path
 ) -> None:
-    with open_session(tmp_path / "s", manifest(), LIFTS, resume=False) as session:
+    with open_session(tmp_path / "s", trial_request(), LIFTS, resume=False) as session:
         lifts = session.folder / "lifts"
         lifts.mkdir()
         for name in before:
             (lifts / f"{name}.mcap").write_bytes(name.encode())
-    with open_session(tmp_path / "s", manifest(), LIFTS, resume=True):
+    with open_session(tmp_path / "s", trial_request(), LIFTS, resume=True):
         assert sorted(path.stem for path in lifts.iterdir()) == sorted(after)
         assert {path.read_bytes().decode() for path in lifts.iterdir()} == set(before)

@@ -423,7 +423,7 @@ def measure(options: CalibrationOptions, run: Run) -> Report:
     # one after the other: some of them measure time
     limits = [row for rows in run.each(lambda part: parts[part](), list(parts), workers=1) for row in rows]
     return Report(
-        tables=(table_of("SIMULATED pictures: error of the two-marker angle", AngleRow, angles),),
+        tables=(table_of("SIMULATED pictures: error of the two-marker angle", angles),),
         limits=limits,
         limits_of="the calibrations: simulated data unless 'real' or 'photos'",
     )

@@ -107,7 +107,7 @@ def measure(options: WireOptions, run: Run) -> Report:
         f"{len(lift.errors_deg)} seeds",
     )
     return Report(
-        tables=(table_of("SIMULATED bench 'wire': frames of one lift", StreamRow, lift.streams),),
+        tables=(table_of("SIMULATED bench 'wire': frames of one lift", lift.streams),),
         limits=judge_wire(lift),
         limits_of="the lift",
         notes=notes,

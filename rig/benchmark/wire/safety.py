@@ -19,10 +19,10 @@ from pathlib import Path
 
 from drivers.errors import DeviceError, InputError, RigError
 from protocols.readiness import make_ready
-from rig.benchmark.harness import NONE, Report, Run, Study, Table
-from rig.benchmark.measured import Measured, at_most, informative
+from rig.benchmark.harness import Report, Run, Study, Table
+from rig.benchmark.measured import NONE, Measured, at_most, informative
 from rig.benchmark.wire import campaign
-from rig.benchmark.wire.campaign import After, Event, PlannedRun, Stage, WireBench
+from rig.benchmark.wire.campaign import LASTS_S, After, Event, Moment, PlannedRun, Stage, WireBench, fault
 from rig.config import BenchConfig
 from rig.config.write import write_bench
 from rig.declared import option
@@ -41,10 +41,6 @@ def _signal(name: str, number: signal.Signals, after: After = After.SAFE_END, ti
     return Event(name, after, (number,) * times)
 
 
-def _fault(name: str, after: After, device: str, kind: str) -> Event:
-    return Event(name, after, faults=((device, kind, {}),))
-
-
 EVENTS = (
     _signal("Ctrl-C", signal.SIGINT),
     _signal("Ctrl-C twice", signal.SIGINT, After.STAYS, times=2),
@@ -53,15 +49,15 @@ EVENTS = (
     _signal("SIGQUIT", signal.SIGQUIT),
     _signal("kill -9", signal.SIGKILL, After.STAYS),
     _signal("SIGSTOP", signal.SIGSTOP, After.STAYS),
-    _fault("protective stop", After.STAYS, "arm", "protective_stop"),
-    _fault("emergency stop", After.STAYS, "arm", "emergency_stop"),
-    _fault("gripper lost", After.NOTICED, "gripper", "disconnect"),
-    _fault("fingertip lost", After.NOTICED, "SIM-D0001", "disconnect"),
-    _fault("camera lost", After.NOTICED, "camera", "disconnect"),
-    _fault("fingers blocked", After.FINGERS, "gripper", "blocked"),
-    _fault("fingers stuck", After.FINGERS, "gripper", "stuck"),
-    _fault("false success", After.FINGERS, "gripper", "false_success"),
-    _fault("fingers overshoot", After.FINGERS, "gripper", "overshoot"),
+    fault("protective stop", "arm", "protective_stop", After.STAYS),
+    fault("emergency stop", "arm", "emergency_stop", After.STAYS),
+    fault("gripper lost", "gripper", "disconnect"),
+    fault("fingertip lost", "SIM-D0001", "disconnect"),
+    fault("camera lost", "camera", "disconnect"),
+    fault("fingers blocked", "gripper", "blocked", After.FINGERS),
+    fault("fingers stuck", "gripper", "stuck", After.FINGERS),
+    fault("false success", "gripper", "false_success", After.FINGERS),
+    fault("fingers overshoot", "gripper", "overshoot", After.FINGERS),
     Event("disk full", After.NOTICED, disk_full=True),
 )
 BY_NAME = {event.name: event for event in EVENTS}
@@ -78,7 +74,7 @@ def plan_runs(seed: int, full: bool) -> list[PlannedRun]:
         cells = list(zip(EVENTS, stages, strict=True))
     rng.shuffle(cells)
     return [
-        PlannedRun(number, event, campaign.random_moment(stage, rng))
+        PlannedRun(number, event, Moment(stage, rng.uniform(0.0, LASTS_S[stage])))
         for number, (event, stage) in enumerate(cells, start=1)
     ]
 

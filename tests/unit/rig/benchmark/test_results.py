@@ -10,7 +10,7 @@ import rig.benchmark.estimators.study as study
 from drivers.errors import InputError, SessionError
 from rig.benchmark.estimators import contenders
 from rig.benchmark.estimators.contenders import CONTENDERS, WINDOWS
-from rig.benchmark.estimators.stress import StressTask, run_stress, stress_rows
+from rig.benchmark.estimators.stress import run_stress, stress_rows
 from rig.benchmark.estimators.study import (
     README_COLUMNS,
     TABLE,
@@ -46,7 +46,7 @@ def measured(tmp_path_factory: pytest.TempPathFactory) -> tuple[EstimatorsResult
         patch.setattr(study, "load_bench", partial(lighter, tip_hz=12.0))
         patch.setattr(study, "TRIAL_OBJECTS", ("t2",))
         patch.setattr(study, "LIFTS", 1)
-        patch.setattr(study, "stress_tasks", lambda *_: [])
+        patch.setattr(study, "stress_tasks", lambda: [])
         return compare(EstimatorsOptions(estimator=["kolamuri"]), run), progress
 
 
@@ -114,7 +114,7 @@ def test_result_files_contain_all_figures(result: EstimatorsResult, report: Repo
 
 
 def test_tables_have_a_cell_per_column(result: EstimatorsResult) -> None:
-    balls = replace(result, stress=stress_rows(run_stress(StressTask("round", "3:0", 0, ("slip",)))))
+    balls = replace(result, stress=stress_rows(run_stress(0, ("slip",), ("round", "3:0"))))
     for table in (estimator_table(result), stress_table(balls)):
         assert table.rows
         assert {len(row) for row in table.rows} == {len(table.columns)}

@@ -18,6 +18,7 @@ from drivers.errors import InputError
 from rig.benchmark.harness import Run
 from rig.benchmark.wire import safety
 from rig.benchmark.wire.campaign import (
+    LASTS_S,
     PlannedRun,
     Stage,
     TrueState,
@@ -45,6 +46,7 @@ def test_plain_plan_has_each_event_once_and_full_plan_has_it_once_per_stage() ->
     plain = plan_runs(0, full=False)
     assert Counter(run.event.name for run in plain) == Counter(event.name for event in EVENTS)
     assert {run.moment.stage for run in plain} == set(Stage)
+    assert all(0.0 <= run.moment.after_s <= LASTS_S[run.moment.stage] for run in plain)
     full = plan_runs(0, full=True)
     cells = Counter((run.event.name, run.moment.stage) for run in full)
     assert set(cells.values()) == {1}

@@ -15,10 +15,10 @@ from rig.benchmark.estimators.contenders import (
     ScriptPass,
     SharedContact,
     filtered,
+    score_all,
     spread,
     unfiltered,
 )
-from rig.benchmark.estimators.scores import score_all
 from rig.results.scores import is_confidently_wrong, score_series
 from rig.tactile.contact.finder import ContactFinder
 from rig.tactile.estimators import choose_estimator

@@ -1,20 +1,15 @@
 """Evaluation of a true track: standstill, distance, dropped objects, and stages of a lift."""
 
-import random
-from itertools import pairwise
-
 import pytest
 
 from drivers.clock import to_ns
 from rig.benchmark.wire.campaign import (
-    LASTS_S,
     Moment,
     Stage,
     TrueState,
     at,
     dropped,
     next_stage,
-    random_moment,
     read_track,
     standstill,
     wait_for,
@@ -93,9 +88,3 @@ def test_waiting_for_a_moment_ends_with_the_lift() -> None:
     hold, course, left = Moment(Stage.HOLD, 0.0), iter(LIFT), [3, 2, 1, 0]
     assert wait_for(hold, 0.06, lambda _: world(next(course)[0]), lambda: False) is Stage.HOLD
     assert wait_for(hold, 0.06, lambda _: world(LIFT[0][0]), lambda: not left.pop(0)) is None
-
-
-def test_moments_are_within_their_stage_and_the_same_for_a_seed() -> None:
-    drawn = [random_moment(stage, random.Random(1)) for stage in Stage for _ in range(2)]
-    assert all(0.0 <= moment.after_s <= LASTS_S[moment.stage] for moment in drawn)
-    assert all(a == b for a, b in list(pairwise(drawn))[::2])

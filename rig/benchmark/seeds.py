@@ -5,6 +5,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
+from itertools import product
 from pathlib import Path
 
 from drivers.errors import InputError, RigError
@@ -98,12 +99,7 @@ def measure(options: SeedsOptions, run: Run) -> Report:
 
 
 def lift_cases(bench: str, seeds: Sequence[int], objects: Sequence[str], lifts: int) -> list[LiftCase]:
-    return [
-        LiftCase(bench, seed, of, number)
-        for seed in seeds
-        for of in objects
-        for number in range(1, lifts + 1)
-    ]
+    return [LiftCase(bench, *of) for of in product(seeds, objects, range(1, lifts + 1))]
 
 
 def carry_out(bench: BenchConfig, case: LiftCase) -> SeedLift:

@@ -155,7 +155,9 @@ class GelCamera:
         self._lamps = _lamps(rng)
         self._mix = np.eye(3) * rng.uniform(0.8, 1.2, 3) + rng.uniform(0.02, 0.18, (3, 3))
         self._glow = rng.uniform(0.1, 0.4)
-        self._patchy = _patches((rows, columns), rng)
+        patches = rng.normal(0.0, 0.12, (5, 4, 3)).astype(np.float32)
+        wide = cv2.resize(patches, (columns, rows), interpolation=cv2.INTER_CUBIC)
+        self._patchy = np.exp(wide).astype(np.float64)
         self._specks = _specks(rng)
         self._gain = float(rng.uniform(95.0, 150.0))
         self._read_noise, self._shot = float(rng.uniform(0.6, 1.6)), float(rng.uniform(0.02, 0.08))
@@ -264,11 +266,6 @@ def _lamps(rng: Random) -> list[list[tuple[float, float, float]]]:
         power = rng.uniform(0.7, 1.3) / LAMPS
         rows.append([(away * math.cos(a), away * math.sin(a), power * rng.uniform(0.7, 1.3)) for a in around])
     return rows
-
-
-def _patches(shape: tuple[int, int], rng: Random) -> NDArray[np.float64]:
-    coarse = rng.normal(0.0, 0.12, (5, 4, 3)).astype(np.float32)
-    return np.exp(cv2.resize(coarse, shape[::-1], interpolation=cv2.INTER_CUBIC)).astype(np.float64)
 
 
 def _specks(rng: Random) -> NDArray[np.float64]:

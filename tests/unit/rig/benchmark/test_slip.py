@@ -33,44 +33,35 @@ from support.angle_clips import FIRST_CONTACT, TURN_DEG, write_clip
 
 OTHER_VERSION = """
 import time
+from types import SimpleNamespace
 
 class Estimator:
-    def update(self, image, time):
+    def update(self, image, time_ns):
         if image.min() == 255:
             raise ValueError("a frame on which this version fails")
-        busy(COST_S)
-        return Sample(State("tracking" if image.max() else "no_contact"))
-
-class Choice:
-    def make(self, background, aspect, sign):
-        return Estimator()
-
-class State:
-    def __init__(self, value):
-        self.value = value
-
-class Sample:
-    def __init__(self, state):
-        self.state = state
-
-def busy(seconds):
-    since = time.process_time()
-    while time.process_time() - since < seconds:
-        pass
+        since = time.process_time()
+        while time.process_time() - since < COST_S:
+            pass
+        return SimpleNamespace(state=SimpleNamespace(value="tracking" if image.max() else "no_contact"))
 
 def choose_estimator(name):
-    return Choice()
+    return SimpleNamespace(make=lambda background, aspect, sign: Estimator())
+
+def estimator(name, background):
+    return Estimator()
 """
 """Module `rig.tactile.estimators` of another version, whose estimator takes a known time."""
 
 
 def write_version(folder: Path, cost_s: float) -> Path:
     (folder / "rig" / "tactile").mkdir(parents=True)
-    module = OTHER_VERSION.replace("COST_S", str(cost_s))
-    (folder / "rig" / "tactile" / "estimators.py").write_text(module)
     (folder / "rig" / "tactile" / "__init__.py").touch()
-    made = "from rig.tactile.estimators import Estimator\n\ndef estimator(name, background):\n"
-    (folder / "rig" / "__init__.py").write_text(made + "    return Estimator()\n")
+    files = {
+        "tactile/estimators.py": OTHER_VERSION.replace("COST_S", str(cost_s)),
+        "__init__.py": "from rig.tactile.estimators import estimator\n",
+    }
+    for name, text in files.items():
+        (folder / "rig" / name).write_text(text)
     return folder
 
 
@@ -98,8 +89,7 @@ def test_versions_are_timed_on_frames_with_contact(tmp_path: Path, versions: lis
     fast_ms, slow_ms = contact_ms(versions, [stored(tmp_path, [0, 1, 0, 1, 1])])
     assert (len(fast_ms), len(slow_ms)) == (3, 3)
     assert min(fast_ms) >= 1.0
-    assert min(slow_ms) >= 20.0
-    assert min(slow_ms) > 2.0 * min(fast_ms)
+    assert min(slow_ms) >= max(20.0, 2.0 * min(fast_ms))
 
 
 def test_late_frames_of_streams_are_dropped(tmp_path: Path, versions: list[Contender]) -> None:
@@ -199,8 +189,6 @@ def test_limits_of_times_are_relative_to_another_version(rows: dict[str, Measure
     times = [row for row in rows.values() if row.name.startswith("clips, ms per frame")]
     assert [row.asked for row in times] == [""] * 4
     own, other = (row.value for row in times if "median" in row.name)
-    assert own
-    assert other
     assert 20.0 <= other < 30.0
     ratios = [row for row in rows.values() if "as a fraction" in row.name]
     assert [row.asked for row in ratios] == ["at most 0.28", "at most 0.25"]

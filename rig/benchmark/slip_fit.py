@@ -7,7 +7,7 @@ import math
 import tempfile
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import partial
 from itertools import islice, product
@@ -21,7 +21,7 @@ from drivers.clock import NS_PER_S
 from drivers.errors import InputError, unknown_name
 from rig.benchmark.clips.labelled import ClipVersion, LabelledClip, clip_version, read_clips
 from rig.benchmark.estimators.contenders import KnownLift, open_lift
-from rig.benchmark.harness import Report, Run, Study, column, table_of
+from rig.benchmark.harness import Cell, Report, Run, Study, table_of
 from rig.benchmark.renderer import drawn_lift
 from rig.benchmark.seeds import LiftCase, lift_cases, recorded_lift
 from rig.config import BenchConfig
@@ -124,28 +124,6 @@ class Tried:
     adopted: bool
 
 
-@dataclass(frozen=True, slots=True)
-class DataRow:
-    """Mean negative log likelihood of one kind of cases."""
-
-    data: str = column("data")
-    cases: int = column("cases")
-    before: float = column("before", ".3f", "mean negative log likelihood")
-    fitted: float = column("fitted", ".3f", "the same with the fitted parameters")
-
-
-@dataclass(frozen=True, slots=True)
-class ParameterRow:
-    """A parameter that was tried."""
-
-    parameter: str = column("parameter")
-    before: float = column("before", ".4g")
-    fitted: float = column("fitted", ".4g")
-    smaller: float | None = column("gain if smaller", "+.4f", "of mean log likelihood, by the first step")
-    larger: float | None = column("gain if larger", "+.4f")
-    error: float | None = column("standard error", ".4f")
-
-
 def measure(options: FitOptions, run: Run) -> Report:
     """Fit the parameters of slip by maximum likelihood, to clips and SIMULATED lifts with known angles.
 
@@ -184,13 +162,21 @@ def measure(options: FitOptions, run: Run) -> Report:
     data = []
     for kind in Kind:
         if of := [case.folder for case in cases if case.kind is kind]:
-            means = (float(np.mean([by[each] for each in of])) for by in (search.before, search.penalties))
-            data.append(DataRow(kind.value, len(of), *means))
-    rows = [row for name in chosen if (row := _row(name, search)) is not None]
-    if options.save is not None:
-        write_json(options.save, _card(search, options, data, rows))
+            before, fitted = (
+                float(np.mean([by[each] for each in of])) for by in (search.before, search.penalties)
+            )
+            row = [
+                Cell("data", kind.value, "data"),
+                Cell("cases", len(of), "cases"),
+                Cell("before", before, "before", ".3f", "mean negative log likelihood"),
+                Cell("fitted", fitted, "fitted", ".3f", "the same with the fitted parameters"),
+            ]
+            data.append(row)
     tables = [table_of("Likelihood of the true angles", data)]
-    tables += [table_of("Parameters of slip, in rad, s and work pixels", rows)] if rows else []
+    if rows := [row for name in chosen if (row := _row(name, search))]:
+        tables.append(table_of("Parameters of slip, in rad, s and work pixels", rows))
+    if options.save is not None:
+        write_json(options.save, _card(search, options, *(table.records for table in tables)))
     return Report(tables, figures={"parameters": search.values})
 
 
@@ -238,7 +224,10 @@ def clip_lift(clip: LabelledClip) -> KnownLift:
 
 def store_rendered(folder: Path, number: int) -> Case:
     case = Case(Kind.RENDERER, f"renderer {number}", folder / f"renderer {number}")
-    return case if case.stored else store(case, drawn_lift(number))
+    if not case.stored:
+        lift = drawn_lift(number)
+        store(case, replace(lift, end_ns=lift.end_ns - 1))  # without the last frame
+    return case
 
 
 def store_lift(folder: Path, bench: BenchConfig, lift: LiftCase) -> Case:
@@ -423,30 +412,38 @@ def _changed(values: Values, name: str, value: float) -> Values:
     return values | {group: values[group] | {short: value}}
 
 
-def _row(name: str, search: _Search) -> ParameterRow | None:
+def _row(name: str, search: _Search) -> list[Cell]:
+    """Return the row of a parameter, [] if it was not tried."""
     steps = [one for one in search.tried if one.parameter == name]
     if not steps:
-        return None
+        return []
     group, _, short = name.partition(".")
-    first = steps[0].before
+    first, error = steps[0].before, max(one.error for one in steps)
     smaller = next((one.gain for one in steps if one.before == first and one.value < first), None)
     larger = next((one.gain for one in steps if one.before == first and one.value > first), None)
-    error = max(one.error for one in steps)
-    return ParameterRow(name, first, search.values[group][short], smaller, larger, error)
+    return [
+        Cell("parameter", name, "parameter"),
+        Cell("before", first, "before", ".4g"),
+        Cell("fitted", search.values[group][short], "fitted", ".4g"),
+        Cell("smaller", smaller, "gain if smaller", "+.4f", "of mean log likelihood, by the first step"),
+        Cell("larger", larger, "gain if larger", "+.4f"),
+        Cell("error", error, "standard error", ".4f"),
+    ]
 
 
 def _card(
-    search: _Search, options: FitOptions, data: Sequence[DataRow], rows: Sequence[ParameterRow]
+    search: _Search, options: FitOptions, data: Sequence[Any], rows: Sequence[Any] = ()
 ) -> dict[str, object]:
+    """Return the contents of the file of --save. data, rows: the records of the two tables."""
     lifts = {"seed": FIRST_SEED, "first_of_renderer": FIRST_LIFT, "of_each_object": options.lifts}
     return {
         "title": "parameters of the estimator slip",
         "made_with": "rig fit-slip",
         "clips": {"group": options.group or "all", "versions": [*ClipVersion]},
         "simulated_lifts": lifts,
-        "mean_negative_log_likelihood": [asdict(row) for row in data],
-        "tried": [row.parameter for row in rows],
-        "changed": [asdict(row) for row in rows if row.before != row.fitted],
+        "mean_negative_log_likelihood": list(data),
+        "tried": [row["parameter"] for row in rows],
+        "changed": [row for row in rows if row["before"] != row["fitted"]],
         "parameters": search.values,
     }
 

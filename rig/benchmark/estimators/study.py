@@ -189,9 +189,8 @@ def judge(result: EstimatorsResult) -> list[Measured]:
     ours, timing = result.scores[DEFAULT_ESTIMATOR, 1], result.timing
     theirs_deg = result.scores[PAPER_BEST].mare_deg
     better = theirs_deg / ours.mare_deg if theirs_deg and ours.mare_deg else None
-    refused = [
-        1.0 - r.score.answered for r in result.stress if r.refused and r.estimator == DEFAULT_ESTIMATOR
-    ]
+    round_ones = [r for r in result.stress if r.refused and r.estimator == DEFAULT_ESTIMATOR]
+    refused = [1.0 - row.score.answered for row in round_ones]
     cost = timing.contenders[DEFAULT_ESTIMATOR].contact
     known = timing.size_px == FRAME_SIZE_PX and cost.count > 0
     faster = timing.published.p50_ms / cost.p50_ms if known else None
@@ -221,7 +220,8 @@ def estimator_table(result: EstimatorsResult) -> Table:
         held_deg = score.mare_held and score.mare_held.mean_deg
         elongated_deg = score.mare_elongated and score.mare_elongated.mean_deg
         onset_ms = None if score.onset.error_s is None else 1e3 * score.onset.error_s
-        held = "refused frames keep the last angle"
+        held, event = "refused frames keep the last angle", score.event
+        within = event and event.within
         row = [
             Cell("estimator", name, "estimator"),
             Cell("window", window, "window", lambda n: NONE if n == 1 else str(n), "1: no filter"),
@@ -234,13 +234,8 @@ def estimator_table(result: EstimatorsResult) -> Table:
             Cell("answered", score.answered, "answered", ".1%", "share of the frames"),
             Cell("within_two_sigma", score.within_two_sigma, "within 2 sigma", ".1%", "share of the answers"),
             Cell("onset_ms", onset_ms, "onset error, ms", ".0f", "median"),
-            Cell(
-                "event_within",
-                score.event and score.event.within,
-                "event within 50 ms",
-                doc="share of the true onsets",
-            ),
-            Cell("false_events", score.event and score.event.false_alarms, "false events"),
+            Cell("event_within", within, "event within 50 ms", "", "share of the true onsets"),
+            Cell("false_events", event and event.false_alarms, "false events"),
         ]
         rows.append(row)
     return table_of(title, rows)
@@ -295,11 +290,8 @@ def _notes(result: EstimatorsResult) -> list[str]:
         f"{name} {of.onset.within or NONE} within 50 ms, {of.onset.missed} of {of.onset.true} missed"
         for name, of in scores
     )
-    unsigned = (
-        f"{name} {_mean(of.mare_unsigned and of.mare_unsigned.mean_deg)}"
-        for name, of in scores
-        if "published" in name
-    )
+    script = [(name, of.mare_unsigned) for name, of in scores if "published" in name]
+    unsigned = (f"{name} {_mean(mare and mare.mean_deg)}" for name, mare in script)
     best, ours_deg = result.closest_of_paper, result.scores[DEFAULT_ESTIMATOR, 1].mare_deg
     theirs_deg = result.scores[best].mare_deg if best else None
     closest = "None of the paper's methods gave an answer."

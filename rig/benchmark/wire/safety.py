@@ -102,8 +102,7 @@ class SafetyRun:
             return self.ended == -signal.SIGKILL
         return self.ended in (0, 1, 2, 3) and self.said.startswith("rig: ") == bool(self.ended)
 
-    @property
-    def line(self) -> str:
+    def __str__(self) -> str:
         stood = f"stood after {self.still_s:.2f} s, {self.way_mm:.1f} mm"
         wrong = {
             "DROPPED": self.dropped,
@@ -112,9 +111,8 @@ class SafetyRun:
             f"ended with {self.ended}: {self.said}": not self.ended_well,
             f"not in order: {self.ready}": self.ready,
         }
-        return "; ".join(
-            [f"{self.event}, {self.stage}: {stood}", *(text for text, so in wrong.items() if so)]
-        )
+        found = [text for text, so in wrong.items() if so]
+        return "; ".join([f"{self.event}, {self.stage}: {stood}", *found])
 
 
 def run_safety(run: Run, plan: Sequence[PlannedRun], bench: BenchConfig | None = None) -> list[SafetyRun]:
@@ -133,7 +131,7 @@ def run_safety(run: Run, plan: Sequence[PlannedRun], bench: BenchConfig | None =
             SafetyRun,
             workers=1,
             common=common,
-            finish=lambda _, done: done.line,
+            finish=lambda _, done: str(done),
         )
 
 
@@ -190,15 +188,13 @@ class _Place:
                     f"safety: {planned} ended too early: {campaign.wait_for_end(program, END_S)}"
                 )
             event_ns = campaign.strike(event, call, program)
-            if signal.SIGSTOP in event.signals:
-                campaign.let_pass(call, STOPPED_S)
-                track = campaign.read_track(call, event_ns)
+            stopped = signal.SIGSTOP in event.signals
+            said = "" if stopped else campaign.wait_for_end(program, END_S)
+            campaign.let_pass(call, STOPPED_S if stopped else SETTLE_S)
+            track = campaign.read_track(call, event_ns)
+            if stopped:
                 program.send_signal(signal.SIGCONT)
                 said = campaign.wait_for_end(program, END_S)
-            else:
-                said = campaign.wait_for_end(program, END_S)
-                campaign.let_pass(call, SETTLE_S)
-                track = campaign.read_track(call, event_ns)
         stop = campaign.standstill(track, event_ns)
         return SafetyRun(
             number=planned.number,

@@ -148,7 +148,7 @@ def test_fit_keeps_what_it_has_tried_and_goes_on_with_resume(
         replace(options, only=["keyframes.richer", "keyframes.further_rad"]), replace(run, resume=True)
     )
     assert len((tmp_path / "fit" / study.TRIED).read_text().splitlines()) > len(tried)
-    found = {row.parameter for row in report.tables[1].records}
+    found = {row["parameter"] for row in report.tables[1].records}
     assert found == {"keyframes.richer", "keyframes.further_rad"}
 
 
